@@ -47,22 +47,22 @@ format: $(STAMP)
 	$(BIN)/ruff format .
 
 bench: $(STAMP)
-	$(BIN)/pdgw bench
+	$(BIN)/python -m pdgw.workshop bench
 
 # The figures that the documents quote, on a quiet machine: as the benchmarks print them, with date and machine.
 MEASURED := docs/measured
 measured: compiled
 	mkdir -p $(MEASURED)
-	COLUMNS=120 $(BIN)/pdgw bench --seconds 10 > $(MEASURED)/exchange.txt
-	COLUMNS=120 $(BIN)/pdgw bench --seconds 10 --realtime > $(MEASURED)/exchange-realtime.txt
-	COLUMNS=120 $(WITH_COMPILED) $(BIN)/python -m pdgw bench --seconds 10 --realtime > $(MEASURED)/exchange-compiled-realtime.txt
-	COLUMNS=120 $(BIN)/pdgw bench decode > $(MEASURED)/decode.txt
-	COLUMNS=120 $(BIN)/pdgw bench timeline > $(MEASURED)/timeline.txt
+	COLUMNS=120 $(BIN)/python -m pdgw.workshop bench --seconds 10 > $(MEASURED)/exchange.txt
+	COLUMNS=120 $(BIN)/python -m pdgw.workshop bench --seconds 10 --realtime > $(MEASURED)/exchange-realtime.txt
+	COLUMNS=120 $(WITH_COMPILED) $(BIN)/python -m pdgw.workshop bench --seconds 10 --realtime > $(MEASURED)/exchange-compiled-realtime.txt
+	COLUMNS=120 $(BIN)/python -m pdgw.workshop bench decode > $(MEASURED)/decode.txt
+	COLUMNS=120 $(BIN)/python -m pdgw.workshop bench timeline > $(MEASURED)/timeline.txt
 	@# Needs network namespaces; real-time priority inside one needs root.
 	if unshare --net true || unshare --user --map-root-user --net true; then \
-		COLUMNS=120 $(BIN)/pdgw bench profinet > $(MEASURED)/profinet.txt; \
-		COLUMNS=120 $(WITH_COMPILED) $(BIN)/python -m pdgw bench profinet > $(MEASURED)/profinet-compiled.txt; fi
-	if unshare --net true; then COLUMNS=120 $(BIN)/pdgw bench profinet --realtime >> $(MEASURED)/profinet.txt; fi
+		COLUMNS=120 $(BIN)/python -m pdgw.workshop bench profinet > $(MEASURED)/profinet.txt; \
+		COLUMNS=120 $(WITH_COMPILED) $(BIN)/python -m pdgw.workshop bench profinet > $(MEASURED)/profinet-compiled.txt; fi
+	if unshare --net true; then COLUMNS=120 $(BIN)/python -m pdgw.workshop bench profinet --realtime >> $(MEASURED)/profinet.txt; fi
 
 # The same sources with the cyclic path compiled by mypyc (a C compiler is needed): into build/compiled, beside the editable install.
 COMPILED := build/compiled
@@ -77,7 +77,7 @@ test-compiled: compiled
 	$(WITH_COMPILED) $(BIN)/pytest $(TOGETHER) --import-mode=append
 
 bench-compiled: compiled
-	$(WITH_COMPILED) $(BIN)/python -m pdgw bench
+	$(WITH_COMPILED) $(BIN)/python -m pdgw.workshop bench
 
 # 10,500,000 damaged inputs (so many to each of seven tests), and 20,000 of hypothesis to each of the others.
 INPUTS ?= 1500000
@@ -91,7 +91,7 @@ limit-cycles: $(STAMP)
 	PDGW_LIMIT_CYCLES=1 $(BIN)/pytest $(TOGETHER) tests/gateway/test_limit_cycle.py
 
 soak: $(STAMP)
-	$(BIN)/pdgw soak --hours 24 --axes 2
+	$(BIN)/python -m pdgw.workshop soak --hours 24 --axes 2
 
 # Every state that a PLC, a loss and a lying drive can bring an axis to, with the choices of ``selected``.
 walk: $(STAMP)
@@ -100,7 +100,7 @@ walk: $(STAMP)
 
 docs: $(STAMP)
 	$(BIN)/python -m pdgw.workshop.walk --short --figures docs/walk.txt
-	$(BIN)/python -m pdgw.tools.doctables
+	$(BIN)/python -m pdgw.workshop.documents.tables
 	$(BIN)/python -c "from tests.support import statements; statements.write()"
 	$(BIN)/python -m pdgw.peers.drive.eds
 	$(BIN)/python -m pdgw.dsp406.device
@@ -108,7 +108,7 @@ docs: $(STAMP)
 # The pictures of the page in docs/: needs Debian's chromium.
 screenshots: $(STAMP)
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[browser]'
-	$(BIN)/python -m pdgw.tools.screenshots docs/page
+	$(BIN)/python -m pdgw.workshop.documents.screenshots docs/page
 
 # The documents and the API reference as a web site in build/site.
 site: $(STAMP)

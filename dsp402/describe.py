@@ -18,7 +18,6 @@ from pdgw.ds301.configuration import EVENT_TIMER
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectAddress
 from pdgw.ds301.pdo import PDOS_MAX, PdoDirection
 from pdgw.dsp402.drive_type import DriveType, PdoCapabilities, PdoSlot, Quirks
-from pdgw.dsp402.further import VL_ENTRIES
 from pdgw.dsp402.indices import (
     POSITION_WINDOW,
     SUPPORTED_DRIVE_MODES,
@@ -30,6 +29,7 @@ from pdgw.dsp402.indices import (
 )
 from pdgw.dsp402.modes import MODE_NAMES, STANDARD_HOMING_METHODS, SUPPORTED_MODES, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS, FAMILY_VALUES, MAX_TORQUE
+from pdgw.dsp402.optional_objects import VL_ENTRIES
 from pdgw.dsp402.overlay import Overlay, overlay, overlay_for, units_of
 from pdgw.dsp402.pdo import LAYOUTS
 from pdgw.dsp402.scaling import SCALING_OBJECTS, find_scaling

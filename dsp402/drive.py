@@ -53,10 +53,10 @@ from pdgw.dsp402.objects import (
     STATUSWORD,
 )
 from pdgw.dsp402.pdo import interpolated
+from pdgw.dsp402.pdo_value_check import Witness
 from pdgw.dsp402.settings import DriveSettings
 from pdgw.dsp402.states import Command, ControlBit, FaultReset, State, state_of
 from pdgw.dsp402.unit_watch import UnitWatch
-from pdgw.dsp402.witness import Witness
 from pdgw.durations import MS, SECOND, US_PER_MS
 
 DriveStatus = NodeStatus

@@ -17,8 +17,8 @@ from pdgw.ds301.objects import Entry, ObjectAddress, ObjectKind, ObjectSpec
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.describe import OPTIONAL_OBJECTS, PROFILE_AREA, answers_of_defaults, describe, questions, signed
 from pdgw.dsp402.drive_type import DriveType
-from pdgw.dsp402.further import FURTHER_OBJECTS
 from pdgw.dsp402.objects import DRIVE_OBJECTS, PDOS
+from pdgw.dsp402.optional_objects import FURTHER_OBJECTS
 from pdgw.dsp402.overlay import families_of, overlay, overlay_for, overlays
 
 Read = Callable[[int, int], bytes | None]

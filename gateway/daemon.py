@@ -20,25 +20,25 @@ from pdgw.ds301.loop import Event, Loop, Timer
 from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.node import GATEWAY_NODE_ID
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.binding import Axis
-from pdgw.gateway.bus_load import HEARTBEATS, cyclic_frames
-from pdgw.gateway.config import AxisConfig, GatewayConfig
-from pdgw.gateway.config_surroundings import CanConfig
-from pdgw.gateway.cycle_watch import CycleWatch
-from pdgw.gateway.drive_object import DriveObject
-from pdgw.gateway.edge import Edge, SystemEdge
-from pdgw.gateway.encoder import EncoderNode, EncoderObject
+from pdgw.gateway.configuration.bus_load import HEARTBEATS, cyclic_frames
+from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
+from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.link import Link, UdpLink
+from pdgw.gateway.links.link import Link, UdpLink
 from pdgw.gateway.masters import LISTEN_NS, watch_for_masters
+from pdgw.gateway.objects.axis import Axis
+from pdgw.gateway.objects.drive_object import DriveObject
+from pdgw.gateway.objects.encoder import EncoderNode, EncoderObject
+from pdgw.gateway.platform import Edge, SystemEdge
 from pdgw.gateway.reasons import FaultNumber
+from pdgw.gateway.service.cycle_times import CycleWatch
 from pdgw.gateway.store import DeviceParameters, ParameterStore
 from pdgw.gateway.sync import SyncProducer
 from pdgw.profidrive.telegrams import telegram
 
 if TYPE_CHECKING:
+    from pdgw.gateway.links.profinet.ethernet import EthernetPort
     from pdgw.gateway.trace.recorder import FlightRecorder
-    from pdgw.gateway.transport.ethernet import EthernetPort
 
 log = logging.getLogger("gateway")
 
@@ -165,8 +165,8 @@ class Daemon:
         transport = self.config.transport
         if transport.type == "profinet":
             # The other transport starts without.
-            from pdgw.gateway.profinet_link import ProfinetLink  # noqa: PLC0415
-            from pdgw.gateway.transport.ethernet import RawEthernet  # noqa: PLC0415
+            from pdgw.gateway.links.profinet.ethernet import RawEthernet  # noqa: PLC0415
+            from pdgw.gateway.links.profinet.link import ProfinetLink  # noqa: PLC0415
 
             interface = transport.interface or ""
             port = RawEthernet(self.loop, interface) if ethernet is None else ethernet

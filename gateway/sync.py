@@ -13,8 +13,8 @@ from typing import Any
 from pdgw.ds301.network import CanNetwork
 from pdgw.durations import MS, US
 from pdgw.gateway.axis.executors.dsc import DscExecutor
-from pdgw.gateway.binding import Axis
 from pdgw.gateway.motion.dsc import KPC_PER_UNIT, DscForm
+from pdgw.gateway.objects.axis import Axis
 
 _KEPT = 1024
 """So many of the newest values are looked at."""

@@ -9,18 +9,18 @@ TYPE_CHECKING = False  # typing's: a command that is interrupted while typing lo
 if TYPE_CHECKING:
     from typing import Any
 
+    from pdgw.client.reading import read_parameters
     from pdgw.decoder.capture.reading import read_records
-    from pdgw.decoder.recognise import recognise
+    from pdgw.decoder.frames.recognise import recognise
     from pdgw.ds301.eds_import import import_eds
     from pdgw.ds301.errors import CanopenError
-    from pdgw.gateway.config_file import load_config, parse_config
+    from pdgw.gateway.configuration.file import load_config, parse_config
     from pdgw.gateway.daemon import Daemon
     from pdgw.gateway.errors import GatewayError
     from pdgw.peers.world import World
     from pdgw.profidrive.errors import ProfidriveError
     from pdgw.profidrive.signals import signal
     from pdgw.profidrive.telegrams import telegram
-    from pdgw.tools.parameters.reading import read_parameters
 
     __version__: str
 
@@ -48,11 +48,11 @@ _ROOMS = {
     "ProfidriveError": "profidrive.errors",
     "World": "peers.world",
     "import_eds": "ds301.eds_import",
-    "load_config": "gateway.config_file",
-    "parse_config": "gateway.config_file",
-    "read_parameters": "tools.parameters.reading",
+    "load_config": "gateway.configuration.file",
+    "parse_config": "gateway.configuration.file",
+    "read_parameters": "client.reading",
     "read_records": "decoder.capture.reading",
-    "recognise": "decoder.recognise",
+    "recognise": "decoder.frames.recognise",
     "signal": "profidrive.signals",
     "telegram": "profidrive.telegrams",
 }

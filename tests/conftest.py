@@ -18,8 +18,8 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from pdgw.tools import background
-from pdgw.tools.bench.build import COMPILED, build
+from pdgw.recording import background_writer
+from pdgw.workshop.bench.build import COMPILED, build
 from tests.support.buses import PATIENCE_S
 from tests.support.logs import log_put_back
 
@@ -133,5 +133,5 @@ def _log() -> Iterator[None]:
 def _patience() -> Iterator[None]:
     """A log or a recording that was stopped is whole, also where its thread got no processor for seconds."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(background, "END_S", PATIENCE_S)
+        patch.setattr(background_writer, "END_S", PATIENCE_S)
         yield

@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 
 from pdgw.durations import MS
-from tests.decoder.test_profinet import frames as profinet_frames
-from tests.decoder.test_replay import speed
+from tests.decoder.frames.profinet.test_profinet import frames as profinet_frames
+from tests.decoder.replay.test_replay import speed
 from tests.support import captures
 from tests.support.cli import pdgw
 from tests.support.rig import NODE
@@ -68,7 +68,7 @@ NOT_TYPED = {
     "pdgw axis test 1": (_TERMINAL, "tests/tools/test_axis_test.py"),
     "pdgw axis test 1 gateway.toml": (_TERMINAL, "tests/tools/test_axis_test.py"),
     "pdgw axis test 1 plant.toml --percent 1 --turns 1 --backward": (_TERMINAL, "tests/tools/test_axis_test.py"),
-    "pdgw bench cycle --axes 8 --cycle-time-ms 1": (_MINUTES, "tests/tools/test_bench.py"),
+    "python -m pdgw.workshop bench cycle --axes 8 --cycle-time-ms 1": (_MINUTES, "tests/workshop/test_bench.py"),
     "pdgw bus scan": (_CAN, "tests/can/test_commissioning.py"),
     "pdgw bus scan --channel can1 --eds sheets/": (_CAN, "tests/can/test_commissioning.py"),
     "pdgw config check --bus": (_PART, "tests/tour/other-documents.md"),
@@ -86,7 +86,7 @@ NOT_TYPED = {
     ),
     "pdgw run --record": (_PART, "tests/tour/other-documents.md"),
     "pdgw run --web": (_PART, "tests/tour/other-documents.md"),
-    "pdgw sim loop --plot docs/loop.png": (_MINUTES, "tests/tools/test_loop_study.py"),
+    "python -m pdgw.workshop loop --plot docs/loop.png": (_MINUTES, "tests/workshop/test_loop_study.py"),
     "pdgw sim plc --interactive": (_TERMINAL, "tests/tools/test_plc_keyboard.py"),
     "pdgw sim plc --interactive --telegram 1": (_TERMINAL, "tests/tools/test_plc_keyboard.py"),
     "pdgw sim plc --interactive --telegram 111": (_TERMINAL, "tests/tools/test_plc_keyboard.py"),
@@ -95,9 +95,9 @@ NOT_TYPED = {
         "tests/endtoend/test_profinet.py",
     ),
     "pdgw sim plc tools/scenarios/positioner.yaml": ("a folder of the sources", "tests/peers/test_plc_positioner.py"),
-    "pdgw soak --hours 24 --seed 7": (_MINUTES, "tests/tools/test_soak.py"),
-    "pdgw soak --planted --seed 1": (_MINUTES, "tests/tools/test_soak_planted.py"),
-    "pdgw soak --seed 7 --axes 2 --until 49.001 --trace": (_MINUTES, "tests/tools/test_soak.py"),
+    "python -m pdgw.workshop soak --hours 24 --seed 7": (_MINUTES, "tests/workshop/test_soak.py"),
+    "python -m pdgw.workshop soak --planted --seed 1": (_MINUTES, "tests/workshop/test_soak_planted.py"),
+    "python -m pdgw.workshop soak --seed 7 --axes 2 --until 49.001 --trace": (_MINUTES, "tests/workshop/test_soak.py"),
     "pdgw web --listen": (_PART, "tests/tools/test_web_command.py"),
 }
 """Why a command is not typed, and where what it does is tested."""

@@ -65,13 +65,29 @@ def test_a_door_a_command_and_the_rules_load_only_what_they_work_with() -> None:
         "--help, -h, sim -h, --version, status --port 1", "decode --hex 047F2000 --telegram 1, param -h"
     )
     assert "pdgw.profidrive.signals" in door
-    assert not door & {"can", "canopen", "scapy", "pydantic", "typer", "pdgw.gateway.config", "importlib.metadata"}
-    assert not looking & {"scapy", "matplotlib", "can", "canopen", "yaml", "pyarrow", "pdgw.gateway.config"}
+    assert not door & {
+        "can",
+        "canopen",
+        "scapy",
+        "pydantic",
+        "typer",
+        "pdgw.gateway.configuration.config",
+        "importlib.metadata",
+    }
+    assert not looking & {
+        "scapy",
+        "matplotlib",
+        "can",
+        "canopen",
+        "yaml",
+        "pyarrow",
+        "pdgw.gateway.configuration.config",
+    }
     assert not {name for name in looking if name.startswith("pdgw.peers")}
     assert not reading & {"scapy", "matplotlib", "can", "canopen", "pdgw.gateway.daemon", "pdgw.peers.drive"}
     # The daemon loads no decoder and only the transport it has.
     _, daemon = loaded("run -h")
-    other = {"pdgw.decoder.engine", "pdgw.gateway.profinet_link", "pdgw.profinet.device"}
+    other = {"pdgw.decoder.frames.engine", "pdgw.gateway.links.profinet.link", "pdgw.profinet.device"}
     assert not daemon & ({"scapy", "matplotlib"} | other)
     # Axis machine and motion are there where no bus, socket, clock, thread or log exists.
     python(f"import sys; sys.modules.update(dict.fromkeys({_IMPURE!r})); import {', '.join(_PURE)}")

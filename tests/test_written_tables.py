@@ -8,9 +8,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from pdgw.decoder.can_records import CanRecord
-from pdgw.decoder.profinet_records import RelationRecord
-from pdgw.decoder.records import Record
+from pdgw.decoder.frames.canopen.records import CanRecord
+from pdgw.decoder.frames.profinet.records import RelationRecord
+from pdgw.decoder.frames.records import Record
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.overlay import Match, Overlay, Units
@@ -20,17 +20,17 @@ from pdgw.durations import MS, MS_PER_SECOND, US
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import drive_layout
-from pdgw.gateway.config import AxisConfig
-from pdgw.gateway.config_surroundings import TraceConfig, TransportConfig
-from pdgw.gateway.config_web import WebConfig
+from pdgw.gateway.configuration.config import AxisConfig
+from pdgw.gateway.configuration.environment import TraceConfig, TransportConfig
+from pdgw.gateway.configuration.ports import STATUS_PORT
+from pdgw.gateway.configuration.web import WebConfig
+from pdgw.gateway.links.cyclic import WATCHDOG_FACTOR
+from pdgw.gateway.links.profinet.diagnosis import MESSAGE_CLASSES
 from pdgw.gateway.motion.blocks import BlockTask
 from pdgw.gateway.parameters.profile import MAX_BLOCK
-from pdgw.gateway.ports import STATUS_PORT
-from pdgw.gateway.profinet_diagnosis import MESSAGE_CLASSES
 from pdgw.gateway.reasons import Enable
-from pdgw.gateway.status import SCHEMA
+from pdgw.gateway.service.status import SCHEMA
 from pdgw.gateway.trace.layout import PEER_OFFSET, PEER_SIZE, WORD, Word
-from pdgw.gateway.transport.cyclic import WATCHDOG_FACTOR
 from pdgw.peers.drive.shapes import FAMILY
 from pdgw.profidrive.frame import (
     C_SDU_MIN,
@@ -51,10 +51,10 @@ from pdgw.profinet import model
 from pdgw.profinet.device_records import Index
 from pdgw.profinet.rpc import identification
 from pdgw.profinet.rpc.records import RECORD_GLOBAL, RECORD_LOCAL, RECORD_MULTIPLE
-from pdgw.tools.bench.stops import VIRTUAL
 from pdgw.tools.demo.chapters import CHAPTERS
-from pdgw.tools.soak.watch import SETTLED_NS
-from pdgw.tools.status_check import Health
+from pdgw.tools.output.status_check import Health
+from pdgw.workshop.bench.stops import VIRTUAL
+from pdgw.workshop.soak.watch import SETTLED_NS
 from tests.support.written_tables import ROOT, named, number_of, rows
 
 _INDEX = re.compile(r"\b([0-9A-F]{4})h(?:/(\d))?")

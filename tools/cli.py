@@ -16,7 +16,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.command_table import COMMANDS, lazy_group
-from pdgw.tools.endings import INTERRUPTED
+from pdgw.tools.termination import INTERRUPTED
 
 app = typer.Typer(
     name="pdgw",

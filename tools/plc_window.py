@@ -17,9 +17,9 @@ from rich.console import Group, RenderableType
 from rich.live import Live
 from rich.text import Text
 
+from pdgw.gateway.configuration.ports import STATUS_PORT
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.ports import STATUS_PORT
-from pdgw.gateway.status_client import fetch
+from pdgw.gateway.service.status_client import fetch
 from pdgw.peers.plc.view import tables
 from pdgw.tools.keys import read_keys, single_keys
 

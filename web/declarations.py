@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Any
 
-from pdgw.gateway.needs import quantity_of
+from pdgw.gateway.axis.required_scaling import quantity_of
 from pdgw.gateway.reasons import AxisState
 from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, Telegram, TelegramHalf, telegram

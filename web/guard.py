@@ -18,7 +18,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from pdgw.gateway.config_web import WebConfig
+from pdgw.gateway.configuration.web import WebConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.web.places import Places, sender
 

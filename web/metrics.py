@@ -15,8 +15,8 @@ from prometheus_client.exposition import generate_latest
 from prometheus_client.registry import Collector
 
 from pdgw.durations import MS_PER_SECOND
+from pdgw.gateway.links.cyclic import Verdict
 from pdgw.gateway.reasons import AxisState
-from pdgw.gateway.transport.cyclic import Verdict
 from pdgw.web.feed import Document
 from pdgw.web.watch import Watch, counter
 

@@ -22,7 +22,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
-from pdgw.gateway.config_web import MqttConfig
+from pdgw.gateway.configuration.web import MqttConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.web.events import Event
 from pdgw.web.feed import Document

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.web.app import Capture, Parameters, made_app
 from pdgw.web.guard import Token, read_token

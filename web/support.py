@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from pdgw import __version__
-from pdgw.gateway.config import GatewayConfig
-from pdgw.gateway.config_file import config_text
+from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.configuration.file import config_text
 from pdgw.gateway.errors import GatewayError
 from pdgw.web.watch import Watch
 

@@ -16,8 +16,8 @@ from typing import Any
 
 from pdgw.dsp402.drive_type import Quantity
 from pdgw.durations import SECOND
+from pdgw.gateway.axis.required_scaling import quantity_of
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.needs import quantity_of
 from pdgw.gateway.trace.layout import TracedObject
 from pdgw.gateway.trace.reader import Cycle, RingReader
 from pdgw.profidrive.telegrams import Telegram, telegram

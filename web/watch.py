@@ -11,10 +11,10 @@ from typing import Protocol
 
 from pdgw.ds301.load import DEFAULT_BITRATE, bus_load, frame_bits
 from pdgw.durations import MS_PER_SECOND
-from pdgw.gateway.bus_load import cyclic_frames
-from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.configuration.bus_load import cyclic_frames
+from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.status_client import fetch, fetch_faults
+from pdgw.gateway.service.status_client import fetch, fetch_faults
 from pdgw.web.events import EventLog, changed_faults
 from pdgw.web.feed import ANSWER_WITHIN_S, Document, Feed
 
@@ -71,7 +71,7 @@ class Gateway(Protocol):
     """What is asked of a gateway, on a thread; GatewayError when it does not answer."""
 
     def status(self) -> Document:
-        """``gateway.status.snapshot``."""
+        """``gateway.service.status.snapshot``."""
 
     def faults(self, do_id: int) -> list[Document]:
         """All its faults of a drive object."""

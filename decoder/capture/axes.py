@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from pdgw.decoder.engine import Axis
+from pdgw.decoder.frames.engine import Axis
 from pdgw.profidrive.telegrams import telegram
 
 if TYPE_CHECKING:
-    from pdgw.gateway.config import GatewayConfig
+    from pdgw.gateway.configuration.config import GatewayConfig
 
 
 def configured_axes(config: GatewayConfig, telegrams: Sequence[int] = ()) -> list[Axis]:

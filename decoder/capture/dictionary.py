@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from pdgw.decoder.canopen import Dictionary
+from pdgw.decoder.frames.canopen.decoder import Dictionary
 from pdgw.ds301.eds_values import UNICODE_STRING
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import Access, CanType, Entry

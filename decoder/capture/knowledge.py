@@ -14,10 +14,10 @@ from pdgw.decoder.capture.axes import configured_axes
 from pdgw.decoder.capture.dictionary import dictionary_of
 from pdgw.decoder.capture.errors import CaptureError
 from pdgw.decoder.capture.source import open_source
-from pdgw.decoder.engine import Axis, Decoder, Settings, given_axes
-from pdgw.decoder.names import Names
-from pdgw.decoder.objects import ObjectNames
-from pdgw.decoder.records import CyclicRecord
+from pdgw.decoder.frames.canopen.objects import ObjectNames
+from pdgw.decoder.frames.engine import Axis, Decoder, Settings, given_axes
+from pdgw.decoder.frames.records import CyclicRecord
+from pdgw.decoder.view.names import Names
 from pdgw.ds301.connection_set import NODE_IDS
 from pdgw.gateway.errors import GatewayError
 
@@ -56,7 +56,7 @@ def known_beforehand(
     cyclic, acyclic = settings.cyclic_ports | set(ports), settings.acyclic_ports
     bitrate = None
     if config is not None or embedded:
-        from pdgw.gateway.config_file import load_config, parse_config  # noqa: PLC0415 (loads the whole gateway)
+        from pdgw.gateway.configuration.file import load_config, parse_config  # noqa: PLC0415 (loads the whole gateway)
 
         loaded = (
             load_config(config) if config is not None else parse_config(embedded, "the configuration in the capture")

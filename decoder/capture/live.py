@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 
 from pdgw.decoder.capture.source import Source
-from pdgw.decoder.engine import CanPacket, Packet
-from pdgw.decoder.records import LinkType
+from pdgw.decoder.frames.engine import CanPacket, Packet
+from pdgw.decoder.frames.records import LinkType
 from pdgw.gateway.errors import GatewayError
 
 EVERY_PROTOCOL = 3

@@ -14,7 +14,7 @@ from typing import Final
 
 from pdgw.decoder.capture.errors import CaptureError
 from pdgw.decoder.capture.stream import ByteSource, Window
-from pdgw.decoder.engine import Packet
+from pdgw.decoder.frames.engine import Packet
 from pdgw.durations import SECOND, US
 
 MAX_PACKET: Final = 1 << 18

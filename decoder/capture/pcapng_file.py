@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 from pdgw.decoder.capture.pcap import PCAPNG_MAGIC
-from pdgw.decoder.records import LinkType
+from pdgw.decoder.frames.records import LinkType
 
 CONFIGURATION: Final = "pdgw configuration\n"
 """How the comment begins that holds the gateway's configuration."""

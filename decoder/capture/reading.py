@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from os import PathLike, fspath
 
 from pdgw.decoder.capture.source import open_source
-from pdgw.decoder.engine import Decoder, Settings, given_axes
-from pdgw.decoder.records import Record
+from pdgw.decoder.frames.engine import Decoder, Settings, given_axes
+from pdgw.decoder.frames.records import Record
 
 
 def read_records(path: str | PathLike[str], telegrams: Sequence[int] = ()) -> Iterator[Record]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 from pdgw.decoder.capture.canlog import is_candump, read_candump, read_messages
 from pdgw.decoder.capture.errors import CaptureError
 from pdgw.decoder.capture.pcap import is_pcap, read_capture
-from pdgw.decoder.engine import CanPacket, Packet
+from pdgw.decoder.frames.engine import CanPacket, Packet
 
 if TYPE_CHECKING:
     from can.io.generic import MessageReader

@@ -12,6 +12,7 @@ from dataclasses import replace
 from pdgw.gateway.axis.adapters.encoder import EncoderAdapter
 from pdgw.gateway.axis.executors.sensor import EncoderReferences, SensorChannel
 from pdgw.gateway.axis.settings import SensorSettings
+from pdgw.gateway.axis.supervision.drive_events import CANOPEN_FAULT, INTERNAL_FAULT, Acknowledgement, NodeWatch
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.values import (
     EncoderInput,
@@ -23,7 +24,6 @@ from pdgw.gateway.axis.values import (
     SdoWrite,
     gateway_fault,
 )
-from pdgw.gateway.axis.watch import CANOPEN_FAULT, INTERNAL_FAULT, Acknowledgement, NodeWatch
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import FaultNumber, OrderDoubt, Reason
 from pdgw.profidrive.encoder import EncoderControl, SensorError, SensorState, speed_normalisation

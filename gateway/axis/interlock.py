@@ -11,6 +11,7 @@ from typing import ClassVar, Final
 
 from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit
 from pdgw.durations import MS
+from pdgw.gateway.axis.demand_report import STATE_MASK, PowerWish
 from pdgw.gateway.axis.power_table import (
     CELLS,
     CONTROLWORDS,
@@ -24,7 +25,6 @@ from pdgw.gateway.axis.power_table import (
     Phase,
 )
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
-from pdgw.gateway.axis.waist import STATE_MASK, PowerWish
 from pdgw.gateway.reasons import Reason
 
 QUICK_STOP_STANDING_NS: Final = 200 * MS

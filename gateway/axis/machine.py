@@ -14,7 +14,16 @@ from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.claims import claims
-from pdgw.gateway.axis.enable_guard import EnableGuard
+from pdgw.gateway.axis.demand_report import (
+    SHOWN_FAULT,
+    SHOWN_STATE,
+    SHOWN_UNCOMMANDED,
+    STATE_MASK,
+    Demand,
+    Flag,
+    PowerWish,
+    Report,
+)
 from pdgw.gateway.axis.executors.base import AxisCycle, Executor
 from pdgw.gateway.axis.executors.dsc import DscExecutor
 from pdgw.gateway.axis.executors.interpolation import Interpolation
@@ -26,10 +35,22 @@ from pdgw.gateway.axis.executors.sensor import DriveSensor, EncoderReferences, S
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.executors.torque import TorqueExecutor
 from pdgw.gateway.axis.interlock import Interlock
-from pdgw.gateway.axis.life import LifeWords
 from pdgw.gateway.axis.power_table import CONTROLWORDS, Action, Drive, Phase
+from pdgw.gateway.axis.required_scaling import Missing, missing, needed_quantities
 from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
-from pdgw.gateway.axis.stop_watch import StopWatch
+from pdgw.gateway.axis.supervision.drive_events import (
+    FAULTY,
+    POWERED,
+    UNPOWERED,
+    WATCHED,
+    Acknowledgement,
+    DriveWatch,
+    NodeWatch,
+)
+from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
+from pdgw.gateway.axis.supervision.sign_of_life import LifeWords
+from pdgw.gateway.axis.supervision.stop_supervision import StopWatch
+from pdgw.gateway.axis.supervision.velocity_check import VelocityCheck
 from pdgw.gateway.axis.telegrams import SECOND_SENSOR_NUMBERS, Kind, drive_telegram, make_adapter
 from pdgw.gateway.axis.values import (
     Configured,
@@ -43,20 +64,7 @@ from pdgw.gateway.axis.values import (
     SdoAnswer,
     gateway_fault,
 )
-from pdgw.gateway.axis.velocity_check import VelocityCheck
-from pdgw.gateway.axis.waist import (
-    SHOWN_FAULT,
-    SHOWN_STATE,
-    SHOWN_UNCOMMANDED,
-    STATE_MASK,
-    Demand,
-    Flag,
-    PowerWish,
-    Report,
-)
-from pdgw.gateway.axis.watch import FAULTY, POWERED, UNPOWERED, WATCHED, Acknowledgement, DriveWatch, NodeWatch
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.needs import Missing, missing, needed_quantities
 from pdgw.gateway.reasons import FaultNumber, OrderDoubt, Reason
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.errors import ProfidriveError

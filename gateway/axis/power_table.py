@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from pdgw.dsp402.states import ControlBit, State
-from pdgw.gateway.axis.waist import Flag, PowerWish
+from pdgw.gateway.axis.demand_report import Flag, PowerWish
 from pdgw.gateway.reasons import Reason
 
 

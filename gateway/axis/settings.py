@@ -8,7 +8,7 @@ from fractions import Fraction
 
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.motion.dsc import DscChoices
-from pdgw.gateway.motion.wishes import PositionerChoices
+from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
 
 

@@ -12,7 +12,7 @@ from typing import ClassVar, Protocol
 
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
-from pdgw.gateway.axis.stop_watch import Brake
+from pdgw.gateway.axis.supervision.stop_supervision import Brake
 from pdgw.gateway.reasons import GATEWAY_FAULTS, FaultNumber, OrderDoubt, Reason
 
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from pdgw.durations import MS
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTable, BlockTask
-from pdgw.gateway.motion.course import Course
-from pdgw.gateway.motion.wishes import FULL, Seen
+from pdgw.gateway.motion.requests import FULL, Seen
+from pdgw.gateway.motion.travel import Course
 from pdgw.gateway.reasons import Reason
 
 

@@ -14,10 +14,10 @@ from typing import Final
 from pdgw.durations import MS
 from pdgw.gateway.motion.blocks import BlockTable
 from pdgw.gateway.motion.chain import BlockChain
-from pdgw.gateway.motion.course import Course
 from pdgw.gateway.motion.modulo import Direction
+from pdgw.gateway.motion.requests import FULL, Asked, HomingResult, MotionKind, Outcome, PositionerSettings, Seen
 from pdgw.gateway.motion.states import TASK_STATES, TRANSITIONS, Action, Event, State, Transition
-from pdgw.gateway.motion.wishes import FULL, Asked, HomingResult, MotionKind, Outcome, PositionerSettings, Seen
+from pdgw.gateway.motion.travel import Course
 from pdgw.gateway.reasons import Reason
 
 SHOWN_NS: Final = 100 * MS

@@ -21,7 +21,7 @@ from pdgw.ds301.client import NodeClient
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import CanType
 from pdgw.durations import MS
-from pdgw.gateway.drive_object import DriveObject
+from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.parameters.guarded import Check, guard_of
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import MAX_ELEMENTS, Values

@@ -7,9 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from pdgw.gateway.configuration.positioner_values import (
+    BLOCK_COUNT,
+    BLOCK_ITEMS,
+    INACTIVE,
+    ITEMS,
+    Item,
+    PositionerValues,
+    Row,
+)
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.motion.wishes import PositionerChoices
-from pdgw.gateway.positioner_parameters import BLOCK_COUNT, BLOCK_ITEMS, INACTIVE, ITEMS, Item, PositionerValues, Row
+from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.gateway.store import DoParameters
 from pdgw.profidrive.parameters.codec import Values
 from pdgw.profidrive.parameters.description import Description

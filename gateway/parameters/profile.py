@@ -27,17 +27,17 @@ from pdgw.dsp406.objects import (
     WARNINGS,
 )
 from pdgw.gateway import identity
-from pdgw.gateway.binding import Axis
+from pdgw.gateway.configuration.positioner_values import BLOCK_ITEMS, ITEMS, PositionerValues
 from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.drive_object import DriveObject
-from pdgw.gateway.encoder import EncoderObject
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.faults import EMCY_WARNING_BIT
+from pdgw.gateway.objects.axis import Axis
+from pdgw.gateway.objects.drive_object import DriveObject
+from pdgw.gateway.objects.encoder import EncoderObject
+from pdgw.gateway.objects.fault_buffer import EMCY_WARNING_BIT
 from pdgw.gateway.parameters.fault_lists import fault_codes, fault_numbers, fault_texts
 from pdgw.gateway.parameters.objects import ObjectAccess, ObjectParameter, request_host
 from pdgw.gateway.parameters.positioner import PositionerParameters
 from pdgw.gateway.parameters.signals import signal_list
-from pdgw.gateway.positioner_parameters import BLOCK_ITEMS, ITEMS, PositionerValues
 from pdgw.gateway.reasons import FIRST_WARNING, GATEWAY_FAULTS
 from pdgw.gateway.store import DeviceParameters, DoParameters
 from pdgw.profidrive.datatypes import DataType
@@ -461,7 +461,7 @@ class DeviceObject(BoundObject):
         self.bind(Pnu.STATION_GATEWAY, lambda: bytes(4))
         self.bind(Pnu.STATION_MASK, lambda: bytes(4))
         if daemon.config.transport.type == "profinet":
-            from pdgw.gateway.profinet_link import ProfinetLink  # noqa: PLC0415 (the other transport starts without)
+            from pdgw.gateway.links.profinet.link import ProfinetLink  # noqa: PLC0415 (the other transport starts without)
 
             assert isinstance(daemon.link, ProfinetLink)
             self._bind_station(daemon.link.station)

@@ -12,11 +12,11 @@ from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.durations import SECOND, US
 from pdgw.gateway.axis.encoder_machine import EncoderInputs
 from pdgw.gateway.axis.values import Inputs
-from pdgw.gateway.binding import Axis
-from pdgw.gateway.config_file import config_text
-from pdgw.gateway.drive_object import DriveObject
-from pdgw.gateway.encoder import EncoderObject
+from pdgw.gateway.configuration.file import config_text
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.objects.axis import Axis
+from pdgw.gateway.objects.drive_object import DriveObject
+from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.reasons import Reason
 from pdgw.gateway.trace.layout import CycleFlag, ObjectFlag, RingLayout, TracedObject
 from pdgw.gateway.trace.writer import RingFile

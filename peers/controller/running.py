@@ -9,7 +9,7 @@ from ipaddress import IPv4Address, IPv4Interface
 
 from pdgw.ds301.loop import SystemLoop
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.transport.ethernet import RawEthernet
+from pdgw.gateway.links.profinet.ethernet import RawEthernet
 from pdgw.peers.controller.controller import IoController
 from pdgw.peers.controller.project import Project
 from pdgw.profinet.station import Identity, IpSuite, Station

@@ -14,7 +14,7 @@ from scapy.packet import Packet
 from scapy.utils import PcapWriter
 
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.transport.udp import Address
+from pdgw.gateway.links.udp import Address
 
 _MACS = ("02:00:00:00:00:01", "02:00:00:00:00:02")
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.transport.udp import Address
+from pdgw.gateway.links.udp import Address
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.parameters import ParameterAccess, ParameterWorker

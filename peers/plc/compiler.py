@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
 
+from pdgw.client.address import Target, parse_target
+from pdgw.client.session import Element
 from pdgw.explain import did_you_mean
 from pdgw.gateway.axis.telegrams import POSITIONER_TELEGRAM_NUMBERS, SPEED_TELEGRAM_NUMBERS
 from pdgw.gateway.errors import GatewayError
@@ -22,8 +24,6 @@ from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.signals import SignalQuantity
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, Telegram, TelegramHalf
 from pdgw.profidrive.words import Bit
-from pdgw.tools.parameters.address import Target, parse_target
-from pdgw.tools.parameters.session import Element
 
 _STW1_ACTIONS = {
     "off1": {"STW1.ON": 0},

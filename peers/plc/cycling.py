@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 from pdgw.ds301.loop import Loop, Timer
-from pdgw.gateway.edge import DatagramPort
-from pdgw.gateway.transport.udp import Address
+from pdgw.gateway.links.udp import Address
+from pdgw.gateway.platform import DatagramPort
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import Telegram
 

@@ -1,4 +1,4 @@
-"""The controller side of the static cyclic relationship, sans-I/O: the mirror of ``gateway.transport.cyclic``."""
+"""The controller side of the static cyclic relationship, sans-I/O: the mirror of ``gateway.links.cyclic``."""
 
 from __future__ import annotations
 

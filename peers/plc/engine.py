@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pdgw.client.session import Element
 from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.compiler import Access, Compiler, Expectation, Primitive
@@ -13,7 +14,6 @@ from pdgw.peers.plc.notation import parse_time
 from pdgw.peers.plc.parameters import ParameterAccess
 from pdgw.peers.plc.scenario import Scenario, Step
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.tools.parameters.session import Element
 
 _ENVIRONMENT = frozenset({"mute", "run", "drive", "hold"})
 """The actions that are no matter of the axis' telegram."""

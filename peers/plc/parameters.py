@@ -9,13 +9,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from uuid import UUID
 
+from pdgw.client.address import Target, parse_value
+from pdgw.client.session import Element, Session, elements_of
+from pdgw.client.udp import ParameterClient
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.transport.udp import Address
+from pdgw.gateway.links.udp import Address
 from pdgw.profidrive.parameters.codec import ParameterAddress
 from pdgw.profinet.rpc.records import NIL
-from pdgw.tools.parameters.address import Target, parse_value
-from pdgw.tools.parameters.client import ParameterClient
-from pdgw.tools.parameters.session import Element, Session, elements_of
 
 log = logging.getLogger("peers")
 

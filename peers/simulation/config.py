@@ -13,9 +13,9 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 from pdgw.ds301.errors import CanopenError
 from pdgw.dsp406.kinds import ROTARY
 from pdgw.explain import misplaced
-from pdgw.gateway.config import as_list
-from pdgw.gateway.config_surroundings import CanConfig, Integer, Port
-from pdgw.gateway.toml_file import parse_toml, read_text
+from pdgw.gateway.configuration.config import as_list
+from pdgw.gateway.configuration.environment import CanConfig, Integer, Port
+from pdgw.gateway.configuration.toml_file import parse_toml, read_text
 from pdgw.peers.drive import SHAPES
 from pdgw.peers.drive.latency import LATENCY_MAX_MS
 from pdgw.peers.encoder.motion import parse_motion, still

@@ -10,7 +10,7 @@ from collections import deque
 
 from pdgw.ds301.loop import Event
 from pdgw.durations import SECOND
-from pdgw.gateway.transport.udp import Address
+from pdgw.gateway.links.udp import Address
 from pdgw.peers.world.world import World
 
 

@@ -10,7 +10,7 @@ from random import Random
 from pdgw.ds301.loop import Loop
 from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.transport.udp import Address
+from pdgw.gateway.links.udp import Address
 
 _FIRST_FREE_PORT = 49152
 _ANY = "0.0.0.0"
@@ -29,7 +29,7 @@ class Conditions:
 
 
 class SimulatedUdpPort:
-    """A bound port: a ``gateway.edge.DatagramPort``."""
+    """A bound port: a ``gateway.platform.DatagramPort``."""
 
     def __init__(self, network: SimulatedNetwork, address: Address) -> None:
         self.errors = 0

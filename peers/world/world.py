@@ -9,11 +9,11 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.load import DEFAULT_BITRATE
 from pdgw.ds301.virtual_loop import VirtualLoop
 from pdgw.durations import SECOND
-from pdgw.gateway.config import GatewayConfig
-from pdgw.gateway.config_surroundings import CanConfig
+from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.encoder import SimulatedEncoder
-from pdgw.peers.simulation.beside import add_device, simulated_devices
+from pdgw.peers.simulation.configured_devices import add_device, simulated_devices
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.peers.world.can_bus import PLACES, Member, SimulatedCan
 from pdgw.peers.world.udp import SimulatedNetwork, SimulatedUdpPort

@@ -7,10 +7,10 @@ from typing import TypeVar
 
 from pdgw.ds301.bus import open_bus
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.config_file import parse_config
+from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.status import snapshot
-from pdgw.gateway.transport.udp import UdpSocket
+from pdgw.gateway.links.udp import UdpSocket
+from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import ENGEL, Shape, SimulatedDrive
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.tools.run_log import CanRecorder
+from pdgw.tools.service.run_log import CanRecorder
 from tests.can.interfaces import Wire
 from tests.can.plant import INHIBITED, Plant, axis_table, can_table
 from tests.support.buses import PATIENCE_S, wait_for

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pdgw.ds301.bus import open_bus
-from pdgw.gateway.config_file import parse_config
-from pdgw.gateway.config_surroundings import CanConfig
-from pdgw.gateway.scan import Scan
+from pdgw.gateway.commissioning.scan import Scan
+from pdgw.gateway.configuration.environment import CanConfig
+from pdgw.gateway.configuration.file import parse_config
 from pdgw.peers.drive import SimulatedDrive
-from pdgw.tools.axis_test import AxisTest, Choices
-from pdgw.tools.on_loop import complete, opened
+from pdgw.tools.bus_task import complete, opened
+from pdgw.tools.commissioning.axis_test import AxisTest, Choices
 from tests.can.interfaces import Wire
 from tests.can.plant import axis_table, can_table
 from tests.can.unhurried import UnhurriedEdge

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from pdgw.gateway.configuration.ports import STATUS_PORT
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.ports import STATUS_PORT
 from pdgw.tools.commands.status import fetch
 from tests.can.forked import Forked, forked
 from tests.can.interfaces import Wire, ip, is_controller

@@ -12,7 +12,7 @@ from typing import Final
 from pdgw.ds301.loop import SystemLoop
 from pdgw.ds301.readiness import best_readiness
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.edge import SystemEdge
+from pdgw.gateway.platform import SystemEdge
 
 _AT_MOST_NS: Final = 20 * MS
 """Between two looks at the clock no more than this passes, beside what the loop meant to wait: the rest was a stall."""

@@ -9,7 +9,7 @@ from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.turns import Turns
 from pdgw.ds301.virtual_loop import VirtualLoop
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.config_surroundings import CanConfig
+from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.peers.world import World
 
 

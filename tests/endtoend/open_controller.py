@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 
-from pdgw.tools.namespaces import THERE, VethPair
+from pdgw.tools.demo.namespaces import THERE, VethPair
 
 PATIENCE_S = 300
 

@@ -12,15 +12,15 @@ from collections.abc import Callable
 from ipaddress import IPv4Interface
 from pathlib import Path
 
-from pdgw.gateway.config_file import load_config
-from pdgw.gateway.profinet_identity import profinet_model
+from pdgw.gateway.configuration.file import load_config
+from pdgw.gateway.links.profinet.identity import profinet_model
 from pdgw.peers.controller.controller import Phase
 from pdgw.peers.controller.project import Project
 from pdgw.peers.controller.running import RunningController
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.model import API_PROFIDRIVE, INTERFACE_SUBSLOT
 from pdgw.profinet.rpc.client import RecordResult
-from pdgw.tools.namespaces import VethPair
+from pdgw.tools.demo.namespaces import VethPair
 
 AXIS = (1, 2)
 PATIENCE_S = 60.0

@@ -12,14 +12,14 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.decoder.can_records import PdoRecord
 from pdgw.decoder.capture.source import open_source
-from pdgw.decoder.engine import Decoder, Packet
-from pdgw.decoder.profinet_records import DcpRecord
-from pdgw.decoder.records import CyclicRecord
+from pdgw.decoder.frames.canopen.records import PdoRecord
+from pdgw.decoder.frames.engine import Decoder, Packet
+from pdgw.decoder.frames.profinet.records import DcpRecord
+from pdgw.decoder.frames.records import CyclicRecord
 from pdgw.gateway.errors import GatewayError
-from pdgw.tools import namespaces
-from pdgw.tools.recorder import CAPTURE
+from pdgw.recording.recorder import CAPTURE
+from pdgw.tools.demo import namespaces
 from tests.support import tshark
 from tests.support.cli import pdgw as in_process
 from tests.support.processes import PATIENT, pdgw, played_undisturbed

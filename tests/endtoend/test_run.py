@@ -16,12 +16,12 @@ from pathlib import Path
 import can
 import pytest
 
-from pdgw.gateway.status_client import fetch
+from pdgw.gateway.service.status_client import fetch
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
+from pdgw.recording.recorder import CAPTURE
 from pdgw.tools.commands.replay import replay
 from pdgw.tools.commands.timeline import timeline
-from pdgw.tools.recorder import CAPTURE
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.cli import pdgw
 from tests.support.processes import COMMAND, free_tcp_port, free_udp_port, running

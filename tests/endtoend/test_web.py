@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from pdgw.gateway.status_client import fetch
+from pdgw.gateway.service.status_client import fetch
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 from tests.support.buses import PATIENCE_S

@@ -11,14 +11,15 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.gateway import config, store
-from pdgw.gateway.config_file import config_text, load_config
+from pdgw.client import dump
+from pdgw.client.dump import Dump
+from pdgw.gateway import store
+from pdgw.gateway.configuration import config
+from pdgw.gateway.configuration.file import config_text, load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.store import ParameterStore
 from pdgw.gateway.trace import layout
 from pdgw.gateway.trace.reader import RingReader
-from pdgw.tools.parameters import dump
-from pdgw.tools.parameters.dump import Dump
 from tests.formats.write import HERE
 from tests.support import cli
 

@@ -9,13 +9,13 @@ import tempfile
 from pathlib import Path
 
 from pdgw.durations import SECOND
-from pdgw.gateway.config_file import config_text, parse_config
+from pdgw.gateway.configuration.file import config_text, parse_config
 from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.parameters.acyclic import AcyclicServer
 from pdgw.gateway.store import DeviceParameters, DoParameters
 from pdgw.gateway.trace.recorder import FlightRecorder
-from pdgw.gateway.transport.acyclic import AcyclicServer
-from pdgw.tools.parameters.page import PageParameters
-from pdgw.tools.trace_file import captured
+from pdgw.recording.trace_file import captured
+from pdgw.web.parameters import PageParameters
 from tests.support.daemon import Plc, exchanging, reached, running, until
 
 HERE = Path(__file__).parent

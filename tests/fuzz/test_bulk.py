@@ -8,14 +8,14 @@ from uuid import UUID
 
 import pytest
 
-from pdgw.decoder.engine import Decoder, Packet
-from pdgw.decoder.records import LinkType
-from pdgw.decoder.render import record_line
+from pdgw.decoder.frames.engine import Decoder, Packet
+from pdgw.decoder.frames.records import LinkType
+from pdgw.decoder.view.render import record_line
 from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, NMT, SDO_RESPONSE, SYNC, TIME
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.states import State
 from pdgw.durations import MS
-from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
+from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.parameters.codec import (
     Attribute,
@@ -30,7 +30,7 @@ from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.client import RecordCaller, RecordResult
 from pdgw.profinet.rpc.server import RecordServer
-from tests.decoder.test_profinet import examples as profinet_packets
+from tests.decoder.frames.profinet.test_profinet import examples as profinet_packets
 from tests.fuzz.amount import INPUTS, SEED, damage
 from tests.fuzz.test_parameters import Device, Memory
 from tests.support import captures

@@ -16,13 +16,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.decoder.capture.source import Source, source_of_stream
-from pdgw.decoder.changes import Changes
-from pdgw.decoder.columns import Columns
-from pdgw.decoder.engine import CanPacket, Decoder, Packet, Settings, given_axes
-from pdgw.decoder.names import Names
-from pdgw.decoder.records import LinkType
-from pdgw.decoder.render import record_line, record_tree
-from pdgw.decoder.statistics import Statistics
+from pdgw.decoder.frames.engine import CanPacket, Decoder, Packet, Settings, given_axes
+from pdgw.decoder.frames.records import LinkType
+from pdgw.decoder.view.changes import Changes
+from pdgw.decoder.view.columns import Columns
+from pdgw.decoder.view.names import Names
+from pdgw.decoder.view.render import record_line, record_tree
+from pdgw.decoder.view.statistics import Statistics
 from pdgw.ds301.errors import CanopenError
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError

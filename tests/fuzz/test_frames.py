@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.dsp402.states import state_of
-from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
-from pdgw.gateway.transport.sequence import SEQUENCE_FRAMES
+from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
+from pdgw.gateway.links.sequence import SEQUENCE_FRAMES
 from pdgw.peers.drive import SimulatedDriveNode
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.errors import ProfidriveError

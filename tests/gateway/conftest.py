@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import pytest
 
+from pdgw.client.udp import ParameterClient
 from pdgw.gateway.daemon import Daemon
-from pdgw.tools.parameters.client import ParameterClient
 from tests.support.daemon import axis
 from tests.support.parameters import gateway
 

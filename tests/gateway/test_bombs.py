@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.gateway.config_file import load_config
+from pdgw.gateway.configuration.file import load_config
+from pdgw.gateway.configuration.toml_file import DEPTH_MAX, FILE_MAX
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.toml_file import DEPTH_MAX, FILE_MAX
 from pdgw.peers.plc.scenario_file import load_scenario
 
 LAUGHS = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(

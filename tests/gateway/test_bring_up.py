@@ -6,7 +6,7 @@ import pytest
 
 from pdgw.ds301.connection_set import SDO_REQUEST
 from pdgw.durations import SECOND
-from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.peers.world import Member, World
 from tests.support.daemon import configuration, running, until, world_of

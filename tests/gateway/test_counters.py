@@ -9,12 +9,12 @@ import pytest
 
 from pdgw.ds301.counters import Counters
 from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.status import snapshot
-from pdgw.gateway.transport.acyclic import AcyclicServer
+from pdgw.gateway.parameters.acyclic import AcyclicServer
+from pdgw.gateway.service.status import snapshot
 from tests.support.daemon import axis, configuration
 
 _ROOT = Path(__file__).parents[2]
-_EDGE = ("ds301/network.py", "ds301/loop.py", "gateway/daemon.py", "gateway/link.py", "gateway/transport")
+_EDGE = ("ds301/network.py", "ds301/loop.py", "gateway/daemon.py", "gateway/links/link.py", "gateway/links")
 
 
 def test_a_counter_reads_what_its_part_counts_now() -> None:

@@ -14,17 +14,17 @@ from pdgw.ds301.loop import SystemLoop
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
-from pdgw.gateway import status as status_module
-from pdgw.gateway import status_client
-from pdgw.gateway.axis.stop_watch import Brake
-from pdgw.gateway.config_example import simulated
+from pdgw.gateway.axis.supervision.stop_supervision import Brake
+from pdgw.gateway.configuration.example import simulated
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.link import UdpLink
-from pdgw.gateway.status import StatusServer
-from pdgw.gateway.status_client import fetch, fetch_faults
-from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
-from pdgw.gateway.transport.udp import UdpSocket
+from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
+from pdgw.gateway.links.link import UdpLink
+from pdgw.gateway.links.udp import UdpSocket
+from pdgw.gateway.service import status as status_module
+from pdgw.gateway.service import status_client
+from pdgw.gateway.service.status import StatusServer
+from pdgw.gateway.service.status_client import fetch, fetch_faults
 from pdgw.peers.world import World
 from tests.support import machine
 from tests.support.buses import PATIENCE_S, wait_for

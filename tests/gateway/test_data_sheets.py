@@ -10,8 +10,8 @@ import pytest
 from pdgw.ds301.eds_import import import_eds
 from pdgw.dsp402.describe import described_by_sheet
 from pdgw.dsp402.drive_type import DriveType, Quantity
-from pdgw.gateway.config import GatewayConfig
-from pdgw.gateway.fitness import lacks, not_available
+from pdgw.gateway.commissioning.telegram_check import lacks, not_available
+from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.scenario_file import scenario_of

@@ -12,10 +12,10 @@ import pytest
 from pdgw.ds301.node import NodeStatus
 from pdgw.dsp402.states import State
 from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.objects.enable_chain import AXIS_CHAIN, ENCODER_CHAIN, ChainLink
 from pdgw.gateway.reasons import AxisState, Enable, FaultNumber, Reason
-from pdgw.gateway.standing import AXIS_CHAIN, ENCODER_CHAIN, ChainLink
-from pdgw.gateway.status import snapshot
-from pdgw.tools.status_check import Health, check_line
+from pdgw.gateway.service.status import snapshot
+from pdgw.tools.output.status_check import Health, check_line
 from tests.support.daemon import OFF, ON, Plc, axis, configuration, drive_of, encoder_of, running, until
 from tests.support.situations import BREAKERS, settle, show_no_supply, shown
 

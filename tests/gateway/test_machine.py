@@ -15,11 +15,11 @@ import pytest
 
 from pdgw.ds301.loop import MACHINE_CLOCK, SystemLoop
 from pdgw.durations import SECOND
-from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import FaultNumber
-from pdgw.gateway.status import snapshot
+from pdgw.gateway.service.status import snapshot
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
 from tests.support.daemon import Plc, axis, configuration, running, world_of

@@ -9,9 +9,9 @@ import pytest
 
 from pdgw.dsp402.scaling import find_scaling
 from pdgw.dsp402.unit_keys import KEY_LINES, UnitKeys
-from pdgw.gateway.config_file import parse_config
+from pdgw.gateway.commissioning.telegram_check import lacks, missing_lines
+from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.fitness import lacks, missing_lines
 from tests.support.drive_types import described
 
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from pdgw.dsp402.states import State
-from pdgw.gateway.config import GatewayConfig
-from pdgw.gateway.config_example import simulated
+from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.configuration.example import simulated
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import FaultNumber, Reason
-from pdgw.gateway.status import snapshot
+from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import shape
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.scenario_file import load_scenario

@@ -15,7 +15,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.load import CyclicFrames, frame_bits
 from pdgw.ds301.response_time import response_times
 from pdgw.durations import MS
-from pdgw.gateway.bus_load import check_cycle, cyclic_frames, latest
+from pdgw.gateway.configuration.bus_load import check_cycle, cyclic_frames, latest
 from pdgw.gateway.daemon import Daemon
 from pdgw.peers.world import Member
 from pdgw.peers.world.stuffing import bits_on_the_wire

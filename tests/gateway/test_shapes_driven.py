@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import pytest
 
+from pdgw.client.session import Session
 from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.overlay import Overlay, QuirkKeys
 from pdgw.dsp402.states import State
 from pdgw.durations import MS
+from pdgw.gateway.axis.demand_report import Demand, Report
 from pdgw.gateway.axis.executors.base import AxisCycle
 from pdgw.gateway.axis.executors.homing import Homing
 from pdgw.gateway.axis.executors.mode import ModeSwitch
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.waist import Demand, Report
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber, Reason
-from pdgw.gateway.status import snapshot
+from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import SimulatedDrive, shape
 from pdgw.profidrive.parameters.codec import ParameterAddress
-from pdgw.tools.parameters.session import Session
 from tests.support.daemon import OFF, Plc, axis, configuration, running, serving, until, world_of
 from tests.support.sensor_format import decode_sensor_format
 

@@ -6,10 +6,10 @@ from ipaddress import IPv4Address
 
 import pytest
 
-from pdgw.gateway.config_example import simulated
+from pdgw.gateway.configuration.example import simulated
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import OrderDoubt, Reason
-from pdgw.gateway.status import snapshot
+from pdgw.gateway.service.status import snapshot
 from pdgw.profidrive.signals import signal
 from tests.support.daemon import OFF, Plc, axis, configuration, running
 

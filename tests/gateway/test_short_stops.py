@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from pdgw.durations import MS
-from pdgw.gateway.config_example import simulated
+from pdgw.gateway.configuration.example import simulated
+from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.gateway.reasons import OrderDoubt, Reason
-from pdgw.gateway.transport.cyclic import CyclicEndpoint
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, FRAME_ID_TO_DEVICE, IOPS_GOOD, RtFrame
 from pdgw.profidrive.telegrams import telegram
 from tests.gateway.test_short_orders import ACKNOWLEDGED, HIGH, LOW, PLC, REACHED, ROUTED, TARGETS, Tasks

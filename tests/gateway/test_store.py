@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from pdgw.gateway.config_file import load_config
+from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.store import DeviceParameters, ParameterStore
 

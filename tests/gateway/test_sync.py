@@ -16,11 +16,11 @@ from pdgw.dsp402.overlay import Overlay, QuirkKeys
 from pdgw.dsp402.states import State
 from pdgw.durations import MS
 from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.status import snapshot
+from pdgw.gateway.service.status import snapshot
 from pdgw.gateway.sync import Spread
 from pdgw.peers.drive import SimulatedDrive, shape
 from pdgw.peers.drive.shapes import SYNCHRONOUS, Shape
-from pdgw.tools.status_text import status_lines
+from pdgw.tools.output.status_text import status_lines
 from tests.support.daemon import Plc, axis, configuration, drive_of, exchanging, running, until, world_of
 
 MORE = 'simulate = true\nfollowing_window = 4096\nsync_jitter_us = 500\ndsc = "speed"'

@@ -14,8 +14,8 @@ from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive import Latency, SimulatedDrive
 from pdgw.peers.drive.latency import LATENCY_MAX_MS
-from pdgw.peers.simulation.beside import add_device
 from pdgw.peers.simulation.config import parse_bus
+from pdgw.peers.simulation.configured_devices import add_device
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.peers.world import World
 from tests.support.drive_bench import NODE, Bench

@@ -12,12 +12,15 @@ from hypothesis import strategies as st
 from scapy.layers.inet import UDP
 from scapy.utils import rdpcap
 
+from pdgw.client.address import Target, parse_target
+from pdgw.client.session import Element
+from pdgw.client.udp import ParameterClient
 from pdgw.durations import MS
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.transport.acyclic import AcyclicServer
-from pdgw.gateway.transport.cyclic import CyclicEndpoint, Verdict
-from pdgw.gateway.transport.sequence import SEQUENCE_FRAMES
+from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
+from pdgw.gateway.links.sequence import SEQUENCE_FRAMES
+from pdgw.gateway.parameters.acyclic import AcyclicServer
 from pdgw.peers.controller.plc import ProfinetPlc
 from pdgw.peers.plc.capture import Capture
 from pdgw.peers.plc.client import PlcClient
@@ -32,9 +35,6 @@ from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import RtFrame
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Direction, Telegram, telegram
-from pdgw.tools.parameters.address import Target, parse_target
-from pdgw.tools.parameters.client import ParameterClient
-from pdgw.tools.parameters.session import Element
 from tests.support.machine import configuration, running
 from tests.support.strategies import axes_values
 

@@ -9,7 +9,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.load import frame_bits
 from pdgw.ds301.port import PortBusyError, PortLostError
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.config_surroundings import CanConfig
+from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.world import Conditions, Member, World
 

@@ -7,21 +7,21 @@ from contextlib import contextmanager
 from typing import TypeVar
 from unittest.mock import patch
 
+from pdgw.client import udp as client_module
+from pdgw.client.udp import ParameterClient
 from pdgw.durations import SECOND
-from pdgw.gateway.config import GatewayConfig
-from pdgw.gateway.config_file import parse_config
+from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.configuration.file import parse_config
+from pdgw.gateway.configuration.positioner import SIMULATED
+from pdgw.gateway.configuration.toml_file import toml_text
 from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.positioner_config import SIMULATED
-from pdgw.gateway.status import snapshot
-from pdgw.gateway.toml_file import toml_text
-from pdgw.gateway.transport.acyclic import AcyclicServer
+from pdgw.gateway.parameters.acyclic import AcyclicServer
+from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.encoder import SimulatedEncoder
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.world import World, WorldChannel
 from pdgw.profidrive.telegrams import telegram
-from pdgw.tools.parameters import client as client_module
-from pdgw.tools.parameters.client import ParameterClient
 
 D = TypeVar("D", SimulatedDrive, SimulatedEncoder)
 OFF, ON = 0x047E, 0x047F

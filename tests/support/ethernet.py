@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from pdgw.ds301.loop import Loop
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.transport.udp import Address
+from pdgw.gateway.links.udp import Address
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.station import IpSuite, Medium
 from tests.support.profinet import DEVICE_MAC, PLC_IP

@@ -14,7 +14,7 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.telegrams import DSC_TELEGRAM_NUMBERS, POSITIONER_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
-from pdgw.gateway.config_file import parse_config
+from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.daemon import Daemon
 from pdgw.peers.drive import Latency, SimulatedDrive
 from pdgw.peers.plc.cycling import CyclingPlc

@@ -8,11 +8,11 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.edge import open_configured_bus
+from pdgw.gateway.platform import open_configured_bus
 from pdgw.peers.plc.endpoint import PlcEndpoint
-from pdgw.peers.simulation.beside import add_device, simulated_devices
+from pdgw.peers.simulation.configured_devices import add_device, simulated_devices
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.profidrive.telegrams import telegram
 from tests import conftest

@@ -12,12 +12,12 @@ from contextlib import contextmanager
 from typing import Any
 from unittest.mock import patch
 
-from pdgw.gateway.config import GatewayConfig
-from pdgw.gateway.config_web import WebConfig
+from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.configuration.web import WebConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.status import fault_status, snapshot
-from pdgw.tools.trace_file import captured
+from pdgw.gateway.service.status import fault_status, snapshot
+from pdgw.recording.trace_file import captured
 from pdgw.web import feed
 from pdgw.web.errors import RequestError
 from pdgw.web.feed import Document

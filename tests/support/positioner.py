@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTable
 from pdgw.gateway.motion.positioner import Positioner
-from pdgw.gateway.motion.wishes import (
+from pdgw.gateway.motion.requests import (
     FULL,
     Asked,
     HomingResult,

@@ -8,12 +8,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.config import GatewayConfig
-from pdgw.gateway.config_file import parse_config
+from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.profinet_link import ProfinetLink
-from pdgw.gateway.transport.acyclic import record_service
-from pdgw.gateway.transport.udp import Address
+from pdgw.gateway.links.profinet.link import ProfinetLink
+from pdgw.gateway.links.udp import Address
+from pdgw.gateway.parameters.acyclic import record_service
 from pdgw.peers.controller.controller import IoController, Phase
 from pdgw.peers.controller.project import Project
 from pdgw.peers.world import World

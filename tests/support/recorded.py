@@ -9,17 +9,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pdgw.decoder.capture.pcapng_file import PcapngWriter
-from pdgw.decoder.engine import Settings, given_axes
-from pdgw.decoder.records import LinkType
+from pdgw.decoder.frames.engine import Settings, given_axes
+from pdgw.decoder.frames.records import LinkType
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.durations import MS
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.transport.cyclic import CyclicEndpoint
+from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.frame import ETHERTYPE
-from pdgw.tools.recordings import Known, Loaded, Opening, load, look_ahead
+from pdgw.recording.recordings import Known, Loaded, Opening, load, look_ahead
 from tests.support import captures
 from tests.support.drive_types import REFERENCE_OBJECTS
 from tests.support.rig import NODE, Rig

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pdgw.decoder.cyclic import Axis
-from pdgw.decoder.engine import Settings
-from pdgw.tools.recordings import Known, Loaded, load
+from pdgw.decoder.frames.engine import Settings
+from pdgw.decoder.frames.profinet.cyclic import Axis
+from pdgw.recording.recordings import Known, Loaded, load
 from tests.support.daemon import Plc, configuration, running
 from tests.support.recorded import Frames
 

@@ -10,10 +10,10 @@ from pdgw.dsp402.states import STATUS_OF, State, StatusBit
 from pdgw.durations import MS
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import Enable
-from pdgw.gateway.status import snapshot
+from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive.model import DriveModel
-from pdgw.tools.status_check import check_line
-from pdgw.tools.status_text import status_lines
+from pdgw.tools.output.status_check import check_line
+from pdgw.tools.output.status_text import status_lines
 from pdgw.web.metrics import exposition
 from pdgw.web.mqtt import object_message
 from pdgw.web.watch import Watch

@@ -8,6 +8,7 @@ from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.images import FEEDBACK_NAMES, DriveCommand, DriveFeedback
 from pdgw.gateway.axis.adapters.base import POWER_BITS, WISHES
 from pdgw.gateway.axis.checkpoint import Checkpoints
+from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.encoder_machine import EncoderMachine
 from pdgw.gateway.axis.executors.positioning import PositioningExecutor, SubState
 from pdgw.gateway.axis.executors.sensor import DriveSensor, EncoderReferences
@@ -16,7 +17,6 @@ from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.power_table import Drive
 from pdgw.gateway.axis.settings import AxisSettings, SensorSettings
 from pdgw.gateway.axis.values import Configured, EncoderInput, FaultRecord, NodeNotice, Notice, SdoAnswer, SdoWrite
-from pdgw.gateway.axis.waist import PowerWish
 from pdgw.gateway.motion.dsc import DscChoices, DscForm
 from pdgw.gateway.reasons import Reason
 from tests.support.drive_types import References, engel

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from pdgw.gateway.bytemap import frame_maps
-from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.configuration.byte_map import frame_maps
+from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.peers.plc.structured_text.controller import Controller
 from pdgw.profidrive.telegrams import ApplicationMode, telegram

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from pdgw.decoder.timeline import (
+from pdgw.decoder.timeline.entries import (
     Anomaly,
     AnomalyKind,
     Edge,
@@ -13,7 +13,7 @@ from pdgw.decoder.timeline import (
     Summary,
     WordKind,
 )
-from pdgw.tools.recordings import Opening, followed
+from pdgw.recording.recordings import Opening, followed
 from tests.support.recorded import RecordedRig
 
 

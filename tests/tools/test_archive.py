@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 import typer
 
-from pdgw.decoder.capture.archive import ArchiveOptions, Part, captures_of, is_data_set, write_part
 from pdgw.decoder.capture.pcapng_file import PcapngWriter
-from pdgw.decoder.records import LinkType
-from pdgw.gateway.config_example import simulated
-from pdgw.gateway.config_file import config_text
+from pdgw.decoder.export.archive import ArchiveOptions, Part, captures_of, is_data_set, write_part
+from pdgw.decoder.frames.records import LinkType
+from pdgw.gateway.configuration.example import simulated
+from pdgw.gateway.configuration.file import config_text
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.commands.decode import decode

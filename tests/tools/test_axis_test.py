@@ -15,17 +15,17 @@ from pdgw.ds301.connection_set import ERROR_CONTROL
 from pdgw.ds301.objects import Access, CanType, Entry, array, var
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.config import GatewayConfig
+from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.status import snapshot
+from pdgw.gateway.service.confirmed_units import witness_text, witnessed
+from pdgw.gateway.service.status import snapshot
 from pdgw.gateway.store import ParameterStore
-from pdgw.gateway.witnessed import witness_text, witnessed
 from pdgw.peers.drive import ENGEL, Shape, SimulatedDrive, shape
 from pdgw.peers.drive.model import DriveModel
 from pdgw.peers.world import World
-from pdgw.tools.axis_test import TURNS, AxisTest, Choices, Outcome
-from pdgw.tools.on_loop import complete
+from pdgw.tools.bus_task import complete
+from pdgw.tools.commissioning.axis_test import TURNS, AxisTest, Choices, Outcome
 from tests.support.cli import pdgw
 from tests.support.daemon import axis, configuration, running, until
 from tests.support.processes import PATIENT

@@ -137,7 +137,7 @@ def test_ctrl_c_while_the_command_is_loaded_ends_it_without_a_word() -> None:
         ("signal", "exception"),
         ("typer", "exception"),
         ("typer", "signal"),
-        ("pdgw.gateway.status_client", "signal"),
+        ("pdgw.gateway.service.status_client", "signal"),
     ]
     for case in cases:
         script = [sys.executable, "-c", _INTERRUPTED, *case]

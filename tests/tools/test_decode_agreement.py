@@ -11,10 +11,10 @@ import pytest
 from scapy.layers.can import CAN
 from scapy.utils import PcapReader
 
-from pdgw.decoder.can_records import EmcyRecord, HeartbeatRecord, NmtRecord, PdoRecord, SdoRecord
 from pdgw.decoder.capture.source import open_source
-from pdgw.decoder.engine import Decoder, Settings, given_axes
-from pdgw.decoder.records import CyclicRecord, ParameterRequestRecord, ParameterResponseRecord, Record
+from pdgw.decoder.frames.canopen.records import EmcyRecord, HeartbeatRecord, NmtRecord, PdoRecord, SdoRecord
+from pdgw.decoder.frames.engine import Decoder, Settings, given_axes
+from pdgw.decoder.frames.records import CyclicRecord, ParameterRequestRecord, ParameterResponseRecord, Record
 from pdgw.durations import MS
 from pdgw.profidrive.scapy_layers import ProfidriveCyclic, bind
 from tests.support import captures, tshark

@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 from pdgw.decoder.capture.errors import CaptureError
-from pdgw.decoder.capture.plot import States, panels_of
 from pdgw.decoder.capture.source import open_source
-from pdgw.decoder.engine import Decoder, Settings, given_axes
-from pdgw.decoder.names import Names
+from pdgw.decoder.export.plot import States, panels_of
+from pdgw.decoder.frames.engine import Decoder, Settings, given_axes
+from pdgw.decoder.view.names import Names
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.commands.decode import DirectionOption, decode

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from pdgw.gateway.config_file import parse_config
+from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.scenario import Scenario

@@ -13,8 +13,8 @@ import pytest
 
 from pdgw.durations import SECOND
 from pdgw.gateway.reasons import FaultNumber, Reason
-from pdgw.tools.log_format import AT_ONCE, Bundle, LogFormat, formatter
-from pdgw.tools.run_log import LogLevel, RunLog
+from pdgw.tools.service.log_format import AT_ONCE, Bundle, LogFormat, formatter
+from pdgw.tools.service.run_log import LogLevel, RunLog
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.daemon import Plc, axis, configuration, running, world_of
 
@@ -139,7 +139,7 @@ def test_a_storm_of_lines_without_an_event_is_limited_by_its_place_in_the_code()
 
 
 def test_what_was_repeated_at_the_end_is_in_the_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pdgw.tools.log_format._FLUSH_S", PATIENCE_S)
+    monkeypatch.setattr("pdgw.tools.service.log_format._FLUSH_S", PATIENCE_S)
     path = tmp_path / "log"
     run_log = RunLog(LogLevel.INFO, path)
     for _ in range(1000):

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.gateway.bytemap import Place, frame_maps
-from pdgw.gateway.config import GatewayConfig
-from pdgw.gateway.config_file import load_config
+from pdgw.gateway.configuration.byte_map import Place, frame_maps
+from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.transport.cyclic import CyclicEndpoint
+from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.structured_text.compiler import Compiler
 from pdgw.profidrive.telegrams import telegram

@@ -12,16 +12,16 @@ from typing import cast
 
 import pytest
 
+from pdgw.client.address import Target, parse_target, parse_type, parse_value
+from pdgw.client.dump import Dump, DumpedElement, Restored, difference, other_telegram, read_all, restore
+from pdgw.client.identify import read_identification
+from pdgw.client.names import full_name
+from pdgw.client.session import Element, Session, meaning
+from pdgw.client.udp import ParameterClient
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import Values
 from pdgw.profinet.rpc import identification
-from pdgw.tools.parameters.address import Target, parse_target, parse_type, parse_value
-from pdgw.tools.parameters.client import ParameterClient
-from pdgw.tools.parameters.dump import Dump, DumpedElement, Restored, difference, other_telegram, read_all, restore
-from pdgw.tools.parameters.identify import read_identification
-from pdgw.tools.parameters.names import full_name
-from pdgw.tools.parameters.session import Element, Session, meaning
 from tests.support.cli import pdgw
 from tests.support.daemon import axis, configuration, reached, serving
 

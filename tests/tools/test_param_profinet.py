@@ -9,6 +9,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from pdgw.client import udp as client_module
+from pdgw.client.identify import read_identification
+from pdgw.client.udp import ParameterClient
 from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.datatypes import DataType
@@ -17,9 +20,6 @@ from pdgw.profinet.blocks.connect import ArType
 from pdgw.profinet.rpc import identification
 from pdgw.profinet.rpc.dcerpc import object_uuid
 from pdgw.tools.cli import app
-from pdgw.tools.parameters import client as client_module
-from pdgw.tools.parameters.client import ParameterClient
-from pdgw.tools.parameters.identify import read_identification
 from tests.support.daemon import axis
 from tests.support.profinet_daemon import Plant, PlantChannel, configuration, plant
 

@@ -19,8 +19,8 @@ import typer
 from typer.main import get_command
 
 from pdgw.gateway.errors import GatewayError
-from pdgw.tools.commands import bench
-from tests.decoder.test_replay import speed
+from pdgw.workshop.commands import bench
+from tests.decoder.replay.test_replay import speed
 from tests.support.buses import PATIENCE_S
 from tests.support.processes import PATIENT, free_tcp_port, free_udp_port
 from tests.support.rig import NODE

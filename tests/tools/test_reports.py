@@ -13,13 +13,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.gateway.config_file import parse_config
+from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
-from pdgw.tools.commands.conformance import faults
 from pdgw.tools.commands.sim_plc import Output
-from pdgw.tools.reports import Check, Report, figures
+from pdgw.tools.output.reports import Check, Report, figures
+from pdgw.workshop.commands.conformance import faults
 from tests.support.cli import pdgw
 
 CHECKS = (

@@ -21,8 +21,8 @@ import pytest
 from pdgw.ds301.client import NodeClient
 from pdgw.ds301.connection_set import EMCY
 from pdgw.ds301.counters import Counters
-from pdgw.tools import background
-from pdgw.tools.run_log import CanRecorder, LogLevel, RunLog, on_signals
+from pdgw.recording import background_writer
+from pdgw.tools.service.run_log import CanRecorder, LogLevel, RunLog, on_signals
 from tests.support.buses import PATIENCE_S
 from tests.support.daemon import axis, configuration, running, until, world_of
 from tests.support.logs import log_put_back
@@ -63,7 +63,7 @@ def test_a_can_recorder_on_a_full_disk_says_so_and_keeps_nothing(caplog: pytest.
 def test_a_can_recorder_that_is_too_slow_keeps_a_bounded_number_of_frames(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pdgw.tools.background._WAITING", 10)
+    monkeypatch.setattr("pdgw.recording.background_writer._WAITING", 10)
     released = threading.Event()
     monkeypatch.setattr("pdgw.decoder.capture.canlog.candump_line", lambda _: released.wait(PATIENCE_S) and "x\n")
     recorder = CanRecorder(tmp_path / "can.log")
@@ -132,7 +132,7 @@ def test_sighup_on_a_full_disk_does_not_end_the_gateway(tmp_path: Path, monkeypa
 
 SCRIPT = """
 import logging, sys
-from pdgw.tools.run_log import LogLevel, RunLog
+from pdgw.tools.service.run_log import LogLevel, RunLog
 run_log = RunLog(LogLevel.INFO, None)
 for number in range(3000):
     logging.getLogger("gateway").info("%d %s", number, "x" * 200, extra={"do": number})
@@ -155,7 +155,7 @@ def test_a_log_into_a_pipe_nobody_reads_does_not_keep_the_process_from_ending() 
 
 
 def test_lines_that_were_still_waiting_at_the_end_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(background, "END_S", 0.01)
+    monkeypatch.setattr(background_writer, "END_S", 0.01)
     run_log = RunLog(LogLevel.INFO, tmp_path / "log")
     run_log._handler.acquire()
     try:
@@ -178,12 +178,12 @@ def test_a_process_that_is_held_up_at_its_end_takes_its_thread_one_short_wait_al
             return self.waits < 3
 
     thread = Writing()
-    background.wait_for_end(thread)
+    background_writer.wait_for_end(thread)
     assert thread.waits == 3
 
 
 def test_a_storm_of_log_lines_is_bounded_and_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pdgw.tools.run_log._LINES", 10)
+    monkeypatch.setattr("pdgw.tools.service.run_log._LINES", 10)
     run_log = RunLog(LogLevel.INFO, tmp_path / "log")
     counters = Counters()
     run_log.count_in(counters)

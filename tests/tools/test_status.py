@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from pdgw.gateway.status import snapshot
-from pdgw.tools.status_text import duration, status_lines
+from pdgw.gateway.service.status import snapshot
+from pdgw.tools.output.status_text import duration, status_lines
 from tests.support.daemon import axis, configuration, running
 
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from pdgw.gateway.status import snapshot
+from pdgw.gateway.service.status import snapshot
 from pdgw.tools.commands.status import status
-from pdgw.tools.status_check import Health, check_line
+from pdgw.tools.output.status_check import Health, check_line
 from tests.support.cli import pdgw
 from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running
 from tests.support.processes import free_tcp_port

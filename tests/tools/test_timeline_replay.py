@@ -10,13 +10,13 @@ import pytest
 import typer
 
 from pdgw.decoder.capture.errors import CaptureError
-from pdgw.decoder.following_axis import NO_CONTROLWORD
+from pdgw.decoder.timeline.axis import NO_CONTROLWORD
 from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
+from pdgw.recording.recordings import known_from
 from pdgw.tools.commands.replay import replay
 from pdgw.tools.commands.timeline import timeline
-from pdgw.tools.recordings import known_from
-from tests.decoder.test_replay import speed
+from tests.decoder.replay.test_replay import speed
 from tests.support import captures
 from tests.support.cli import pdgw
 from tests.support.recorded import BEGIN_NS

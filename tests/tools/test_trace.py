@@ -13,19 +13,19 @@ import pytest
 
 from pdgw.decoder.capture.pcapng_file import configuration_in
 from pdgw.decoder.capture.source import open_source
-from pdgw.decoder.engine import Packet
-from pdgw.decoder.records import LinkType
+from pdgw.decoder.frames.engine import Packet
+from pdgw.decoder.frames.records import LinkType
 from pdgw.durations import SECOND
-from pdgw.gateway.config_file import parse_config
-from pdgw.gateway.config_surroundings import Trigger
+from pdgw.gateway.configuration.environment import Trigger
+from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.gateway.trace.writer import RingFile
+from pdgw.recording.trace_file import captured, chosen_ring, save
+from pdgw.recording.trace_keeper import Choice, Keeper, follow
 from pdgw.tools.commands.timeline import timeline
-from pdgw.tools.trace_file import captured, chosen_ring, save
-from pdgw.tools.trace_keeper import Choice, Keeper, follow
 from tests.support import profinet_daemon, tshark
 from tests.support.daemon import OFF, ON, Plc, axis, configuration, drive_of, world_of
 from tests.support.daemon import running as playing
@@ -234,12 +234,12 @@ def test_a_file_that_cannot_be_kept_leaves_nothing_behind_and_ends_no_keeping(
                 arguments[1].write_bytes(b"half of it")
                 raise error
 
-            monkeypatch.setattr("pdgw.tools.trace_keeper.save", unwritable)
+            monkeypatch.setattr("pdgw.recording.trace_keeper.save", unwritable)
             happen(daemon, plc, keeper)
             assert keeper.kept == []
             assert list((tmp_path / "kept").iterdir()) == []
         assert "not kept (no space left)" in caplog.text
-        monkeypatch.setattr("pdgw.tools.trace_keeper.save", save)
+        monkeypatch.setattr("pdgw.recording.trace_keeper.save", save)
         happen(daemon, plc, keeper)
         assert len(keeper.kept) == 1
 

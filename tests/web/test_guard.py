@@ -11,8 +11,8 @@ from starlette.datastructures import Headers
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
-from pdgw.gateway.config_file import load_config, parse_config
-from pdgw.gateway.config_web import WebConfig
+from pdgw.gateway.configuration.file import load_config, parse_config
+from pdgw.gateway.configuration.web import WebConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.web.guard import COOKIE, FAILURES_MAX, FAILURES_WITHIN_S, LOGIN_PATH, Guard, Token, allowed_hosts, read_token
 from pdgw.web.places import Places

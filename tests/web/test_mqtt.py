@@ -16,8 +16,8 @@ import pytest
 from paho.mqtt.client import Client, MQTTMessageInfo
 from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
 
-from pdgw.gateway.config import GatewayConfig
-from pdgw.gateway.config_web import MqttConfig
+from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.configuration.web import MqttConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.web.mqtt import MESSAGE_MAX, Publisher, made_client, object_message
 from pdgw.web.watch import Watch

@@ -16,7 +16,7 @@ import pytest
 from starlette.routing import Route
 
 from pdgw.decoder.capture.pcap import read_capture
-from pdgw.decoder.records import LinkType
+from pdgw.decoder.frames.records import LinkType
 from pdgw.gateway.reasons import Reason
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.web.app import READS_PER_S, Allowance, Interface

@@ -15,15 +15,15 @@ from typing import Annotated
 import typer
 
 from pdgw.ds301.loop import Loop
-from pdgw.gateway.config_file import load_config
-from pdgw.gateway.edge import SystemEdge
+from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.platform import SystemEdge
+from pdgw.gateway.service.confirmed_units import witnessed
 from pdgw.gateway.store import ParameterStore
-from pdgw.gateway.witnessed import witnessed
-from pdgw.tools.axis_test import TURNS, AxisTest, Choices
-from pdgw.tools.beside import devices_beside
-from pdgw.tools.endings import INTERRUPTED
-from pdgw.tools.on_loop import complete
+from pdgw.tools.bus_task import complete
+from pdgw.tools.commissioning.axis_test import TURNS, AxisTest, Choices
+from pdgw.tools.service.child_processes import devices_beside
+from pdgw.tools.termination import INTERRUPTED
 
 app = typer.Typer(help="An axis that is brought into service.", no_args_is_help=True)
 

@@ -12,10 +12,10 @@ import typer
 from pdgw.dsp402.objects import DRIVE_PROFILE
 from pdgw.dsp406.kinds import ENCODER_PROFILE
 from pdgw.durations import SECOND
-from pdgw.gateway.config_file import load_config
-from pdgw.gateway.config_surroundings import CanConfig
-from pdgw.gateway.scan import Expected, FoundNode, Scan, expected_on, load_sheets
-from pdgw.tools.on_loop import complete, opened
+from pdgw.gateway.commissioning.scan import Expected, FoundNode, Scan, expected_on, load_sheets
+from pdgw.gateway.configuration.environment import CanConfig
+from pdgw.gateway.configuration.file import load_config
+from pdgw.tools.bus_task import complete, opened
 
 app = typer.Typer(help="A CAN bus, before a gateway runs on it.", no_args_is_help=True)
 

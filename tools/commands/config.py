@@ -12,14 +12,14 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.load import DEFAULT_BITRATE, check_load
 from pdgw.ds301.plan import PdoPlan
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.bus_load import check_cycle, cyclic_frames, latest
-from pdgw.gateway.config import AxisConfig, GatewayConfig
-from pdgw.gateway.config_check import references_wrong
-from pdgw.gateway.config_example import example as example_text
-from pdgw.gateway.config_file import load_config
-from pdgw.gateway.config_surroundings import CanConfig, TransportConfig
+from pdgw.gateway.configuration.bus_load import check_cycle, cyclic_frames, latest
+from pdgw.gateway.configuration.check import references_wrong
+from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
+from pdgw.gateway.configuration.environment import CanConfig, TransportConfig
+from pdgw.gateway.configuration.example import example as example_text
+from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.realtime import NEEDED_BELOW_MS
+from pdgw.gateway.service.realtime import NEEDED_BELOW_MS
 
 app = typer.Typer(help="Configuration files.", no_args_is_help=True)
 
@@ -110,7 +110,7 @@ def _tell_not_available(axis: AxisConfig, settings: AxisSettings) -> None:
     """One line for each object that the telegram can do without and that is not in the data sheet."""
     from pdgw.dsp402.describe import described_by_sheet  # noqa: PLC0415 - slow to load
     from pdgw.dsp402.drive import load_eds  # noqa: PLC0415
-    from pdgw.gateway.fitness import not_available  # noqa: PLC0415
+    from pdgw.gateway.commissioning.telegram_check import not_available  # noqa: PLC0415
 
     if axis.eds is not None:
         drive = described_by_sheet(load_eds(axis.eds, axis.node_id), axis.units, axis.family or "")
@@ -123,8 +123,8 @@ def _ask(config: GatewayConfig, axis: AxisConfig) -> PdoPlan | None:
     from pdgw.ds301.inquiry import Inquiry  # noqa: PLC0415 - a check of the file alone needs no CAN
     from pdgw.dsp402.drive import load_eds  # noqa: PLC0415
     from pdgw.dsp402.probe import probe  # noqa: PLC0415
-    from pdgw.gateway.fitness import lacks, missing_lines, planned  # noqa: PLC0415
-    from pdgw.tools.on_loop import complete, opened  # noqa: PLC0415
+    from pdgw.gateway.commissioning.telegram_check import lacks, missing_lines, planned  # noqa: PLC0415
+    from pdgw.tools.bus_task import complete, opened  # noqa: PLC0415
 
     try:
         dictionary = load_eds(axis.eds, axis.node_id) if axis.eds else None

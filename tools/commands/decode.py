@@ -17,13 +17,13 @@ from typing import Annotated
 import typer
 
 from pdgw.decoder.capture import live
-from pdgw.decoder.capture.archive import ArchiveOptions, captures_of, is_data_set, write_data_set
 from pdgw.decoder.capture.knowledge import known_beforehand, look_ahead
 from pdgw.decoder.capture.moments import moment
 from pdgw.decoder.capture.pcapng_file import configuration_in
-from pdgw.decoder.capture.plot import PlotWriter
 from pdgw.decoder.capture.source import Source, open_source
-from pdgw.decoder.capture.writers import (
+from pdgw.decoder.export.archive import ArchiveOptions, captures_of, is_data_set, write_data_set
+from pdgw.decoder.export.plot import PlotWriter
+from pdgw.decoder.export.writers import (
     CsvWriter,
     JsonWriter,
     ParquetWriter,
@@ -31,20 +31,20 @@ from pdgw.decoder.capture.writers import (
     TextWriter,
     Writer,
 )
-from pdgw.decoder.changes import Changes
-from pdgw.decoder.engine import CanPacket, Decoder, Packet
-from pdgw.decoder.filter import Filter
-from pdgw.decoder.recognise import parse_hex, recognise
-from pdgw.decoder.render import one_line, tree
-from pdgw.decoder.selection import Selection
+from pdgw.decoder.frames.engine import CanPacket, Decoder, Packet
+from pdgw.decoder.frames.recognise import parse_hex, recognise
+from pdgw.decoder.view.changes import Changes
+from pdgw.decoder.view.filter import Filter
+from pdgw.decoder.view.render import one_line, tree
+from pdgw.decoder.view.selection import Selection
 from pdgw.ds301.load import DEFAULT_BITRATE
 from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.telegrams import Direction
 from pdgw.profidrive.telegrams import telegram as telegram_of
+from pdgw.recording.progress import with_progress, with_progress_of
 from pdgw.tools.commands.recording_options import Station
-from pdgw.tools.outputs import to_be_written
-from pdgw.tools.progress import with_progress, with_progress_of
+from pdgw.tools.output.files import to_be_written
 
 _LATE_NS = 2 * SECOND
 """Packets may be this much out of order; behind ``--to`` by more, reading stops."""

@@ -14,12 +14,12 @@ from rich.table import Table
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.engine import Result
-from pdgw.tools import namespaces
 from pdgw.tools.commands.sim_plc import results_table
+from pdgw.tools.demo import namespaces
 from pdgw.tools.demo.chapters import CHAPTERS, Chapter
 from pdgw.tools.demo.links import OnEthernet, OnLoopback
 from pdgw.tools.demo.run import Demo, Outcome
-from pdgw.tools.endings import end_as_by_ctrl_c
+from pdgw.tools.termination import end_as_by_ctrl_c
 
 Story = StrEnum("Story", {name: name for name in CHAPTERS})  # type: ignore[misc]  # made of the chapters
 CHAPTERS_HELP = "; ".join(f"{item.name}: {item.about}" for item in CHAPTERS.values())

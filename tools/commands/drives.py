@@ -16,7 +16,7 @@ from pdgw.dsp402.describe import described_by_sheet
 from pdgw.dsp402.drive import load_eds
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.overlay import Overlay, overlay, overlays
-from pdgw.gateway.fitness import lacks_by_telegram, missing_lines, not_available
+from pdgw.gateway.commissioning.telegram_check import lacks_by_telegram, missing_lines, not_available
 
 app = typer.Typer(help="Families of drives.", no_args_is_help=True)
 

@@ -8,10 +8,10 @@ from typing import Annotated
 import typer
 
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, ENCODER_TELEGRAM_NUMBERS
-from pdgw.gateway.config_file import load_config
-from pdgw.gateway.config_surroundings import TransportConfig
+from pdgw.gateway.configuration.environment import TransportConfig
+from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.profinet_identity import PRODUCT, RELEASED, VENDOR_NAME, profinet_identity
+from pdgw.gateway.links.profinet.identity import PRODUCT, RELEASED, VENDOR_NAME, profinet_identity
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.gsdml import GsdmlWriter, file_name
 from pdgw.profinet.model import ObjectKind

@@ -13,14 +13,14 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from pdgw.gateway.bytemap import FrameMap, Place, frame_maps
-from pdgw.gateway.config_file import load_config
+from pdgw.gateway.configuration.byte_map import FrameMap, Place, frame_maps
+from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.frame import FRAME_ID_TO_CONTROLLER, FRAME_ID_TO_DEVICE
 from pdgw.profidrive.telegrams import Direction
 from pdgw.tools.commands.gsdml import write_gsdml
+from pdgw.tools.output.tables import plain_table
 from pdgw.tools.plc.code import siemens_scl, structured_text
-from pdgw.tools.tables import plain_table
 
 _TITLES = {
     Direction.SETPOINT: f"PLC -> gateway, FrameID {FRAME_ID_TO_DEVICE:04X}h",

@@ -16,18 +16,18 @@ from rich.console import Console
 from rich.progress import Progress as ProgressBar
 from rich.text import Text
 
+from pdgw.client.address import parse_target, parse_type, parse_value
+from pdgw.client.dump import Dump, difference, other_telegram, read_all, restore
+from pdgw.client.identify import read_identification
+from pdgw.client.names import full_name
+from pdgw.client.session import Element, Progress, Session, address_text, meaning
+from pdgw.client.udp import ParameterClient
 from pdgw.gateway.errors import GatewayError
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.rpc.identification import PROFILE_ID
 from pdgw.profinet.rpc.records import NIL
 from pdgw.tools.address import parse_address
-from pdgw.tools.parameters.address import parse_target, parse_type, parse_value
-from pdgw.tools.parameters.client import ParameterClient
-from pdgw.tools.parameters.dump import Dump, difference, other_telegram, read_all, restore
-from pdgw.tools.parameters.identify import read_identification
-from pdgw.tools.parameters.names import full_name
-from pdgw.tools.parameters.session import Element, Progress, Session, address_text, meaning
-from pdgw.tools.tables import plain_table
+from pdgw.tools.output.tables import plain_table
 
 app = typer.Typer(help="Parameters of a gateway or any PROFIdrive device.", no_args_is_help=True)
 

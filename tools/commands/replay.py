@@ -8,10 +8,10 @@ from typing import Annotated
 
 import typer
 
-from pdgw.decoder.replayed import AxisReplay, Difference
+from pdgw.decoder.replay.result import AxisReplay, Difference
 from pdgw.durations import MS, SECOND
+from pdgw.recording.recordings import TOLERANCE_NS, Loaded, known_from, load, nanoseconds, tell, write_lines
 from pdgw.tools.commands.recording_options import Config, Files, Nodes, Offset, Station, Telegrams
-from pdgw.tools.recordings import TOLERANCE_NS, Loaded, known_from, load, nanoseconds, tell, write_lines
 
 
 def replay(

@@ -18,22 +18,22 @@ from pydantic import ValidationError
 
 from pdgw import __version__
 from pdgw.explain import Problem, problems
-from pdgw.gateway import realtime
-from pdgw.gateway.config import GatewayConfig
-from pdgw.gateway.config_example import SIMULATED_ENCODER_TELEGRAM, simulated
-from pdgw.gateway.config_file import load_config
-from pdgw.gateway.config_surroundings import CanConfig
+from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.configuration.environment import CanConfig
+from pdgw.gateway.configuration.example import SIMULATED_ENCODER_TELEGRAM, simulated
+from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.notify import ServiceManager
-from pdgw.gateway.status import StatusServer
+from pdgw.gateway.parameters.acyclic import record_service
+from pdgw.gateway.service import realtime
+from pdgw.gateway.service.service_manager import ServiceManager
+from pdgw.gateway.service.status import StatusServer
 from pdgw.gateway.trace.place import prepared, run_directory
 from pdgw.gateway.trace.recorder import FlightRecorder
-from pdgw.gateway.transport.acyclic import record_service
-from pdgw.tools.beside import devices_beside, keeper_beside, page_beside
 from pdgw.tools.commands.simulation_options import only_with, telegrams_of_axes
-from pdgw.tools.log_format import LogFormat
-from pdgw.tools.run_log import CanRecorder, LogLevel, RunLog, on_signals
+from pdgw.tools.service.child_processes import devices_beside, keeper_beside, page_beside
+from pdgw.tools.service.log_format import LogFormat
+from pdgw.tools.service.run_log import CanRecorder, LogLevel, RunLog, on_signals
 
 log = logging.getLogger("gateway")
 
@@ -167,7 +167,7 @@ def run(
             at_end.callback(recorder.stop)
         recording = edge = ethernet = None
         if record is not None:
-            from pdgw.tools.recorder import RecordedEthernet, Recorder, RecordingEdge  # noqa: PLC0415 (loads the decoder)
+            from pdgw.recording.recorder import RecordedEthernet, Recorder, RecordingEdge  # noqa: PLC0415 (loads the decoder)
 
             recording = Recorder(record, chosen, record_size << 20, record_files)
             at_end.callback(recording.stop)
@@ -189,7 +189,7 @@ def run(
                 daemon.networks[bus.name].listeners.append(partial(recording.frame, _log_name(bus)))
         daemon.services.append(record_service(daemon))
         if chosen.transport.snmp_community is not None:
-            from pdgw.gateway.snmp_service import SnmpService, open_port  # noqa: PLC0415 (few gateways have it)
+            from pdgw.gateway.links.profinet.snmp import SnmpService, open_port  # noqa: PLC0415 (few gateways have it)
 
             daemon.services.append(SnmpService(daemon, open_port(chosen.transport.interface or "")))
         _record_flight(daemon, "simulated" if config is None else config.stem, keep)

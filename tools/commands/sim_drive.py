@@ -12,13 +12,13 @@ from typing import Annotated
 
 import typer
 
-from pdgw.gateway.config_surroundings import CanConfig
-from pdgw.gateway.edge import open_configured_bus
+from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.platform import open_configured_bus
 from pdgw.peers.bus import DEFAULT_PORT, INTERFACE, ServedBus
 from pdgw.peers.drive import ENGEL, SHAPES
-from pdgw.peers.simulation.beside import add_device
 from pdgw.peers.simulation.config import ControlConfig, example, load_bus
+from pdgw.peers.simulation.configured_devices import add_device
 from pdgw.peers.simulation.console import COMMANDS
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.peers.simulation.running import run, run_nodes

@@ -18,8 +18,8 @@ from rich.console import Console
 from rich.table import Table
 
 from pdgw.durations import MS, SECOND
+from pdgw.gateway.configuration.toml_file import read_text
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.toml_file import read_text
 from pdgw.peers.plc.client import PlcClient, PlcRunner
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.engine import Engine, Result
@@ -33,12 +33,12 @@ from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.station import check_name
 from pdgw.tools.address import parse_address
 from pdgw.tools.commands.simulation_options import only_with, telegrams_of_axes
-from pdgw.tools.endings import end_as_by_ctrl_c
 from pdgw.tools.keys import read_keys
-from pdgw.tools.outputs import to_be_written
+from pdgw.tools.output.files import to_be_written
+from pdgw.tools.output.reports import Check, HtmlFile, JUnitFile, Report
+from pdgw.tools.output.tables import plain_table
 from pdgw.tools.plc_window import watch
-from pdgw.tools.reports import Check, HtmlFile, JUnitFile, Report
-from pdgw.tools.tables import plain_table
+from pdgw.tools.termination import end_as_by_ctrl_c
 
 _SNAPSHOT_NS = 100 * MS
 _SILENCE_NS = 2 * SECOND

@@ -12,11 +12,11 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
+from pdgw.gateway.configuration.ports import STATUS_PORT
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.ports import STATUS_PORT
-from pdgw.gateway.status_client import fetch, fetch_faults
-from pdgw.tools.status_check import Health, check_line
-from pdgw.tools.status_text import status_lines
+from pdgw.gateway.service.status_client import fetch, fetch_faults
+from pdgw.tools.output.status_check import Health, check_line
+from pdgw.tools.output.status_text import status_lines
 
 _PERIOD_S = 1.0
 

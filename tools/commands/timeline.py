@@ -10,14 +10,12 @@ from typing import Annotated
 import typer
 
 from pdgw.decoder.capture.moments import moment
-from pdgw.decoder.records import Record
-from pdgw.decoder.render import record_line
-from pdgw.decoder.timeline import Summary
-from pdgw.decoder.timeline_text import entry_lines, summary_lines
+from pdgw.decoder.frames.records import Record
+from pdgw.decoder.timeline.entries import Summary
+from pdgw.decoder.timeline.text import entry_lines, summary_lines
+from pdgw.decoder.view.render import record_line
 from pdgw.gateway.errors import GatewayError
-from pdgw.tools.commands.recording_options import Config, Files, Nodes, Offset, Station, Telegrams
-from pdgw.tools.outputs import to_be_written
-from pdgw.tools.recordings import (
+from pdgw.recording.recordings import (
     Opening,
     Part,
     followed,
@@ -28,6 +26,8 @@ from pdgw.tools.recordings import (
     write_lines,
     write_page,
 )
+from pdgw.tools.commands.recording_options import Config, Files, Nodes, Offset, Station, Telegrams
+from pdgw.tools.output.files import to_be_written
 
 
 def timeline(

@@ -14,13 +14,13 @@ from typing import Annotated
 import typer
 
 from pdgw.durations import SECOND
-from pdgw.gateway.config_surroundings import Trigger
+from pdgw.gateway.configuration.environment import Trigger
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.store import state_directory
 from pdgw.gateway.trace.place import rings, run_directory
 from pdgw.gateway.trace.reader import RingReader
-from pdgw.tools.trace_file import chosen_ring, is_alive, save
-from pdgw.tools.trace_keeper import Choice, follow, sleeping
+from pdgw.recording.trace_file import chosen_ring, is_alive, save
+from pdgw.recording.trace_keeper import Choice, follow, sleeping
 
 app = typer.Typer(help="The flight recorder: the last minutes of both buses.", no_args_is_help=True)
 

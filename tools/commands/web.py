@@ -14,14 +14,14 @@ import typer
 from pydantic import ValidationError
 
 from pdgw.explain import problems
-from pdgw.gateway.config import GatewayConfig
-from pdgw.gateway.config_file import load_config
-from pdgw.gateway.config_web import WebConfig
+from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.configuration.file import load_config
+from pdgw.gateway.configuration.web import WebConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.tools.log_format import LogFormat
-from pdgw.tools.parameters.page import PageParameters
-from pdgw.tools.run_log import LogLevel, RunLog
-from pdgw.tools.trace_file import captured
+from pdgw.recording.trace_file import captured
+from pdgw.tools.service.log_format import LogFormat
+from pdgw.tools.service.run_log import LogLevel, RunLog
+from pdgw.web.parameters import PageParameters
 
 _NICE = 10
 _EXTRAS = {"starlette": "web", "uvicorn": "web", "prometheus_client": "web", "paho": "mqtt"}

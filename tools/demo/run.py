@@ -19,10 +19,10 @@ from typing import IO, Any
 from can_remote import RemoteServer
 
 from pdgw.gateway.errors import GatewayError
+from pdgw.recording.recordings import Part, known_from, look_ahead, write_page
 from pdgw.tools.demo.chapters import Chapter
 from pdgw.tools.demo.links import DemoLink, free_ports
 from pdgw.tools.demo.trace import plot
-from pdgw.tools.recordings import Part, known_from, look_ahead, write_page
 
 STORY_LIMIT_S = 300
 _STOP_S = 60

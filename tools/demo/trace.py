@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from pdgw.decoder.capture.source import open_source
-from pdgw.decoder.engine import Decoder
-from pdgw.decoder.records import ProcessData
+from pdgw.decoder.frames.engine import Decoder
+from pdgw.decoder.frames.records import ProcessData
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.signals import SIGNALS
 from pdgw.profidrive.telegrams import Direction
+from pdgw.recording.recordings import known_from
 from pdgw.tools.demo.chapters import Chapter, Curve, Panel
-from pdgw.tools.recordings import known_from
 
 _SAMPLE_NS = 4 * MS
 _SEEN_S = 0.08

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pdgw.gateway.bytemap import FrameMap, counter_step, frame_maps
-from pdgw.gateway.config import GatewayConfig
-from pdgw.gateway.config_encoder import EncoderConfig
+from pdgw.gateway.configuration.byte_map import FrameMap, counter_step, frame_maps
+from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.configuration.encoder import EncoderConfig
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.plc.frames import block, comment, frame_code, profinet_block, profinet_variables

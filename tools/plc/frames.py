@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 
-from pdgw.gateway.bytemap import AxisMap, FrameMap, Place
+from pdgw.gateway.configuration.byte_map import AxisMap, FrameMap, Place
 from pdgw.profidrive.frame import FRAME_ID_TO_CONTROLLER, FRAME_ID_TO_DEVICE, IOPS_GOOD, STATUS_NORMAL
 from pdgw.profidrive.telegrams import Direction, TelegramHalf
 

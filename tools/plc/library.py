@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
-from pdgw.gateway.bytemap import plc_type
+from pdgw.gateway.configuration.byte_map import plc_type
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
 from pdgw.profidrive.signals import Signal

@@ -17,7 +17,7 @@ from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReactio
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
 from pdgw.gateway.motion.blocks import Block
 from pdgw.gateway.motion.dsc import DscChoices, DscForm
-from pdgw.gateway.motion.wishes import PositionerChoices
+from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.peers.drive import shape
 from pdgw.workshop.walk.drive import anything
 from pdgw.workshop.walk.machine import Transducer

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Hashable, Sequence
 from typing import ClassVar, Final
 
+from pdgw.gateway.axis.demand_report import Demand, Flag, PowerWish, Report
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost
-from pdgw.gateway.axis.waist import Demand, Flag, PowerWish, Report
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode, Telegram, TelegramHalf

@@ -11,12 +11,12 @@ from math import isfinite
 from operator import itemgetter
 
 from pdgw.gateway.axis.adapters.base import Adapter, ControlWordAdapter
+from pdgw.gateway.axis.demand_report import Demand, Report
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.waist import Demand, Report
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.motion.requests import Asked, MotionKind, Outcome, PositionerChoices
 from pdgw.gateway.motion.states import State
 from pdgw.gateway.motion.units import LU_PER_VELOCITY_UNIT, round_half_away
-from pdgw.gateway.motion.wishes import Asked, MotionKind, Outcome, PositionerChoices
 from pdgw.profidrive.datatypes import N2_100_PERCENT, DataType
 from pdgw.profidrive.signals import POSITIONER_FORMS, float_of, float_pattern, signal
 from pdgw.profidrive.telegrams import Telegram

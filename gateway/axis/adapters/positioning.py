@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pdgw.gateway.axis.adapters.base import ControlWordAdapter
+from pdgw.gateway.axis.demand_report import Demand, Report, Task
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.waist import Demand, Report, Task
 from pdgw.gateway.motion.modulo import Direction
 from pdgw.profidrive.datatypes import N4_PER_N2
 from pdgw.profidrive.signals import signal

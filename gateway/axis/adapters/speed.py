@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from typing import ClassVar, Final
 
 from pdgw.gateway.axis.adapters.base import ControlWordAdapter
+from pdgw.gateway.axis.demand_report import Demand, Report, SpeedWish
 from pdgw.gateway.axis.settings import AxisSettings, SetpointEnable
-from pdgw.gateway.axis.waist import Demand, Report, SpeedWish
 from pdgw.profidrive.datatypes import N4_PER_N2, DataType
 from pdgw.profidrive.signals import SignalQuantity, signal
 from pdgw.profidrive.telegrams import Telegram, TelegramHalf

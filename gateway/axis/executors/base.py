@@ -14,11 +14,11 @@ from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import DEMAND_UNKNOWN, DriveCommand, DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
+from pdgw.gateway.axis.demand_report import Demand, Report
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish, SdoWrite
-from pdgw.gateway.axis.waist import Demand, Report
-from pdgw.gateway.motion.course import LIMIT_STANDING_NS
+from pdgw.gateway.motion.travel import LIMIT_STANDING_NS
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.normalisation import Normalisation
 

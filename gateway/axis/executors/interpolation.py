@@ -22,9 +22,9 @@ from pdgw.dsp402.modes import MODE_NAMES, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, State, StatusBit
 from pdgw.durations import SECOND, SECONDS_PER_MINUTE
+from pdgw.gateway.axis.demand_report import STATE_MASK
 from pdgw.gateway.axis.executors.base import AxisCycle, known
 from pdgw.gateway.axis.power_table import Action
-from pdgw.gateway.axis.waist import STATE_MASK
 from pdgw.gateway.motion.dsc import wrapped
 from pdgw.gateway.motion.profile import Profile
 from pdgw.gateway.reasons import Reason

@@ -16,6 +16,7 @@ from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import ControlBit, StatusBit
+from pdgw.gateway.axis.demand_report import STATE_MASK, Flag
 from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisCycle, Executor, highest, known
 from pdgw.gateway.axis.executors.homing import Homing, Progress
 from pdgw.gateway.axis.executors.mode import ModeSwitch
@@ -24,15 +25,12 @@ from pdgw.gateway.axis.executors.torque import message_of, message_word
 from pdgw.gateway.axis.executors.torque_limit import TorqueLimit
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish
-from pdgw.gateway.axis.waist import STATE_MASK, Flag
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import BlockTable, BlockTask
 from pdgw.gateway.motion.messages import MessageWord
 from pdgw.gateway.motion.modulo import Ring
 from pdgw.gateway.motion.positioner import Positioner
-from pdgw.gateway.motion.states import State as Function
-from pdgw.gateway.motion.units import DriveUnits, LengthUnits
-from pdgw.gateway.motion.wishes import (
+from pdgw.gateway.motion.requests import (
     Asked,
     HomingResult,
     Motion,
@@ -42,6 +40,8 @@ from pdgw.gateway.motion.wishes import (
     PositionerSettings,
     Seen,
 )
+from pdgw.gateway.motion.states import State as Function
+from pdgw.gateway.motion.units import DriveUnits, LengthUnits
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.datatypes import n4
 from pdgw.profidrive.normalisation import Normalisation

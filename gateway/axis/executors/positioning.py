@@ -23,12 +23,12 @@ from pdgw.ds301.objects import CanType
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, StatusBit
+from pdgw.gateway.axis.demand_report import STATE_MASK, Flag, Task
 from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisCycle, Executor, LimitWatch
 from pdgw.gateway.axis.executors.homing import Homing, Progress
 from pdgw.gateway.axis.executors.mode import ModeSwitch
 from pdgw.gateway.axis.executors.task_scaling import TaskScaling, base_mode
 from pdgw.gateway.axis.power_table import Action
-from pdgw.gateway.axis.waist import STATE_MASK, Flag, Task
 from pdgw.gateway.motion.modulo import Direction
 from pdgw.gateway.reasons import Reason
 

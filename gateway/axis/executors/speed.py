@@ -10,9 +10,9 @@ from typing import ClassVar, Final
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.states import StatusBit
+from pdgw.gateway.axis.demand_report import Flag, SpeedWish
 from pdgw.gateway.axis.executors.base import AxisCycle, Executor, LimitWatch, demanded_speed, known
 from pdgw.gateway.axis.power_table import Action
-from pdgw.gateway.axis.waist import Flag, SpeedWish
 from pdgw.gateway.motion.messages import TOLERANCE_PERCENT
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.datatypes import n4

@@ -9,9 +9,9 @@ from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
+from pdgw.gateway.axis.demand_report import STATE_MASK
 from pdgw.gateway.axis.executors.base import AxisCycle, Troubles
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
-from pdgw.gateway.axis.waist import STATE_MASK
 from pdgw.gateway.motion.messages import MessageWord, reduced_torque
 from pdgw.gateway.reasons import Reason
 

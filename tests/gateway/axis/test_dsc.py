@@ -10,9 +10,9 @@ import pytest
 from pdgw.dsp402.drive_type import Quantity, Reference
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State
+from pdgw.gateway.axis.demand_report import Flag
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost
-from pdgw.gateway.axis.waist import Flag
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.dsc import DscChoices, DscForm, dead_time_ns, highest_gain, longest_hold_ns
 from pdgw.gateway.reasons import FaultNumber, Reason

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from pdgw.gateway.config_file import parse_config
+from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.signals import float_of, float_pattern, signal

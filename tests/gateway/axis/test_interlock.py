@@ -9,11 +9,11 @@ import pytest
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State
 from pdgw.durations import MS
+from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.interlock import COMMAND_SHOWN_NS, QUICK_STOP_STANDING_NS, Interlock
 from pdgw.gateway.axis.power_table import Phase
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
-from pdgw.gateway.axis.waist import PowerWish
 from pdgw.gateway.reasons import Reason
 from tests.gateway.axis.test_velocity import OFF, ON, Bench
 from tests.support.drive_types import References

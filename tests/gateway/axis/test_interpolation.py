@@ -17,7 +17,7 @@ from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit, next_state
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
-from pdgw.gateway.fitness import lacks, planned
+from pdgw.gateway.commissioning.telegram_check import lacks, planned
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.peers.drive import DriveModel, Machine, shape
 from pdgw.profidrive.datatypes import n4

@@ -17,7 +17,7 @@ from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import Block, BlockNext, BlockTask
-from pdgw.gateway.motion.wishes import PositionerChoices
+from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.peers.drive import Machine
 from tests.support.drive_types import References, engel

@@ -10,7 +10,7 @@ from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State, StatusBit
 from pdgw.gateway.motion.blocks import Block, BlockNext
-from pdgw.gateway.motion.wishes import PositionerChoices
+from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.signals import signal
 from tests.gateway.axis.test_modulo import TABLE, drive_type

@@ -8,6 +8,7 @@ import pytest
 
 from pdgw.dsp402.states import STATUS_OF, State
 from pdgw.durations import MS
+from pdgw.gateway.axis.demand_report import Flag, PowerWish
 from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Interlock
 from pdgw.gateway.axis.power_table import (
     CELLS,
@@ -30,7 +31,6 @@ from pdgw.gateway.axis.power_table import (
     cell,
 )
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
-from pdgw.gateway.axis.waist import Flag, PowerWish
 from pdgw.gateway.reasons import Reason
 
 OBEYS = {Phase.FOLLOW, Phase.PASS}

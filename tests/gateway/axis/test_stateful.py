@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from pdgw.dsp402.states import ControlBit, State
+from pdgw.gateway.axis.demand_report import SHOWN_STATE
 from pdgw.gateway.axis.power_table import Phase
-from pdgw.gateway.axis.waist import SHOWN_STATE
 from pdgw.profidrive.telegrams import TELEGRAMS, telegram
 from tests.support.rig import Rig
 

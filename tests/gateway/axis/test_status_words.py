@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pdgw.gateway.axis.values import FaultRecord
-from pdgw.gateway.faults import FaultLog
+from pdgw.gateway.objects.fault_buffer import FaultLog
 from pdgw.profidrive.encoder import PARKED_NS, SensorInterface
 from pdgw.profidrive.signals import signal
 from tests.support.positioner import CHOICES

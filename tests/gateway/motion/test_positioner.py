@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from pdgw.gateway.motion.blocks import Block, BlockMode
-from pdgw.gateway.motion.course import LIMIT_STANDING_NS
+from pdgw.gateway.motion.requests import FULL
 from pdgw.gateway.motion.states import TASK_STATES, TRANSITIONS, Event, State
-from pdgw.gateway.motion.wishes import FULL
+from pdgw.gateway.motion.travel import LIMIT_STANDING_NS
 from pdgw.gateway.reasons import Reason
 from tests.support.positioner import ABSOLUTE, CYCLE, RELATIVE, PositionerRig, move
 

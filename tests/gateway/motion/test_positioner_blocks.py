@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTask
+from pdgw.gateway.motion.requests import MotionKind
 from pdgw.gateway.motion.states import State
-from pdgw.gateway.motion.wishes import MotionKind
 from pdgw.gateway.reasons import Reason
 from tests.support.positioner import ABSOLUTE, CYCLE, SETTINGS, PositionerRig, move
 

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTask
+from pdgw.gateway.motion.requests import FULL, MotionKind
 from pdgw.gateway.motion.states import State
-from pdgw.gateway.motion.wishes import FULL, MotionKind
 from tests.support.positioner import RAMP, SETTINGS, PositionerRig
 
 LIMIT = 20_000

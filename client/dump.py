@@ -1,0 +1,216 @@
+"""All parameters of a drive object in a file, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from pdgw.client.address import Target, parse_type, parse_value
+from pdgw.client.session import NOT_THERE, Element, Progress, Session, address_text
+from pdgw.ds301.communication import PREDEFINED_ERROR_FIELD
+from pdgw.ds301.objects import COMMUNICATION_AREA
+from pdgw.dsp402.indices import ABORT_OPTION
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.explain import problems
+from pdgw.gateway.configuration.toml_file import read_text
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.format_version import at_most
+from pdgw.profidrive.parameters.catalogue import OBJECT_PNUS
+from pdgw.profidrive.parameters.codec import Values
+from pdgw.profidrive.parameters.pnu import Pnu
+
+FORMAT_VERSION = 1
+_COMMANDS = {
+    Pnu.CONTROL_PRIORITY,
+    Pnu.FAULT_SITUATIONS,
+    Pnu.LOAD,
+    Pnu.SAVE,
+    Pnu.RESET,
+    Pnu.LOAD_DEVICE,
+    Pnu.SAVE_DEVICE,
+}
+"""Writing these does something; they are no settings."""
+_PROCESS = {
+    DRIVE_OBJECTS.attribute(name).index
+    for name in (
+        "controlword",
+        "modes_of_operation",
+        "target_torque",
+        "target_position",
+        "digital_outputs",
+        "target_velocity",
+    )
+}
+"""Demands of the moment."""
+_LAST = (Pnu.TELEGRAM, Pnu.OPERATION_PRIORITY)
+"""Another telegram makes the gateway configure the drive anew; with the priority taken away nothing after it can be written."""
+
+Pair = tuple["DumpedElement", Element]
+"""A setting of the file, and what the device has."""
+
+
+class DumpedElement(BaseModel):
+    """One element; ``setting``: restoring writes it."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    pnu: Annotated[int, Field(ge=1, le=0xFFFF)]
+    subindex: Annotated[int, Field(ge=0, le=0xFFFE)]
+    format: str
+    value: int | float | str
+    setting: bool
+    array: bool = False
+
+    @property
+    def target(self) -> Target:
+        return Target(self.pnu, self.subindex) if self.array else Target(self.pnu)
+
+    def values(self) -> Values:
+        """For the parameter channel; GatewayError when format and value do not fit together."""
+        try:
+            return parse_value(str(self.value), parse_type(self.format))
+        except GatewayError as error:
+            raise GatewayError(f"{address_text(self.pnu, self.subindex)}: {error}") from error
+
+
+class Dump(BaseModel):
+    """The file."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    version: Annotated[int, AfterValidator(at_most(FORMAT_VERSION))] = FORMAT_VERSION
+    do_id: int
+    unit: tuple[int, ...] = ()
+    """P964."""
+    parameters: tuple[DumpedElement, ...]
+
+    def save(self, path: Path) -> None:
+        """GatewayError when it cannot be written."""
+        try:
+            path.write_text(self.model_dump_json(indent=1), encoding="utf-8")
+        except OSError as error:
+            raise GatewayError(f"{path}: cannot be written ({error.strerror or error})") from error
+
+    @classmethod
+    def load(cls, path: Path) -> Dump:
+        """GatewayError tells what is wrong with the file."""
+        try:
+            return cls.model_validate_json(read_text(path))
+        except ValidationError as error:
+            raise GatewayError(f"{path}: no parameter file: {problems(error, cls)[0].line}") from error
+
+
+def read_all(session: Session, progress: Progress | None = None) -> tuple[Dump, list[Element]]:
+    """Every parameter the device lists, and the elements that could not be read."""
+    pnus = [pnu for pnu in session.pnus() if pnu != PREDEFINED_ERROR_FIELD]
+    descriptions = session.describe(pnus)
+    elements = session.read([Target(pnu) for pnu in pnus], progress)
+    dumped, failed = [], []
+    for element in elements:
+        if element.failed or element.format is None or element.value is None:
+            # Gaps between the sub-indices of an object are no failure.
+            if element.error not in NOT_THERE:
+                failed.append(element)
+            continue
+        description = descriptions.get(element.pnu)
+        array = description is not None and description.array
+        writable = description is not None and description.writable
+        dumped.append(
+            DumpedElement(
+                pnu=element.pnu,
+                subindex=element.subindex,
+                format=element.format.name,
+                value=element.value,
+                setting=writable and _is_setting(element, array=array),
+                array=array,
+            )
+        )
+    unit = tuple(
+        element.value for element in elements if element.pnu == Pnu.DRIVE_UNIT and isinstance(element.value, int)
+    )
+    return Dump(do_id=session.client.do_id, unit=unit, parameters=tuple(dumped)), failed
+
+
+def _is_setting(element: Element, *, array: bool) -> bool:
+    pnu = element.pnu
+    if pnu in _COMMANDS or pnu in _PROCESS or pnu in COMMUNICATION_AREA or pnu == ABORT_OPTION:
+        return False
+    return not (pnu in OBJECT_PNUS and array and element.subindex == 0)
+
+
+def difference(session: Session, dump: Dump, progress: Progress | None = None) -> list[Pair]:
+    """The settings of the file that the device has otherwise (or not at all), in the order in which they are to be written.
+
+    GatewayError when it is a device that has none of them, or answers with others.
+    """
+    settings = [element for element in dump.parameters if element.setting]
+    present = session.read([element.target for element in settings], progress)
+    if len(present) != len(settings):
+        raise GatewayError("the device answers with other elements than the file has: it is another device")
+    if present and all(found.failed for found in present):
+        raise GatewayError(f"DO {session.client.do_id} has none of the file's settings: {present[0].error_text}")
+    pairs = [
+        (wanted, found)
+        for wanted, found in zip(settings, present, strict=True)
+        if found.failed or not _same(wanted, found)
+    ]
+    return sorted(pairs, key=lambda pair: _LAST.index(pair[0].pnu) + 1 if pair[0].pnu in _LAST else 0)
+
+
+def _same(wanted: DumpedElement, found: Element) -> bool:
+    return wanted.value == found.value
+
+
+def other_telegram(pairs: Sequence[Pair]) -> tuple[int, int] | None:
+    """The telegrams of the device and of the file, where they differ."""
+    for wanted, found in pairs:
+        if wanted.pnu == Pnu.TELEGRAM and isinstance(wanted.value, int) and isinstance(found.value, int):
+            return found.value, wanted.value
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class Restored:
+    """What became of a restore: an element for each setting that was tried, with its error where it failed.
+
+    ``taken_back``: what had been written has its old value again; ``stuck`` could not be given it back.
+    """
+
+    written: list[Element]
+    failed: list[Element]
+    taken_back: bool = False
+    stuck: tuple[Element, ...] = ()
+
+
+def restore(
+    session: Session, pairs: Sequence[Pair], progress: Progress | None = None, *, partial: bool = False
+) -> Restored:
+    """Write settings, all or none: after a failure the old values are written back, unless ``partial``."""
+    written: list[Element] = []
+    failed: list[Element] = []
+    old: list[Element] = []
+    # What comes last waits until all others were taken.
+    parts = [[pair for pair in pairs if pair[0].pnu not in _LAST], *([pair] for pair in pairs if pair[0].pnu in _LAST)]
+    for part in parts:
+        results = session.write([(wanted.target, wanted.values()) for wanted, _ in part], progress)
+        for result, (_, found) in zip(results, part, strict=True):
+            (failed if result.failed else written).append(result)
+            if not result.failed and not found.failed:
+                old.append(found)
+        if failed and not partial:
+            back = session.write([(_target(item, pairs), _values_of(item)) for item in reversed(old)])
+            return Restored(written, failed, True, tuple(item for item in back if item.failed))
+    return Restored(written, failed)
+
+
+def _target(element: Element, pairs: Sequence[Pair]) -> Target:
+    return next(wanted.target for wanted, found in pairs if found is element)
+
+
+def _values_of(element: Element) -> Values:
+    assert element.format is not None
+    return parse_value(str(element.value), element.format)

@@ -1,0 +1,272 @@
+"""Reading and writing parameters as a user means them: whole arrays, lists, types looked up in the device."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from dataclasses import dataclass
+from functools import cache
+
+from pdgw.client.address import Target
+from pdgw.client.udp import ParameterClient
+from pdgw.ds301.communication import IDENTITY
+from pdgw.ds301.objects import Entry
+from pdgw.dsp402.objects import DRIVE_OBJECTS, STATUSWORD, known_objects
+from pdgw.dsp402.overlay import all_families, entries_of, families_of, with_units
+from pdgw.dsp402.states import state_of
+from pdgw.dsp406.objects import PROFILE
+from pdgw.gateway.errors import GatewayError
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.parameters.catalogue import ENCODER_IDENTIFICATION, LIST_PNUS, OBJECT_PNUS, PARAMETERS
+from pdgw.profidrive.parameters.codec import MAX_ELEMENTS, MAX_PARAMETERS, Attribute, ParameterAddress, Values
+from pdgw.profidrive.parameters.description import Description
+from pdgw.profidrive.parameters.errors import ParameterErrorNumber, error_text
+from pdgw.profidrive.parameters.pnu import Pnu
+from pdgw.profidrive.signals import SIGNALS
+
+_ENCODER_OBJECTS = {row.index: row for row in PROFILE}
+_STRINGS = {DataType.VISIBLE_STRING, DataType.OCTET_STRING}
+Progress = Callable[[int, int], None]
+
+
+@cache
+def _known_indices() -> Set[int]:
+    """Every object with a name, of the profiles and of all families of drives."""
+    return (
+        {spec.index for spec in known_objects()}
+        | {index for index, _ in entries_of(all_families())}
+        | _ENCODER_OBJECTS.keys()
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Element:
+    """One element as it was answered; ``error`` is an error number."""
+
+    pnu: int
+    subindex: int
+    format: DataType | None
+    value: int | float | str | None
+    error: int | None = None
+
+    @property
+    def failed(self) -> bool:
+        return self.error is not None
+
+    @property
+    def error_text(self) -> str:
+        """The error in words."""
+        return "" if self.error is None else f"{self.error:02X}h: {error_text(self.error)}"
+
+    def document(self) -> dict[str, object]:
+        """For ``--json``."""
+        failure = None if self.error is None else {"number": self.error, "text": error_text(self.error)}
+        name = self.format.name if self.format else None
+        return {"pnu": self.pnu, "subindex": self.subindex, "format": name, "value": self.value, "error": failure}
+
+
+def meant(element: Element) -> str:
+    """The address that was meant by a decimal number that is none of a parameter but looks like an object: 6041."""
+    digits = str(element.pnu)
+    if element.error not in NOT_THERE or not digits.isdecimal() or int(digits, 16) not in _known_indices():
+        return ""
+    return f"did you mean {digits}h?"
+
+
+def address_text(pnu: int, subindex: int | None = None) -> str:
+    """``P922``, ``1018h.3``."""
+    name = f"{pnu:04X}h" if pnu in OBJECT_PNUS else f"P{pnu}"
+    return name if subindex is None else f"{name}.{subindex}"
+
+
+def elements_of(address: ParameterAddress, answer: Values) -> list[Element]:
+    """The elements an answer brought, or its one error."""
+    pnu, subindex = address.pnu, address.subindex
+    if answer.failed:
+        where = int(answer.values[1]) if len(answer.values) > 1 else subindex
+        return [Element(pnu, where, None, None, int(answer.values[0]))]
+    if isinstance(answer.values, bytes):
+        text = answer.text if answer.format is DataType.VISIBLE_STRING else answer.values.hex(" ")
+        return [Element(pnu, subindex, answer.format, text)]
+    return [Element(pnu, subindex + place, answer.format, value) for place, value in enumerate(answer.values)]
+
+
+class Session:
+    """A client with the knowledge of what its parameters are."""
+
+    def __init__(self, client: ParameterClient) -> None:
+        self.client = client
+        self._descriptions: dict[int, Description | None] = {}
+        self._is_encoder: bool | None = None
+        self._drive_objects: dict[tuple[int, int], Entry] = {}
+
+    @property
+    def is_encoder(self) -> bool:
+        """By its profile identification (P965)."""
+        if self._is_encoder is None:
+            (answer,) = self.client.request([ParameterAddress(Pnu.PROFILE)])
+            self._is_encoder = answer.values == ENCODER_IDENTIFICATION.to_bytes(2, "big")
+        return self._is_encoder
+
+    @property
+    def drive_objects(self) -> Mapping[tuple[int, int], Entry]:
+        """The objects of the profile and of the families the drive may be of, by its identity 1018h."""
+        if not self._drive_objects:
+            answers = self.client.request([ParameterAddress(IDENTITY, subindex, 1) for subindex in (1, 2)])
+            vendor, product = (None if answer.failed else int(answer.values[0]) for answer in answers)
+            families = families_of(vendor, product or 0)
+            profile = with_units(DRIVE_OBJECTS.entries, families)
+            self._drive_objects = {entry.address: entry for entry in profile} | dict(entries_of(families))
+        return self._drive_objects
+
+    def name_and_unit(self, pnu: int, subindex: int) -> tuple[str, str]:
+        """From the catalogues, whose profile areas differ for drives and encoders; empty where they do not know it."""
+        if pnu in PARAMETERS:
+            spec = PARAMETERS[pnu]
+            place = spec.elements[subindex] if subindex < len(spec.elements) else ""
+            return f"{spec.name} {place}".strip(), spec.unit
+        if pnu not in OBJECT_PNUS:
+            return "", ""
+        if not self.is_encoder:
+            entry = self.drive_objects.get((pnu, subindex))
+            return (entry.name, entry.unit) if entry is not None else ("", "")
+        row = _ENCODER_OBJECTS.get(pnu)
+        if row is None:
+            return "", ""
+        field = row.fields[subindex - 1] if 0 < subindex <= len(row.fields) else ""
+        return f"{row.name} {field}".strip(), row.unit
+
+    def describe(self, pnus: Iterable[int], progress: Progress | None = None) -> dict[int, Description | None]:
+        """The descriptions the device gives; None for a parameter that has none (or is not there)."""
+        missing = [pnu for pnu in dict.fromkeys(pnus) if pnu not in self._descriptions]
+        for start in range(0, len(missing), MAX_PARAMETERS):
+            chunk = missing[start : start + MAX_PARAMETERS]
+            answers = self.client.request([ParameterAddress(pnu, 0, 0, Attribute.DESCRIPTION) for pnu in chunk])
+            for pnu, answer in zip(chunk, answers, strict=True):
+                self._descriptions[pnu] = _description(answer)
+            if progress is not None:
+                progress(start + len(chunk), len(missing))
+        return self._descriptions
+
+    def texts(self, pnu: int) -> list[str]:
+        """The text array, empty where there is none."""
+        texts: list[str] = []
+        while True:
+            (answer,) = self.client.request([ParameterAddress(pnu, len(texts), 1, Attribute.TEXT)])
+            if answer.failed or not isinstance(answer.values, bytes):
+                return texts
+            texts.append(answer.values.decode("ascii", "replace").rstrip())
+
+    def read(self, targets: Sequence[Target], progress: Progress | None = None) -> list[Element]:
+        """Every element of the targets, in order; what failed is among them."""
+        whole = [target.pnu for target in targets if target.first is None]
+        descriptions = self.describe(whole)
+        addresses = [address for target in targets for address in _addresses(target, descriptions.get(target.pnu))]
+        elements: list[Element] = []
+        for start in range(0, len(addresses), MAX_PARAMETERS):
+            chunk = addresses[start : start + MAX_PARAMETERS]
+            for address, answer in zip(chunk, self.client.request(chunk), strict=True):
+                elements += elements_of(address, answer)
+            if progress is not None:
+                progress(start + len(chunk), len(addresses))
+        return elements
+
+    def type_of(self, target: Target) -> DataType:
+        """The type an element is written with: of the present value, else of the description."""
+        subindex = target.first or 0
+        array = target.first is not None
+        (present,) = self.client.request([ParameterAddress(target.pnu, subindex, 1 if array else 0)])
+        if not present.failed:
+            return present.format
+        description = self.describe([target.pnu])[target.pnu]
+        if description is not None:
+            return description.type
+        raise GatewayError(
+            f"{address_text(target.pnu, target.first)}: its type cannot be read "
+            f"({elements_of(ParameterAddress(target.pnu), present)[0].error_text}); give it with --type"
+        )
+
+    def write(self, writes: Sequence[tuple[Target, Values]], progress: Progress | None = None) -> list[Element]:
+        """Write values; an element for each write, with its error where it failed."""
+        results: list[Element] = []
+        for start in range(0, len(writes), MAX_PARAMETERS):
+            chunk = writes[start : start + MAX_PARAMETERS]
+            addresses = [_write_address(target, values) for target, values in chunk]
+            answers = self.client.request(addresses, [values for _, values in chunk])
+            for address, answer, (_, values) in zip(addresses, answers, chunk, strict=True):
+                if answer.failed:
+                    results += elements_of(address, answer)
+                else:
+                    results += elements_of(address, values)
+            if progress is not None:
+                progress(start + len(chunk), len(writes))
+        return results
+
+    def pnus(self) -> list[int]:
+        """All parameters the device lists in P980 ff."""
+        found: list[int] = []
+        seen: set[int] = set()
+        follower = LIST_PNUS[0]
+        while follower in LIST_PNUS and follower not in seen:
+            seen.add(follower)
+            elements = self.read([Target(follower)])
+            if elements[0].failed:
+                raise GatewayError(f"P{follower}, the list of parameters: {elements[0].error_text}")
+            values = [int(element.value) for element in elements if isinstance(element.value, int)]
+            follower = values[-1] if values else 0
+            found += [value for value in values[:-1] if value]
+        return found
+
+
+def _description(answer: Values) -> Description | None:
+    try:
+        return Description.decode(answer.values) if isinstance(answer.values, bytes) else None
+    except ProfidriveError:
+        return None
+
+
+def _addresses(target: Target, description: Description | None) -> list[ParameterAddress]:
+    pnu = target.pnu
+    if target.elements is not None:
+        wanted = target.elements
+    elif description is not None and description.array:
+        wanted = range(description.count)
+    else:
+        return [ParameterAddress(pnu)]
+    if pnu in OBJECT_PNUS:
+        # The entries of an object may have different types, and may be missing.
+        return [ParameterAddress(pnu, subindex, 1) for subindex in wanted]
+    return [
+        ParameterAddress(pnu, start, min(MAX_ELEMENTS, wanted.stop - start))
+        for start in range(wanted.start, wanted.stop, MAX_ELEMENTS)
+    ]
+
+
+def _write_address(target: Target, values: Values) -> ParameterAddress:
+    if target.first is None:
+        return ParameterAddress(
+            target.pnu, 0, 0 if values.format in _STRINGS or len(values.values) == 1 else len(values.values)
+        )
+    return ParameterAddress(target.pnu, target.first, 1 if values.format in _STRINGS else len(values.values))
+
+
+def meaning(element: Element, *, encoder: bool) -> str:
+    """What a value says: bits by name, states, errors."""
+    if element.failed:
+        return ", ".join(part for part in (element.error_text, meant(element)) if part)
+    value = element.value
+    if not isinstance(value, int):
+        return ""
+    if element.pnu in {Pnu.STW1, Pnu.ZSW1}:
+        word = SIGNALS[PARAMETERS[element.pnu].name]
+        return ", ".join(bit.name for bit in word.bits if bit.of(value))
+    if element.pnu == STATUSWORD[0] and not encoder:
+        state = state_of(value)
+        return f"{value & 0xFFFF:04X}h {state.value if state else 'no state'}"
+    if element.pnu in OBJECT_PNUS and value > 9:
+        return f"{value:X}h"
+    return ""
+
+
+NOT_THERE = {ParameterErrorNumber.IMPERMISSIBLE_PNU, ParameterErrorNumber.FAULTY_SUBINDEX}
+"""Errors that say that an element does not exist."""

@@ -1,0 +1,265 @@
+"""A PLC's parameter access over UDP: write the request, read until the response is there."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import socket
+import time
+import uuid
+from collections.abc import Callable
+from types import TracebackType
+from typing import Protocol, Self, TypeVar
+
+from pdgw.client.station import StationAccess
+from pdgw.gateway.errors import GatewayError
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.parameters.codec import (
+    ZERO,
+    ParameterAddress,
+    Request,
+    RequestId,
+    Response,
+    Values,
+    check_answers,
+    decode_response,
+    encode_request,
+)
+from pdgw.profinet.rpc.client import RecordCaller
+from pdgw.profinet.rpc.dcerpc import object_uuid
+from pdgw.profinet.rpc.identification import PROFILE_ID
+from pdgw.profinet.rpc.records import NIL, RECORD_GLOBAL, RECORD_LOCAL, AccessError
+
+_ATTEMPTS = 5
+_REPEAT_S = 0.4
+_POLL_S = 0.002
+_LONGEST_POLL_S = 0.05
+_DATAGRAM = 2048
+
+
+R = TypeVar("R")
+R_co = TypeVar("R_co", covariant=True)
+
+
+class Call(Protocol[R_co]):
+    """A call that can be repeated, and how its answer is recognised."""
+
+    @property
+    def packets(self) -> list[bytes]:
+        """What is sent."""
+
+    def receive(self, data: bytes) -> R_co | list[bytes] | None:
+        """The answer, datagrams to send back, or None for what is of another call."""
+
+
+class Channel(Protocol):
+    """Datagrams to one device and back, and the clock they are waited for with."""
+
+    @property
+    def local_address(self) -> tuple[str, int]:
+        """Where it sends from."""
+
+    def send(self, data: bytes) -> None:
+        """Send a datagram; OSError when nobody listens there just now."""
+
+    def receive(self, timeout_s: float) -> bytes | None:
+        """The next datagram, None when none comes in time; OSError as ``send``."""
+
+    def now(self) -> float:
+        """Monotonic seconds."""
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass."""
+
+    def close(self) -> None:
+        """Release the port."""
+
+
+class UdpChannel:
+    """A UDP socket and the machine's clock."""
+
+    def __init__(self, address: tuple[str, int]) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.connect(address)
+        except OSError as error:
+            self._socket.close()
+            raise GatewayError(f"{address[0]}:{address[1]}: cannot be reached ({error.strerror or error})") from error
+        self.now = time.monotonic
+        self.sleep = time.sleep
+        self.close = self._socket.close
+
+    @property
+    def local_address(self) -> tuple[str, int]:
+        host, port = self._socket.getsockname()
+        return str(host), int(port)
+
+    def send(self, data: bytes) -> None:
+        self._socket.send(data)
+
+    def receive(self, timeout_s: float) -> bytes | None:
+        self._socket.settimeout(timeout_s)
+        try:
+            return self._socket.recv(_DATAGRAM)
+        except TimeoutError:
+            return None
+
+
+class ParameterClient:
+    """One access point of a device. Raises GatewayError when it does not answer or refuses the record.
+
+    ``channel``: what reaches the device, a UDP socket without one. ``device``: its object UUID, which PROFINET devices look at.
+    ``activity``: UUID of its calls, a random one without it.
+    """
+
+    def __init__(
+        self,
+        address: tuple[str, int],
+        do_id: int,
+        *,
+        slot: int = 1,
+        subslot: int = 1,
+        api: int = PROFILE_ID,
+        local: bool = False,
+        ar_uuid: uuid.UUID = NIL,
+        device: uuid.UUID | None = None,
+        timeout_s: float = 30,
+        channel: Channel | None = None,
+        activity: uuid.UUID | None = None,
+    ) -> None:
+        self.do_id = do_id
+        self.address = address
+        self._place = (api, slot, subslot)
+        self._index = RECORD_LOCAL if local else RECORD_GLOBAL
+        self._timeout_s = timeout_s
+        self._caller = RecordCaller(activity or uuid.uuid4(), device or object_uuid(1, 0, 0), ar_uuid)
+        self._station: StationAccess | None = None
+        self._references = itertools.cycle(range(1, 256))
+        self._channel: Channel = UdpChannel(address) if channel is None else channel
+        self.tap: Callable[[bool, bytes], None] = lambda sent, data: None
+        """Told every datagram (sent by us, data)."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        if self._station is not None:
+            with contextlib.suppress(GatewayError):  # a station that does not answer ends the relationship by itself
+                self._station.close()
+        self._channel.close()
+
+    def connect(self) -> None:
+        """Be a device access relationship of a PROFINET station from now on; GatewayError when it refuses."""
+        station = StationAccess(self.call, self._name)
+        station.open()
+        self._station = station
+        self._caller = RecordCaller(uuid.uuid4(), station.device, station.ar_uuid)
+
+    @property
+    def local_address(self) -> tuple[str, int]:
+        """Where it sends from."""
+        return self._channel.local_address
+
+    def _send(self, packet: bytes) -> None:
+        self._channel.send(packet)
+        self.tap(True, packet)
+
+    # -- records ------------------------------------------------------------------------------------------------------
+
+    def call(self, call: Call[R]) -> R:
+        """Send a call, again while no answer comes."""
+        for _ in range(_ATTEMPTS):
+            try:
+                for packet in call.packets:
+                    self._send(packet)
+                result = self._answer(call)
+            except OSError as error:
+                self._channel.sleep(_REPEAT_S / _ATTEMPTS)  # nobody listens just now: the device may be starting
+                reason = error.strerror or str(error)
+                continue
+            except ProfidriveError as error:
+                raise GatewayError(f"{self._name}: answer cannot be understood: {error}") from error
+            if result is not None:
+                return result
+            reason = "no answer"
+        raise GatewayError(
+            f"{self._name}: does not answer on the record channel ({reason}); does pdgw run, or the device, listen there?"
+        )
+
+    def _answer(self, call: Call[R]) -> R | None:
+        channel = self._channel
+        deadline = channel.now() + _REPEAT_S
+        while (left := deadline - channel.now()) > 0:
+            data = channel.receive(left)
+            if data is None:
+                return None
+            self.tap(False, data)
+            received = call.receive(data)
+            if isinstance(received, list):
+                for packet in received:
+                    self._send(packet)
+            elif received is not None:
+                return received
+        return None
+
+    @property
+    def _name(self) -> str:
+        return f"{self.address[0]}:{self.address[1]}"
+
+    def read_record(self, index: int, *, implicit: bool = False) -> bytes:
+        """Any record of the access point's subslot; GatewayError with the PNIO status when it is refused."""
+        result = self.call(self._caller.read(*self._place, index, implicit=implicit))
+        if result.status.value:
+            raise GatewayError(f"{self._name}: record {index:04X}h not read: {result.status.text}")
+        return result.data
+
+    def write_record(self, index: int, data: bytes) -> None:
+        """As ``read_record``."""
+        result = self.call(self._caller.write(*self._place, index, data))
+        if result.status.value:
+            raise GatewayError(f"{self._name}: record {index:04X}h not written: {result.status.text}")
+
+    # -- parameters ---------------------------------------------------------------------------------------------------
+
+    def exchange(self, request: bytes) -> bytes:
+        """The response to a request, both as bytes."""
+        self.write_record(self._index, request)
+        deadline = self._channel.now() + self._timeout_s
+        pause = _POLL_S
+        while True:
+            result = self.call(self._caller.read(*self._place, self._index))
+            if not result.status.value:
+                return result.data
+            if result.status.code1 != AccessError.STATE_CONFLICT:
+                raise GatewayError(f"{self._name}: response not read: {result.status.text}")
+            if self._channel.now() > deadline:
+                raise GatewayError(f"{self._name}: no response within {self._timeout_s:g} s")
+            self._channel.sleep(pause)
+            pause = min(2 * pause, _LONGEST_POLL_S)
+
+    def request(self, addresses: list[ParameterAddress], values: list[Values] | None = None) -> list[Values]:
+        """Read (or with ``values`` change) up to 39 parameters; one value area for each.
+
+        In a positive change the areas are those of Zero. GatewayError for an answer that does not belong to the request.
+        """
+        request = Request(
+            next(self._references),
+            RequestId.CHANGE if values is not None else RequestId.REQUEST,
+            self.do_id,
+            tuple(addresses),
+            tuple(values or ()),
+        )
+        try:
+            response: Response = decode_response(self.exchange(encode_request(request)))
+            answers = list(check_answers(request, response))
+        except ProfidriveError as error:
+            raise GatewayError(f"{self._name}: {error}") from error
+        if not answers:
+            return [ZERO] * len(addresses)
+        # A request refused as a whole has one error for all.
+        return answers if len(answers) == len(addresses) else answers * len(addresses)

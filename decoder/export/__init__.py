@@ -1,0 +1,1 @@
+"""Decoded captures as files: tables, pictures, pages."""

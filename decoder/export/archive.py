@@ -1,0 +1,159 @@
+"""Many captures as one Parquet data set, partitioned by file and axis, in any number of processes or on a cluster.
+
+    ROOT/file=<path, percent-encoded>/axis=<number, 0: of none>/part.parquet
+
+``write_part`` is the whole work on one file: it takes and gives plain picklable values and needs nothing but the file and the
+place to write to, so that a process pool, Dask or any other scheduler runs it. A part is complete or not there.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Final
+from urllib.parse import quote
+
+from pdgw.decoder.capture.errors import CaptureError
+from pdgw.decoder.capture.knowledge import Knowledge, known_beforehand, look_ahead
+from pdgw.decoder.capture.pcapng_file import configuration_in
+from pdgw.decoder.capture.source import open_source
+from pdgw.decoder.export.parquet import ParquetTable
+from pdgw.decoder.frames.engine import Decoder
+from pdgw.decoder.view.columns import Columns
+from pdgw.decoder.view.filter import Filter
+from pdgw.gateway.errors import GatewayError
+
+ENDINGS: Final = frozenset((".pcap", ".pcapng", ".log", ".asc", ".blf", ".trc", ".csv", ".mf4", ".db"))
+"""Of the files of a folder that are taken for captures."""
+_SINGLE: Final = ".parquet"
+_UNFINISHED: Final = ".unfinished"
+
+
+@dataclass(frozen=True, slots=True)
+class ArchiveOptions:
+    """What is taken out of each file; ``signals`` are the columns, the others as in ``pdgw decode``."""
+
+    signals: tuple[str, ...]
+    telegrams: tuple[int, ...] = ()
+    config: Path | None = None
+    eds: tuple[str, ...] = ()
+    ports: tuple[int, ...] = ()
+    filter_text: str | None = None
+
+    def knowledge(self, embedded: str = "") -> Knowledge:
+        """What is known beforehand, with the configuration ``embedded`` in a capture; GatewayError or ProfidriveError when
+        something cannot be used.
+        """
+        known = known_beforehand(self.telegrams, self.config, self.eds, self.ports, embedded=embedded)
+        if not self.signals:
+            raise GatewayError("--parquet: name the signals of the table, like --signal NSOLL_A --signal NIST_A")
+        for name in self.signals:
+            known.names.split(name)
+        if self.filter_text is not None:
+            Filter(self.filter_text, known.names)
+        return known
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What became of one file: its rows by axis; ``error`` when it is damaged, with everything before the damage written."""
+
+    file: str
+    axes: dict[int, int]
+    notices: tuple[str, ...] = ()
+    error: str = ""
+
+    @property
+    def rows(self) -> int:
+        return sum(self.axes.values())
+
+
+def is_data_set(path: Path) -> bool:
+    """Whether ``--parquet`` means a folder."""
+    return path.is_dir() or path.suffix.lower() != _SINGLE
+
+
+def captures_of(paths: Sequence[str]) -> list[str]:
+    """The files, and those in the folders among them, each once; GatewayError when there are none."""
+    found: dict[str, None] = {}
+    for text in paths:
+        path = Path(text)
+        inside = sorted(item for item in path.rglob("*") if item.suffix.lower() in ENDINGS and item.is_file())
+        found |= dict.fromkeys(str(item) for item in (inside if path.is_dir() else [path]))
+    if not found:
+        raise GatewayError(
+            f"{', '.join(paths)}: no captures, expected files that end with {', '.join(sorted(ENDINGS))}"
+        )
+    return list(found)
+
+
+def write_data_set(
+    files: Sequence[str], root: Path, options: ArchiveOptions, jobs: int | None = None
+) -> Iterator[Part]:
+    """Write the parts of all files, ``jobs`` (None: one for each core) at a time; they are told in the order of the files."""
+    options.knowledge()
+    root.mkdir(parents=True, exist_ok=True)
+    jobs = min(jobs or os.cpu_count() or 1, len(files))
+    work = partial(write_part, root=root, options=options)
+    if jobs == 1:
+        yield from map(work, files)
+        return
+    with ProcessPoolExecutor(jobs) as pool:
+        yield from pool.map(work, files)
+
+
+def _known(file: str, options: ArchiveOptions) -> tuple[Knowledge, str]:
+    """What is known of a file, and what is to be told: without other options by the configuration it has in it."""
+    embedded = configuration_in(Path(file)) if options.config is None and not options.telegrams else ""
+    if not embedded:
+        return options.knowledge(), ""
+    try:
+        return options.knowledge(embedded), "configuration of the gateway taken from the capture"
+    except GatewayError as error:
+        return options.knowledge(), f"the configuration in the capture is not used: {error}"
+
+
+def write_part(file: str, root: Path, options: ArchiveOptions) -> Part:
+    """Decode one file into its part of the data set, in place of an older one. Never raises for what a file contains."""
+    known, notice = _known(file, options)
+    settings, _, inference = look_ahead(file, known.settings)
+    decoder = Decoder(settings)
+    notices = dict.fromkeys(text for text in (notice, inference) if text)
+    chosen = [name for name in options.signals if name.lower() not in {"axis", "node", "time"}]
+    columns = Columns(["axis", "node", *chosen], known.names)
+    wanted = Filter(options.filter_text, known.names) if options.filter_text is not None else None
+    folder = root / f"file={quote(file.lstrip('/'), safe='')}"
+    unfinished = folder.with_name(folder.name + _UNFINISHED)
+    shutil.rmtree(unfinished, ignore_errors=True)
+    tables: dict[int, ParquetTable] = {}
+    error = ""
+    try:
+        with open_source(file) as source:
+            for packet in source.packets:
+                record = decoder.decode(packet)
+                units = wanted.select(record) if wanted is not None else record.units
+                if units is None:
+                    continue
+                for _, row in columns.rows(record) if wanted is None else columns.unit_rows(record, units):
+                    axis = int(row[0] or 0)
+                    table = tables.get(axis)
+                    if table is None:
+                        place = unfinished / f"axis={axis}"
+                        place.mkdir(parents=True)
+                        table = tables[axis] = ParquetTable(place / "part.parquet", columns.titles[1:], known.names)
+                    table.add([(record.time_ns, row[1:])])
+    except CaptureError as damage:
+        error = str(damage)
+    finally:
+        for table in tables.values():
+            table.close()
+    shutil.rmtree(folder, ignore_errors=True)
+    if tables:
+        unfinished.rename(folder)
+    notices |= dict.fromkeys(decoder.notices)
+    return Part(file, {axis: table.rows for axis, table in tables.items()}, tuple(notices), error)

@@ -1,0 +1,55 @@
+"""Rows as a Parquet file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from pdgw.decoder.view.columns import Row
+from pdgw.decoder.view.names import Names
+from pdgw.gateway.errors import GatewayError
+
+_ROWS_AT_ONCE: Final = 1 << 16
+
+
+class ParquetTable:
+    """``time_ns`` (integer) and a column for each title; GatewayError when pyarrow is not there or the file not writable."""
+
+    def __init__(self, path: Path, titles: Sequence[str], names: Names) -> None:
+        try:
+            import pyarrow  # noqa: PLC0415
+            from pyarrow import parquet  # noqa: PLC0415
+        except ImportError as error:
+            raise GatewayError("--parquet needs pyarrow: pip install 'profidrive-gateway[parquet]'") from error
+        self.rows = 0
+        self._arrow: Any = pyarrow
+        kinds = [pyarrow.string() if names.is_text(title) else pyarrow.float64() for title in titles]
+        self._schema = pyarrow.schema([("time_ns", pyarrow.int64()), *zip(titles, kinds, strict=True)])
+        self._waiting: list[tuple[int, Row]] = []
+        try:
+            self._file = parquet.ParquetWriter(str(path), self._schema)
+        except OSError as error:
+            raise GatewayError(f"--parquet {path}: cannot be written ({error})") from error
+
+    def add(self, rows: Iterable[tuple[int, Row]]) -> None:
+        """Rows with their times."""
+        self._waiting += rows
+        if len(self._waiting) >= _ROWS_AT_ONCE:
+            self._flush()
+
+    def _flush(self) -> None:
+        rows, self._waiting = self._waiting, []
+        self.rows += len(rows)
+        columns = [self._arrow.array([time_ns for time_ns, _ in rows], self._arrow.int64())]
+        for position, field in enumerate(list(self._schema)[1:]):
+            values: list[Any] = [row[position] for _, row in rows]
+            if field.type == self._arrow.float64():
+                values = [None if value is None else float(value) for value in values]
+            columns.append(self._arrow.array(values, field.type))
+        self._file.write_table(self._arrow.Table.from_arrays(columns, schema=self._schema))
+
+    def close(self) -> None:
+        """Everything is in the file afterwards."""
+        self._flush()
+        self._file.close()

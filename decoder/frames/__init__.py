@@ -1,0 +1,1 @@
+"""Frames and packets of both buses to records."""

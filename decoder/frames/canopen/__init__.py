@@ -1,0 +1,1 @@
+"""CAN frames to records of CANopen."""

@@ -1,0 +1,1 @@
+"""Frames and calls of PROFINET to records."""

@@ -1,0 +1,309 @@
+"""Acyclic PROFINET: DCE/RPC packets, record access, parameter requests and responses paired with each other.
+
+Source: docs/transport.md section 3, docs/parameter-channel.md; the codecs are ``profinet.rpc`` and
+``profidrive.parameters.codec``. Connect, Control and Release are read by ``decoder.frames.profinet.calls``. Left out: the entries of the
+endpoint mapper, which is named only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from typing import Final
+from uuid import UUID
+
+from pdgw.decoder.frames.bounded_dict import Recent
+from pdgw.decoder.frames.fields import Document
+from pdgw.decoder.frames.profinet.blocks import IM_INDEXES, documents, named, place_text, status_text
+from pdgw.decoder.frames.profinet.calls import OPERATIONS, RelationCalls
+from pdgw.decoder.frames.profinet.connect import Connection
+from pdgw.decoder.frames.profinet.stations import StationNames
+from pdgw.decoder.frames.recognise import request_document, response_document
+from pdgw.decoder.frames.records import (
+    AcyclicRecord,
+    OtherRecord,
+    ParameterRequestRecord,
+    ParameterResponseRecord,
+    Record,
+)
+from pdgw.decoder.view.render import parameter_text
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.parameters.codec import (
+    Attribute,
+    Request,
+    RequestId,
+    Response,
+    Values,
+    decode_request,
+    decode_response,
+)
+from pdgw.profidrive.parameters.pnu import Pnu
+from pdgw.profinet.device_records import Index
+from pdgw.profinet.rpc import epm
+from pdgw.profinet.rpc.dcerpc import (
+    CONTROLLER_INTERFACE,
+    DEVICE_INTERFACE,
+    HEADER_SIZE,
+    INTERFACE_AT,
+    VERSION,
+    Flags,
+    PacketType,
+    Reassembly,
+    RejectStatus,
+    RpcHeader,
+    decode_packet,
+    decode_status,
+)
+from pdgw.profinet.rpc.records import (
+    RECORD_GLOBAL,
+    RECORD_LOCAL,
+    RECORD_MULTIPLE,
+    BlockType,
+    Operation,
+    PnioStatus,
+    RecordBlock,
+    decode_arguments,
+    decode_block,
+    split_answers,
+    split_multiple,
+)
+
+_MAX_BODY = 1 << 16
+_PARAMETER_RECORDS = {RECORD_LOCAL: "parameters, local", RECORD_GLOBAL: "parameters, global"}
+_FIRST_SYSTEM_INDEX: Final = 0x8000
+"""Records below are the manufacturer's own."""
+_INTERFACES: Final = frozenset({DEVICE_INTERFACE, CONTROLLER_INTERFACE})
+_INDEXES: Final = frozenset(Index)
+_INTERFACE_BYTES: Final = frozenset(
+    octets for uuid in (*_INTERFACES, epm.INTERFACE[0]) for octets in (uuid.bytes, uuid.bytes_le)
+)
+
+
+def is_profinet_call(data: bytes) -> bool:
+    """Whether the datagram of any port is an RPC packet of PROFINET.
+
+    Only the first request needs port 34964: many devices answer from a port of their own, and the controller goes on there.
+    """
+    return len(data) >= HEADER_SIZE and data[0] == VERSION and data[INTERFACE_AT] in _INTERFACE_BYTES
+
+
+class AcyclicDecoder:
+    """All RPC packets of a capture. ``observe`` is told the telegram (DO-ID, number) of every P922 read or written,
+    ``connect`` every Connect the device accepted; it says whether that is of interest.
+    """
+
+    def __init__(
+        self,
+        observe: Callable[[int, int], None],
+        connect: Callable[[Connection], bool],
+        names: StationNames | None = None,
+    ) -> None:
+        self._observe = observe
+        self.relations = RelationCalls(connect, names or StationNames())
+        self._calls: Recent[tuple[UUID, int], int] = Recent()
+        self._bodies: Recent[tuple[UUID, int, bool], Reassembly] = Recent()
+        self._requests: Recent[tuple[Hashable, int, int], tuple[int, Request]] = Recent()
+
+    def decode(self, number: int, time_ns: int, channel: str, data: bytes, peers: frozenset[bytes]) -> Record:
+        """The record of one UDP payload; ``peers`` are the two addresses."""
+        try:
+            header, body = decode_packet(data)
+        except ProfidriveError as error:
+            return OtherRecord(number, time_ns, channel, data, text=f"no RPC packet: {error}")
+        base = (number, time_ns, channel, data)
+        fields: Document = {
+            "packet": header.packet_type.name.lower(),
+            "operation": _operation_name(header.operation),
+            "activity": str(header.activity),
+            "sequence": header.sequence,
+        }
+        latency = self._latency(header, time_ns)
+        head = f"{fields['operation']} {fields['packet']}"
+        if header.packet_type in {PacketType.REJECT, PacketType.FAULT}:
+            fields["reject_status"], text = _reject(header, body)
+            return AcyclicRecord(*base, f"{head}: {text}", fields, latency)
+        if header.packet_type not in {PacketType.REQUEST, PacketType.RESPONSE}:
+            return AcyclicRecord(*base, head, fields, latency)
+        if header.interface == epm.INTERFACE[0]:
+            fields["operation"] = "endpoint-mapper-lookup"
+            return AcyclicRecord(*base, f"{fields['operation']} {fields['packet']}", fields, latency)
+        if header.interface not in _INTERFACES:
+            return AcyclicRecord(*base, f"{head} of interface {header.interface}", fields, latency)
+        try:
+            whole = self._whole(header, body)
+            if whole is None:
+                return AcyclicRecord(*base, f"{head}, fragment {header.fragment}", fields, latency)
+            return self._call(base, header, whole, fields, latency, peers)
+        except ProfidriveError as error:
+            fields["error"] = str(error)
+            return AcyclicRecord(*base, f"{head}: {error}", fields, latency)
+
+    def _latency(self, header: RpcHeader, time_ns: int) -> int | None:
+        key = (header.activity, header.sequence)
+        if header.packet_type is PacketType.REQUEST:
+            self._calls.put(key, time_ns)
+            return None
+        asked = self._calls.get(key)
+        return None if asked is None else max(0, time_ns - asked)
+
+    def _whole(self, header: RpcHeader, body: bytes) -> bytes | None:
+        if Flags.FRAGMENT not in header.flags:
+            return body
+        key = (header.activity, header.sequence, header.packet_type is PacketType.REQUEST)
+        reassembly = self._bodies.get(key) or Reassembly(_MAX_BODY)
+        self._bodies.put(key, reassembly)
+        whole = reassembly.add(header, body)
+        if whole is not None:
+            self._bodies.pop(key)
+        return whole
+
+    def _call(
+        self,
+        base: tuple[int, int, str, bytes],
+        header: RpcHeader,
+        body: bytes,
+        fields: Document,
+        latency: int | None,
+        peers: frozenset[bytes],
+    ) -> Record:
+        is_request = header.packet_type is PacketType.REQUEST
+        head = f"{fields['operation']} {fields['packet']}"
+        first, arguments = decode_arguments(body, little=header.little_endian)
+        status = PnioStatus() if is_request else PnioStatus.of(first)
+        if not is_request:
+            fields["status"] = {"raw": status.value, "text": status_text(status)}
+        outcome = "" if is_request or not status.value else f": {status_text(status)}"
+        if header.operation in OPERATIONS and arguments and not status.value:
+            return self.relations.record(base, header, head, arguments, fields, latency, is_request=is_request)
+        if header.operation not in {Operation.READ, Operation.WRITE, Operation.READ_IMPLICIT} or not arguments:
+            return AcyclicRecord(*base, f"{head}, {len(arguments)} bytes{outcome}", fields, latency)
+        block, record = decode_block(arguments)
+        fields["record"] = {
+            "index": block.index,
+            "api": block.api,
+            "slot": block.slot,
+            "subslot": block.subslot,
+            "length": block.length,
+            "data": record.hex(),
+        }
+        head += f" of {_record_name(block.index)}, {place_text(block.slot, block.subslot)}"
+        if block.index in _PARAMETER_RECORDS and record:
+            if block.type is BlockType.WRITE_REQUEST:
+                return self._request(base, head, record, fields, peers)
+            if block.type is BlockType.READ_RESPONSE:
+                return self._response(base, head, record, fields, peers)
+        return AcyclicRecord(*base, f"{head}{self._contents(block, record, fields)}{outcome}", fields, latency)
+
+    def _contents(self, block: RecordBlock, record: bytes, fields: Document) -> str:
+        """What is in a record that is no parameter request or response."""
+        if block.index == RECORD_MULTIPLE and block.type is BlockType.WRITE_REQUEST:
+            writes = split_multiple(record)
+            fields["record"]["writes"] = [_write_document(item) | {"data": data.hex()} for item, data in writes]
+            return f": {'; '.join(_written(item) for item, _ in writes)}"
+        if block.index == RECORD_MULTIPLE and record:
+            answers = split_answers(record)
+            fields["record"]["writes"] = [
+                _write_document(item) | {"status": {"raw": item.status.value, "text": item.status.text}}
+                for item in answers
+            ]
+            return f": {'; '.join(_written(item) for item in answers)}"
+        if not record or block.index < _FIRST_SYSTEM_INDEX:
+            return _length(block, record)
+        fields["record"]["blocks"] = blocks = documents(record)
+        return f"{_length(block, record)}: {named(blocks)}" if blocks else _length(block, record)
+
+    def _request(
+        self, base: tuple[int, int, str, bytes], head: str, record: bytes, fields: Document, peers: frozenset[bytes]
+    ) -> Record:
+        request = decode_request(record)
+        self._requests.put((peers, request.do_id, request.reference), (base[1], request))
+        fields["parameter"] = document = request_document(request)
+        del document["signals"]
+        return ParameterRequestRecord(*base, f"{head}: {_parameters(document)}", fields, request=request)
+
+    def _response(
+        self, base: tuple[int, int, str, bytes], head: str, record: bytes, fields: Document, peers: frozenset[bytes]
+    ) -> Record:
+        response = decode_response(record)
+        asked, request = self._requests.pop((peers, response.do_id, response.reference)) or (None, None)
+        latency = None if asked is None else max(0, base[1] - asked)
+        fields["parameter"] = document = _answer_document(request, response)
+        if request is not None:
+            self._look_for_telegram(request, response)
+        text = f"{head}: {_parameters(document)}"
+        return ParameterResponseRecord(*base, text, fields, latency, response=response, request=request)
+
+    def _look_for_telegram(self, request: Request, response: Response) -> None:
+        change = request.request_id is RequestId.CHANGE
+        for position, address in enumerate(request.addresses):
+            if address.pnu != Pnu.TELEGRAM or address.attribute != Attribute.VALUE:
+                continue
+            answer = response.values[position] if position < len(response.values) else None
+            if answer is not None and answer.failed:
+                continue
+            value = request.values[position] if change else answer
+            number = _first(value)
+            if number is not None:
+                self._observe(request.do_id, number)
+
+
+def _first(value: Values | None) -> int | None:
+    if value is None or isinstance(value.values, bytes) or not value.values:
+        return None
+    return int(value.values[0])
+
+
+def _answer_document(request: Request | None, response: Response) -> Document:
+    """The response, with the addresses of the request it answers."""
+    document = response_document(response)
+    del document["signals"]
+    if request is None or len(response.values) not in {0, len(request.addresses)}:
+        return document
+    asked = request_document(request)["parameters"]
+    address_keys = ("pnu", "subindex", "elements", "attribute")
+    addresses = [{key: item[key] for key in address_keys} for item in asked]
+    answers = document["parameters"] or [{"text": "written"} for _ in addresses]
+    document["parameters"] = [address | answer for address, answer in zip(addresses, answers, strict=True)]
+    return document
+
+
+def _parameters(document: Document) -> str:
+    head = f"{document['service']} ref {document['reference']} DO {document['do_id']}"
+    return " | ".join([head, *(parameter_text(item) for item in document["parameters"])])
+
+
+def _operation_name(operation: int) -> str:
+    known = operation in set(Operation)
+    return Operation(operation).name.lower().replace("_", "-") if known else f"operation-{operation}"
+
+
+def _record_name(index: int) -> str:
+    if index in _PARAMETER_RECORDS:
+        return f"{index:04X}h ({_PARAMETER_RECORDS[index]})"
+    if index in IM_INDEXES:
+        return f"{index:04X}h (I&M{index - IM_INDEXES.start})"
+    return f"{index:04X}h ({Index(index).name.lower().replace('_', ' ')})" if index in _INDEXES else f"{index:04X}h"
+
+
+def _write_document(block: RecordBlock) -> Document:
+    return {"index": block.index, "api": block.api, "slot": block.slot, "subslot": block.subslot}
+
+
+def _written(block: RecordBlock) -> str:
+    text = f"{_record_name(block.index)}, {place_text(block.slot, block.subslot)}"
+    return text if block.type is BlockType.WRITE_REQUEST or not block.status.value else f"{text}: {block.status.text}"
+
+
+def _length(block: RecordBlock, record: bytes) -> str:
+    if record:
+        return f", {len(record)} bytes"
+    return f", up to {block.length} bytes" if block.type is BlockType.READ_REQUEST else ""
+
+
+def _reject(header: RpcHeader, body: bytes) -> tuple[int | None, str]:
+    try:
+        status = decode_status(body, little=header.little_endian)
+    except ProfidriveError as error:
+        return None, str(error)
+    known = status in set(RejectStatus)
+    text = RejectStatus(status).name.lower().replace("_", " ") if known else "unknown status"
+    return status, f"{text} ({status:08X}h)"

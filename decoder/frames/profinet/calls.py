@@ -1,0 +1,122 @@
+"""Connect, Control and Release: the calls that make, confirm and end relationships.
+
+Source: IEC 61158-5-10/-6-10 (CMRPC, CMSM). Cyclic data counts once the controller has confirmed ApplicationReady.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+from uuid import UUID
+
+from pdgw.decoder.frames.bounded_dict import Recent
+from pdgw.decoder.frames.fields import Document
+from pdgw.decoder.frames.profinet.blocks import documents, named, split
+from pdgw.decoder.frames.profinet.connect import Connection, read_request, read_response
+from pdgw.decoder.frames.profinet.records import Change, RelationRecord
+from pdgw.decoder.frames.profinet.stations import StationNames
+from pdgw.decoder.frames.records import AcyclicRecord
+from pdgw.durations import MS
+from pdgw.profinet.blocks.control import ApplicationReadyRes, ControlBlock, PrmBeginRes, ReleaseRes
+from pdgw.profinet.rpc.dcerpc import RpcHeader
+from pdgw.profinet.rpc.records import Operation
+
+OPERATIONS: Final = frozenset({Operation.CONNECT, Operation.RELEASE, Operation.CONTROL})
+_CHANGES: Final[dict[int, tuple[type[ControlBlock], Change]]] = {
+    ApplicationReadyRes.TYPE: (ApplicationReadyRes, Change.READY),
+    PrmBeginRes.TYPE: (PrmBeginRes, Change.PAUSED),
+    ReleaseRes.TYPE: (ReleaseRes, Change.ENDED),
+}
+"""Answers that change a relationship."""
+Base = tuple[int, int, str, bytes]
+"""Number, time, channel and bytes of a packet."""
+
+
+class RelationCalls:
+    """All relationships of a capture. ``connect`` is told every Connect a device granted, and says whether it is of interest."""
+
+    def __init__(self, connect: Callable[[Connection], bool], names: StationNames) -> None:
+        self._connect = connect
+        self._names = names
+        self._asked: Recent[tuple[UUID, int], Connection] = Recent()
+        self._granted: Recent[UUID, Connection] = Recent()
+
+    def between(self, addresses: bytes) -> Connection | None:
+        """The relationship of frames with this destination and source."""
+        return next((item for item in self._granted.newest() if item.is_between(addresses)), None)
+
+    def record(
+        self,
+        base: Base,
+        header: RpcHeader,
+        head: str,
+        arguments: bytes,
+        fields: Document,
+        latency: int | None,
+        *,
+        is_request: bool,
+    ) -> AcyclicRecord:
+        """The record of one call with arguments; ProfidriveError when its blocks are damaged."""
+        fields["blocks"] = blocks = documents(arguments)
+        if header.operation == Operation.CONNECT:
+            key = (header.activity, header.sequence)
+            if is_request:
+                connection = read_request(arguments)
+                self._asked.put(key, connection)
+                return AcyclicRecord(*base, f"{head}: {_asked_text(connection, fields)}", fields, latency)
+            return self._answered(base, head, self._asked.pop(key), arguments, fields, latency)
+        text = f"{head}: {named(blocks)}"
+        if not is_request:
+            for kind, data in split(arguments):
+                if kind in _CHANGES:
+                    cls, change = _CHANGES[kind]
+                    uuid = cls.understand(data).ar_uuid
+                    known = self._granted.pop(uuid) if change is Change.ENDED else self._granted.get(uuid)
+                    if known is not None:
+                        return RelationRecord(*base, text, fields, latency, change=change, connection=known)
+        return AcyclicRecord(*base, text, fields, latency)
+
+    def _answered(
+        self,
+        base: Base,
+        head: str,
+        asked: Connection | None,
+        arguments: bytes,
+        fields: Document,
+        latency: int | None,
+    ) -> AcyclicRecord:
+        if asked is None:
+            return AcyclicRecord(*base, f"{head}: the request was not seen", fields, latency)
+        response = read_response(arguments)
+        connection = asked.answered(response)
+        if response.mac is not None:
+            if response.station:
+                self._names.learn(response.mac, response.station)
+            connection = replace(connection, station=self._names.of(response.mac) or connection.station)
+        if connection.ar is not None:
+            self._names.learn(connection.ar.initiator_mac, connection.controller)
+        text = f"{head}: {_asked_text(connection, fields)}"
+        if not self._connect(connection) or connection.ar is None:
+            return AcyclicRecord(*base, text, fields, latency)
+        self._granted.put(connection.ar.ar_uuid, connection)
+        return RelationRecord(*base, text, fields, latency, change=Change.GRANTED, connection=connection)
+
+
+def _asked_text(connection: Connection, fields: Document) -> str:
+    """What is asked for or granted, in one line; the relationships go into ``fields``."""
+    fields["relations"] = [
+        {"direction": relation.direction.value, "frame_id": relation.frame_id, "submodules": len(relation.data)}
+        for relation in connection.relations
+    ]
+    parts = [f"{item.direction.value}s FrameID {item.frame_id:04X}h" for item in connection.relations]
+    if not parts:
+        parts.append("no cyclic relationship")
+    else:
+        block = connection.relations[0].block
+        parts.append(f"cycle {block.cycle_ns / MS:g} ms, data hold {block.hold_ns / MS:g} ms")
+    if connection.controller:
+        parts.append(f"controller {connection.controller}")
+    if connection.station:
+        parts.append(f"device {connection.station}")
+    return ", ".join(parts)

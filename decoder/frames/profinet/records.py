@@ -1,0 +1,60 @@
+"""Records of PROFINET beside cyclic frames and parameters: relationships that come and go, DCP, LLDP, alarms."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+from pdgw.decoder.frames.profinet.connect import Connection
+from pdgw.decoder.frames.records import AcyclicRecord
+
+
+class Change(enum.Enum):
+    """What becomes of a relationship."""
+
+    GRANTED = "granted"
+    READY = "confirmed: cyclic data counts"
+    PAUSED = "parameterises anew: cyclic data does not count"
+    ENDED = "ended"
+
+
+@dataclass(slots=True)
+class RelationRecord(AcyclicRecord):
+    """A call that changes a relationship of the station that is read, where its Connect was seen."""
+
+    change: Change = field(kw_only=True)
+    connection: Connection = field(kw_only=True)
+
+
+@dataclass(slots=True)
+class StationRecord(AcyclicRecord):
+    """A frame of the station itself, no call. ``kind`` is that of the protocol."""
+
+
+@dataclass(slots=True)
+class DcpRecord(StationRecord):
+    """Discovery and configuration: who is there, names and addresses."""
+
+    kind: ClassVar[str] = "dcp"
+
+
+@dataclass(slots=True)
+class LldpRecord(StationRecord):
+    """Who the neighbour is."""
+
+    kind: ClassVar[str] = "lldp"
+
+
+@dataclass(slots=True)
+class AlarmRecord(StationRecord):
+    """A PDU of an alarm relationship."""
+
+    kind: ClassVar[str] = "alarm"
+
+    slot: int = field(kw_only=True, default=0)
+    """Of the submodule a notification is about; 0 of others and of the device itself."""
+    tells: bool = field(kw_only=True, default=False)
+    """It is a notification, no acknowledgement."""
+    ended: Connection | None = field(kw_only=True, default=None)
+    """The relationship an ERR ends, where its Connect was seen."""

@@ -1,0 +1,1 @@
+"""The replay: recorded inputs through today's axis machine."""

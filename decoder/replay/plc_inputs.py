@@ -1,0 +1,231 @@
+"""The PLC's side as the gateway saw it: which of the recorded frames counted, and when the PLC was lost. Without I/O."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+from pdgw.decoder.frames.profinet.connect import Connection
+from pdgw.decoder.frames.profinet.endpoint import ProfinetEndpoint
+from pdgw.decoder.frames.profinet.records import Change
+from pdgw.decoder.replay.recorded import Setpoints
+from pdgw.gateway.links.confirmation import CONFIRMING_FRAMES, Orders
+from pdgw.gateway.links.cyclic import WATCHDOG_FACTOR, CyclicEndpoint, Verdict
+from pdgw.gateway.links.sequence import SEQUENCE_FRAMES
+from pdgw.profidrive.telegrams import Telegram
+
+SENDER: Final = ("recorded", 0)
+"""Of every frame of a recording."""
+_NEVER: Final = (1 << 63) - 1
+"""Later than every time."""
+_NO_FRAME: Final = _NEVER
+"""Behind the last frame."""
+USED: Final = frozenset({Verdict.ACCEPTED, Verdict.PROVIDER_STOP})
+"""Frames with these verdicts make the gateway step."""
+
+
+class Frame(NamedTuple):
+    """A cyclic frame of the PLC: when the gateway dealt with it, and when it had come, where both are known apart."""
+
+    time_ns: int
+    data: bytes
+    received_ns: int
+
+
+class Relation(NamedTuple):
+    """A PROFINET relationship that comes or goes."""
+
+    time_ns: int
+    change: Change
+    connection: Connection
+
+
+class Received(NamedTuple):
+    """What became of one frame of the PLC."""
+
+    time_ns: int
+    verdict: Verdict
+
+
+@dataclass
+class PlcInputs:
+    """The PLC's side as the gateway's endpoint saw it. ``setpoints`` by axis; ``losses`` are expiries of the watchdog."""
+
+    setpoints: list[list[Setpoints]]
+    received: list[Received] = field(default_factory=list)
+    losses: list[int] = field(default_factory=list)
+
+
+class _Found(NamedTuple):
+    """Values from a time on; ``certain``: the frame with which they are certainly in force, None at once."""
+
+    time_ns: int
+    values: tuple[int, ...] | None
+    certain: int | None
+    dropped: bool
+
+
+class _Events:
+    """The setpoints of one axis, and since which frame (counted from 0) each is certainly in force.
+
+    ``orders``: its control words, where the gateway waits before it believes one; None where it believes all at once (Ethernet).
+    """
+
+    def __init__(self, orders: Orders | None) -> None:
+        self._orders = orders
+        self._order: tuple[int, ...] | None = None
+        self._believed = 0
+        """The frame with which the present order is believed at the latest."""
+        self._connected = False
+        self._dropped = False
+        """An order was replaced before it was believed for certain."""
+        self._changed = -CONFIRMING_FRAMES
+        """The frame that changed the order last."""
+        self._found: list[_Found] = []
+
+    def frame(self, number: int, now: int, values: tuple[int, ...] | None) -> None:
+        """What is in force with an accepted frame, if it is believed at once."""
+        if self._orders is None:
+            self.note(now, values)
+            return
+        if not self._connected:
+            self._connected = True
+            self._believed = number + SEQUENCE_FRAMES - 1
+        order = None if values is None else self._orders.read(values)
+        if order != self._order:
+            self._doubt_from(number)
+            # A stop of so few frames acted, and the gateway may hide what it shows of the task.
+            self._dropped |= number <= max(self._believed, self._changed + CONFIRMING_FRAMES - 1)
+            self._changed = number
+        if order is not None and order != self._order:
+            stopped = self._orders.stopped(order, self._order, released=False)
+            if stopped != order:
+                before = self._found[-1].values if self._found else None
+                if stopped is not None and stopped != self._order and before is not None:
+                    # The stops of the frame act at once, the rest waits.
+                    self.note(now, self._orders.applied(stopped, before), max(number, self._believed))
+                self._believed = max(self._believed, number + CONFIRMING_FRAMES - 1)
+        self._order = order
+        self.note(now, values, number if values is None else max(number, self._believed))
+
+    def _doubt_from(self, number: int) -> None:
+        """What was not believed before this frame is replaced by another order: it is never certain."""
+        for place in reversed(range(len(self._found))):
+            item = self._found[place]
+            if item.certain is None or item.certain < number:
+                break
+            self._found[place] = item._replace(certain=_NO_FRAME)
+
+    def lost(self, now: int) -> None:
+        """The PLC was lost."""
+        self._connected = self._dropped = False
+        self._order = None
+        self.note(now, None)
+
+    def note(self, now: int, values: tuple[int, ...] | None, certain: int | None = None) -> None:
+        """``values`` from a time on, for certain with a frame, or at once."""
+        if not self._found or self._found[-1].values != values:
+            self._found.append(_Found(now, values, certain, self._dropped))
+
+    def setpoints(self, taken: Sequence[int]) -> list[Setpoints]:
+        """With the times of the accepted frames. What waits for frames that never came is never certain."""
+        events: list[Setpoints] = []
+        for now, values, certain, dropped in reversed(self._found):
+            when = now if certain is None else taken[certain] if certain < len(taken) else _NEVER
+            # What follows has replaced it then, believed or not.
+            events.append(Setpoints(now, values, min(when, events[-1].certain_ns) if events else when, dropped))
+        events.reverse()
+        return events
+
+
+class _Receiver:
+    """Feeds an endpoint and keeps what it makes of it."""
+
+    def __init__(self, endpoint: CyclicEndpoint | ProfinetEndpoint, orders: Sequence[Orders | None]) -> None:
+        self._inputs = PlcInputs([])
+        self._endpoint = endpoint
+        self._events = [_Events(item) for item in orders]
+        self._taken: list[int] = []
+        self._last_ns = 0
+        """When the last accepted frame had come."""
+
+    def note(self, now: int) -> None:
+        """The setpoints as they are now."""
+        for events, values in zip(self._events, self._endpoint.setpoints, strict=True):
+            events.note(now, None if values is None else tuple(values))
+
+    def expire(self, before: int | None, watchdog_ns: int) -> None:
+        """The watchdog, if it expires before a time."""
+        expiry = self._last_ns + watchdog_ns + 1
+        if (before is None or expiry < before) and self._endpoint.poll(expiry):
+            self._lost(expiry)
+
+    def _lost(self, now: int) -> None:
+        self._inputs.losses.append(now)
+        self.lose(now)
+
+    def lose(self, now: int) -> None:
+        """No axis has a PLC any more."""
+        for events in self._events:
+            events.lost(now)
+
+    def take(self, frame: Frame) -> None:
+        """A frame."""
+        now = frame.time_ns
+        verdict = self._endpoint.receive(frame.data, SENDER, now, frame.received_ns)
+        self._inputs.received.append(Received(now, verdict))
+        if not self._endpoint.connected and self._endpoint.poll(now):
+            # The gateway stood still: it sees the loss when it takes this frame, whatever waits behind it.
+            self._lost(now)
+        if verdict in USED:
+            for events, values in zip(self._events, self._endpoint.setpoints, strict=True):
+                events.frame(len(self._taken), now, None if values is None else tuple(values))
+            self._last_ns = frame.received_ns
+            self._taken.append(now)
+
+    def end(self, watchdog_ns: int) -> PlcInputs:
+        """Nothing comes any more."""
+        self.expire(None, watchdog_ns)
+        self._inputs.setpoints = [events.setpoints(self._taken) for events in self._events]
+        return self._inputs
+
+
+def receive_frames(
+    frames: Sequence[Frame],
+    telegrams: Sequence[Telegram],
+    *,
+    cycle_ns: int,
+    watchdog_factor: int = WATCHDOG_FACTOR,
+    ended_ns: int | None = None,
+) -> PlcInputs:
+    """Feed recorded frames to a ``CyclicEndpoint``; all count as coming from one sender.
+
+    ``ended_ns``: when the gateway began to end, which is as a loss of the PLC.
+
+    Whether the gateway waited for more frames before it believed one depends on its own receive times to the microsecond: all
+    are believed at once here, and ``Setpoints.certain_ns`` says how long the gateway may have waited.
+    """
+    endpoint = CyclicEndpoint(telegrams, cycle_ns=cycle_ns, watchdog_factor=watchdog_factor, delays=False)
+    receiver = _Receiver(endpoint, [Orders(item.setpoints) for item in telegrams])
+    watchdog_ns = cycle_ns * watchdog_factor
+    for frame in frames:
+        receiver.expire(frame.received_ns, watchdog_ns)
+        receiver.take(frame)
+    if ended_ns is not None:
+        receiver.expire(ended_ns, watchdog_ns)
+        receiver.lose(ended_ns)
+    return receiver.end(watchdog_ns)
+
+
+def receive_profinet(happened: Iterable[Frame | Relation], endpoint: ProfinetEndpoint) -> PlcInputs:
+    """Feed what happened on a PROFINET link, in the order of time."""
+    receiver = _Receiver(endpoint, [None] * len(endpoint.setpoints))
+    for item in happened:
+        receiver.expire(item.time_ns, endpoint.watchdog_ns)
+        if isinstance(item, Frame):
+            receiver.take(item)
+        else:
+            endpoint.relate(item.change, item.connection)
+            receiver.note(item.time_ns)
+    return receiver.end(endpoint.watchdog_ns)

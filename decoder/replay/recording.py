@@ -1,0 +1,363 @@
+"""A recording of both buses: records of the captures sorted by axis, as replay needs them.
+
+``Collector`` takes the records of all captures in any order of the files; ``recording`` puts the CAN side on the PLC's clock.
+Kept is what the gateway took in and sent out, as plain tuples; memory grows with the captures. Left out: frames of several
+PLCs (all count as one sender), nodes that belong to no axis.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Final
+
+from pdgw.decoder.frames.canopen.pdo_mapping import recorded_rpdo
+from pdgw.decoder.frames.canopen.records import CanRecord, HeartbeatRecord, NmtRecord, PdoRecord, SdoRecord
+from pdgw.decoder.frames.profinet.connect import Connection
+from pdgw.decoder.frames.profinet.cyclic import Axis
+from pdgw.decoder.frames.profinet.endpoint import ProfinetEndpoint
+from pdgw.decoder.frames.profinet.records import AlarmRecord, Change, RelationRecord
+from pdgw.decoder.frames.records import CyclicRecord, Record
+from pdgw.decoder.replay.plc_inputs import USED, Frame, PlcInputs, Relation, receive_frames, receive_profinet
+from pdgw.decoder.replay.recorded import (
+    Answer,
+    AxisRecording,
+    Feedback,
+    Learned,
+    ProbeTransfer,
+    SdoResult,
+    Sent,
+    Setpoints,
+)
+from pdgw.decoder.timeline.lookahead import median_cycle_ns
+from pdgw.ds301.aborts import abort_text
+from pdgw.ds301.nmt import NmtCommand, NmtState
+from pdgw.ds301.pdo import Pdo, PdoDirection
+from pdgw.dsp402 import touch_probe
+from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.generic import recorded_answer, recorded_drive_type, recorded_families
+from pdgw.dsp402.objects import HOMING_METHOD
+from pdgw.dsp402.optional_objects import image_entry
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.values import Configured
+from pdgw.gateway.links.cyclic import WATCHDOG_FACTOR
+from pdgw.profidrive.frame import IOPS_GOOD
+from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import Direction, telegram
+
+_PROBE: Final = frozenset({touch_probe.FUNCTION, touch_probe.STATUS, *touch_probe.POSITIONS})
+
+
+@dataclass
+class Recording:
+    """Both captures on one clock, in nanoseconds of the PLC's capture."""
+
+    axes: list[AxisRecording]
+    plc: PlcInputs
+    cycle_ns: int
+    begin_ns: int
+    """The first cyclic frame."""
+
+
+@dataclass
+class _Node:
+    """What the CAN side said about one axis, on its own clock."""
+
+    axis: Axis
+    feedback: list[Feedback] = field(default_factory=list)
+    sdo: list[SdoResult] = field(default_factory=list)
+    probe: list[ProbeTransfer] = field(default_factory=list)
+    configured: list[Learned] = field(default_factory=list)
+    sent: dict[int, list[Sent]] = field(default_factory=dict)
+    online: list[tuple[int, bool]] = field(default_factory=list)
+    answers: dict[tuple[int, int], int] = field(default_factory=dict)
+    homing_method: int = 0
+    started: bool = True
+    """Until an NMT command says otherwise: a recording may begin in operation."""
+    last: dict[int, bytes] = field(default_factory=dict)
+    rpdos: dict[int, Pdo | None] = field(default_factory=dict)
+    end_ns: int = 0
+
+    def drive_type(self) -> DriveType:
+        return recorded_drive_type(frozenset(self.answers.items()))
+
+
+class Collector:
+    """Feed ``add`` every record of both captures.
+
+    ``axes``: in the order of the frame, with their node-IDs; ``settings`` the choices of the user by DO-ID. ``in_order``: the
+    records are in the order in which the gateway dealt with them, as it writes them itself: a frame that had waited in the kernel
+    has an earlier time than what stands before it, and counts from its place on.
+    """
+
+    def __init__(
+        self, axes: Sequence[Axis], settings: Mapping[int, AxisSettings] | None = None, *, in_order: bool = False
+    ) -> None:
+        self.axes = tuple(axes)
+        self._in_order = in_order
+        self._dealt_with = 0
+        self._settings = dict(settings or {})
+        self._nodes = [_Node(axis) for axis in self.axes]
+        self._happened: list[Frame | Relation] = []
+        self._profinet = False
+        self._ready = True
+        """Cyclic data counts; over PROFINET only while a relationship is confirmed."""
+        self._valid: set[int] = set()
+        """Drive objects with valid data in the present relationship: before, nothing is in the frame yet."""
+        self._answers: dict[int, list[Answer]] = {axis.do_id: [] for axis in self.axes}
+        self._begin_ns: int | None = None
+
+    def add(self, record: Record) -> None:
+        """One more record, in the order of its capture."""
+        received_ns = record.time_ns
+        if self._in_order:
+            record.time_ns = self._dealt_with = max(self._dealt_with + 1, received_ns)
+        if isinstance(record, CyclicRecord):
+            if self._begin_ns is None:
+                self._begin_ns = record.time_ns
+            if record.direction is Direction.SETPOINT:
+                self._happened.append(Frame(record.time_ns, record.data, received_ns))
+            elif record.direction is Direction.ACTUAL:
+                self._actual(record)
+        elif isinstance(record, RelationRecord):
+            self._relate(record.time_ns, record.change, record.connection)
+        elif isinstance(record, AlarmRecord):
+            if record.ended is not None:
+                self._relate(record.time_ns, Change.ENDED, record.ended)
+        elif isinstance(record, CanRecord):
+            for node in self._nodes:
+                to_all = isinstance(record, NmtRecord) and not record.node
+                if (to_all or record.node == node.axis.node) and node.axis.bus in {"", record.channel}:
+                    _take(node, record)
+
+    # -- the PLC's side -----------------------------------------------------------------------------------------------
+
+    def _relate(self, time_ns: int, change: Change, connection: Connection) -> None:
+        self._profinet = True
+        self._ready = change is Change.READY
+        self._valid.clear()
+        self._happened.append(Relation(time_ns, change, connection))
+
+    def _actual(self, record: CyclicRecord) -> None:
+        if not self._ready:
+            return
+        for unit in record.units:
+            good = bool((unit.iops or 0) & IOPS_GOOD)
+            if good:
+                self._valid.add(unit.axis)
+            if unit.axis in self._answers and (not self._profinet or unit.axis in self._valid):
+                values = tuple(_integer(value) for value in unit.values)
+                # Over PROFINET IOCS says that a submodule is the right one, not that the PLC is there.
+                plc_ok = None if self._profinet else bool((unit.iocs or 0) & IOPS_GOOD)
+                self._answers[unit.axis].append(Answer(record.time_ns, values, good, plc_ok))
+
+    # -- the result ---------------------------------------------------------------------------------------------------
+
+    @property
+    def _frame_times(self) -> list[int]:
+        return [item.time_ns for item in self._happened if isinstance(item, Frame)]
+
+    @cached_property
+    def measured_cycle_ns(self) -> int:
+        """The PLC's cycle: the median time between its frames."""
+        return median_cycle_ns(self._frame_times)
+
+    def measured_watchdog_factor(self, cycle_ns: int) -> int:
+        """Cycles without a frame until the gateway's answers (IOCS) show the PLC as lost; the default where they never do."""
+        if self._profinet:
+            return WATCHDOG_FACTOR
+        frames = self._frame_times
+        answers = next(iter(self._answers.values()), [])
+        tolerated, lost = 0, None
+        for answer in answers:
+            position = bisect_right(frames, answer.time_ns)
+            if not position:
+                continue
+            silent = (answer.time_ns - frames[position - 1]) // cycle_ns
+            if answer.plc_ok:
+                tolerated = max(tolerated, silent + 1)
+            elif silent > 1 and (lost is None or silent < lost):
+                lost = silent
+        return lost if lost is not None and lost >= tolerated else max(WATCHDOG_FACTOR, tolerated)
+
+    def _ended_ns(self, watchdog_ns: int) -> int | None:
+        """When the gateway itself began to end: to the end of the recording no PLC is there (IOCS), and none was lost before."""
+        answers = next(iter(self._answers.values()), [])
+        position = len(answers)
+        while position and answers[position - 1].plc_ok is False:
+            position -= 1
+        if not 0 < position < len(answers):
+            return None
+        end_ns = answers[position].time_ns
+        frames = self._frame_times
+        before = bisect_right(frames, end_ns)
+        return end_ns if before and end_ns - frames[before - 1] <= watchdog_ns else None
+
+    def recording(self, offset_ns: int, *, cycle_ns: int, watchdog_factor: int, delays: bool = False) -> Recording:
+        """Everything on the PLC's clock; ``offset_ns`` is the CAN capture's clock minus the PLC's.
+
+        ``delays``: the gateway expected frames that come late, and may have dropped orders.
+        """
+        happened = sorted(self._happened, key=lambda item: item.time_ns)
+        watchdog_ns = cycle_ns * watchdog_factor
+        if self._profinet:
+            endpoint = ProfinetEndpoint(self.axes, watchdog_factor)
+            plc = receive_profinet(happened, endpoint)
+            watchdog_ns = endpoint.watchdog_ns
+        else:
+            ended = self._ended_ns(watchdog_ns)
+            plc = receive_frames(
+                [item for item in happened if isinstance(item, Frame) and (ended is None or item.time_ns < ended)],
+                [telegram(axis.telegram) for axis in self.axes],
+                cycle_ns=cycle_ns,
+                watchdog_factor=watchdog_factor,
+                ended_ns=ended,
+            )
+        used = [item.time_ns for item in plc.received if item.verdict in USED]
+        axes = [
+            replace(self._axis(node, plc.setpoints[position], used, offset_ns, watchdog_ns), delays=delays)
+            for position, node in enumerate(self._nodes)
+        ]
+        return Recording(axes, plc, cycle_ns, self._begin_ns or 0)
+
+    def _axis(
+        self, node: _Node, setpoints: list[Setpoints], used: list[int], offset_ns: int, watchdog_ns: int
+    ) -> AxisRecording:
+        do_id = node.axis.do_id
+        configured = [item._replace(time_ns=item.time_ns - offset_ns) for item in node.configured]
+        if not any(item.configured.restarted for item in configured):
+            # The recording begins in operation: what it does not show is taken from the defaults of the profile.
+            begin = min([used[0] if used else 0, *(item.time_ns for item in configured)])
+            method = node.homing_method or _shown_method(node.axis.telegram, self._answers[do_id])
+            configured.insert(0, Learned(begin, Configured(node.drive_type(), method, restarted=False)))
+        return AxisRecording(
+            do_id,
+            node.axis.node,
+            telegram(node.axis.telegram),
+            self._settings.get(do_id, AxisSettings()),
+            used,
+            setpoints,
+            sorted((item._replace(time_ns=item.time_ns - offset_ns) for item in node.feedback), key=_time),
+            [replace(item, time_ns=item.time_ns - offset_ns) for item in node.sdo],
+            [item._replace(time_ns=item.time_ns - offset_ns) for item in node.probe],
+            configured,
+            sorted(self._answers[do_id], key=_time),
+            {
+                number: sorted((Sent(item.time_ns - offset_ns, item.data) for item in frames), key=_time)
+                for number, frames in node.sent.items()
+            },
+            [(now - offset_ns, online) for now, online in node.online],
+            node.end_ns - offset_ns,
+            watchdog_ns,
+            self._profinet,
+            tuple(pdo for _, pdo in sorted(node.rpdos.items()) if pdo is not None),
+            self._in_order,
+        )
+
+
+def _time(item: Feedback | Answer | Sent) -> int:
+    return item.time_ns
+
+
+def _shown_method(number: int, answers: Sequence[Answer]) -> int:
+    """The homing method in AKTSATZ of the first answer; 0 where the telegram has none."""
+    names = telegram(number).actuals.names
+    if "AKTSATZ" not in names or not answers:
+        return 0
+    return signal("AKTSATZ").bit("HOMING_METHOD").of(answers[0].actuals[names.index("AKTSATZ")])
+
+
+def _integer(value: object) -> int:
+    return value if isinstance(value, int) else 0
+
+
+# -- CAN --------------------------------------------------------------------------------------------------------------
+
+
+def _take(node: _Node, record: CanRecord) -> None:
+    node.end_ns = max(node.end_ns, record.time_ns)
+    if isinstance(record, PdoRecord):
+        _pdo(node, record)
+    elif isinstance(record, SdoRecord):
+        _sdo(node, record)
+    elif isinstance(record, NmtRecord):
+        _nmt(node, record)
+    elif isinstance(record, HeartbeatRecord) and record.state == NmtState.BOOT_UP:
+        _offline(node, record.time_ns)
+
+
+def _pdo(node: _Node, record: PdoRecord) -> None:
+    layout = record.layout
+    number = int(layout.name.removeprefix(PdoDirection.RPDO.label).removeprefix(PdoDirection.TPDO.label))
+    values = {
+        address: value
+        for address, value in zip(layout.addresses, layout.unpack(record.data), strict=True)
+        if isinstance(value, int)
+    }
+    now = record.time_ns
+    if layout.name.startswith(PdoDirection.RPDO.label):
+        node.sent.setdefault(number, []).append(Sent(now, record.data[: layout.size]))
+        if number not in node.rpdos:
+            node.rpdos[number] = recorded_rpdo(layout, recorded_families(node.answers))
+        return
+    if node.started and (not node.online or not node.online[-1][1]):
+        node.online.append((now, True))
+    if node.last.get(record.cob_id) == record.data:
+        return
+    node.last[record.cob_id] = record.data
+    families = recorded_families(node.answers)
+    known = [(image_entry(*address, families), value) for address, value in values.items()]
+    node.feedback.append(Feedback(now, tuple((entry.attribute, value) for entry, value in known if entry is not None)))
+
+
+def _sdo(node: _Node, record: SdoRecord) -> None:
+    if record.index is None or record.subindex is None:
+        return
+    address = (record.index, record.subindex)
+    if record.index in _PROBE:
+        _probe(node, record, record.index)
+    if record.abort is not None:
+        node.sdo.append(SdoResult(record.time_ns, *address, b"", abort_text(record.abort)))
+    if record.from_client or record.value is None:
+        return
+    if "download" in record.step:
+        node.sdo.append(SdoResult(record.time_ns, *address, record.value))
+        return
+    if address == HOMING_METHOD:
+        node.homing_method = int.from_bytes(record.value, "little", signed=True)
+    value = recorded_answer(address, record.value)
+    if value is None:
+        return
+    before = node.answers.get(address)
+    node.answers[address] = value
+    if node.started and before is not None and before != value:
+        node.configured.append(
+            Learned(record.time_ns, Configured(node.drive_type(), node.homing_method, restarted=False))
+        )
+
+
+def _probe(node: _Node, record: SdoRecord, index: int) -> None:
+    written = "download" in record.step
+    if record.abort is not None:
+        node.probe.append(ProbeTransfer(record.time_ns, index, 0, written, record.abort))
+    elif record.value is not None and not record.from_client:
+        signed = index in touch_probe.POSITIONS
+        value = int.from_bytes(record.value, "little", signed=signed)
+        node.probe.append(ProbeTransfer(record.time_ns, index, value, written))
+
+
+def _nmt(node: _Node, record: NmtRecord) -> None:
+    if record.command == NmtCommand.START:
+        node.started = True
+        node.configured.append(Learned(record.time_ns, Configured(node.drive_type(), node.homing_method)))
+    else:
+        _offline(node, record.time_ns)
+
+
+def _offline(node: _Node, now: int) -> None:
+    node.started = False
+    node.last.clear()
+    if node.online and node.online[-1][1]:
+        node.online.append((now, False))

@@ -1,0 +1,64 @@
+"""What a replay of one axis came to: its steps, and where they differ from the recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from pdgw.decoder.replay.recorded import Answer, AxisRecording
+from pdgw.gateway.axis.values import FaultRecord
+from pdgw.gateway.reasons import Reason
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Where today's gateway would not have done what the recording shows.
+
+    ``what`` is ``actual values``, ``RPDO n`` or ``SDO``; ``recorded`` and ``today`` map signal or object names to raw values
+    (None: nothing was or would be sent there).
+    """
+
+    time_ns: int
+    do_id: int
+    what: str
+    recorded: Mapping[str, int] | None
+    today: Mapping[str, int] | None
+    note: str = ""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What differs, in the order of the frame."""
+        recorded, today = self.recorded or {}, self.today or {}
+        return tuple(name for name in {**recorded, **today} if recorded.get(name) != today.get(name))
+
+
+class Step(NamedTuple):
+    """One cycle as replayed. ``setpoints`` and ``feedback`` count the events taken so far.
+
+    ``controlword``, ``actuals`` and ``reason`` are those of today's machine; ``compared`` is False while its past is not known.
+    """
+
+    time_ns: int
+    answer: Answer | None
+    setpoints: int
+    feedback: int
+    controlword: int
+    actuals: tuple[int, ...]
+    reason: Reason | None
+    events: tuple[FaultRecord, ...]
+    compared: bool
+
+
+@dataclass
+class AxisReplay:
+    """The outcome for one axis: every step and the differences in their order."""
+
+    recording: AxisRecording
+    steps: list[Step] = field(default_factory=list)
+    differences: list[Difference] = field(default_factory=list)
+
+    @property
+    def compared(self) -> int:
+        """Steps that were compared."""
+        return sum(step.compared for step in self.steps)

@@ -1,0 +1,458 @@
+"""One axis of a timeline: its words on both buses with their causes, what the PLC's edges came to, and what went wrong.
+
+Today's axis machine is stepped with what the recording shows that the gateway took in. What it decides explains the recorded
+words as long as its Controlword is the recorded one. Where nothing is known of what the gateway remembers (a recording that
+begins in operation) or the Controlwords differ for longer, no reasons are told until they agree again. Without I/O.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+from pdgw.decoder.frames.canopen.pdo_mapping import recorded_rpdo
+from pdgw.decoder.frames.canopen.records import CanRecord, HeartbeatRecord, NmtRecord, PdoLayout, PdoRecord, SdoRecord
+from pdgw.decoder.frames.profinet.cyclic import Axis
+from pdgw.decoder.replay.known_off import HOME_POSITION_SET, tells_state
+from pdgw.decoder.timeline.drive_object import ObjectFollower, Put
+from pdgw.decoder.timeline.entries import Anomaly, AnomalyKind, Edge, ReasonChange, WordKind
+from pdgw.decoder.timeline.words import Decision, Words
+from pdgw.ds301.aborts import abort_text
+from pdgw.ds301.nmt import NmtCommand, NmtState
+from pdgw.ds301.pdo import PdoDirection
+from pdgw.dsp402.generic import recorded_answer, recorded_drive_type, recorded_families
+from pdgw.dsp402.images import DriveFeedback
+from pdgw.dsp402.modes import MODE_CONFIRM_NS
+from pdgw.dsp402.objects import CONTROLWORD, HOMING_METHOD, MODE, MODE_DISPLAY, STATUSWORD
+from pdgw.dsp402.optional_objects import image_entry
+from pdgw.dsp402.states import STATE_BITS, Command, ControlBit, State, StatusBit, next_state, state_of
+from pdgw.durations import MS, SECOND
+from pdgw.gateway.axis.machine import AxisMachine
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.values import Configured, SdoAnswer, SdoWrite
+from pdgw.gateway.objects.enable_chain import asks_for_operation
+from pdgw.gateway.reasons import AxisState, OrderDoubt, Reason
+from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import ApplicationMode, telegram
+
+SETTLE_NS: Final = 100 * MS
+"""What an edge has come to is judged so long after it, or at the next edge; an ON when the drive has followed it."""
+RESPONSE_NS: Final = SECOND
+"""A drive that has not answered a Controlword for so long has missed it."""
+AGREEMENT_NS: Final = 500 * MS
+"""So long have the recorded and today's Controlword to agree, or to differ, until it counts."""
+NOT_VALID: Final = "not evaluated: no valid frame (stale, stopped, or IOPS BAD)"
+DROPPED: Final = "not evaluated: stood in too few frames and may have been an old one"
+OVERTAKEN: Final = "not evaluated: the frame was dropped or overtaken"
+NO_CONTROLWORD: Final = "not judged: no Controlword to the drive in the recording up to here"
+NOT_JUDGED: Final = "not judged: what the gateway remembers from before is not known; an OFF makes it known"
+
+_STW1 = signal("STW1")
+
+
+class _Plan(NamedTuple):
+    """What of a PDO is looked at; positions are -1 where it does not have the object."""
+
+    direction: PdoDirection
+    word: int
+    mode: int
+    attributes: tuple[tuple[str, int], ...]
+
+
+class _Command(NamedTuple):
+    """A Controlword the drive has to answer by changing one of the ``wanted`` bits of its Statusword."""
+
+    edge: Edge
+    wanted: int
+    statusword: int
+
+
+class _Written(NamedTuple):
+    """A completed SDO download; ``error`` is the abort's text."""
+
+    time_ns: int
+    address: tuple[int, int]
+    error: str | None
+
+
+@dataclass
+class _Settling:
+    """An edge of the PLC and the reasons it passes through."""
+
+    edge: Edge
+    reasons: dict[Reason | None, None] = field(default_factory=dict)
+    last: Reason | None = None
+    time_ns: int = SETTLE_NS
+    """So long after the edge it is judged: a drive that is to start has as long as for any answer."""
+
+    def add(self, reason: Reason | None, *, awaited: bool) -> None:
+        self.reasons[reason] = None
+        self.last = reason
+        self.time_ns = RESPONSE_NS if awaited else SETTLE_NS
+
+    def close(self) -> None:
+        self.edge.outcome = self.last
+        passed = [reason for reason in self.reasons if reason not in {None, self.last}]
+        self.edge.reasons = tuple(reason for reason in (*passed, self.last) if reason is not None)
+
+
+class AxisFollower(ObjectFollower):
+    """Follows one axis with a drive. ``assumed``: the settings are not the user's but defaults."""
+
+    def __init__(
+        self,
+        axis: Axis,
+        settings: AxisSettings,
+        put: Put,
+        *,
+        cycle_ns: int,
+        hold_ns: int,
+        one_clock: bool,
+        assumed: bool,
+    ) -> None:
+        super().__init__(axis, put, hold_ns)
+        self.online = False
+        """The drive is there: IOPS of the answers; without any, its TPDOs come."""
+        self.answered = False
+        """There are answers of the gateway that show it."""
+        self._assumed = assumed
+        chosen = telegram(axis.telegram)
+        self._transparent = chosen.setpoints.mode is ApplicationMode.TRANSPARENT
+        self._words = Words(axis.do_id, chosen, 2 * cycle_ns, put, one_clock=one_clock)
+        # -- the drive
+        self._plans: dict[PdoLayout, _Plan] = {}
+        self._last: dict[int, bytes] = {}
+        self._sent: dict[PdoLayout, bytes] = {}
+        self._image = DriveFeedback()
+        self._started = True
+        self._answers: dict[tuple[int, int], int] = {}
+        self._homing_method = 0
+        self._restarted = False
+        self._new_references = True
+        self._written: deque[_Written] = deque(maxlen=64)
+        # -- today's machine
+        self._machine = AxisMachine(axis.telegram, settings, self._image)
+        self._request: tuple[SdoWrite, ...] | None = None
+        self._to_write: list[SdoWrite] = []
+        self._shown: int | None = None
+        self._known = False
+        self._agrees = False
+        self._since: int | None = None
+        # -- what waits for its end
+        self._control_edge: Edge | None = None
+        self._status_edge: Edge | None = None
+        self._waiting: Edge | None = None
+        """An edge of the PLC that may be an old one."""
+        self._settling: _Settling | None = None
+        self._told: Reason | str | None = ""
+        self._command: _Command | None = None
+        self._mode_asked: int | None = None
+        self._mode_shown: int | None = None
+        self._mode_since: int | None = None
+
+    # -- the PLC's side -----------------------------------------------------------------------------------------------
+
+    def control(self, now: int, word: int, setpoints: Sequence[int] | None) -> None:
+        edge = self._words.edge(WordKind.CONTROL, now, word)
+        if edge is None:
+            return
+        self._settled()
+        if setpoints is None:
+            edge.note = NOT_VALID
+        elif setpoints[0] != word and self.doubt is not OrderDoubt.WAITS:
+            edge.note = OVERTAKEN
+        else:
+            self._control_edge = edge
+        if self.doubt is OrderDoubt.DROPPED and self._waiting is not None:
+            self._waiting.note = DROPPED
+        self._waiting = edge if self.doubt is OrderDoubt.WAITS else None
+
+    def status(self, now: int, values: Sequence[int], *, good: bool) -> None:
+        if not self.answered:
+            self.answered = True
+            self._take_homing_method(values)
+        self.online = good
+        edge = self._words.edge(WordKind.STATUS, now, values[0])
+        if edge is not None:
+            self._words.explain(WordKind.STATUS, edge)
+
+    def _take_homing_method(self, values: Sequence[int]) -> None:
+        """A recording that begins in operation shows the homing method in AKTSATZ only."""
+        names = telegram(self.axis.telegram).actuals.names
+        if "AKTSATZ" in names and not self._homing_method:
+            self._homing_method = signal("AKTSATZ").bit("HOMING_METHOD").of(values[names.index("AKTSATZ")])
+
+    # -- CAN ----------------------------------------------------------------------------------------------------------
+
+    def take(self, record: CanRecord) -> None:
+        if isinstance(record, PdoRecord):
+            self._pdo(record)
+        elif isinstance(record, SdoRecord):
+            self._sdo(record)
+        else:
+            super().take(record)
+            if isinstance(record, NmtRecord):
+                if record.command == NmtCommand.START:
+                    self._started = self._restarted = True
+                else:
+                    self._offline()
+            elif isinstance(record, HeartbeatRecord) and record.state == NmtState.BOOT_UP:
+                self._offline()
+
+    def _offline(self) -> None:
+        self._started = False
+        self._last.clear()
+        if not self.answered:
+            self.online = False
+
+    def _pdo(self, record: PdoRecord) -> None:
+        data = record.data
+        if self._last.get(record.cob_id) == data:
+            return
+        self._last[record.cob_id] = data
+        layout, now = record.layout, record.time_ns
+        plan = self._plans.get(layout) or self._plan(layout)
+        values = layout.unpack(data)
+        word, mode = values[plan.word] if plan.word >= 0 else None, values[plan.mode] if plan.mode >= 0 else None
+        if plan.direction is PdoDirection.RPDO:
+            self._sent[layout] = data[: layout.size]
+            if isinstance(word, int):
+                self._commanded(now, word)
+            if isinstance(mode, int):
+                self._ask_mode(now, mode)
+            return
+        if not self.answered and self._started:
+            self.online = True
+        image = self._image
+        for attribute, position in plan.attributes:
+            setattr(image, attribute, values[position])
+        if isinstance(word, int):
+            self._statusword(now, word)
+        if isinstance(mode, int):
+            self._mode_shown = mode
+            if mode == self._mode_asked:
+                self._mode_since = None
+
+    def _plan(self, layout: PdoLayout) -> _Plan:
+        direction = next(item for item in PdoDirection if layout.name.startswith(item.label))
+        places = {address: position for position, address in enumerate(layout.addresses)}
+        receives = direction is PdoDirection.RPDO
+        families = recorded_families(self._answers)
+        entries = [(image_entry(*address, families), position) for address, position in places.items()]
+        plan = self._plans[layout] = _Plan(
+            direction,
+            places.get(CONTROLWORD if receives else STATUSWORD, -1),
+            places.get(MODE if receives else MODE_DISPLAY, -1),
+            tuple((entry.attribute, position) for entry, position in entries if entry is not None and not receives),
+        )
+        return plan
+
+    def _sdo(self, record: SdoRecord) -> None:
+        if record.index is None or record.subindex is None:
+            return
+        now, address = record.time_ns, (record.index, record.subindex)
+        if record.abort is not None:
+            self._written.append(_Written(now, address, abort_text(record.abort)))
+        if record.from_client or record.value is None:
+            return
+        if "download" in record.step:
+            self._written.append(_Written(now, address, None))
+            if address == MODE:
+                self._ask_mode(now, int.from_bytes(record.value, "little", signed=True))
+            return
+        if address == HOMING_METHOD:
+            self._homing_method = int.from_bytes(record.value, "little", signed=True)
+        elif (value := recorded_answer(address, record.value)) is not None:
+            self._new_references |= self._answers.get(address) != value
+            self._answers[address] = value
+            self._words.are_of(recorded_families(self._answers))
+
+    # -- words and their causes ---------------------------------------------------------------------------------------
+
+    def _commanded(self, now: int, word: int) -> None:
+        if self._shown is not None and word != self._machine.outputs.command.controlword:
+            # RPDOs come of a step. That of a busy gateway may have no answer of its own: then this is its only trace.
+            self.step(self._machine.inputs.setpoints, now)
+        edge = self._words.edge(WordKind.CONTROLWORD, now, word)
+        if edge is None:
+            return
+        self._words.explain(WordKind.CONTROLWORD, edge)
+        statusword = self._words.values.get(WordKind.STATUSWORD)
+        wanted = None if statusword is None else _expectation(statusword, edge)
+        self._command = None if wanted is None or statusword is None else _Command(edge, wanted, statusword)
+
+    def _statusword(self, now: int, word: int) -> None:
+        edge = self._words.edge(WordKind.STATUSWORD, now, word)
+        if edge is None:
+            return
+        self._status_edge = edge
+        command = self._command
+        if command is not None and (edge.before ^ edge.after) & command.wanted:
+            edge.follow(command.edge)
+            self._command = None
+        elif state_of(edge.before) is State.OPERATION_ENABLED:
+            self._left_operation(edge)
+
+    def _left_operation(self, edge: Edge) -> None:
+        commanded = Command.ENABLE_OPERATION.matches(self._words.values.get(WordKind.CONTROLWORD, 0))
+        if commanded and state_of(edge.after) not in {
+            State.OPERATION_ENABLED,
+            State.FAULT,
+            State.FAULT_REACTION_ACTIVE,
+        }:
+            text = f"{edge.field.text(edge.after)} while Enable Operation was commanded"
+            self._put(Anomaly(edge.time_ns, self.axis.do_id, AnomalyKind.LEFT_OPERATION, text))
+
+    def _ask_mode(self, now: int, mode: int) -> None:
+        if mode != self._mode_asked:
+            self._mode_asked = mode
+            self._mode_since = now if mode and mode != self._mode_shown else None
+
+    # -- today's machine ----------------------------------------------------------------------------------------------
+
+    def step(self, setpoints: Sequence[int] | None, now: int) -> None:
+        inputs, outputs = self._machine.inputs, self._machine.outputs
+        inputs.now, inputs.setpoints, inputs.drive_ok = now, setpoints, self.online
+        inputs.doubt = self.doubt
+        if self.online:
+            self._configure()
+        commanded = outputs.command.controlword
+        self._machine.step()
+        actuals, word = outputs.actuals, outputs.command.controlword
+        control, status = self._control_edge, self._status_edge
+        self._control_edge = self._status_edge = None
+        if word != commanded:
+            decision = Decision(now, commanded, word, control or status)
+            self._words.decided(WordKind.CONTROLWORD, decision)
+        if actuals[0] != self._shown:
+            if self._shown is not None:
+                self._words.decided(WordKind.STATUS, Decision(now, self._shown, actuals[0], status or control))
+            self._shown = actuals[0]
+        self._serve_sdo(now)
+        for record in outputs.faults if self._known else ():
+            self._put(Anomaly(now, self.axis.do_id, AnomalyKind.GATEWAY_FAULT, f"{record.number} {record.text}"))
+        self._compare(setpoints, now)
+        self._judge(control, now)
+
+    def _configure(self) -> None:
+        """Restarts of the drive and references as far as the gateway has them."""
+        restarted = self._restarted
+        if restarted or self._new_references:
+            drive = recorded_drive_type(frozenset(self._answers.items()))
+            self._machine.inputs.news.append(Configured(drive, self._homing_method, restarted))
+            self._known |= restarted
+            self._restarted = self._new_references = False
+
+    def _serve_sdo(self, now: int) -> None:
+        """Answer the machine's SDO writes when the recorded ones were answered."""
+        request = self._machine.outputs.writes
+        if request is None:
+            self._request = None
+            return
+        if request is not self._request:
+            self._request, self._to_write = request, list(request)
+            return
+        while self._to_write and self._written:
+            written = self._written.popleft()
+            wanted = self._to_write[0]
+            if written.time_ns < now - SETTLE_NS or written.address != (wanted.index, wanted.subindex):
+                continue
+            del self._to_write[0]
+            if written.error is not None or not self._to_write:
+                self._machine.inputs.news.append(SdoAnswer(request, written.error))
+                return
+
+    def _compare(self, setpoints: Sequence[int] | None, now: int) -> None:
+        """Whether today's machine is in the state of the recorded gateway."""
+        recorded = self._words.values.get(WordKind.CONTROLWORD)
+        if recorded is None or not self.online:
+            self._since = None
+            return
+        today = self._machine.outputs.command.controlword
+        agrees = today == recorded
+        if self._since is None or agrees is not self._agrees:
+            self._agrees, self._since = agrees, now
+        lasts = now - self._since >= AGREEMENT_NS
+        if agrees and lasts:
+            self._known = True
+        elif self._known and lasts:
+            self._known = False
+            choices = " with the default choices" if self._assumed else ""
+            text = f"Controlword {recorded:04X}h on the bus, {today:04X}h by today's rules{choices}: no reasons until an OFF"
+            self._put(Anomaly(self._since, self.axis.do_id, AnomalyKind.DIFFERENCE, text))
+        elif not self._known and setpoints is not None:
+            self._recognise(setpoints)
+
+    def _recognise(self, setpoints: Sequence[int]) -> None:
+        """With an OFF while the drive is not powered, the machine's state is what the recording tells."""
+        if not tells_state(setpoints[0], self._image.statusword, transparent=self._transparent):
+            return
+        self._known = True
+        self._since = None
+        for layout, sent in self._sent.items():
+            if (pdo := recorded_rpdo(layout, recorded_families(self._answers))) is not None:
+                pdo.unpack_into(sent, self._machine.outputs.command)
+        if WordKind.STATUS in self._words.values:
+            self._machine.executor.recall(home_set=bool(self._words.values[WordKind.STATUS] & HOME_POSITION_SET))
+
+    def _judge(self, control: Edge | None, now: int) -> None:
+        """Tell what the PLC's edges come to, and reasons that come or go."""
+        reason = self._machine.outputs.reason
+        if control is not None:
+            self._settled()
+            if self._known:
+                self._settling = _Settling(control)
+            else:
+                control.note = NOT_JUDGED if WordKind.CONTROLWORD in self._words.values else NO_CONTROLWORD
+        settling = self._settling
+        if settling is not None and settling.reasons and now > settling.edge.time_ns + settling.time_ns:
+            self._settled()
+            settling = None
+        if settling is not None:
+            starting = reason is not None and reason.state is AxisState.STARTING
+            settling.add(reason, awaited=starting and asks_for_operation(self._machine.demand))
+        if self._known and reason is not self._told:
+            self._told = reason
+            self._put(ReasonChange(now, self.axis.do_id, reason, settling is not None))
+
+    def _settled(self) -> None:
+        if self._settling is not None:
+            self._settling.close()
+            self._settling = None
+
+    # -- time ---------------------------------------------------------------------------------------------------------
+
+    def tick(self, now: int) -> None:
+        super().tick(now)
+        command = self._command
+        if command is not None and now > command.edge.time_ns + RESPONSE_NS:
+            self._command = None
+            status = self._words.fields[WordKind.STATUSWORD].text(command.statusword)
+            text = f"{command.edge.field.text(command.edge.after)}: no answer of the drive within 1 s, {status}"
+            self._put(Anomaly(command.edge.time_ns, self.axis.do_id, AnomalyKind.HANDSHAKE, text))
+        if self._mode_since is not None and now > self._mode_since + MODE_CONFIRM_NS:
+            if self._mode_shown is not None:
+                text = f"6060h = {self._mode_asked}, 6061h = {self._mode_shown} for 1 s"
+                self._put(Anomaly(self._mode_since, self.axis.do_id, AnomalyKind.MODE, text))
+            self._mode_since = None
+        settling = self._settling
+        if settling is not None and now > settling.edge.time_ns + max(settling.time_ns, 2 * SETTLE_NS):
+            self._settled()  # the gateway has made no step since
+
+    def finish(self) -> None:
+        self._settled()
+
+
+def _expectation(statusword: int, command: Edge) -> int | None:
+    """Statusword bits of which one has to change for a Controlword; None when the drive has nothing to answer."""
+    state = state_of(statusword)
+    if state is not None and next_state(state, command.after, command.before) is not state:
+        return STATE_BITS
+    raised = command.after & ~command.before & ControlBit.NEW_SETPOINT
+    lowered = command.before & ~command.after & ControlBit.NEW_SETPOINT
+    acknowledged = bool(statusword & StatusBit.MODE_12)
+    if state is State.OPERATION_ENABLED and ((raised and not acknowledged) or (lowered and acknowledged)):
+        return StatusBit.MODE_12
+    return None

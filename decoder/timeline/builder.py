@@ -1,0 +1,414 @@
+"""A timeline out of the records of both buses as they come: entries in the order of time, in constant memory.
+
+Facts are taken from the recording: whether the gateway has the PLC (IOCS of its answers) and the drive (IOPS). Where it has no
+answers, and over PROFINET, whose IOCS do not tell, the watchdog decides. An entry is held back until all that belongs to it has
+come (``HOLD_NS`` of recorded time), then it is given out and forgotten. Without I/O; one clock (``decoder.timeline.lookahead`` finds the
+offset).
+
+    >>> follower = Follower(axes, settings, cycle_ns=4_000_000)
+    >>> for record in records:
+    ...     entries = follower.add(record)
+    >>> entries = follower.finish()
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final
+
+from pdgw.decoder.frames.canopen.records import CanRecord, EmcyRecord, HeartbeatRecord, NmtRecord, PdoRecord, SdoRecord
+from pdgw.decoder.frames.profinet.connect import Connection
+from pdgw.decoder.frames.profinet.cyclic import Axis
+from pdgw.decoder.frames.profinet.endpoint import ProfinetEndpoint
+from pdgw.decoder.frames.profinet.records import AlarmRecord, Change, RelationRecord
+from pdgw.decoder.frames.records import CyclicRecord, Record
+from pdgw.decoder.replay.cycles import SILENT_CYCLES
+from pdgw.decoder.replay.plc_inputs import SENDER
+from pdgw.decoder.timeline.axis import RESPONSE_NS, AxisFollower
+from pdgw.decoder.timeline.drive_object import ObjectFollower, Put
+from pdgw.decoder.timeline.entries import Anomaly, AnomalyKind, Edge, Entry, Event
+from pdgw.ds301.pdo import PdoDirection
+from pdgw.durations import MS
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
+from pdgw.gateway.links.cyclic import WATCHDOG_FACTOR, WATCHDOG_FACTOR_MAX, CyclicEndpoint, Verdict
+from pdgw.gateway.reasons import OrderDoubt
+from pdgw.profidrive.frame import COUNTER_UNIT_NS, IOPS_GOOD, is_newer
+from pdgw.profidrive.telegrams import Direction, telegram
+
+HOLD_NS: Final = RESPONSE_NS + 100 * MS
+"""Longer than anything an entry waits for."""
+_TICK_NS: Final = 10 * MS
+_UNUSED: Final = 8
+"""So many answers in a row that do not use the PLC's frames are more than frames and answers crossing."""
+_JUDGED: Final = 16
+"""Steps of the cycle counter after which it is known how it counts."""
+_COUNTER_CYCLES: Final = 10
+"""A counter that is a clock may be off by so many cycles: a recorder and a busy sender wait."""
+_VERDICTS = {Verdict.STALE: AnomalyKind.STALE, Verdict.PROVIDER_STOP: AnomalyKind.STOPPED}
+_NOTHING: Final[tuple[Entry, ...]] = ()
+
+
+class Follower:
+    """Both buses of one gateway.
+
+    ``axes``: in the order of the frame, with their node-IDs; ``settings``: the choices of the user by DO-ID, defaults are assumed
+    for others. ``watchdog_factor``: the gateway's, None where it is not known. ``one_clock``: both buses were recorded with
+    one, so that no edge comes before its cause. ``delays``: the gateway expected frames that come late.
+    """
+
+    def __init__(
+        self,
+        axes: Sequence[Axis],
+        settings: Mapping[int, AxisSettings] | None = None,
+        *,
+        cycle_ns: int,
+        watchdog_factor: int | None = None,
+        one_clock: bool = False,
+        delays: bool = False,
+    ) -> None:
+        self.horizon_ns: int | None = None
+        """All entries up to this time have been given out."""
+        self._heap: list[tuple[int, int, Entry]] = []
+        self._count = 0
+        self._due = 0
+        given = settings or {}
+        self._objects = [
+            _follower(axis, given.get(axis.do_id), self._put, cycle_ns, one_clock=one_clock) for axis in axes
+        ]
+        self._nodes: dict[int, list[ObjectFollower]] = {}
+        for item in self._objects:
+            self._nodes.setdefault(item.axis.node, []).append(item)
+        self._exchange = _Exchange(self._objects, self._put, cycle_ns, watchdog_factor, delays=delays)
+        self._can_seen = False
+        self._last_ns = 0
+
+    def add(self, record: Record) -> Sequence[Entry]:
+        """One more record, about in the order of time; what is complete by now."""
+        now = self._last_ns = record.time_ns
+        if isinstance(record, CanRecord):
+            self._can_seen = True
+            to_all = isinstance(record, NmtRecord) and not record.node
+            for item in self._objects if to_all else self._nodes.get(record.node, ()):
+                if item.axis.bus in {"", record.channel}:
+                    if not item.heard:
+                        item.heard = _is_from_node(record)
+                    item.take(record)
+        elif isinstance(record, CyclicRecord):
+            self._exchange.take(record)
+        elif isinstance(record, RelationRecord):
+            self._exchange.relate(record.time_ns, record.change, record.connection)
+        elif isinstance(record, AlarmRecord):
+            self._alarm(record)
+        if now < self._due:
+            return _NOTHING
+        self._due = now + _TICK_NS
+        for item in self._objects:
+            item.tick(now)
+        self.horizon_ns = now - HOLD_NS
+        return self._release(self.horizon_ns)
+
+    def _alarm(self, record: AlarmRecord) -> None:
+        if record.ended is not None:
+            self._exchange.relate(record.time_ns, Change.ENDED, record.ended)
+        if record.tells:
+            do_id = next(
+                (item.axis.do_id for place, item in enumerate(self._objects, 1) if _slot(item, place) == record.slot), 0
+            )
+            self._put(Event(record.time_ns, do_id, "PLC", record.text))
+
+    def finish(self) -> Sequence[Entry]:
+        """The rest, at the end of the recording."""
+        for item in self._objects:
+            item.finish()
+        for do_id, text in self._missing():
+            self._put(Event(self._last_ns, do_id, "missing", text))
+        return self._release(None)
+
+    def _missing(self) -> Iterator[tuple[int, str]]:
+        """What was not in the records, by DO-ID (0: of all)."""
+        seen = self._exchange.seen
+        if Direction.SETPOINT not in seen:
+            yield 0, "no frame of a PLC: what was asked of the drives, and why, is not in this recording"
+        if Direction.ACTUAL not in seen:
+            yield 0, "no frame to a PLC: what it was told is not in this recording"
+        if not self._can_seen:
+            yield 0, "no CAN frame: what the drives were told, and what they answered, is not in this recording"
+            return
+        for item in self._objects:
+            if not item.heard:
+                yield item.axis.do_id, f"nothing came from node {item.axis.node}"
+
+    def _put(self, entry: Entry) -> None:
+        self._count += 1
+        heapq.heappush(self._heap, (entry.time_ns, self._count, entry))
+
+    def _release(self, until: int | None) -> Sequence[Entry]:
+        heap = self._heap
+        released = []
+        while heap and (until is None or heap[0][0] <= until):
+            entry = heapq.heappop(heap)[2]
+            if isinstance(entry, Edge) and entry.cause is not None:
+                entry.root = entry.cause.root or entry.cause
+            released.append(entry)
+        return released
+
+
+def _is_from_node(record: CanRecord) -> bool:
+    """Whether a frame that belongs to a node was sent by it."""
+    if isinstance(record, PdoRecord):
+        return record.layout.name.startswith(PdoDirection.TPDO.label)
+    return isinstance(record, HeartbeatRecord | EmcyRecord) or (
+        isinstance(record, SdoRecord) and not record.from_client
+    )
+
+
+def _slot(item: ObjectFollower, place: int) -> int:
+    """The PROFINET slot of a drive object."""
+    return item.axis.slot or place
+
+
+def _follower(axis: Axis, settings: AxisSettings | None, put: Put, cycle_ns: int, *, one_clock: bool) -> ObjectFollower:
+    if axis.telegram not in DRIVE_TELEGRAM_NUMBERS:
+        return ObjectFollower(axis, put, HOLD_NS)
+    chosen = settings or AxisSettings()
+    return AxisFollower(
+        axis, chosen, put, cycle_ns=cycle_ns, hold_ns=HOLD_NS, one_clock=one_clock, assumed=settings is None
+    )
+
+
+class _CycleCounter:
+    """The cycle counter of one direction: it makes the same step with each frame, or it is a clock in units of 31.25 us."""
+
+    def __init__(self, who: str, cycle_ns: int) -> None:
+        self._who = who
+        self._tolerance = _COUNTER_CYCLES * cycle_ns
+        self._last: int | None = None
+        self._last_ns = 0
+        self._steps: Counter[int] = Counter()
+        self._usual = 0
+        self._count = 0
+        self._clock = False
+        """A step was no multiple of the usual one and told the time that had passed."""
+
+    def restart(self) -> None:
+        """A new relationship counts from anywhere."""
+        self._last = None
+
+    def jump(self, counter: int, now: int) -> str:
+        """What is unusual about the next frame's counter; empty for an old frame, too."""
+        last, self._last = self._last, counter
+        elapsed, self._last_ns = now - self._last_ns, now
+        if last is None or not is_newer(counter, last):
+            return ""
+        step = (counter - last) & 0xFFFF
+        self._steps[step] += 1
+        self._count += 1
+        if self._steps[step] > self._steps[self._usual]:
+            self._usual = step
+        usual = self._usual
+        if step == usual or self._count < _JUDGED:
+            return ""
+        text = f"{self._who}: counter {last} -> {counter}"
+        told = step * COUNTER_UNIT_NS
+        agrees = abs(told - elapsed % (COUNTER_UNIT_NS << 16)) <= self._tolerance
+        self._clock |= agrees and step % usual != 0
+        if self._clock or 2 * self._steps[usual] <= self._count:
+            if agrees:
+                return ""
+            return f"{text} tells of {told / MS:.1f} ms, {elapsed / MS:.1f} ms have passed"
+        text += f", usual step {usual}"
+        missing = step // usual - 1 if step % usual == 0 else 0
+        return f"{text}, {missing} frame{'s' if missing > 1 else ''} missing" if missing > 0 else text
+
+
+class _Exchange:
+    """The exchange with the PLC: which frames the gateway used, when it had lost the PLC, and its steps."""
+
+    def __init__(
+        self,
+        objects: Sequence[ObjectFollower],
+        put: Put,
+        cycle_ns: int,
+        watchdog_factor: int | None,
+        *,
+        delays: bool,
+    ) -> None:
+        self._objects = {item.axis.do_id: item for item in objects}
+        self._order = tuple(objects)
+        self._put = put
+        self._cycle_ns = cycle_ns
+        self._factor = watchdog_factor
+        telegrams = [telegram(item.axis.telegram) for item in objects]
+        self._endpoint: CyclicEndpoint | ProfinetEndpoint = CyclicEndpoint(
+            telegrams, cycle_ns=cycle_ns, watchdog_factor=WATCHDOG_FACTOR_MAX, delays=False
+        )
+        # It decides what may be an old order; whether the gateway had a PLC is told by the answers.
+        self._judge = (
+            CyclicEndpoint(telegrams, cycle_ns=cycle_ns, watchdog_factor=WATCHDOG_FACTOR_MAX) if delays else None
+        )
+        self._watchdog_ns = (watchdog_factor or WATCHDOG_FACTOR) * cycle_ns
+        self._counters = {
+            Direction.SETPOINT: _CycleCounter("PLC -> gateway", cycle_ns),
+            Direction.ACTUAL: _CycleCounter("gateway -> PLC", cycle_ns),
+        }
+        self._standing: Verdict | None = None
+        self.seen: set[Direction] = set()
+        """Of which directions there were frames."""
+        self._last_frame = 0
+        self._lost_since: int | None = None
+        self._answered = False
+        self._stepped = False
+        """A step was made for a frame whose answer has not come yet."""
+        self._unused = 0
+
+    def relate(self, now: int, change: Change, connection: Connection) -> None:
+        """A PROFINET relationship comes or goes: from now on its frames count as the link counts them."""
+        endpoint = self._endpoint
+        if not isinstance(endpoint, ProfinetEndpoint):
+            axes = [item.axis for item in self._order]
+            endpoint = self._endpoint = ProfinetEndpoint(axes, self._factor or WATCHDOG_FACTOR)
+        endpoint.relate(change, connection)
+        self._watchdog_ns = endpoint.watchdog_ns
+        if change is Change.GRANTED:
+            for counter in self._counters.values():
+                counter.restart()
+        who = " and ".join(name for name in (connection.controller, connection.station) if name)
+        self._put(Event(now, 0, "PLC", f"relationship of {who} {change.value}"))
+        if change in {Change.ENDED, Change.PAUSED}:
+            self._step(now)  # no frame comes any more that would tell the axes
+
+    def take(self, record: CyclicRecord) -> None:
+        """A cyclic frame of either direction."""
+        direction = record.direction
+        if direction is None:
+            return
+        self.seen.add(direction)
+        jump = self._counters[direction].jump(record.cycle_counter, record.time_ns)
+        if jump:
+            self._put(Anomaly(record.time_ns, 0, AnomalyKind.COUNTER, jump))
+        if direction is Direction.SETPOINT:
+            self._frame(record)
+        else:
+            self._answer(record)
+
+    def _frame(self, record: CyclicRecord) -> None:
+        now, endpoint = record.time_ns, self._endpoint
+        if not self._answered:
+            self._watch(now)
+        verdict = endpoint.receive(record.data, SENDER, now, now)
+        if verdict is Verdict.UNCONFIRMED and isinstance(endpoint, ProfinetEndpoint):
+            self._last_frame = now
+            return  # before ApplicationReady is confirmed, and behind PrmBegin, no frame counts
+        if verdict is Verdict.STALE or (verdict is not Verdict.ACCEPTED and verdict is not self._standing):
+            kind = _VERDICTS.get(verdict, AnomalyKind.DROPPED)
+            self._put(Anomaly(now, 0, kind, f"frame with counter {record.cycle_counter}: {verdict.value}"))
+        self._standing = verdict
+        values = record.values
+        if self._judge is not None:
+            self._judge_orders(self._judge, record.data, now)
+        in_force = {item.axis.do_id: s for item, s in zip(self._order, self._setpoints, strict=True)}
+        for do_id, _, unit, first, iops, _ in record.layout.axes:
+            item = self._objects.get(do_id)
+            if item is not None and unit.telegram == item.axis.telegram:
+                item.control(now, values[first], in_force[do_id])
+                item.quality(now, Direction.SETPOINT, good=bool(values[iops] & IOPS_GOOD))
+        if verdict in {Verdict.ACCEPTED, Verdict.PROVIDER_STOP}:
+            if self._lost_since is not None:
+                silence = (now - self._last_frame) / MS
+                self._put(Event(now, 0, "PLC", f"frames again after {silence:.1f} ms"))
+                self._lost_since = None
+            self._last_frame = now
+            self._step(now)
+            self._stepped = True
+
+    def _judge_orders(self, judge: CyclicEndpoint, data: bytes, now: int) -> None:
+        """Which orders the gateway has not put in force, because they may have been old ones."""
+        before = judge.orders_dropped
+        judge.receive(data, SENDER, now, now)
+        judge.poll(now)
+        for item, doubt in zip(self._order, judge.doubts, strict=True):
+            if doubt is OrderDoubt.DROPPED and judge.orders_dropped > before and item.doubt is OrderDoubt.WAITS:
+                text = "a change of a control word stood in too few frames and may be an old frame: ignored"
+                self._put(Anomaly(now, item.axis.do_id, AnomalyKind.ORDER, text))
+            item.doubt = doubt
+
+    @property
+    def _setpoints(self) -> list[Sequence[int] | None]:
+        """What is in force: in doubt what the gateway kept, else the newest frame's."""
+        newest, judge = self._endpoint.setpoints, self._judge
+        if judge is None:
+            return list(newest)
+        kept = zip(newest, judge.setpoints, judge.doubts, strict=True)
+        return [old if new is not None and doubt and old is not None else new for new, old, doubt in kept]
+
+    def _answer(self, record: CyclicRecord) -> None:
+        now, values = record.time_ns, record.values
+        # Over PROFINET neither IOCS nor the time of an answer tell what the gateway makes of the PLC's frames.
+        answers = self._answered = isinstance(self._endpoint, CyclicEndpoint)
+        used = False
+        for do_id, _, unit, first, iops, iocs in record.layout.axes:
+            used |= bool(values[iocs] & IOPS_GOOD)
+            item = self._objects.get(do_id)
+            if item is not None and unit.telegram == item.axis.telegram:
+                good = bool(values[iops] & IOPS_GOOD)
+                item.status(now, values[first:iops], good=good)
+                item.quality(now, Direction.ACTUAL, good=good)
+        if not answers:
+            self._watch(now)
+        elif record.layout.axes:
+            self._used(now, used=used)
+        if not self._stepped:
+            self._step(now)
+        self._stepped = False
+
+    def _used(self, now: int, *, used: bool) -> None:
+        """Whether the gateway had the PLC when it made an answer: its IOCS say so."""
+        if used or not any(item is not None for item in self._endpoint.setpoints):
+            if used:
+                self._unused = 0
+            return
+        silence = now - self._last_frame
+        if silence > SILENT_CYCLES * self._cycle_ns:
+            self._lose()
+            self._lost_since = now
+            self._put(self._unused_after(silence, now))
+            return
+        self._unused += 1
+        if self._unused == _UNUSED:
+            self._put(Anomaly(now, 0, AnomalyKind.DROPPED, "frames are not used by the gateway (IOCS BAD)"))
+
+    def _unused_after(self, silence: int, now: int) -> Entry:
+        """IOCS BAD after a silence: a loss, or a gateway that ends; of a watchdog that is not known both are possible."""
+        text = f"no frame of the PLC for {silence / MS:.1f} ms"
+        if self._factor is None:
+            text += ": the gateway has lost it or ends (IOCS BAD)"
+        elif silence < self._watchdog_ns - self._cycle_ns // 2:
+            text += f", less than the watchdog's {self._watchdog_ns / MS:g} ms: IOCS BAD as when the gateway ends"
+            return Event(now, 0, "gateway", text)
+        else:
+            text += ": the gateway has lost it (IOCS BAD)"
+        return Anomaly(now, 0, AnomalyKind.WATCHDOG, text)
+
+    def _watch(self, now: int) -> None:
+        """Without answers of the gateway, only the silence of the PLC tells about its watchdog."""
+        watchdog_ns = self._watchdog_ns
+        silence = now - self._last_frame
+        if not self._endpoint.connected or silence <= watchdog_ns:
+            return
+        self._lose()
+        expiry = self._last_frame + watchdog_ns
+        known = "the watchdog's" if self._factor else "if its watchdog has the default"
+        text = f"no frame of the PLC for {silence / MS:.1f} ms: lost after {watchdog_ns / MS:g} ms, {known}"
+        self._put(Anomaly(expiry, 0, AnomalyKind.WATCHDOG, text))
+        self._step(expiry)
+
+    def _lose(self) -> None:
+        self._endpoint.poll(self._last_frame + max(WATCHDOG_FACTOR_MAX * self._cycle_ns, self._watchdog_ns) + 1)
+
+    def _step(self, now: int) -> None:
+        ignored = self._unused >= _UNUSED
+        for item, setpoints in zip(self._order, self._setpoints, strict=True):
+            item.step(None if ignored else setpoints, now)

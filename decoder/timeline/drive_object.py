@@ -1,0 +1,98 @@
+"""What a timeline tells of every drive object, drive or encoder: events of its node, data that are marked bad. Without I/O."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from pdgw.decoder.frames.canopen.records import CanRecord, EmcyRecord, HeartbeatRecord, NmtRecord
+from pdgw.decoder.frames.profinet.cyclic import Axis
+from pdgw.decoder.timeline.entries import Anomaly, AnomalyKind, Entry, Event
+from pdgw.durations import MS, SECOND
+from pdgw.gateway.reasons import OrderDoubt
+from pdgw.profidrive.telegrams import Direction
+
+_RESET: Final = 0
+"""EMCY error code "error reset or no error"."""
+
+Put = Callable[[Entry], None]
+
+
+@dataclass
+class _Bad:
+    """Process data that are marked bad, by whom, and the entry that tells it."""
+
+    who: str
+    entry: Anomaly
+    told: bool = False
+
+
+class ObjectFollower:
+    """Follows one drive object. ``put`` takes the entries, whose details may still change for ``hold_ns``."""
+
+    def __init__(self, axis: Axis, put: Put, hold_ns: int) -> None:
+        self.axis = axis
+        self._put = put
+        self._hold_ns = hold_ns
+        self._bad: dict[Direction, _Bad] = {}
+        self.doubt = OrderDoubt.NONE
+        """Whether the PLC may have ordered something that the gateway has not in force."""
+        self.heard = False
+        """Something came from the node."""
+
+    # -- what an axis makes more of -----------------------------------------------------------------------------------
+
+    def control(self, now: int, word: int, setpoints: Sequence[int] | None) -> None:
+        """The first signal of a frame of the PLC, and what the gateway has in force after the frame."""
+
+    def status(self, now: int, values: Sequence[int], *, good: bool) -> None:
+        """The actual values of an answer and whether the gateway marks them good."""
+
+    def step(self, setpoints: Sequence[int] | None, now: int) -> None:
+        """The gateway made a step with these values of the PLC."""
+
+    def finish(self) -> None:
+        """The recording ends."""
+
+    # -- what all have ------------------------------------------------------------------------------------------------
+
+    def quality(self, now: int, direction: Direction, *, good: bool) -> None:
+        """Whether the process data of one direction are marked good."""
+        bad = self._bad.get(direction)
+        if good is (bad is None):
+            return
+        if bad is None:
+            who = "of the PLC" if direction is Direction.SETPOINT else "of the gateway"
+            entry = Anomaly(now, self.axis.do_id, AnomalyKind.IOPS_BAD, f"data {who} bad to the end")
+            self._bad[direction] = _Bad(who, entry)
+            self._put(entry)
+            return
+        del self._bad[direction]
+        how_long = f"{(now - bad.entry.time_ns) / MS:.1f} ms"
+        if bad.told:
+            self._put(Event(now, self.axis.do_id, "IOPS", f"data {bad.who} good again after {how_long}"))
+        else:
+            bad.entry.text = f"data {bad.who} bad for {how_long}"
+
+    def take(self, record: CanRecord) -> None:
+        """A frame of the node or to it."""
+        now, do_id = record.time_ns, self.axis.do_id
+        if isinstance(record, NmtRecord):
+            self._put(Event(now, do_id, "NMT", record.text))
+        elif isinstance(record, HeartbeatRecord):
+            if record.changed:
+                self._put(Event(now, do_id, "state", f"node {record.node}: {record.text}"))
+        elif isinstance(record, EmcyRecord):
+            text = f"node {record.node}: {record.text}"
+            if record.code == _RESET:
+                self._put(Event(now, do_id, "EMCY", text))
+            else:
+                self._put(Anomaly(now, do_id, AnomalyKind.EMERGENCY, text))
+
+    def tick(self, now: int) -> None:
+        """Tell what is overdue."""
+        for bad in self._bad.values():
+            if not bad.told and now >= bad.entry.time_ns + self._hold_ns:
+                bad.told = True
+                bad.entry.text = f"data {bad.who} bad for more than {self._hold_ns / SECOND:g} s"

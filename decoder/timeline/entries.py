@@ -1,0 +1,290 @@
+"""What a timeline is made of: edges of the control and status words on both buses, reasons, anomalies; and their summary.
+
+``decoder.timeline.builder`` makes the entries of a stream of records, ``decoder.timeline.text`` prints them. Edges follow each other
+as the words do:
+
+    STW1 -> Controlword -> Statusword -> ZSW1
+                        <-            (the next command of a sequence)
+
+An edge without a cause is the doing of the drive, of time, or of a value. Without I/O.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections import Counter
+from dataclasses import dataclass
+from typing import Final
+
+from pdgw.decoder.frames.fields import Document, Field
+from pdgw.gateway.reasons import Reason
+
+
+class WordKind(enum.Enum):
+    """The four words; the first and the last are called Controlword and Statusword in telegram 100."""
+
+    CONTROL = "STW1"
+    CONTROLWORD = "Controlword"
+    STATUSWORD = "Statusword"
+    STATUS = "ZSW1"
+
+    __hash__ = object.__hash__  # members are single objects, and looked up with every frame
+
+
+_DIGITS: Final = 3
+_CAN_WORDS = (WordKind.CONTROLWORD.value, WordKind.STATUSWORD.value)
+
+
+@dataclass
+class Edge:
+    """A word that changed. ``latency_ns`` counts from ``cause``.
+
+    On edges of the PLC's control word: ``reasons`` are those the gateway had until the next edge or for 100 ms (1 s while the
+    drive is to start and has not), ``outcome`` the one that stood at the end of that and comes last (None: it obeys), ``note``
+    what else became of the frame.
+    """
+
+    time_ns: int
+    do_id: int
+    kind: WordKind
+    field: Field
+    before: int
+    after: int
+    cause: Edge | None = None
+    reasons: tuple[Reason, ...] = ()
+    outcome: Reason | None = None
+    note: str = ""
+    root: Edge | None = None
+    """The first cause of all, once the edge is out."""
+    answered: bool = False
+    """A ZSW1 that goes back to this edge is out."""
+
+    @property
+    def name(self) -> str:
+        """The word's name; telegram 100 calls the PLC's words as the drive's are called."""
+        of_plc = self.kind in {WordKind.CONTROL, WordKind.STATUS}
+        return f"PLC {self.field.name}" if of_plc and self.field.name in _CAN_WORDS else self.field.name
+
+    def follow(self, cause: Edge) -> None:
+        """Take an edge for the cause of this one, even if it was taken for a consequence before.
+
+        Recordings are not exact to the step, and no word is the cause of its own cause.
+        """
+        link: Edge | None = cause
+        while link is not None:
+            if link.cause is self:
+                link.cause = None
+            link = link.cause
+        self.cause = cause
+
+    @property
+    def latency_ns(self) -> int | None:
+        return None if self.cause is None else self.time_ns - self.cause.time_ns
+
+    @property
+    def bits(self) -> tuple[list[str], list[str]]:
+        """Names of the bits that were set and cleared."""
+        changed = [bit for bit in self.field.bits if (self.before ^ self.after) & bit.mask]
+        return [bit.name for bit in changed if self.after & bit.mask], [
+            bit.name for bit in changed if not self.after & bit.mask
+        ]
+
+    def document(self) -> Document:
+        raised, lowered = self.bits
+        document: Document = {
+            "type": "edge",
+            "time_ns": self.time_ns,
+            "axis": self.do_id,
+            "word": self.name,
+            "before": self.before,
+            "after": self.after,
+            "set": raised,
+            "cleared": lowered,
+            "text": self.field.explain(self.after) if self.field.explain else "",
+            "cause": self.cause.name if self.cause else None,
+            "cause_time_ns": self.cause.time_ns if self.cause else None,
+            "latency_ns": self.latency_ns,
+        }
+        if self.kind is WordKind.CONTROL:
+            document["reasons"] = [reason.name for reason in self.reasons]
+            document["outcome"] = self.outcome.name if self.outcome else None
+            document["outcome_text"] = self.outcome.value if self.outcome else ""
+            document["note"] = self.note
+        return document
+
+
+@dataclass
+class ReasonChange:
+    """Another reason stands (None: the axis obeys). ``settling``: it is part of what an edge came to."""
+
+    time_ns: int
+    do_id: int
+    reason: Reason | None
+    settling: bool = False
+
+    def document(self) -> Document:
+        return {
+            "type": "reason",
+            "time_ns": self.time_ns,
+            "axis": self.do_id,
+            "reason": self.reason.name if self.reason else None,
+            "text": self.reason.value if self.reason else "obeys the PLC",
+            "settling": self.settling,
+        }
+
+
+class AnomalyKind(enum.Enum):
+    """What can go wrong; the value is its name in the summary."""
+
+    STALE = "stale frames"
+    DROPPED = "dropped frames"
+    STOPPED = "provider stop"
+    COUNTER = "jumps of the cycle counter"
+    WATCHDOG = "watchdog gaps"
+    IOPS_BAD = "IOPS BAD"
+    HANDSHAKE = "missed handshakes"
+    MODE = "mode not confirmed"
+    EMERGENCY = "EMCY"
+    LEFT_OPERATION = "drive left operation by itself"
+    GATEWAY_FAULT = "faults of the gateway"
+    ORDER = "dropped changes of control words"
+    DIFFERENCE = "not what today's rules give"
+
+
+@dataclass
+class Anomaly:
+    """Something that should not be; ``do_id`` 0 concerns all axes."""
+
+    time_ns: int
+    do_id: int
+    kind: AnomalyKind
+    text: str
+
+    def document(self) -> Document:
+        return {
+            "type": "anomaly",
+            "time_ns": self.time_ns,
+            "axis": self.do_id,
+            "kind": self.kind.name.lower().replace("_", "-"),
+            "text": self.text,
+        }
+
+
+@dataclass
+class Event:
+    """What a node did besides its words: NMT, state, error reset."""
+
+    time_ns: int
+    do_id: int
+    kind: str
+    text: str
+
+    def document(self) -> Document:
+        return {"type": "event", "time_ns": self.time_ns, "axis": self.do_id, "kind": self.kind, "text": self.text}
+
+
+Entry = Edge | ReasonChange | Anomaly | Event
+
+
+class Latencies:
+    """Latencies of one hop, kept to three digits each: as many as there are different ones, not as many as there are edges."""
+
+    def __init__(self) -> None:
+        self._counts: Counter[int] = Counter()
+        self._count = 0
+        self._max = 0
+
+    def add(self, value_ns: int) -> None:
+        """One more."""
+        digits = len(str(abs(value_ns))) - _DIGITS
+        self._counts[round(value_ns, -digits) if digits > 0 else value_ns] += 1
+        self._max = max(self._max, value_ns) if self._count else value_ns
+        self._count += 1
+
+    def result(self, name: str) -> Latency | None:
+        """Percentiles by nearest rank; None without any."""
+        if not self._count:
+            return None
+        return Latency(name, self._count, self._rank(50), self._rank(99), self._max)
+
+    def _rank(self, percent: int) -> int:
+        wanted = -(-percent * self._count // 100)
+        for value in sorted(self._counts):
+            wanted -= self._counts[value]
+            if wanted <= 0:
+                break
+        return min(value, self._max)
+
+
+@dataclass(frozen=True)
+class Latency:
+    """How long one hop takes, in nanoseconds; percentiles by nearest rank, to three digits."""
+
+    name: str
+    count: int
+    p50_ns: int
+    p99_ns: int
+    max_ns: int
+
+    def document(self) -> Document:
+        return {
+            "hop": self.name,
+            "count": self.count,
+            "p50_ns": self.p50_ns,
+            "p99_ns": self.p99_ns,
+            "max_ns": self.max_ns,
+        }
+
+
+HOPS: Final = {
+    (WordKind.CONTROL, WordKind.CONTROLWORD): "STW1 -> Controlword",
+    (WordKind.CONTROLWORD, WordKind.STATUSWORD): "Controlword -> Statusword",
+    (WordKind.STATUSWORD, WordKind.STATUS): "Statusword -> ZSW1",
+    (WordKind.STATUSWORD, WordKind.CONTROLWORD): "Statusword -> Controlword",
+    (WordKind.CONTROL, WordKind.STATUS): "STW1 -> ZSW1 (gateway)",
+}
+WHOLE_WAY: Final = "STW1 -> ... -> ZSW1"
+
+
+class Summary:
+    """What a timeline, or a part of it, comes to: fed with its entries in the order of time."""
+
+    def __init__(self) -> None:
+        self.anomalies: Counter[AnomalyKind] = Counter()
+        """How many of each kind."""
+        self.refusals: Counter[Reason] = Counter()
+        """How many edges came to each reason."""
+        self._hops = {name: Latencies() for name in (*HOPS.values(), WHOLE_WAY)}
+
+    def add(self, entry: Entry) -> None:
+        """One more entry."""
+        if isinstance(entry, Anomaly):
+            self.anomalies[entry.kind] += 1
+        elif isinstance(entry, Edge):
+            if entry.outcome is not None:
+                self.refusals[entry.outcome] += 1
+            if entry.cause is not None:
+                self._hops[HOPS[entry.cause.kind, entry.kind]].add(entry.time_ns - entry.cause.time_ns)
+                self._whole_way(entry)
+
+    def _whole_way(self, entry: Edge) -> None:
+        """Of each edge of the PLC, the way to the first ZSW1 that follows from it."""
+        root = entry.root
+        if entry.kind is WordKind.STATUS and root is not None and root.kind is WordKind.CONTROL and not root.answered:
+            root.answered = True
+            self._hops[WHOLE_WAY].add(entry.time_ns - root.time_ns)
+
+    @property
+    def latencies(self) -> list[Latency]:
+        """Of each hop that occurred, and of the whole way to the first answer in ZSW1."""
+        found = (values.result(name) for name, values in self._hops.items())
+        return [item for item in found if item is not None]
+
+    def document(self) -> Document:
+        """Latencies and anomalies as plain data."""
+        return {
+            "type": "summary",
+            "latencies": [item.document() for item in self.latencies],
+            "outcomes": {reason.name: count for reason, count in self.refusals.items()},
+            "anomalies": {kind.name.lower().replace("_", "-"): count for kind, count in self.anomalies.items()},
+        }

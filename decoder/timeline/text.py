@@ -1,0 +1,70 @@
+"""A timeline as text: one line for each edge, reason and anomaly; a table at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from pdgw.decoder.timeline.clocks import Clocks
+from pdgw.decoder.timeline.entries import Anomaly, Edge, Event, ReasonChange, Summary, WordKind
+from pdgw.decoder.timeline.entries import Entry as TimelineEntry
+from pdgw.durations import MS, SECOND
+
+_INDENT = " " * 24
+
+
+def entry_lines(entry: TimelineEntry, zero_ns: int, *, verbose: bool = False) -> Iterator[str]:
+    """The lines of one entry; none for a reason that is told with its edge (unless ``verbose``)."""
+    who = f"axis {entry.do_id}" if entry.do_id else "all"
+    head = f"{(entry.time_ns - zero_ns) / SECOND:12.6f}  {who:<8}"
+    if isinstance(entry, Edge):
+        yield f"{head}{edge_text(entry)}"
+        if entry.kind is WordKind.CONTROL:
+            yield from _outcome(entry, verbose=verbose)
+    elif isinstance(entry, ReasonChange):
+        if verbose or not entry.settling:
+            yield f"{head}-- {entry.reason.value if entry.reason else 'obeys the PLC'}"
+    elif isinstance(entry, Anomaly):
+        yield f"{head}!! {entry.kind.value}: {entry.text}"
+    elif isinstance(entry, Event):
+        yield f"{head}{entry.kind}: {entry.text}"
+
+
+def edge_text(edge: Edge) -> str:
+    """Word, values, bits, what it means, and how long after what."""
+    raised, lowered = edge.bits
+    parts = [f"{edge.name:<15} {edge.before:04X}h -> {edge.after:04X}h"]
+    if edge.field.explain and (word := edge.field.explain(edge.after)):
+        parts.append(f"[{word}]")
+    parts += [f"+{name}" for name in raised] + [f"-{name}" for name in lowered]
+    if edge.cause is not None and edge.latency_ns is not None:
+        parts.append(f"({edge.latency_ns / MS:.3f} ms after {edge.cause.name})")
+    return " ".join(parts)
+
+
+def _outcome(edge: Edge, *, verbose: bool) -> Iterator[str]:
+    if edge.note:
+        yield f"{_INDENT}-> {edge.note}"
+    elif edge.outcome is not None:
+        yield f"{_INDENT}-> {'; then: '.join(reason.value for reason in edge.reasons)}"
+    else:
+        passing = [reason.value for reason in edge.reasons] if verbose else []
+        yield f"{_INDENT}-> {'; then: '.join([*passing, 'obeyed'])}"
+
+
+def summary_lines(summary: Summary, clocks: Clocks, assumed: Sequence[str] = ()) -> Iterator[str]:
+    """Clocks, what is not known but assumed, latencies of each hop, what the PLC's edges came to, anomalies."""
+    yield f"clocks: {clocks.text}"
+    for text in assumed:
+        yield f"assumed: {text}"
+    latencies = summary.latencies
+    if latencies:
+        yield f"{'latency, ms':<28}{'count':>7}{'p50':>10}{'p99':>10}{'max':>10}"
+        for item in latencies:
+            values = "".join(f"{value / MS:>10.3f}" for value in (item.p50_ns, item.p99_ns, item.max_ns))
+            yield f"{item.name:<28}{item.count:>7}{values}"
+    for reason, count in summary.refusals.items():
+        yield f"edges that came to: {reason.value}: {count}"
+    if not summary.anomalies:
+        yield "anomalies: none"
+    for kind, count in summary.anomalies.items():
+        yield f"anomalies: {kind.value}: {count}"

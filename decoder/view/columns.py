@@ -1,0 +1,134 @@
+"""Chosen names of every packet as rows, for tables and curves.
+
+One row for each unit (each packet without units) that has at least one of the chosen signals or of the fields not every packet
+has; when only such common fields are chosen, for all. Where no filter selects units, rows come straight from the unpacked frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+from pdgw.decoder.frames.canopen.records import PdoRecord
+from pdgw.decoder.frames.records import CyclicRecord, ProcessData, ProcessDataLayout, Record
+from pdgw.decoder.view.names import RECORD_NAMES, Getter, Names, Value, part_value
+
+Row = list[Value]
+_Cell = tuple[int, int, Callable[[Any], Value] | None]
+"""Column, position of the value, and what is done with it (None: nothing)."""
+_Plan = tuple[Row, tuple[_Cell, ...], tuple[tuple[int, Getter], ...], ProcessData | None]
+"""Row with what never changes, cells to fill, fields to ask for, and the unit it is of."""
+_CYCLIC_POSITIONS = {"frame_id": 0, "cycle_counter": -3, "data_status": -2, "transfer_status": -1}
+"""Where ``CyclicRecord.values`` has its header and trailer."""
+_OF_LAYOUT = frozenset(("axis", "node", "telegram", "direction", "pdo", "kind", "bus"))
+"""Fields that all packets of one layout have alike."""
+_COMMON = frozenset(
+    (
+        "number",
+        "time",
+        "bus",
+        "channel",
+        "kind",
+        "length",
+        "text",
+        "axis",
+        "node",
+        "telegram",
+        "direction",
+        "iops",
+        "iocs",
+    )
+)
+"""Fields that make no row where others are chosen."""
+_CHANGING = frozenset(("iops", "iocs"))
+"""Fields of units that differ from packet to packet."""
+
+
+class Columns:
+    """Rows of the names; ProfidriveError for one that is not known."""
+
+    def __init__(self, titles: Sequence[str], names: Names) -> None:
+        self.titles = tuple(titles)
+        self._split = [names.split(title) for title in titles]
+        self._own = [(i, RECORD_NAMES[name]) for i, (name, _) in enumerate(self._split) if name in RECORD_NAMES]
+        self._signals = [(i, name, part) for i, (name, part) in enumerate(self._split) if name not in RECORD_NAMES]
+        self._deciding = [i for i, (name, _) in enumerate(self._split) if name not in _COMMON]
+        self._straight = not any(name in _CHANGING for name, _ in self._split)
+        self._empty: Row = [None] * len(titles)
+        self._plans: dict[int, tuple[object, tuple[_Plan, ...]]] = {}
+
+    def rows(self, record: Record) -> list[tuple[ProcessData | None, Row]]:
+        """The rows of a packet, each with the unit it is of (whose values may be those of an earlier packet)."""
+        if not self._straight or not isinstance(record, CyclicRecord | PdoRecord):
+            return self.unit_rows(record, record.units)
+        known = self._plans.get(id(record.layout))
+        if known is None or known[0] is not record.layout:
+            known = self._plans[id(record.layout)] = (record.layout, self._plan(record))
+        if not known[1]:
+            return []
+        values: Sequence[Any] = record.values if isinstance(record, CyclicRecord) else record.layout.unpack(record.data)
+        rows: list[tuple[ProcessData | None, Row]] = []
+        for template, cells, own, unit in known[1]:
+            row = template.copy()
+            for column, position, change in cells:
+                row[column] = values[position] if change is None else change(values[position])
+            for column, getter in own:
+                row[column] = getter(record, unit)
+            rows.append((unit, row))
+        return rows
+
+    def unit_rows(self, record: Record, units: Sequence[ProcessData]) -> list[tuple[ProcessData | None, Row]]:
+        """The rows of these units; of the packet itself when there are none."""
+        rows = ((unit, self._row(record, unit)) for unit in units or (None,))
+        return [(unit, row) for unit, row in rows if self._worth(row)]
+
+    def _row(self, record: Record, unit: ProcessData | None) -> Row:
+        row = self._empty.copy()
+        for column, getter in self._own:
+            row[column] = getter(record, unit)
+        if unit is not None:
+            for column, name, part in self._signals:
+                position = unit.layout.positions.get(name)
+                if position is not None:
+                    row[column] = part_value(unit.layout.fields[position], unit.values[position], part)
+        return row
+
+    def _worth(self, row: Row) -> bool:
+        return not self._deciding or any(row[column] is not None for column in self._deciding)
+
+    def _plan(self, record: CyclicRecord | PdoRecord) -> tuple[_Plan, ...]:
+        """What to take from where, for all packets of this layout."""
+        units: Sequence[ProcessData | None] = record.units or (None,)
+        cyclic = isinstance(record, CyclicRecord)
+        firsts = [axis[3] for axis in record.layout.axes] if isinstance(record, CyclicRecord) else [0]
+        plans: list[_Plan] = []
+        for unit, first in zip(units, firsts or [0], strict=True):
+            row = self._row(record, unit)
+            if not self._worth(row):
+                continue
+            cells = list(self._cells(unit.layout, first)) if unit is not None else []
+            own = []
+            template = self._empty.copy()
+            for column, getter in self._own:
+                name = self._split[column][0]
+                if cyclic and name in _CYCLIC_POSITIONS:
+                    cells.append((column, _CYCLIC_POSITIONS[name], None))
+                elif name in _OF_LAYOUT:
+                    template[column] = row[column]
+                elif row[column] is not None:
+                    own.append((column, getter))
+            plans.append((template, tuple(cells), tuple(own), unit))
+        return tuple(plans)
+
+    def _cells(self, layout: ProcessDataLayout, first: int) -> Iterator[_Cell]:
+        for column, name, part in self._signals:
+            position = layout.positions.get(name)
+            if position is None:
+                continue
+            field = layout.fields[position]
+            change: Callable[[Any], Value] | None = None
+            if part:
+                change = lambda raw, field=field, part=part: part_value(field, raw, part)  # noqa: E731
+            elif field.scale != 1:
+                change = lambda raw, scale=field.scale: raw * scale  # noqa: E731
+            yield column, first + position, change

@@ -1,0 +1,156 @@
+"""Documents and records as text: one line, or the full tree."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from pdgw.decoder.frames.canopen.records import CanRecord, PdoRecord
+from pdgw.decoder.frames.profinet.records import StationRecord
+from pdgw.decoder.frames.records import AcyclicRecord, CyclicRecord, ProcessData, Record
+from pdgw.durations import SECOND
+from pdgw.profidrive.frame import IOPS_GOOD
+from pdgw.profidrive.signals import SIGNALS
+from pdgw.profidrive.telegrams import Direction
+
+Document = dict[str, Any]
+
+
+def _signal_text(name: str, item: Document) -> str:
+    width = 2 * SIGNALS[name].type.size
+    if item["unit"] == "%":
+        return f"{name} {item['value']:.3f} %"
+    if item["bits"]:
+        return f"{name} {item['raw']:0{width}X}h"
+    return f"{name} {item['raw']}" + (f" {item['unit']}" if item["unit"] else "")
+
+
+def parameter_text(item: Document) -> str:
+    """One parameter of a request or response document."""
+    parts = []
+    if "pnu" in item:
+        pnu = item["pnu"]
+        # 1:1 objects are better known by their CANopen index.
+        name = f"{pnu:04X}h" if 1000 <= pnu < 60000 else f"P{pnu}"
+        parts.append(f"{name}.{item['subindex']}")
+        if item["elements"] > 1:
+            parts.append(f"x{item['elements']}")
+        if item["attribute"] != "value":
+            parts.append(item["attribute"])
+    if "text" in item:
+        parts.append(f"= {item['text']}" if "pnu" in item else item["text"])
+    return " ".join(parts)
+
+
+def one_line(document: Document) -> str:
+    """The whole document in one line."""
+    parts = [document["kind"]]
+    if "frame_id" in document:
+        parts.append(f"FrameID {document['frame_id']:04X}h counter {document['cycle_counter']}")
+    if "telegram" in document:
+        parts.append(f"telegram {document['telegram']} {document['direction']}")
+    if "service" in document:
+        parts.append(f"{document['service']} ref {document['reference']} DO {document['do_id']}")
+    parts += [_signal_text(name, item) for name, item in document["signals"].items()]
+    parts += [parameter_text(item) for item in document.get("parameters", ())]
+    return " | ".join(parts)
+
+
+def tree(document: Document) -> Iterator[str]:
+    """Every field on a line of its own; of the bits, all with their values."""
+    yield f"{document['kind']}: {document['why']}"
+    for key, value in document.items():
+        if key not in {"kind", "why", "signals", "parameters"}:
+            yield f"  {key}: {value}"
+    for name, item in document["signals"].items():
+        yield f"  {_signal_text(name, item)}  ({SIGNALS[name].description})"
+        for bit, value in item["bits"].items():
+            yield f"    {bit} = {value}"
+    for item in document.get("parameters", ()):
+        yield f"  {parameter_text(item)}"
+
+
+# -- records ----------------------------------------------------------------------------------------------------------
+
+
+def unit_head(unit: ProcessData) -> str:
+    """Whose process data it is."""
+    if unit.layout.direction is None:
+        return ""
+    head = f"axis {unit.axis} T{unit.layout.telegram}"
+    if unit.iops != IOPS_GOOD:
+        head += f" IOPS {unit.iops:02X}h"
+    if unit.iocs != IOPS_GOOD:
+        head += f" IOCS {unit.iocs:02X}h"
+    return head
+
+
+def source_text(record: Record) -> str:
+    """Who spoke: the direction of a frame, the COB-ID and node of a CAN frame."""
+    if isinstance(record, CyclicRecord):
+        if record.direction is None:
+            return "frame"
+        return "PLC ->" if record.direction is Direction.SETPOINT else "PLC <-"
+    if isinstance(record, CanRecord):
+        return f"{record.cob_id:03X}" + (f" n{record.node}" if record.node else "")
+    if isinstance(record, AcyclicRecord) and not isinstance(record, StationRecord):
+        return "acyclic"
+    return record.kind
+
+
+def line_parts(record: Record, units: Sequence[ProcessData] | None = None) -> tuple[str, str, str]:
+    """Source, kind's text and values of the one line; ``units`` replaces the record's own."""
+    values = []
+    for unit in record.units if units is None else units:
+        shown = [unit_head(unit), *(item.text(raw) for item, raw in unit.items())]
+        values.append(" ".join(part for part in shown if part))
+    text = record.summary
+    if isinstance(record, CanRecord):
+        text = f"{record.kind.upper()} {text}".rstrip() if not isinstance(record, PdoRecord) else text
+        if type(record) is CanRecord:
+            text = f"{record.text + ' ' if record.text else ''}[{record.data.hex(' ')}]"
+    return source_text(record), text, " | ".join(values)
+
+
+def record_line(record: Record, zero_ns: int, units: Sequence[ProcessData] | None = None) -> str:
+    """Number, seconds since ``zero_ns``, bus, source, what was said."""
+    source, text, values = line_parts(record, units)
+    said = " | ".join(part for part in (text, values) if part)
+    seconds = (record.time_ns - zero_ns) / SECOND
+    return f"{record.number:6d} {seconds:12.6f} {record.bus.value} {source:<7} {said}"
+
+
+def record_tree(record: Record, units: Sequence[ProcessData] | None = None) -> Iterator[str]:
+    """What comes below the line of a record with ``-v``: every field, every bit."""
+    details = record.details()
+    for key, value in details.items():
+        if key != "text":
+            yield from _branch(key, value, 1)
+    for unit in record.units if units is None else units:
+        head = unit_head(unit)
+        if head:
+            yield f"         {head}"
+        for item, raw in unit.items():
+            yield f"           {item.text(raw)}  ({item.description})"
+            if isinstance(raw, int):
+                for bit in item.bits:
+                    yield f"             {bit.name} = {bit.of(raw)}  ({bit.meaning})"
+
+
+_HEXADECIMAL = {"frame_id": 4, "cob_id": 3, "index": 4, "code": 4, "register": 2, "abort": 8, "command": 2, "state": 2}
+"""Fields shown as so many hexadecimal digits."""
+
+
+def _branch(key: str, value: Any, depth: int) -> Iterator[str]:
+    indent = "  " * depth + "       "
+    if isinstance(value, dict):
+        yield f"{indent}{key}"
+        for name, item in value.items():
+            yield from _branch(name, item, depth + 1)
+    elif isinstance(value, list):
+        for position, item in enumerate(value):
+            yield from _branch(f"{key}[{position}]", item, depth)
+    elif key in _HEXADECIMAL and isinstance(value, int):
+        yield f"{indent}{key}: {value:0{_HEXADECIMAL[key]}X}h"
+    else:
+        yield f"{indent}{key}: {value}"

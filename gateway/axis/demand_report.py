@@ -1,0 +1,274 @@
+"""The narrow waist: what is asked of an axis (``Demand``) and what it shows (``Report``), in no telegram's words.
+
+One object of each belongs to an axis and is used for every cycle. Fractions of a reference are integers, 4000 0000h is 100 %
+(N4; an N2 is promoted without loss).
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Final
+
+from pdgw.dsp402.states import STATE_OF_STATUS, State
+from pdgw.gateway.motion.modulo import Direction
+from pdgw.gateway.motion.requests import Asked, Outcome
+from pdgw.profidrive.encoder import SENSOR_STATUS, SensorError, SensorState
+from pdgw.profidrive.signals import signal
+
+_ZSW1: Final = signal("ZSW1")
+
+
+class PowerWish(enum.IntEnum):
+    """What is asked of the power stage; the order is that of the columns of the power table."""
+
+    COAST = 0
+    """OFF2: power off at once."""
+    QUICK_STOP = 1
+    """OFF3."""
+    OFF = 2
+    """OFF1, with neither of the above."""
+    RAW_OFF = 3
+    """The same in a telegram that carries the Controlword itself: what follows passes unchanged."""
+    ON = 4
+    """Power on, no operation."""
+    ENABLE = 5
+    """Operation."""
+    RESUME = 6
+    """ENABLE during a ramp stop where the user lets it resume: the interlock's own reading of ENABLE."""
+    HOLD = 7
+    """Operation goes on, nothing starts: what is left of ENABLE without control by the PLC where the user wants it so."""
+    STOP = 8
+    """As OFF1 in operation, but no OFF that releases anything: the PLC has no control."""
+    NO_PLC_RAMP = 9
+    """Nobody is there to ask; the user's reaction to that is a ramp,"""
+    NO_PLC_QUICK_STOP = 10
+    """or a quick stop,"""
+    NO_PLC_COAST = 11
+    """or to let the drive coast."""
+    OFF_DISABLED = 12
+    """OFF1, and STW1.3 fell to 0 (Disable Operation) while the axis was being stopped: the ramp ends."""
+    QUICK_STOP_DISABLED = 13
+    """OFF3, and STW1.3 fell to 0 (Disable Operation) while the axis was being stopped: the quick stop ends."""
+
+
+class SpeedWish(enum.IntEnum):
+    """What is to be done with the speed setpoint."""
+
+    FOLLOW = 0
+    HOLD = 1
+    """The last Target Velocity stays."""
+    ZERO = 2
+    JOG_1 = 3
+    """The speed of the user's choice, begun at standstill."""
+    JOG_2 = 4
+    FREEZE = 5
+    """The ramp stops where it is: the demand speed of this moment stays."""
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """A traversing task as it was asked for with its edge; fractions of the references."""
+
+    target: int
+    relative: bool
+    velocity: int
+    acceleration: int
+    deceleration: int
+    direction: Direction = Direction.SHORTEST
+
+
+class Demand:
+    """What is asked of an axis now. An adapter sets the fields its telegram has; the others keep their first value."""
+
+    __slots__ = (
+        "acknowledge",
+        "activate",
+        "connected",
+        "device_bits",
+        "fresh",
+        "homing",
+        "homing_edge",
+        "homing_method",
+        "homing_velocity",
+        "in_control",
+        "intermediate_stop",
+        "kpc",
+        "motion",
+        "power",
+        "raw",
+        "reject",
+        "second_sensor",
+        "sensor",
+        "speed",
+        "speed_wish",
+        "task",
+        "tasks_selected",
+        "torque_reduction",
+        "xerr",
+    )
+
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"*"})
+    """What of it outlives a step, the adapter tells (``Adapter.kept``)."""
+
+    def __init__(self) -> None:
+        self.connected = False
+        """A PLC is in charge."""
+        self.in_control = True
+        """False while there is a PLC that does not take control: what was asked last stands."""
+        self.power: PowerWish = PowerWish.OFF
+        """Meant while ``connected``."""
+        self.acknowledge = False
+        """Acknowledge a fault (level; its edge counts)."""
+        self.device_bits = 0
+        """Bits 12-15 for the Controlword."""
+        self.speed = 0
+        """Fraction of the reference speed."""
+        self.speed_wish: SpeedWish = SpeedWish.FOLLOW
+        self.xerr = 0
+        """Position error of the PLC's controller, with the fine resolution of G1."""
+        self.kpc = 0
+        """Its gain in 0.001/s; 0: no position control by the drive."""
+        self.fresh = False
+        """What is asked came with this very cycle."""
+        self.torque_reduction = 0
+        """Fraction of the torque limit that is taken away (N2); 0 or below: nothing."""
+        self.task: Task | None = None
+        """A traversing task that is to be started with this very cycle (its edge)."""
+        self.activate = False
+        """The level of what starts tasks: the drive's acknowledge is taken back when it falls."""
+        self.tasks_selected = False
+        """Tasks are allowed; a running one is rejected when this falls."""
+        self.reject = False
+        self.intermediate_stop = False
+        self.homing = False
+        self.homing_edge = False
+        self.homing_method = 0
+        self.homing_velocity = 0
+        """Fraction of the reference of profile velocities."""
+        self.motion: Asked | None = None
+        """What is asked of a positioner; always the same object, None in telegrams without one."""
+        self.raw: Sequence[int] | None = None
+        """Raw values for the objects of a transparent telegram, the Controlword first; None before there are any."""
+        self.sensor: int | None = None
+        """Sensor control word (G1_STW), None without a PLC."""
+        self.second_sensor: int | None = None
+        """G2_STW, likewise."""
+
+
+class Flag:
+    """What an axis shows, as bits of ``Report.flags``. The positions are those of ZSW1, so that masking makes the word."""
+
+    NO_COAST_STOP: Final = _ZSW1.bit("NO_COAST_STOP").mask
+    NO_QUICK_STOP: Final = _ZSW1.bit("NO_QUICK_STOP").mask
+    WARNING: Final = _ZSW1.bit("WARNING").mask
+    WITHIN_TOLERANCE: Final = _ZSW1.bit("WITHIN_TOLERANCE").mask
+    REACHED: Final = _ZSW1.bit("TARGET_REACHED").mask
+    HOME_SET: Final = _ZSW1.bit("HOME_POSITION_SET", positioning=True).mask
+    TASK_ACKNOWLEDGED: Final = _ZSW1.bit("TASK_ACKNOWLEDGE", positioning=True).mask
+    STANDING: Final = _ZSW1.bit("DRIVE_STOPPED", positioning=True).mask
+    OF_THE_DRIVE: Final = (
+        NO_COAST_STOP
+        | NO_QUICK_STOP
+        | WARNING
+        | _ZSW1.bit("CONTROL_REQUESTED").mask
+        | _ZSW1.bit("DEVICE_14").mask
+        | _ZSW1.bit("DEVICE_15").mask
+    )
+    """Statusword bits that are shown unchanged (docs/telegrams.md, ZSW1)."""
+
+
+NO_SENSOR: Final = (SENSOR_STATUS[SensorState.ERROR], 0, SensorError.COMMAND_NOT_SUPPORTED.value)
+"""What the words of a sensor show where there is none."""
+
+
+class Report:
+    """What an axis shows now; see ``Flag``. ``position`` and ``speed`` are fractions of the references."""
+
+    PASSING: ClassVar[frozenset[str]] = frozenset(
+        {
+            "flags",
+            "fault_code",
+            "warning_code",
+            "load",
+            "message",
+            "namur",
+            "position",
+            "speed",
+            "sensor",
+            "second_sensor",
+        }
+    )
+
+    __slots__ = (
+        "fault_code",
+        "flags",
+        "homing_method",
+        "length_speed",
+        "load",
+        "message",
+        "motion",
+        "namur",
+        "position",
+        "raw",
+        "second_sensor",
+        "sensor",
+        "speed",
+        "tasks_active",
+        "warning_code",
+    )
+
+    def __init__(self) -> None:
+        self.flags = 0
+        self.speed = 0
+        self.position = 0
+        self.length_speed = 0
+        """Of a positioner: LU/min."""
+        self.homing_method = 0
+        self.tasks_active = False
+        self.motion: Outcome | None = None
+        """What a positioner shows; always the same object, None for an axis without one."""
+        self.message = 0
+        """MELDW."""
+        self.load: tuple[int, int, int] = (0, 0, 0)
+        """Current, torque and power as N2."""
+        self.namur = 0
+        """MELD_NAMUR."""
+        self.fault_code = 0
+        self.warning_code = 0
+        self.raw: Sequence[int] = ()
+        """Raw values of the objects of a transparent telegram, the Statusword first."""
+        self.sensor: tuple[int, int, int] = (0, 0, 0)
+        """G1_ZSW, G1_XIST1, G1_XIST2."""
+        self.second_sensor: tuple[int, int, int] = NO_SENSOR
+        """G2_ZSW, G2_XIST1, G2_XIST2."""
+
+
+_FAULT: Final = _ZSW1.bit("FAULT").mask
+_READY: Final = _ZSW1.bit("READY_TO_SWITCH_ON").mask
+_SWITCHED_ON: Final = _READY | _ZSW1.bit("READY_TO_OPERATE").mask
+_OPERATING: Final = _SWITCHED_ON | _ZSW1.bit("OPERATION_ENABLED").mask
+
+_SHOWN: dict[State | None, int] = {
+    State.NOT_READY_TO_SWITCH_ON: 0,
+    State.SWITCH_ON_DISABLED: _ZSW1.bit("SWITCHING_ON_INHIBITED").mask,
+    State.READY_TO_SWITCH_ON: _READY,
+    State.SWITCHED_ON: _SWITCHED_ON,
+    State.OPERATION_ENABLED: _OPERATING,
+    # Quick stop: bit 2 is 0 in ZSW1 although it is 1 in the Statusword.
+    State.QUICK_STOP_ACTIVE: _SWITCHED_ON,
+    State.FAULT_REACTION_ACTIVE: _OPERATING | _FAULT,
+    State.FAULT: _FAULT,
+    # A Statusword no state has: reported as a fault, the axis is being stopped.
+    None: _FAULT,
+}
+STATE_MASK: Final = len(STATE_OF_STATUS) - 1
+"""The bits of a Statusword that tell its state."""
+SHOWN_STATE: Final = tuple(_SHOWN[state] for state in STATE_OF_STATUS)
+"""Flags of the state (ZSW1 bits 0-3 and 6) by the Statusword's ``STATE_MASK``."""
+SHOWN_UNCOMMANDED: Final = tuple(
+    _SHOWN[State.QUICK_STOP_ACTIVE if state is State.OPERATION_ENABLED else state] for state in STATE_OF_STATUS
+)
+"""The same for an axis whose operation is not what is commanded: it is being stopped with power on."""
+SHOWN_FAULT: Final = _FAULT

@@ -1,0 +1,285 @@
+"""What is told of a device's own doings: once, under its number, and without losing the first cause.
+
+Source: docs/translation.md "Loss and doubt", docs/parameter-channel.md "Fault buffer".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar, Final
+
+from pdgw.ds301.emcy import emcy_text
+from pdgw.dsp402.faults import DriveFault
+from pdgw.dsp402.images import DriveFeedback
+from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
+from pdgw.durations import MS, SECOND
+from pdgw.gateway.axis.demand_report import STATE_MASK
+from pdgw.gateway.axis.executors.base import Troubles
+from pdgw.gateway.axis.power_table import CONTROLWORDS, Action
+from pdgw.gateway.axis.values import FaultRead, FaultRecord, NodeNotice, Notice, Outputs, gateway_fault
+from pdgw.gateway.reasons import FaultNumber, Reason
+
+SAME_EVENT_NS: Final = SECOND
+"""What repeats is told once in this time: a loose contact must not push the first cause out of the fault buffer."""
+ACKNOWLEDGE_NS: Final = SECOND
+"""So long may a device take to leave its fault."""
+EMERGENCY_PATIENCE_NS: Final = 200 * MS
+"""An EMCY may come so long before or after the Statusword that shows its fault."""
+EMERGENCIES_KEPT: Final = 64
+"""So many different EMCY are told apart at a time."""
+INTERNAL_FAULT: Final = 10
+CANOPEN_FAULT: Final = 12
+"""The manufacturer's numbers for what has none of its own."""
+_CANOPEN_ERRORS: Final = range(0x8100, 0x8300)
+"""EMCY classes 81xxh communication and 82xxh protocol error."""
+_CLASS: Final = 0xFF00
+_STAGE_TEMPERATURE: Final = 0x4200
+_MOTOR_TEMPERATURE: Final = 0x4300
+"""EMCY classes 42xxh temperature of the device and 43xxh of the drive (CiA 402)."""
+_VALUE_BYTES: Final = 4
+"""So many of an EMCY's manufacturer bytes are P949's value."""
+FAULTY: Final = (State.FAULT, State.FAULT_REACTION_ACTIVE)
+POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
+"""The power stage is on."""
+UNPOWERED: Final = (
+    State.NOT_READY_TO_SWITCH_ON,
+    State.SWITCH_ON_DISABLED,
+    State.READY_TO_SWITCH_ON,
+    State.SWITCHED_ON,
+    State.FAULT,
+)
+"""Nothing turns the axis."""
+WATCHED: Final = STATE_MASK | StatusBit.INTERNAL_LIMIT
+"""Statusword bits whose changes are told."""
+_DISABLED: Final = (State.SWITCHED_ON, State.READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED)
+_COMMAND: Final = CONTROLWORDS[Action.ENABLE_OPERATION]
+
+
+class Repetitions:
+    """What was told when; the oldest is forgotten when there are too many."""
+
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"_told"})
+
+    __slots__ = ("_told",)
+
+    def __init__(self) -> None:
+        self._told: dict[object, int] = {}
+
+    def is_new(self, what: object, now: int) -> bool:
+        """Whether this was not told within the last second; takes note of it."""
+        told = self._told
+        last = told.get(what)
+        if last is not None and now - last < SAME_EVENT_NS:
+            return False
+        told.pop(what, None)
+        told[what] = now
+        if len(told) > EMERGENCIES_KEPT:
+            del told[next(iter(told))]
+        return True
+
+    def clear(self) -> None:
+        """Everything is new again."""
+        self._told.clear()
+
+
+class NodeWatch:
+    """The notices of a node to fault records and lines of the log."""
+
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"last_emergency", "_refusal", "_absent", "_restart_asked"})
+
+    __slots__ = (
+        "_absent",
+        "_emergencies",
+        "_outputs",
+        "_refusal",
+        "_restart_asked",
+        "fault_of_emcy",
+        "faults",
+        "last_emergency",
+        "troubles",
+    )
+
+    def __init__(self, outputs: Outputs) -> None:
+        self._outputs = outputs
+        self.faults: Mapping[int, DriveFault] = {}
+        """The manufacturer's faults by number,"""
+        self.fault_of_emcy: Mapping[int, DriveFault] = {}
+        """and by EMCY error code."""
+        self.troubles = Troubles()
+        self._absent = False
+        self._refusal = ""
+        self._restart_asked = False
+        self._emergencies = Repetitions()
+        self.last_emergency = -SAME_EVENT_NS
+        """When the last EMCY with an error came."""
+
+    def tell_to(self, outputs: Outputs) -> None:
+        """The outputs of another machine take over."""
+        self._outputs = outputs
+
+    def restart_asked(self) -> None:
+        """The gateway itself restarts the node."""
+        self._restart_asked = True
+
+    def take(self, notice: NodeNotice) -> None:
+        """One notice of the node."""
+        what = notice.notice
+        if what is Notice.EMERGENCY:
+            self._emergency(notice)
+        elif self._restart_asked and (what is Notice.BOOT or what is Notice.LOST or what is Notice.BUS_LOST):
+            self._tell("restarts, as asked: " + notice.text)
+        elif what is Notice.BOOT:
+            self._raise(FaultNumber.NODE_RESTARTED, notice)
+        elif what is Notice.REFUSED:
+            # Retried every few seconds: the same refusal is one fault.
+            if notice.text != self._refusal:
+                self._refusal = notice.text
+                self._raise(FaultNumber.NODE_REFUSED, notice)
+        elif what is Notice.SET_POINT_REFUSED:
+            self._raise(FaultNumber.SET_POINT, notice)
+        elif what is Notice.LOST:
+            self._raise(FaultNumber.NODE_LOST, notice)
+        elif what is Notice.BUS_LOST:
+            self._raise(FaultNumber.BUS_LOST, notice)
+        elif what is Notice.ONLINE:
+            self._refusal = ""
+            self._restart_asked = self._absent = False
+            self._tell(notice.text)
+        elif what is Notice.ABSENT:
+            # Asked again every half second: the same silence is one fault.
+            if not self._absent:
+                self._absent = True
+                self._raise(FaultNumber.NODE_ABSENT, notice)
+        elif not self._refusal and not self._absent:
+            self._tell(notice.text)
+
+    def _tell(self, text: str) -> None:
+        self._outputs.tell(f"node {text}")
+
+    def _raise(self, number: FaultNumber, notice: NodeNotice) -> None:
+        self._outputs.fault(gateway_fault(number, notice.text, notice.time_ns))
+
+    def told(self, code: int) -> None:
+        """An error code of the drive, by EMCY or read."""
+        self.troubles.code = code
+        kind = code & _CLASS
+        self.troubles.motor_hot |= kind == _MOTOR_TEMPERATURE
+        self.troubles.stage_hot |= kind == _STAGE_TEMPERATURE
+
+    def _emergency(self, notice: NodeNotice) -> None:
+        """An EMCY: a fault while its error register has a bit set, else a warning."""
+        code, now = notice.code, notice.time_ns
+        if code == 0:
+            self._emergencies.clear()
+            self.troubles.over()
+            self._outputs.emergency_over = self._outputs.eventful = True
+            self._tell(notice.text)
+            return
+        self.last_emergency = now
+        self.told(code)
+        if not self._emergencies.is_new((code, notice.register, notice.data), now):
+            return
+        number, text = CANOPEN_FAULT if code in _CANOPEN_ERRORS else INTERNAL_FAULT, notice.text
+        fault = self.fault_of_emcy.get(code)
+        if fault is not None:
+            number, text = fault.number, f"EMCY {code:04X}h {fault.name}"
+        value = int.from_bytes(notice.data[:_VALUE_BYTES], "little")
+        self._outputs.fault(FaultRecord(number, code, value, text, now, notice.register == 0))
+
+
+class Acknowledgement:
+    """When the fault buffer moves on: the PLC acknowledged, and the device has left its fault."""
+
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"_until", "_seen", "waits"})
+
+    __slots__ = ("_seen", "_until", "waits")
+
+    def __init__(self) -> None:
+        self._seen = False
+        self._until = 0
+        self.waits = False
+        """There is something to do although nothing is asked now."""
+
+    @property
+    def pending(self) -> bool:
+        """The PLC acknowledged, and the device is still in its fault."""
+        return self._until != 0
+
+    def step(self, asked: bool, ok: bool, faulty: bool, now: int) -> bool:
+        """One cycle with the bit's level; a cause that stays needs another edge."""
+        over = self._step(asked, ok, faulty, now)
+        self.waits = self._seen or self._until != 0
+        return over
+
+    def _step(self, asked: bool, ok: bool, faulty: bool, now: int) -> bool:
+        if asked and not self._seen:
+            self._until = now + ACKNOWLEDGE_NS
+        self._seen = asked
+        if not self._until or not ok:
+            return False
+        if not faulty:
+            self._until = 0
+            return True
+        if now > self._until:
+            self._until = 0
+        return False
+
+
+class DriveWatch:
+    """What a drive shows of its own accord, by its Statusword."""
+
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"fault_began", "fault_since", "shown"})
+
+    __slots__ = ("_outputs", "_repetitions", "fault_began", "fault_since", "shown")
+
+    def __init__(self, outputs: Outputs) -> None:
+        self._outputs = outputs
+        self._repetitions = Repetitions()
+        self.fault_since = 0
+        """Since when an EMCY for the present fault is missing; 0 when none is."""
+        self.fault_began = 0
+        """When the Statusword showed a fault last."""
+        self.shown = 0
+        """The bits that are watched as they were last, 0 without a drive."""
+
+    def changed(self, shown: int, statusword: int, commanded: int, reason: Reason | None, now: int) -> None:
+        """``shown`` is what ``WATCHED`` leaves of the Statusword, ``commanded`` the Controlword the drive had."""
+        old, self.shown = self.shown, shown
+        state, previous = STATE_OF_STATUS[shown & STATE_MASK], STATE_OF_STATUS[old & STATE_MASK]
+        if state in FAULTY and previous not in FAULTY:
+            self.fault_since = self.fault_began = now
+        if state is None and previous is not None:
+            self._tell(FaultNumber.STATE_UNKNOWN, f"Statusword {statusword:04X}h", now)
+        elif (
+            previous is State.OPERATION_ENABLED
+            and state is not None
+            and state in _DISABLED
+            and commanded & _COMMAND == _COMMAND
+            and reason is Reason.NEEDS_OFF
+        ):
+            self._tell(FaultNumber.LEFT_OPERATION, f"{state.value}, no command of the gateway", now)
+        if state is State.OPERATION_ENABLED and shown & ~old & StatusBit.INTERNAL_LIMIT:
+            self._tell(FaultNumber.INTERNAL_LIMIT, "limit switch, position or speed limit", now)
+
+    def _tell(self, number: FaultNumber, detail: str, now: int) -> None:
+        if self._repetitions.is_new(number, now):
+            self._outputs.fault(gateway_fault(number, detail, now))
+
+    def step(self, node: NodeWatch, now: int) -> None:
+        """A fault in the Statusword that no EMCY told: its number and code have to be read from the drive."""
+        since = self.fault_since
+        if since and now - since >= EMERGENCY_PATIENCE_NS:
+            self.fault_since = 0
+            if node.last_emergency < since - EMERGENCY_PATIENCE_NS:
+                self._outputs.read_fault = self._outputs.eventful = True
+
+    def fault_read(self, read: FaultRead, feedback: DriveFeedback, faults: Mapping[int, DriveFault], now: int) -> None:
+        """The number and code that were read; ``faults``: the manufacturer's by number."""
+        named = faults.get(read.number)
+        if named is not None:
+            text = f"fault {read.number} {named.name} (no EMCY)"
+        elif read.code:
+            text = f"error code {read.code:04X}h {emcy_text(read.code)} (603Fh, no EMCY)"
+        else:
+            text = f"Statusword {feedback.statusword:04X}h shows a fault without an EMCY"
+        self._outputs.fault(FaultRecord(read.number or INTERNAL_FAULT, read.code, 0, text, now))

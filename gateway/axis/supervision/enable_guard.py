@@ -1,0 +1,68 @@
+"""The guard behind everything: counts how often operation is enabled against how often the PLC asked for it.
+
+It knows no phases and no drive. An ON counts after an OFF of the same connection. Each time the PLC begins to ask for operation
+in such an ON (STW1 bits 0-3 = 1111 after another word), one rising Enable Operation may follow. Source: docs/safety.md.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from pdgw.dsp402.states import ControlBit
+from pdgw.gateway.axis.demand_report import PowerWish
+
+ENABLE_OPERATION: Final = (
+    ControlBit.SWITCH_ON | ControlBit.ENABLE_VOLTAGE | ControlBit.QUICK_STOP | ControlBit.ENABLE_OPERATION
+)
+_ENABLE: Final = PowerWish.ENABLE
+_OFFS: Final = (PowerWish.OFF, PowerWish.OFF_DISABLED, PowerWish.RAW_OFF)
+_GOES_ON: Final = (PowerWish.ON, PowerWish.HOLD)
+
+
+class EnableGuard:
+    """One axis. ``step`` once per cycle, behind whatever made the Controlword."""
+
+    __slots__ = ("_asked", "_commanded", "_granted", "_off_seen", "_on")
+
+    def __init__(self) -> None:
+        self._off_seen = False
+        """The PLC sent OFF, and nothing but ON since."""
+        self._on = False
+        """The present ON came after an OFF."""
+        self._asked = False
+        """The PLC asked for operation in the cycle before."""
+        self._commanded = False
+        """The Controlword of the cycle before was Enable Operation."""
+        self._granted = False
+        """The PLC began to ask, and operation was not commanded since."""
+
+    def step(self, wish: PowerWish | None, controlword: int) -> bool:
+        """One cycle; False for an Enable Operation that nobody asked for, which must not be sent.
+
+        ``wish``: what the PLC asks of the power stage, None without one.
+        """
+        asks = wish is _ENABLE
+        if asks is not self._asked or not asks:
+            self._asked = asks
+            self._follow(wish)
+        commanded = controlword & ENABLE_OPERATION == ENABLE_OPERATION
+        if commanded is self._commanded:
+            return True
+        allowed = not commanded or self._granted
+        if commanded:
+            self._granted = False
+        self._commanded = commanded and allowed
+        return allowed
+
+    def _follow(self, wish: PowerWish | None) -> None:
+        if wish is _ENABLE:
+            self._on = self._on or self._off_seen
+            self._granted = self._on
+        elif wish in _OFFS:
+            self._off_seen = True
+            self._on = self._granted = False
+        elif wish in _GOES_ON:
+            self._on = self._on or self._off_seen
+            self._granted = False
+        else:
+            self._off_seen = self._on = self._granted = False

@@ -1,0 +1,1 @@
+"""Before and during commissioning: scan of a bus, telegram check."""

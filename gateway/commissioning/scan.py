@@ -1,0 +1,337 @@
+"""Looks around on a bus before anything is configured: which nodes there are, what they are, what each telegram would lack.
+
+Nothing is written: the bus is listened to first, then every node-ID is asked for its device type 1000h, then those that
+answered for their objects, by SDO uploads alone. No NMT command, no PDO, no heartbeat. Source: CiA 301.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import can
+import canopen
+from canopen.sdo import SdoAbortedError, SdoCommunicationError
+
+from pdgw.ds301.aborts import Abort
+from pdgw.ds301.communication import DEVICE_NAME, DEVICE_TYPE, IDENTITY, SYNC_PERIOD, profile_of
+from pdgw.ds301.configuration import SdoStep
+from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, NODE_IDS, SDO_REQUEST, SDO_RESPONSE
+from pdgw.ds301.data_sheet import load_dictionary
+from pdgw.ds301.inquiry import Inquiry
+from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.nmt import NmtState
+from pdgw.ds301.node import GATEWAY_NODE_ID
+from pdgw.ds301.pdo import PdoDirection
+from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.guarding import guard
+from pdgw.dsp402.objects import DRIVE_PROFILE
+from pdgw.dsp402.probe import probe
+from pdgw.dsp402.settings import DriveSettings
+from pdgw.dsp406.kinds import ENCODER_PROFILE, EncoderType
+from pdgw.dsp406.objects import POSITION, POSITION_MULTI_SENSOR
+from pdgw.durations import MS, SECOND
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
+from pdgw.gateway.commissioning.telegram_check import lacks, lacks_by_telegram
+from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.configuration.environment import CanConfig
+from pdgw.gateway.errors import GatewayError
+
+_PAUSE_NS = 2 * MS
+"""Between two questions: a transmit queue is short."""
+_QUESTION = bytes((0x40,)) + DEVICE_TYPE.to_bytes(2, "little") + bytes(5)
+"""SDO upload of 1000h."""
+_NMT_STATE = 0x7F
+_RPDO_BASES = frozenset(PdoDirection.RPDO.cob_id(number, 0) for number in range(1, 5))
+
+
+@dataclass(frozen=True, slots=True)
+class Sheet:
+    """A data sheet, and the device it is of."""
+
+    path: Path
+    dictionary: canopen.ObjectDictionary
+
+    @property
+    def identity(self) -> tuple[int, int]:
+        """Vendor-ID and product code."""
+        information = self.dictionary.device_information
+        return information.vendor_number or 0, information.product_number or 0
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """What a configuration says about a node."""
+
+    what: str
+    """Such as ``DO 1``."""
+    telegram: int
+    profile: int = DRIVE_PROFILE
+    eds: Path | None = None
+    settings: AxisSettings | None = None
+    drive: DriveSettings | None = None
+
+
+@dataclass(slots=True)
+class FoundNode:
+    """A node that was heard or that answered."""
+
+    node_id: int
+    nmt_state: str = ""
+    """Of its last heartbeat; empty when none was heard."""
+    device_type: int | None = None
+    """1000h; None when it answers no SDO."""
+    vendor_id: int | None = None
+    product_code: int | None = None
+    revision: int | None = None
+    serial_number: int | None = None
+    name: str = ""
+    """1008h."""
+    eds: Path | None = None
+    """The data sheet that fits its identity, or that the configuration names."""
+    notes: list[str] = field(default_factory=list)
+    """What a person should look at, one sentence each."""
+    drive: DriveType | None = None
+    lacks: Mapping[int, str] = field(default_factory=dict)
+    """By telegram, what is missing for it; empty text when nothing is."""
+
+    @property
+    def profile(self) -> int | None:
+        """Number of its device profile."""
+        return None if self.device_type is None else profile_of(self.device_type)
+
+
+def expected_on(config: GatewayConfig, bus: CanConfig) -> dict[int, Expected]:
+    """What a configuration says of the nodes of one of its buses; of several drive objects of a node, the first."""
+    expected: dict[int, Expected] = {}
+    for axis in config.axis:
+        if config.bus_of(axis).name == bus.name:
+            cycle_ms = config.transport.cycle_time_ms
+            expected[axis.node_id] = Expected(
+                f"DO {axis.do_id}",
+                axis.telegram,
+                DRIVE_PROFILE,
+                axis.eds,
+                axis.settings_at(cycle_ms),
+                axis.drive_settings(axis.telegram, cycle_ms),
+            )
+    for node_id, channels in config.encoders_of(bus).items():
+        first = channels[0]
+        expected[node_id] = Expected(f"DO {first.do_id}", first.telegram, ENCODER_PROFILE, first.eds)
+    return expected
+
+
+def load_sheets(paths: Iterable[Path]) -> list[Sheet]:
+    """The data sheets of files, and of folders what ends in .eds or .dcf. CanopenError names one that cannot be used."""
+    sheets = []
+    for path in paths:
+        found = (
+            sorted(item for item in path.iterdir() if item.suffix.lower() in {".eds", ".dcf"})
+            if path.is_dir()
+            else [path]
+        )
+        for item in found:
+            sheets.append(Sheet(item, _dictionary(item, 1)))
+    return sheets
+
+
+def _dictionary(path: Path, node_id: int) -> canopen.ObjectDictionary:
+    return load_dictionary(path, node_id, (DEVICE_TYPE,), "a device")
+
+
+class Scan:
+    """Of one bus. ``run`` is for a task; the network must have been started."""
+
+    def __init__(
+        self,
+        network: CanNetwork,
+        sheets: Sequence[Sheet] = (),
+        expected: Mapping[int, Expected] | None = None,
+        *,
+        listen_ns: int = SECOND,
+        answer_ns: int = SECOND,
+        timeout_s: float = 0.5,
+    ) -> None:
+        self.network = network
+        self.sheets = sheets
+        self.expected: Mapping[int, Expected] = expected or {}
+        self._listen_ns = listen_ns
+        self._answer_ns = answer_ns
+        self._timeout_s = timeout_s
+        self._states: dict[int, int] = {}
+        self._answered: set[int] = set()
+        self._master = ""
+
+    def run(self) -> list[FoundNode]:
+        """Every node, in order. GatewayError when a master works on the bus: its SDOs and ours would disturb each other."""
+        loop, network = self.network.loop, self.network
+        network.listeners.append(self._hear)
+        try:
+            loop.sleep(self._listen_ns)
+            self._refuse_masters()
+            for node_id in NODE_IDS:
+                network.send(SDO_REQUEST + node_id, _QUESTION)
+                loop.sleep(_PAUSE_NS)
+            loop.sleep(self._answer_ns)
+            found = [
+                self._ask(node_id) for node_id in sorted(self._answered | self._states.keys() | self.expected.keys())
+            ]
+            self._refuse_masters()
+        finally:
+            network.listeners.remove(self._hear)
+        return found
+
+    def _hear(self, message: can.Message) -> None:
+        if not message.is_rx or message.is_extended_id or message.is_remote_frame:
+            return
+        can_id = message.arbitration_id
+        base, node_id = can_id & ~0x7F, can_id & 0x7F
+        if base == ERROR_CONTROL and node_id and message.data:
+            self._states[node_id] = message.data[0] & _NMT_STATE
+            if node_id == GATEWAY_NODE_ID and self._states[node_id] == NmtState.OPERATIONAL:
+                self._master = f"the heartbeat of a gateway (node {node_id})"
+        elif base == SDO_RESPONSE and node_id:
+            self._answered.add(node_id)
+        elif can_id == NMT:
+            self._master = "an NMT command"
+        elif base == SDO_REQUEST and node_id:
+            self._master = f"an SDO request to node {node_id}"
+        elif node_id and base in _RPDO_BASES:
+            self._master = f"process data for node {node_id} (COB-ID {can_id:03X}h)"
+
+    def _refuse_masters(self) -> None:
+        if self._master:
+            raise GatewayError(
+                f"CAN bus {self.network.name}: a master sends {self._master}, allowed: none while the bus is scanned; "
+                "end it, or ask it (pdgw status, pdgw param)"
+            )
+
+    # -- one node -------------------------------------------------------------------------------------------------------
+
+    def _ask(self, node_id: int) -> FoundNode:
+        found = FoundNode(node_id)
+        state = self._states.get(node_id)
+        if state is not None:
+            known = state in NmtState._value2member_map_
+            found.nmt_state = NmtState(state).name.replace("_", "-").capitalize() if known else f"{state:02X}h"
+        expected = self.expected.get(node_id)
+        if node_id not in self._answered:
+            heard = found.nmt_state or "not heard"
+            found.notes.append(
+                f"answers no SDO ({heard})" + (f": {expected.what} of the configuration is missing" if expected else "")
+            )
+            return found
+        try:
+            with Inquiry(self.network, node_id, self._timeout_s) as node:
+                self._identify(node, found)
+                self._describe(node, found, expected)
+        except SdoCommunicationError as error:
+            found.notes.append(f"stopped answering ({error})")
+        return found
+
+    def _identify(self, node: Inquiry, found: FoundNode) -> None:
+        found.device_type = node.number(DEVICE_TYPE)
+        found.vendor_id, found.product_code, found.revision, found.serial_number = (
+            node.number(IDENTITY, subindex) for subindex in range(1, 5)
+        )
+        found.name = node.text(DEVICE_NAME)
+
+    def _describe(self, node: Inquiry, found: FoundNode, expected: Expected | None) -> None:
+        sheet = self._sheet(found, expected)
+        if expected is not None and found.profile != expected.profile:
+            found.notes.append(
+                f"{expected.what} of the configuration is a device of profile {expected.profile}, not of this one"
+            )
+            expected = None
+        if found.profile == DRIVE_PROFILE:
+            self._describe_drive(node, found, sheet, expected)
+        elif found.profile == ENCODER_PROFILE:
+            _describe_encoder(node, found)
+        else:
+            found.notes.append(
+                f"device profile {found.profile}: neither a drive (402) nor an encoder (406), no telegram is for it"
+            )
+
+    def _sheet(self, found: FoundNode, expected: Expected | None) -> Sheet | None:
+        """The configured data sheet, else the one that fits; what differs is noted."""
+        identity = found.vendor_id or 0, found.product_code or 0
+        if expected is not None and expected.eds is not None:
+            sheet = Sheet(expected.eds, _dictionary(expected.eds, found.node_id))
+            wanted = sheet.identity
+            if any(told and told != seen for told, seen in zip(wanted, identity, strict=True)):
+                found.notes.append(
+                    f"{sheet.path} is of vendor-ID {wanted[0]:08X}h, product code {wanted[1]:08X}h: another device, "
+                    "pdgw run refuses it"
+                )
+                return None
+        else:
+            fitting = [sheet for sheet in self.sheets if sheet.identity == identity]
+            if not fitting:
+                if self.sheets:
+                    found.notes.append("none of the data sheets is of this device")
+                return None
+            sheet = fitting[0]
+            sheet = Sheet(sheet.path, _dictionary(sheet.path, found.node_id))
+        found.eds = sheet.path
+        revision = sheet.dictionary.device_information.revision_number
+        if revision and found.revision is not None and revision != found.revision:
+            found.notes.append(f"{sheet.path} is of revision {revision:08X}h")
+        return sheet
+
+    def _describe_drive(self, node: Inquiry, found: FoundNode, sheet: Sheet | None, expected: Expected | None) -> None:
+        settings = (expected.drive if expected is not None else None) or DriveSettings(node.node_id)
+        try:
+            drive = probe(node, None if sheet is None else sheet.dictionary, settings.units, settings.family)
+        except Dsp402Error as error:
+            found.notes.append(str(error))
+            return
+        found.drive = drive
+        found.lacks = dict(lacks_by_telegram(drive))
+        found.notes.append(f"when the gateway dies, what stops it is {_guarding(node, drive, settings)}")
+        if expected is None:
+            return
+        if expected.settings is not None:
+            found.lacks = {**found.lacks, expected.telegram: lacks(drive, expected.telegram, expected.settings)}
+        missing = found.lacks.get(expected.telegram, "")
+        found.notes.append(
+            f"{expected.what} of the configuration, telegram {expected.telegram}: " + (missing or "nothing is missing")
+        )
+
+
+def _guarding(node: Inquiry, drive: DriveType, settings: DriveSettings) -> str:
+    """What would guard the gateway, for a person; an object that is there counts as one that can be written."""
+
+    def number(index: int, subindex: int) -> int:
+        value = node.number(index, subindex)
+        if value is None:
+            raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
+        # The period would have been written.
+        return wanted.sync_period_us if index == SYNC_PERIOD else value
+
+    def pretend(step: SdoStep) -> None:
+        number(step.index, step.subindex)
+
+    wanted = settings.guarding_of(drive, PdoDirection.RPDO.communication_index)
+    found = guard(wanted, pretend, number)
+    if not found.refusal:
+        return found.text
+    if settings.allow_unguarded:
+        return f"{found.text}; pdgw run operates it all the same (allow_unguarded = true)"
+    by_sync = ""
+    if wanted.sync_loss_periods and not wanted.sync_period_us:
+        by_sync = " or a telegram with SYNC in a cyclic synchronous mode, without which drives of this family stop"
+    return f"{found.text}; pdgw run refuses it without allow_unguarded = true{by_sync}"
+
+
+def _describe_encoder(node: Inquiry, found: FoundNode) -> None:
+    assert found.device_type is not None
+    number = found.device_type >> 16
+    if number in EncoderType._value2member_map_:
+        found.notes.append(f"encoder type {number}: {EncoderType(number).name.replace('_', ' ').lower()}")
+    position = POSITION_MULTI_SENSOR if number == EncoderType.MULTI_SENSOR else POSITION
+    has_position = node.fetch(position) is not None
+    missing = "" if has_position else f"no position {position:04X}h"
+    found.lacks = dict.fromkeys(ENCODER_TELEGRAM_NUMBERS, missing)

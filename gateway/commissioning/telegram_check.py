@@ -1,0 +1,88 @@
+"""What a drive lacks for a telegram, before anything is configured or moves: the axis machine's own judgement."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pdgw.ds301.pdo import PdoLayout
+from pdgw.ds301.plan import PdoPlan
+from pdgw.dsp402 import planner
+from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.images import DriveFeedback
+from pdgw.dsp402.modes import MODE_NAMES, Mode
+from pdgw.dsp402.pdo import interpolated
+from pdgw.dsp402.planner import found_in_data_sheet, plan_pdos
+from pdgw.durations import MS
+from pdgw.gateway.axis.machine import AxisMachine
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.telegrams import (
+    CENTRAL_TELEGRAM_NUMBERS,
+    DRIVE_TELEGRAM_NUMBERS,
+    DSC_TELEGRAM_NUMBERS,
+    TASK_TELEGRAM_NUMBERS,
+    drive_layout,
+    initial_mode,
+)
+from pdgw.gateway.configuration.positioner import SIMULATED, PositionerConfig
+from pdgw.gateway.links.cyclic import USUAL_CYCLE_MS
+from pdgw.gateway.motion.dsc import DscChoices, DscForm
+
+_USUAL = AxisSettings(
+    dsc=DscChoices(DscForm.SPEED, following_window=1),
+    cycle_ns=USUAL_CYCLE_MS * MS,
+    positioner=PositionerConfig.model_validate(SIMULATED).choices(()),
+)
+"""For telegrams that need keys of the configuration, where there is none yet."""
+
+
+def _form(settings: AxisSettings) -> DscForm:
+    return DscForm.SPEED if settings.dsc is None else settings.dsc.form
+
+
+def lacks(drive: DriveType, number: int, settings: AxisSettings = _USUAL) -> str:
+    """Why a drive cannot be operated with a telegram; empty when what is known of it suffices."""
+    mode = initial_mode(number, _form(settings))
+    # A speed is followed in one of several modes, of which the executor knows.
+    if mode is not None and mode is not Mode.VELOCITY and mode.value not in drive.modes:
+        return f"modes of the drive (6502h): no {mode.value} ({MODE_NAMES[mode]})"
+    lacking = AxisMachine(number, settings, DriveFeedback()).lacking(drive, homing_method=0)
+    if lacking:
+        return lacking
+    try:
+        planned(drive, number, settings=settings)
+    except Dsp402Error as error:
+        return str(error)
+    return ""
+
+
+def missing_lines(drive: DriveType, *numbers: int, settings: AxisSettings = _USUAL) -> tuple[str, ...]:
+    """Every key of the configuration that these telegrams lack with a drive, as lines to paste into its [[axis]]."""
+    machines = (AxisMachine(number, settings, DriveFeedback()) for number in numbers)
+    return tuple(dict.fromkeys(line for machine in machines for line in machine.missing(drive).lines))
+
+
+def planned(
+    drive: DriveType, number: int, node_id: int = 1, *, sync: bool = False, settings: AxisSettings = _USUAL
+) -> PdoPlan:
+    """What would travel in which PDO, as far as the data sheet tells; Dsp402Error when no plan is possible."""
+    needs, made = _needs(drive, number, settings)
+    cyclic = number in DSC_TELEGRAM_NUMBERS or (sync and number in CENTRAL_TELEGRAM_NUMBERS) or made
+    return plan_pdos(needs, drive, node_id, found_in_data_sheet(drive), sync=sync or cyclic, sync_rpdos=cyclic)
+
+
+def not_available(drive: DriveType, number: int, settings: AxisSettings = _USUAL) -> tuple[str, ...]:
+    """One line for each object that the telegram can do without and the drive lacks, with what it shows or does instead."""
+    return planner.not_available(_needs(drive, number, settings)[0], drive)
+
+
+def _needs(drive: DriveType, number: int, settings: AxisSettings) -> tuple[PdoLayout, bool]:
+    """What travels in PDOs, and whether the gateway makes the positions of traversing tasks."""
+    needs = drive_layout(number, _form(settings), settings.second_sensor, g1_is_encoder=settings.g1_is_encoder)
+    made = drive.interpolates and number in TASK_TELEGRAM_NUMBERS
+    return interpolated(needs) if made else needs, made
+
+
+def lacks_by_telegram(drive: DriveType) -> Mapping[int, str]:
+    """``lacks`` for every telegram a drive axis can have."""
+    return {number: lacks(drive, number) for number in DRIVE_TELEGRAM_NUMBERS}

@@ -1,0 +1,1 @@
+"""The configuration: models, file, checks, example, byte map and bus load."""

@@ -1,0 +1,130 @@
+"""What a configuration puts on a bus when every value changes in every cycle: load, and when each frame is sent at the latest.
+
+An axis whose drive was asked counts by its PDO plan, another one by the PDOs its telegram wants.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from pdgw.ds301.connection_set import ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE, SYNC
+from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.load import CyclicFrames, bus_load, sdo_gap_ns
+from pdgw.ds301.node import GATEWAY_NODE_ID
+from pdgw.ds301.pdo import PdoDirection
+from pdgw.ds301.plan import PdoPlan, straight_plan
+from pdgw.ds301.response_time import response_times
+from pdgw.dsp402.objects import CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE
+from pdgw.durations import MS, MS_PER_SECOND, SECOND, US
+
+if TYPE_CHECKING:
+    from pdgw.gateway.configuration.config import AxisConfig
+    from pdgw.gateway.configuration.encoder import EncoderConfig
+
+_DRIVE_CYCLE_US = 1000
+"""A drive updates its values once a millisecond."""
+_POSITION_SIZE = 8
+"""Bytes of an encoder's TPDO with position, speed, area and cam state."""
+_TPDOS = 4
+"""TPDOs with a COB-ID of the pre-defined connection set."""
+_SDO_SIZE = 8
+_SDO_NS: Final = 4 * MS
+"""From one SDO of the parameter channel to the next (``sdo_interval_ms``)."""
+_ANY_NODE = 0
+"""Who answers an SDO request: one node at a time."""
+HEARTBEATS: Final = 2
+"""Heartbeats of the gateway in the shortest heartbeat time of its nodes."""
+
+
+def wanted_plan(axis: AxisConfig, cycle_time_ms: float) -> PdoPlan:
+    """The PDOs of an axis with a drive that takes all that its telegram wants."""
+    layout = axis.drive_layout(axis.telegram)
+    available = {
+        pdo.communication_index for pdo in (*layout.rpdos, *layout.tpdos) if axis.node_id <= 0x3F or pdo.number <= 4
+    }
+    settings = axis.drive_settings(axis.telegram, cycle_time_ms)
+    on_sync = settings.sync_period_us > 0
+    return straight_plan(layout, axis.node_id, available, sync=settings.sync, sync_rpdos=on_sync)
+
+
+def cyclic_frames(
+    axes: Iterable[AxisConfig],
+    encoders: Mapping[int, Sequence[EncoderConfig]],
+    cycle_time_ms: float,
+    plans: Mapping[int, PdoPlan] | None = None,
+) -> list[CyclicFrames]:
+    """The frames of the nodes of one bus. ``encoders`` and ``plans`` of axes: by node-ID."""
+    cycle_rate = MS_PER_SECOND / cycle_time_ms
+    frames: list[CyclicFrames] = []
+    heartbeats: list[int] = []
+    sync = False
+    for axis in axes:
+        plan = (plans or {}).get(axis.node_id) or wanted_plan(axis, cycle_time_ms)
+        tpdo_rate = SECOND / (max(axis.inhibit_us(cycle_time_ms), _DRIVE_CYCLE_US) * US)
+        frames += plan.frames(axis.node_id, cycle_rate, tpdo_rate, (CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE))
+        frames.append(_heartbeat(axis.node_id, axis.heartbeat_ms))
+        heartbeats.append(axis.heartbeat_ms)
+        sync |= plan.needs_sync
+    for node_id, channels in encoders.items():
+        first = channels[0]
+        rate = cycle_rate if first.sync else MS_PER_SECOND / first.event_ms(cycle_time_ms)
+        for number, item in enumerate(channels, 1):
+            cob_id = PdoDirection.TPDO.cob_id(min(number, _TPDOS), node_id)
+            frames.append(CyclicFrames(f"position {node_id}/{item.channel}", _POSITION_SIZE, rate, cob_id, node_id))
+        frames.append(_heartbeat(node_id, first.heartbeat_ms))
+        heartbeats.append(first.heartbeat_ms)
+        sync |= first.sync
+    if heartbeats:
+        frames.append(_heartbeat(GATEWAY_NODE_ID, min(heartbeats) / HEARTBEATS))
+    if sync:
+        frames.append(CyclicFrames("SYNC", 0, cycle_rate, SYNC, GATEWAY_NODE_ID))
+    return frames
+
+
+def _heartbeat(node_id: int, period_ms: float) -> CyclicFrames:
+    return CyclicFrames(f"heartbeat {node_id}", 1, MS_PER_SECOND / period_ms, ERROR_CONTROL + node_id, node_id)
+
+
+@dataclass(frozen=True, slots=True)
+class Latest:
+    """When a frame is sent at the latest after it is due, and when it has to be; nanoseconds. None: there is no bound."""
+
+    frame: CyclicFrames
+    response: int | None
+    deadline: int
+
+    @property
+    def is_late(self) -> bool:
+        return self.response is None or self.response > self.deadline
+
+    def __str__(self) -> str:
+        shown = "no bound" if self.response is None else f"{self.response / MS:.2f} ms"
+        return f"{self.frame.name} ({self.frame.cob_id:03X}h): {shown} of {self.deadline / MS:g} ms"
+
+
+def latest(frames: Sequence[CyclicFrames], bitrate: int, cycle_time_ms: float) -> list[Latest]:
+    """Response times with the parameter channel in use; a frame has to be sent before it is due again, or within the cycle."""
+    rate = SECOND / max(sdo_gap_ns(bus_load(frames, bitrate), bitrate), _SDO_NS)
+    sdo = (
+        CyclicFrames("SDO request", _SDO_SIZE, rate, SDO_REQUEST + 1, GATEWAY_NODE_ID),
+        CyclicFrames("SDO answer", _SDO_SIZE, rate, SDO_RESPONSE + 1, _ANY_NODE),
+    )
+    responses = response_times([*frames, *sdo], bitrate)
+    return [
+        Latest(frame, responses[frame], int(max(cycle_time_ms * MS, SECOND / frame.per_second))) for frame in frames
+    ]
+
+
+def check_cycle(name: str, found: Sequence[Latest]) -> None:
+    """CanopenError with the frame that is the latest when the bus ``name`` cannot hold the cycle."""
+    late = [item for item in found if item.is_late]
+    if late:
+        worst = max(late, key=lambda item: math.inf if item.response is None else item.response / item.deadline)
+        raise CanopenError(
+            f"bus {name}: worst-case response time of {len(late)} of {len(found)} frames, {worst.frame.name} the latest",
+            "no bound" if worst.response is None else f"{worst.response / MS:.2f} ms",
+            f"at most {worst.deadline / MS:g} ms: raise cycle_time_ms, tpdo_inhibit_us or bitrate, or use fewer axes per bus",
+        )

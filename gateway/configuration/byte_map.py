@@ -1,0 +1,145 @@
+"""Where every value lies in the frames of a configuration, for who programs the PLC.
+
+Source: docs/transport.md chapters 1 and 2; the offsets are those of ``profidrive.frame.CSduLayout``, which the gateway uses. On
+PROFINET each axis is a submodule of its own: ``in_object`` counts from its first byte.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pdgw.dsp402.drive_type import Quantity
+from pdgw.durations import MS
+from pdgw.gateway.axis.required_scaling import quantity_of
+from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
+from pdgw.gateway.configuration.encoder import EncoderConfig
+from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
+from pdgw.profidrive.frame import COUNTER_UNIT_NS, HEADER, IOPS_GOOD, STATUS_NORMAL, CSduLayout
+from pdgw.profidrive.signals import Signal
+from pdgw.profidrive.telegrams import Direction, TelegramHalf, telegram
+
+_FULL = {DataType.N2: f"{N2_100_PERCENT:X}h", DataType.N4: f"{N4_100_PERCENT:X}h"}
+_GOOD = f"{IOPS_GOOD:02X}h good"
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """One value in a frame. Offsets in bytes: ``in_frame`` from the FrameID, ``in_object`` from the axis' first byte.
+
+    ``axis`` is the DO-ID, 0 for what belongs to the frame; ``signal`` is None for what is no signal.
+    """
+
+    in_frame: int
+    length: int
+    name: str
+    type: str
+    axis: int = 0
+    in_object: int | None = None
+    unit: str = ""
+    full: str = ""
+    """What stands for 100 %, or which values there are."""
+    description: str = ""
+    signal: Signal | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class AxisMap:
+    """The bytes of one axis in one direction."""
+
+    do_id: int
+    half: TelegramHalf
+    offset: int
+    iops: int
+    iocs: int
+    places: tuple[Place, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FrameMap:
+    """One direction of the exchange: ``size`` bytes of UDP payload."""
+
+    direction: Direction
+    size: int
+    trailer: int
+    axes: tuple[AxisMap, ...]
+    places: tuple[Place, ...]
+    """Every value in the order of the frame."""
+
+
+def counter_step(config: GatewayConfig) -> int:
+    """What the PLC adds to the cycle counter with each frame."""
+    return max(1, int(config.transport.cycle_time_ms * MS) // COUNTER_UNIT_NS)
+
+
+def frame_maps(config: GatewayConfig) -> tuple[FrameMap, FrameMap]:
+    """Setpoints (PLC to gateway) and actual values."""
+    return _frame_map(config, Direction.SETPOINT), _frame_map(config, Direction.ACTUAL)
+
+
+def _frame_map(config: GatewayConfig, direction: Direction) -> FrameMap:
+    layout = CSduLayout([telegram(item.telegram) for item in config.objects], direction)
+    other = "actual values" if direction is Direction.SETPOINT else "setpoints"
+    axes = []
+    for position, item in enumerate(config.objects):
+        half, offset = layout.halves[position], layout.offsets[position]
+        iops, iocs = layout.iops[position], layout.iocs[position]
+        states = ((iops, "IOPS", "these data are valid"), (iocs, "IOCS", f"the {other} of the axis are used"))
+        places = _signals(item, half, offset)
+        places += [Place(at, 1, name, "BYTE", item.do_id, full=_GOOD, description=text) for at, name, text in states]
+        axes.append(AxisMap(item.do_id, half, offset, iops, iocs, tuple(places)))
+    of_frame = [
+        Place(0, HEADER.size, "FrameID", "WORD", description="the same in every frame"),
+        Place(layout.trailer, 2, "CycleCounter", "WORD", full=f"step {counter_step(config)}", description="31.25 us"),
+        Place(layout.trailer + 2, 1, "DataStatus", "BYTE", full=f"{STATUS_NORMAL:02X}h running"),
+        Place(layout.trailer + 3, 1, "TransferStatus", "BYTE", full="0"),
+    ]
+    places = sorted([*of_frame, *(place for axis in axes for place in axis.places)], key=lambda place: place.in_frame)
+    return FrameMap(direction, layout.frame_size, layout.trailer, tuple(axes), tuple(places))
+
+
+def _signals(item: AxisConfig | EncoderConfig, half: TelegramHalf, begin: int) -> list[Place]:
+    offset = 0
+    places = []
+    for signal in half.signals:
+        size = signal.type.size
+        places.append(
+            Place(
+                begin + offset,
+                size,
+                signal.name,
+                plc_type(signal),
+                item.do_id,
+                offset,
+                signal.unit,
+                _full(item, signal),
+                signal.description,
+                signal,
+            )
+        )
+        offset += size
+    return places
+
+
+def _full(item: AxisConfig | EncoderConfig, signal: Signal) -> str:
+    raw = _FULL.get(signal.type)
+    if raw is None:
+        return ""
+    if isinstance(item, EncoderConfig):
+        return f"{raw} = {item.reference_speed:g} {item.speed_unit}"
+    quantity = quantity_of(signal)
+    rated = item.units.rated_speed_rpm
+    if rated is not None and quantity is Quantity.SPEED:
+        return f"{raw} = {float(rated):g} rpm"
+    return f"{raw} = 100 %" + (f" of the {quantity.value}" if quantity is not None else "")
+
+
+_TYPES = {"b": "SINT", "B": "USINT", "h": "INT", "H": "UINT", "i": "DINT", "I": "UDINT", "Q": "ULINT", "f": "REAL"}
+_WORDS = {1: "BYTE", 2: "WORD", 4: "DWORD"}
+
+
+def plc_type(signal: Signal) -> str:
+    """The elementary type of IEC 61131-3 for a signal: a bit string for a word of bits, else a number."""
+    if signal.bits or signal.type in {DataType.V2, DataType.BYTE, DataType.WORD, DataType.DOUBLE_WORD}:
+        return _WORDS[signal.type.size]
+    # A conversion from REAL to DWORD is of the value in one dialect and of the bits in another: the bits are a DWORD.
+    return _WORDS[signal.type.size] if signal.is_float else _TYPES[signal.type.char]

@@ -1,0 +1,67 @@
+"""What a configuration refers to, checked as far as that is possible without a device: CAN interfaces and data sheets."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Sequence
+from importlib import import_module
+from pathlib import Path
+
+from pdgw.ds301.errors import CanopenError
+from pdgw.explain import Problem
+from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
+from pdgw.gateway.configuration.encoder import EncoderConfig
+from pdgw.gateway.configuration.file import SECTIONS
+from pdgw.gateway.configuration.toml_file import read_text, told
+
+
+def references_wrong(config: GatewayConfig, path: Path) -> list[str]:
+    """One line for each CAN interface python-can does not know and each data sheet that cannot be used."""
+    text = read_text(path)
+    found = [*_interfaces(config), *_sheets("axis", config.axis), *_sheets("encoder", config.encoder)]
+    return [told(problem, text, str(path), SECTIONS) for problem in found]
+
+
+def _interfaces(config: GatewayConfig) -> Iterator[Problem]:
+    for number, bus in enumerate(config.can):
+        wrong = _interface(bus.interface)
+        if wrong:
+            yield Problem(("can", number, "interface"), repr(bus.interface), wrong)
+
+
+def _interface(name: str) -> str:
+    """Why an interface of python-can cannot be used on this machine; empty when it can."""
+    from can.interfaces import BACKENDS  # noqa: PLC0415 (slow to load)
+
+    if name not in BACKENDS:
+        close = difflib.get_close_matches(name, BACKENDS, n=1)
+        hint = f"did you mean {close[0]}? " if close else ""
+        return f"no interface of python-can, {hint}allowed: {', '.join(sorted(BACKENDS))}"
+    module, attribute = BACKENDS[name]
+    try:
+        getattr(import_module(module), attribute)
+    except Exception as error:  # whatever a driver raises that finds its library or its system missing
+        return f"its driver cannot be loaded on this machine ({type(error).__name__}: {error})"
+    return ""
+
+
+def _sheets(section: str, items: Sequence[AxisConfig | EncoderConfig]) -> Iterator[Problem]:
+    for number, item in enumerate(items):
+        wrong = _sheet(item) if item.eds is not None else ""
+        if wrong:
+            yield Problem((section, number, "eds"), repr(str(item.eds)), wrong)
+
+
+def _sheet(item: AxisConfig | EncoderConfig) -> str:
+    """Why a data sheet cannot be used, in the words of ``pdgw run``; empty when it can."""
+    from pdgw.dsp402.drive import load_eds as load_drive  # noqa: PLC0415 (slow to load)
+    from pdgw.dsp406.encoder import load_eds as load_encoder  # noqa: PLC0415
+
+    assert item.eds is not None
+    load = load_drive if isinstance(item, AxisConfig) else load_encoder
+    try:
+        load(item.eds, item.node_id)
+    except CanopenError as error:
+        first, *more = error.allowed.splitlines()
+        return f"is not {first}" + (f" (and {len(more)} more, see pdgw eds check)" if more else "")
+    return ""

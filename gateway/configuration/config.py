@@ -1,0 +1,443 @@
+"""The configuration file: TOML, validated by pydantic, with messages a user can act on.
+
+Keys of [can], [transport] and [[axis]] are fixed, others have defaults; encoders are in ``gateway.configuration.encoder``, what
+surrounds the drive objects in ``gateway.configuration.environment``, reading a file in ``gateway.configuration.file``. Left out: the PLC's own
+parameters, which live in the parameter store.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from math import ceil
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.load import DEFAULT_BITRATE, check_load
+from pdgw.ds301.node import GATEWAY_NODE_ID
+from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.mechanics import unit_object
+from pdgw.dsp402.overlay import overlay
+from pdgw.dsp402.pdo import PdoLayout
+from pdgw.dsp402.settings import DriveSettings
+from pdgw.dsp402.unit_keys import UnitKeys, check_unit_keys
+from pdgw.durations import MS, US, US_PER_MS
+from pdgw.explain import misplaced
+from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction, SecondSensor, SetpointEnable
+from pdgw.gateway.axis.telegrams import (
+    CENTRAL_TELEGRAM_NUMBERS,
+    DRIVE_TELEGRAM_NUMBERS,
+    DSC_TELEGRAM_NUMBERS,
+    FIRST_ENCODER_NUMBERS,
+    FLOAT_TELEGRAM_NUMBERS,
+    POSITIONER_TELEGRAM_NUMBERS,
+    SECOND_SENSOR_NUMBERS,
+    TASK_TELEGRAM_NUMBERS,
+    drive_layout,
+    initial_mode,
+)
+from pdgw.gateway.configuration.bus_load import cyclic_frames
+from pdgw.gateway.configuration.encoder import EncoderConfig
+from pdgw.gateway.configuration.environment import (
+    Boolean,
+    CanConfig,
+    DriveObjectSection,
+    Integer,
+    ParametersConfig,
+    RealtimeConfig,
+    Section,
+    TraceConfig,
+    TransportConfig,
+)
+from pdgw.gateway.configuration.positioner import BlockConfig, PositionerConfig
+from pdgw.gateway.configuration.web import MqttConfig, WebConfig
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.format_version import at_most
+from pdgw.gateway.motion.dsc import DELAY_CYCLES_MAX, FOLLOWING_WINDOW_MAX, JITTER_NS_MAX, DscChoices, DscForm, XerrSign
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.frame import CSduLayout
+from pdgw.profidrive.telegrams import Direction, telegram
+
+_MAXIMUM_INHIBIT_US = 6_553_500
+"""An UNSIGNED16 in units of 100 us."""
+_AXIS: Final = AxisSettings()
+_NODE: Final = DriveSettings(node_id=1)
+_DSC: Final = DscChoices(DscForm.SPEED, following_window=1)
+"""What holds where the file says nothing."""
+Place = tuple[str, int]
+"""Section and number of its table."""
+
+
+def _standstill(value: object) -> object:
+    return Fraction(str(value)) / 100 if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+def _fraction(value: object) -> object:
+    """A number as it is written (0.1 is a tenth), or a ratio such as "10/3"."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        return value
+    try:
+        return Fraction(str(value).replace(" ", ""))
+    except (ValueError, ZeroDivisionError) as error:
+        raise ValueError(f'{value!r} is no number or ratio, expected such as 3000, 0.5 or "10/3"') from error
+
+
+Ratio = Annotated[Fraction, BeforeValidator(_fraction), Field(gt=0, le=10**12)]
+UnitObject = Annotated[int, BeforeValidator(unit_object)]
+SignedRatio = Annotated[Fraction, BeforeValidator(_fraction), Field(ge=-(10**6), le=10**6)]
+
+
+def as_list(value: object) -> object:
+    """A table where an array of tables may stand."""
+    return [value] if isinstance(value, dict) else value
+
+
+class AxisConfig(DriveObjectSection):
+    """One drive and its telegram."""
+
+    on_plc_loss: PlcLossReaction = _AXIS.on_plc_loss
+    setpoint_enable: SetpointEnable = _AXIS.setpoint_enable
+    control_lost: ControlLost = _AXIS.control_lost
+    stop_time_ms: Annotated[Integer, Field(ge=10, le=600_000)] = _AXIS.stop_time_ns // MS
+    """From 100 % speed to standstill by the drive's own ramps (6084h, 6085h)."""
+    modulo_axis: Boolean = _AXIS.modulo_axis
+    intermediate_stop_reached: Boolean = _AXIS.intermediate_stop_reached
+    simulate: Boolean = False
+    ramp_stop_resume: Boolean = _AXIS.ramp_stop_resume
+    standstill_window_percent: Annotated[Fraction, BeforeValidator(_standstill), Field(gt=0, le=Fraction(1, 2))] = (
+        _AXIS.standstill_window
+    )
+    tpdo_event_ms: Annotated[Integer, Field(ge=1, le=10_000)] = _NODE.tpdo_event_ms
+    tpdo_inhibit_us: Annotated[Integer, Field(ge=0, le=_MAXIMUM_INHIBIT_US)] | None = None
+    """None: one TPDO for each cycle of the PLC, more would only load the bus."""
+    sync: Boolean = False
+    allow_unguarded: Boolean = _NODE.allow_unguarded
+    g1: Annotated[Integer, Field(ge=1, le=254)] | None = None
+    """Telegrams with G1: the do_id of the encoder that it is; None: the drive's own position."""
+    g2: Annotated[Integer, Field(ge=1, le=254)] | Literal["drive"] | None = None
+    """Telegrams with G2: the do_id of the encoder that it is, or the drive's second encoder (60E4h); None: error 0F01h."""
+    family: str | None = None
+    """The overlay of the drive; None: the one that fits its identity."""
+    rated_speed_rpm: Ratio | None = None
+    velocity_unit: str = ""
+    position_unit: str = ""
+    counts_per_revolution: Ratio | None = None
+    acceleration_unit: str = ""
+    gear: Ratio | None = None
+    rated_acceleration_rpm_s: Ratio | None = None
+    ignored_unit_objects: tuple[UnitObject, ...] | None = None
+    """Objects of the drive that say something wrong about its units."""
+    jog_1_speed_rpm: SignedRatio | None = None
+    """Speed telegrams, signed: STW1.8 with .4 to .6 = 0; needs jog_2_speed_rpm."""
+    jog_2_speed_rpm: SignedRatio | None = None
+    dsc: DscForm | None = None
+    """Telegrams 5, 6, 105 and 106: where the position loop is closed."""
+    following_window: Annotated[Integer, Field(ge=1, le=FOLLOWING_WINDOW_MAX)] | None = None
+    """Position units within which DSC may start."""
+    dsc_delay_cycles: Annotated[Integer, Field(ge=0, le=DELAY_CYCLES_MAX)] = _DSC.delay_cycles
+    xerr_sign: XerrSign = _DSC.xerr_sign
+    sync_jitter_us: Annotated[Integer, Field(ge=0, le=JITTER_NS_MAX // US)] = _DSC.jitter_ns // US
+    """Added to the dead time that limits KPC; what ``pdgw status`` shows as jitter."""
+    positioner: PositionerConfig | None = None
+    block: Annotated[tuple[BlockConfig, ...], BeforeValidator(as_list)] = ()
+
+    @property
+    def units(self) -> UnitKeys:
+        """What it says about units."""
+        return UnitKeys(
+            self.rated_speed_rpm,
+            self.velocity_unit,
+            self.position_unit,
+            self.counts_per_revolution,
+            self.acceleration_unit,
+            self.gear,
+            self.rated_acceleration_rpm_s,
+            frozenset(self.ignored_unit_objects or ()),
+        )
+
+    @model_validator(mode="after")
+    def _units_are_units(self) -> AxisConfig:
+        try:
+            if self.family is not None:
+                overlay(self.family)
+            check_unit_keys(self.units)
+        except Dsp402Error as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    @model_validator(mode="after")
+    def _telegram_is_supported(self) -> AxisConfig:
+        if self.telegram not in DRIVE_TELEGRAM_NUMBERS:
+            raise misplaced(
+                f"telegram = {self.telegram} is not supported, allowed: {list(DRIVE_TELEGRAM_NUMBERS)}", "telegram"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _dsc_is_whole(self) -> AxisConfig:
+        if self.telegram in DSC_TELEGRAM_NUMBERS and (self.dsc is None or self.following_window is None):
+            raise ValueError(f'telegram = {self.telegram} needs dsc = "position" or "speed", and following_window')
+        return self
+
+    @model_validator(mode="after")
+    def _jog_is_whole(self) -> AxisConfig:
+        if (self.jog_1_speed_rpm is None) != (self.jog_2_speed_rpm is None):
+            raise ValueError("jog_1_speed_rpm and jog_2_speed_rpm: only one is there, allowed: both or none")
+        return self
+
+    @model_validator(mode="after")
+    def _positioner_is_whole(self) -> AxisConfig:
+        if self.positioner is None:
+            if self.telegram in POSITIONER_TELEGRAM_NUMBERS:
+                raise ValueError(f"telegram = {self.telegram} needs [axis.positioner]")
+            if self.block:
+                raise ValueError("[[axis.block]] needs [axis.positioner]")
+            return self
+        if self.telegram in FLOAT_TELEGRAM_NUMBERS and not self.positioner.has_unit:
+            raise ValueError(f"telegram = {self.telegram} needs lu_per_unit and velocity_per in [axis.positioner]")
+        try:
+            self.positioner.choices(self.block)
+        except GatewayError as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    @model_validator(mode="after")
+    def _silence_is_a_loss(self) -> AxisConfig:
+        if self.tpdo_inhibit_us is not None and self.tpdo_inhibit_us > self.tpdo_event_ms * US_PER_MS:
+            raise misplaced(
+                f"tpdo_inhibit_us = {self.tpdo_inhibit_us} is longer than tpdo_event_ms = {self.tpdo_event_ms}: the drive "
+                f"would count as lost, allowed: 0 to {self.tpdo_event_ms * US_PER_MS}",
+                "tpdo_inhibit_us",
+            )
+        return self
+
+    def settings_at(self, cycle_time_ms: float) -> AxisSettings:
+        """The user's choices, with those that the cycle of the PLC belongs to."""
+        cycle_ns = round(cycle_time_ms * MS)
+        dsc: DscChoices | None = None
+        if self.dsc is not None and self.following_window is not None:
+            jitter_ns = self.sync_jitter_us * US
+            dsc = DscChoices(self.dsc, self.following_window, self.dsc_delay_cycles, self.xerr_sign, jitter_ns)
+        return AxisSettings(
+            self.on_plc_loss,
+            self.setpoint_enable,
+            self.modulo_axis,
+            self.ramp_stop_resume,
+            self.standstill_window_percent,
+            self.control_lost,
+            stop_time_ns=self.stop_time_ms * MS,
+            jog_speeds_rpm=self._jog_speeds,
+            g1_is_encoder=self.g1 is not None,
+            second_sensor=self._second_sensor,
+            cycle_ns=cycle_ns,
+            dsc=dsc,
+            intermediate_stop_reached=self.intermediate_stop_reached,
+            positioner=None if self.positioner is None else self.positioner.choices(self.block),
+        )
+
+    @property
+    def _second_sensor(self) -> SecondSensor:
+        if self.g2 is None:
+            return SecondSensor.NONE
+        return SecondSensor.ENCODER if isinstance(self.g2, int) else SecondSensor.DRIVE
+
+    def drive_layout(self, number: int) -> PdoLayout:
+        """The PDOs a telegram needs."""
+        return drive_layout(number, self.dsc_form, self._second_sensor, g1_is_encoder=self.g1 is not None)
+
+    @property
+    def _jog_speeds(self) -> tuple[Fraction, Fraction] | None:
+        first, second = self.jog_1_speed_rpm, self.jog_2_speed_rpm
+        return None if first is None or second is None else (first, second)
+
+    @property
+    def telegrams(self) -> tuple[int, ...]:
+        """What the axis can be given (P922): not those whose keys are missing, or do not go with ``g1``."""
+        missing = {
+            *(POSITIONER_TELEGRAM_NUMBERS if self.positioner is None else ()),
+            *(FLOAT_TELEGRAM_NUMBERS if self.positioner is None or not self.positioner.has_unit else ()),
+            *(DSC_TELEGRAM_NUMBERS if self.dsc is None or self.following_window is None or self.g1 is not None else ()),
+        }
+        return tuple(number for number in DRIVE_TELEGRAM_NUMBERS if number not in missing)
+
+    @property
+    def dsc_form(self) -> DscForm:
+        """What decides on the mode and the PDOs of telegrams with DSC."""
+        return self.dsc or DscForm.SPEED
+
+    def inhibit_us(self, cycle_time_ms: float) -> int:
+        """The inhibit time in force; an event-driven TPDO is not sent more often than this."""
+        if self.tpdo_inhibit_us is not None:
+            return self.tpdo_inhibit_us
+        return int(min(cycle_time_ms, self.tpdo_event_ms) * US_PER_MS)
+
+    def drive_settings(self, number: int, cycle_time_ms: float) -> DriveSettings:
+        """For a telegram, which may differ from the configured one (P922)."""
+        cyclic = number in DSC_TELEGRAM_NUMBERS or (self.sync and number in CENTRAL_TELEGRAM_NUMBERS)
+        on_sync = self.sync or cyclic
+        return DriveSettings(
+            node_id=self.node_id,
+            eds=self.eds,
+            gateway_node_id=GATEWAY_NODE_ID,
+            heartbeat_ms=self.heartbeat_ms,
+            # On SYNC a value comes once in a cycle, however long that is.
+            tpdo_event_ms=max(self.tpdo_event_ms, ceil(cycle_time_ms)) if on_sync else self.tpdo_event_ms,
+            tpdo_inhibit_us=self.inhibit_us(cycle_time_ms),
+            cycle_ms=ceil(cycle_time_ms),
+            sdo_timeout_ms=self.sdo_timeout_ms,
+            sync=on_sync,
+            sync_period_us=round(cycle_time_ms * US_PER_MS) if cyclic else 0,
+            interpolation_us=round(cycle_time_ms * US_PER_MS) if number in TASK_TELEGRAM_NUMBERS else 0,
+            allow_unguarded=self.allow_unguarded,
+            initial_mode=initial_mode(number, self.dsc_form),
+            units=self.units,
+            family=self.family or "",
+        )
+
+
+FORMAT_VERSION: Final = 1
+
+
+class GatewayConfig(Section):
+    """The whole file."""
+
+    version: Annotated[Integer, AfterValidator(at_most(FORMAT_VERSION))] = FORMAT_VERSION
+    """Of the format; a file without it has the first one."""
+    can: Annotated[tuple[CanConfig, ...], BeforeValidator(as_list), Field(min_length=1)]
+    transport: TransportConfig = TransportConfig()
+    parameters: ParametersConfig = ParametersConfig()
+    axis: Annotated[tuple[AxisConfig, ...], BeforeValidator(as_list)] = ()
+    encoder: Annotated[tuple[EncoderConfig, ...], BeforeValidator(as_list)] = ()
+    """The drive objects of the frame: all axes, then all encoders, each in their order."""
+    realtime: RealtimeConfig = RealtimeConfig()
+    trace: TraceConfig = TraceConfig()
+    web: WebConfig = WebConfig()
+    mqtt: MqttConfig | None = None
+    store: Path | None = None
+    """File of the non-volatile gateway parameters; ``load_config`` puts one in the state directory where none is given."""
+
+    @property
+    def objects(self) -> tuple[AxisConfig | EncoderConfig, ...]:
+        """In the order of the frame."""
+        return (*self.axis, *self.encoder)
+
+    def bus_of(self, axis: AxisConfig | EncoderConfig) -> CanConfig:
+        """The bus an axis or encoder is on."""
+        if axis.can is None:
+            return self.can[0]
+        return next(bus for bus in self.can if bus.name == axis.can)
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> GatewayConfig:
+        names = [bus.name for bus in self.can]
+        buses = [("can", number) for number in range(len(names))]
+        _no_twice("name", names, buses, "name")
+        ends = [(bus.interface, bus.channel, bus.extra) for bus in self.can]
+        _no_twice("interface and channel", ends, buses, "channel")
+        transport = self.transport
+        if transport.cyclic_port == transport.acyclic_port != 0:
+            text = f"cyclic_port and acyclic_port: both are {transport.cyclic_port}, each must be different"
+            raise misplaced(text, "transport", "acyclic_port")
+        if not self.objects:
+            raise misplaced("[[axis]] or [[encoder]]: at least one is needed")
+        _no_twice("do_id", [item.do_id for item in self.objects], self._places, "do_id")
+        for place, item in zip(self._places, self.objects, strict=True):
+            if item.can is not None and item.can not in names:
+                raise misplaced(f'can = "{item.can}" is no [[can]] name, allowed: {names}', *place, "can")
+            if item.can is None and len(names) > 1:
+                raise misplaced(f"can is missing, allowed with several buses: {names}", *place)
+        self._check_nodes()
+        self._check_sensors()
+        try:
+            telegrams = [telegram(item.telegram) for item in self.objects]
+            for direction in Direction:
+                CSduLayout(telegrams, direction)
+            for number, bus in enumerate(self.can):
+                if bus.interface != "virtual" or bus.bitrate is not None:
+                    self._check_load(bus, number)
+        except ProfidriveError as error:
+            raise misplaced(str(error)) from error
+        return self
+
+    @property
+    def _places(self) -> list[Place]:
+        """Where each of ``objects`` stands in the file."""
+        sections = (("axis", self.axis), ("encoder", self.encoder))
+        return [(section, number) for section, items in sections for number in range(len(items))]
+
+    def _check_load(self, bus: CanConfig, number: int) -> None:
+        try:
+            frames = cyclic_frames(self.axes_of(bus), self.encoders_of(bus), self.transport.cycle_time_ms)
+            check_load(bus.name, frames, bus.bitrate or DEFAULT_BITRATE)
+        except CanopenError as error:
+            raise misplaced(str(error), "can", number) from error
+
+    def _check_nodes(self) -> None:
+        for bus in self.can:
+            on_bus = [
+                (place, item)
+                for place, item in zip(self._places, self.objects, strict=True)
+                if self.bus_of(item).name == bus.name
+            ]
+            devices: dict[int, EncoderConfig] = {}
+            nodes: list[int] = []
+            channels: list[tuple[int, int]] = []
+            node_places: list[Place] = []
+            channel_places: list[Place] = []
+            for place, item in on_bus:
+                if isinstance(item, AxisConfig) or item.node_id not in devices:
+                    nodes.append(item.node_id)
+                    node_places.append(place)
+                if isinstance(item, EncoderConfig):
+                    first = devices.setdefault(item.node_id, item)
+                    channels.append((item.node_id, item.channel))
+                    channel_places.append(place)
+                    if first.device_keys != item.device_keys:
+                        raise misplaced(
+                            f"do_id {item.do_id} differs from do_id {first.do_id}, another channel of node {item.node_id}, "
+                            "in something that belongs to the device",
+                            *place,
+                        )
+            _no_twice(f"node_id on bus {bus.name}", nodes, node_places, "node_id")
+            _no_twice(f"node_id and channel on bus {bus.name}", channels, channel_places, "channel")
+
+    def _check_sensors(self) -> None:
+        encoders = [item.do_id for item in self.encoder]
+        for number, axis in enumerate(self.axis):
+            for key, value, numbers in (
+                ("g1", axis.g1, FIRST_ENCODER_NUMBERS),
+                ("g2", axis.g2, SECOND_SENSOR_NUMBERS),
+            ):
+                problem = ""
+                if value is not None and axis.telegram not in numbers:
+                    dsc = key == "g1" and axis.telegram in DSC_TELEGRAM_NUMBERS
+                    reason = "closes its loop with the drive's position (DSC)" if dsc else f"has no {key.upper()}"
+                    problem = f": telegram {axis.telegram} {reason}, allowed with telegram {list(numbers)}"
+                elif isinstance(value, int) and value not in encoders:
+                    problem = f" is no do_id of an [[encoder]], allowed: {encoders}"
+                if problem:
+                    raise misplaced(f"{key} = {value}{problem}", "axis", number, key)
+            if axis.g2 is not None and axis.g2 == axis.g1:
+                text = f"g2 = {axis.g2} is G1 already: one encoder has one control word, allowed: another one"
+                raise misplaced(text, "axis", number, "g2")
+
+    def encoders_of(self, bus: CanConfig) -> dict[int, list[EncoderConfig]]:
+        """The channels of each encoder on a bus, by node-ID."""
+        nodes: dict[int, list[EncoderConfig]] = {}
+        for item in self.encoder:
+            if self.bus_of(item).name == bus.name:
+                nodes.setdefault(item.node_id, []).append(item)
+        return nodes
+
+    def axes_of(self, bus: CanConfig) -> list[AxisConfig]:
+        """The axes of a bus."""
+        return [axis for axis in self.axis if self.bus_of(axis).name == bus.name]
+
+
+def _no_twice(what: str, values: Sequence[Any], places: Sequence[Place], key: str) -> None:
+    for position, (value, place) in enumerate(zip(values, places, strict=True)):
+        if value in values[:position]:
+            raise misplaced(f"{what}: {value!r} is used twice, each must be different", *place, key)

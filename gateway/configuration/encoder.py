@@ -1,0 +1,103 @@
+"""The encoders of a configuration: one table for each channel that is a drive object."""
+
+from __future__ import annotations
+
+import enum
+from math import ceil
+from typing import Annotated
+
+from pydantic import Field, Strict, model_validator
+
+from pdgw.ds301.node import GATEWAY_NODE_ID
+from pdgw.dsp406.encoder import EncoderSettings
+from pdgw.dsp406.kinds import CHANNELS_MAX, DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
+from pdgw.explain import misplaced
+from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
+from pdgw.gateway.configuration.environment import Boolean, DriveObjectSection, Integer
+
+_SILENCE_MS = 100
+
+
+class EncoderModel(enum.Enum):
+    """``model``: the encoders this package has a data sheet of."""
+
+    ROTARY = ROTARY.name
+    LINEAR = LINEAR.name
+    MULTI_SENSOR = MULTI_SENSOR.name
+
+
+class EncoderConfig(DriveObjectSection):
+    """One channel of an encoder as a drive object. Channels of one device have a table each and agree in what the device is."""
+
+    model: EncoderModel = EncoderModel.ROTARY
+    channel: Annotated[Integer, Field(ge=1, le=CHANNELS_MAX)] = 1
+    reference_speed: Annotated[float, Strict(), Field(gt=0, le=1e6)] | Annotated[Integer, Field(gt=0, le=1_000_000)] = (
+        3000
+    )
+    """100 % of NIST_A and NIST_B: rpm, of a linear encoder mm/s."""
+    simulate: Boolean = False
+    motion: str = "still"
+    """Of a simulated encoder, as ``pdgw sim encoder --motion`` takes it."""
+    tpdo_event_ms: Annotated[Integer, Field(ge=1, le=10_000)] | None = None
+    """Cyclic timer 6200h. None: the cycle of the PLC."""
+    sync: Boolean = False
+
+    @model_validator(mode="after")
+    def _telegram_is_supported(self) -> EncoderConfig:
+        if self.telegram not in ENCODER_TELEGRAM_NUMBERS:
+            raise misplaced(
+                f"telegram = {self.telegram} is not supported, allowed: {list(ENCODER_TELEGRAM_NUMBERS)}", "telegram"
+            )
+        if self.channel > 1 and self.model is not EncoderModel.MULTI_SENSOR:
+            text = f'channel = {self.channel}: only model = "{EncoderModel.MULTI_SENSOR.value}" has several'
+            raise misplaced(text, "channel")
+        return self
+
+    @property
+    def is_linear(self) -> bool:
+        return self.model is EncoderModel.LINEAR
+
+    @property
+    def device_keys(self) -> tuple[object, ...]:
+        """What all channels of a device have to agree in."""
+        return (
+            self.model,
+            self.eds,
+            self.simulate,
+            self.heartbeat_ms,
+            self.tpdo_event_ms,
+            self.sdo_timeout_ms,
+            self.sync,
+        )
+
+    @property
+    def speed_unit(self) -> str:
+        """Of ``reference_speed``."""
+        return "mm/s" if self.is_linear else "rpm"
+
+    def event_ms(self, cycle_time_ms: float) -> int:
+        """The cyclic timer in force."""
+        return max(1, int(cycle_time_ms)) if self.tpdo_event_ms is None else self.tpdo_event_ms
+
+    def settings(self, channels: tuple[int, ...], cycle_time_ms: float) -> EncoderSettings:
+        """Of the client of the device."""
+        event_ms = max(self.event_ms(cycle_time_ms), ceil(cycle_time_ms) if self.sync else 1)
+        return EncoderSettings(
+            node_id=self.node_id,
+            eds=self.eds,
+            gateway_node_id=GATEWAY_NODE_ID,
+            heartbeat_ms=self.heartbeat_ms,
+            tpdo_event_ms=event_ms,
+            # A position every few milliseconds is late long before its encoder is lost; who has time for heartbeats has it here.
+            tpdo_timeout_factor=max(4, ceil(max(_SILENCE_MS, self.heartbeat_ms) / event_ms)),
+            sdo_timeout_ms=self.sdo_timeout_ms,
+            sync=self.sync,
+            channels=channels,
+            device=self.device,
+        )
+
+    @property
+    def device(self) -> EncoderDevice:
+        """The device of the package whose EDS is taken, and that is simulated."""
+        device = DEVICES[self.model.value]
+        return device if self.channel <= device.channels else multi_sensor(self.channel)

@@ -1,0 +1,210 @@
+"""What the configuration says of the gateway's surroundings: buses, nodes, transport, parameter channel, real-time priority."""
+
+from __future__ import annotations
+
+import difflib
+from enum import StrEnum
+from ipaddress import IPv4Address, IPv4Interface, IPv4Network
+from pathlib import Path
+from typing import Annotated, Final, Literal
+from uuid import UUID
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model_validator
+
+from pdgw.ds301.node import NodeSettings
+from pdgw.explain import misplaced
+from pdgw.gateway import identity
+from pdgw.gateway.configuration.ports import STATUS_PORT
+from pdgw.gateway.links.cyclic import USUAL_CYCLE_MS, WATCHDOG_FACTOR, WATCHDOG_FACTOR_MAX
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.frame import CYCLIC_PORT
+from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
+from pdgw.profinet.rpc.records import NIL
+from pdgw.profinet.station import IpSuite, check_name
+
+_NODE: Final = NodeSettings(node_id=1)
+"""What holds of a node where the file says nothing."""
+_MISSPELT = 0.85
+"""A further [can] key as similar as this to one of ours is taken for a slip of the pen."""
+
+Integer = Annotated[int, Strict()]
+"""true is no number here, and neither is "3"."""
+Boolean = Annotated[bool, Strict()]
+Port = Annotated[Integer, Field(ge=0, le=65535)]
+DeviceNumber = Annotated[Integer, Field(ge=0, le=65535)]
+
+
+class Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class DriveObjectSection(Section):
+    """What every drive object has: one node behind it, and its telegram."""
+
+    do_id: Annotated[Integer, Field(ge=1, le=254)]
+    node_id: Annotated[Integer, Field(ge=1, le=126)]
+    telegram: Integer
+    can: str | None = None
+    """Name of its bus; None: the first."""
+    eds: Path | None = None
+    heartbeat_ms: Annotated[Integer, Field(ge=10, le=10_000)] = _NODE.heartbeat_ms
+    sdo_timeout_ms: Annotated[Integer, Field(ge=10, le=60_000)] = _NODE.sdo_timeout_ms
+    sdo_interval_ms: Annotated[Integer, Field(ge=0, le=1000)] = 4
+    """Pause of the parameter channel between two SDOs."""
+
+
+class CanConfig(BaseModel):
+    """One bus; keys this model does not know go to the python-can interface unchanged."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    interface: str
+    channel: Annotated[str, Strict()] | Integer | None = None
+    bitrate: Annotated[Integer, Field(ge=10_000, le=1_000_000)] | None = None
+    name: str = "can"
+
+    @model_validator(mode="after")
+    def _further_keys_are_meant(self) -> CanConfig:
+        for key in self.extra:
+            close = difflib.get_close_matches(key, type(self).model_fields, n=1, cutoff=_MISSPELT)
+            if close:
+                raise misplaced(f"{key}: unknown key, did you mean {close[0]}?", key)
+        return self
+
+    @property
+    def extra(self) -> dict[str, object]:
+        """Further keys for python-can."""
+        return dict(self.model_extra or {})
+
+
+def _is_station_name(text: str) -> str:
+    try:
+        check_name(text)
+    except ProfidriveError as error:
+        raise ValueError(f"allowed: {error.allowed}") from error
+    return text
+
+
+class TransportConfig(Section):
+    """How the PLC is reached."""
+
+    type: Literal["udp", "profinet"] = "udp"
+    interface: Annotated[str, Field(min_length=1, max_length=15)] | None = None
+    """Ethernet interface of ``profinet``."""
+    ip: IPv4Interface | None = None
+    """A fixed address with its prefix length; without it the controller or engineering tool gives one by DCP."""
+    router: IPv4Address | None = None
+    """The IP suite's standard gateway, with a fixed address."""
+    snmp_community: Annotated[str, Field(min_length=1, max_length=32, pattern=r"^[!-~]+$")] | None = None
+    """By which the SNMP agent of ``profinet`` answers, mostly "public"; None: there is no agent."""
+    vendor_id: DeviceNumber = identity.VENDOR_ID
+    device_id: DeviceNumber = identity.DEVICE_ID
+    listen: IPv4Address = IPv4Address("127.0.0.1")
+    cyclic_port: Port = CYCLIC_PORT
+    acyclic_port: Port = ACYCLIC_PORT
+    cycle_time_ms: Annotated[float, Strict(), Field(ge=0.25, le=512)] = USUAL_CYCLE_MS
+    watchdog_factor: Annotated[Integer, Field(ge=1, le=WATCHDOG_FACTOR_MAX)] = WATCHDOG_FACTOR
+    peer: IPv4Address | None = None
+    direct: Boolean = False
+    """Nothing but cables and switches lies between PLC and ``udp``: no frame comes late. Loopback always is."""
+    status_port: Port = STATUS_PORT
+    """``pdgw status`` on loopback."""
+    parameter_timeout_ms: Annotated[Integer, Field(ge=100, le=60_000)] = 2000
+    """A parameter request is answered within this time; what the drive has not answered by then fails."""
+    ar_uuid: UUID = NIL
+    """Of the static application relationship."""
+    station_name: Annotated[str, AfterValidator(_is_station_name)] = "pdgw"
+    """P61000; of ``profinet`` the name until DCP gives another one."""
+
+    @property
+    def delays(self) -> bool:
+        """The network may keep the PLC's frames for seconds."""
+        return not self.direct and not self.listen.is_loopback
+
+    @property
+    def ip_suite(self) -> IpSuite | None:
+        """The fixed address, if one is given."""
+        return None if self.ip is None else IpSuite(self.ip.ip, self.ip.netmask, self.router or IPv4Address(0))
+
+    @model_validator(mode="after")
+    def _is_one_transport(self) -> TransportConfig:
+        if self.type == "profinet" and self.direct:
+            raise misplaced('direct: has a meaning with type = "udp" only, PROFINET is direct', "direct")
+        if self.type == "profinet" and self.interface is None:
+            raise misplaced('interface is missing, needed with type = "profinet", for example "eth1"', "type")
+        if self.type != "profinet":
+            for key in ("interface", "ip", "router", "snmp_community"):
+                if getattr(self, key) is not None:
+                    raise misplaced(f'{key}: has a meaning with type = "profinet" only', key)
+        elif self.router is not None and (self.ip is None or self.router not in self.ip.network):
+            raise misplaced("router: allowed is an address of the network of ip, which must be given too", "router")
+        elif self.ip_suite is not None:
+            try:
+                self.ip_suite.check()
+            except ProfidriveError as error:
+                raise misplaced(f"ip = {self.ip}: allowed: {error.allowed}", "ip") from error
+        return self
+
+    @model_validator(mode="after")
+    def _peer_is_known(self) -> TransportConfig:
+        if not self.listen.is_loopback and self.peer is None:
+            raise misplaced(
+                f"peer is missing: listen = {self.listen} is reached by others than programs on this machine, and whoever sends "
+                "the first frames would move the drives; peer is the address of the PLC",
+                "peer",
+            )
+        return self
+
+
+class ParametersConfig(Section):
+    """Who may use the parameter channel."""
+
+    write_from: tuple[IPv4Network, ...] | None = None
+    """Addresses and networks parameters may be written from. None: everybody where ``listen`` is loopback, nobody otherwise."""
+
+    def writers(self, listen: IPv4Address) -> tuple[IPv4Network, ...] | None:
+        """The networks that may write; None for everybody."""
+        if self.write_from is None:
+            return None if listen.is_loopback else ()
+        return self.write_from
+
+
+class Trigger(StrEnum):
+    """What has a part of the flight recorder kept."""
+
+    FAULT = "fault"
+    """A new fault of a drive object."""
+    STOP = "stop"
+    """An axis leaves operation without an OFF of the PLC, or the gateway ends without its stop sequence."""
+
+
+class TraceConfig(Section):
+    """The flight recorder: the last minutes in RAM."""
+
+    enabled: Boolean = True
+    """False: nothing is recorded. True records where there is a run directory."""
+    directory: Path | None = None
+    """On a file system in RAM; None: systemd's RuntimeDirectory, or ``pdgw`` in the XDG run directory, or in /dev/shm."""
+    seconds: Annotated[Integer, Field(ge=1, le=86_400)] = 120
+    """What the ring is to hold at least, as far as there is room."""
+    megabytes: Annotated[Integer, Field(ge=1, le=4096)] = 32
+    """All records together at most."""
+    keep: tuple[Trigger, ...] = ()
+    """What has the seconds before and after it kept in a file."""
+    keep_directory: Path | None = None
+    """Where; None: ``traces`` in the state directory."""
+    keep_before_s: Annotated[Integer, Field(ge=0, le=3600)] = 10
+    keep_after_s: Annotated[Integer, Field(ge=0, le=3600)] = 5
+    keep_files: Annotated[Integer, Field(ge=1, le=10_000)] = 20
+    """The oldest go when there are more."""
+
+
+class RealtimeConfig(Section):
+    """What is asked of the operating system for the exchange; refused politely where it does not grant it."""
+
+    priority: Annotated[Integer, Field(ge=0, le=99)] | None = None
+    """Of SCHED_FIFO. 0: the usual scheduling; None: 40 where the system grants it."""
+    cpu: tuple[Annotated[Integer, Field(ge=0, le=1023)], ...] = ()
+    """Processors to run on; empty: all."""
+    lock_memory: Boolean = False
+    """Nothing of the process is swapped out."""

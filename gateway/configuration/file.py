@@ -1,0 +1,93 @@
+"""The configuration as a file: read, with errors that name line and key, and written again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from os import PathLike
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import BaseModel
+
+from pdgw.explain import Problem
+from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
+from pdgw.gateway.configuration.encoder import EncoderConfig
+from pdgw.gateway.configuration.environment import (
+    CanConfig,
+    ParametersConfig,
+    RealtimeConfig,
+    TraceConfig,
+    TransportConfig,
+)
+from pdgw.gateway.configuration.toml_file import parse_toml, read_text, told, toml_text
+from pdgw.gateway.configuration.web import MqttConfig, WebConfig
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.store import default_store
+
+Item = TypeVar("Item", AxisConfig, EncoderConfig)
+FileSection = TypeVar("FileSection", WebConfig, MqttConfig)
+SECTIONS: dict[str, type[BaseModel]] = {
+    "can": CanConfig,
+    "transport": TransportConfig,
+    "parameters": ParametersConfig,
+    "realtime": RealtimeConfig,
+    "trace": TraceConfig,
+    "web": WebConfig,
+    "mqtt": MqttConfig,
+    "axis": AxisConfig,
+    "encoder": EncoderConfig,
+}
+"""The models of the file's tables."""
+_PERCENT = "standstill_window_percent"
+
+
+def load_config(file: str | PathLike[str]) -> GatewayConfig:
+    """Read and validate a file; GatewayError has one line for each thing that is wrong."""
+    path = Path(file)
+    text = read_text(path)
+    config = parse_config(text, str(path))
+    axes = tuple(_beside(axis, path) for axis in config.axis)
+    encoders = tuple(_beside(encoder, path) for encoder in config.encoder)
+    sections: tuple[tuple[str, Sequence[AxisConfig | EncoderConfig]], ...] = (("axis", axes), ("encoder", encoders))
+    missing = [
+        told(Problem((section, number, "eds"), repr(str(item.eds)), "is not a file"), text, str(path), SECTIONS)
+        for section, items in sections
+        for number, item in enumerate(items)
+        if item.eds is not None and not item.eds.is_file()
+    ]
+    if missing:
+        raise GatewayError("\n".join(missing))
+    store = path.parent / config.store if config.store else default_store(path)
+    trace = config.trace
+    if trace.keep_directory is not None:
+        trace = trace.model_copy(update={"keep_directory": path.parent / trace.keep_directory})
+    web = _files_beside(config.web, path)
+    mqtt = None if config.mqtt is None else _files_beside(config.mqtt, path)
+    update = {"axis": axes, "encoder": encoders, "store": store, "trace": trace, "web": web, "mqtt": mqtt}
+    return config.model_copy(update=update)
+
+
+def _beside(item: Item, path: Path) -> Item:
+    """Relative paths are meant from where the configuration is."""
+    return item.model_copy(update={"eds": path.parent / item.eds}) if item.eds else item
+
+
+def _files_beside(section: FileSection, path: Path) -> FileSection:
+    """As ``_beside``, for every file of a section; whether it is there is told by who needs it, with its rights."""
+    files = {name: path.parent / value for name, value in section if isinstance(value, Path)}
+    return section.model_copy(update=files)
+
+
+def parse_config(text: str, name: str = "configuration") -> GatewayConfig:
+    """Validate configuration text; see ``load_config``."""
+    return parse_toml(GatewayConfig, SECTIONS, text, name)
+
+
+def config_text(config: GatewayConfig) -> str:
+    """What is not as by default, and the format's version, as TOML."""
+    document = {"version": config.version} | config.model_dump(exclude_defaults=True)
+    for item in document.get("axis", ()):
+        if _PERCENT in item:
+            item[_PERCENT] = float(Fraction(item[_PERCENT]) * 100)  # kept as a share, written as percent
+    return toml_text(document)

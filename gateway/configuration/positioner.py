@@ -1,0 +1,208 @@
+"""[axis.positioner] and [[axis.block]]: what a positioner needs to know, checked key by key.
+
+Source: docs/motion.md. Positions are LU, speeds 1000 LU/min, accelerations 1000 LU/s2. No scaling has a default.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
+
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.motion.blocks import (
+    HIGHEST_BLOCK,
+    PERCENT_MAX,
+    TORQUE_MAX,
+    Block,
+    BlockMode,
+    BlockNext,
+    BlockTable,
+    BlockTask,
+)
+from pdgw.gateway.motion.requests import PositionerChoices
+from pdgw.profidrive.datatypes import DataType
+
+_LOWEST, _HIGHEST = DataType.INTEGER32.integer_range
+_Integer = Annotated[int, Strict()]
+_Position = Annotated[_Integer, Field(ge=_LOWEST, le=_HIGHEST)]
+_Distance = Annotated[_Integer, Field(ge=0, le=_HIGHEST)]
+_Above0 = Annotated[_Integer, Field(ge=1, le=_HIGHEST)]
+_Percent = Annotated[_Integer, Field(ge=1, le=PERCENT_MAX)]
+
+
+class BlockConfig(BaseModel):
+    """One traversing block; the keys are those of ``motion.blocks.Block``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    number: Annotated[_Integer, Field(ge=0, le=HIGHEST_BLOCK)]
+    position: _Position = 0
+    velocity: _Distance = 0
+    acceleration: _Percent = PERCENT_MAX
+    deceleration: _Percent = PERCENT_MAX
+    mode: BlockMode = BlockMode.ABSOLUTE
+    task: BlockTask = BlockTask.POSITION
+    next: BlockNext = BlockNext.END
+    value: Annotated[_Integer, Field(ge=0)] = 0
+
+    @model_validator(mode="after")
+    def _makes_sense(self) -> BlockConfig:
+        try:
+            self.block()
+        except GatewayError as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    def block(self) -> Block:
+        """For the positioner."""
+        return Block(
+            self.number,
+            self.position,
+            self.velocity,
+            self.acceleration,
+            self.deceleration,
+            self.mode,
+            self.task,
+            self.next,
+            self.value,
+        )
+
+
+class PositionerConfig(BaseModel):
+    """What telegrams 7, 110, 111 and 112 need."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    lu_per_revolution: _Above0
+    """Length units in one revolution of the motor."""
+    max_velocity: _Above0
+    max_acceleration: _Above0
+    """100 % of MDI_ACC."""
+    max_deceleration: _Above0
+    position_window: _Above0
+    """LU around the target in which it counts as reached."""
+    jog_1_velocity: _Position = -300
+    jog_2_velocity: _Position = 300
+    jog_1_distance: _Distance = 0
+    jog_2_distance: _Distance = 0
+    software_limits: tuple[_Position, _Position] | None = None
+    """Smallest and largest position."""
+    reference_coordinate: _Position = 0
+    homing_method: _Integer | None = None
+    set_of_setpoints: Annotated[bool, Strict()] = True
+    """The drive keeps a set-point for after the one that runs."""
+
+    clamping_torque: Annotated[_Integer, Field(ge=1, le=TORQUE_MAX)] | None = None
+    """Of a task with STW2.8, in 1/1000 of the rated torque."""
+    lu_per_unit: _Above0 | None = None
+    """Telegram 112: LU in one unit of length."""
+    velocity_per: Literal["second", "minute"] | None = None
+    """Telegram 112: the time of velocities."""
+    modulo_range: _Distance = 0
+    """Of a rotary axis: LU after which positions begin anew."""
+    modulo_correction: Annotated[bool, Strict()] = False
+    """Positions are 0 to ``modulo_range`` - 1."""
+
+    @model_validator(mode="after")
+    def _modulo_is_whole(self) -> PositionerConfig:
+        if self.modulo_correction and not self.modulo_range:
+            raise ValueError("modulo_correction = true: needs modulo_range above 0")
+        if self.modulo_correction and self.software_limits is not None:
+            raise ValueError("software_limits: not with modulo_correction, such an axis has no end")
+        if self.modulo_correction and not 0 <= self.reference_coordinate < self.modulo_range:
+            text = f"reference_coordinate = {self.reference_coordinate}: allowed 0 to {self.modulo_range - 1}"
+            raise ValueError(f"{text} with modulo_correction")
+        return self
+
+    @model_validator(mode="after")
+    def _limits_have_room(self) -> PositionerConfig:
+        if self.software_limits is not None and self.software_limits[0] >= self.software_limits[1]:
+            raise ValueError(f"software_limits = {list(self.software_limits)}: the first must be below the second")
+        return self
+
+    def choices(self, blocks: tuple[BlockConfig, ...]) -> PositionerChoices:
+        """For the executor; GatewayError for blocks that cannot be run."""
+        table = tuple(item.block() for item in blocks)
+        BlockTable(table)
+        return PositionerChoices(
+            self.lu_per_revolution,
+            self.max_velocity,
+            self.max_acceleration,
+            self.max_deceleration,
+            self.position_window,
+            (self.jog_1_velocity, self.jog_2_velocity),
+            (self.jog_1_distance, self.jog_2_distance),
+            self.software_limits,
+            self.reference_coordinate,
+            self.homing_method,
+            self.set_of_setpoints,
+            table,
+            self.clamping_torque,
+            self.modulo_range if self.modulo_correction else 0,
+            self.lu_per_unit or 0,
+            self.velocity_per == "second",
+        )
+
+    @property
+    def has_unit(self) -> bool:
+        """What telegram 112 needs is there."""
+        return self.lu_per_unit is not None and self.velocity_per is not None
+
+
+EXAMPLE = """\
+# [axis.positioner]
+# lu_per_revolution = 10000    # length units in one revolution of the motor
+# max_velocity = 30000
+# max_acceleration = 2000      # 100 % of MDI_ACC
+# max_deceleration = 2000
+# position_window = 20
+# jog_1_velocity = -300        # which of the two is forward differs between vendors
+# jog_2_velocity = 300
+# jog_1_distance = 0           # of incremental jog
+# jog_2_distance = 0
+# software_limits = [-100000, 100000]
+# reference_coordinate = 0
+# homing_method = 35           # without it no homing
+# set_of_setpoints = true      # the drive keeps a second set-point: flying blocks
+# lu_per_unit = 1000           # telegram 112: LU in one unit of length (1000: LU are micrometres and the unit is mm)
+# velocity_per = "minute"      # telegram 112: "second" or "minute"
+# modulo_correction = false    # true: a rotary axis, positions are 0 to modulo_range - 1
+# modulo_range = 360000        # LU after which positions begin anew
+# clamping_torque = 250        # 1/1000 of the rated torque, of a task with STW2.8 (fixed stop)
+# [[axis.block]]
+# number = 1                   # 0 to 127
+# position = 50000
+# velocity = 12000
+# acceleration = 100           # percent
+# deceleration = 100
+# mode = "absolute"            # "absolute", "relative", "endless-positive", "endless-negative"
+# task = "position"            # "position", "wait", "goto", "set-output", "reset-output", "fixed-stop", with value = ...
+# next = "end"                 # "end", "continue-with-stop", "flying", "external"
+"""
+"""For ``pdgw config example``, behind an axis."""
+
+SIMULATED = {
+    "lu_per_revolution": 10_000,
+    "max_velocity": 30_000,
+    "max_acceleration": 1000,
+    "max_deceleration": 1000,
+    "position_window": 20,
+    "jog_1_velocity": -3000,
+    "jog_2_velocity": 3000,
+    "lu_per_unit": 1000,
+    "velocity_per": "minute",
+    "jog_1_distance": 2500,
+    "jog_2_distance": 5000,
+    "software_limits": (-1_000_000, 1_000_000),
+    "homing_method": 35,
+}
+"""Of the simulated drives of ``pdgw run --simulate``."""
+SIMULATED_BLOCKS: tuple[dict[str, int | str], ...] = (
+    {"number": 1, "position": 20_000, "velocity": 6000, "next": "flying"},
+    {"number": 2, "position": 50_000, "velocity": 12_000, "next": "external"},
+    {"number": 3, "task": "wait", "value": 300, "next": "continue-with-stop"},
+    {"number": 4, "position": 60_000, "velocity": 3000, "next": "external"},
+    {"number": 5, "position": 0, "velocity": 15_000},
+)
+"""A chain: one set-point on the fly, a pause when the PLC says so, a slow way, and back when the PLC says so again."""

@@ -1,0 +1,105 @@
+"""What the configuration says of ``pdgw web``: where its page is, who may see it, and whether it publishes by MQTT."""
+
+from __future__ import annotations
+
+import ipaddress
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import AfterValidator, Field, Strict, model_validator
+
+from pdgw.explain import misplaced
+from pdgw.gateway.configuration.environment import Boolean, Integer, Section
+
+WEB_PORT = 8420
+"""TCP on loopback: the page, unless ``listen`` says otherwise."""
+_HOST_NAME = r"^[A-Za-z0-9]([A-Za-z0-9.-]{0,252}[A-Za-z0-9])?$"
+_TOPIC = r"^[^/+#$\x00][^+#\x00]*$"
+"""No wildcards, and none of the broker's own topics."""
+
+
+def split_address(text: str) -> tuple[str, int]:
+    """``127.0.0.1:8420``, ``localhost:8420``, ``[::1]:8420`` or ``::1:8420`` as address and port; ValueError for another text."""
+    host, _, port = text.rpartition(":")
+    host = "127.0.0.1" if host.lower() == "localhost" else host
+    host = host.removeprefix("[").removesuffix("]") if host.startswith("[") else host
+    try:
+        ipaddress.ip_address(host)
+        number = int(port)
+    except ValueError:
+        number = -1
+    if not 0 <= number <= 0xFFFF:
+        raise ValueError(f'{text!r} is no address with a port, expected such as "127.0.0.1:{WEB_PORT}"')
+    return host, number
+
+
+def _is_address(text: str) -> str:
+    split_address(text)
+    return text
+
+
+def _is_host(text: str) -> str:
+    try:
+        text.encode("idna")  # as who connects does, on a thread that would end with the error
+    except UnicodeError:
+        raise ValueError(f"{text!r} is no name or address of a computer") from None
+    return text
+
+
+class WebConfig(Section):
+    """The page. Whoever reaches it sees everything and changes nothing."""
+
+    listen: Annotated[str, Strict(), AfterValidator(_is_address)] = f"127.0.0.1:{WEB_PORT}"
+    token_file: Path | None = None
+    """The file with the secret that opens the page; needed beyond loopback."""
+    hosts: tuple[Annotated[str, Field(pattern=_HOST_NAME)], ...] = ()
+    """Names by which browsers reach it, beside its address: a page of another name is refused (DNS rebinding)."""
+    tls_cert: Path | None = None
+    tls_key: Path | None = None
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """Where it listens."""
+        return split_address(self.listen)
+
+    @property
+    def is_local(self) -> bool:
+        """Only programs on this machine reach it."""
+        return ipaddress.ip_address(self.address[0]).is_loopback
+
+    @model_validator(mode="after")
+    def _is_guarded(self) -> WebConfig:
+        address = ipaddress.ip_address(self.address[0])
+        if not address.is_loopback and self.token_file is None:
+            text = f"token_file is missing: listen = {self.listen} is reached by others than programs on this machine"
+            raise misplaced(text, "listen")
+        if address.is_unspecified and not self.hosts:
+            text = (
+                f"hosts is missing: listen = {self.listen} is no name a browser can ask for; hosts has those it may use"
+            )
+            raise misplaced(text, "listen")
+        if (self.tls_cert is None) != (self.tls_key is None):
+            raise misplaced("tls_cert and tls_key: one needs the other", "tls_cert" if self.tls_cert else "tls_key")
+        return self
+
+
+class MqttConfig(Section):
+    """The broker that is told what the axes do; nothing is taken from it."""
+
+    host: Annotated[str, Field(min_length=1, max_length=253), AfterValidator(_is_host)]
+    port: Annotated[Integer, Field(ge=1, le=65535)] = 1883
+    topic: Annotated[str, Field(pattern=_TOPIC, max_length=200)] = "pdgw"
+    """Before the name of the gateway."""
+    username: str | None = None
+    password_file: Path | None = None
+    tls: Boolean = False
+    ca_file: Path | None = None
+    """Certificates the broker's is checked with; without it those of the system."""
+
+    @model_validator(mode="after")
+    def _is_whole(self) -> MqttConfig:
+        if self.password_file is not None and self.username is None:
+            raise misplaced("password_file needs username", "password_file")
+        if self.ca_file is not None and not self.tls:
+            raise misplaced("ca_file has a meaning with tls = true only", "ca_file")
+        return self

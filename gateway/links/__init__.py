@@ -1,0 +1,1 @@
+"""How cyclic frames and parameter requests of the PLC reach the gateway."""

@@ -1,0 +1,406 @@
+"""The device side of a static cyclic relationship, sans-I/O: which frames count, and the frames sent back.
+
+Source: docs/transport.md chapters 1 and 2. A frame is used only when it comes from the relationship's peer, has its FrameID
+and length, belongs to the sequence of frames that makes the connection (``sequence``), is valid and primary; provider STOP and
+IOPS BAD are losses of the PLC. Everything else is counted by its verdict and dropped. What a frame orders may have to be
+confirmed by the next ones (``confirmation``).
+"""
+
+from __future__ import annotations
+
+import enum
+import struct
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from pdgw.gateway.links.confirmation import Confirmation
+from pdgw.gateway.links.history import FrameHistory
+from pdgw.gateway.links.sequence import FrameSequence, NewerFrames, Order
+from pdgw.gateway.links.udp import Address
+from pdgw.gateway.reasons import OrderDoubt
+from pdgw.profidrive.frame import (
+    COUNTER_UNIT_NS,
+    FRAME_ID_TO_CONTROLLER,
+    FRAME_ID_TO_DEVICE,
+    HEADER,
+    IOPS_BAD,
+    IOPS_GOOD,
+    STATUS_DATA_VALID,
+    STATUS_NORMAL,
+    STATUS_PRIMARY,
+    STATUS_RUN,
+    TRAILER,
+    CSduLayout,
+)
+from pdgw.profidrive.telegrams import Direction, Telegram
+
+USUAL_CYCLE_MS: Final = 4
+"""The PLC's cycle where nothing tells another one."""
+WATCHDOG_FACTOR: Final = 3
+"""Cycles without a frame until the PLC is lost, unless the user chooses otherwise."""
+WATCHDOG_FACTOR_MAX: Final = 255
+
+_COUNTER: Final = struct.Struct(">H")
+_STATUS_OFFSET: Final = _COUNTER.size
+"""DataStatus stands behind the CycleCounter."""
+_STATUS_USED: Final = STATUS_DATA_VALID | STATUS_PRIMARY | STATUS_RUN
+
+
+class Verdict(enum.Enum):
+    """What became of a received datagram; the value is the name of its counter."""
+
+    ACCEPTED = "accepted"
+    PROVIDER_STOP = "provider stop"
+    FOREIGN_SENDER = "foreign sender"
+    TRUNCATED = "truncated"
+    OVERSIZED = "oversized"
+    WRONG_FRAME_ID = "wrong FrameID"
+    STALE = "stale cycle counter"
+    UNCONFIRMED = "not connected yet: waits for more frames in sequence"
+    OVERDUE = "waited in the gateway for longer than the watchdog time"
+    WRONG_TELEGRAM = "data behind the last object: the PLC sends another telegram or more axes"
+    NOT_VALID = "data not valid"
+    NOT_PRIMARY = "not primary"
+
+    # Each is one object; Enum's own is a Python function, which counting would call in every cycle.
+    __hash__ = object.__hash__
+
+
+_Orders = tuple[tuple[int, ...] | None, ...]
+"""What a frame orders, of each drive object; None where its IOPS is BAD."""
+_Axis = tuple[Callable[[bytes, int], tuple[int, ...]], int, int, Callable[[Sequence[int]], tuple[int, ...]]]
+"""How the values of a drive object are read, where they and its IOPS are, and how its order is read from them."""
+_ACCEPTED: Final = Verdict.ACCEPTED
+_PROVIDER_STOP: Final = Verdict.PROVIDER_STOP
+_MISFITS: Final = (Verdict.TRUNCATED, Verdict.OVERSIZED, Verdict.WRONG_TELEGRAM)
+
+
+class CyclicEndpoint:
+    """Consumer and provider of one static relationship with any number of axes.
+
+    ``setpoints[i]`` are the raw values of axis i, None while that axis has no valid PLC. Times are monotonic nanoseconds.
+    ``peer``: the only address frames are taken from; None takes the first valid sender until it is lost. ``delays``: the network
+    may keep frames for seconds, as UDP does; False on Ethernet and for recordings. ``doubts[i]``: what axis i may not have been
+    given of what the PLC ordered.
+    """
+
+    def __init__(
+        self,
+        telegrams: Sequence[Telegram],
+        *,
+        cycle_ns: int,
+        watchdog_factor: int = WATCHDOG_FACTOR,
+        peer: str | None = None,
+        delays: bool = True,
+        setpoint_frame_id: int = FRAME_ID_TO_DEVICE,
+        actual_frame_id: int = FRAME_ID_TO_CONTROLLER,
+    ) -> None:
+        self.consumer = CSduLayout(telegrams, Direction.SETPOINT)
+        self.provider = CSduLayout(telegrams, Direction.ACTUAL)
+        self._header = HEADER.pack(setpoint_frame_id)
+        self._padding_start = HEADER.size + self.consumer.used
+        self._padding = bytes(self.consumer.trailer - self._padding_start)
+        self.frame = self.provider.new_frame(actual_frame_id)
+        """The newest frame to the PLC; the buffer is used again."""
+        self.received = b""
+        """The newest frame of the PLC that was accepted."""
+        self._step = max(1, cycle_ns // COUNTER_UNIT_NS)
+        self._counter = 0
+        self._watchdog_ns = cycle_ns * watchdog_factor
+        self._fixed_peer = peer
+        self._sequence = FrameSequence(cycle_ns, self._watchdog_ns) if delays else NewerFrames()
+        self._believes = not delays
+        self._confirmations = tuple(Confirmation(half) for half in self.consumer.halves)
+        self._in_force: list[tuple[int, ...] | None] = [None] * len(telegrams)
+        self._waiting = False
+        """An order waits to be confirmed."""
+        self._settled: int | None = None
+        """The bits of a frame that orders, of every drive object, what is in force; None while that has to be looked at."""
+        self._last_time = 0
+        self._last_orders: _Orders | None = None
+        self._looked = 0
+        self._looked_before = 0
+        self._late = False
+        self._loss_to_tell = False
+        axes: list[_Axis] = []
+        lives: list[int] = []
+        mask = bytearray(self.frame_size)
+        for half, offset, iops, confirmation in zip(
+            self.consumer.halves, self.consumer.offsets, self.consumer.iops, self._confirmations, strict=True
+        ):
+            axes.append((half.struct.unpack_from, offset, iops, confirmation.read))
+            mask[offset : offset + half.size] = confirmation.mask
+            mask[iops] = IOPS_GOOD
+            lives.extend(offset + place for place in confirmation.lives)
+        self._axes = tuple(axes)
+        self._values = tuple((index, unpack, offset) for index, (unpack, offset, _, _) in enumerate(axes))
+        self._order_mask = int.from_bytes(mask, "big")
+        """Of a frame: all that can start or stop something."""
+        self._history = FrameHistory(cycle_ns, self._order_mask, lives)
+        provider = self.provider
+        self._answers = tuple(
+            (index, half.struct.pack_into, provider.offsets[index], provider.iops[index], provider.iocs[index])
+            for index, half in enumerate(provider.halves)
+        )
+        self.setpoints: list[tuple[int, ...] | None] = [None] * len(telegrams)
+        self.doubts: list[OrderDoubt] = [OrderDoubt.NONE] * len(telegrams)
+        self._dropped_before = 0
+        self._released: Sequence[bool] = [False] * len(telegrams)
+        self.peer: Address | None = None
+        """Where frames come from and go to; kept after a loss so that the PLC can watch the axes stop."""
+        self.connected = False
+        self._telegrams = tuple(item.number for item in telegrams)
+        self._misfit = ""
+        self.counters: dict[Verdict, int] = dict.fromkeys(Verdict, 0)
+        self.watchdog_expiries = 0
+        """Losses of the PLC: silence, another sequence of frames, or a gateway that looked too late."""
+        self.iops_bad = 0
+        self.sent = 0
+
+    @property
+    def frame_size(self) -> int:
+        """Bytes of a frame from the PLC."""
+        return self.consumer.frame_size
+
+    @property
+    def layout_text(self) -> str:
+        """What the PLC's frames have to be, while it seems to send another layout; else empty."""
+        if not self._misfit:
+            return ""
+        numbers = ", ".join(map(str, self._telegrams))
+        return f"{self._misfit}; expected: {self.frame_size} bytes for telegrams {numbers}"
+
+    def continue_from(self, previous: CyclicEndpoint) -> None:
+        """Follow an endpoint with other telegrams: its counts go on, and its cycle counter, or the PLC would see old frames."""
+        self._counter = previous._counter
+        self.counters = previous.counters
+        self.watchdog_expiries = previous.watchdog_expiries
+        self.iops_bad = previous.iops_bad
+        self.sent = previous.sent
+        self._dropped_before = previous.orders_dropped
+
+    @property
+    def orders_dropped(self) -> int:
+        """Changes of control words that stood in too few frames to be told from old frames."""
+        return self._dropped_before + sum(item.dropped for item in self._confirmations)
+
+    def receive(self, data: bytes, source: Address, now: int, received_at: int | None = None) -> Verdict:
+        """Take a datagram; on ACCEPTED (and on PROVIDER_STOP, then None) the setpoints are updated.
+
+        ``now`` is when the caller looked at its socket, the same for all datagrams it took then; ``received_at`` when the kernel
+        had the datagram, None where that is not known. A loss that shows itself here is told by the next ``poll``; until then no
+        connection begins, so that the drive objects see every loss.
+        """
+        if now != self._looked:
+            self._look(now)
+        if received_at is not None:
+            arrived = earliest = received_at if received_at < now else now
+        else:
+            arrived = now
+            # Without a time stamp it came at some time since the socket was looked at before.
+            earliest = self._looked_before
+        # The PLC is lost when that was too late, or when nobody looked for too long.
+        if self.connected and (self._late or earliest - self._last_time > self._watchdog_ns):
+            self._lose()
+        verdict = Verdict.OVERDUE if now - arrived > self._watchdog_ns else self._check(data, source)
+        if verdict is _ACCEPTED or verdict is _PROVIDER_STOP:
+            verdict = self._take(data, source, arrived, verdict)
+        elif verdict in _MISFITS:
+            self._misfit = f"frame of {len(data)} bytes from {source[0]} does not fit"
+        self.counters[verdict] += 1
+        return verdict
+
+    def _look(self, now: int) -> None:
+        self._looked_before = self._looked
+        self._looked = now
+        self._late = now - self._looked_before > self._watchdog_ns
+
+    def _check(self, data: bytes, source: Address) -> Verdict:
+        if self.connected:
+            if source != self.peer:
+                return Verdict.FOREIGN_SENDER
+        elif self._fixed_peer is not None and source[0] != self._fixed_peer:
+            return Verdict.FOREIGN_SENDER
+        layout = self.consumer
+        size = len(data)
+        if size != layout.frame_size:
+            return Verdict.TRUNCATED if size < layout.frame_size else Verdict.OVERSIZED
+        if not data.startswith(self._header):
+            return Verdict.WRONG_FRAME_ID
+        if not data.startswith(self._padding, self._padding_start):
+            return Verdict.WRONG_TELEGRAM
+        status = data[layout.trailer + _STATUS_OFFSET]
+        if status & _STATUS_USED == _STATUS_USED:
+            return _ACCEPTED
+        if not status & STATUS_DATA_VALID:
+            return Verdict.NOT_VALID
+        return Verdict.PROVIDER_STOP if status & STATUS_PRIMARY else Verdict.NOT_PRIMARY
+
+    def _take(self, data: bytes, source: Address, arrived: int, verdict: Verdict) -> Verdict:
+        """The verdict on a frame whose content is right, by its place in the sequence of frames."""
+        sequence = self._sequence
+        (counter,) = _COUNTER.unpack_from(data, self.consumer.trailer)
+        runs = verdict is _ACCEPTED
+        if not sequence.next(counter, arrived):
+            orders = tuple(self._decode(data)[1]) if runs else None
+            order = sequence.follow(source, counter, arrived, orders, may_connect=not self._loss_to_tell)
+            if order is Order.RESTARTED:
+                self._lose()
+            if order is Order.STALE:
+                self._contradicted(data, counter, orders)
+            if order is not Order.NEXT:
+                return Verdict.STALE if order is Order.STALE else Verdict.UNCONFIRMED
+            self._connect(source, orders)
+        self._last_time = arrived
+        self.received = data
+        if runs:
+            self._accept(data)
+        else:
+            self._last_orders = None
+            self.lose_setpoints()
+        if not self._believes:
+            self._history.enter(data, sequence.elapsed_ns)
+        return verdict
+
+    def _contradicted(self, data: bytes, counter: int, orders: _Orders | None) -> None:
+        """A frame came too late for the sequence. Where it differs from one that was taken, that may have been the old one."""
+        place = self._sequence.place(counter)
+        if place is not None:
+            self._history.contradict(data, place)
+        if self._waiting and orders != self._last_orders:
+            self._doubt()
+
+    def _doubt(self) -> None:
+        """Orders that wait have to be confirmed from the beginning."""
+        for confirmation in self._confirmations:
+            confirmation.contradict()
+
+    def _connect(self, source: Address, orders: _Orders | None) -> None:
+        self.peer = source
+        self.connected = True
+        self._misfit = ""
+        self._history.clear()
+        for confirmation, order in zip(self._confirmations, orders or [None] * len(self._confirmations), strict=True):
+            # The frame that completes the sequence is counted once more where its order is judged.
+            confirmation.restart(order, 0 if order is None else self._sequence.repeats - 1)
+
+    def _decode(self, data: bytes) -> tuple[list[tuple[int, ...] | None], list[tuple[int, ...] | None]]:
+        """Values and orders of the axes; None where the IOPS is BAD."""
+        values: list[tuple[int, ...] | None] = []
+        orders: list[tuple[int, ...] | None] = []
+        for unpack, offset, iops, read in self._axes:
+            if data[iops] & IOPS_GOOD:
+                item = unpack(data, offset)
+                values.append(item)
+                orders.append(read(item))
+            else:
+                values.append(None)
+                orders.append(None)
+        return values, orders
+
+    def _accept(self, data: bytes) -> None:
+        ordered = int.from_bytes(data, "big") & self._order_mask
+        if ordered == self._settled:
+            setpoints = self.setpoints
+            for index, unpack, offset in self._values:
+                setpoints[index] = unpack(data, offset)
+            if self._misfit:
+                self._misfit = ""
+        else:
+            self._settled = None
+            self._accept_orders(data, ordered)
+
+    def _accept_orders(self, data: bytes, ordered: int) -> None:
+        """A frame that may order something else than is in force; ``ordered``: its bits that do."""
+        values, orders = self._decode(data)
+        if None in orders:
+            bad = orders.count(None)
+            self.iops_bad += bad
+            # Short frames of several layouts are equally long: where the one has its IOPS, the other has padding.
+            self._misfit = "every IOPS of the PLC is BAD" if bad == len(orders) else ""
+        elif self._misfit:
+            self._misfit = ""
+        if orders == self._in_force and not self._waiting:
+            self.setpoints[:] = values
+            if None not in orders:
+                self._settled = ordered
+        else:
+            self._confirm(data, values, orders)
+        self._last_orders = tuple(orders)
+
+    def _confirm(
+        self, data: bytes, values: Sequence[tuple[int, ...] | None], orders: Sequence[tuple[int, ...] | None]
+    ) -> None:
+        """Some order is another than the one in force: it counts now, or waits with all values of its axis."""
+        sequence = self._sequence
+        is_new = self._believes or (sequence.alone and self._history.is_new(data, sequence.elapsed_ns))
+        self._waiting = False
+        for index, (confirmation, order) in enumerate(zip(self._confirmations, orders, strict=True)):
+            in_force = self._in_force[index]
+            put = order
+            if order is None:
+                confirmation.restart(None, 0)
+            else:
+                put = confirmation.judge(order, in_force, is_new=is_new, released=self._released[index])
+            doubt = self.doubts[index] = confirmation.doubt
+            self._waiting |= doubt is OrderDoubt.WAITS or put != order
+            if put == order:
+                self.setpoints[index] = values[index]
+            elif put is not None and put != in_force:
+                kept = self.setpoints[index]
+                assert kept is not None, "an order is in force"
+                self.setpoints[index] = confirmation.orders.applied(put, kept)
+            self._in_force[index] = put
+
+    def lose_setpoints(self) -> None:
+        """No axis has a valid PLC until the next valid frame."""
+        self._settled = None
+        for index in range(len(self.setpoints)):
+            self.setpoints[index] = None
+            self._in_force[index] = None
+            self.doubts[index] = OrderDoubt.NONE
+        for confirmation in self._confirmations:
+            confirmation.forget()
+
+    def _lose(self) -> None:
+        self.connected = False
+        self.watchdog_expiries += 1
+        self._sequence.lose()
+        self._loss_to_tell = True
+        self.lose_setpoints()
+
+    @property
+    def heard_ns(self) -> int | None:
+        """When the newest frame that counts came; None: none yet."""
+        return self._last_time or None
+
+    def poll(self, now: int) -> bool:
+        """The watchdog, after the datagrams that waited; True when the PLC was lost since the last call."""
+        if now != self._looked:
+            self._look(now)
+        if self.connected and now - self._last_time > self._watchdog_ns:
+            self._lose()
+        lost, self._loss_to_tell = self._loss_to_tell, False
+        return lost
+
+    def build(
+        self, actuals: Sequence[Sequence[int]], good: Sequence[bool], released: Sequence[bool] | None = None
+    ) -> bytearray:
+        """The next frame to the PLC; the buffer is reused.
+
+        ``good[i]``: axis i's actual values are valid (its IOPS). ``released[i]``: its interlock is released, so that an OFF does
+        nothing but stop it; without it an OFF that may be an old one waits for its confirmation.
+        """
+        if released is not None:
+            self._released = released
+        frame = self.frame
+        layout = self.provider
+        setpoints = self.setpoints
+        for index, pack_into, offset, iops, iocs in self._answers:
+            pack_into(frame, offset, *actuals[index])
+            frame[iops] = IOPS_GOOD if good[index] else IOPS_BAD
+            frame[iocs] = IOPS_GOOD if setpoints[index] is not None else IOPS_BAD
+        self._counter = (self._counter + self._step) & 0xFFFF
+        TRAILER.pack_into(frame, layout.trailer, self._counter, STATUS_NORMAL, 0)
+        self.sent += 1
+        return frame

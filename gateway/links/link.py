@@ -1,0 +1,268 @@
+"""How the PLC reaches the gateway: the loop talks to a ``Link`` and knows no transport.
+
+``UdpLink`` is the PROFINET cyclic frame over UDP (docs/transport.md).
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Final, Protocol
+
+from pdgw.ds301.counters import Counters
+from pdgw.durations import MS
+from pdgw.gateway.configuration.environment import TransportConfig
+from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
+from pdgw.gateway.links.udp import Address
+from pdgw.gateway.platform import DatagramPort
+from pdgw.gateway.reasons import OrderDoubt
+from pdgw.gateway.trace.layout import FramePlaces
+from pdgw.profidrive.telegrams import Telegram
+
+log = logging.getLogger("gateway")
+
+_DATAGRAMS_AT_ONCE: Final = 64
+_WAITED_AT_MOST: Final = 10_000
+"""More than a socket buffer holds: a flood must not hold up the start."""
+_ACCEPTED: Final = Verdict.ACCEPTED
+
+
+def silence(cycles: int) -> str:
+    """A loss by the watchdog, as log and fault 103 tell it."""
+    return f"no valid frame for {cycles} cycles"
+
+
+class Link(Protocol):
+    """One relationship with a PLC, any number of drive objects."""
+
+    @property
+    def connected(self) -> bool:
+        """A PLC is exchanging data."""
+
+    @property
+    def peer(self) -> str | None:
+        """Who the PLC is or last was, for people."""
+
+    @property
+    def peer_host(self) -> str | None:
+        """Its address alone."""
+
+    @property
+    def setpoints(self) -> Sequence[Sequence[int] | None]:
+        """The raw values of each drive object, None while it has no valid PLC."""
+
+    @property
+    def doubts(self) -> Sequence[OrderDoubt]:
+        """Of each drive object: whether the PLC may have ordered something that ``setpoints`` do not have."""
+
+    def start(self, action: Callable[[], None]) -> None:
+        """Call ``action`` in the loop whenever something of the PLC waits."""
+
+    def receive(self, now: int, at_most: int = _DATAGRAMS_AT_ONCE) -> bool:
+        """Take everything that waits, or so many items of it; True when valid data of the PLC was among it."""
+
+    @property
+    def more(self) -> bool:
+        """Something may wait behind what ``receive`` took last."""
+
+    def poll(self, now: int) -> bool:
+        """The watchdog; True when it expires in this call, or sees that the relationship has ended."""
+
+    @property
+    def loss(self) -> str:
+        """Why the PLC is lost, once ``poll`` has told that it is."""
+
+    def lose_setpoints(self) -> None:
+        """No drive object has a valid PLC until its next data."""
+
+    def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], released: Sequence[bool]) -> None:
+        """Answer the PLC. ``good``: the values of that drive object are valid; ``released``: an OFF does nothing but stop it."""
+
+    def set_layout(self, telegrams: Sequence[Telegram]) -> None:
+        """Other telegrams from now on, in the order of the drive objects; GatewayError or ProfidriveError when not possible."""
+
+    layout_token: object
+    """Another one with every new layout of the frames."""
+
+    def places(self) -> FramePlaces:
+        """The present layout of the frames."""
+
+    def newest(self) -> tuple[bool, bytes, bytes | bytearray]:
+        """Whether a PLC is connected, its newest frame and the newest one to it, empty before there was one.
+
+        The buffer of the last one is used again.
+        """
+
+    @property
+    def heard_ns(self) -> int | None:
+        """When the newest frame that counts came; None: none yet."""
+
+    def status(self) -> dict[str, object]:
+        """Connection and verdicts, for ``pdgw status``."""
+
+    def close(self) -> None:
+        """Release what it listens on."""
+
+
+class UdpLink:
+    """Cyclic frames over UDP."""
+
+    def __init__(
+        self, port: DatagramPort, transport: TransportConfig, telegrams: Sequence[Telegram], counters: Counters
+    ) -> None:
+        self.port = port
+        self._transport = transport
+        self.endpoint = self._endpoint(telegrams)
+        self.skipped = 0
+        self.more = True
+        self._filtered = False
+        """There is a connection, and nobody but its PLC is heard."""
+        self.layout_token = object()
+        self._register_counters(counters)
+
+    def _register_counters(self, counters: Counters) -> None:
+        for verdict in Verdict:
+            counters.add("link", verdict.name.lower(), "frames", verdict.value, partial(self._count_of, verdict))
+        counters.add("link", "sent", "frames", "to the PLC", lambda: self.endpoint.sent)
+        counters.add(
+            "link", "skipped", "frames", "overtaken by a newer one before the axes saw them", lambda: self.skipped
+        )
+        counters.add(
+            "link", "watchdog_expiries", "times", "no valid frame in time", lambda: self.endpoint.watchdog_expiries
+        )
+        counters.add(
+            "link", "iops_bad", "values", "of a drive object marked bad by the PLC", lambda: self.endpoint.iops_bad
+        )
+        counters.add(
+            "link",
+            "orders_dropped",
+            "changes",
+            "of a control word that may be old frames: too short",
+            lambda: self.endpoint.orders_dropped,
+        )
+        counters.add(
+            "link", "errors", "datagrams", "not sent or not received: the peer is away", lambda: self.port.errors
+        )
+
+    def _count_of(self, verdict: Verdict) -> int:
+        return self.endpoint.counters[verdict]
+
+    def _endpoint(self, telegrams: Sequence[Telegram]) -> CyclicEndpoint:
+        transport = self._transport
+        return CyclicEndpoint(
+            telegrams,
+            cycle_ns=int(transport.cycle_time_ms * MS),
+            watchdog_factor=transport.watchdog_factor,
+            peer=str(transport.peer) if transport.peer else None,
+            delays=transport.delays,
+        )
+
+    @property
+    def connected(self) -> bool:
+        return self.endpoint.connected
+
+    @property
+    def peer(self) -> str | None:
+        address = self.endpoint.peer
+        return f"{address[0]}:{address[1]}" if address else None
+
+    @property
+    def peer_host(self) -> str | None:
+        address = self.endpoint.peer
+        return address[0] if address else None
+
+    @property
+    def setpoints(self) -> Sequence[Sequence[int] | None]:
+        return self.endpoint.setpoints
+
+    @property
+    def doubts(self) -> Sequence[OrderDoubt]:
+        return self.endpoint.doubts
+
+    def start(self, action: Callable[[], None]) -> None:
+        # What came since the port was opened is of nobody's present: a loss at the start would be told for it.
+        for _ in range(_WAITED_AT_MOST):
+            if self.port.receive() is None:
+                break
+        self.port.start(action, urgent=True)
+
+    def receive(self, now: int, at_most: int = _DATAGRAMS_AT_ONCE) -> bool:
+        endpoint, port = self.endpoint, self.port
+        taken = 0
+        # Bounded, so that a flood of datagrams delays no cycle; a STOP is seen by the axes before what follows it.
+        for _ in range(at_most):
+            datagram = port.receive()
+            if datagram is None:
+                break
+            data, source = datagram
+            verdict = endpoint.receive(data, source, now, port.received_at)
+            if verdict is _ACCEPTED:
+                taken += 1
+            elif verdict is Verdict.PROVIDER_STOP:
+                taken += 1
+                break
+            elif verdict is not Verdict.UNCONFIRMED and endpoint.counters[verdict] == 1:
+                log.warning("frame from %s:%d dropped: %s (%d bytes)", *source, verdict.value, len(data))
+        if taken > 1:
+            self.skipped += taken - 1
+        if endpoint.connected and not self._filtered and endpoint.peer is not None:
+            log.info("PLC %s:%d connected", *endpoint.peer, extra={"event": "plc"})
+            # A stranger's flood ends in the kernel.
+            self._listen_to(endpoint.peer)
+        return taken > 0
+
+    def _listen_to(self, peer: Address | None) -> None:
+        self._filtered = peer is not None
+        self.port.only_from(peer)
+
+    def poll(self, now: int) -> bool:
+        expired = self.endpoint.poll(now)
+        if expired:
+            self._listen_to(None)
+        return expired
+
+    @property
+    def loss(self) -> str:
+        return silence(self._transport.watchdog_factor)
+
+    def lose_setpoints(self) -> None:
+        self.endpoint.lose_setpoints()
+
+    def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], released: Sequence[bool]) -> None:
+        endpoint = self.endpoint
+        if endpoint.peer is not None:
+            self.port.send(endpoint.build(actuals, good, released), endpoint.peer)
+
+    def set_layout(self, telegrams: Sequence[Telegram]) -> None:
+        endpoint = self._endpoint(telegrams)
+        endpoint.continue_from(self.endpoint)
+        self.endpoint = endpoint
+        self.layout_token = object()
+        self._listen_to(None)
+
+    def places(self) -> FramePlaces:
+        endpoint = self.endpoint
+        consumer, provider = endpoint.consumer, endpoint.provider
+        return FramePlaces("udp", consumer.frame_size, provider.frame_size, consumer.offsets, provider.offsets)
+
+    def newest(self) -> tuple[bool, bytes, bytes | bytearray]:
+        endpoint = self.endpoint
+        return endpoint.connected, endpoint.received, endpoint.frame
+
+    @property
+    def heard_ns(self) -> int | None:
+        return self.endpoint.heard_ns
+
+    def status(self) -> dict[str, object]:
+        endpoint = self.endpoint
+        return {
+            "connected": endpoint.connected,
+            "peer": list(endpoint.peer) if endpoint.peer else None,
+            "layout": endpoint.layout_text,
+            "watchdog_ms": self._transport.cycle_time_ms * self._transport.watchdog_factor,
+            "frames": {verdict.value: count for verdict, count in endpoint.counters.items()},
+        }
+
+    def close(self) -> None:
+        self.port.close()

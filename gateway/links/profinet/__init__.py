@@ -1,0 +1,1 @@
+"""The PROFINET link: an IO device on an Ethernet interface."""

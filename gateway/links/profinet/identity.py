@@ -1,0 +1,41 @@
+"""The gateway as a PROFINET device: identity and model from the configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import date
+
+from pdgw.gateway import identity
+from pdgw.gateway.configuration.config import AxisConfig
+from pdgw.gateway.configuration.encoder import EncoderConfig
+from pdgw.gateway.configuration.environment import TransportConfig
+from pdgw.profidrive.telegrams import Telegram
+from pdgw.profinet.model import DeviceModel, ObjectKind, drive_model
+from pdgw.profinet.station import Identity
+
+PRODUCT = "profidrive-gateway"
+"""Also the name that engineering tools propose for the station."""
+VENDOR_NAME = "pdgw"
+RELEASED = date(identity.RELEASE_YEAR, identity.RELEASE_DAY_MONTH % 100, identity.RELEASE_DAY_MONTH // 100)
+
+
+def profinet_identity(transport: TransportConfig, mac: bytes) -> Identity:
+    """Who the device is."""
+    return Identity(
+        mac,
+        transport.vendor_id,
+        transport.device_id,
+        PRODUCT,
+        identity.ORDER_ID,
+        transport.station_name[:16],
+        identity.HARDWARE_REVISION,
+        ("V", *identity.RELEASE),
+    )
+
+
+def profinet_model(
+    transport: TransportConfig, mac: bytes, objects: Sequence[AxisConfig | EncoderConfig], telegrams: Sequence[Telegram]
+) -> DeviceModel:
+    """A slot for each drive object, in the order of the configuration."""
+    kinds = [ObjectKind.AXIS if isinstance(item, AxisConfig) else ObjectKind.ENCODER for item in objects]
+    return drive_model(profinet_identity(transport, mac), list(zip(kinds, telegrams, strict=True)))

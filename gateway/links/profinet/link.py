@@ -1,0 +1,460 @@
+"""The PROFINET link of the gateway: an IO device on an Ethernet interface.
+
+The controller sets the pace: new output data steps the drive objects, input data goes out with the device's own timing. What came
+with the name and the address by DCP is kept in the store. The axes do not wait for the data hold time of the relationship, which
+may be up to 1.92 s: ``watchdog_factor`` cycles without a frame are a loss of the PLC for them.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Final, Protocol
+from uuid import UUID
+
+from pdgw.ds301.counters import Counters
+from pdgw.ds301.loop import Loop, Mailbox, Task, Timer
+from pdgw.durations import MS
+from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.links.link import silence
+from pdgw.gateway.links.profinet.diagnosis import Diagnosed, present_classes
+from pdgw.gateway.links.profinet.ethernet import EthernetPort
+from pdgw.gateway.links.profinet.identity import profinet_model
+from pdgw.gateway.links.profinet.pairing import LONGEST_NS, Pairing
+from pdgw.gateway.links.profinet.station import StationKeeper
+from pdgw.gateway.links.udp import Address
+from pdgw.gateway.reasons import OrderDoubt
+from pdgw.gateway.store import ParameterStore
+from pdgw.gateway.trace.layout import FramePlaces
+from pdgw.profidrive.frame import IOPS_GOOD
+from pdgw.profidrive.telegrams import Telegram
+from pdgw.profinet.blocks.alarm import MessageClass
+from pdgw.profinet.cmdev import ApplicationRelation, Event
+from pdgw.profinet.cpm import Consumer, Verdict
+from pdgw.profinet.device import Connected, DeviceEvent, Disconnected, ProfinetDevice
+from pdgw.profinet.model import ACCESS_POINT_SUBSLOT, TELEGRAM_SUBSLOT
+from pdgw.profinet.rpc.server import NoRecords, RecordHandler
+from pdgw.profinet.station import Station
+
+log = logging.getLogger("gateway")
+
+_AT_ONCE = 64
+_WAITING = 64
+"""Datagrams that may wait for the task; of more the oldest are lost, and their senders ask again."""
+_DIAGNOSIS_NS: Final = 50 * MS
+
+
+class Served(Diagnosed, Protocol):
+    """What the link has to know of a drive object."""
+
+    telegram: Telegram
+
+
+class ProfinetLink:
+    """``Link`` over PROFINET. Records are served once ``serve_records`` has named who does it."""
+
+    def __init__(
+        self,
+        port: EthernetPort,
+        config: GatewayConfig,
+        store: ParameterStore,
+        loop: Loop,
+        objects: Sequence[Served],
+        seed: UUID | None = None,
+    ) -> None:
+        transport = config.transport
+        self.port = port
+        self._config = config
+        self._store = store
+        self._loop = loop
+        self._objects = objects
+        self._telegrams = [item.telegram for item in objects]
+        self._records_of: Callable[[str], RecordHandler] = lambda host: NoRecords()
+        self._datagrams: Mailbox[tuple[bytes, Address]] = Mailbox(loop, _WAITING)
+        self._tasks: list[Task] = []
+        self._timer: Timer | None = None
+        self._timer_due = 0
+        self._consumer: Consumer | None = None
+        """Of the controller that exchanges data."""
+        self._pairing: Pairing | None = None
+        """None: the relationship has two cycles or a long one, or there is none."""
+        self._exchange: Callable[[], None] = lambda: None
+        self._closed = False
+        self._answering = False
+        """The input frame is due, and goes out as soon as it has the answer to the frame that was taken for it."""
+        self._watch: Timer | None = None
+        self._receivable = False
+        self._limit_ns = 0
+        self._came = 0
+        self.more = True
+        """What waits behind a frame that came at its time is taken in the next turn: the kernel need not be asked each cycle."""
+        self._told: list[set[MessageClass]] = [set() for _ in objects]
+        self._newest: tuple[Sequence[Sequence[int]], Sequence[bool]] | None = None
+        """Actual values of the last step and whether they are valid: what a new relationship begins with."""
+        self._placed_for: ApplicationRelation | None = None
+        self._places: list[tuple[int, int] | None] = [None] * len(objects)
+        """Where input data and IOPS of each drive object lie in the frame of the provider of ``_placed_for``."""
+        self._statuses: list[bool | None] = []
+        """Whether its provider was told that the data is valid."""
+        self._outputs: list[tuple[int, Callable[[bytes, int], tuple[int, ...]], int, int]] = []
+        """Drive objects with output data: number, codec, where data and IOPS lie in the consumer's frame."""
+        self.setpoints: list[Sequence[int] | None] = [None] * len(objects)
+        self.doubts = (OrderDoubt.NONE,) * len(objects)
+        self.layout_token = object()
+        self.watchdog_expiries = 0
+        self.loss = ""
+        self._end = ""
+        """How the newest relationship that exchanged data ended."""
+        self._keeper = StationKeeper(port, transport, store, loop)
+        model = profinet_model(transport, port.mac, config.objects, self._telegrams)
+        name, ip = self._keeper.first_name(), self._keeper.first_ip()
+        self.station = Station(model.identity, name, ip, link_up=port.link_up, medium=port.medium)
+        self.device = ProfinetDevice(
+            model,
+            self.station,
+            self._records_for,
+            seed=UUID(bytes=os.urandom(16)) if seed is None else seed,
+            now=loop.now(),
+            boot_time=int(loop.wall()) & 0xFFFFFFFF,
+            give_ip=self._keeper.give_ip,
+        )
+        self._failed = self.device.cm.server.on_error = partial(loop.unexpected, "a PROFINET call was ended")
+        self._register_counters(loop.counters)
+
+    def _register_counters(self, counters: Counters) -> None:
+        for verdict in Verdict:
+            counters.add("link", verdict.name.lower(), "frames", verdict.value, partial(self._count_of, verdict))
+        device = self.device
+        counters.add("link", "foreign", "frames", "of nobody's relationship", lambda: device.foreign)
+        counters.add(
+            "link", "watchdog_expiries", "times", "no frame in time while connected", lambda: self.watchdog_expiries
+        )
+        counters.add("link", "connects_refused", "times", "Connect refused", lambda: device.cm.refusals)
+        counters.add("link", "dcp_refused", "blocks", "of DCP Set refused", lambda: device.dcp.refused)
+        counters.add("link", "errors", "frames", "not sent or not received", lambda: self.port.errors)
+        counters.add("link", "sent", "frames", "cyclic, to the controller", lambda: device.cm.cyclic.sent)
+        counters.add("link", "missed", "frames", "not sent in their cycle", lambda: device.cm.cyclic.missed)
+
+    def _count_of(self, verdict: Verdict) -> int:
+        return self.device.cm.cyclic.received[verdict]
+
+    def serve_records(self, records_of: Callable[[str], RecordHandler]) -> None:
+        """Who serves parameter access and I&M from now on, for the host that asks."""
+        self._records_of = records_of
+
+    def _records_for(self, host: str) -> RecordHandler:
+        return self._records_of(host)
+
+    # -- Link ---------------------------------------------------------------------------------------------------------
+
+    @property
+    def connected(self) -> bool:
+        return self.device.connected
+
+    @property
+    def peer(self) -> str | None:
+        relation = self.device.relation
+        return f"{relation.plan.ar.station_name} {relation.source[0]}" if relation else None
+
+    @property
+    def peer_host(self) -> str | None:
+        relation = self.device.relation
+        return str(relation.source[0]) if relation else None
+
+    def start(self, action: Callable[[], None]) -> None:
+        station = self.station
+        log.info("PROFINET device %s on %s", station.name or "without a name", self._config.transport.interface)
+        self._exchange = action
+        self.port.start(action, self._on_other, self._on_carrier)
+        self._tasks.append(self._loop.spawn(self._serve, "PROFINET calls"))
+        self._on_watch()
+        self._pump()
+
+    def receive(self, now: int, at_most: int = _AT_ONCE) -> bool:
+        device = self.device
+        fresh = False
+        for _ in range(at_most):
+            frame = self.port.receive()
+            if frame is None:
+                break
+            if device.on_frame(frame, now):
+                fresh = True
+                if not device.running:
+                    break  # a STOP is seen by the axes before what follows it
+        if not device.quiet:
+            self._pump()
+        self.more = True
+        if fresh:
+            self._take(now)
+        return fresh
+
+    def _take(self, now: int) -> None:
+        consumer, setpoints = self._consumer, self.setpoints
+        if consumer is None:
+            return
+        since, half = now - self._came, consumer.cycle_ns >> 1
+        self._came = now
+        self.more = not half < since < consumer.cycle_ns + half
+        if self._pairing is not None and not self._pairing.together:
+            self._pairing.came(now)
+        payload = consumer.payload
+        for index, unpack_from, offset, iops in self._outputs:
+            good = consumer.running and payload[iops] & IOPS_GOOD
+            setpoints[index] = unpack_from(payload, offset) if good else None
+        self._receivable = True
+
+    def poll(self, now: int) -> bool:
+        if not self._receivable:
+            return False
+        consumer = self._consumer
+        if consumer is None or consumer.last_ns is None:
+            self.loss = self._end
+        elif now - consumer.last_ns <= self._limit_ns:
+            return False
+        else:
+            self.loss = silence(self._config.transport.watchdog_factor)
+            self.watchdog_expiries += 1
+        self._receivable = False
+        self.lose_setpoints()
+        return True
+
+    def lose_setpoints(self) -> None:
+        for index in range(len(self.setpoints)):
+            self.setpoints[index] = None
+
+    def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], released: Sequence[bool]) -> None:
+        # ``released`` is for links that may deliver an old order late; Ethernet frames cannot overtake each other for so long.
+        self._newest = (actuals, good)
+        relation = self.device.relation
+        if relation is None or relation.provider is None:
+            return
+        provider = relation.provider
+        if relation is not self._placed_for:
+            # Filled from the Connect on: with ApplicationReady the data has to be valid.
+            self._placed_for = relation
+            self._places = [provider.place((slot, TELEGRAM_SUBSLOT)) for slot in range(1, len(self._telegrams) + 1)]
+            self._statuses = [None] * len(self._telegrams)
+        statuses = self._statuses
+        for index, telegram in enumerate(self._telegrams):
+            place = self._places[index]
+            if place is not None:
+                telegram.actuals.struct.pack_into(provider.frame, place[0], *actuals[index])
+                if statuses[index] is not good[index]:
+                    statuses[index] = good[index]
+                    provider.set_status((index + 1, TELEGRAM_SUBSLOT), good=good[index])
+        if self._answering:
+            self._answering = not self._provide(self._loop.now())
+
+    def set_layout(self, telegrams: Sequence[Telegram]) -> None:
+        if self.device.relation is not None:
+            raise GatewayError("telegram: cannot be changed while a controller is connected, its project chooses it")
+        self._telegrams = list(telegrams)
+        self._newest = None
+        transport = self._config.transport
+        self.device.replug(profinet_model(transport, self.port.mac, self._config.objects, self._telegrams))
+
+    def places(self) -> FramePlaces:
+        relation = self.device.relation
+        offsets = {index: offset for index, _, offset, _ in self._outputs}
+        setpoints = tuple(offsets.get(index) for index in range(len(self._telegrams)))
+        actuals = tuple(None if place is None else place[0] for place in self._places)
+        if relation is None or relation.consumer is None or relation.provider is None:
+            return FramePlaces("profinet", 0, 0, setpoints, actuals)
+        return FramePlaces("profinet", len(relation.consumer.payload), len(relation.provider.frame), setpoints, actuals)
+
+    def newest(self) -> tuple[bool, bytes, bytes | bytearray]:
+        relation = self.device.relation
+        if relation is None or relation.consumer is None or relation.provider is None:
+            return False, b"", b""
+        return relation.connected, relation.consumer.payload, relation.provider.frame
+
+    @property
+    def heard_ns(self) -> int | None:
+        relation = self.device.relation
+        return relation.consumer.last_ns if relation is not None and relation.consumer is not None else None
+
+    def status(self) -> dict[str, object]:
+        relation = self.device.relation
+        station = self.station
+        return {
+            "connected": self.connected,
+            "peer": list(relation.source) if relation else None,
+            "frames": {verdict.value: self._count_of(verdict) for verdict in Verdict},
+            "station": {
+                "name": station.name,
+                "ip": str(station.ip.address),
+                "mac": self.port.mac.hex(":"),
+                "link_up": station.link_up,
+                "relationship": relation.state.value if relation else "none",
+                "controller": relation.plan.ar.station_name if relation else "",
+                "cycle_ms": relation.provider.cycle_ns / MS if relation and relation.provider else None,
+                "flashing": self._keeper.flashing,
+            },
+        }
+
+    def close(self) -> None:
+        self._closed = True
+        self.device.end(Event.STOPPED, self._loop.now())
+        self._send_waiting()
+        for task in self._tasks:
+            task.kill()
+        for timer in (self._timer, self._watch):
+            if timer is not None:
+                timer.cancel()
+        self.port.close()
+
+    # -- the device on the loop ---------------------------------------------------------------------------------------
+
+    def _on_other(self) -> None:
+        """DCP, LLDP and RPC: bounded in each turn, so that a flood of them delays no cycle."""
+        now = self._loop.now()
+        for _ in range(_AT_ONCE // 4):
+            frame = self.port.receive_other()
+            datagram = self.port.receive_datagram()
+            if frame is None and datagram is None:
+                break
+            if frame is not None:
+                self.device.on_frame(frame, now)
+            if datagram is not None:
+                self._datagrams.put(datagram)
+        self._pump()
+
+    def _on_carrier(self) -> None:
+        up, self.station.medium = self.port.link_up, self.port.medium
+        if up != self.station.link_up:
+            log.log(logging.INFO if up else logging.ERROR, "cable %s", "plugged" if up else "pulled")
+            self.device.on_link(up, self._loop.now())
+            self._pump()
+        if self._keeper.address_taken():
+            # Calls of the controller do not arrive any more, and what it is connected with is not there.
+            self.station.ip = self._keeper.address
+            self.device.end(Event.NAME_CHANGED, self._loop.now())
+            self._pump()
+
+    def _serve(self) -> None:
+        """Calls run in a task: one that writes to the disk waits there, and the exchange goes on."""
+        while True:
+            data, source = self._datagrams.get()
+            try:
+                if self._pairing is not None and self._pairing.together:
+                    self._exchange()  # the frame that waits came before this call
+                self.device.on_datagram(data, source, self._loop.now())
+                if not self.device.connected:
+                    self.lose_setpoints()  # PrmBegin: what the controller goes on sending does not count until it is done
+                if self.device.relation is not self._placed_for and self._newest is not None:
+                    self.send(*self._newest, ())
+                self._pump()
+            except Exception as error:  # of one call: the next is served
+                self._failed(error)
+
+    def _on_due(self) -> None:
+        pairing, now = self._pairing, self._loop.now()
+        sent = False
+        if pairing is not None and pairing.due(now):
+            before, self._answering = self._came, True
+            self._exchange()
+            sent, self._answering = not self._answering, False
+            if self._closed:
+                return
+            pairing.taken(self._came, found=self._came != before)
+        if self._timer is not None:
+            self._timer.cancel()  # the exchange may have asked for another
+            self._timer = None
+        if sent or self._provide(now):
+            self._call_at(self.device.cyclic_deadline)
+        else:
+            self.device.poll(now)
+            self._pump()
+
+    def _provide(self, now: int) -> bool:
+        """Send the input frame, where that is all there is to do."""
+        frame = self.device.provide(now)
+        if frame is None:
+            return False
+        self.port.send(frame)
+        return True
+
+    def _pump(self) -> None:
+        """Send what waits, tell what happened, be called again in time."""
+        self._send_waiting()
+        for event in self.device.events():
+            self._on_event(event)
+        due = self.device.next_deadline()
+        if self._timer is None or due < self._timer_due:
+            if self._timer is not None:
+                self._timer.cancel()
+            self._call_at(due)
+
+    def _call_at(self, due: int) -> None:
+        self._timer_due = due
+        self._timer = self._loop.call_at(due, self._on_due)
+
+    def _send_waiting(self) -> None:
+        port = self.port
+        for address, data in self.device.outgoing():
+            if address is None:
+                port.send(data)
+            else:
+                port.send_datagram(bytes(data), address)
+
+    def _on_event(self, event: DeviceEvent) -> None:
+        match event:
+            case Connected(relation):
+                provider, consumer = relation.provider, relation.consumer
+                if provider is None or consumer is None:
+                    return
+                for index, telegram in enumerate(self._telegrams):
+                    place = (index + 1, TELEGRAM_SUBSLOT)
+                    where = consumer.place(place) if place in relation.plan.proper else None
+                    if where is not None:
+                        self._outputs.append((index, telegram.setpoints.struct.unpack_from, *where))
+                self._consumer = consumer
+                if consumer.cycle_ns == provider.cycle_ns <= LONGEST_NS:
+                    self._pairing = Pairing(self.port, provider)
+                transport = self._config.transport
+                self._limit_ns = transport.watchdog_factor * provider.cycle_ns
+                self.layout_token = object()
+                cycle = provider.cycle_ns / MS
+                log.info("controller %s connected, cycle %g ms", self.peer, cycle)
+                if cycle < transport.cycle_time_ms:
+                    log.warning("the controller's cycle is shorter than cycle_time_ms = %g", transport.cycle_time_ms)
+                if relation.plan.diff is not None:
+                    log.warning("the controller's project differs from the configuration: see ModuleDiff")
+            case Disconnected(relation, ended):
+                if relation is self._placed_for:
+                    self._placed_for = None
+                    self._places = [None] * len(self._telegrams)
+                self._outputs.clear()
+                self._consumer = None
+                if self._pairing is not None:
+                    self._pairing.end()
+                    self._pairing = None
+                self.lose_setpoints()
+                self._end = f"the relationship has ended: {ended.text}"
+                log.error("controller %s disconnected: %s", relation.plan.ar.station_name, ended.text)
+            case _:
+                self._keeper.on_event(event, self.station.name)
+
+    def _on_watch(self) -> None:
+        """What is wrong with the drive objects, as diagnosis of their access points."""
+        self._watch = self._loop.call_later(_DIAGNOSIS_NS, self._on_watch)
+        changed = False
+        for index, item in enumerate(self._objects):
+            present = present_classes(item)
+            told = self._told[index]
+            if present == told:
+                continue
+            point = (index + 1, ACCESS_POINT_SUBSLOT)
+            for number in told - present:
+                self.device.clear_diagnosis(point, number)
+            for number in present - told:
+                self.device.set_diagnosis(point, number)
+            if MessageClass.INTERNAL_COMMUNICATION in told - present:
+                self.device.returned((index + 1, TELEGRAM_SUBSLOT))
+            self._told[index] = present
+            changed = True
+        if changed:
+            self._pump()

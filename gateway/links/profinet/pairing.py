@@ -1,0 +1,68 @@
+"""Both cyclic frames of a PROFINET relationship in one turn of the loop: a wake costs more than most of what it is for.
+
+The input frame goes out by the gateway's own timer, which is moved to just behind the controller's frame. That one waits in the
+socket for so long and is taken when the input frame is due, which leaves with its answer. A frame that is not there by then wakes
+the loop again, and so does one now and then, by which it is seen how far the two clocks have drifted apart.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from pdgw.durations import MS
+from pdgw.gateway.links.profinet.ethernet import EthernetPort
+from pdgw.profinet.ppm import Provider
+
+LONGEST_NS: Final = 8 * MS
+"""Frames of longer cycles are not paired: they wake the process seldom, and an alarm or a frame out of its time, which waits
+for the next input frame too, would wait for long."""
+_WAIT_NS: Final = MS // 10
+"""So long waits a frame that is at its time: what controllers vary by is less."""
+_LOOK_NS: Final = 500 * MS
+"""So often is it looked when the controller's frame comes: clocks may be apart by some 50 us each second."""
+
+
+class Pairing:
+    """When the frames of one relationship are taken together. Both have the provider's cycle. Times: monotonic nanoseconds."""
+
+    def __init__(self, port: EthernetPort, provider: Provider) -> None:
+        self.together = False
+        """The controller's frame is taken when the input frame is due, and wakes nobody."""
+        self._port = port
+        self._provider = provider
+        self._cycle = provider.cycle_ns
+        self._wait = min(_WAIT_NS, self._cycle // 8)
+        self._most = self._cycle >> 6
+        self._fits = False
+        """The last frame came when it should."""
+        self._look_at = 0
+
+    def came(self, now: int) -> None:
+        """A frame woke the loop: the input frames are moved to where it is not necessary."""
+        # On the way no input frame passes a frame of the controller: each step of the axes keeps one answer.
+        late = (self._provider.due - now) % self._cycle - self._wait
+        self._provider.move(-max(-self._most, min(self._most, late // 2)))
+        self._fits = abs(late) <= self._wait // 2
+
+    def due(self, now: int) -> bool:
+        """Before an input frame is sent: whether the controller's frame has to be taken now."""
+        if now < self._provider.due:
+            return False
+        if self._fits:  # this cycle's frame was taken when it came, the next one will wait
+            self.together, self._fits = True, False
+            self._look_at = now + _LOOK_NS
+            self._port.listen(on=False)
+            return False
+        return self.together
+
+    def taken(self, now: int, *, found: bool) -> None:
+        """What waited was taken; ``found``: the controller's frame was there."""
+        if not found or now >= self._look_at:
+            self.end()
+
+    def end(self) -> None:
+        """The next frame wakes the loop."""
+        self._fits = False
+        if self.together:
+            self.together = False
+            self._port.listen(on=True)

@@ -1,0 +1,129 @@
+"""Name and address of the PROFINET station: what DCP gives, what the interface has, what is kept, and what the log has of it."""
+
+from __future__ import annotations
+
+import logging
+
+from pdgw.ds301.loop import Loop
+from pdgw.durations import MS
+from pdgw.gateway.configuration.environment import TransportConfig
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.links.profinet.ethernet import EthernetPort
+from pdgw.gateway.store import DeviceParameters, ParameterStore
+from pdgw.profinet.dcp import Flash, IpSet, NameSet, ResetToFactory
+from pdgw.profinet.device import Refused
+from pdgw.profinet.station import IpSuite
+
+log = logging.getLogger("gateway")
+
+FLASH_NS = 3_000 * MS
+"""How long the device shows itself after a flash signal."""
+_SAME_REFUSAL_NS, _OTHER_REFUSAL_NS = 60_000 * MS, 1_000 * MS
+"""A Connect that is refused for the same reason is told again after so long, one for another reason after so long."""
+
+
+class StationKeeper:
+    """Of one interface. A fixed address (``ip`` in [transport]) comes before the stored one, that before what is there."""
+
+    def __init__(self, port: EthernetPort, transport: TransportConfig, store: ParameterStore, loop: Loop) -> None:
+        self._port = port
+        self._transport = transport
+        self._store = store
+        self._loop = loop
+        self._flashing_until = 0
+        self._refused: Refused | None = None
+        self._refused_at = 0
+        self.address = IpSuite()
+        """What the interface has; another one that is not from here is somebody else's."""
+
+    def first_name(self) -> str:
+        """The name to start with."""
+        stored = self._store.parameters.station_name
+        return self._transport.station_name if stored is None else stored
+
+    def first_ip(self) -> IpSuite:
+        """The address to start with, which the interface has from then on; GatewayError when that is not allowed."""
+        self.address = current = self._port.ip()
+        suite, stored = self._transport.ip_suite, self._store.parameters.station_ip
+        if suite is None:
+            if stored is None:
+                return current
+            suite = IpSuite.decode(bytes.fromhex(stored))
+        if (current.address, current.mask) != (suite.address, suite.mask):
+            self._port.set_ip(suite)
+            self.address = self._port.ip()
+        return suite
+
+    def give_ip(self, suite: IpSuite) -> bool:
+        """The address that DCP gives; False where the configured one is fixed, or none may be set."""
+        fixed = self._transport.ip_suite
+        if fixed is not None:
+            if suite != fixed:
+                log.error("IP address %s by DCP refused: ip in [transport] fixes %s", suite.address, fixed.address)
+            return suite == fixed
+        present = self._port.ip()
+        if (present.address, present.mask) == (suite.address, suite.mask):
+            return True
+        try:
+            self._port.set_ip(suite)
+        except GatewayError as error:
+            log.error("%s", error)
+            return False
+        self.address = self._port.ip()
+        return True
+
+    def address_taken(self) -> bool:
+        """Whether somebody else has changed the interface's address; ``address`` is the present one."""
+        before, self.address = self.address, self._port.ip()
+        if self.address == before:
+            return False
+        log.error("the IP address is %s now and was %s: changed by somebody else", self.address.address, before.address)
+        return True
+
+    @property
+    def flashing(self) -> bool:
+        """The device shows itself."""
+        return self._loop.now() < self._flashing_until
+
+    def on_event(self, event: NameSet | IpSet | ResetToFactory | Flash | Refused, name: str) -> None:
+        """What DCP changed is kept; the log has everything. ``name``: the station's."""
+        match event:
+            case NameSet(given, permanent):
+                log.info("name of station set to %r by DCP", given)
+                self._keep("station_name", given if permanent else "")
+            case IpSet(suite, permanent):
+                log.info("IP address set to %s by DCP", suite.address)
+                self._keep("station_ip", suite.encode().hex() if permanent else None)
+            case ResetToFactory():
+                log.warning("reset to factory by DCP: name, IP address and I&M1 to I&M4 are cleared")
+                self._keep("station_name", "")
+                self._keep("station_ip", None)
+                for field in ("im1_function", "im1_location", "im2_date", "im3_descriptor", "im4_signature"):
+                    self._keep(field, "")
+            case Flash():
+                self._flashing_until = self._loop.now() + FLASH_NS
+                log.warning("flash signal: this is the device %s", name or "without a name")
+            case Refused():
+                self._tell_refused(event)
+
+    def _tell_refused(self, refused: Refused) -> None:
+        """A controller asks again every few seconds, a stranger as often as he likes: the log has each reason, and room."""
+        now = self._loop.now()
+        silent = _SAME_REFUSAL_NS if refused == self._refused else _OTHER_REFUSAL_NS
+        if self._refused is None or now - self._refused_at >= silent:
+            self._refused, self._refused_at = refused, now
+            log.error("Connect of %s refused, %s: %s", refused.host, refused.status.text, refused.reason)
+
+    def _keep(self, field: str, value: str | None) -> None:
+        """Store without waiting for the disk."""
+
+        def change(parameters: DeviceParameters) -> None:
+            setattr(parameters, field, value)
+
+        def save() -> None:
+            try:
+                self._loop.result(self._loop.offload(lambda: self._store.update(change)))
+            except GatewayError as error:
+                log.error("%s", error)
+
+        self._loop.spawn(save, f"store {field}")

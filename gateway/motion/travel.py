@@ -1,0 +1,274 @@
+"""The course of a positioner: from the goal of the function that runs to set-points, each given once.
+
+What is kept over an intermediate stop, what override and software limits make of a goal, and when a set-point is a new one.
+Positions of a goal are the drive's; ``offset`` leads to the user's. Left out: which function runs (``positioner``), and the
+drive's handshake (executors).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+from pdgw.durations import MS
+from pdgw.gateway.motion.modulo import Direction, way
+from pdgw.gateway.motion.requests import FULL, Asked, Motion, MotionKind, Outcome, PositionerSettings, Seen
+from pdgw.gateway.reasons import Reason
+
+FIXED_STOP_NS: Final = 100 * MS
+"""Standing at the torque limit for so long is the fixed stop."""
+LIMIT_STANDING_NS: Final = 500 * MS
+"""A drive that reports an internal limit and stands so long with a setpoint or task is held by it (a limit switch); one whose
+speed is limited has left standstill by then."""
+_STAND, _POSITION, _SPEED = MotionKind.STAND, MotionKind.POSITION, MotionKind.SPEED
+
+
+@dataclass(slots=True, unsafe_hash=True)
+class Goal:
+    """What the axis is to do; it outlives intermediate stops. Replaced, never changed.
+
+    Under continuous update there is one in each cycle: a frozen class would take three times as long to make it.
+    """
+
+    kind: MotionKind
+    target: int
+    distance: int | None
+    """Relative, as long as no set-point of it was given to the drive."""
+    velocity: int
+    acceleration: int
+    deceleration: int
+    scaled: bool = True
+    """The override scales the speed."""
+    torque: int | None = None
+
+
+class Course:
+    """The goal of one axis; ``follow`` once per cycle brings ``outcome.motion`` in line with it."""
+
+    def __init__(self, settings: PositionerSettings, outcome: Outcome) -> None:
+        self.settings = settings
+        self.outcome = outcome
+        self.offset = 0
+        """User's coordinate minus the drive's."""
+        self.goal: Goal | None = None
+        self.sent = 0
+        """Serial of the newest set-point of the goal, 0 while there is none."""
+        self.speed: Goal | None = None
+        """The goal of a function with a speed as asked for, without software limits."""
+        self.held: Reason | None = None
+        """Why the goal is kept and not pursued."""
+        self.first_serial = 0
+        """Of the task that runs, 0 while nothing of it was sent."""
+        self.queued = 0
+        """Serial of the set-point that waits in the drive, 0 for none."""
+        self.limits: tuple[int, int] | None = None
+        """The software limits, while they are watched."""
+        self._limit_since = -1
+        self._at_limit = False
+        self._stop_since = -1
+        self._seen = Seen()
+
+    def look(self, seen: Seen, limits: bool) -> None:
+        """Take what the axis does, and whether the software limits are watched, before anything is decided."""
+        self._seen = seen
+        self.limits = self.settings.software_limits if limits else None
+        goal = self.goal
+        if goal is not None and goal.distance is not None and seen.given < self.sent:
+            self.goal = replace(goal, target=seen.position + goal.distance)
+
+    def drop(self) -> None:
+        """No goal any more: ramp to standstill."""
+        self.goal = self.speed = self.held = None
+        self.queued = self.first_serial = 0
+        self._at_limit = False
+
+    def in_range(self, target: int, absolute: bool, direction: Direction = Direction.SHORTEST) -> bool:
+        """Whether the drive can be sent to a position of the user, or by a distance, as far as the software limits let it."""
+        low, high = self.settings.position_range
+        modulo = self.settings.modulo
+        if modulo and absolute and not 0 <= target < modulo:
+            return False
+        shortest, longest = self.settings.distance_range
+        if not absolute and not shortest <= target <= longest:
+            return False
+        end = self._end(target, absolute, direction)
+        if self.limits is not None:
+            end = self._inside(end, self.limits)
+        return low <= end - self.offset <= high
+
+    def _end(self, target: int, absolute: bool, direction: Direction) -> int:
+        """Where a task ends in the user's coordinates, of a modulo axis counted on across the turns."""
+        begin = self._seen.position + self.offset
+        if not absolute:
+            return begin + target
+        modulo = self.settings.modulo
+        return begin + way(begin, target, modulo, direction, self.settings.position_window) if modulo else target
+
+    def arrived(self) -> bool:
+        """The drive has reached the target of the goal in force."""
+        goal, seen = self.goal, self._seen
+        if not seen.reached or goal is None or goal.kind is not _POSITION or not self.sent or self.held:
+            return False
+        if seen.taken < self.sent:
+            return False
+        return goal.distance is not None or abs(goal.target - seen.position) <= self.settings.position_window
+
+    # -- goals ----------------------------------------------------------------------------------------------------------
+
+    def go(self, velocity: int, acceleration: int, deceleration: int, *, scaled: bool = True) -> None:
+        """Move with a signed speed, to the software limit where one is watched."""
+        limited = max(-self.settings.max_velocity, min(velocity, self.settings.max_velocity))
+        self.outcome.speed_limited = limited != velocity
+        self.speed = Goal(_SPEED, 0, None, limited, acceleration, deceleration, scaled)
+        self._aim_speed()
+
+    def _aim_speed(self) -> None:
+        """Make the goal of a function with a speed, anew when software limits begin or cease to be watched."""
+        speed = self.speed
+        assert speed is not None, "only functions with a speed come here"
+        if self.limits is None:
+            self._set(speed)
+            return
+        target = self.limits[speed.velocity > 0] - self.offset
+        if (target - self._seen.position) * speed.velocity > 0:
+            self._set(replace(speed, kind=_POSITION, target=target, velocity=abs(speed.velocity)))
+        else:
+            self.goal = None
+            self.outcome.warning = Reason.SOFTWARE_LIMIT
+
+    def go_to(
+        self,
+        target: int,
+        absolute: bool,
+        velocity: int,
+        acceleration: int,
+        deceleration: int,
+        torque: int | None = None,
+        direction: Direction = Direction.SHORTEST,
+    ) -> None:
+        """Move to a position of the user or by a distance, not beyond a software limit that is watched."""
+        self.speed = None
+        highest = self.settings.max_velocity
+        limited = velocity if velocity < highest else highest
+        self.outcome.speed_limited = limited != velocity
+        distance = None if absolute else target
+        end = self._end(target, absolute, direction)
+        if self.limits is not None:
+            inside = self._inside(end, self.limits)
+            if inside != end:
+                end, distance = inside, None
+                self.outcome.warning = Reason.SOFTWARE_LIMIT
+        target = end - self.offset
+        self._set(Goal(_POSITION, target, distance, limited, acceleration, deceleration, torque=torque))
+
+    @staticmethod
+    def _inside(position: int, limits: tuple[int, int]) -> int:
+        """A position of the user, or the software limit it is beyond."""
+        return max(limits[0], min(position, limits[1]))
+
+    def _set(self, goal: Goal) -> None:
+        outcome = self.outcome
+        self.goal = goal
+        self.sent = self.queued = 0
+        self._at_limit = outcome.fixed_stop = False
+        self._limit_since = self._stop_since = -1
+        outcome.to_fixed_stop = goal.torque is not None
+
+    def stand(self) -> None:
+        """Keep the function without a goal."""
+        self.goal = self.speed = None
+        self.queued = 0
+
+    # -- set-points -----------------------------------------------------------------------------------------------------
+
+    def follow(self, asked: Asked, now: int) -> None:
+        """Bring the motion in line with the goal: hold, resume, override, software limits."""
+        motion, goal = self.outcome.motion, self.goal
+        if self.speed is not None and (goal is None or goal.kind is _POSITION) != (self.limits is not None):
+            self._aim_speed()
+            goal = self.goal
+        if goal is None:
+            motion.kind = _STAND
+            motion.torque = None
+            self.held = None
+            self.outcome.to_fixed_stop = self.outcome.fixed_stop = False
+            return
+        held = self.held
+        holds = self.held = self._hold(goal, asked, now)
+        if goal.torque is not None:
+            self._look_for_fixed_stop(now)
+        if holds:
+            motion.kind = _STAND
+            self.queued = 0
+            return
+        override = asked.override if goal.scaled else FULL
+        if self.sent:
+            if not held and motion.override == override:
+                return
+            if goal.distance is not None and self._seen.given >= self.sent:
+                goal = self.goal = replace(goal, distance=None)  # never a second time
+        self._send(motion, goal, override)
+
+    def _hold(self, goal: Goal, asked: Asked, now: int) -> Reason | None:
+        """Why a goal is kept and not pursued."""
+        seen = self._seen
+        if not asked.no_intermediate_stop:
+            self._at_limit = False
+            self._limit_since = -1
+            return Reason.INTERMEDIATE_STOP
+        if goal.scaled and asked.override == 0:
+            return Reason.OVERRIDE_ZERO
+        stands = seen.internal_limit and seen.standstill and self.sent
+        # A fixed stop stands at the torque limit: that is what it is for.
+        if not stands or goal.torque is not None or self.arrived():
+            self._limit_since = -1
+        elif self._limit_since < 0:
+            self._limit_since = now
+        elif now - self._limit_since >= LIMIT_STANDING_NS:
+            self._at_limit = True
+        return Reason.TASK_AT_LIMIT if self._at_limit else None
+
+    def _send(self, motion: Motion, goal: Goal, override: int) -> None:
+        self.sent = motion.serial = serial = motion.serial + 1
+        self.queued = 0
+        motion.kind, motion.target, motion.distance = goal.kind, goal.target, goal.distance
+        motion.velocity, motion.acceleration, motion.deceleration = goal.velocity, goal.acceleration, goal.deceleration
+        motion.override, motion.immediate, motion.torque = override, True, goal.torque
+        if not self.first_serial:
+            self.first_serial = serial
+
+    def queue(self, position: int, absolute: bool, velocity: int, acceleration: int, deceleration: int) -> None:
+        """Give a position task that waits in the drive for the end of the goal; not beyond a limit, where it has to stop."""
+        goal = self.goal
+        if goal is None or self.held or self.queued or self._seen.taken < self.sent:
+            return
+        target = position - self.offset if absolute else goal.target + position
+        end = target + self.offset
+        if (self.limits is not None and self._inside(end, self.limits) != end) or not self.in_range(end, True):
+            return
+        motion = self.outcome.motion
+        motion.serial += 1
+        motion.target, motion.distance, motion.immediate = target, None, False
+        motion.velocity = min(velocity, self.settings.max_velocity)
+        motion.acceleration, motion.deceleration = acceleration, deceleration
+        self.queued = motion.serial
+
+    def take_queued(self) -> None:
+        """The drive has gone over to the set-point that waited: it is the goal now."""
+        motion = self.outcome.motion
+        self._set(
+            Goal(
+                _POSITION,
+                *(motion.target, None, motion.velocity, motion.acceleration, motion.deceleration),
+            )
+        )
+        self.sent = motion.serial
+
+    def _look_for_fixed_stop(self, now: int) -> None:
+        seen = self._seen
+        if not (seen.standstill and seen.torque_at_limit):
+            self._stop_since = -1
+        elif self._stop_since < 0:
+            self._stop_since = now
+        elif now - self._stop_since >= FIXED_STOP_NS:
+            self.outcome.fixed_stop = True

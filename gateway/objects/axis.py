@@ -1,0 +1,294 @@
+"""An axis: the axis machine bound to a drive's client. It has no rules; see ``gateway.objects.drive_object``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, ClassVar, Final
+
+from canopen.sdo import SdoAbortedError
+
+from pdgw.ds301.client import NodeClient
+from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR
+from pdgw.ds301.connection_set import NMT
+from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.node import NodeEvent
+from pdgw.dsp402.drive import DriveClient, DriveStatus
+from pdgw.dsp402.faults import DriveFault
+from pdgw.dsp402.indices import ABORT_OPTION
+from pdgw.dsp402.objects import CONTROLWORD, DRIVE_OBJECTS, ERROR_CODE, HOMING_METHOD, MODE
+from pdgw.dsp402.scaling import SCALING_OBJECTS
+from pdgw.dsp402.states import StatusBit, operates, state_of
+from pdgw.durations import MS
+from pdgw.gateway.axis.demand_report import SHOWN_FAULT
+from pdgw.gateway.axis.executors.positioner import PositionerExecutor
+from pdgw.gateway.axis.machine import AxisMachine
+from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS, FAULTY, POWERED
+from pdgw.gateway.axis.supervision.stop_supervision import Brake
+from pdgw.gateway.axis.values import Configured, FaultRead, Outputs
+from pdgw.gateway.configuration.config import AxisConfig
+from pdgw.gateway.configuration.positioner_values import PositionerValues
+from pdgw.gateway.motion.requests import PositionerChoices
+from pdgw.gateway.objects.drive_object import OWNED, DriveObject
+from pdgw.gateway.objects.enable_chain import Standing, axis_standing
+from pdgw.gateway.objects.encoder import EncoderObject
+from pdgw.gateway.objects.fault_buffer import ToldFault
+from pdgw.gateway.objects.sensor_link import SensorLink
+from pdgw.gateway.objects.touch_probe import ProbeReader
+from pdgw.gateway.store import DoParameters, UnitsWitnessed
+from pdgw.profidrive.sensor_format import SensorFormat
+from pdgw.profidrive.sign_of_life import MONITORING_OFF
+from pdgw.profidrive.telegrams import telegram
+
+_OWNED: Final = OWNED | {(ABORT_OPTION, 0), (GUARD_TIME, 0), (LIFE_TIME_FACTOR, 0), CONTROLWORD, MODE}
+_REFERENCES: Final = {*SCALING_OBJECTS, HOMING_METHOD}
+_SECOND_FORMAT: Final = SensorFormat(resolution=0, turns=0, xist1_absolute=False, valid=False)
+"""The drive's second encoder: what one revolution is, is not asked for."""
+_REACTION_MARGIN: Final = 2
+_NO_BRAKE: Final = Brake.NONE
+_WITHHOLD_HEARTBEAT: Final = Brake.WITHHOLD_HEARTBEAT
+"""A member of an enum is looked up each time it is used."""
+
+
+class Axis(DriveObject):
+    """A drive object (DO) with a drive behind it."""
+
+    kind: ClassVar[str] = "axis"
+
+    def __init__(
+        self,
+        config: AxisConfig,
+        network: CanNetwork,
+        cycle_time_ms: float,
+        number: int | None = None,
+        sign_of_life_failures: int = MONITORING_OFF,
+    ) -> None:
+        number = config.telegram if number is None else number
+        super().__init__(config.do_id, network, telegram(number))
+        self.config: AxisConfig = config
+        self.telegram_numbers = config.telegrams
+        self._cycle_time_ms = cycle_time_ms
+        drive_settings = config.drive_settings(number, cycle_time_ms)
+        # A command that was lost goes out again with the refresh; an answer that was lost comes again with the event timer.
+        travel_ms = drive_settings.rpdo_refresh_ms + drive_settings.tpdo_event_ms + cycle_time_ms
+        self._settings = replace(config.settings_at(cycle_time_ms), reaction_ns=int(_REACTION_MARGIN * travel_ms * MS))
+        self.drive = DriveClient(
+            network,
+            drive_settings,
+            config.drive_layout(number),
+            self.on_node_event,
+        )
+        self._sign_of_life_failures = sign_of_life_failures
+        """P925."""
+        self.machine = self._make_machine(number)
+        self._links: tuple[SensorLink | None, SensorLink | None] = (None, None)
+        """The encoders that are G1 and G2."""
+        self.units_witnessed: UnitsWitnessed | None = None
+        """What was kept of the last axis test."""
+        self._brake: Brake = _NO_BRAKE
+        self._word = 0
+        """The Controlword of the last step."""
+        self._probe = ProbeReader(self.drive, self._news)
+        self._probing = False
+        self.shows_supply = False
+        """Statusword.4 is its supply: it was set without power. Many drives set it only with their power stage."""
+        self._sound_until = 0
+        """When ZSW1.3 was 0 last."""
+
+    def _make_machine(self, number: int) -> AxisMachine:
+        machine = AxisMachine(number, self._settings, self.drive.feedback)
+        machine.tolerate(self._sign_of_life_failures)
+        return machine
+
+    def connect_sensor(self, encoder: EncoderObject, place: int) -> None:
+        """This encoder's channel is G1 (``place`` 0) or G2 (1)."""
+        link = SensorLink(encoder, place, self.do_id)
+        first, second = self._links
+        self._links = (first, link) if place else (link, second)
+        link.connect(self.machine)
+
+    def choose_positioner(self, choices: PositionerChoices) -> None:
+        """Other values for the positioner (P2571 and others), out of operation."""
+        self._settings = replace(self._settings, positioner=choices)
+        executor = self.machine.executor
+        if isinstance(executor, PositionerExecutor):
+            executor.choose(choices)
+            if self.drive.drive_type is not None:
+                self.references_changed()  # what the drive cannot do refuses operation
+
+    def positioner_values(self, stored: DoParameters) -> PositionerValues | None:
+        """The positioner's configuration with what was stored instead; None for an axis without one."""
+        config = self.config
+        if config.positioner is None:
+            return None
+        return PositionerValues(config.positioner, config.block, stored.positioner, stored.positioner_blocks)
+
+    @property
+    def client(self) -> DriveClient:
+        return self.drive
+
+    @property
+    def outputs(self) -> Outputs:
+        return self.machine.outputs
+
+    def on_node_event(self, event: NodeEvent) -> None:
+        super().on_node_event(event)
+        if event.kind == "references":
+            self.references_changed()
+
+    # -- cyclic -------------------------------------------------------------------------------------------------------
+
+    def step(self, setpoints: Sequence[int] | None, now: int) -> Outputs:
+        drive, machine = self.drive, self.machine
+        inputs = machine.inputs
+        inputs.now = now
+        inputs.setpoints = setpoints
+        inputs.doubt = self.doubt
+        inputs.drive_ok = drive.refresh(now)
+        inputs.set_point_refused = drive.set_point_refused
+        if machine.shows_codes:
+            if not machine.report.flags & SHOWN_FAULT:
+                self._sound_until = now
+            inputs.fault_code = self.fault_log.fault_code(self._sound_until - EMERGENCY_PATIENCE_NS)
+            inputs.warning_code = self.fault_log.warning_code(present=machine.outputs.warning)
+        inputs.node_stopped = drive.nmt_stopped
+        inputs.position_ns = drive.position_ns
+        if drive.generation != self._generation:
+            self._generation = drive.generation
+            inputs.news.append(Configured(drive.drive_type, drive.homing_method))
+        if self._news or self._future is not None:
+            self._deliver(inputs.news)
+        if machine.sensor is not None:
+            for link in self._links:
+                if link is not None:
+                    link.step(machine, now)
+        if setpoints is not None:
+            self.last_setpoints = setpoints
+        outputs = machine.step()
+        word = outputs.command.controlword
+        if word != self._word:
+            self._word = word
+            self.stops = not operates(word)
+        elif self.stops:
+            self.stops = False
+        if self._probing or outputs.probe is not None:
+            self._probing = self._probe.step(outputs.probe, now) or outputs.probe is not None
+        if outputs.eventful or outputs.writes is not None or outputs.reason is not self._told_reason:
+            self.stops = self.stops or outputs.reason not in (None, self._told_reason)
+            self._serve(outputs)
+            if outputs.read_fault:
+                drive.submit(self._read_fault)
+        return outputs
+
+    def transmit(self, now: int) -> None:
+        outputs, guarding = self.machine.outputs, self.drive.guarding
+        # A drive that guards the gateway by its RPDOs is stopped by their absence.
+        if outputs.brake is not _WITHHOLD_HEARTBEAT or guarding is None or not guarding.rpdos:
+            self.drive.send(outputs.command, now, stop=self.stops)
+        else:
+            self.drive.withhold()
+        if outputs.brake is not self._brake:
+            self._brake = outputs.brake
+            by_sync = outputs.brake is _WITHHOLD_HEARTBEAT and guarding is not None and guarding.sync
+            self.network.hold_sync(self.node_id, held=by_sync)
+            if outputs.brake is not _NO_BRAKE:
+                self.network.send(NMT, bytes((NmtCommand.STOP, self.node_id)))
+
+    def _read_fault(self, drive: DriveClient) -> None:
+        own = drive.drive_type.quirks.fault_number if drive.drive_type is not None else None
+        numbers = []
+        for address in (own, ERROR_CODE):
+            try:
+                numbers.append(0 if address is None else drive.read_number(*address))
+            except SdoAbortedError:
+                numbers.append(0)
+        self._news.append(FaultRead(*numbers))
+
+    # -- what others ask --------------------------------------------------------------------------------------------------
+
+    @property
+    def powered(self) -> bool:
+        """The power stage may be on."""
+        return self.drive.status is DriveStatus.ONLINE and state_of(self.drive.feedback.statusword) in POWERED
+
+    @property
+    def standing(self) -> Standing:
+        return axis_standing(self)
+
+    def _serve(self, outputs: Outputs) -> None:
+        shown = self.drive.feedback.statusword
+        if outputs.good and shown & StatusBit.VOLTAGE_ENABLED and state_of(shown) not in POWERED:
+            self.shows_supply = True
+        super()._serve(outputs)
+
+    @property
+    def cause(self) -> ToldFault | None:
+        in_fault = state_of(self.drive.feedback.statusword) in FAULTY
+        return self.fault_log.cause(self.machine.fault_began - EMERGENCY_PATIENCE_NS if in_fault else 0)
+
+    @property
+    def withholds_heartbeat(self) -> bool:
+        """The drive obeys nothing else: without the gateway's heartbeat its own abort option stops it."""
+        return self.machine.outputs.brake is _WITHHOLD_HEARTBEAT
+
+    def owns(self, index: int, subindex: int) -> bool:
+        address = (index, subindex)
+        if address in _OWNED:
+            return True
+        # The exchange with the drive runs whenever it is online, with or without a PLC: a value would not last.
+        commanded = () if self.drive.plan is None else self.drive.plan.commanded
+        return any(address == entry.address for entry in commanded)
+
+    def is_reference(self, index: int, subindex: int) -> bool:
+        return (index, subindex) in _REFERENCES
+
+    def read_references(self, client: NodeClient[Any]) -> None:
+        self.drive.learn()
+        self.drive.homing_method = self.drive.read_number(*HOMING_METHOD, signed=True)
+
+    def references_changed(self) -> None:
+        self._news.append(Configured(self.drive.drive_type, self.drive.homing_method, restarted=False))
+
+    @property
+    def sensor_formats(self) -> tuple[SensorFormat, ...]:
+        """P979: what G1 and, where there is one, G2 is."""
+        first, second = self._links
+        formats = (self._own_format if first is None else first.sensor_format,)
+        if self.machine.second_sensor is None:
+            return formats
+        return (*formats, _SECOND_FORMAT if second is None else second.sensor_format)
+
+    @property
+    def _own_format(self) -> SensorFormat:
+        """The drive's own position, counted from power-on; not valid while a revolution is no known number of units."""
+        drive = self.drive.drive_type
+        counts = drive.scaling.counts_per_revolution if drive is not None else None
+        if counts is None or counts.denominator != 1:
+            return SensorFormat(0, turns=0, xist1_absolute=False, validity_static=False, valid=False)
+        return SensorFormat(counts.numerator, turns=0, xist1_absolute=False)
+
+    @property
+    def manufacturer_faults(self) -> Mapping[int, DriveFault]:
+        """The drive's own fault numbers, as far as its family is known."""
+        return self.drive.drive_type.faults if self.drive.drive_type is not None else {}
+
+    def set_sign_of_life_tolerance(self, failures: int) -> None:
+        self._sign_of_life_failures = failures
+        self.machine.tolerate(failures)
+
+    def entry_size(self, index: int, subindex: int) -> tuple[int, bool]:
+        entry = DRIVE_OBJECTS.entry(index, subindex)
+        return entry.type.bits // 8, entry.type.char.islower()
+
+    def change_telegram(self, number: int) -> None:
+        machine = self._make_machine(number)
+        machine.adopt(self.machine)
+        self.machine = machine
+        self.drive.reconfigure(
+            self.config.drive_layout(number), self.config.drive_settings(number, self._cycle_time_ms)
+        )
+        self._telegram_changed(telegram(number))
+        for link in self._links:
+            if link is not None:
+                link.connect(machine)

@@ -1,0 +1,274 @@
+"""What a drive object (DO) of the gateway is, drive or encoder: a machine, a node, and what carries values between both.
+
+No rules here: the machine decides (``gateway.axis``), this hands it what happened and does what it asks for. ``step`` computes
+and leaves the actual values ready, ``transmit`` sends the RPDOs; neither waits. SDO work runs beside the exchange.
+"""
+
+from __future__ import annotations
+
+import abc
+import logging
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import Future
+from typing import Any, ClassVar
+
+from pdgw.ds301.client import NodeClient
+from pdgw.ds301.communication import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT
+from pdgw.ds301.connection_set import NMT
+from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.node import NodeEvent, NodeStatus
+from pdgw.gateway.axis.values import (
+    FaultRecord,
+    News,
+    NodeNotice,
+    Notice,
+    Outputs,
+    RestartAsked,
+    SdoAnswer,
+    SdoWrite,
+    gateway_fault,
+)
+from pdgw.gateway.configuration.config import AxisConfig
+from pdgw.gateway.configuration.encoder import EncoderConfig
+from pdgw.gateway.objects.enable_chain import Standing
+from pdgw.gateway.objects.fault_buffer import FaultLog, ToldFault
+from pdgw.gateway.reasons import FaultNumber, OrderDoubt, Reason
+from pdgw.profidrive.telegrams import Telegram
+
+log = logging.getLogger("gateway")
+
+OWNED = frozenset({(CONSUMER_HEARTBEAT, 1), (PRODUCER_HEARTBEAT, 0)})
+"""What guards gateway and device against each other."""
+_NOTICE_OF_KIND = {
+    "emcy": Notice.EMERGENCY,
+    "boot": Notice.BOOT,
+    "refused": Notice.REFUSED,
+    "set-point": Notice.SET_POINT_REFUSED,
+    "off": Notice.OFF,
+    "units": Notice.UNITS_CHANGED,
+}
+_NOTICE_OF_STATUS = {
+    NodeStatus.LOST: Notice.LOST,
+    NodeStatus.ONLINE: Notice.ONLINE,
+    NodeStatus.OFFLINE: Notice.ABSENT,
+}
+
+
+class DriveObject(abc.ABC):
+    """A drive object with a node behind it, which it may share with others."""
+
+    kind: ClassVar[str]
+    """``axis`` or ``encoder``, in the log."""
+    telegram_numbers: tuple[int, ...]
+    """What P922 may select."""
+
+    config: AxisConfig | EncoderConfig
+
+    def __init__(self, do_id: int, network: CanNetwork, chosen: Telegram) -> None:
+        self.do_id = do_id
+        self.network = network
+        self.telegram = chosen
+        self.stops = False
+        """The last step stops the device: ``transmit`` it before what moves others."""
+        self.fault_log = FaultLog(network.loop.now())
+        self.last_setpoints: Sequence[int] | None = None
+        """What the PLC last sent, also after its loss."""
+        self.doubt = OrderDoubt.NONE
+        """Whether the PLC may have ordered something that the next step is not given."""
+        self._news: deque[News] = deque()
+        """What happened since the last step."""
+        self._generation = 0
+        self._told_reason: Reason | None = None
+        self._shown_reason: Reason | None = None
+        """What the log had last."""
+        self.gateway_stops = False
+        """The gateway is being stopped: nobody has lost the PLC."""
+        self._writes: tuple[SdoWrite, ...] | None = None
+        """What the last SDO job writes."""
+        self._future: Future[None] | None = None
+
+    # -- the device's part ------------------------------------------------------------------------------------------------
+
+    @property
+    @abc.abstractmethod
+    def client(self) -> NodeClient[Any]:
+        """The client of its node."""
+
+    @property
+    @abc.abstractmethod
+    def outputs(self) -> Outputs:
+        """What the last step decided."""
+
+    @abc.abstractmethod
+    def step(self, setpoints: Sequence[int] | None, now: int) -> Outputs:
+        """One cycle: feedback in, decide; returns ``outputs``. Nothing was sent."""
+
+    def transmit(self, now: int) -> None:  # noqa: B027 - an encoder is sent nothing
+        """Send what the last step commands."""
+
+    def cycle(self, setpoints: Sequence[int] | None, now: int) -> None:
+        """``step`` and ``transmit``, where nothing has to come between them."""
+        self.step(setpoints, now)
+        self.transmit(now)
+
+    @property
+    @abc.abstractmethod
+    def powered(self) -> bool:
+        """Something may move."""
+
+    @property
+    def released(self) -> bool:
+        """See ``Outputs.released``."""
+        return self.outputs.released
+
+    @abc.abstractmethod
+    def entry_size(self, index: int, subindex: int) -> tuple[int, bool]:
+        """Bytes of an object the machine writes, and whether it is signed."""
+
+    @abc.abstractmethod
+    def change_telegram(self, number: int) -> None:
+        """P922: another telegram, between two steps. The daemon has checked that nothing moves."""
+
+    @abc.abstractmethod
+    def owns(self, index: int, subindex: int) -> bool:
+        """The gateway itself writes this object: nobody else may."""
+
+    @abc.abstractmethod
+    def is_reference(self, index: int, subindex: int) -> bool:
+        """The gateway has a copy of this object, which a write makes old."""
+
+    @abc.abstractmethod
+    def read_references(self, client: NodeClient[Any]) -> None:
+        """Read the copies anew, as a job of the node."""
+
+    @abc.abstractmethod
+    def references_changed(self) -> None:
+        """The references were read anew; the next cycle takes them."""
+
+    @abc.abstractmethod
+    def set_sign_of_life_tolerance(self, failures: int) -> None:
+        """P925."""
+
+    @property
+    def node_id(self) -> int:
+        """CANopen node-ID."""
+        return self.config.node_id
+
+    @property
+    def actuals(self) -> Sequence[int]:
+        """Raw actual values in telegram order."""
+        return self.outputs.actuals
+
+    @property
+    def good(self) -> bool:
+        """The actual values are valid: the IOPS of the drive object."""
+        return self.outputs.good
+
+    @property
+    def reason(self) -> Reason | None:
+        """Why it does not do what the PLC asks, None when it does."""
+        return self.outputs.reason
+
+    @property
+    def warning(self) -> bool:
+        """A warning of the gateway stands."""
+        return self.outputs.warning
+
+    @property
+    def faults(self) -> Sequence[FaultRecord]:
+        """What happened lately, warnings included, oldest first."""
+        return self.fault_log.history
+
+    @property
+    @abc.abstractmethod
+    def standing(self) -> Standing:
+        """State word and chain of enables, as the last step left them."""
+
+    @property
+    def cause(self) -> ToldFault | None:
+        """The fault to name first, None when all are acknowledged."""
+        return self.fault_log.cause()
+
+    # -- around the machine's step ----------------------------------------------------------------------------------------
+
+    def _deliver(self, news: list[News]) -> None:
+        """Hand over what happened since the last step."""
+        future, writes = self._future, self._writes
+        if future is not None and writes is not None and future.done():
+            error = future.exception()
+            self._future = None
+            news.append(SdoAnswer(writes, None if error is None else str(error)))
+        waiting = self._news
+        while waiting:
+            news.append(waiting.popleft())
+
+    def _serve(self, outputs: Outputs) -> None:
+        """Do and tell what the step asks for, where it asks for anything."""
+        writes = outputs.writes
+        if writes is not None and writes is not self._writes and self._future is None:
+            self._writes = writes
+            self._future = self.client.submit(lambda client: self._write_all(client, writes))
+        if outputs.eventful:
+            self._tell(outputs)
+        self._told_reason = outputs.reason
+        standing = self.standing
+        shown = None if standing.broken is None else standing.broken.reason
+        if shown is not self._shown_reason:
+            self._shown_reason = shown
+            log.info("%s %d: %s", self.kind, self.do_id, standing.sentence, extra={"event": "reason", "do": self.do_id})
+
+    def _tell(self, outputs: Outputs) -> None:
+        for record in outputs.faults:
+            self._record(record)
+        for text in outputs.told:
+            log.info("%s %d: %s", self.kind, self.do_id, text, extra={"event": "node", "do": self.do_id})
+        if outputs.acknowledged:
+            self.fault_log.acknowledge()
+        if outputs.emergency_over:
+            self.fault_log.emergency_over()
+
+    def _write_all(self, client: NodeClient[Any], writes: Sequence[SdoWrite]) -> None:
+        for item in writes:
+            size, signed = self.entry_size(item.index, item.subindex)
+            client.write(item.index, item.subindex, item.value.to_bytes(size, "little", signed=signed))
+
+    def _telegram_changed(self, chosen: Telegram) -> None:
+        self.telegram = chosen
+        self.last_setpoints = None
+        self._future = self._writes = None
+        log.info("%s %d: telegram %d selected", self.kind, self.do_id, chosen.number)
+
+    # -- what others tell -------------------------------------------------------------------------------------------------
+
+    def raise_fault(self, number: FaultNumber, detail: str, now: int) -> None:
+        """A fault of the gateway's own table."""
+        self._record(gateway_fault(number, detail, now))
+
+    def reset_node(self) -> None:
+        """P972: restart of the node; it is configured anew by itself and starts nothing."""
+        self._news.append(RestartAsked())
+        self.network.send(NMT, bytes((NmtCommand.RESET_NODE, self.node_id)))
+
+    def _record(self, record: FaultRecord) -> None:
+        self.fault_log.enter(record)
+        log.log(
+            logging.WARNING if record.is_warning else logging.ERROR,
+            "%s %d: fault %d, code %04Xh: %s",
+            self.kind,
+            self.do_id,
+            record.number,
+            record.code,
+            record.text,
+            extra={"event": "warning" if record.is_warning else "fault", "do": self.do_id, "fault": int(record.number)},
+        )
+
+    def on_node_event(self, event: NodeEvent) -> None:
+        """What the node's client tells; the next step takes it."""
+        notice = _NOTICE_OF_KIND.get(event.kind)
+        if notice is None:
+            notice = _NOTICE_OF_STATUS.get(self.client.status, Notice.PROGRESS)
+            if notice is Notice.LOST and not self.network.healthy:
+                notice = Notice.BUS_LOST
+        self._news.append(NodeNotice(notice, event.text, event.time_ns, event.code, event.register, event.data))

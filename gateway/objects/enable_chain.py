@@ -1,0 +1,260 @@
+"""The chain of enables of a drive object: each link with its state, its evidence and its remedy.
+
+Each link is judged by itself from the facts at hand; the first broken link gives reason, remedy and state word. Physical links
+come first (bus, node, supply, fault), then the drive, then the PLC's program. Status, page, metrics, MQTT, log and JSON show
+what this module returns and derive nothing themselves.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from pdgw.ds301.emcy import emcy_remedy
+from pdgw.ds301.node import NodeStatus
+from pdgw.dsp402.states import State, StatusBit, state_of
+from pdgw.durations import SECOND
+from pdgw.gateway.axis.demand_report import Demand, PowerWish
+from pdgw.gateway.axis.power_table import Phase
+from pdgw.gateway.axis.supervision.drive_events import FAULTY, POWERED
+from pdgw.gateway.reasons import AxisState, Enable, FaultNumber, Reason
+
+if TYPE_CHECKING:
+    from pdgw.gateway.objects.axis import Axis
+    from pdgw.gateway.objects.drive_object import DriveObject
+    from pdgw.gateway.objects.encoder import EncoderObject
+
+_PHYSICAL = (Enable.BUS, Enable.NODE)
+AXIS_CHAIN: Final = (
+    *_PHYSICAL,
+    Enable.SUPPLY,
+    Enable.NO_FAULT,
+    Enable.OPERATION,
+    Enable.PLC,
+    Enable.CONTROL,
+    Enable.ON_EDGE,
+    Enable.SETPOINT,
+)
+ENCODER_CHAIN: Final = (*_PHYSICAL, Enable.NO_FAULT, Enable.PLC, Enable.CONTROL, Enable.SENSOR)
+_ASKS = (PowerWish.ON, PowerWish.ENABLE, PowerWish.RESUME, PowerWish.HOLD)
+_STOPS: Final = {
+    PowerWish.COAST: Reason.COAST_STOP,
+    PowerWish.QUICK_STOP: Reason.QUICK_STOP,
+    PowerWish.QUICK_STOP_DISABLED: Reason.QUICK_STOP,
+    PowerWish.ON: Reason.ENABLE_MISSING,
+}
+"""What the PLC asks instead of operation; its OFF is a ramp stop first, which the phase shows."""
+_PHASES: Final = {
+    Phase.RAMP_STOP: Reason.RAMP_STOP,
+    Phase.SHUTDOWN: Reason.RAMP_STOP,
+    Phase.QUICK_STOP: Reason.QUICK_STOP,
+}
+"""Stops that have to end before an ON counts; in the other phases an OFF is missing."""
+_ACKNOWLEDGE: Final = {
+    Reason.DRIVE_FAULT: "then acknowledge (STW1.7)",
+    Reason.SENSOR_ERROR: "then acknowledge (G1_STW.15)",
+}
+
+
+class ChainLink(NamedTuple):
+    """One link of the chain."""
+
+    enable: Enable
+    ok: bool | None
+    """None where it cannot be judged: nothing is known of a drive behind a broken bus."""
+    reason: Reason | None = None
+    """Of a broken link."""
+    evidence: str = ""
+    """What shows that it is broken."""
+    remedy: str = ""
+    """What to do about it."""
+
+
+class Standing(NamedTuple):
+    """State word and chain."""
+
+    state: AxisState
+    chain: tuple[ChainLink, ...]
+
+    @property
+    def broken(self) -> ChainLink | None:
+        """The first broken link: it gives reason and remedy. None of an object in operation."""
+        return next((link for link in self.chain if link.ok is False), None)
+
+    @property
+    def sentence(self) -> str:
+        """State, reason and remedy: ``Fault: EMCY 7305h incremental sensor 1, since 14:02:11. Check the encoder cable.``"""
+        link = self.broken
+        if link is None:
+            return self.state.value
+        return f"{self.state.value}: {link.evidence}. {link.remedy[:1].upper()}{link.remedy[1:]}."
+
+
+class _Chain:
+    """The links of one drive object while they are judged."""
+
+    def __init__(self, item: DriveObject, enables: tuple[Enable, ...]) -> None:
+        self.item = item
+        self._links = {enable: ChainLink(enable, None) for enable in enables}
+
+    def holds(self, enable: Enable) -> None:
+        self._links[enable] = ChainLink(enable, True)
+
+    def breaks(self, reason: Reason, evidence: str = "", remedy: str = "", at: Enable | None = None) -> None:
+        """``at``: another link than the one the reason declares."""
+        enable = reason.enable if at is None else at
+        self._links[enable] = ChainLink(enable, False, reason, evidence or reason.value, remedy or reason.remedy)
+
+    def judge_node(self, offline: Reason) -> bool:
+        """Bus and node; False when nothing can be said of the device behind them."""
+        network, client = self.item.network, self.item.client
+        if not network.healthy:
+            self.breaks(Reason.BUS_LOST, f"bus {network.name}: bus-off, or its interface is lost")
+            return False
+        self.holds(Enable.BUS)
+        if self.item.good:
+            self.holds(Enable.NODE)
+            return True
+        match client.status:
+            case NodeStatus.REFUSED:
+                self.breaks(Reason.NODE_REFUSED, f"node {self.item.node_id} is refused: {client.status_text}")
+            case NodeStatus.CONFIGURING:
+                self.breaks(Reason.NODE_CONFIGURING, f"node {self.item.node_id} is being configured")
+            case NodeStatus.ONLINE:
+                self.breaks(offline, f"node {self.item.node_id} on bus {network.name} sends no data in time")
+            case _:
+                self.breaks(offline, f"node {self.item.node_id} on bus {network.name}: {client.status_text}")
+        return False
+
+    def judge_fault(self, reason: Reason) -> None:
+        """Name the device's own fault, as far as it is known."""
+        cause = self.item.cause
+        if cause is None or not cause.record.of_device:
+            self.breaks(reason)
+            return
+        record, loop = cause.record, self.item.client.loop
+        since = datetime.fromtimestamp(loop.wall() - (loop.now() - record.time_ns) / SECOND)
+        self.breaks(
+            reason, f"{record.text}, since {since:%H:%M:%S}", f"{emcy_remedy(record.code)}; {_ACKNOWLEDGE[reason]}"
+        )
+
+    def judge_own_fault(self, reason: Reason, number: FaultNumber) -> None:
+        """Name what the gateway itself reported with a fault of its own."""
+        told = (record.text for record in reversed(self.item.faults) if record.number == number)
+        self.breaks(reason, next(told, ""))
+
+    def judge_plc(self, *, connected: bool, never: Reason, lost: bool) -> bool:
+        if connected:
+            self.holds(Enable.PLC)
+        elif self.item.gateway_stops:
+            self.breaks(Reason.GATEWAY_STOPS)
+        else:
+            self.breaks(Reason.PLC_LOST if lost else never)
+        return connected
+
+    def keep(self, reason: Reason | None) -> None:
+        """What the machine reports breaks a link too, unless a broken link explains it already."""
+        if reason is not None and all(link.ok is not False for link in self._links.values()):
+            self.breaks(reason)
+
+    def standing(self, *, stops: bool = False) -> Standing:
+        chain = tuple(self._links.values())
+        broken = next((link.reason for link in chain if link.reason is not None), None)
+        state = AxisState.OBEYS if broken is None else broken.state
+        return Standing(AxisState.STOPPING if stops and state is not AxisState.FAULT else state, chain)
+
+
+def asks_for_operation(demand: Demand) -> bool:
+    """Whether the PLC is there and wants the axis in operation: what is missing then is the drive's to do."""
+    return demand.connected and demand.power in _ASKS
+
+
+def axis_standing(axis: Axis) -> Standing:
+    """Of an axis, as its last step left it."""
+    chain, machine = _Chain(axis, AXIS_CHAIN), axis.machine
+    demand, reason = machine.demand, machine.outputs.reason
+    if chain.judge_node(Reason.DRIVE_OFFLINE):
+        _judge_drive(chain, axis, state_of(axis.drive.feedback.statusword))
+    life = machine.life
+    connected = machine.inputs.setpoints is not None
+    if chain.judge_plc(connected=connected, never=Reason.NO_PLC, lost=machine.interlock.plc_was_there):
+        if life is not None and life.lost:
+            chain.breaks(Reason.PLC_STALLED)
+        if not demand.in_control:
+            chain.breaks(Reason.NO_CONTROL)
+        else:
+            chain.holds(Enable.CONTROL)
+            _judge_command(chain, axis)
+    chain.keep(reason)
+    return chain.standing(stops=axis.good and axis.powered and not axis.released)
+
+
+def _judge_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
+    """Supply, fault and operation of a drive that is online."""
+    machine, powered = axis.machine, state in POWERED
+    reason, statusword = machine.outputs.reason, axis.drive.feedback.statusword
+    commanded = asks_for_operation(machine.demand) and machine.interlock.reason is Reason.NOT_OPERATING
+    if state in FAULTY:
+        chain.judge_fault(Reason.DRIVE_FAULT)
+    elif state is None:
+        chain.breaks(Reason.DRIVE_UNKNOWN_STATE, f"Statusword {statusword:04X}h is no state of a CiA 402 drive")
+    elif machine.check.locked:
+        chain.judge_own_fault(Reason.UNITS_CONTRADICTED, FaultNumber.VELOCITY)
+    elif not machine.usable:
+        chain.judge_own_fault(Reason.REFERENCE_INVALID, FaultNumber.REFERENCE)
+    else:
+        chain.holds(Enable.NO_FAULT)
+    if powered or statusword & StatusBit.VOLTAGE_ENABLED:
+        chain.holds(Enable.SUPPLY)
+    elif axis.shows_supply or commanded:
+        chain.breaks(Reason.NO_SUPPLY)
+    if reason is Reason.MODE_NOT_CONFIRMED:
+        chain.breaks(reason)
+    elif state is State.OPERATION_ENABLED:
+        chain.holds(Enable.OPERATION)
+    elif commanded and state is not None and machine.demand.power is not PowerWish.ON:
+        chain.breaks(Reason.NOT_OPERATING, f"ON is commanded, and the drive shows {state.value}")
+
+
+def _judge_command(chain: _Chain, axis: Axis) -> None:
+    """ON and setpoint of a PLC that has control."""
+    machine, phase = axis.machine, axis.machine.interlock.phase
+    asked, reason = machine.demand.power, machine.outputs.reason
+    missing = _STOPS.get(asked)
+    if missing is None and asked not in _ASKS:
+        missing = _PHASES.get(phase, Reason.SWITCHED_OFF)
+    if missing is None and not axis.released:
+        missing = _PHASES.get(phase, Reason.NEEDS_OFF)
+    if missing is not None:
+        chain.breaks(missing)
+        return
+    chain.holds(Enable.ON_EDGE)
+    if reason is not None and reason.enable is Enable.SETPOINT:
+        chain.breaks(reason)
+    elif reason is None:
+        chain.holds(Enable.SETPOINT)
+
+
+def encoder_standing(encoder: EncoderObject) -> Standing:
+    """Of an encoder, as its last step left it."""
+    chain, machine = _Chain(encoder, ENCODER_CHAIN), encoder.machine
+    reason = machine.outputs.reason
+    if chain.judge_node(Reason.ENCODER_OFFLINE):
+        if machine.in_error:
+            chain.judge_fault(Reason.SENSOR_ERROR)
+        elif not machine.usable:
+            chain.judge_own_fault(Reason.REFERENCE_INVALID, FaultNumber.REFERENCE)
+        else:
+            chain.holds(Enable.NO_FAULT)
+            if reason is not None and reason.enable is Enable.SENSOR:
+                chain.breaks(reason)
+            else:
+                chain.holds(Enable.SENSOR)
+    connected = machine.adapter.control is not None
+    if chain.judge_plc(connected=connected, never=Reason.ENCODER_NO_PLC, lost=False):
+        if machine.control.has_control:
+            chain.holds(Enable.CONTROL)
+        else:
+            chain.breaks(Reason.ENCODER_NO_CONTROL)
+    chain.keep(reason)
+    return chain.standing()

@@ -1,0 +1,142 @@
+"""The acyclic server's edge: a UDP port and a task, beside the cyclic exchange."""
+
+from __future__ import annotations
+
+from collections import deque
+from functools import partial
+from ipaddress import IPv4Network
+from typing import TYPE_CHECKING
+
+from pdgw.ds301.loop import Event, Task
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.links.udp import Address
+from pdgw.gateway.parameters.manager import ParameterManager
+from pdgw.gateway.parameters.profile import MAX_BLOCK
+from pdgw.gateway.parameters.records import Records
+from pdgw.profinet.rpc.records import NIL
+from pdgw.profinet.rpc.server import RecordHandler, RecordServer
+
+if TYPE_CHECKING:
+    from pdgw.gateway.links.profinet.link import ProfinetLink
+
+_AT_ONCE = 16
+_CALL = "a call of the record port was ended"
+
+
+class AcyclicServer:
+    """A daemon's service: the parameter channel and the identification records on the acyclic port."""
+
+    def __init__(self, daemon: Daemon) -> None:
+        transport = daemon.config.transport
+        self._loop = daemon.loop
+        self.port = daemon.edge.open_udp(str(transport.listen), transport.acyclic_port, "acyclic port")
+        self._manager = ParameterManager(daemon)
+        serial = transport.station_name[:16]
+        writers = daemon.config.parameters.writers(transport.listen)
+        records = Records(
+            self._manager,
+            daemon.store,
+            daemon.update_store,
+            transport.ar_uuid,
+            serial,
+            writers,
+            vendor_id=transport.vendor_id,
+        )
+        self.server: RecordServer[Address] = RecordServer(
+            records.of, MAX_BLOCK, boot_time=int(daemon.loop.wall()) & 0xFFFFFFFF
+        )
+        self.server.on_error = partial(daemon.loop.unexpected, _CALL)
+        self._datagrams: deque[tuple[bytes, Address]] = deque()
+        self._filled = Event(daemon.loop)
+        self._task: Task | None = None
+        add = daemon.loop.counters.add
+        add("records", "malformed", "datagrams", "that were no RPC packets", lambda: self.server.malformed)
+        add("records", "repeated", "calls", "answered again", lambda: self.server.repeated)
+        add("records", "errors", "datagrams", "not sent or not received", lambda: self.port.errors)
+
+    @property
+    def address(self) -> Address:
+        """Where it listens."""
+        return self.port.address
+
+    def start(self) -> None:
+        self._task = self._loop.spawn(self._serve, "acyclic server")
+
+    def stop(self) -> None:
+        """Requests in work are dropped; nobody is answered any more."""
+        if self._task is not None:
+            self._task.kill()
+        self._manager.stop()
+        self.port.close()
+
+    def _on_readable(self) -> None:
+        """By budget: what the task has not served yet waits in the kernel, and a flood is lost there."""
+        for _ in range(_AT_ONCE):
+            datagram = self.port.receive()
+            if datagram is None:
+                break
+            self._datagrams.append(datagram)
+        if self._datagrams:
+            self.port.pause()
+            self._filled.set()
+
+    def _serve(self) -> None:
+        while True:
+            if not self._datagrams:
+                self._filled.clear()
+                self.port.start(self._on_readable)
+                self._filled.wait()
+            data, source = self._datagrams.popleft()
+            try:
+                for answer in self.server.receive(data, source, self._loop.now()):
+                    self.port.send(answer, source)
+            except Exception as error:  # of one datagram: the next is served
+                self._loop.unexpected(_CALL, error)
+            # One datagram a slice: the exchange comes first.
+            self._loop.sleep(0)
+
+
+class ProfinetRecords:
+    """A daemon's service: the same records by the RPC of its PROFINET device.
+
+    The IO controller may write; others with a device access relationship only where ``write_from`` has them. An answer is for
+    the relationship that asked, whatever activities its calls have.
+    """
+
+    def __init__(self, daemon: Daemon, link: ProfinetLink) -> None:
+        self._manager = ParameterManager(daemon)
+        transport = daemon.config.transport
+        self._records = Records(
+            self._manager,
+            daemon.store,
+            daemon.update_store,
+            None,
+            transport.station_name[:16],
+            vendor_id=transport.vendor_id,
+        )
+        self._write_from = daemon.config.parameters.write_from or ()
+        self._link = link
+        link.serve_records(self._of)
+
+    def _of(self, host: str) -> RecordHandler:
+        relation = self._link.device.relation
+        controller = () if relation is None else (IPv4Network(relation.source[0]),)
+        self._records.writers = (*controller, *self._write_from)
+        return self._records.of((host, 0), NIL)
+
+    def start(self) -> None:
+        """The link listens already."""
+
+    def stop(self) -> None:
+        """Requests in work are dropped."""
+        self._manager.stop()
+
+
+def record_service(daemon: Daemon) -> AcyclicServer | ProfinetRecords:
+    """What serves the records on the transport of a daemon."""
+    if daemon.config.transport.type == "udp":
+        return AcyclicServer(daemon)
+    from pdgw.gateway.links.profinet.link import ProfinetLink  # noqa: PLC0415 (the other transport starts without)
+
+    assert isinstance(daemon.link, ProfinetLink)
+    return ProfinetRecords(daemon, daemon.link)

@@ -1,0 +1,241 @@
+"""The records of the gateway: parameter access points B02Eh/B02Fh and I&M0 to I&M4, for every slot.
+
+Slot 0 is the device, slot n the n-th axis; subslot 1 is the parameter access point. Source: docs/transport.md section 3.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
+from ipaddress import IPv4Address, IPv4Network
+from uuid import UUID
+
+from pdgw.gateway import identity
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.links.udp import Address
+from pdgw.gateway.parameters.manager import ParameterManager
+from pdgw.gateway.parameters.profile import MAX_BLOCK
+from pdgw.gateway.store import DeviceParameters, ParameterStore
+from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profidrive.parameters.codec import HEADER_SIZE, RequestId
+from pdgw.profinet.model import DAP_SLOT, INTERFACE_SUBSLOT, PORT_SUBSLOT, TELEGRAM_SUBSLOT
+from pdgw.profinet.rpc import identification
+from pdgw.profinet.rpc.records import (
+    RECORD_GLOBAL,
+    RECORD_LOCAL,
+    AccessError,
+    RecordBlock,
+    RecordRefused,
+    UnknownArUuid,
+)
+
+log = logging.getLogger("gateway")
+
+ACCESS_POINT = 1
+"""Subslot of the parameter access point."""
+_APIS = (0, identification.PROFILE_ID)
+_DEVICE_SUBSLOTS, _OBJECT_SUBSLOTS = {INTERFACE_SUBSLOT, PORT_SUBSLOT}, {TELEGRAM_SUBSLOT}
+"""Further subslots of slot 0 and of a drive object: they answer with the device's I&M0."""
+_REQUEST_ID_OFFSET = 1
+_OUTSTANDING = 32
+"""Requests of all callers that are in work or whose answers were not fetched yet."""
+_TOLD = 16
+"""So many addresses that may not write are named in the log."""
+_IDENTIFICATION = range(identification.INDEX, identification.INDEX + 5)
+_STORED: dict[int, tuple[str, ...]] = {
+    1: ("im1_function", "im1_location"),
+    2: ("im2_date",),
+    3: ("im3_descriptor",),
+    4: ("im4_signature",),
+}
+"""Where the parameter store keeps the writable identification."""
+
+
+@dataclass(frozen=True, slots=True)
+class Caller:
+    """Who asks: the address, and the activity of its remote procedure calls."""
+
+    address: Address
+    activity: UUID
+
+
+_Owner = tuple[UUID, Caller, int, int]
+"""AR, caller, slot and record index of an outstanding request."""
+
+
+class Records:
+    """Serves record access for the acyclic server, in its task; ``of`` has the view of one caller.
+
+    One parameter request is outstanding per access point and record: while it is in work, a further write and a read are a state
+    conflict. Its answer is for its caller alone, and waits for him beside those for others; his next request replaces it.
+    ``writers``: the networks parameters and I&M may be written from, None for everywhere; it may be another one for each call.
+    ``ar_uuid`` None: who calls has checked the relationship.
+    """
+
+    def __init__(
+        self,
+        manager: ParameterManager,
+        store: ParameterStore,
+        update_store: Callable[[Callable[[DeviceParameters], None]], None],
+        ar_uuid: UUID | None,
+        station_serial: str,
+        writers: Sequence[IPv4Network] | None = None,
+        *,
+        vendor_id: int = identity.VENDOR_ID,
+    ) -> None:
+        self._vendor_id = vendor_id
+        self._manager = manager
+        self._store = store
+        self._update_store = update_store
+        self._ar_uuid = ar_uuid
+        self._serial = station_serial
+        self.writers = writers
+        self._told: set[str] = set()
+        self._in_work: dict[tuple[int, int], Future[bytes | None]] = {}
+        self._requests: OrderedDict[_Owner, Future[bytes | None]] = OrderedDict()
+
+    def of(self, address: Address, activity: UUID) -> CallerRecords:
+        """What a caller may do, as a RecordHandler."""
+        return CallerRecords(self, Caller(address, activity))
+
+    def write(self, caller: Caller, block: RecordBlock, data: bytes) -> None:
+        """As ``RecordHandler.write``."""
+        self._check_place(block, implicit=False)
+        if block.index in {RECORD_LOCAL, RECORD_GLOBAL}:
+            self._request(caller, block, data)
+        elif block.index in _IDENTIFICATION:
+            self._check_writer(caller)
+            self._write_identification(block.index - identification.INDEX, data)
+        else:
+            raise RecordRefused(AccessError.INVALID_INDEX)
+
+    def read(self, caller: Caller, block: RecordBlock, *, implicit: bool) -> bytes:
+        """As ``RecordHandler.read``."""
+        self._check_place(block, implicit=implicit)
+        if block.index in {RECORD_LOCAL, RECORD_GLOBAL}:
+            return self._response(caller, block)
+        if block.index in _IDENTIFICATION:
+            return self._identification(block.index - identification.INDEX)
+        raise RecordRefused(AccessError.INVALID_INDEX)
+
+    def _check_place(self, block: RecordBlock, *, implicit: bool) -> None:
+        if not implicit and self._ar_uuid is not None and block.ar_uuid != self._ar_uuid:
+            raise UnknownArUuid
+        if block.api not in _APIS:
+            raise RecordRefused(AccessError.INVALID_AREA)
+        if block.slot >= len(self._manager.slots):
+            raise RecordRefused(AccessError.INVALID_SLOT)
+        if block.subslot == ACCESS_POINT:
+            return
+        if block.subslot not in (_DEVICE_SUBSLOTS if block.slot == DAP_SLOT else _OBJECT_SUBSLOTS):
+            raise RecordRefused(AccessError.INVALID_SLOT)
+        if block.index != identification.INDEX:
+            raise RecordRefused(AccessError.INVALID_INDEX)
+
+    def _check_writer(self, caller: Caller) -> None:
+        host = caller.address[0]
+        if self.writers is None or any(IPv4Address(host) in network for network in self.writers):
+            return
+        if host not in self._told and len(self._told) < _TOLD:
+            self._told.add(host)
+            log.warning("parameters: %s may not write, [parameters] write_from does not have it", host)
+        raise RecordRefused(AccessError.ACCESS_DENIED)
+
+    def _request(self, caller: Caller, block: RecordBlock, data: bytes) -> None:
+        if len(data) > MAX_BLOCK:
+            raise RecordRefused(AccessError.WRITE_LENGTH)
+        if len(data) < HEADER_SIZE:
+            raise RecordRefused(AccessError.INVALID_PARAMETER)
+        if data[_REQUEST_ID_OFFSET] != RequestId.REQUEST:
+            self._check_writer(caller)
+        place = (block.slot, block.index)
+        present = self._in_work.get(place)
+        if present is not None and not present.done():
+            raise RecordRefused(AccessError.STATE_CONFLICT)
+        local = self._manager.slots[block.slot] if block.index == RECORD_LOCAL else None
+        request = self._manager.submit(data, local, caller.address[0])
+        owner = self._owner(caller, block)
+        self._in_work[place] = self._requests[owner] = request
+        self._requests.move_to_end(owner)
+        self._forget()
+
+    def _forget(self) -> None:
+        """Answers nobody fetches do not fill the memory: the oldest go."""
+        done = [owner for owner, request in self._requests.items() if request.done()]
+        for owner in done[: max(0, len(self._requests) - _OUTSTANDING)]:
+            del self._requests[owner]
+
+    @staticmethod
+    def _owner(caller: Caller, block: RecordBlock) -> _Owner:
+        return (block.ar_uuid, caller, block.slot, block.index)
+
+    def _response(self, caller: Caller, block: RecordBlock) -> bytes:
+        owner = self._owner(caller, block)
+        request = self._requests.get(owner)
+        if request is None or not request.done():
+            raise RecordRefused(AccessError.STATE_CONFLICT)
+        response = None if request.exception() is not None else request.result()
+        if response is None:
+            del self._requests[owner]
+            raise RecordRefused(AccessError.READ_ERROR)
+        if len(response) > block.length:
+            raise RecordRefused(AccessError.INVALID_PARAMETER)  # it may be read again with more room
+        del self._requests[owner]
+        return response
+
+    def _identification(self, number: int) -> bytes:
+        if number == 0:
+            return identification.encode_im0(
+                identification.Im0(
+                    self._vendor_id,
+                    identity.ORDER_ID,
+                    self._serial,
+                    identity.HARDWARE_REVISION,
+                    ("V", *identity.RELEASE),
+                )
+            )
+        values = [getattr(self._store.parameters, name) for name in _STORED[number]]
+        octets: Callable[[str], bytes] = bytes.fromhex if number == identification.SIGNATURE else str.encode
+        return identification.encode_im(number, tuple(octets(value) for value in values))
+
+    def _write_identification(self, number: int, data: bytes) -> None:
+        if number == 0:
+            raise RecordRefused(AccessError.ACCESS_DENIED)
+        if len(data) != identification.size_of(number):
+            log.warning("I&M%d not written: %d bytes, allowed: %d", number, len(data), identification.size_of(number))
+            raise RecordRefused(AccessError.WRITE_LENGTH)
+        try:
+            values = identification.decode_im(number, data)
+        except ProfidriveError as error:
+            log.warning("I&M%d not written: %s", number, error)
+            raise RecordRefused(AccessError.INVALID_PARAMETER) from error
+
+        def change(parameters: DeviceParameters) -> None:
+            for name, value in zip(_STORED[number], values, strict=True):
+                text = value.hex() if number == identification.SIGNATURE else value.decode("ascii").rstrip()
+                setattr(parameters, name, text)
+
+        try:
+            self._update_store(change)
+        except GatewayError as error:
+            log.error("%s", error)
+            raise RecordRefused(AccessError.WRITE_ERROR) from error
+
+
+class CallerRecords:
+    """The records as one caller sees them: a RecordHandler."""
+
+    def __init__(self, records: Records, caller: Caller) -> None:
+        self._records = records
+        self._caller = caller
+
+    def read(self, block: RecordBlock, *, implicit: bool) -> bytes:
+        """RecordHandler."""
+        return self._records.read(self._caller, block, implicit=implicit)
+
+    def write(self, block: RecordBlock, data: bytes) -> None:
+        """RecordHandler."""
+        self._records.write(self._caller, block, data)

@@ -1,0 +1,82 @@
+"""What the gateway needs of its surroundings: a clock, CAN interfaces, UDP ports.
+
+``SystemEdge`` is the machine it runs on; a simulated world offers the same on virtual time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import can
+
+from pdgw.ds301.bus import open_bus
+from pdgw.ds301.loop import Loop, SystemLoop
+from pdgw.ds301.port import CanPort, open_port
+from pdgw.gateway.configuration.environment import CanConfig
+from pdgw.gateway.links.udp import Address, UdpSocket
+
+
+class DatagramPort(Protocol):
+    """A bound UDP port."""
+
+    errors: int
+    """Datagrams that could not be sent or received."""
+
+    @property
+    def address(self) -> Address:
+        """Where it listens."""
+
+    def start(self, action: Callable[[], None], *, urgent: bool = False) -> None:
+        """Call ``action`` in the loop whenever datagrams wait."""
+
+    def pause(self) -> None:
+        """Do not call it until the next ``start``; what comes meanwhile waits as long as there is room."""
+
+    def only_from(self, sender: Address | None) -> None:
+        """Keep away what comes from anybody else, where that is possible; None: everybody is heard again."""
+
+    def receive(self) -> tuple[bytes, Address] | None:
+        """The next datagram that waits, or None."""
+
+    @property
+    def received_at(self) -> int | None:
+        """When the datagram that ``receive`` gave last had come, by the loop's clock; None where that is not known."""
+
+    def send(self, data: bytes | bytearray, address: Address) -> None:
+        """Send without waiting; what is not taken is counted and lost, as on any network."""
+
+    def close(self) -> None:
+        """Release the port."""
+
+
+class Edge(Protocol):
+    """Where clock, buses and ports come from."""
+
+    @property
+    def loop(self) -> Loop:
+        """Everything of the gateway runs on it."""
+
+    def open_can(self, config: CanConfig) -> CanPort:
+        """A CAN interface; CanopenError when it cannot be had."""
+
+    def open_udp(self, listen: str, port: int, purpose: str) -> DatagramPort:
+        """A UDP port; GatewayError when it cannot be had."""
+
+
+def open_configured_bus(config: CanConfig) -> can.BusABC:
+    """The python-can bus of a [can] table; CanopenError when it cannot be had."""
+    return open_bus(config.interface, config.channel, config.bitrate, **config.extra)
+
+
+class SystemEdge:
+    """The machine: monotonic clock, python-can interfaces, sockets."""
+
+    def __init__(self) -> None:
+        self.loop = SystemLoop()
+
+    def open_can(self, config: CanConfig) -> CanPort:
+        return open_port(self.loop, open_configured_bus(config))
+
+    def open_udp(self, listen: str, port: int, purpose: str) -> DatagramPort:
+        return UdpSocket(self.loop, listen, port, purpose)

@@ -1,0 +1,89 @@
+"""Real-time scheduling of the gateway's process, as far as the operating system grants it.
+
+The exchange runs with a real-time priority (SCHED_FIFO), on chosen processors, with its memory locked: ``[realtime]`` in the
+configuration. The priority is asked for by default, the rest when configured. What is refused is logged, and the gateway runs
+without. Linux; elsewhere it is said that it is not there.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import logging
+import os
+from collections.abc import Callable
+from typing import Final
+
+from pdgw.gateway.configuration.environment import RealtimeConfig
+
+DEFAULT_PRIORITY: Final = 40
+"""Below the threads of the kernel that serve network and CAN (50)."""
+NEEDED_BELOW_MS: Final = 8
+"""Shorter cycles are missed at usual scheduling when other processes need the processor."""
+_MCL_CURRENT, _MCL_FUTURE = 1, 2
+"""linux/mman.h"""
+_SETCAP = "root, CAP_SYS_NICE and CAP_IPC_LOCK (systemd: AmbientCapabilities), or LimitRTPRIO and LimitMEMLOCK"
+
+Line = tuple[int, str]
+"""What to log, with its level."""
+
+
+def apply(config: RealtimeConfig, cycle_time_ms: float) -> list[Line]:
+    """Ask for the priority and for everything configured; returns a line for the priority and for each refusal.
+
+    Called before the first thread is started: threads inherit it, and a thread without the priority that holds the
+    interpreter would keep the exchange waiting.
+    """
+    lines: list[Line] = []
+    if config.cpu:
+        lines += _try("cpu", list(config.cpu), lambda: os.sched_setaffinity(0, config.cpu))
+    if config.priority is None:
+        lines.append(_by_default(cycle_time_ms))
+    elif config.priority:
+        wanted = config.priority
+        lines += _try("priority", wanted, lambda: _set_priority(wanted))
+    if config.lock_memory:
+        lines += _try("lock_memory", "true", _lock_memory)
+    return lines
+
+
+def _by_default(cycle_time_ms: float) -> Line:
+    try:
+        # Who started the process may have chosen another one (chrt, CPUSchedulingPolicy=).
+        if os.sched_getscheduler(0) == os.SCHED_OTHER:
+            _set_priority(DEFAULT_PRIORITY)
+        return logging.INFO, f"real-time priority {os.sched_getparam(0).sched_priority} (SCHED_FIFO)"
+    except AttributeError:
+        reason = "is not on this operating system"
+    except OSError as error:
+        reason = f"is not granted ({error.strerror or error}; LimitRTPRIO={DEFAULT_PRIORITY}, CAP_SYS_NICE or root grants it)"
+    short = cycle_time_ms < NEEDED_BELOW_MS
+    risk = f", and on a busy machine cycles of {cycle_time_ms:g} ms are missed" if short else ""
+    return logging.WARNING if short else logging.INFO, f"usual scheduling: SCHED_FIFO {reason}{risk}"
+
+
+def usual(pid: int) -> None:
+    """Give a process that this one started the usual scheduling, which it would have inherited otherwise."""
+    if hasattr(os, "sched_setscheduler"):
+        os.sched_setscheduler(pid, os.SCHED_OTHER, os.sched_param(0))
+
+
+def _try(key: str, value: object, action: Callable[[], None]) -> list[Line]:
+    try:
+        action()
+    except AttributeError:
+        return [(logging.WARNING, f"[realtime] {key} = {value}: not on this operating system, goes on without")]
+    except OSError as error:
+        why = f"{error.strerror or error}, goes on without; it needs {_SETCAP}"
+        return [(logging.WARNING, f"[realtime] {key} = {value}: {why}")]
+    return []
+
+
+def _set_priority(priority: int) -> None:
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+
+
+def _lock_memory() -> None:
+    lock = ctypes.CDLL(None, use_errno=True).mlockall
+    if lock(_MCL_CURRENT | _MCL_FUTURE):
+        number = ctypes.get_errno()
+        raise OSError(number, os.strerror(number))

@@ -1,0 +1,332 @@
+"""What a running daemon tells about itself, as one JSON document on a loopback TCP port."""
+
+from __future__ import annotations
+
+import json
+import logging
+import socket
+from collections.abc import Iterator
+from datetime import datetime
+from typing import Any
+
+from pdgw import __version__
+from pdgw.ds301.loop import Event, Task, Timer
+from pdgw.ds301.readiness import NO_DESCRIPTOR
+from pdgw.dsp402.states import state_of
+from pdgw.durations import MS, SECOND
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.objects.axis import Axis
+from pdgw.gateway.objects.drive_object import DriveObject
+from pdgw.gateway.objects.encoder import EncoderObject
+from pdgw.gateway.objects.fault_buffer import ToldFault
+from pdgw.gateway.service.confirmed_units import witness_text
+
+log = logging.getLogger("gateway")
+
+_CONNECTIONS = 8
+"""Answered at the same time; more are closed."""
+_PATIENCE_NS = 5 * SECOND
+_PAUSE_NS = SECOND
+"""Before the next connection is looked for when there was no file descriptor for one."""
+_REQUEST = 64
+"""Bytes of the longest request."""
+SCHEMA = 1
+"""Of the document; it rises when a key changes its meaning or goes, readers ignore keys they do not know."""
+
+
+def clock_time(seconds: float) -> str:
+    """A time of the machine's clock as ISO text, in its time zone."""
+    return datetime.fromtimestamp(seconds).astimezone().isoformat(timespec="milliseconds")
+
+
+def fault_status(item: DriveObject, newest: int | None = None) -> list[dict[str, Any]]:
+    """Faults and warnings of a drive object, newest first; ``newest``: so many of them."""
+    return [_fault(item, told) for told in item.fault_log.told(present=item.warning, newest=newest)]
+
+
+def _fault(item: DriveObject, told: ToldFault) -> dict[str, Any]:
+    loop, record = item.client.loop, told.record
+    age_s = (loop.now() - record.time_ns) / SECOND
+    return {
+        "id": told.id,
+        "active": told.active,
+        "number": int(record.number),
+        "code": record.code,
+        "text": record.text,
+        "is_warning": record.is_warning,
+        "time": clock_time(loop.wall() - age_s),
+        "age_s": round(age_s, 3),
+    }
+
+
+def _object_status(item: DriveObject) -> dict[str, Any]:
+    """What axes and encoders have in common."""
+    setpoints, standing, cause = item.last_setpoints, item.standing, item.cause
+    broken = standing.broken
+    heard_ns = item.client.heard_ns
+    return {
+        "do_id": item.do_id,
+        "node_id": item.node_id,
+        "bus": item.network.name,
+        "telegram": item.telegram.number,
+        "state": standing.state.value,
+        "state_id": standing.state.name,
+        "sentence": standing.sentence,
+        "reason": broken.evidence if broken else "",
+        "reason_id": broken.reason.name if broken and broken.reason else "",
+        "remedy": broken.remedy if broken else "",
+        "chain": [
+            {
+                "id": link.enable.name,
+                "text": link.enable.value,
+                "ok": link.ok,
+                "evidence": link.evidence,
+                "todo": link.remedy,
+            }
+            for link in standing.chain
+        ],
+        "drive": item.client.status.value,
+        "drive_text": item.client.status_text,
+        "setpoints": item.telegram.setpoints.as_dict(setpoints) if setpoints is not None else None,
+        "actuals": item.telegram.actuals.as_dict(item.actuals),
+        "iops_good": item.good,
+        "heard_age_ms": round((item.client.loop.now() - heard_ns) / MS, 1) if heard_ns else None,
+        "saturations": item.outputs.saturations,
+        "cause": None if cause is None else _fault(item, cause),
+        "faults": fault_status(item, 1),
+        "fault_count": len(item.faults),
+    }
+
+
+def axis_status(axis: Axis) -> dict[str, Any]:
+    """One axis as plain data. A value no PDO of its telegram brings is None, as is a unit nobody told."""
+    feedback, drive_type = axis.drive.feedback, axis.drive.drive_type
+    state = state_of(feedback.statusword)
+    plan = axis.drive.plan
+    mapped = set(plan.shown) if plan is not None else set()
+    scaling = drive_type.scaling if drive_type else None
+    velocity = feedback.velocity_actual if "velocity_actual" in mapped else None
+    per_rpm = scaling.velocity_per_rpm if scaling else None
+    return _object_status(axis) | {
+        "drive_state": state.value if state else "unknown",
+        "statusword": feedback.statusword,
+        "controlword": axis.outputs.command.controlword,
+        "velocity": velocity,
+        "speed_rpm": round(float(velocity / per_rpm), 3) if velocity is not None and per_rpm else None,
+        "position": feedback.position_actual if "position_actual" in mapped else None,
+        "position_unit": scaling.position_unit if scaling else None,
+        "velocity_per_rpm": float(per_rpm) if per_rpm else None,
+        "rated_speed": float(scaling.rated_speed_rpm) if scaling and scaling.rated_speed_rpm else None,
+        "rated_speed_unit": "rpm",
+        "scaling": list(scaling.lines) if scaling else [],
+        "units_witnessed": witness_text(axis.units_witnessed, axis.drive.serial_number, scaling) if scaling else "",
+        "pdos": list(plan.lines) if plan is not None else [],
+        "guarding": axis.drive.guarding.text if axis.drive.guarding is not None else "",
+    }
+
+
+def encoder_status(encoder: EncoderObject) -> dict[str, Any]:
+    """One encoder channel as plain data."""
+    source = encoder.input
+    return _object_status(encoder) | {
+        "channel": encoder.config.channel,
+        "rated_speed": float(encoder.config.reference_speed),
+        "rated_speed_unit": encoder.config.speed_unit,
+        "sensor_state": encoder.machine.channel.sensor.state.value,
+        "velocity": source.speed,
+        "position": source.position if source.valid else None,
+        "alarms": source.alarms,
+        "warnings": source.warnings,
+    }
+
+
+def _head(daemon: Daemon) -> dict[str, Any]:
+    """Everything but the drive objects."""
+    loop, config = daemon.loop, daemon.config
+    uptime_s = (loop.now() - daemon.started_ns) / SECOND
+    heard_ns = daemon.link.heard_ns
+    return {
+        "schema": SCHEMA,
+        "name": daemon.name,
+        "version": __version__,
+        "simulated": any(item.simulate for item in config.objects),
+        "time": clock_time(loop.wall()),
+        "started": clock_time(loop.wall() - uptime_s),
+        "uptime_s": round(uptime_s, 3),
+        "plc": {
+            "type": config.transport.type,
+            "cycle_ms": config.transport.cycle_time_ms,
+            "heard_age_ms": None if heard_ns is None else round((loop.now() - heard_ns) / MS, 1),
+        }
+        | daemon.link.status(),
+        "store": str(daemon.store.path) if daemon.store.path is not None else "",
+        "trace": str(daemon.recorder.path or "") if daemon.recorder is not None else "",
+        "buses": [
+            {
+                "name": bus.name,
+                "interface": bus.interface,
+                "channel": bus.channel,
+                "bitrate": bus.bitrate,
+                "healthy": daemon.networks[bus.name].healthy,
+                "sync": producer.status() if (producer := daemon.sync_producers.get(bus.name)) else None,
+            }
+            for bus in config.can
+        ],
+        "cycle_times": daemon.watch.periods.status(),
+        "response_times": daemon.watch.responses.status(),
+        "counters": loop.counters.values(),
+    }
+
+
+def snapshot(daemon: Daemon) -> dict[str, Any]:
+    """The daemon as plain data."""
+    return _head(daemon) | {
+        "axes": [axis_status(axis) for axis in daemon.axes],
+        "encoders": [encoder_status(encoder) for encoder in daemon.encoders],
+    }
+
+
+def encoded(daemon: Daemon) -> Iterator[bytes]:
+    """The snapshot as one line of JSON, one drive object at a time: between two parts the exchange goes on."""
+    yield json.dumps(_head(daemon))[:-1].encode()
+    axes = (json.dumps(axis_status(axis)) for axis in daemon.axes)
+    encoders = (json.dumps(encoder_status(encoder)) for encoder in daemon.encoders)
+    for name, items in (("axes", axes), ("encoders", encoders)):
+        yield f', "{name}": ['.encode()
+        for number, item in enumerate(items):
+            yield (b", " if number else b"") + item.encode()
+        yield b"]"
+    yield b"}\n"
+
+
+def answered(daemon: Daemon, request: bytes) -> Iterator[bytes]:
+    """The answer to a request, in parts: nothing asks for the status, ``faults DO`` for all faults of a drive object."""
+    match request.split():
+        case []:
+            yield from encoded(daemon)
+        case [b"faults", number]:
+            item = next((item for item in daemon.objects if str(item.do_id).encode() == number), None)
+            if item is None:
+                known = ", ".join(str(item.do_id) for item in daemon.objects)
+                yield _refused("do_id", f"there is no such drive object, allowed: {known}")
+                return
+            yield json.dumps({"do_id": item.do_id, "faults": fault_status(item)}).encode() + b"\n"
+        case _:
+            yield _refused("request", "allowed: an empty line, faults DO")
+
+
+def _refused(field: str, text: str) -> bytes:
+    return json.dumps({"error": text, "field": field}).encode() + b"\n"
+
+
+class StatusServer:
+    """Answers the one line of every connection on 127.0.0.1 (``answered``) and closes it."""
+
+    def __init__(self, daemon: Daemon, port: int) -> None:
+        self._daemon = daemon
+        self._loop = daemon.loop
+        self._tasks: set[Task] = set()
+        self._pause: Timer | None = None
+        self._full = False
+        self._refused = 0
+        daemon.loop.counters.add(
+            "status", "refused", "times", "no file descriptor left for a connection", lambda: self._refused
+        )
+        self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        try:
+            self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            self._listener.bind(("127.0.0.1", port))
+            self._listener.listen(_CONNECTIONS)
+        except OSError as error:
+            self._listener.close()
+            raise GatewayError(
+                f"status port: 127.0.0.1 port {port} cannot be used ({error.strerror}); choose another, 0 for none"
+            ) from error
+        self._listener.setblocking(False)
+
+    def start(self) -> None:
+        self._loop.add_reader(self._listener.fileno(), self._accept)
+
+    def stop(self) -> None:
+        self._loop.remove_reader(self._listener.fileno())
+        if self._pause is not None:
+            self._pause.cancel()
+        self._listener.close()
+        for task in tuple(self._tasks):
+            task.kill()
+
+    def _accept(self) -> None:
+        try:
+            connection, _ = self._listener.accept()
+        except OSError as error:
+            if error.errno in NO_DESCRIPTOR:
+                self._wait_for_descriptors(error)
+            return  # else who wanted to know has gone again
+        self._full = False
+        connection.setblocking(False)
+        if len(self._tasks) >= _CONNECTIONS:
+            connection.close()
+            return
+
+        def answer() -> None:
+            try:
+                self._answer(connection)
+            finally:
+                self._loop.remove_writer(connection.fileno())
+                connection.close()
+                self._tasks.discard(task)
+
+        task = self._loop.spawn(answer, "status")
+        self._tasks.add(task)
+
+    def _wait_for_descriptors(self, error: OSError) -> None:
+        """Who waits at the port would wake the loop in every turn, for nothing."""
+        self._refused += 1
+        if not self._full:
+            self._full = True
+            log.error("status port: no connection can be taken (%s); tried again every second", error.strerror)
+        self._loop.remove_reader(self._listener.fileno())
+        self._pause = self._loop.call_later(_PAUSE_NS, self.start)
+
+    def _answer(self, connection: socket.socket) -> None:
+        deadline = self._loop.now() + _PATIENCE_NS
+        request = self._request(connection, deadline)
+        if request is None:
+            return
+        writable = Event(self._loop)
+        for part in answered(self._daemon, request):
+            rest = memoryview(part)
+            while rest:
+                try:
+                    rest = rest[connection.send(rest) :]
+                except BlockingIOError:
+                    writable.clear()
+                    self._loop.add_writer(connection.fileno(), writable.set)
+                    waited = writable.wait(max(0, deadline - self._loop.now()))
+                    self._loop.remove_writer(connection.fileno())
+                    if not waited:
+                        return  # who does not read is not waited for
+                except OSError:
+                    return  # who went away before the end does not miss it
+            self._loop.sleep(0)
+
+    def _request(self, connection: socket.socket, deadline: int) -> bytes | None:
+        """One line, or what came before the end of what is sent; None from who sends neither in time."""
+        readable = Event(self._loop)
+        request = b""
+        self._loop.add_reader(connection.fileno(), readable.set)
+        try:
+            while b"\n" not in request:
+                if not readable.wait(max(0, deadline - self._loop.now())):
+                    return None
+                readable.clear()
+                part = connection.recv(_REQUEST)
+                request += part
+                if not part or len(request) >= _REQUEST:
+                    break
+        except OSError:
+            return None  # gone already
+        finally:
+            self._loop.remove_reader(connection.fileno())
+        return request

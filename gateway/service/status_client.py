@@ -1,0 +1,59 @@
+"""Asking a running daemon what it does; see ``gateway.service.status`` for what answers, docs/status.md for what is in it."""
+
+from __future__ import annotations
+
+import json
+import socket
+import time
+from typing import Any
+
+from pdgw.gateway.errors import GatewayError
+
+_PATIENCE_S = 5.0
+_LEAST_S = 0.001
+"""A time limit of 0 would be none."""
+_LONGEST = 16 << 20
+"""Bytes of an answer; that of 32 axes has some hundred thousand."""
+
+
+def fetch(port: int, patience_s: float = _PATIENCE_S) -> dict[str, Any]:
+    """The status document of the daemon on a loopback port; GatewayError when none answers within about ``patience_s``."""
+    document = _ask(port, "", patience_s)
+    if not {"schema", "plc", "axes", "encoders"} <= document.keys():
+        raise _no_gateway(port)
+    return document
+
+
+def fetch_faults(port: int, do_id: int, patience_s: float = _PATIENCE_S) -> list[dict[str, Any]]:
+    """All faults and warnings of a drive object that the daemon keeps, newest first; GatewayError when there is no such one."""
+    document = _ask(port, f"faults {do_id}", patience_s)
+    if "error" in document:
+        raise GatewayError(f"{document.get('field')} {do_id}: {document['error']}")
+    faults = document.get("faults")
+    if not isinstance(faults, list):
+        raise _no_gateway(port)
+    return faults
+
+
+def _ask(port: int, request: str, patience_s: float) -> dict[str, Any]:
+    end = time.monotonic() + patience_s
+    try:
+        with socket.create_connection(("127.0.0.1", port), timeout=patience_s) as connection:
+            connection.sendall(f"{request}\n".encode())
+            text = b""
+            while len(text) <= _LONGEST and (part := connection.recv(65536)):
+                text += part
+                connection.settimeout(max(_LEAST_S, end - time.monotonic()))
+    except OSError as error:
+        raise GatewayError(f"no gateway answers on 127.0.0.1 port {port} ({error.strerror or error})") from error
+    try:
+        document = json.loads(text)
+    except ValueError as error:
+        raise _no_gateway(port) from error
+    if not isinstance(document, dict):
+        raise _no_gateway(port)
+    return document
+
+
+def _no_gateway(port: int) -> GatewayError:
+    return GatewayError(f"127.0.0.1 port {port}: what answers there is no gateway")

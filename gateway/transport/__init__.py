@@ -1,1 +1,0 @@
-"""Transports: how cyclic frames and parameter requests reach the gateway."""

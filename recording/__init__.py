@@ -1,0 +1,1 @@
+"""Recordings of both buses: the recorder, its files, and what opens them again."""

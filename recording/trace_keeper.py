@@ -1,0 +1,164 @@
+"""Keeping what was before and after a fault or a stop: a process beside the gateway that looks at its ring and writes files.
+
+It costs the exchange nothing, and it is still there when the gateway is not.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from pdgw.durations import SECOND
+from pdgw.gateway.configuration.environment import Trigger
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.reasons import Enable, Reason
+from pdgw.gateway.trace.reader import Cycle, ObjectSample, RingReader
+from pdgw.recording.trace_file import is_alive, save
+
+log = logging.getLogger("trace")
+
+_SILENT_S = 1.0
+"""So long without a cycle, and the process is looked for."""
+_NOT_ASKED = frozenset(
+    reason.name
+    for reason in Reason
+    if reason.enable in (Enable.PLC, Enable.CONTROL, Enable.NODE, Enable.NO_FAULT) or reason is Reason.NEEDS_OFF
+)
+"""Reasons that take the operation of an axis away without an OFF of the PLC."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What is kept and where. ``files``: so many, the oldest go."""
+
+    directory: Path
+    triggers: frozenset[Trigger]
+    before_s: int = 10
+    after_s: int = 5
+    files: int = 20
+
+
+class Keeper:
+    """Follows one ring; ``poll`` it about four times a second, or less often than the ring is long."""
+
+    def __init__(self, reader: RingReader, choice: Choice) -> None:
+        self._reader = reader
+        self._choice = choice
+        self._seen = reader.newest_cycle
+        """A stop that was there before is nobody's news."""
+        self._last: Cycle | None = None
+        self._pending: tuple[int, str] | None = None
+        """When, and what happened first."""
+        self.kept: list[Path] = []
+
+    def poll(self) -> None:
+        """Look at what came; write what is due."""
+        for cycle in self._reader.cycles(after=self._seen):
+            self._seen = cycle.sequence
+            last, self._last = self._last, cycle
+            if last is not None and self._pending is None:
+                what = self._happened(last, cycle)
+                if what:
+                    self._pending = cycle.time_ns, what
+        pending, newest = self._pending, self._last
+        if pending is None or newest is None:
+            return
+        if newest.time_ns >= pending[0] + self._choice.after_s * SECOND or self._reader.ended:
+            self._keep(*pending)
+
+    def ended(self) -> None:
+        """The daemon is gone: what is pending is kept now; without its stop sequence that is a stop too, in a file of its own."""
+        self.poll()
+        if self._pending is not None:
+            self._keep(*self._pending)
+        if Trigger.STOP in self._choice.triggers and not self._reader.ended and self._last is not None:
+            self._keep(self._last.time_ns, "killed")
+
+    def _happened(self, last: Cycle, cycle: Cycle) -> str:
+        objects = self._reader.layout.objects
+        for item, before, now in zip(objects, last.objects, cycle.objects, strict=True):
+            if Trigger.FAULT in self._choice.triggers and before.faults != now.faults:
+                return f"fault-{item.kind}-{item.do_id}"
+            if Trigger.STOP in self._choice.triggers and item.kind == "axis" and self._was_stopped(before, now):
+                return f"stop-{item.kind}-{item.do_id}"
+        return ""
+
+    def _was_stopped(self, before: ObjectSample, now: ObjectSample) -> bool:
+        return before.reason == 0 and self._reader.reason(now.reason) in _NOT_ASKED
+
+    def _keep(self, time_ns: int, what: str) -> None:
+        self._pending = None
+        choice = self._choice
+        moment = datetime.fromtimestamp(self._reader.wall_ns(time_ns) / SECOND).strftime("%Y%m%d-%H%M%S")
+        path = choice.directory / f"{self._reader.layout.name}-{moment}-{what}.pcapng"
+        begin, end = time_ns - choice.before_s * SECOND, time_ns + choice.after_s * SECOND
+        part = path.with_suffix(".part")
+        try:
+            choice.directory.mkdir(parents=True, exist_ok=True)
+            # Seen under its name when it is whole.
+            save(self._reader, part, begin, end)
+            part.replace(path)
+        except Exception as error:  # the next fault is kept all the same
+            log.error("%s: not kept (%s)", path, error, exc_info=not isinstance(error, (OSError, GatewayError)))
+            with contextlib.suppress(OSError):
+                part.unlink(missing_ok=True)  # it would keep the disk full
+            return
+        log.warning("%s: kept", path)
+        self.kept.append(path)
+        try:
+            self._prune()
+        except OSError as error:  # somebody else took a file away just now, or it cannot be deleted: the next time
+            log.error("%s: old files are still there (%s)", choice.directory, error)
+
+    def _prune(self) -> None:
+        mine = sorted(
+            self._choice.directory.glob(f"{self._reader.layout.name}-*.pcapng"), key=lambda path: path.stat().st_mtime
+        )
+        for path in mine[: -self._choice.files]:
+            path.unlink(missing_ok=True)
+
+
+def follow(path: Path, choice: Choice, wait: Callable[[float], bool], pause_s: float = 0.25) -> None:
+    """Keep what happens in the ring called ``path``, also in those that replace it.
+
+    ``wait`` sleeps so many seconds; True: the end is asked for.
+    """
+    while True:
+        try:
+            reader = RingReader(path)
+        except GatewayError:
+            if wait(pause_s):
+                return
+            continue  # no gateway yet, or between two
+        with reader:
+            keeper = Keeper(reader, choice)
+            asked = _follow_one(reader, keeper, wait, pause_s)
+            if asked:
+                return
+            while not reader.replaced:
+                if wait(pause_s):
+                    return
+
+
+def _follow_one(reader: RingReader, keeper: Keeper, wait: Callable[[float], bool], pause_s: float) -> bool:
+    """Until the daemon of this ring has gone, or the end is asked for (True)."""
+    newest, silent = reader.newest_cycle, 0.0
+    while True:
+        asked = wait(pause_s)
+        keeper.poll()
+        silent = silent + pause_s if reader.newest_cycle == newest else 0.0
+        newest = reader.newest_cycle
+        if asked or reader.ended or reader.replaced or (silent >= _SILENT_S and not is_alive(reader)):
+            keeper.ended()
+            return asked
+
+
+def sleeping(seconds: float) -> bool:
+    """``wait`` of a process that ends by a signal."""
+    time.sleep(seconds)
+    return False

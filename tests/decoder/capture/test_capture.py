@@ -1,0 +1,439 @@
+"""Reading captures: every format gives the same packets; damage is told with its offset after what came before."""
+
+from __future__ import annotations
+
+import io
+import itertools
+import socket
+import struct
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import can
+import pytest
+from scapy.layers.inet import IP, UDP
+from scapy.layers.l2 import Dot1Q, Ether
+from scapy.utils import PcapNgWriter, wrpcap
+
+from pdgw.decoder.capture import live
+from pdgw.decoder.capture.canlog import MAX_LINE, candump_line, message_packet, read_candump
+from pdgw.decoder.capture.errors import CaptureError
+from pdgw.decoder.capture.pcap import MAX_PACKET, read_capture
+from pdgw.decoder.capture.source import open_source
+from pdgw.decoder.frames.engine import CanPacket, Decoder, Packet
+from pdgw.decoder.frames.records import CyclicRecord
+from pdgw.ds301.bus import open_bus
+from pdgw.durations import MS
+from pdgw.profidrive.scapy_layers import cyclic_frame
+from pdgw.profidrive.telegrams import Direction
+from pdgw.tools.service.run_log import CanRecorder
+from tests.support import captures, tshark
+from tests.support.buses import PATIENCE_S, channel
+from tests.support.captures import BEGIN_NS, CANOPEN
+
+BOTH = captures.both_buses()
+PLC = [packet for packet in BOTH if packet[1] == captures.ETHERNET]
+
+
+def read(data: bytes) -> list[Packet]:
+    return list(read_capture(io.BytesIO(data), "test.pcap"))
+
+
+def until_damage(packets: Iterator[Any]) -> tuple[list[Any], CaptureError | None]:
+    found = []
+    try:
+        for packet in packets:
+            found.append(packet)
+    except CaptureError as error:
+        return found, error
+    return found, None
+
+
+class Dribble(io.BytesIO):
+    """A pipe that gives a few bytes at a time."""
+
+    def read1(self, size: int = -1, /) -> bytes:
+        return super().read1(min(size, 7))
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("nanoseconds", [False, True])
+def test_pcap_in_every_byte_order_and_resolution(order: str, nanoseconds: bool) -> None:
+    packets = read(captures.pcap(PLC, order=order, nanoseconds=nanoseconds))
+    assert [(p.number, p.time_ns, p.link, p.data) for p in packets] == [
+        (number, time_ns, link, data) for number, (time_ns, link, data) in enumerate(PLC, 1)
+    ]
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("resolution", [6, 8, 9, 0x80 | 20])
+def test_pcapng_in_every_byte_order_and_resolution(order: str, resolution: int) -> None:
+    packets = read(captures.pcapng(BOTH, order=order, resolution=resolution))
+    assert [(p.link, p.data) for p in packets] == [(link, data) for _, link, data in BOTH]
+    assert [p.channel for p in packets] == [f"if{link}" for _, link, _ in BOTH]
+    ticks = 2**20 if resolution & 0x80 else 10**resolution
+    assert all(0 <= due - p.time_ns <= max(1, 10**9 // ticks) for p, (due, _, _) in zip(packets, BOTH, strict=True))
+
+
+def test_pcapng_with_several_sections_simple_and_foreign_blocks() -> None:
+    data = captures.pcapng(PLC[:1]) + captures.block(0x0BAD, b"x" * 8) + captures.pcapng(PLC[1:2], order=">")
+    simple = captures.block(3, struct.pack(">I", len(PLC[2][2])) + PLC[2][2], ">")
+    packets = read(data + simple)
+    assert [p.data for p in packets] == [data for _, _, data in PLC[:3]]
+    assert packets[2].time_ns == packets[1].time_ns
+
+
+def test_what_scapy_writes_is_read(tmp_path: Path) -> None:
+    packets = [Ether(data) for data in captures.cyclic_packets()]
+    wrpcap(str(tmp_path / "a.pcap"), packets)
+    with PcapNgWriter(str(tmp_path / "a.pcapng")) as writer:
+        writer.write(packets)
+    for name in ("a.pcap", "a.pcapng"):
+        with open_source(str(tmp_path / name)) as source:
+            assert [p.data for p in source.packets] == captures.cyclic_packets()
+
+
+FRAME = cyclic_frame([1], Direction.SETPOINT, [{"STW1": 0x047F, "NSOLL_A": 7}], counter=5)
+DATAGRAM = IP(src="10.0.0.1", dst="10.0.0.2") / UDP(sport=4000, dport=34962) / FRAME
+
+
+@pytest.mark.parametrize(
+    ("link", "data"),
+    [
+        (1, bytes(Ether() / DATAGRAM)),
+        (1, bytes(Ether() / Dot1Q(prio=6) / DATAGRAM)),
+        (1, bytes(Ether() / Dot1Q() / Dot1Q() / DATAGRAM)),
+        (1, bytes(Ether(type=0x8892) / FRAME)),
+        (1, bytes(Ether() / Dot1Q(prio=6, type=0x8892) / FRAME)),
+        (1, bytes(Ether() / IP(options=[b"\x01\x01\x01\x01"]) / UDP(sport=4000, dport=34962) / FRAME)),
+        (101, bytes(DATAGRAM)),
+        (228, bytes(DATAGRAM)),
+        (0, b"\x02\0\0\0" + bytes(DATAGRAM)),
+        (108, b"\0\0\0\x02" + bytes(DATAGRAM)),
+        (113, bytes.fromhex("0000 0001 0006 02aa000000010000 0800") + bytes(DATAGRAM)),
+        (276, bytes.fromhex("0800 0000 00000001 0001 00 06 02aa000000010000") + bytes(DATAGRAM)),
+        (113, bytes.fromhex("0000 0001 0006 02aa000000010000 8892") + bytes(FRAME)),
+    ],
+)
+def test_a_cyclic_frame_is_found_behind_every_link_layer(link: int, data: bytes) -> None:
+    record = Decoder().decode(Packet(1, 0, link, "", data))
+    assert isinstance(record, CyclicRecord)
+    assert record.data == bytes(FRAME)
+
+
+def test_a_slow_pipe_changes_nothing() -> None:
+    for data in (captures.pcap(PLC), captures.pcapng(BOTH)):
+        assert list(read_capture(Dribble(data), "pipe")) == read(data)
+    assert list(read_candump(Dribble(captures.candump()), "pipe")) == can_packets(captures.candump())
+
+
+@pytest.mark.parametrize("make", [captures.pcap, captures.pcapng])
+def test_cut_off_at_any_byte_what_came_before_is_there(make: Callable[..., bytes]) -> None:
+    whole = make(PLC[:3])
+    complete = read(whole)
+    ends = {len(make(PLC[:count])) for count in (1, 2, 3)} | {24 if make is captures.pcap else 0}
+    for size in range(len(whole)):
+        try:
+            packets, error = until_damage(read_capture(io.BytesIO(whole[:size]), "cut"))
+        except CaptureError as refused:
+            packets, error = [], refused
+        assert packets == complete[: len(packets)]
+        if error is None:
+            assert size in ends or make is captures.pcapng
+        else:
+            assert error.offset is not None
+            assert error.offset <= size
+            assert f"offset {error.offset}" in str(error)
+
+
+def test_damaged_lengths_are_refused_before_memory_is_taken() -> None:
+    data = bytearray(captures.pcap(PLC))
+    struct.pack_into("<I", data, 24 + 8, 0x7FFFFFFF)
+    with pytest.raises(CaptureError, match=f"offset 24: packet 1 claims 2147483647 bytes, at most {MAX_PACKET}"):
+        read(bytes(data))
+    data = bytearray(captures.pcapng(PLC))
+    struct.pack_into("<I", data, 4, 0xFFFFFFFC)
+    with pytest.raises(CaptureError, match="offset 0: block length 4294967292"):
+        read(bytes(data))
+
+
+# -- CAN logs ---------------------------------------------------------------------------------------------------------
+
+
+def can_packets(data: bytes) -> list[CanPacket]:
+    return list(read_candump(io.BytesIO(data), "can.log"))
+
+
+def test_candump_log() -> None:
+    packets = can_packets(captures.candump())
+    assert [(p.frame.cob_id, p.frame.data) for p in packets] == list(CANOPEN)
+    assert [p.time_ns for p in packets] == [BEGIN_NS + number * MS for number in range(len(CANOPEN))]
+    assert {p.channel for p in packets} == {"can0"}
+
+
+@pytest.mark.parametrize(
+    ("line", "cob_id", "data", "flags"),
+    [
+        ("(1.5) can0 181#0102 R", 0x181, "0102", ""),
+        ("(1.500000000) can0 7FF#", 0x7FF, "", ""),
+        ("(1.5) can0 701#R", 0x701, "", "remote"),
+        ("(1.5) can0 701#R2", 0x701, "0000", "remote"),
+        ("(1.5) can0 00000123#AA", 0x123, "AA", "extended"),
+        ("(1.5) can0 20000040#0000000000000000", 0x40, "00" * 8, "error"),
+        ("(1.5) can0 123##1AABB", 0x123, "AABB", ""),
+        (" (1.500000)  can0  181   [2]  01 02", 0x181, "0102", ""),
+        (" (1.500000)  can0  RX - -  181   [2]  01 02", 0x181, "0102", ""),
+        (" (1970-01-01 00:00:01.500000)  can0  181   [2]  01 02", 0x181, "0102", ""),
+        (" (1.500000)  can0  181  01 02", None, "", ""),
+        ("  can0  00000123   [1]  AA", 0x123, "AA", "extended"),
+        ("  can0  701   [0]  remote request", 0x701, "", "remote"),
+    ],
+)
+def test_forms_of_candump_lines(line: str, cob_id: int | None, data: str, flags: str) -> None:
+    if cob_id is None:
+        with pytest.raises(CaptureError, match=r"can.log: offset 0: .* is no line of a candump log"):
+            can_packets(line.encode())
+        return
+    (packet,) = can_packets(line.encode())
+    frame = packet.frame
+    assert (frame.cob_id, frame.data) == (cob_id, bytes.fromhex(data))
+    assert "".join(name for name in ("extended", "remote", "error") if getattr(frame, name)) == flags
+    assert packet.time_ns == (1_500_000_000 if "(" in line else 0)
+
+
+def test_a_bad_line_is_told_with_its_offset() -> None:
+    good = captures.candump()
+    packets, error = until_damage(read_candump(io.BytesIO(good + b"(1.0) can0 18#1\n"), "can.log"))
+    assert len(packets) == len(CANOPEN)
+    assert error is not None
+    assert error.offset == len(good)
+    _, error = until_damage(read_candump(io.BytesIO(good + b"x" * (MAX_LINE + 2)), "can.log"))
+    assert error is not None
+    assert "no line end" in str(error)
+    _, error = until_damage(read_candump(io.BytesIO(b" (2026-13-01 00:00:00.5)  can0  181   [1]  01\n"), "can.log"))
+    assert error is not None
+    assert "month must be in 1..12" in str(error)
+    _, error = until_damage(read_candump(io.BytesIO(good[:-2]), "can.log"))
+    assert error is not None
+    assert "half a byte" in str(error)
+
+
+WRITERS = {
+    ".asc": can.ASCWriter,
+    ".blf": can.BLFWriter,
+    ".csv": can.CSVWriter,
+    ".db": can.SqliteWriter,
+    ".log": can.CanutilsLogWriter,
+    ".trc": can.TRCWriter,
+}
+
+
+@pytest.mark.parametrize("ending", WRITERS)
+def test_every_format_of_python_can_gives_the_same_frames(ending: str, tmp_path: Path) -> None:
+    path = tmp_path / f"log{ending}"
+    with WRITERS[ending](str(path)) as writer:
+        for message in captures.messages(channel="1" if ending == ".trc" else "can0"):
+            writer.on_message_received(message)
+    with open_source(str(path)) as source:
+        packets = list(source.packets)
+    assert all(isinstance(packet, CanPacket) for packet in packets)
+    assert [(p.frame.cob_id, p.frame.data) for p in packets if isinstance(p, CanPacket)] == list(CANOPEN)
+    steps = [(b.time_ns - a.time_ns) / MS for a, b in itertools.pairwise(packets)]
+    assert steps == pytest.approx([1.0] * len(steps), abs=0.11)
+
+
+@pytest.mark.parametrize(
+    ("ending", "damage"),
+    [
+        (".asc", b"0.02 1 181 Rx d 2 zz zz\n"),
+        (".csv", b"1.0,0xZZ,0,0,0,2,AAAA\n"),
+        (".log", b"\xff\xfe 1,2 \xff\n"),
+        (".trc", b"99) 1.0 DT 1 0181 Rx - 2 ZZ 01\n"),
+    ],
+)
+def test_a_damaged_text_log_is_told_after_what_came_before(ending: str, damage: bytes, tmp_path: Path) -> None:
+    path = tmp_path / f"log{ending}"
+    with WRITERS[ending](str(path)) as writer:
+        for message in captures.messages(channel="1"):
+            writer.on_message_received(message)
+    path.write_bytes(path.read_bytes() + damage)
+    with open_source(str(path)) as source:
+        packets, error = until_damage(source.packets)
+    assert len(packets) == len(CANOPEN)
+    assert error is not None
+    assert str(path) in str(error)
+    assert "offset" in str(error)
+
+
+def test_a_shortened_blf_file_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "log.blf"
+    with can.BLFWriter(str(path)) as writer:
+        for message in captures.messages(channel="1") * 3000:
+            writer.on_message_received(message)
+    whole = path.read_bytes()
+    for size in (300, len(whole) // 2, len(whole) - 3):
+        path.write_bytes(whole[:size])
+        with open_source(str(path)) as source:
+            packets, error = until_damage(source.packets)
+        assert error is not None
+        assert f"offset {size}" in str(error)
+        assert len(packets) <= 45_000
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "message"),
+    [
+        ("a.pcap", b"", "is empty"),
+        ("a.xyz", b"hello, world", r"offset 0: no format known here: it begins with 68 65 6c"),
+        ("a.blf", b"LOGG" + bytes(200), "cannot be read"),
+        ("a.db", b"no database", "cannot be read"),
+        ("a.mf4", b"MDF     4.10" + bytes(100), "needs a further package|cannot be read"),
+        ("a.log", b"nonsense\n", "is no line of a candump log"),
+    ],
+)
+def test_what_cannot_be_read_is_said_so(name: str, data: bytes, message: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(CaptureError, match=message), open_source(str(tmp_path / name)) as source:
+        list(source.packets)
+
+
+def test_a_missing_file_is_said_so() -> None:
+    with pytest.raises(CaptureError, match=r"nowhere\.pcap: cannot be read"):
+        open_source("nowhere.pcap")
+
+
+def test_memory_does_not_grow_with_the_file() -> None:
+    class Endless(io.RawIOBase):
+        """A capture that repeats itself."""
+
+        def __init__(self) -> None:
+            self.largest = 0
+            whole = captures.pcap(PLC)
+            self.head, self.body = whole[:24], whole[24:] * 1000
+
+        def read1(self, size: int, /) -> bytes:
+            part, self.head = self.head or self.body, b""
+            return part
+
+    source = Endless()
+    packets = read_capture(source, "endless")
+    count = sum(1 for _ in zip(range(100_000), packets, strict=False))
+    assert count == 100_000
+
+
+# -- live -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_python_can_bus_is_read_live() -> None:
+    name = channel()
+    with open_bus("virtual", name) as sender, live.open_can(f"virtual:{name}") as source:
+        for message in captures.messages():
+            sender.send(message)
+        packets = [next(source.packets) for _ in CANOPEN]
+    assert [(p.frame.cob_id, p.frame.data) for p in packets if isinstance(p, CanPacket)] == list(CANOPEN)
+
+
+@pytest.mark.parametrize("text", ["can0", ":can0", "socketcan:", "socketcan:can0@fast"])
+def test_a_bus_is_given_as_interface_and_channel(text: str) -> None:
+    with pytest.raises(Exception, match="expected interface:channel"):
+        live.open_can(text)
+
+
+def test_a_network_interface_is_read_live_or_refused_with_the_reason() -> None:
+    try:
+        source = live.open_interface("lo")
+    except Exception as error:
+        assert "--interface lo: cannot be opened" in str(error)  # noqa: PT017 (without privileges this is right)
+        return
+    # Others may use the loopback too: these frames are told by their FrameID, and sent again where the kernel had no room.
+    sent = [bytes(FRAME)[:-4] + bytes((0, counter, 0x35, 0)) for counter in range(3)]
+    sent = [b"\xf7\xfe" + frame[2:] for frame in sent]
+    received: set[bytes] = set()
+    ended = threading.Event()
+
+    def send() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            while not ended.is_set():
+                for frame in sent:
+                    sender.sendto(frame, ("127.0.0.1", 34962))
+                ended.wait(1)
+
+    thread = threading.Thread(target=send, daemon=True)
+    deadline = time.monotonic() + PATIENCE_S
+    with source:
+        thread.start()
+        for packet in map(Decoder().decode, source.packets):
+            if isinstance(packet, CyclicRecord) and packet.frame_id == 0xF7FE:
+                received.add(packet.data)
+            if len(received) == len(sent) or time.monotonic() > deadline:
+                break
+        ended.set()
+        thread.join()
+    assert received == set(sent)
+
+
+def test_the_gateways_own_log_has_one_name_for_both_directions(tmp_path: Path) -> None:
+    recorder = CanRecorder(tmp_path / "can.log")
+    for cob_id, named in ((0x601, None), (0x581, "elsewhere")):
+        recorder.record("can0", can.Message(arbitration_id=cob_id, data=bytes(8), is_extended_id=False, channel=named))
+    recorder.stop()
+    with open_source(str(tmp_path / "can.log")) as source:
+        assert [(p.channel, p.frame.cob_id) for p in source.packets if isinstance(p, CanPacket)] == [
+            ("can0", 0x601),
+            ("can0", 0x581),
+        ]
+
+
+def test_no_such_interface() -> None:
+    with pytest.raises(Exception, match="--interface nosuch0: cannot be opened"):
+        live.open_interface("nosuch0")
+
+
+def test_standard_input_is_told_by_its_content(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    log = tmp_path / "a.asc"
+    with can.ASCWriter(str(log)) as writer:
+        for message in captures.messages():
+            writer.on_message_received(message)
+    for data in (captures.candump(), log.read_bytes()):
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BufferedReader(io.BytesIO(data))))  # type: ignore[type-var]
+        with open_source("-") as source:
+            packets = list(source.packets)
+        assert [(p.frame.cob_id, p.frame.data) for p in packets if isinstance(p, CanPacket)] == list(CANOPEN)
+
+
+MESSAGES = (
+    can.Message(1700000000.000001, 0x181, False, channel="can0", data=bytes.fromhex("31020000")),
+    can.Message(1700000000.123456, 0x7FF, False, channel="can0", data=b""),
+    can.Message(1700000001.5, 0x12345678, True, channel="can1", data=bytes(8)),
+    can.Message(1700000002.0, 0x701, False, is_remote_frame=True, dlc=0, channel="can0"),
+    can.Message(1700000003.0, 0x8, True, is_error_frame=True, dlc=8, data=bytes(8), channel="can0"),
+)
+
+
+def test_what_is_recorded_is_read_again(tmp_path: Path) -> None:
+    path = tmp_path / "can.log"
+    path.write_text("".join(candump_line(message) for message in MESSAGES))
+    with open_source(str(path)) as source:
+        found = list(source.packets)
+    expected = [message_packet(number, message) for number, message in enumerate(MESSAGES, 1)]
+    assert [(p.number, p.channel) for p in found] == [(p.number, p.channel) for p in expected]
+    assert all(abs(a.time_ns - b.time_ns) < 1000 for a, b in zip(found, expected, strict=True))
+    frames = [packet.frame for packet in found if isinstance(packet, CanPacket)]
+    assert [(f.cob_id, f.extended, f.remote, f.error) for f in frames] == [
+        (p.frame.cob_id, p.frame.extended, p.frame.remote, p.frame.error) for p in expected
+    ]
+    assert [frame.data for frame in frames[:4]] == [packet.frame.data for packet in expected[:4]]
+
+
+@pytest.mark.tshark
+@tshark.needs_tshark
+def test_tshark_opens_what_is_recorded(tmp_path: Path) -> None:
+    path = tmp_path / "can.log"
+    path.write_text("".join(candump_line(message) for message in MESSAGES))
+    rows = tshark.fields(path, ["frame.time_epoch", "can.id"])
+    assert [int(row["can.id"], 0) for row in rows[:4]] == [0x181, 0x7FF, 0x12345678, 0x701]
+    assert rows[0]["frame.time_epoch"].startswith("1700000000.000001")

@@ -1,0 +1,82 @@
+"""The offset of two clocks, found again within a cycle."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pdgw.decoder.timeline.clocks import AxisWords, Clocks, Word, correlate
+from pdgw.durations import MS, SECOND
+from tests.decoder.replay.test_replay import RIGS
+from tests.support.recorded import CYCLE_NS
+
+
+@pytest.mark.parametrize("name", RIGS)
+@pytest.mark.parametrize("offset_ns", [-3600 * SECOND, -250 * MS, 37 * MS, 12 * SECOND + 345_678])
+def test_the_offset_is_found_within_a_cycle(name: str, offset_ns: int, tmp_path: Path) -> None:
+    loaded = RIGS[name]().load(tmp_path, clock_ns=offset_ns, jitter_ns=MS)
+    clocks = loaded.clocks
+    assert clocks.origin == "correlated"
+    assert abs(clocks.offset_ns - offset_ns) < CYCLE_NS
+    assert clocks.pairs >= 4
+    assert not clocks.ambiguous
+    assert f"{clocks.pairs} of {clocks.edges} edges agree" in clocks.text
+    assert not loaded.replay()[0].differences
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_one_clock_is_taken_as_one_clock(name: str, tmp_path: Path) -> None:
+    clocks = RIGS[name]().load(tmp_path).clocks
+    assert clocks.offset_ns == 0
+    assert clocks.text.startswith("the clocks agree: ")
+
+
+def test_an_offset_that_is_given_is_taken(tmp_path: Path) -> None:
+    loaded = RIGS["telegram 1"]().load(tmp_path, 5 * SECOND, clock_ns=5 * SECOND)
+    assert loaded.clocks == Clocks(5 * SECOND)
+    assert loaded.clocks.text == "CAN clock +5.000000 s from the PLC's, as given"
+    assert not loaded.replay()[0].differences
+
+
+def toggling(times: list[int], bit: int = 1) -> list[Word]:
+    """A word whose bit changes at these times."""
+    return [Word(times[0] - 1, 0), *(Word(now, bit * (i % 2 == 0)) for i, now in enumerate(times))]
+
+
+def test_without_edges_in_common_the_offset_is_not_known() -> None:
+    still = AxisWords(control=[Word(0, 0x047E)], controlword=[Word(5, 6)])
+    clocks = correlate({1: still}, {1: 1}, CYCLE_NS)
+    assert (clocks.offset_ns, clocks.origin) == (0, "not known")
+    assert "not known" in clocks.text
+
+
+def test_edges_of_one_direction_leave_the_delay_in_the_offset() -> None:
+    times = [100 * MS, 450 * MS, 1100 * MS, 1900 * MS]
+    words = AxisWords(control=toggling(times), controlword=toggling([now + SECOND + MS for now in times]))
+    clocks = correlate({1: words}, {1: 1}, CYCLE_NS)
+    assert clocks.offset_ns == SECOND + MS
+    assert clocks.uncertainty_ns == CYCLE_NS
+    assert (clocks.pairs, clocks.edges) == (4, 4)
+
+
+def test_an_even_rhythm_is_told_as_ambiguous() -> None:
+    times = [100 * MS * i for i in range(1, 41)]
+    words = AxisWords(control=toggling(times), controlword=toggling([now + SECOND for now in times]))
+    clocks = correlate({1: words}, {1: 1}, CYCLE_NS)
+    assert clocks.ambiguous
+    assert "AMBIGUOUS" in clocks.text
+
+
+def test_commands_that_were_not_passed_on_do_not_disturb() -> None:
+    times = [100 * MS, 450 * MS, 1100 * MS, 1900 * MS, 2050 * MS, 3000 * MS]
+    passed = times[:4]
+    words = AxisWords(
+        control=toggling(times),
+        controlword=toggling([now - SECOND + MS for now in passed]),
+        statusword=toggling([now - SECOND + 2 * MS for now in passed], 2),
+        status=toggling([now + 5 * MS for now in passed], 2),
+    )
+    clocks = correlate({1: words}, {1: 1}, CYCLE_NS)
+    assert abs(clocks.offset_ns + SECOND) <= clocks.uncertainty_ns <= CYCLE_NS
+    assert (clocks.pairs, clocks.edges) == (8, 10)

@@ -1,0 +1,133 @@
+"""The timeline of small recordings: causes, latencies, and the reviewed one.
+
+``python -m tests.decoder.timeline.test_timeline`` writes the golden file anew; the difference is to be read before it is committed.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from pdgw.decoder.frames.fields import Field
+from pdgw.decoder.timeline.entries import Edge, Latencies, Latency, WordKind
+from pdgw.decoder.timeline.text import entry_lines, summary_lines
+from pdgw.durations import MS
+from pdgw.recording.recordings import Part, followed
+from tests.decoder.replay.test_replay import RIGS, speed
+from tests.support.recorded import CYCLE_NS, RecordedRig
+from tests.support.timeline import Timeline, edges, timeline
+
+GOLDEN = Path(__file__).parent / "golden" / "timeline.txt"
+
+
+# -- causes and latencies ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("clock_ns", [0, 7_000_000_000])
+def test_an_edge_is_followed_over_both_buses(clock_ns: int, tmp_path: Path) -> None:
+    found = timeline(speed(), tmp_path, clock_ns=clock_ns)
+    on = next(edge for edge in edges(found, WordKind.CONTROL) if edge.after == 0x047F)
+    begin = on.time_ns - (MS if clock_ns else 0)
+    chain = [edge for edge in found.entries if isinstance(edge, Edge) and begin <= edge.time_ns][:7]
+    shown = [(edge.kind, edge.after & 0x6F, edge.cause.kind if edge.cause else None) for edge in chain]
+    expected = [
+        (WordKind.CONTROL, 0x6F, None),
+        (WordKind.CONTROLWORD, 0x07, WordKind.CONTROL),
+        (WordKind.STATUSWORD, 0x23, WordKind.CONTROLWORD),
+        (WordKind.CONTROLWORD, 0x0F, WordKind.STATUSWORD),
+        (WordKind.STATUS, 0x23, WordKind.STATUSWORD),
+        (WordKind.STATUSWORD, 0x27, WordKind.CONTROLWORD),
+        (WordKind.STATUS, 0x27, WordKind.STATUSWORD),
+    ]
+    # On clocks that differ, edges of different buses may change places within the uncertainty.
+    assert shown == expected if not clock_ns else set(shown) == set(expected)
+    assert on.outcome is None
+    latencies = [edge.latency_ns for edge in chain if edge is not on]
+    assert all(latency is not None and -CYCLE_NS < latency < 3 * CYCLE_NS for latency in latencies)
+    if not clock_ns:
+        assert latencies[:3] == [100_000, 500_000, 3_500_000]
+
+
+def test_latencies_are_told_for_each_hop(tmp_path: Path) -> None:
+    found = {item.name: item for item in timeline(speed(), tmp_path).summary.latencies}
+    assert found["STW1 -> Controlword"].p50_ns == 100_000
+    assert found["Controlword -> Statusword"].max_ns < CYCLE_NS
+    assert found["Statusword -> ZSW1"].count >= 5
+    assert found["STW1 -> ZSW1 (gateway)"].p50_ns == 300_000  # the ramp stop is the gateway's own
+    assert found["STW1 -> ... -> ZSW1"].max_ns < 3 * CYCLE_NS
+
+
+def test_percentiles_are_those_of_the_nearest_rank() -> None:
+    latencies = Latencies()
+    assert latencies.result("hop") is None
+    latencies.add(7)
+    assert latencies.result("hop") == Latency("hop", 1, 7, 7, 7)
+    for value in (item for item in range(1, 201) if item != 7):
+        latencies.add(value)
+    assert latencies.result("hop") == Latency("hop", 200, 100, 198, 200)
+
+
+def test_latencies_are_kept_to_three_digits() -> None:
+    latencies = Latencies()
+    for value in range(1_000_000, 1_001_000):
+        latencies.add(value)
+    assert latencies.result("hop") == Latency("hop", 1000, 1_000_000, 1_000_000, 1_000_999)
+
+
+def test_no_edge_is_the_cause_of_its_own_cause() -> None:
+    word = Field("Controlword", "Controlword")
+    first, second, third = (Edge(time, 1, WordKind.CONTROLWORD, word, 0, 1) for time in (1, 2, 3))
+    second.follow(first)
+    third.follow(second)
+    first.follow(third)
+    assert (first.cause, second.cause, third.cause) == (third, None, second)
+
+
+def test_an_ordinary_run_has_no_anomalies(tmp_path: Path) -> None:
+    for rig in RIGS.values():
+        assert not timeline(rig(), tmp_path).summary.anomalies
+
+
+def test_a_part_of_the_timeline_has_its_own_summary(tmp_path: Path) -> None:
+    whole = timeline(speed(), tmp_path)
+    on = next(edge for edge in edges(whole, WordKind.CONTROL) if edge.after == 0x047F)
+    chosen = Part(on.time_ns, on.time_ns + 10 * MS)
+    part = Timeline(whole.opening, list(followed(whole.opening, chosen)))
+    assert all(on.time_ns <= entry.time_ns <= on.time_ns + 10 * MS for entry in part.entries)
+    assert next(item for item in part.summary.latencies if item.name == "STW1 -> Controlword").count == 1
+    assert not list(followed(whole.opening, Part(do_ids=frozenset({2}))))
+
+
+# -- golden -----------------------------------------------------------------------------------------------------------
+
+
+def golden_lines() -> Iterator[str]:
+    """ON without OFF, a start, a task, an intermediate stop, a drive that faults, a silence of the PLC."""
+    rig = RecordedRig(9)
+    rig.stw(0x043F)
+    rig.enable()
+    rig.values |= {"SATZANW": 0x8000, "MDI_TARPOS": 0x10000000, "MDI_VELOCITY": 0x40000000, "MDI_MOD": 1}
+    rig.values |= {"MDI_ACC": 0x4000, "MDI_DEC": 0x4000}
+    rig.stw(0x047F, 40)
+    rig.stw(0x045F, 40)
+    rig.stw(0x047F, 30)
+    rig.node.model.inject(7)
+    rig.step(40)
+    rig.step(6, plc=False)
+    rig.stw(0x043E)
+    with tempfile.TemporaryDirectory() as folder:
+        found = timeline(rig, Path(folder), clock_ns=1_500_000_000)
+    for entry in found.entries:
+        yield from entry_lines(entry, found.opening.begin_ns)
+    yield from summary_lines(found.summary, found.opening.clocks, found.opening.assumed)
+
+
+def test_the_timeline_is_the_reviewed_one() -> None:
+    assert list(golden_lines()) == GOLDEN.read_text().splitlines()
+
+
+if __name__ == "__main__":
+    GOLDEN.write_text("\n".join(golden_lines()) + "\n")

@@ -1,0 +1,98 @@
+"""When a fault counts as acknowledged, an axis as standing, and which states of a drive as with power and without."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import pytest
+
+from pdgw.dsp402.states import STATUS_OF, Command, State
+from pdgw.gateway.axis.supervision.drive_events import ACKNOWLEDGE_NS, Acknowledgement
+from pdgw.gateway.axis.supervision.stop_supervision import Brake
+from tests.gateway.axis.supervision.test_stop_supervision import CYCLE, QUICK_STOP, REACTION, deaf, turning
+from tests.gateway.axis.test_velocity import CONTROL
+from tests.support.drive_types import engel
+from tests.support.hand import OFF, ON, Hand
+
+WITH_POWER = {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE}
+
+
+def test_an_acknowledge_of_a_drive_without_a_fault_counts_once_for_each_edge() -> None:
+    item = Acknowledgement()
+    assert [item.step(asked, True, False, 1) for asked in (True, True, False, True)] == [True, False, False, True]
+
+
+def test_an_acknowledge_counts_when_the_drive_has_left_its_fault_also_after_the_bit_has_fallen() -> None:
+    item = Acknowledgement()
+    assert not item.step(True, True, True, 1)
+    assert not item.step(False, True, True, 2)
+    assert item.waits
+    assert item.pending
+    assert item.step(False, True, False, ACKNOWLEDGE_NS)
+    assert not item.pending
+    assert not item.step(False, True, False, ACKNOWLEDGE_NS + 1)
+    assert not item.waits
+
+
+def test_a_fault_that_stays_for_a_second_needs_another_edge() -> None:
+    item = Acknowledgement()
+    assert not item.step(True, True, True, 1)
+    assert not item.step(True, True, True, ACKNOWLEDGE_NS + 1)
+    assert item.pending
+    assert not item.step(True, True, True, ACKNOWLEDGE_NS + 2)
+    assert not item.pending
+    assert not item.step(True, True, False, ACKNOWLEDGE_NS + 3), "the bit that stands is no edge"
+    assert item.waits, "for its fall"
+    assert not item.step(False, True, False, ACKNOWLEDGE_NS + 4)
+    assert item.step(True, True, False, ACKNOWLEDGE_NS + 5)
+
+
+def test_nothing_is_acknowledged_while_the_drive_is_away() -> None:
+    item = Acknowledgement()
+    assert not item.step(True, False, False, 1)
+    assert item.step(True, True, False, 2)
+
+
+@pytest.mark.parametrize("state", State, ids=lambda state: state.name)
+def test_without_references_a_drive_with_power_is_stopped_and_one_without_gets_none(state: State) -> None:
+    hand = Hand(1, engel(), 3, {})
+    hand.stepper.set_drive(None)
+    hand(OFF, State.SWITCH_ON_DISABLED)
+    for _ in range(3):
+        assert hand(ON, state) == (Command.QUICK_STOP.word if state in WITH_POWER else 0)
+
+
+@pytest.mark.parametrize("state", State, ids=lambda state: state.name)
+def test_the_brakes_are_released_by_each_state_without_power_and_by_no_other(state: State) -> None:
+    bench = turning()
+    assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
+    bench.drive.feedback.statusword = STATUS_OF[state]
+    assert deaf(bench, QUICK_STOP, 1) is (Brake.NMT_STOP if state in WITH_POWER else Brake.NONE)
+
+
+@pytest.mark.parametrize(("share", "window"), [(Fraction(1, 100), 60), (Fraction(1, 20), 300), (Fraction(0), 1)])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_ramp_of_an_off1_ends_within_the_standstill_window_and_not_above_it(
+    share: Fraction, window: int, sign: int
+) -> None:
+    hand = Hand(1, engel(), 3, {}, standstill_window=share)
+    hand.feedback.velocity_actual = sign * 3000
+    hand(OFF, State.SWITCH_ON_DISABLED)
+    hand(ON | 0x40, State.READY_TO_SWITCH_ON)
+    hand(ON | 0x40, State.SWITCHED_ON)
+    assert hand(ON | 0x40) == Command.ENABLE_OPERATION.word
+    hand(OFF)
+    hand.feedback.velocity_actual = sign * (window + 1)
+    assert hand(OFF) == Command.ENABLE_OPERATION.word
+    hand.feedback.velocity_actual = sign * window
+    assert hand(OFF) == Command.SHUTDOWN.word
+
+
+def test_a_plc_that_has_no_control_before_operation_loses_none() -> None:
+    hand = Hand(1, engel(), 3, {})
+    for status in (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON):
+        hand(OFF & ~CONTROL, status)
+        hand(ON & ~CONTROL, status)
+        hand(OFF, status)
+    assert not hand.stepper.events
+    assert not hand.stepper.machine.outputs.warning

@@ -1,0 +1,231 @@
+"""A drive that does not obey a stop: found within the derived time, answered by stronger brakes, never by mistake."""
+
+from __future__ import annotations
+
+import pytest
+
+from pdgw.dsp402.states import STATUS_OF, State, StatusBit
+from pdgw.gateway.axis.power_table import Action
+from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
+from pdgw.gateway.axis.supervision.stop_supervision import Brake, StopWatch
+from pdgw.gateway.axis.values import Configured
+from pdgw.gateway.reasons import FaultNumber
+from tests.gateway.axis.test_velocity import OFF, ON, Bench
+from tests.support.rig import Rig
+
+COAST, QUICK_STOP = ON & ~0x2, ON & ~0x4
+CYCLE = 4_000_000
+REACTION = AxisSettings().reaction_ns
+TURNING = 3000
+
+
+def turning(**settings: object) -> Bench:
+    bench = Bench(**settings)  # type: ignore[arg-type]
+    bench.operate(0x2000)
+    bench.step(ON, 0x2000, cycles=10)
+    assert bench.drive.feedback.velocity_actual == TURNING
+    return bench
+
+
+def deaf(bench: Bench, word: int | None, cycles: int) -> Brake:
+    """The drive shows what it showed, whatever it is told."""
+    feedback = bench.drive.feedback
+    for _ in range(cycles):
+        bench.now += CYCLE
+        bench.stepper.step(None if word is None else (word, 0x2000), feedback, bench.drive_ok, bench.now)
+    return bench.stepper.machine.outputs.brake
+
+
+def numbers(bench: Bench) -> list[int]:
+    return [event.number for event in bench.stepper.events]
+
+
+@pytest.mark.parametrize("word", [OFF, COAST, QUICK_STOP, ON & ~0x400, None])
+def test_a_drive_that_ignores_a_stop_is_stopped_by_nmt_and_told_once(word: int | None) -> None:
+    bench = turning()
+    assert deaf(bench, word, REACTION // CYCLE) is Brake.NONE
+    assert deaf(bench, word, 20) is Brake.NMT_STOP
+    assert numbers(bench).count(FaultNumber.STOP_IGNORED) == 1
+    assert "speed 3000" in bench.stepper.events[-1].text
+
+
+def test_a_node_that_does_not_show_nmt_stopped_either_loses_the_gateways_heartbeat() -> None:
+    bench = turning()
+    assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
+    bench.drive_ok = False
+    assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 1) is Brake.WITHHOLD_HEARTBEAT
+    assert numbers(bench).count(FaultNumber.STOP_IGNORED) == 1
+
+
+def test_a_node_that_shows_nmt_stopped_keeps_the_heartbeat() -> None:
+    bench = turning()
+    assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
+    bench.drive_ok = False
+    bench.stepper.machine.inputs.node_stopped = True
+    assert deaf(bench, QUICK_STOP, 10 * REACTION // CYCLE) is Brake.NMT_STOP
+
+
+def test_a_node_that_showed_nmt_stopped_keeps_the_heartbeat_while_it_is_brought_up_again() -> None:
+    """For that the gateway itself takes it out of Stopped; the others on the bus go on."""
+    bench = turning()
+    assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
+    inputs = bench.stepper.machine.inputs
+    inputs.node_stopped = True
+    deaf(bench, QUICK_STOP, 3)
+    bench.drive_ok = inputs.node_stopped = False
+    assert deaf(bench, QUICK_STOP, 10 * REACTION // CYCLE) is Brake.NMT_STOP
+
+
+def test_a_drive_that_still_turns_when_it_is_brought_up_after_its_nmt_stop_loses_the_heartbeat() -> None:
+    bench = turning()
+    deaf(bench, QUICK_STOP, REACTION // CYCLE + 20)
+    inputs = bench.stepper.machine.inputs
+    inputs.node_stopped = True
+    assert deaf(bench, QUICK_STOP, 3) is Brake.NMT_STOP
+    inputs.node_stopped = False
+    assert deaf(bench, QUICK_STOP, REACTION // CYCLE) is Brake.NONE, "a stop that is commanded again has its time"
+    assert deaf(bench, QUICK_STOP, 20) is Brake.WITHHOLD_HEARTBEAT
+    assert numbers(bench).count(FaultNumber.STOP_IGNORED) == 2
+
+
+def test_the_next_stop_of_a_drive_that_was_off_begins_with_nmt_again() -> None:
+    bench = turning()
+    deaf(bench, QUICK_STOP, REACTION // CYCLE + 20)
+    inputs = bench.stepper.machine.inputs
+    inputs.node_stopped = True
+    deaf(bench, QUICK_STOP, 3)
+    inputs.node_stopped = False
+    bench.drive.restart()
+    assert deaf(bench, OFF, 2) is Brake.NONE
+    bench.operate(0x2000)
+    bench.step(ON, 0x2000, cycles=10)
+    assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
+
+
+def test_the_brakes_are_released_by_a_drive_that_shows_no_power_not_by_its_configuration() -> None:
+    bench = turning()
+    deaf(bench, QUICK_STOP, 2 * REACTION // CYCLE + 40)
+    bench.drive_ok = False
+    assert deaf(bench, QUICK_STOP, 10) is Brake.WITHHOLD_HEARTBEAT
+    bench.drive_ok = True
+    bench.stepper.machine.inputs.news.append(Configured(bench.stepper.drive_type))
+    assert deaf(bench, QUICK_STOP, 3) is Brake.WITHHOLD_HEARTBEAT
+    bench.drive.restart()
+    assert deaf(bench, OFF, 2) is Brake.NONE
+    bench.operate()
+
+
+@pytest.mark.parametrize("speed", [TURNING, -TURNING, 6000])
+def test_a_quick_stop_whose_ramp_is_missing_is_found(speed: int) -> None:
+    """The state is left, the axis turns on."""
+    bench = turning()
+    feedback = bench.drive.feedback
+    feedback.velocity_actual = speed
+    bench.step(QUICK_STOP, 0x2000)
+    feedback.statusword = STATUS_OF[State.QUICK_STOP_ACTIVE] | StatusBit.VOLTAGE_ENABLED
+    feedback.velocity_actual = speed
+    assert deaf(bench, QUICK_STOP, REACTION // CYCLE) is Brake.NONE
+    assert deaf(bench, QUICK_STOP, 20) is Brake.NMT_STOP
+
+
+@pytest.mark.parametrize("seconds", [0.1, 1, 9, 11])
+@pytest.mark.parametrize("word", [OFF, None])
+def test_a_ramp_within_its_margin_is_no_disobedience(word: int | None, seconds: float) -> None:
+    bench = turning(on_plc_loss=PlcLossReaction.RAMP)
+    bench.drive.ramp = max(1, int(6000 * CYCLE / 1e9 / seconds))
+    for _ in range(int(seconds * 1e9 / CYCLE) + 20):
+        bench.step(word, 0x2000)
+        if bench.drive.state is not State.OPERATION_ENABLED:
+            break
+        assert bench.stepper.machine.outputs.brake is Brake.NONE
+    assert bench.drive.feedback.velocity_actual == 0
+    assert FaultNumber.STOP_IGNORED not in numbers(bench)
+
+
+@pytest.mark.parametrize("word", [OFF, None])
+def test_a_ramp_that_takes_longer_than_its_margin_is_found(word: int | None) -> None:
+    bench = turning(on_plc_loss=PlcLossReaction.RAMP)
+    bench.drive.ramp = 1  # 100 % in 24 s, 10 s are configured
+    for _ in range(int(10e9 / CYCLE)):
+        bench.step(word, 0x2000)
+        if bench.stepper.machine.outputs.brake is not Brake.NONE:
+            break
+    assert bench.stepper.machine.outputs.brake is Brake.NMT_STOP
+    assert bench.drive.feedback.velocity_actual > 0
+
+
+def test_each_stop_has_its_own_time() -> None:
+    bench = turning()
+    bench.drive.ramp = 60
+    for _ in range(2):
+        bench.step(OFF, 0x2000, cycles=200)
+        assert bench.stepper.machine.outputs.brake is Brake.NONE
+        bench.step(ON, 0x2000, cycles=2000)
+        assert bench.drive.feedback.velocity_actual == TURNING
+    assert FaultNumber.STOP_IGNORED not in numbers(bench)
+
+
+def test_speed_gathered_by_what_was_asked_before_the_stop_is_no_disobedience() -> None:
+    settings = AxisSettings()
+    watch = StopWatch(settings.reaction_ns, settings.stop_time_ns)
+    watch.reference, slope, began = 6000, 6000 / settings.stop_time_ns, 10**12
+    for since in range(0, settings.stop_time_ns, CYCLE):
+        braking = max(0, since - REACTION)
+        speed = int(1000 + 2000 * min(1.0, since / REACTION) - slope * braking)
+        if speed <= 0:
+            break
+        assert not watch.step(Action.RAMP, True, True, False, speed, 10, began + since)
+    assert watch.step(Action.RAMP, True, True, False, 3001, 10, began + since)
+
+
+def test_a_fault_reaction_of_the_drive_is_its_own_stop_however_long_it_takes() -> None:
+    bench = turning()
+    bench.drive.feedback.statusword = STATUS_OF[State.FAULT_REACTION_ACTIVE]
+    assert deaf(bench, ON, 20 * REACTION // CYCLE) is Brake.NONE
+    assert FaultNumber.STOP_IGNORED not in numbers(bench)
+
+
+def test_a_drive_that_left_operation_for_a_moment_has_its_reaction_time_anew() -> None:
+    watch = StopWatch(REACTION, AxisSettings().stop_time_ns)
+
+    def disobeys(operating: bool, now: int) -> bool:
+        return watch.step(Action.QUICK_STOP, operating, True, False, 0, 10, now)
+
+    assert not disobeys(True, 0)
+    assert not disobeys(False, REACTION)
+    assert not disobeys(True, 2 * REACTION)
+    assert not disobeys(True, 3 * REACTION)
+    assert disobeys(True, 3 * REACTION + 1)
+
+
+def test_the_brakes_are_released_when_the_drive_shows_that_it_is_off_without_an_off_of_the_plc() -> None:
+    bench = turning()
+    assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
+    bench.drive.feedback.statusword = STATUS_OF[State.SWITCH_ON_DISABLED]
+    bench.drive.feedback.velocity_actual = 0
+    assert deaf(bench, None, 3) is Brake.NONE
+
+
+def test_a_shutdown_at_standstill_that_the_drive_ignores_is_found() -> None:
+    bench = turning()
+    bench.drive.feedback.velocity_actual = 0
+    assert deaf(bench, OFF, REACTION // CYCLE + 3) is Brake.NMT_STOP
+
+
+@pytest.mark.parametrize("number", [1, 9, 100])
+def test_a_healthy_drive_is_never_found_disobedient(number: int) -> None:
+    rig = Rig(number)
+    for stop in (0x6, 0x2, 0x0):
+        rig.values[rig.stepper.telegram.setpoints.names[0]] = 0
+        rig.step(5)
+        if number == 100:
+            for word in (0x06, 0x07, 0x0F):
+                rig.values["Controlword"] = word
+                rig.step(4)
+            rig.values["Controlword"] = stop
+        else:
+            rig.enable()
+            rig.values["STW1"] = 0x0438 | stop
+        rig.step(600)
+        assert rig.stepper.machine.outputs.brake is Brake.NONE
+    assert FaultNumber.STOP_IGNORED not in [event.number for event in rig.stepper.events]

@@ -1,0 +1,192 @@
+"""The check of speed against position and setpoint: what is a contradiction, and what is not."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from fractions import Fraction
+from types import MappingProxyType
+
+import pytest
+
+from pdgw.dsp402.drive_type import Quantity, Reference, Scaling
+from pdgw.durations import MS, SECOND
+from pdgw.gateway.axis.supervision.velocity_check import VelocityCheck
+from pdgw.gateway.reasons import FaultNumber
+
+CYCLE = 10 * MS
+COUNTS = 4096
+STOP_TIME = 10 * SECOND
+
+
+def scaling(*, counts: int | None = COUNTS, wraps: tuple[int, int] | None = None) -> Scaling:
+    """rpm, 3000 of them are 100 %."""
+    return Scaling(
+        MappingProxyType({Quantity.SPEED: Reference(Fraction(3000), "")}),
+        counts_per_revolution=None if counts is None else Fraction(counts),
+        velocity_per_rpm=Fraction(1),
+        position_range=wraps,
+        position_wraps=wraps is not None,
+    )
+
+
+class Axis:
+    """Turns at a speed of time; shows another one if it is told to."""
+
+    def __init__(self, **options: object) -> None:
+        self.check = VelocityCheck(STOP_TIME)
+        self.check.set_drive(scaling(**options), 30)  # type: ignore[arg-type]
+        self.now = SECOND
+        self.turns = 0.0
+        self.jump = 0
+
+    def run(
+        self,
+        seconds: float,
+        rpm: Callable[[float], float],
+        *,
+        target: Callable[[float], float] | None = None,
+        shown: Callable[[float], float] | None = None,
+        span: int = 1 << 32,
+    ) -> tuple[FaultNumber, str, float] | None:
+        begun = self.now
+        while self.now < begun + seconds * SECOND:
+            at = (self.now - begun) / SECOND
+            self.now += CYCLE
+            self.turns += rpm(at) * CYCLE / SECOND / 60
+            position = (round(self.turns * COUNTS) + self.jump + span // 2) % span - span // 2
+            wanted = (target or rpm)(at)
+            found = self.check.step(True, round(wanted), round((shown or rpm)(at)), position, self.now, self.now)
+            if found is not None:
+                return *found, at
+        return None
+
+
+@pytest.mark.parametrize("rpm", [60, -120, 3000])
+def test_speed_that_fits_is_no_contradiction(rpm: int) -> None:
+    axis = Axis()
+    assert axis.run(5, lambda at: rpm) is None
+    assert not axis.check.locked
+
+
+@pytest.mark.parametrize(
+    ("factor", "number"),
+    [
+        (0.1, FaultNumber.VELOCITY),
+        (0.19, FaultNumber.VELOCITY),
+        (0.5, FaultNumber.VELOCITY_DEVIATES),
+        (0.85, None),
+        (1.2, None),
+        (1.5, FaultNumber.VELOCITY_DEVIATES),
+        (5.5, FaultNumber.VELOCITY),
+        (17_476, FaultNumber.VELOCITY),
+    ],
+)
+def test_position_against_606ch_decides_within_a_second(factor: float, number: FaultNumber | None) -> None:
+    axis = Axis()
+    found = axis.run(3, lambda at: 120 * factor, shown=lambda at: 120, target=lambda at: 120)
+    if number is None:
+        assert found is None
+        return
+    assert found is not None
+    assert found[0] is number
+    assert "6064h moves at" in found[1]
+    assert "606Ch says 120 rpm" in found[1]
+    assert found[2] < 1
+    assert axis.check.locked is (number is FaultNumber.VELOCITY)
+
+
+def test_deviation_is_told_once() -> None:
+    axis = Axis()
+    assert axis.run(2, lambda at: 180, shown=lambda at: 120, target=lambda at: 120) is not None
+    assert axis.run(5, lambda at: 180, shown=lambda at: 120, target=lambda at: 120) is None
+
+
+def test_606ch_above_150_percent_of_the_setpoint_is_a_contradiction() -> None:
+    found = Axis(counts=None).run(3, lambda at: 250, target=lambda at: 120)
+    assert found is not None
+    assert found[0] is FaultNumber.VELOCITY
+    assert "606Ch is 250 with a setpoint of 120, above 150 %" in found[1]
+
+
+def test_speed_that_keeps_growing_at_a_constant_setpoint_is_one() -> None:
+    found = Axis(counts=None).run(9, lambda at: 1000 * (1 + at / 4), target=lambda at: 1000)
+    assert found is not None
+    assert "keeps growing with a constant setpoint of 1000" in found[1]
+
+
+@pytest.mark.parametrize(
+    ("rpm", "target"),
+    [
+        (lambda at: 3000 - min(at, 9) * 300, lambda at: 300.0),  # the drive's own slow ramp
+        (lambda at: 120 * (1.9 if 0.2 < at < 0.5 else 1), lambda at: 120.0),  # overshoot
+        (lambda at: min(at * 100, 3000), lambda at: 3000.0),
+        (lambda at: 0.0, lambda at: 3000.0),  # blocked
+        (lambda at: 200.0, lambda at: 0.0),  # dragged
+    ],
+)
+def test_ramps_overshoot_and_load_are_no_contradiction(
+    rpm: Callable[[float], float], target: Callable[[float], float]
+) -> None:
+    axis = Axis()
+    assert axis.run(1, lambda at: rpm(0), target=lambda at: rpm(0)) is None
+    assert axis.run(12, rpm, target=target) is None
+
+
+def test_jump_of_the_position_is_no_speed() -> None:
+    axis = Axis()
+    assert axis.run(1, lambda at: 300) is None
+    axis.jump = 1_000_000
+    assert axis.run(3, lambda at: 300) is None
+
+
+def test_position_that_begins_anew_is_followed() -> None:
+    axis = Axis(wraps=(-2048, 2048))
+    assert axis.run(5, lambda at: 120, span=4096) is None
+    counter = Axis()
+    counter.turns = (2**31 - 5000) / COUNTS
+    assert counter.run(5, lambda at: 300) is None
+
+
+def test_without_counts_or_position_nothing_is_compared() -> None:
+    assert Axis(counts=None).run(3, lambda at: 1200, shown=lambda at: 120, target=lambda at: 120) is None
+    check = VelocityCheck(STOP_TIME)
+    check.set_drive(scaling(), 30)
+    assert all(check.step(True, 120, 120, 0, 0, SECOND + cycle * CYCLE) is None for cycle in range(500))
+
+
+def test_check_begins_anew_with_each_operation() -> None:
+    axis = Axis()
+    for _ in range(20):
+        assert axis.run(0.3, lambda at: 1200, shown=lambda at: 120, target=lambda at: 120) is None
+        assert axis.check.step(False, 0, 0, 0, 0, axis.now) is None
+
+
+@pytest.mark.parametrize("resting", [0, 1, 2])
+def test_jerky_motion_whose_period_equals_the_comparison_is_no_contradiction(resting: int) -> None:
+    """DSC with few position updates jumps and rests, in the rhythm in which speeds are compared."""
+    check = VelocityCheck(STOP_TIME)
+    check.set_drive(scaling(), 30)
+    position, now, speed, found = 0.0, SECOND, 0, []
+    for cycle in range(1000):
+        now += 4 * MS
+        position += speed / 60 * COUNTS * 0.004
+        found.append(check.step(True, None, speed, round(position), now, now))
+        speed = 0 if cycle % 3 == resting else 1500
+    assert not any(found)
+
+
+def test_speed_that_jumps_between_samples_is_not_compared() -> None:
+    """Position control over a slow link: each cycle jumps to its position and shows the speed of an arbitrary moment."""
+    axis = Axis()
+    shown = itertools.cycle((6000, 0, -6000, 15, 2000))
+    assert axis.run(5, lambda at: 20, shown=lambda at: next(shown)) is None
+
+
+def test_wrong_speed_is_found_once_jumping_ends() -> None:
+    axis = Axis()
+    shown = itertools.cycle((6000, 0, -6000, 15, 2000))
+    assert axis.run(1, lambda at: 20, shown=lambda at: next(shown)) is None
+    found = axis.run(1, lambda at: 20, shown=lambda at: 300)
+    assert found is not None
+    assert found[0] is FaultNumber.VELOCITY

@@ -1,0 +1,193 @@
+"""The controller's frame and the input frame in one turn of the loop: phases, drifting clocks, late frames, and the answer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pdgw.ds301.virtual_loop import VirtualLoop
+from pdgw.durations import MS, SECOND
+from pdgw.gateway.links.profinet.pairing import Pairing
+from pdgw.profidrive.telegrams import telegram
+from pdgw.profinet import lldp
+from pdgw.profinet.connect import IocrType
+from pdgw.profinet.ppm import Provider
+from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
+from tests.gateway.links.profinet.test_link import AXIS, Rig, cyclic
+from tests.profinet.test_cyclic import PLACES
+from tests.support.ethernet import FakeEthernet
+from tests.support.profinet import DEVICE_MAC, PLC_IP, PLC_MAC, project
+
+
+@dataclass
+class Played:
+    """What became of a controller's frames."""
+
+    wakes: list[int] = field(default_factory=list)
+    """When a frame woke the loop."""
+    waits: list[int] = field(default_factory=list)
+    """How long each frame waited."""
+    sent: list[int] = field(default_factory=list)
+    """When input frames were due."""
+
+
+def play(ratio: int, phase: int, arrivals: Sequence[int]) -> Played:
+    """Frames that come at these times, input frames that begin at ``phase``."""
+    plan = project(reduction_ratio=ratio).plan(IocrType.INPUT, 0x8001)
+    provider = Provider(plan, PLC_MAC, DEVICE_MAC, PLACES)
+    provider.start(phase)
+    port = FakeEthernet(VirtualLoop())
+    pairing = Pairing(port, provider)
+    played = Played()
+    waiting: list[int] = []
+    for arrival in arrivals:
+        while provider.due <= arrival:
+            due = provider.due
+            if pairing.due(due):
+                pairing.taken(due, found=bool(waiting))
+                played.waits += [due - came for came in waiting]
+                waiting.clear()
+            played.sent.append(due)
+            assert provider.poll(due) is not None
+            if port.listening and waiting:  # as the kernel tells of what is there
+                played.waits += [due - came for came in waiting]
+                waiting.clear()
+                played.wakes.append(due)
+                pairing.came(due)
+        if port.listening:
+            played.wakes.append(arrival)
+            played.waits.append(0)
+            pairing.came(arrival)
+        else:
+            waiting.append(arrival)
+    return played
+
+
+@given(st.sampled_from([1, 2, 4, 8]), st.integers(0, 8 * MS), st.integers(-100, 100))
+def test_the_frames_of_any_phase_and_of_a_drifting_clock_are_soon_taken_together(
+    ratio: int, phase: int, drift_ppm: int
+) -> None:
+    cycle = ratio * MS
+    begin, settled = 32 * MS, 32 * MS + 100 * cycle
+    drift = cycle * drift_ppm // 1_000_000
+    played = play(ratio, phase, range(begin, settled + 4 * SECOND, cycle + drift))
+    late = [when for when in played.wakes if when > settled]
+    assert len(late) <= 16 + 4 * SECOND // cycle // 8, "some are needed to follow a clock that drifts"
+    drifted = SECOND // 2 // cycle * abs(drift)
+    assert max(played.waits) <= MS // 10 + MS // 20 + drifted + cycle // 64
+    periods = [later - earlier for earlier, later in pairwise(played.sent)]
+    assert max(abs(period - cycle) for period in periods) <= cycle // 64
+
+
+def test_a_clock_as_good_as_ours_wakes_the_loop_twice_a_second() -> None:
+    played = play(1, 300_000, range(MS, 10 * SECOND, MS))
+    assert len([when for when in played.wakes if when > SECOND]) <= 2 * 9 + 1
+
+
+@given(st.lists(st.integers(-400_000, 400_000), min_size=50, max_size=300))
+def test_a_frame_that_comes_any_time_is_taken_at_the_next_input_frame_at_the_latest(jitter: list[int]) -> None:
+    arrivals = sorted((number + 2) * MS + shift for number, shift in enumerate(jitter))
+    played = play(1, 0, arrivals)
+    assert max(played.waits) <= MS + MS // 64
+
+
+def test_a_long_cycle_lets_each_frame_wake_the_loop(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    rig.plc.project = replace(rig.plc.project, reduction_ratio=16, data_hold=100)
+    rig.connect()
+    rig.run(2 * SECOND, lambda: not rig.port.listening)
+    assert rig.port.listening
+
+
+# -- in the link ------------------------------------------------------------------------------------------------------
+
+
+class PairedRig(Rig):
+    """Its drive objects show what they were told; or the gateway ends with the next frame."""
+
+    ending = False
+    at_once = 0
+    """Input frames that left as soon as they had their answer."""
+
+    def on_link(self) -> None:
+        if self.ending:
+            if not self.port.closed:
+                self.link.close()
+        elif self.link.receive(self.loop.now()):
+            self.cycles += 1
+            setpoints = self.link.setpoints[0]
+            if setpoints is not None:
+                before = len(self.port.sent)
+                self.link.send([setpoints, (0, 0, 0, 0)], [True, True], [False, False])
+                self.at_once += len(self.port.sent) - before
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> PairedRig:
+    made = PairedRig(tmp_path)
+    made.connect()
+    made.run(500 * MS, lambda: not made.port.listening)
+    assert not made.port.listening
+    return made
+
+
+def test_input_frames_carry_the_answer_to_the_frame_they_are_taken_with(rig: PairedRig) -> None:
+    half = telegram(1).actuals
+    for number in range(20):
+        rig.plc.set_output(AXIS, half.encode((0x047F, number)))
+        assert rig.plc.provider is not None
+        before = rig.plc.provider.due
+        rig.run(20 * MS, lambda number=number: rig.plc.input(AXIS) == half.encode((0x047F, number)))  # type: ignore[misc]
+        assert rig.loop.now() - before <= MS // 2, "at the heels of the frame"
+
+
+def test_input_frames_wait_for_nothing_that_comes_behind_the_answer(rig: PairedRig) -> None:
+    rig.plc.set_output(AXIS, telegram(1).actuals.encode((0x047F, 1)))
+    rig.run(8 * MS)
+    before = rig.at_once
+    rig.run(80 * MS)
+    assert rig.at_once - before in {19, 20, 21}
+
+
+def test_a_frame_that_is_missing_makes_the_next_one_wake_the_loop(rig: PairedRig) -> None:
+    rig.plc.silent = True
+    rig.run(5 * MS)
+    assert rig.port.listening
+    rig.plc.silent = False
+    cycles = rig.cycles
+    rig.run(40 * MS)
+    assert rig.cycles - cycles >= 9
+    assert not rig.port.listening
+
+
+def test_the_end_of_the_relationship_lets_the_next_one_begin_as_the_first(rig: PairedRig) -> None:
+    rig.plc.release(rig.loop.now())
+    rig.run(20 * MS)
+    assert rig.port.listening
+    rig.connect()
+    rig.run(500 * MS, lambda: not rig.port.listening)
+    assert not rig.port.listening
+
+
+def test_an_end_while_the_frame_is_taken_sends_and_asks_for_nothing_more(rig: PairedRig) -> None:
+    rig.ending = True
+    rig.run(8 * MS)
+    assert rig.port.closed
+    sent = len(rig.port.sent)
+    rig.loop.run_for(2 * lldp.INTERVAL_NS)
+    assert len(rig.port.sent) == sent
+
+
+def test_a_call_does_not_overtake_the_frame_that_waits(rig: PairedRig) -> None:
+    rig.run(8 * MS)
+    before = rig.cycles
+    rig.port.real_time.append(cyclic(rig, bytes.fromhex("047f0001")))
+    rig.port.arrive((PLC_IP, ACYCLIC_PORT), bytes(100))
+    rig.loop.run_for(0)
+    assert rig.cycles == before + 1

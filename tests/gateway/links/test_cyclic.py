@@ -1,0 +1,329 @@
+"""The device side of the cyclic exchange: which frames count, the watchdog, and the frames sent back."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import sys
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pdgw.ds301.loop import SystemLoop
+from pdgw.durations import MS
+from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
+from pdgw.gateway.links.sequence import SEQUENCE_FRAMES
+from pdgw.gateway.links.udp import UdpSocket, arrival
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.profidrive import frame as rt
+from pdgw.profidrive.telegrams import Direction, telegram
+
+PLC = ("127.0.0.1", 40000)
+OTHER = ("127.0.0.1", 40001)
+CYCLE = 4 * MS
+
+
+def device(*numbers: int, peer: str | None = None) -> CyclicEndpoint:
+    return CyclicEndpoint([telegram(n) for n in numbers or (1,)], cycle_ns=CYCLE, peer=peer)
+
+
+def frame(
+    counter: int = 1, *, status: int = rt.STATUS_NORMAL, iops: int = rt.IOPS_GOOD, frame_id: int = 0xC001
+) -> bytes:
+    c_sdu = bytes.fromhex("047F2000") + bytes((iops, rt.IOPS_GOOD))
+    return rt.RtFrame(frame_id, c_sdu, counter, status).encode()
+
+
+STEP = CYCLE // rt.COUNTER_UNIT_NS
+
+
+def connect(endpoint: CyclicEndpoint, data: bytes = frame(), source: tuple[str, int] = PLC, at: int = 0) -> None:
+    """The first frames of a PLC: those before ``data``, and ``data`` itself at a time."""
+    (last,) = struct.unpack_from(">H", data, len(data) - 4)
+    for before in range(SEQUENCE_FRAMES - 1, -1, -1):
+        counter = (last - before * STEP) & 0xFFFF
+        verdict = endpoint.receive(data[:-4] + struct.pack(">H", counter) + data[-2:], source, at - before * CYCLE)
+        assert (verdict is Verdict.UNCONFIRMED) == (before > 0)
+
+
+def test_the_fourth_frame_in_sequence_gives_the_setpoints() -> None:
+    endpoint = device()
+    for number in range(SEQUENCE_FRAMES - 1):
+        assert endpoint.receive(frame(number * STEP), PLC, number * CYCLE) is Verdict.UNCONFIRMED
+        assert (endpoint.connected, endpoint.setpoints) == (False, [None])
+    last = SEQUENCE_FRAMES - 1
+    assert endpoint.receive(frame(last * STEP), PLC, last * CYCLE) is Verdict.ACCEPTED
+    assert endpoint.setpoints == [(0x047F, 0x2000)]
+    assert endpoint.peer == PLC
+
+
+@pytest.mark.parametrize(
+    ("data", "verdict"),
+    [
+        (frame()[:-1], Verdict.TRUNCATED),
+        (b"", Verdict.TRUNCATED),
+        (frame() + b"\0", Verdict.OVERSIZED),
+        (bytes(2000), Verdict.OVERSIZED),
+        (frame(frame_id=0xC002), Verdict.WRONG_FRAME_ID),
+        (frame(status=rt.STATUS_NORMAL & ~rt.STATUS_DATA_VALID), Verdict.NOT_VALID),
+        (frame(status=rt.STATUS_NORMAL & ~rt.STATUS_PRIMARY), Verdict.NOT_PRIMARY),
+    ],
+)
+def test_bad_frames_are_counted_by_their_reason_and_dropped(data: bytes, verdict: Verdict) -> None:
+    endpoint = device()
+    assert endpoint.receive(data, PLC, 0) is verdict
+    assert endpoint.counters[verdict] == 1
+    assert endpoint.setpoints == [None]
+    assert not endpoint.connected
+
+
+def test_a_shorter_telegram_in_a_frame_of_the_same_length_leaves_the_axis_without_setpoints() -> None:
+    """Telegram 100 just fills the minimum C_SDU: where its IOPS belongs, telegram 1 has padding, which is BAD."""
+    endpoint = device(100)
+    connect(endpoint)
+    assert endpoint.setpoints == [None]
+    assert endpoint.iops_bad == 1
+
+
+def test_a_longer_telegram_in_a_frame_of_the_same_length_is_dropped() -> None:
+    plc = PlcEndpoint([telegram(9)], CYCLE)
+    plc.set(0, {"STW1": 0x047E, "MDI_ACC": 0x4000})
+    endpoint = device(1)
+    assert endpoint.receive(bytes(plc.build()), PLC, 0) is Verdict.WRONG_TELEGRAM
+    assert endpoint.setpoints == [None]
+
+
+@pytest.mark.parametrize("advance", [0, -1, -STEP, 4 * STEP + 1, 61440, 61441])
+def test_a_counter_that_is_not_newer_or_ahead_of_the_time_that_passed_is_dropped(advance: int) -> None:
+    endpoint = device()
+    connect(endpoint, frame(1000))
+    assert endpoint.receive(frame(1000 + advance & 0xFFFF), PLC, MS) is Verdict.STALE
+
+
+@pytest.mark.parametrize(
+    ("advance", "after"), [(1, 1), (STEP, CYCLE), (3 * STEP, 3 * CYCLE), (STEP, 2), (STEP, 3 * CYCLE)]
+)
+def test_a_counter_may_advance_as_time_does_and_be_late_or_early_by_the_watchdog_time(advance: int, after: int) -> None:
+    endpoint = device()
+    connect(endpoint, frame(1000))
+    assert endpoint.receive(frame(1000 + advance), PLC, after) is Verdict.ACCEPTED
+
+
+def test_the_counter_wraps() -> None:
+    endpoint = device()
+    connect(endpoint, frame(0xFFF0))
+    assert endpoint.receive(frame(0x0010), PLC, MS) is Verdict.ACCEPTED
+
+
+def test_a_foreign_sender_is_dropped_while_the_peer_is_there() -> None:
+    endpoint = device()
+    connect(endpoint)
+    assert endpoint.receive(frame(2), OTHER, MS) is Verdict.FOREIGN_SENDER
+    assert endpoint.peer == PLC
+
+
+def test_after_the_watchdog_the_first_sender_with_a_sequence_is_taken_with_any_counter() -> None:
+    endpoint = device()
+    connect(endpoint, frame(500))
+    assert endpoint.poll(3 * CYCLE) is False
+    assert endpoint.poll(3 * CYCLE + 1) is True
+    assert endpoint.poll(3 * CYCLE + 2) is False, "told once"
+    assert endpoint.setpoints == [None]
+    assert endpoint.watchdog_expiries == 1
+    connect(endpoint, frame(3), OTHER, 20 * CYCLE)
+
+
+def test_a_configured_peer_is_the_only_one() -> None:
+    endpoint = device(peer="127.0.0.9")
+    assert endpoint.receive(frame(), PLC, 0) is Verdict.FOREIGN_SENDER
+    connect(endpoint, frame(), ("127.0.0.9", 1))
+
+
+def test_provider_stop_is_a_loss_but_not_a_watchdog_expiry() -> None:
+    endpoint = device()
+    connect(endpoint)
+    assert endpoint.receive(frame(2, status=rt.STATUS_STOP), PLC, MS) is Verdict.PROVIDER_STOP
+    assert endpoint.setpoints == [None]
+    assert endpoint.connected
+
+
+def test_an_off_counts_at_once_also_behind_a_provider_stop() -> None:
+    endpoint = device()
+    connect(endpoint)
+    for number in (1, 2):
+        assert endpoint.receive(frame(1 + number * STEP), PLC, number * CYCLE) is Verdict.ACCEPTED
+    endpoint.receive(frame(1 + 3 * STEP, status=rt.STATUS_STOP), PLC, 3 * CYCLE)
+    endpoint.receive(frame(1 + 4 * STEP), PLC, 4 * CYCLE)
+    assert endpoint.setpoints == [(0x047F, 0x2000)], "it stood in the frames before"
+    endpoint.build([(0, 0)], [True], [True])
+    off = frame(1 + 5 * STEP).replace(bytes.fromhex("047F"), bytes.fromhex("047E"))
+    assert endpoint.receive(off, PLC, 5 * CYCLE) is Verdict.ACCEPTED
+    assert endpoint.setpoints == [(0x047E, 0x2000)]
+
+
+def test_iops_bad_is_a_loss_for_that_axis_only() -> None:
+    endpoint = device(1, 1)
+    c_sdu = bytes.fromhex("047F2000 00 047E1000 80 8080")
+    connect(endpoint, rt.RtFrame(0xC001, c_sdu, 1).encode())
+    assert endpoint.setpoints == [None, (0x047E, 0x1000)]
+    assert endpoint.iops_bad == 1
+    answer = endpoint.build([(0, 0), (0, 0)], [True, True])
+    layout = rt.CSduLayout([telegram(1)] * 2, Direction.ACTUAL)
+    assert [answer[i] for i in layout.iocs] == [rt.IOPS_BAD, rt.IOPS_GOOD]
+
+
+def test_a_plc_that_is_silent_but_for_invalid_frames_is_lost() -> None:
+    endpoint = device()
+    connect(endpoint)
+    for n in range(1, 5):
+        endpoint.receive(frame(1 + n, status=rt.STATUS_NORMAL & ~rt.STATUS_DATA_VALID), PLC, n * CYCLE)
+    assert endpoint.poll(4 * CYCLE)
+
+
+def test_a_frame_that_came_in_time_counts_though_the_gateway_looked_when_the_watchdog_had_run_out() -> None:
+    endpoint = device()
+    connect(endpoint)
+    endpoint.poll(2 * CYCLE)
+    late = 3 * CYCLE + MS
+    assert endpoint.receive(frame(1 + 3 * STEP), PLC, late, 3 * CYCLE) is Verdict.ACCEPTED
+    assert not endpoint.poll(late)
+
+
+@pytest.mark.parametrize("stamp", [2 * CYCLE + 2 * MS, None])
+def test_a_frame_that_came_too_late_is_a_loss_however_early_the_next_look(stamp: int | None) -> None:
+    endpoint = device()
+    connect(endpoint)
+    endpoint.poll(3 * CYCLE - 1)
+    if stamp is None:
+        # Nothing was there when the socket was looked at after the watchdog time: whatever is there now came later.
+        endpoint.receive(b"", OTHER, 3 * CYCLE + 1)
+    now = 3 * CYCLE + MS
+    assert endpoint.receive(frame(1 + 3 * STEP), PLC, now, stamp and 3 * CYCLE + 1) is not Verdict.ACCEPTED
+    assert endpoint.setpoints == [None]
+    assert endpoint.poll(now)
+
+
+def test_without_time_stamps_a_frame_may_have_come_in_time_while_the_gateway_was_not_late() -> None:
+    endpoint = device()
+    connect(endpoint)
+    endpoint.poll(2 * CYCLE)
+    assert endpoint.receive(frame(1 + 3 * STEP), PLC, 3 * CYCLE + MS) is Verdict.ACCEPTED
+
+
+@pytest.mark.parametrize("stamped", [False, True])
+def test_a_gateway_that_stood_still_believes_nothing_that_waited(stamped: bool) -> None:
+    """The queue holds a whole life of a PLC: it stopped, was switched on again and went away."""
+    endpoint = device()
+    connect(endpoint)
+    now = 100 * CYCLE
+    for number in range(1, 95):
+        data = frame(1 + number * STEP)
+        assert endpoint.receive(data, PLC, now, number * CYCLE if stamped else None) is not Verdict.ACCEPTED
+        assert endpoint.setpoints == [None]
+    assert endpoint.poll(now), "the drive objects see the loss"
+    assert not endpoint.connected
+    for number in range(95, 100):
+        endpoint.receive(frame(1 + number * STEP), PLC, now, number * CYCLE if stamped else None)
+    assert endpoint.watchdog_expiries == 1
+
+
+def test_a_frame_that_waited_longer_than_the_watchdog_time_is_not_used() -> None:
+    endpoint = device()
+    connect(endpoint)
+    endpoint.poll(2 * CYCLE)
+    now = 4 * CYCLE
+    assert endpoint.receive(frame(1 + STEP), PLC, now, now - 3 * CYCLE - 1) is Verdict.OVERDUE
+    assert endpoint.poll(now)
+
+
+def test_no_connection_begins_before_the_loss_was_told() -> None:
+    endpoint = device()
+    connect(endpoint)
+    assert endpoint.receive(frame(7), PLC, 20 * CYCLE) is Verdict.UNCONFIRMED
+    for number in range(1, 10):
+        assert endpoint.receive(frame(7 + number * STEP), PLC, (20 + number) * CYCLE) is Verdict.UNCONFIRMED
+    assert endpoint.poll(29 * CYCLE)
+    assert endpoint.receive(frame(7 + 10 * STEP), PLC, 30 * CYCLE) is Verdict.ACCEPTED
+
+
+def test_without_delays_a_connection_waits_for_the_report_of_the_loss_too() -> None:
+    """On Ethernet one frame connects: without this rule the axes would go on with an ON, and would never see the loss."""
+    endpoint = CyclicEndpoint([telegram(1)], cycle_ns=CYCLE, delays=False)
+    assert endpoint.receive(frame(1), PLC, 0) is Verdict.ACCEPTED
+    assert endpoint.receive(frame(2), PLC, 20 * CYCLE) is Verdict.UNCONFIRMED
+    assert (endpoint.connected, endpoint.setpoints) == (False, [None])
+    assert endpoint.poll(20 * CYCLE), "the loss"
+    assert endpoint.receive(frame(3), PLC, 21 * CYCLE) is Verdict.ACCEPTED
+    assert endpoint.setpoints == [(0x047F, 0x2000)]
+
+
+def test_the_answer_carries_values_status_and_a_running_counter() -> None:
+    endpoint = device()
+    first = rt.RtFrame.decode(bytes(endpoint.build([(0x0637, -5)], [True])))
+    assert first.frame_id == rt.FRAME_ID_TO_CONTROLLER
+    assert first.c_sdu[:6] == bytes.fromhex("0637FFFB 80 00")
+    assert first.data_status == rt.STATUS_NORMAL
+    second = rt.RtFrame.decode(bytes(endpoint.build([(0, 0)], [False])))
+    assert (second.cycle_counter - first.cycle_counter) * rt.COUNTER_UNIT_NS == CYCLE
+    assert second.c_sdu[4] == rt.IOPS_BAD
+
+
+def test_an_endpoint_with_another_telegram_goes_on_counting() -> None:
+    """A cycle counter that starts anew would look like old frames to the PLC."""
+    first, second = device(1), device(2)
+    connect(first)
+    for _ in range(5):
+        before = first.build([(0, 0)], [True])
+    second.continue_from(first)
+    after = second.build([(0,) * len(telegram(2).actuals.signals)], [True])
+    counters = [rt.RtFrame.decode(bytes(data)).cycle_counter for data in (before, after)]
+    assert rt.is_newer(counters[1], counters[0])
+    assert (second.sent, second.counters[Verdict.ACCEPTED]) == (6, 1)
+    assert second.setpoints == [None], "values of the other telegram are not taken over"
+
+
+def test_a_configured_peer_may_come_back_from_another_port_after_the_watchdog() -> None:
+    endpoint = device(peer=PLC[0])
+    connect(endpoint, frame(5))
+    assert endpoint.receive(frame(6), OTHER, MS) is Verdict.FOREIGN_SENDER
+    endpoint.poll(4 * CYCLE)
+    connect(endpoint, frame(1), OTHER, 10 * CYCLE)
+
+
+@given(data=st.binary(max_size=100))
+def test_arbitrary_datagrams_never_raise_and_are_always_counted(data: bytes) -> None:
+    endpoint = device()
+    endpoint.receive(data, PLC, 0)
+    assert sum(endpoint.counters.values()) == 1
+
+
+def test_a_time_stamp_of_the_kernel_becomes_a_time_of_the_loop_whatever_happens_to_the_wall_clock() -> None:
+    wall, now, emptied = 10**18, 5_000 * MS, 4_990 * MS
+    assert arrival(wall - 3 * MS, wall, now, emptied) == now - 3 * MS
+    assert arrival(wall + 3600 * 10**9, wall, now, emptied) == now, "set back by an hour while the datagram waited"
+    assert arrival(wall - 3600 * 10**9, wall, now, emptied) == emptied, "set forward by an hour"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="time stamps of Linux")
+def test_a_datagram_that_waits_in_the_socket_keeps_the_time_at_which_it_came() -> None:
+    loop = SystemLoop()
+    port = UdpSocket(loop, "127.0.0.1", 0, "test")
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plc:
+            times = []
+            for data in (b"first", b"second"):
+                times.append(loop.now())
+                plc.sendto(data, port.address)
+            times.append(loop.now())
+        for number, data in enumerate((b"first", b"second")):
+            before = loop.now()
+            received = port.receive()
+            meanwhile = loop.now() - before  # between its looks at both clocks it may have to wait for the processor
+            assert received is not None
+            assert received[0] == data
+            assert port.received_at is not None
+            assert times[number] - MS <= port.received_at <= times[number + 1] + MS + meanwhile
+        assert port.receive() is None
+    finally:
+        port.close()

@@ -1,0 +1,209 @@
+"""The axis between machine and drive client: SDO work, faults, refusals, restarts. The drive is never started here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import Future
+from typing import Any
+
+import pytest
+
+from pdgw.ds301.virtual_loop import VirtualLoop
+from pdgw.dsp402.drive import DriveEvent, DriveStatus
+from pdgw.gateway.axis.values import News, SdoAnswer, SdoWrite
+from pdgw.gateway.configuration.config import AxisConfig
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.objects.axis import Axis
+from pdgw.gateway.reasons import FaultNumber
+from tests.support import buses
+from tests.support.drive_types import engel
+
+FIRST = (SdoWrite(0x6098, 0, 35),)
+SECOND = (SdoWrite(0x6098, 0, 17),)
+
+
+@pytest.fixture
+def axis() -> Iterator[Axis]:
+    network = buses.network(VirtualLoop(), buses.bus(buses.channel()))
+    axis = Axis(AxisConfig(do_id=7, node_id=3, telegram=9), network, 4)
+    yield axis
+    network.close()
+
+
+class Requests:
+    """An axis whose drive is online: the SDO jobs it was given wait for the test, and the machine is played by it too."""
+
+    def __init__(self, axis: Axis) -> None:
+        axis.drive.status = DriveStatus.ONLINE
+        self._axis = axis
+        self.told: list[SdoAnswer] = []
+        """What the machine is told."""
+
+    @property
+    def jobs(self) -> list[Future[Any]]:
+        """Answers to the jobs, to be given."""
+        return [future for future, _ in self._axis.drive._jobs._waiting]
+
+    def cycle(self) -> None:
+        """A step of the axis, around a machine that takes back what was answered."""
+        outputs = self._axis.outputs
+        news: list[News] = []
+        self._axis._deliver(news)
+        for item in news:
+            assert isinstance(item, SdoAnswer)
+            self.told.append(item)
+            if item.writes is outputs.writes:
+                outputs.writes = None
+        self._axis._serve(outputs)
+
+
+def test_an_sdo_request_is_performed_once_and_answered(axis: Axis) -> None:
+    requests = Requests(axis)
+    axis.outputs.writes = FIRST
+    for _ in range(3):
+        requests.cycle()
+    assert (len(requests.jobs), requests.told) == (1, [])
+    requests.jobs[0].set_exception(GatewayError("not taken"))
+    requests.cycle()
+    requests.cycle()
+    assert (len(requests.jobs), requests.told) == (1, [SdoAnswer(FIRST, "not taken")])
+
+
+def test_the_end_of_a_withdrawn_request_does_not_answer_the_next(axis: Axis) -> None:
+    requests = Requests(axis)
+    axis.outputs.writes = FIRST
+    requests.cycle()
+    axis.outputs.writes = SECOND
+    requests.jobs[0].set_result(None)
+    requests.cycle()
+    assert [answer.writes for answer in requests.told] == [FIRST]
+    assert axis.outputs.writes is SECOND
+    requests.cycle()
+    assert len(requests.jobs) == 2
+    requests.jobs[1].set_result(None)
+    requests.cycle()
+    assert requests.told[1:] == [SdoAnswer(SECOND, None)]
+
+
+def test_a_request_is_performed_also_where_the_step_has_nothing_else_to_tell(axis: Axis) -> None:
+    requests = Requests(axis)
+    axis.step(None, 1)
+    assert not requests.jobs
+    axis.machine.notes.writes = FIRST
+    axis.step(None, 2)
+    assert len(requests.jobs) == 1
+
+
+def test_a_request_waits_for_the_end_of_the_one_before(axis: Axis) -> None:
+    """Both write the same objects: the later values have to be written later."""
+    requests = Requests(axis)
+    axis.outputs.writes = FIRST
+    requests.cycle()
+    axis.outputs.writes = SECOND
+    requests.cycle()
+    assert len(requests.jobs) == 1
+    requests.jobs[0].set_result(None)
+    requests.cycle()
+    assert requests.told == [SdoAnswer(FIRST, None)]
+    assert len(requests.jobs) == 2
+
+
+def test_a_refusal_that_repeats_is_one_fault_until_the_drive_was_accepted(axis: Axis) -> None:
+    def tell(status: DriveStatus, text: str) -> None:
+        axis.drive.status = status
+        kind = "refused" if status is DriveStatus.REFUSED else "status"
+        axis.on_node_event(DriveEvent(kind, text, time_ns=1))
+        axis.step(None, 1)
+
+    for _ in range(3):
+        tell(DriveStatus.CONFIGURING, "checking identity")
+        tell(DriveStatus.REFUSED, "wrong vendor")
+    assert [fault.number for fault in axis.faults] == [106]
+    tell(DriveStatus.REFUSED, "wrong product")
+    tell(DriveStatus.ONLINE, "operational")
+    tell(DriveStatus.REFUSED, "wrong product")
+    assert [fault.number for fault in axis.faults] == [106, 106, 106]
+
+
+@pytest.mark.parametrize(("healthy", "number"), [(True, 101), (False, 102)])
+def test_a_lost_drive_and_a_lost_bus_are_different_faults(axis: Axis, healthy: bool, number: int) -> None:
+    axis.drive.status = DriveStatus.LOST
+    axis.network.healthy = healthy
+    axis.on_node_event(DriveEvent("status", "lost", time_ns=1))
+    axis.step(None, 1)
+    assert [fault.number for fault in axis.faults] == [number]
+
+
+@pytest.mark.parametrize(
+    ("kind", "status", "healthy", "number"),
+    [
+        ("boot", DriveStatus.ONLINE, True, FaultNumber.NODE_RESTARTED),
+        ("status", DriveStatus.LOST, True, FaultNumber.NODE_LOST),
+        ("status", DriveStatus.LOST, False, FaultNumber.BUS_LOST),
+    ],
+    ids=["boot", "lost", "bus lost"],
+)
+def test_a_restart_that_was_asked_for_is_no_fault_and_the_next_one_is(
+    axis: Axis, kind: str, status: DriveStatus, healthy: bool, number: FaultNumber
+) -> None:
+    def tell(kind: str, status: DriveStatus) -> None:
+        axis.drive.status = status
+        axis.on_node_event(DriveEvent(kind, "told", time_ns=1))
+        axis.step(None, 1)
+
+    axis.network.healthy = healthy
+    axis.reset_node()
+    tell(kind, status)
+    tell(kind, status)
+    assert not axis.faults
+    tell("status", DriveStatus.ONLINE)
+    tell(kind, status)
+    assert [fault.number for fault in axis.faults] == [number]
+
+
+@pytest.mark.parametrize("status", [DriveStatus.CONFIGURING, DriveStatus.OFFLINE])
+def test_what_a_drive_does_on_a_lost_bus_is_no_second_loss_of_it(axis: Axis, status: DriveStatus) -> None:
+    axis.drive.status = status
+    axis.network.healthy = False
+    axis.on_node_event(DriveEvent("status", "tried again", time_ns=1))
+    axis.step(None, 1)
+    assert 102 not in [fault.number for fault in axis.faults]
+
+
+@pytest.mark.parametrize(("code", "number"), [(0x2310, 7), (0x1234, 10)])
+def test_an_emergency_has_the_manufacturers_number(axis: Axis, code: int, number: int) -> None:
+    axis.drive.drive_type = engel()
+    axis.references_changed()
+    axis.on_node_event(DriveEvent("emcy", "EMCY", code, 1, b"\x01\x00\x00\x00\x00", 1))
+    axis.step(None, 1)
+    fault = axis.faults[0]
+    assert (fault.number, fault.code, fault.value) == (number, code, 1)
+
+
+def test_the_end_of_an_emergency_is_no_fault(axis: Axis) -> None:
+    axis.on_node_event(DriveEvent("emcy", "EMCY 0000h no error", 0, 0, bytes(5), 1))
+    axis.step(None, 1)
+    assert not axis.faults
+
+
+def test_without_a_drive_the_values_are_bad_and_nothing_is_sent(axis: Axis) -> None:
+    word = axis.telegram.setpoints.from_dict(dict.fromkeys(axis.telegram.setpoints.names, 0) | {"STW1": 0x047F})
+    axis.step(word, 1)
+    assert not axis.good
+    assert axis.network.sent == 0
+    assert len(axis.actuals) == len(axis.telegram.actuals.signals)
+
+
+@pytest.mark.parametrize(
+    ("number", "message"),
+    [
+        (113, "telegram: 113 is not supported"),
+        (112, "lu_per_unit: missing, telegram 112 needs lu_per_unit and velocity_per"),
+    ],
+)
+def test_an_unsupported_telegram_changes_nothing(axis: Axis, number: int, message: str) -> None:
+    before = axis.machine
+    with pytest.raises(GatewayError, match=message):
+        axis.change_telegram(number)
+    assert axis.machine is before
+    assert axis.telegram.number == 9

@@ -1,0 +1,211 @@
+"""What the axis tells of the drive's own doings: once, under its number, and without losing the first cause."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from pdgw.ds301.virtual_loop import VirtualLoop
+from pdgw.dsp402.drive import DriveEvent, DriveStatus
+from pdgw.dsp402.states import STATUS_OF, State, StatusBit
+from pdgw.durations import MS
+from pdgw.gateway.configuration.config import AxisConfig
+from pdgw.gateway.objects.axis import Axis
+from pdgw.gateway.objects.fault_buffer import EMCY_WARNING_BIT
+from pdgw.gateway.reasons import FIRST_WARNING, Reason
+from pdgw.gateway.service.status import axis_status
+from tests.support import buses
+from tests.support.drive_types import engel
+
+OFF, ON = 0x047E, 0x047F
+
+
+@pytest.fixture
+def axis(monkeypatch: pytest.MonkeyPatch) -> Iterator[Axis]:
+    """An axis whose drive is online; the test writes its feedback."""
+    network = buses.network(VirtualLoop(), buses.bus(buses.channel()))
+    axis = Axis(AxisConfig(do_id=7, node_id=3, telegram=1), network, 4)
+    monkeypatch.setattr(axis.drive, "refresh", lambda now: axis.drive.status is DriveStatus.ONLINE)
+    axis.drive.status = DriveStatus.ONLINE
+    axis.drive.drive_type = engel()
+    axis.drive.generation = 1
+    yield axis
+    network.close()
+
+
+class Steps:
+    """Cycles of 4 ms with a Statusword each."""
+
+    def __init__(self, axis: Axis) -> None:
+        self.axis = axis
+        self.now = 0
+
+    def __call__(self, word: int, *shown: State | int) -> None:
+        for item in shown:
+            self.now += 4 * MS
+            status = STATUS_OF[item] if isinstance(item, State) else item
+            self.axis.drive.feedback.statusword = status
+            self.axis.step((word, 0), self.now)
+
+    def enable(self) -> None:
+        self(0x400, State.SWITCH_ON_DISABLED)
+        self(OFF, State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON)
+        self(ON, State.READY_TO_SWITCH_ON, State.SWITCHED_ON, State.OPERATION_ENABLED)
+
+    @property
+    def numbers(self) -> list[int]:
+        return [fault.number for fault in self.axis.faults]
+
+
+@pytest.fixture
+def steps(axis: Axis) -> Steps:
+    return Steps(axis)
+
+
+def test_normal_operation_tells_nothing(steps: Steps) -> None:
+    steps.enable()
+    steps(0x047D, State.OPERATION_ENABLED, State.SWITCH_ON_DISABLED)
+    assert steps.numbers == []
+
+
+def test_a_statusword_of_no_state_is_fault_107_and_tells_the_word(steps: Steps) -> None:
+    steps.enable()
+    steps(ON, 0x022C, 0x022C)
+    assert steps.numbers == [107]
+    assert "022Ch" in steps.axis.faults[0].text
+    assert steps.axis.reason is Reason.DRIVE_UNKNOWN_STATE
+
+
+def test_a_bouncing_statusword_is_told_once_a_second(steps: Steps) -> None:
+    steps.enable()
+    for _ in range(300):
+        steps(ON, 0x022C, State.SWITCHED_ON)
+    assert steps.numbers == [107] * 3
+    assert 2400 * MS < steps.now < 3000 * MS
+
+
+def test_a_drive_that_leaves_operation_by_itself_is_fault_122(steps: Steps) -> None:
+    steps.enable()
+    steps(ON, State.SWITCHED_ON)
+    assert steps.numbers == [122]
+    assert steps.axis.fault_log.entries()[0].number == 122, "P947"
+    assert axis_status(steps.axis)["faults"][0]["is_warning"] is False
+
+
+def test_the_plcs_own_disable_is_no_warning(steps: Steps) -> None:
+    steps.enable()
+    steps(ON & ~0x8, State.OPERATION_ENABLED, State.SWITCHED_ON)
+    steps(ON, State.SWITCHED_ON, State.OPERATION_ENABLED)
+    assert steps.numbers == []
+
+
+def test_an_internal_limit_is_told_at_its_beginning_and_is_the_reason_while_it_lasts(steps: Steps) -> None:
+    steps.enable()
+    limited = STATUS_OF[State.OPERATION_ENABLED] | StatusBit.INTERNAL_LIMIT
+    steps(ON, limited, limited)
+    assert steps.numbers == [112]
+    assert steps.axis.fault_log.warnings(present=steps.axis.warning) == 1 << 112 - FIRST_WARNING, "P953"
+    assert steps.axis.reason is Reason.INTERNAL_LIMIT
+    steps(ON, State.OPERATION_ENABLED)
+    assert steps.axis.reason is None
+    assert not steps.axis.warning
+
+
+def emcy(axis: Axis, code: int, register: int = 1, now: int = 1) -> None:
+    axis.on_node_event(DriveEvent("emcy", f"EMCY {code:04X}h", code, register, bytes(5), now))
+    axis.step(None, now)
+
+
+@pytest.mark.parametrize(("register", "is_warning"), [(0x01, False), (0x11, False), (0x00, True)])
+def test_an_emergency_is_a_fault_while_its_error_register_has_a_bit_set(
+    axis: Axis, register: int, is_warning: bool
+) -> None:
+    emcy(axis, 0x2310, register)
+    assert [(fault.number, fault.is_warning) for fault in axis.faults] == [(7, is_warning)]
+
+
+@pytest.mark.parametrize("code", [0x8110, 0x8120, 0x8140, 0x8210])
+def test_an_emergency_of_the_communication_is_fault_12(axis: Axis, code: int) -> None:
+    emcy(axis, code)
+    assert axis.faults[0].number == 12
+
+
+def test_a_burst_of_emergencies_does_not_push_the_first_cause_out(axis: Axis) -> None:
+    emcy(axis, 0x2310, now=MS)
+    for count in range(1, 1001):
+        emcy(axis, 0x5000, now=count * 2 * MS)
+    assert [fault.code for fault in axis.faults] == [0x2310, 0x5000, 0x5000]
+
+
+def test_an_emergency_that_ended_is_a_new_one_when_it_comes_again(axis: Axis) -> None:
+    for now in range(1, 4):
+        emcy(axis, 0x2310, now=now)
+    emcy(axis, 0, 0, now=4)
+    emcy(axis, 0x2310, now=5)
+    assert len(axis.faults) == 2
+
+
+def test_an_emergency_without_an_error_is_a_warning_until_its_end_whatever_else_is_told(axis: Axis) -> None:
+    emcy(axis, 0x2310, register=0, now=1)
+    bit = 1 << EMCY_WARNING_BIT
+    assert axis.fault_log.warnings(present=axis.warning) & bit, "P953"
+    axis.on_node_event(DriveEvent("status", "mapping PDOs", time_ns=2))
+    axis.step(None, 2)
+    assert axis.fault_log.warnings(present=axis.warning) & bit
+    emcy(axis, 0, register=0, now=3)
+    assert not axis.fault_log.warnings(present=axis.warning) & bit
+
+
+def test_the_log_has_each_change_of_the_reason_each_fault_and_what_the_node_told_once(
+    steps: Steps, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO", logger="gateway")
+    steps.enable()
+    steps(ON, *[State.OPERATION_ENABLED] * 5)
+    steps.axis.on_node_event(DriveEvent("status", "operational, configuration 1", time_ns=1))
+    steps(ON, *[State.OPERATION_ENABLED] * 2)
+    steps(ON, *[STATUS_OF[State.OPERATION_ENABLED] | StatusBit.INTERNAL_LIMIT] * 3)
+    steps(ON, *[State.SWITCHED_ON] * 3)
+    told = [(record.levelname, getattr(record, "event", ""), record.getMessage()) for record in caplog.records]
+    first = told.index(("INFO", "reason", "axis 7: In operation"))
+    assert [(level, event) for level, event, _ in told[first:]] == [
+        ("INFO", "reason"),
+        ("INFO", "node"),
+        ("WARNING", "warning"),
+        ("INFO", "reason"),
+        ("ERROR", "fault"),
+        ("INFO", "reason"),
+    ]
+    assert told[first + 1][2] == "axis 7: node operational, configuration 1"
+    assert told[first + 3][2].startswith(f"axis 7: Waits: {Reason.INTERNAL_LIMIT.value}. Look for limit switches")
+    assert "fault 122" in told[first + 4][2]
+
+
+def test_a_drive_that_does_not_answer_is_fault_121_once(axis: Axis) -> None:
+    def tell(status: DriveStatus, text: str) -> None:
+        axis.drive.status = status
+        axis.on_node_event(DriveEvent("status", text, time_ns=1))
+        axis.step(None, 1)
+
+    for count in range(3):
+        tell(DriveStatus.CONFIGURING, "checking identity")
+        tell(DriveStatus.OFFLINE, f"no answer {count}")
+    assert [fault.number for fault in axis.faults] == [121]
+    tell(DriveStatus.ONLINE, "operational")
+    tell(DriveStatus.OFFLINE, "no answer")
+    assert [fault.number for fault in axis.faults] == [121, 121]
+
+
+def test_a_set_point_the_drive_did_not_take_is_warning_119_and_the_reason_while_it_stands(steps: Steps) -> None:
+    steps.enable()
+    steps.axis.drive.set_point_refused = True
+    steps.axis.on_node_event(DriveEvent("set-point", "not started: 6083h", time_ns=1))
+    steps(ON, State.OPERATION_ENABLED)
+    assert steps.numbers == [119]
+    assert steps.axis.fault_log.warnings(present=steps.axis.warning) == 1 << 119 - FIRST_WARNING, "P953"
+    assert steps.axis.reason is Reason.SET_POINT_REFUSED
+    steps.axis.drive.set_point_refused = False
+    steps(ON, State.OPERATION_ENABLED)
+    assert steps.axis.reason is None
+    assert steps.axis.fault_log.warnings(present=steps.axis.warning) == 0

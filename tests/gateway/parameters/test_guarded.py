@@ -1,0 +1,173 @@
+"""The parameter channel does not take the brake away: what guards and stops a powered axis is not written to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from pdgw.client.udp import ParameterClient
+from pdgw.ds301.jobs import settle
+from pdgw.ds301.virtual_loop import VirtualLoop
+from pdgw.gateway.parameters.guarded import GUARDED, Check, guard_of
+from pdgw.gateway.parameters.objects import ObjectAccess
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.parameters.codec import ParameterAddress, Values
+from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
+from pdgw.profidrive.parameters.errors import ParameterRefused
+from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, serving, until
+
+GUARDED_INDICES = (
+    *(0x1005, 0x1006, 0x1007, 0x1010, 0x1011, 0x1014, 0x1015, 0x1016, 0x1017, 0x1029, 0x1200, 0x127F, 0x1280, 0x13FF),
+    *(0x1400, 0x1600, 0x1800, 0x1A00, 0x1BFF, 0x1F80, 0x605A, 0x605B, 0x605C, 0x605D, 0x605E, 0x6007, 0x6084, 0x6085),
+    *(
+        0x6086,
+        0x60C6,
+        0x6080,
+        0x6094,
+        0x607E,
+        0x607F,
+        0x608F,
+        0x6090,
+        0x6091,
+        0x6092,
+        0x6093,
+        0x6095,
+        0x6096,
+        0x6097,
+        0x60A8,
+        0x60A9,
+    ),
+)
+
+
+@pytest.mark.parametrize("index", GUARDED_INDICES)
+def test_what_stops_guards_or_scales_an_axis_is_guarded(index: int) -> None:
+    assert guard_of(index) is not None
+
+
+@pytest.mark.parametrize("index", [0x1000, 0x1008, 0x1018, 0x2000, 0x6081, 0x6083, 0x6087, 0x6098, 0x60C5, 0x60FF])
+def test_everything_else_may_be_written_at_any_time(index: int) -> None:
+    assert guard_of(index) is None
+
+
+def test_the_ranges_are_in_order_and_say_why() -> None:
+    assert all(item.first <= item.last and item.reason for item in GUARDED)
+    starts = [item.first for item in GUARDED if item.first < 0x2000]
+    assert starts == sorted(starts)
+
+
+class Client:
+    """A node that takes every write; ``before`` is what happens while a job waits for its turn."""
+
+    def __init__(self, before: Callable[[], None]) -> None:
+        self.log: list[object] = []
+        self._before = before
+
+    def submit(self, job: Callable[[Any], None]) -> Future[None]:
+        future: Future[None] = Future()
+        self._before()
+        settle(future, lambda: job(self))
+        return future
+
+    def write(self, index: int, subindex: int, data: bytes) -> None:
+        self.log.append((index, subindex))
+
+    def hold(self) -> None:
+        self.log.append("hold")
+
+    def unhold(self, *, check: bool) -> None:
+        self.log.append("check" if check else "unhold")
+
+
+def stub(*, powered_later: bool = False) -> tuple[ObjectAccess, Client]:
+    owner = SimpleNamespace(
+        do_id=1,
+        network=SimpleNamespace(loop=VirtualLoop()),
+        config=SimpleNamespace(sdo_interval_ms=0),
+        powered=False,
+        owns=lambda *_: False,
+        is_reference=lambda *_: False,
+        references_changed=lambda: client.log.append("references taken"),
+        read_references=lambda _: client.log.append("references read"),
+    )
+    client = Client(lambda: setattr(owner, "powered", powered_later))
+    owner.client = client
+    return ObjectAccess(owner), client  # type: ignore[arg-type]
+
+
+def test_an_axis_that_is_switched_on_while_the_write_waits_is_not_written_to() -> None:
+    access, client = stub(powered_later=True)
+    with pytest.raises(ParameterRefused) as refused:
+        access.write(0x6085, 0, bytes(4))
+    assert refused.value.number == Number.NOT_EXECUTABLE_IN_STATE
+    assert client.log == []
+
+
+@pytest.mark.parametrize(
+    ("index", "expected"),
+    [
+        (0x1400, ["hold", (0x1400, 2), "check"]),
+        (0x6094, ["hold", (0x6094, 2), "references read", "unhold", "references taken"]),
+        (0x605A, ["hold", (0x605A, 2), "unhold"]),
+        (0x6081, [(0x6081, 2)]),
+    ],
+)
+def test_while_a_guarded_object_is_written_the_axis_is_held_and_checked_afterwards(
+    index: int, expected: list[object]
+) -> None:
+    access, client = stub()
+    access.write(index, 2, bytes(1))
+    assert client.log == expected
+
+
+def write(client: ParameterClient, index: int, subindex: int, data_type: DataType, value: int) -> Values:
+    (answer,) = client.request([ParameterAddress(index, subindex, 1 if subindex else 0)], [Values(data_type, (value,))])
+    return answer
+
+
+def test_a_powered_axis_keeps_its_brake_and_what_was_written_when_it_was_off_is_put_right() -> None:
+    with serving(configuration(axis(1)), 1) as (daemon, client):
+        plc = Plc(daemon, [1])
+        plc.enable()
+        drive, node = daemon.axes[0].drive, drive_of(daemon).node
+        with exchanging(plc):
+            for index, subindex, data_type, value in (
+                (0x1400, 1, DataType.UNSIGNED32, 0x8000_0201),
+                (0x1400, 2, DataType.UNSIGNED8, 0),
+                (0x6085, 0, DataType.UNSIGNED32, 1),
+                (0x6094, 1, DataType.UNSIGNED32, 7),
+                (0x1010, 1, DataType.UNSIGNED32, 0x65766173),
+            ):
+                before = node.get_data(index, subindex)
+                answer = write(client, index, subindex, data_type, value)
+                assert answer.failed
+                assert answer.values[0] == Number.NOT_EXECUTABLE_IN_STATE
+                assert node.get_data(index, subindex) == before
+        assert plc.state() == 0x07
+        plc.endpoint.set(0, {"STW1": OFF})
+        plc.until(lambda: plc.state() == 0x01, "off")
+        with exchanging(plc):
+            before = node.get_data(0x1400, 2)
+            assert not write(client, 0x1400, 2, DataType.UNSIGNED8, 0).failed
+            until(daemon, lambda: drive.generation == 2, "brought up again")
+            assert node.get_data(0x1400, 2) == before
+        plc.enable()
+
+
+def test_checks_are_those_of_the_table() -> None:
+    assert {item.check for item in GUARDED} == set(Check)
+
+
+def test_a_drive_whose_guarded_objects_are_being_written_is_not_there_for_the_cycle() -> None:
+    """Nothing can switch it on meanwhile."""
+    with serving(configuration(axis(1)), 1) as (daemon, _):
+        drive = daemon.axes[0].drive
+        until(daemon, lambda: daemon.axes[0].good, "online")
+        drive.submit(lambda node: node.hold())
+        until(daemon, lambda: not daemon.axes[0].good, "held")
+        drive.submit(lambda node: node.unhold(check=False))
+        until(daemon, lambda: daemon.axes[0].good, "free again")

@@ -1,0 +1,194 @@
+"""Record access of several callers: whose answer it is, who may write, and how much is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from ipaddress import IPv4Network
+from typing import Any, cast
+from uuid import UUID
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pdgw.gateway.configuration.environment import ParametersConfig
+from pdgw.gateway.configuration.file import parse_config
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.parameters.manager import ParameterManager
+from pdgw.gateway.parameters.records import CallerRecords, Records
+from pdgw.gateway.store import ParameterStore
+from pdgw.profinet.rpc import identification
+from pdgw.profinet.rpc.records import NIL, RECORD_GLOBAL, AccessError, BlockType, RecordBlock, RecordRefused
+from tests.support.daemon import axis, configuration
+
+HERE = ("127.0.0.1", 40000)
+READ_P965 = bytes.fromhex("02 01 00 01 10 00 03 C5 00 00")
+WRITE_P922 = bytes.fromhex("03 02 01 01 10 00 03 9A 00 00 42 01 00 09")
+
+
+class Manager:
+    """Takes requests; the test answers them."""
+
+    slots = (0, 1)
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[bytes, Future[bytes | None]]] = []
+
+    def submit(self, data: bytes, slot_do: int | None = None, host: str | None = None) -> Future[bytes | None]:
+        future: Future[bytes | None] = Future()
+        self.asked.append((data, future))
+        return future
+
+
+def records(*writers: str, manager: Manager | None = None, everybody: bool = True) -> tuple[Records, Manager]:
+    manager = manager or Manager()
+
+    networks = None if everybody else [IPv4Network(item) for item in writers]
+    store = ParameterStore(None, lambda _: None)
+    return Records(cast(ParameterManager, manager), store, store.update, NIL, "1", networks), manager
+
+
+def block(kind: BlockType, index: int = RECORD_GLOBAL, slot: int = 0, ar_uuid: UUID = NIL) -> RecordBlock:
+    return RecordBlock(kind, 1, ar_uuid, 0, slot, 1, index, 4096)
+
+
+def ask(caller: CallerRecords, data: bytes = READ_P965, index: int = RECORD_GLOBAL) -> None:
+    caller.write(block(BlockType.WRITE_REQUEST, index), data)
+
+
+def fetch(caller: CallerRecords) -> bytes:
+    return caller.read(block(BlockType.READ_REQUEST), implicit=False)
+
+
+def refusal(action: Callable[[], Any]) -> int:
+    with pytest.raises(RecordRefused) as refused:
+        action()
+    return refused.value.code1
+
+
+@given(st.lists(st.tuples(st.sampled_from(["ask", "answer", "fetch"]), st.integers(0, 3)), max_size=60))
+def test_every_caller_gets_the_answers_to_its_own_requests_and_no_other(events: list[tuple[str, int]]) -> None:
+    """Four callers: two addresses, two activities at each."""
+    served, manager = records()
+    callers = [served.of(("127.0.0.1", 40000 + number // 2), UUID(int=number % 2)) for number in range(4)]
+    waiting: dict[int, int] = {}
+    for count, (action, number) in enumerate(events):
+        caller = callers[number]
+        mine = waiting.get(number)
+        done = mine is not None and manager.asked[mine][1].done()
+        if action == "ask":
+            if all(future.done() for _, future in manager.asked):
+                ask(caller, bytes((count, 1, number, 1)))
+                waiting[number] = len(manager.asked) - 1
+            else:
+                assert refusal(lambda: ask(caller)) == AccessError.STATE_CONFLICT  # noqa: B023
+        elif action == "answer":
+            if mine is not None and not done:
+                data, future = manager.asked[mine]
+                future.set_result(b"answer to " + data)
+        elif done:
+            assert mine is not None
+            assert fetch(caller) == b"answer to " + manager.asked[mine][0]
+            del waiting[number]
+        else:
+            assert refusal(lambda: fetch(caller)) == AccessError.STATE_CONFLICT  # noqa: B023
+
+
+def test_answers_nobody_fetches_do_not_fill_the_memory() -> None:
+    served, manager = records()
+    for number in range(1000):
+        ask(served.of(HERE, UUID(int=number)))
+        manager.asked[-1][1].set_result(b"x")
+    assert len(served._requests) <= 32
+
+
+def test_while_a_request_is_in_work_nobody_else_may_ask_at_the_same_place() -> None:
+    served, manager = records()
+    ask(served.of(HERE, UUID(int=1)))
+    other = served.of(HERE, UUID(int=2))
+    assert refusal(lambda: ask(other)) == AccessError.STATE_CONFLICT
+    other.write(block(BlockType.WRITE_REQUEST, slot=1), READ_P965)
+    manager.asked[0][1].set_result(b"mine")
+    assert refusal(lambda: fetch(other)) == AccessError.STATE_CONFLICT
+    ask(other)
+    assert fetch(served.of(HERE, UUID(int=1))) == b"mine"
+
+
+@pytest.mark.parametrize(
+    ("host", "may_write"),
+    [("192.168.0.10", True), ("192.168.0.70", True), ("192.168.0.80", False), ("127.0.0.1", False)],
+)
+def test_only_those_in_write_from_write_parameters_and_everybody_reads(host: str, may_write: bool) -> None:
+    served, manager = records("192.168.0.10", "192.168.0.64/28", everybody=False)
+    caller = served.of((host, 1), NIL)
+    ask(caller)
+    manager.asked[-1][1].set_result(b"value")
+    assert fetch(caller) == b"value"
+    im1 = identification.encode_im(1, tuple(b"x" for _ in identification.TEXT_FIELDS[1]))
+    for data, index in ((WRITE_P922, RECORD_GLOBAL), (im1, identification.INDEX + 1)):
+        if may_write:
+            ask(caller, data, index)
+        else:
+            assert refusal(lambda: ask(caller, data, index)) == AccessError.ACCESS_DENIED  # noqa: B023
+
+
+@pytest.mark.parametrize("request_id", [0, 2, 3, 0x82, 0xFF])
+def test_what_is_no_read_request_counts_as_a_write(request_id: int) -> None:
+    served, manager = records(everybody=False)
+    data = bytes((1, request_id, 1, 1))
+    assert refusal(lambda: ask(served.of(HERE, NIL), data)) == AccessError.ACCESS_DENIED
+    assert manager.asked == []
+
+
+def test_without_a_list_everybody_on_the_machine_writes_and_nobody_else() -> None:
+    local = configuration(axis(1)).transport.listen
+    beyond = configuration(axis(1), transport='listen = "192.168.0.5"\npeer = "192.168.0.10"').transport.listen
+    assert ParametersConfig().writers(local) is None
+    assert ParametersConfig().writers(beyond) == ()
+
+
+def test_a_network_that_is_none_is_told_with_its_place() -> None:
+    with pytest.raises(GatewayError, match=r"x.toml:8: .*write_from.*192.168.0.300"):
+        parse_config(
+            '[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n[parameters]\n'
+            'write_from = ["192.168.0.300"]\n',
+            "x.toml",
+        )
+
+
+@pytest.mark.parametrize("listen", ["0.0.0.0", "192.168.0.5"])
+def test_beyond_loopback_the_peer_is_mandatory_and_the_message_says_why(listen: str) -> None:
+    with pytest.raises(
+        GatewayError, match=rf"peer is missing: listen = {listen} is reached by others .* move the drives"
+    ):
+        configuration(axis(1), transport=f'listen = "{listen}"')
+    configuration(axis(1), transport=f'listen = "{listen}"\npeer = "192.168.0.10"')
+
+
+def test_im0_answers_at_every_submodule_and_im1_to_im4_at_subslot_1() -> None:
+    served, _ = records()
+    caller = served.of(HERE, NIL)
+
+    def ask_at(slot: int, subslot: int, number: int) -> bytes:
+        place = RecordBlock(BlockType.READ_REQUEST, 1, NIL, 0, slot, subslot, identification.INDEX + number, 4096)
+        return caller.read(place, implicit=True)
+
+    device = ask_at(0, 1, 0)
+    for place in ((0, 0x8000), (0, 0x8001), (1, 1), (1, 2)):
+        assert ask_at(*place, 0) == device
+    for place in ((0, 2), (1, 0x8000), (1, 3), (2, 1)):
+        assert refusal(lambda: ask_at(*place, 0)) == AccessError.INVALID_SLOT  # noqa: B023
+    assert refusal(lambda: ask_at(1, 2, 1)) == AccessError.INVALID_INDEX
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 4])
+def test_an_im_record_of_a_wrong_length_is_refused_as_such(number: int) -> None:
+    served, _ = records()
+    caller = served.of(HERE, NIL)
+    index = identification.INDEX + number
+    right = caller.read(block(BlockType.READ_REQUEST, index), implicit=False)
+    for data in (b"", right[:-1], right + b" "):
+        refused = refusal(lambda: caller.write(block(BlockType.WRITE_REQUEST, index), data))  # noqa: B023
+        assert refused == AccessError.WRITE_LENGTH
+    caller.write(block(BlockType.WRITE_REQUEST, index), right)

@@ -1,0 +1,129 @@
+"""Real-time scheduling: asked for by default and as configured; what is refused is logged with what would grant it."""
+
+from __future__ import annotations
+
+import logging
+import os
+import threading
+
+import pytest
+
+from pdgw.gateway.configuration.environment import RealtimeConfig
+from pdgw.gateway.service import realtime
+from pdgw.gateway.service.realtime import DEFAULT_PRIORITY
+
+OTHER, FIFO = 0, 1
+
+
+class System:
+    """The scheduling calls of an operating system that grants or refuses."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, *, policy: int = OTHER, refuses: bool = False) -> None:
+        self.policy, self.priority = policy, 0 if policy == OTHER else 77
+        self.refuses = refuses
+        self.asked: list[tuple[int, int, int]] = []
+        monkeypatch.setattr(os, "SCHED_OTHER", OTHER, raising=False)
+        monkeypatch.setattr(os, "SCHED_FIFO", FIFO, raising=False)
+        monkeypatch.setattr(os, "sched_param", Parameter, raising=False)
+        monkeypatch.setattr(os, "sched_getscheduler", lambda pid: self.policy, raising=False)
+        monkeypatch.setattr(os, "sched_getparam", lambda pid: Parameter(self.priority), raising=False)
+        monkeypatch.setattr(os, "sched_setscheduler", self.set, raising=False)
+
+    def set(self, pid: int, policy: int, parameter: Parameter) -> None:
+        self.asked.append((pid, policy, parameter.sched_priority))
+        if self.refuses:
+            raise PermissionError(1, "Operation not permitted")
+        self.policy, self.priority = policy, parameter.sched_priority
+
+
+class Parameter:
+    """``os.sched_param``, which not every operating system has."""
+
+    def __init__(self, sched_priority: int) -> None:
+        self.sched_priority = sched_priority
+
+
+def test_the_default_asks_for_priority_40_and_logs_that_it_is_granted(monkeypatch: pytest.MonkeyPatch) -> None:
+    system = System(monkeypatch)
+    lines = realtime.apply(RealtimeConfig(), 1)
+    assert system.asked == [(0, FIFO, DEFAULT_PRIORITY)]
+    assert lines == [(logging.INFO, "real-time priority 40 (SCHED_FIFO)")]
+
+
+def test_the_default_keeps_a_priority_that_the_starter_chose(monkeypatch: pytest.MonkeyPatch) -> None:
+    system = System(monkeypatch, policy=FIFO)
+    assert realtime.apply(RealtimeConfig(), 1) == [(logging.INFO, "real-time priority 77 (SCHED_FIFO)")]
+    assert system.asked == []
+
+
+def test_a_refused_default_is_one_line_and_a_warning_below_8_ms(monkeypatch: pytest.MonkeyPatch) -> None:
+    System(monkeypatch, refuses=True)
+    ((level, text),) = realtime.apply(RealtimeConfig(), 4)
+    assert level == logging.WARNING
+    assert text.startswith("usual scheduling: SCHED_FIFO is not granted (Operation not permitted; LimitRTPRIO=40")
+    assert text.endswith("on a busy machine cycles of 4 ms are missed")
+    ((level, text),) = realtime.apply(RealtimeConfig(), 8)
+    assert level == logging.INFO
+    assert "missed" not in text
+
+
+def test_priority_0_keeps_the_usual_scheduling_and_logs_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    system = System(monkeypatch)
+    assert realtime.apply(RealtimeConfig(priority=0), 1) == []
+    assert system.asked == []
+
+
+def test_a_configured_priority_that_is_refused_is_logged_with_the_right_it_needs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    System(monkeypatch, refuses=True)
+    ((level, line),) = realtime.apply(RealtimeConfig(priority=50), 4)
+    assert level == logging.WARNING
+    assert line.startswith("[realtime] priority = 50: Operation not permitted, goes on without")
+    assert "CAP_SYS_NICE" in line
+
+
+def test_a_system_without_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("sched_setaffinity", "sched_getscheduler"):
+        monkeypatch.delattr(os, name, raising=False)
+    assert [line for _, line in realtime.apply(RealtimeConfig(cpu=(0,)), 8)] == [
+        "[realtime] cpu = [0]: not on this operating system, goes on without",
+        "usual scheduling: SCHED_FIFO is not on this operating system",
+    ]
+
+
+def test_a_process_started_beside_the_gateway_has_the_usual_scheduling(monkeypatch: pytest.MonkeyPatch) -> None:
+    system = System(monkeypatch)
+    realtime.usual(4711)
+    assert system.asked == [(4711, OTHER, 0)]
+
+
+def test_priorities_are_0_to_99() -> None:
+    assert RealtimeConfig(priority=0).priority == 0
+    for wrong in (-1, 100):
+        with pytest.raises(ValueError, match="priority"):
+            RealtimeConfig(priority=wrong)
+
+
+def test_no_test_changes_the_scheduling_of_its_process() -> None:
+    if not hasattr(os, "sched_getscheduler"):
+        pytest.skip("the operating system has no scheduling classes")
+    before = os.sched_getscheduler(0)
+    ((level, text),) = realtime.apply(RealtimeConfig(), 4)
+    assert os.sched_getscheduler(0) == before
+    assert before or (level == logging.WARNING and "stays as it is" in text)
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="the operating system has no processor affinity")
+def test_the_gateway_runs_where_it_is_asked_to() -> None:
+    """Linux keeps the affinity of each thread: this one ends with the test."""
+    wanted = min(os.sched_getaffinity(0))
+    found: list[object] = []
+
+    def run() -> None:
+        found.extend((realtime.apply(RealtimeConfig(cpu=(wanted,), priority=0), 8), os.sched_getaffinity(0)))
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    thread.join()
+    assert found == [[], {wanted}]

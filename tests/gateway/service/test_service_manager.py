@@ -1,0 +1,128 @@
+"""The service manager: told when the gateway is ready, kept awake by its cycles alone, told when it stops."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from pdgw.durations import MS, SECOND
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.service.service_manager import ServiceManager
+from tests.support.buses import PATIENCE_S
+from tests.support.daemon import axis, configuration, world_of
+from tests.support.daemon import running as playing
+from tests.support.processes import free_udp_port, running
+
+WATCHDOG_S = 2
+
+
+@contextmanager
+def manager_socket(address: str) -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
+        listening.bind(address)
+        listening.setblocking(False)
+        yield listening
+
+
+def told(listening: socket.socket) -> list[bytes]:
+    lines = []
+    while True:
+        try:
+            lines.append(listening.recv(100))
+        except BlockingIOError:
+            return lines
+
+
+@pytest.mark.parametrize("abstract", [False, True])
+def test_ready_alive_stopping(tmp_path: Path, abstract: bool) -> None:
+    name = f"pdgw-{tmp_path.name}-{time.monotonic_ns()}" if abstract else str(tmp_path / "notify")
+    environment = {"NOTIFY_SOCKET": f"@{name}" if abstract else name, "WATCHDOG_USEC": str(WATCHDOG_S * 1_000_000)}
+    with manager_socket(f"\0{name}" if abstract else name) as listening:
+        manager = ServiceManager(environment, 1)
+
+        def before(daemon: Daemon) -> None:
+            daemon.watch.listeners.append(manager)
+            daemon.services.append(manager)
+
+        with playing(configuration(axis(1)), before) as daemon:
+            assert told(listening)[0] == b"READY=1"
+            signs = []
+            for _ in range(10):
+                world_of(daemon).loop.run_for(SECOND)
+                signs += told(listening)
+            # Four in each time-out, so that one that is lost does no harm; not one in each cycle.
+            assert set(signs) == {b"WATCHDOG=1"}
+            assert 4 * 10 / WATCHDOG_S - 1 <= len(signs) <= 4 * 10 / WATCHDOG_S + 1
+        assert told(listening)[-1] == b"STOPPING=1"
+        assert manager.failures == 0
+
+
+def test_no_sign_of_life_without_cycles(tmp_path: Path) -> None:
+    with manager_socket(str(tmp_path / "n")) as listening:
+        manager = ServiceManager({"NOTIFY_SOCKET": str(tmp_path / "n"), "WATCHDOG_USEC": "2000000"}, 7)
+        manager.start()
+        assert told(listening) == [b"READY=1"]
+        manager.cycle(5 * MS, False, 0)
+        manager.cycle(6 * MS, False, 0)
+        assert told(listening) == [b"WATCHDOG=1"]
+        manager.stop()
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [{}, {"WATCHDOG_USEC": "x"}, {"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": "8"}],
+    ids=["none", "no number", "another process"],
+)
+def test_no_watchdog_that_is_not_wanted_of_this_process(environment: dict[str, str]) -> None:
+    manager = ServiceManager(environment, 7)
+    assert manager.interval_ns == 0
+    manager.start()
+    manager.cycle(1, True, 2)
+    manager.stop()
+
+
+def test_a_manager_that_does_not_read_is_counted_and_never_waited_for(tmp_path: Path) -> None:
+    path = tmp_path / "n"
+    with manager_socket(str(path)):
+        manager = ServiceManager({"NOTIFY_SOCKET": str(path), "WATCHDOG_USEC": "4"}, 7)
+        for now in range(2000, 2_000_000, 1000):
+            manager.cycle(now, True, now)
+        assert manager.failures > 0  # the socket's buffer is full
+        manager.stop()
+    gone = ServiceManager({"NOTIFY_SOCKET": str(tmp_path / "missing")}, 7)
+    gone.start()
+    assert gone.failures == 1
+    gone.stop()
+
+
+@pytest.mark.e2e
+def test_a_hung_gateway_gives_no_sign_of_life(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with manager_socket(str(tmp_path / "n")) as listening:
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "n"))
+        monkeypatch.setenv("WATCHDOG_USEC", "400000")
+        ports = ["--cyclic-port", str(free_udp_port()), "--acyclic-port", "0", "--status-port", "0"]
+        with running("run", "--simulate", *ports, log=tmp_path / "log") as process:
+            listening.settimeout(PATIENCE_S)
+            assert listening.recv(100) == b"READY=1"
+            assert listening.recv(100) == b"WATCHDOG=1"
+            process.send_signal(signal.SIGSTOP)
+            listening.settimeout(1)
+            with contextlib.suppress(TimeoutError):
+                while True:  # what was on the way
+                    listening.recv(100)
+            with pytest.raises(TimeoutError):
+                listening.recv(100)
+            process.send_signal(signal.SIGCONT)
+            listening.settimeout(PATIENCE_S)
+            assert listening.recv(100) == b"WATCHDOG=1"
+            # As the manager's watchdog ends it: it says where it was.
+            process.send_signal(signal.SIGABRT)
+            process.wait(PATIENCE_S)
+    assert "Fatal Python error: Aborted" in (tmp_path / "log").read_text()

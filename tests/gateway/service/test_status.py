@@ -1,0 +1,199 @@
+"""The status document: state words and chain from the daemon, faults with ids, and a socket nobody can block."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from pdgw.dsp402.states import State
+from pdgw.durations import MS
+from pdgw.gateway.axis.values import gateway_fault
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.objects.fault_buffer import FaultLog
+from pdgw.gateway.reasons import AxisState, FaultNumber, Reason
+from pdgw.gateway.service.cycle_times import Histogram
+from pdgw.gateway.service.status import answered, axis_status, encoder_status, snapshot
+from pdgw.tools.output.status_text import status_lines
+from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running, until, world_of
+from tests.support.written_tables import named, rows
+
+ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 83\nsimulate = true\n"
+
+
+def broken(daemon: Daemon) -> Reason | None:
+    """The reason of the first broken link of the first axis."""
+    link = daemon.axes[0].standing.broken
+    return None if link is None else link.reason
+
+
+def state(daemon: Daemon) -> AxisState:
+    return daemon.axes[0].standing.state
+
+
+def test_the_chain_follows_an_axis_from_silence_to_operation_and_back() -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        assert state(daemon) is AxisState.NOT_ON_THE_BUS
+        # Two links are broken; the physical one speaks.
+        assert broken(daemon) is Reason.DRIVE_OFFLINE
+        until(daemon, lambda: state(daemon) is AxisState.WAITS, "online")
+        plc.endpoint.set(0, {"STW1": OFF & ~0x400})
+        plc.until(lambda: state(daemon) is AxisState.WAITS and broken(daemon) is not Reason.NO_PLC, "a PLC")
+        assert broken(daemon) is Reason.NO_CONTROL
+        plc.endpoint.set(0, {"STW1": OFF})
+        plc.until(lambda: state(daemon) is AxisState.OFF, "off, as it is asked")
+        assert broken(daemon) is Reason.SWITCHED_OFF
+        seen = set()
+        plc.endpoint.set(0, {"STW1": OFF | 1})
+
+        def obeys() -> bool:
+            seen.add((state(daemon), broken(daemon)))
+            return state(daemon) is AxisState.OBEYS
+
+        plc.until(obeys, "operation")
+        assert (AxisState.STARTING, Reason.NOT_OPERATING) in seen
+        assert broken(daemon) is None
+        assert all(link.ok for link in daemon.axes[0].standing.chain)
+        plc.endpoint.set(0, {"STW1": OFF | 1, "NSOLL_A": 0x4000})
+        plc.until(lambda: plc.value("NIST_A") > 0x3000, "turns")
+        plc.silent = True
+        plc.until(lambda: state(daemon) is AxisState.STOPPING, "power on, PLC lost")
+        assert broken(daemon) is Reason.PLC_LOST
+        plc.until(lambda: state(daemon) is AxisState.WAITS, "stopped")
+
+
+def test_a_setpoint_that_is_not_enabled_is_the_last_link() -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.enable()
+        plc.endpoint.set(0, {"STW1": (OFF | 1) & ~0x10})
+        plc.until(lambda: state(daemon) is AxisState.WAITS, "setpoint disabled")
+        assert broken(daemon) is Reason.SETPOINT_DISABLED
+
+
+def test_a_fault_has_id_time_and_activity_and_only_the_newest_is_in_the_document() -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.enable()
+        drive_of(daemon).inject(7)
+        plc.until(lambda: state(daemon) is AxisState.FAULT, "fault")
+        assert broken(daemon) is Reason.DRIVE_FAULT
+        daemon.axes[0].raise_fault(FaultNumber.FRAME_CHANGED, "made up", world_of(daemon).loop.now())
+        entry = axis_status(daemon.axes[0])
+        (newest,) = entry["faults"]
+        assert (newest["number"], newest["active"], newest["id"]) == (127, True, entry["fault_count"])
+        answer = json.loads(b"".join(answered(daemon, b"faults 1\n")))
+        assert [fault["id"] for fault in answer["faults"]] == list(range(entry["fault_count"], 0, -1))
+        assert all(fault["time"].startswith("20") for fault in answer["faults"])
+        drive_of(daemon).clear()
+        plc.endpoint.set(0, {"STW1": OFF})
+        plc.exchange()
+        plc.endpoint.set(0, {"STW1": OFF | 0x80})
+        plc.until(lambda: drive_of(daemon).model.state is State.SWITCH_ON_DISABLED, "acknowledged")
+        plc.until(lambda: not axis_status(daemon.axes[0])["faults"][0]["active"], "no longer active")
+
+
+def test_a_value_no_pdo_brings_is_null_and_not_0() -> None:
+    with running(configuration(axis(1) + axis(3, telegram_number=9) + ENCODER)) as daemon:
+        until(daemon, lambda: all(node.generation for node in daemon.clients), "online")
+        speed, positions = (axis_status(item) for item in daemon.axes)
+        assert (speed["position"], speed["velocity"]) == (None, 0)
+        assert isinstance(positions["position"], int)
+        assert positions["position_unit"]
+        assert isinstance(encoder_status(daemon.encoders[0])["position"], int)
+
+
+def test_what_is_sent_in_parts_is_the_snapshot() -> None:
+    with running(configuration(axis(1) + axis(3) + ENCODER)) as daemon:
+        parts = list(answered(daemon, b"\n"))
+        assert len(parts) > 3  # an exchange comes in between
+        assert json.loads(b"".join(parts)) == snapshot(daemon)
+        document = snapshot(daemon)
+        assert (document["schema"], document["simulated"], document["name"]) == (1, True, "pdgw")
+        assert [item["do_id"] for item in document["axes"]] == [1, 3]
+
+
+def test_every_key_of_the_document_is_told() -> None:
+    """Those of an axis or an encoder alone stand in the rows of these, in front of what is told of them."""
+    with running(configuration(axis(1) + ENCODER)) as daemon:
+        document = snapshot(daemon)
+    top = {name.removesuffix("[]") for row in rows("status.md", "key | is") for name in named(row[0])}
+    assert top == set(document)
+    plc = next(row[1] for row in rows("status.md", "key | is") if row[0] == "`plc`")
+    assert set(named(plc)) - {"station"} == set(document["plc"])
+    common, own = set[str](), {}
+    for row in rows("status.md", "key of a drive object"):
+        if row[0].startswith("of "):
+            own[row[0].removeprefix("of ")] = set(named(row[1]))
+        else:
+            common |= {name.removesuffix("[]") for name in named(row[0])}
+    for kind in ("axes", "encoders"):
+        assert common | own[kind] == set(document[kind][0]), kind
+
+
+@pytest.mark.parametrize(
+    ("request_", "field"), [(b"faults 9\n", "do_id"), (b"faults\n", "request"), (b"\xff\x00 x\n", "request")]
+)
+def test_a_request_nobody_knows_is_refused_with_what_is_allowed(request_: bytes, field: str) -> None:
+    with running(configuration(axis(1))) as daemon:
+        answer = json.loads(b"".join(answered(daemon, request_)))
+        assert answer["field"] == field
+        assert "allowed" in answer["error"]
+
+
+def test_a_warning_is_active_while_it_stands_and_only_its_newest_telling() -> None:
+    log = FaultLog(0)
+    for number in (FaultNumber.HOMING, FaultNumber.PLC_LOST, FaultNumber.HOMING):
+        log.enter(gateway_fault(number, "told", 1))
+    assert [(told.id, told.active) for told in log.told(present=True)] == [(3, True), (2, True), (1, False)]
+    assert [told.id for told in log.told(present=True, newest=2)] == [3, 2]
+    assert (log.count, log.active) == (1, True)
+    # The gateway's warnings end with the standing one of the machine, a fault with its acknowledge or P952 := 0.
+    assert [told.active for told in log.told(present=False)] == [False, True, False]
+    log.clear()
+    assert not any(told.active for told in log.told(present=True))
+    assert (log.count, log.active) == (1, False)
+
+
+def test_ids_go_on_when_old_faults_are_forgotten() -> None:
+    log = FaultLog(0)
+    for number in range(100):
+        log.enter(gateway_fault(FaultNumber.PLC_LOST, str(number), number))
+    ids = [told.id for told in log.told(present=False)]
+    assert (ids[0], ids[-1], len(ids)) == (100, 37, 64)
+
+
+def test_durations_are_counted_by_class_an_upper_end_belongs_to_its_own() -> None:
+    histogram = Histogram()
+    for duration in (0, 100_000, 100_001, 1_000_000, 100_000_000, 100_000_001):
+        histogram.observe(duration)
+    status = histogram.status()
+    assert status["bounds_s"] == [0.0001, 0.0002, 0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1]
+    assert status["counts"] == [2, 1, 0, 1, 0, 0, 0, 0, 0, 1, 1]
+    assert status["sum_s"] == pytest.approx(0.201200002)
+
+
+def test_cycle_and_answer_times_of_a_daemon_are_in_the_document() -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        for _ in range(50):
+            plc.exchange()
+        document = snapshot(daemon)
+        periods, responses = document["cycle_times"], document["response_times"]
+        assert sum(periods["counts"]) == daemon.cycles - 1
+        assert sum(responses["counts"]) == document["plc"]["frames"]["accepted"]
+        assert periods["sum_s"] == pytest.approx(document["uptime_s"], abs=0.05)
+
+
+def test_the_age_of_the_plcs_last_frame_is_told() -> None:
+    with running(configuration(axis(1))) as daemon:
+        assert snapshot(daemon)["plc"]["heard_age_ms"] is None
+        plc = Plc(daemon, [1])
+        plc.enable()
+        assert snapshot(daemon)["plc"]["heard_age_ms"] <= 4
+        plc.silent = True
+        world_of(daemon).loop.run_for(2_000 * MS)
+        age = snapshot(daemon)["plc"]["heard_age_ms"]
+        assert 2_000 <= age <= 2_004
+        assert "the last 2 s ago" in "\n".join(status_lines(snapshot(daemon)))

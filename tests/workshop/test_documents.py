@@ -1,0 +1,26 @@
+"""The tables in the documentation are those of the declarations."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pdgw.workshop.documents.tables import (
+    MISBEHAVIOUR_PATH,
+    PATH,
+    POWER_PATH,
+    WORDS_PATH,
+    generate,
+    generate_misbehaviour,
+    generate_power_table,
+    generate_words,
+)
+
+DOCS = Path(__file__).parents[2] / "docs"
+"""Of the project, also where the package that is tested is installed elsewhere."""
+
+
+def test_docs_tables_are_up_to_date() -> None:
+    assert (DOCS / PATH.name).read_text(encoding="utf-8") == generate(), "run: make docs"
+    assert (DOCS / MISBEHAVIOUR_PATH.name).read_text(encoding="utf-8") == generate_misbehaviour(), "run: make docs"
+    assert (DOCS / POWER_PATH.name).read_text(encoding="utf-8") == generate_power_table(), "run: make docs"
+    assert (DOCS / WORDS_PATH.name).read_text(encoding="utf-8") == generate_words(), "run: make docs"

@@ -1,0 +1,181 @@
+"""Random lives in virtual time: a short campaign, what is drawn, and the command."""
+
+from __future__ import annotations
+
+import gc
+import hashlib
+import re
+import weakref
+from itertools import islice
+from random import Random
+
+import pytest
+from typer import Typer
+from typer.testing import CliRunner
+
+from pdgw.durations import MS, SECOND
+from pdgw.gateway.axis.settings import ControlLost, PlcLossReaction
+from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
+from pdgw.peers.drive import SHAPES
+from pdgw.profidrive.telegrams import telegram
+from pdgw.workshop.commands.soak import soak
+from pdgw.workshop.soak.life import Life
+from pdgw.workshop.soak.plan import CYCLES_MS, PART_CYCLES, SHORTEST_PART_NS, draw_plan, parts, shapes_of
+from pdgw.workshop.soak.planted import DEFECTS
+from pdgw.workshop.soak.trace import clock
+from pdgw.workshop.soak.troubles import TROUBLES
+from pdgw.workshop.soak.words import Words
+
+APP = Typer()
+APP.command()(soak)
+SLOW_TO_COME = {"slow-sdo", "slow-boot", "unguarded"}
+"""Shapes that need minutes to come online, and one that the gateway refuses."""
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_short_soak_of_drawn_axes_finds_nothing(seed: int) -> None:
+    life = Life(next(parts(seed)))
+    life.play(30 * SECOND)
+    assert life.starts >= 4, "a life without starts proves nothing"
+
+
+@pytest.mark.parametrize("number", [9, 100, 111])
+def test_short_soak_of_each_executor_finds_nothing(number: int) -> None:
+    life = Life(next(parts(7, 1, [number])), keep_telegrams=True)
+    life.play(20 * SECOND)
+    assert life.starts >= 2
+
+
+def test_one_seed_is_one_run_bit_for_bit_and_another_is_another() -> None:
+    def lived(seed: int) -> tuple[list[str], str]:
+        life = Life(next(parts(seed)), frames=True)
+        everything = hashlib.sha256()
+        life.world.network.taps.append(
+            lambda now, source, target, data: everything.update(f"{now} {source} {target} ".encode() + bytes(data))
+        )
+        life.bus.taps.append(lambda now, member, can_id, data: everything.update(f"{now} {can_id} ".encode() + data))
+        life.play(15 * SECOND)
+        return life.trace.lines, everything.hexdigest()
+
+    assert lived(3) == lived(3)
+    assert lived(3) != lived(4)
+
+
+def test_part_of_the_day_runs_without_those_before_it() -> None:
+    part = next(islice(parts(1), 2, None))
+    life = Life(part)
+    life.play(part.begin + 10 * SECOND)
+    assert life.loop.now() == part.begin + 10 * SECOND
+    assert life.trace.lines[0].startswith(clock(part.begin)[:6])
+
+
+def test_parts_follow_each_other_with_as_many_cycles_each() -> None:
+    day = list(islice(parts(1), 100))
+    assert [part.begin for part in day] == [0, *(part.end for part in day[:-1])]
+    cycles = {part.plan.duration_ns // (part.plan.cycle_ms * MS) for part in day}
+    assert min(cycles) == PART_CYCLES
+    assert min(part.plan.duration_ns for part in day) == SHORTEST_PART_NS
+
+
+def test_every_trouble_begins_and_ends() -> None:
+    """Drawn by weight: each has its turn within minutes; here they begin one after the other."""
+    life = Life(next(parts(11, 1, [1])), keep_telegrams=True)
+    life.play(5 * SECOND)
+    for trouble in TROUBLES:
+        undo = trouble.begin(life, life.axes[0], Random(1))
+        life.play(life.loop.now() + SECOND // 10)
+        undo()
+    assert {trouble.name for trouble in TROUBLES} >= {"PLC: IOPS BAD", "bus: other master", "network: second PLC"}
+
+
+def test_rpdo_to_drive_after_power_on_is_no_controlword() -> None:
+    """The drive has its own mapping then, and takes no RPDO."""
+    life = Life(next(parts(7, 1, [9])), keep_telegrams=True)
+    life.play(2 * SECOND)
+    (axis,) = life.axes
+    rpdos = axis.drive.node.pdos.received.items()
+    can_id, frame = next((i, pdo.pack(axis.drive.model)) for i, pdo in rpdos if "controlword" in pdo.attributes)
+    assert axis.controlword_in(can_id, frame) == axis.drive.model.controlword
+    axis.drive.do(lambda node: node.power_off())
+    axis.drive.do(lambda node: node.restart())
+    assert axis.controlword_in(can_id, frame) is None
+
+
+# -- what is drawn ----------------------------------------------------------------------------------------------------------
+
+
+def test_parts_draw_every_setting_there_is() -> None:
+    plans = [draw_plan(Random(f"part {part}"), 2) for part in range(1500)]
+    axes = [axis for plan in plans for axis in plan.axes]
+    assert {plan.cycle_ms for plan in plans} == set(CYCLES_MS) == set(range(1, 33))
+    assert {axis.telegram for axis in axes} == set(DRIVE_TELEGRAM_NUMBERS) - {112}, "floats come with P922 only"
+    assert {axis.shape for axis in axes} == set(SHAPES) - SLOW_TO_COME
+    assert {axis.on_plc_loss for axis in axes} == set(PlcLossReaction)
+    assert {axis.control_lost for axis in axes} == set(ControlLost)
+    for ends in zip(*((axis.latency.command_ms, axis.latency.status_ms) for axis in axes), strict=True):
+        assert {min(ends), max(ends)} == {0, 100}
+
+
+@pytest.mark.parametrize("number", DRIVE_TELEGRAM_NUMBERS)
+def test_configuration_of_each_telegram_is_valid(number: int) -> None:
+    plan = draw_plan(Random(number), 1, [number])
+    (axis,) = plan.configuration("bus", "192.168.0.10", "192.168.0.20").axis
+    assert axis.telegram == number
+    assert set(axis.telegrams) == set(DRIVE_TELEGRAM_NUMBERS)
+    assert plan.axes[0].shape in shapes_of(number)
+
+
+def test_control_words_stand_for_one_frame_up_to_seconds() -> None:
+    words = Words(telegram(1), Random(1), 4 * MS)
+    stands = [words.stand_ns() for _ in range(2000)]
+    assert min(stands) == 4 * MS
+    assert sum(stand <= 250 * MS for stand in stands) > 1500
+    assert max(stands) > SECOND
+
+
+# -- the command ------------------------------------------------------------------------------------------------------------
+
+
+def test_command_prints_what_was_run_and_its_speed() -> None:
+    result = CliRunner().invoke(APP, ["--hours", "0.005", "--seed", "4", "--axes", "2", "--telegrams", "1,9"])
+    assert result.exit_code == 0, result.output
+    assert "00:00:18.000000 h of seed 4" in result.output
+    assert "nothing that must not happen" in result.output
+    assert re.search(r"\d+ virtual seconds in a second of CPU", result.output)
+
+
+@pytest.mark.planted
+def test_failure_names_the_command_that_shows_its_moment() -> None:
+    with DEFECTS["speed-doubled"].plant():
+        _check_failure()
+
+
+def _check_failure() -> None:
+    failed = CliRunner().invoke(APP, ["--hours", "0.01", "--seed", "25", "--axes", "1", "--telegrams", "1"])
+    assert failed.exit_code == 1, failed.output
+    again = re.search(
+        r"python -m pdgw.workshop soak (--seed 25 --axes 1 --telegrams 1 --until ([\d.]+) --trace)", failed.output
+    )
+    assert again, failed.output
+    shown = CliRunner().invoke(APP, again[1].split())
+    assert shown.exit_code == 1
+    assert "CAN gateway: 77Fh 05" in shown.output
+    told = re.findall(r"^\d\d:\d\d:\d\d\.\d{6} axis 1: .*", failed.output, re.MULTILINE)
+    assert told
+    assert told[-1] in shown.output
+
+
+def test_wrong_telegrams_are_rejected() -> None:
+    result = CliRunner().invoke(APP, ["--telegrams", "1,x"])
+    assert "expected numbers with commas between" in str(result.exception)
+
+
+def test_nothing_of_a_part_is_left_after_it() -> None:
+    """A day is many parts: what one keeps is a leak."""
+    life = Life(next(parts(1)))
+    life.play(5 * SECOND, lambda _: None)
+    world = weakref.ref(life.world)
+    life.close()
+    del life
+    gc.collect()
+    assert world() is None

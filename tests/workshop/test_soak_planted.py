@@ -1,0 +1,114 @@
+"""Gateways with defects: the soak finds each, and its rules find what no gateway shows."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from pdgw.dsp402.states import State
+from pdgw.durations import MS, SECOND
+from pdgw.workshop.soak.life import Life
+from pdgw.workshop.soak.plan import parts
+from pdgw.workshop.soak.planted import DEFECTS, LIMIT_NS, search
+from pdgw.workshop.soak.told import Told
+from pdgw.workshop.soak.watch import SoakAxis, ViolationError
+from pdgw.workshop.soak.words import Words
+
+FOUND_SOON = {
+    "off-forgotten": "Enable Operation|started without OFF and ON",
+}
+"""What is found within seconds of virtual time, and by which rule; ``python -m pdgw.workshop soak --planted`` searches for all."""
+
+
+@pytest.mark.planted
+@pytest.mark.parametrize("name", FOUND_SOON)
+def test_soak_finds_planted_defect(name: str) -> None:
+    found = search(name, 1)
+    assert found.time_ns is not None
+    assert found.time_ns < LIMIT_NS
+    assert re.search(FOUND_SOON[name], found.message)
+
+
+def test_fifteen_defects_are_planted() -> None:
+    assert len(DEFECTS) == 15
+
+
+@pytest.mark.planted
+def test_task_that_the_plc_did_not_give_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Words, "set_word", lambda self, word: self.values.update({self.name: word}))
+    with pytest.raises(ViolationError, match="tasks begun, 0 given by the PLC"):
+        Life(next(parts(1, 1, [9])), keep_telegrams=True).play(300 * SECOND)
+
+
+def test_zsw1_that_shows_another_state_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Life, "_shown", lambda self, axis: 0x0007)
+    with pytest.raises(ViolationError, match=r"ZSW1 0007h shows (operation|no fault), the drive is in"):
+        Life(next(parts(1, 1, [1])), keep_telegrams=True).play(300 * SECOND)
+
+
+def asked_axis(word: int) -> SoakAxis:
+    """An axis of telegram 1 whose drive stands still in calm, asked for full speed with this STW1 for a long time."""
+    life = Life(next(parts(7, 1, [1])), keep_telegrams=True)
+    life.play(SECOND)
+    (axis,) = life.axes
+    axis.asked(SECOND, word.to_bytes(2, "big") + b"\x40\x00", certain=True)
+    return axis
+
+
+def test_speed_reached_is_compared_only_after_shaft_had_time() -> None:
+    """A limit switch may just have begun to stop it."""
+    axis = asked_axis(0x047F)
+    axis.drive.model.state = State.OPERATION_ENABLED
+    axis.check(11 * SECOND, reached=True, zsw1=0x0707)
+    with pytest.raises(ViolationError, match="shows speed reached, asked 3000 rpm, turns 0 rpm"):
+        axis.check(12 * SECOND, reached=True, zsw1=0x0707)
+
+
+def test_stop_has_its_time_after_drive_is_reached_again() -> None:
+    axis = asked_axis(0x047D)
+    axis.commanded(SECOND, 0x0002)
+    axis.check(10 * SECOND, reached=False, zsw1=None)
+    axis.check(10 * SECOND + 100 * MS, reached=True, zsw1=None)
+    with pytest.raises(ViolationError, match="bits 0 to 3 are 2h 10000 ms after OFF2"):
+        axis.check(11 * SECOND, reached=True, zsw1=None)
+
+
+# -- EMCYs in the fault buffer ------------------------------------------------------------------------------------------------
+
+EMCY = bytes.fromhex("30 81 11 00 00 00 00 00")
+NOTHING = [0] * 64
+
+
+def told(*sent_ms: int) -> Told:
+    told = Told("axis 1")
+    for moment in sent_ms:
+        told.sent(moment * MS, EMCY)
+    return told
+
+
+def test_emcy_without_an_entry_is_found() -> None:
+    with pytest.raises(ViolationError, match="EMCY 8130h is not in the fault buffer 400 ms later"):
+        told(1000).read(1400 * MS, 0, NOTHING, NOTHING)
+
+
+@pytest.mark.parametrize("entered_ms", [1000, 1100, 200])
+def test_emcy_with_its_entry_is_told(entered_ms: int) -> None:
+    """The same EMCY is entered once in a second."""
+    waiting = told(1000)
+    waiting.read(1400 * MS, 0, [0x8130, *NOTHING[1:]], [entered_ms, *NOTHING[1:]])
+    assert not waiting.due(2000 * MS)
+
+
+def test_entry_of_an_older_emcy_does_not_count() -> None:
+    with pytest.raises(ViolationError):
+        told(5000).read(5400 * MS, 0, [0x8130, *NOTHING[1:]], [1000, *NOTHING[1:]])
+
+
+def test_emcy_waits_for_its_bound_and_without_error_register_is_a_warning() -> None:
+    waiting = told(1000)
+    assert not waiting.due(1200 * MS)
+    assert waiting.due(1300 * MS)
+    warning = Told("axis 1")
+    warning.sent(0, bytes.fromhex("30 81 00 00 00 00 00 00"))
+    assert not warning.due(SECOND)

@@ -1,0 +1,1 @@
+"""The axis test: the first move of an axis, without a PLC."""

@@ -1,0 +1,504 @@
+"""The first move of an axis, without a PLC: slow, bounded, watched, and compared over the whole chain.
+
+It plays the PLC of a gateway of its own that has this one axis with telegram 1: power, interlock and stops are those of the
+axis machine. What it adds are reasons to stop earlier. The position is read by SDO, so that any drive with a speed can be tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+
+from canopen.sdo import SdoAbortedError, SdoCommunicationError
+
+from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.loop import Timer
+from pdgw.ds301.node import NodeStatus
+from pdgw.dsp402.drive_type import DriveType, Quantity, Scaling
+from pdgw.dsp402.indices import POSITION_ACTUAL
+from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
+from pdgw.gateway.commissioning.telegram_check import lacks
+from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.configuration.environment import TransportConfig
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.platform import DatagramPort, Edge
+from pdgw.gateway.reasons import FaultNumber
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import telegram
+from pdgw.tools.commissioning.chain_comparison import Measurement, judge, judge_turns, rpm
+
+TELEGRAM = 1
+_CYCLE_NS = 10 * MS
+_WATCHDOG_FACTOR = 100
+"""PLC and gateway are one process here: what guards it is the heartbeat."""
+_LISTEN_NS = SECOND
+"""A PLC sends more often than this."""
+_ONLINE_NS = 60 * SECOND
+_POWER_NS = 15 * SECOND
+"""From one state to the next: a brake may have to open."""
+_TYPING_NS = 120 * SECOND
+_SETTLING_NS = 10 * SECOND
+"""From one speed to the next by the drive's own ramps."""
+_SDO_NS = 2 * SECOND
+_AT_ONCE_NS = 20 * MS
+"""An SDO that took no longer tells the moment of a position well enough."""
+_READINGS = 5
+_CREEP = Fraction(1, 4)
+"""Of the speed that was asked for comes first: what is wrong shows before it is fast."""
+_SHORTEST_NS = 500 * MS
+"""Measured at least: some milliseconds of an SDO are a small part of it."""
+_SETTLED = Fraction(10, 100)
+_STILL = Fraction(25, 10_000)
+"""Of 100 %."""
+TURNS = "the number of turns"
+"""What has to be typed after the move."""
+_TOO_FAR, _MARGIN = Fraction(3, 2), Fraction(1, 10)
+"""Times what was commanded, and turns beyond it."""
+_NSOLL, _STW1, _NIST, _ZSW1 = map(signal, ("NSOLL_A", "STW1", "NIST_A", "ZSW1"))
+_QUICK_STOP = _STW1.word("NO_COAST_STOP", "CONTROL_BY_PLC")
+"""OFF3."""
+_OFF = _STW1.word(
+    "NO_COAST_STOP",
+    "NO_QUICK_STOP",
+    "ENABLE_OPERATION",
+    "ENABLE_RAMP_GENERATOR",
+    "UNFREEZE_RAMP_GENERATOR",
+    "ENABLE_SETPOINT",
+    "CONTROL_BY_PLC",
+)
+_ON = _OFF | _STW1.bit("ON").mask
+_READY, _ENABLED = _ZSW1.bit("READY_TO_SWITCH_ON").mask, _ZSW1.bit("OPERATION_ENABLED").mask
+_NOT_SO = _ZSW1.word("FAULT", "SWITCHING_ON_INHIBITED")
+
+
+class DoubtError(Exception):
+    """Something is not as it has to be: the drive is stopped. The text says what."""
+
+
+class InterruptError(DoubtError):
+    """The person wants it to end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Choices:
+    """``percent``: the speed, of 100 % of NSOLL, negative for the other direction; ``turns``: of the motor, at that speed."""
+
+    percent: Fraction = Fraction(2)
+    turns: Fraction = Fraction(2)
+
+
+@dataclass(slots=True)
+class Outcome:
+    """``passed``: it turned as it was told. A factor is what was seen to what was commanded: 1 when all is well."""
+
+    passed: bool = False
+    interrupted: bool = False
+    doubt: str = ""
+    """Why it was stopped."""
+    speed_factor: Fraction | None = None
+    """By 606Ch."""
+    position_factor: Fraction | None = None
+    """By 6064h and its time; None where the drive has none, or its unit is not known."""
+    moved: int | None = None
+    """Of 6064h from the first to the last standstill."""
+    witnessed: bool = False
+    """A person saw the shaft make the turns that were commanded."""
+    scaling: Scaling | None = None
+    """The units that were tested,"""
+    serial_number: int = 0
+    """and the drive: 1018h/4."""
+
+
+def configuration(config: GatewayConfig, do_id: int) -> GatewayConfig:
+    """The axis alone with telegram 1, reached by this process only; GatewayError when there is no such axis."""
+    axis = next((item for item in config.axis if item.do_id == do_id), None)
+    if axis is None:
+        raise GatewayError(f"DO {do_id}: is no axis, allowed: {[item.do_id for item in config.axis]}")
+    alone = axis.model_copy(update={"telegram": TELEGRAM, "g1": None, "can": None, "sync": False})
+    transport = TransportConfig(
+        cyclic_port=0,
+        acyclic_port=0,
+        status_port=0,
+        cycle_time_ms=_CYCLE_NS / MS,
+        watchdog_factor=_WATCHDOG_FACTOR,
+    )
+    return GatewayConfig(can=(config.bus_of(axis),), axis=(alone,), transport=transport)
+
+
+class AxisTest:
+    """``run`` is for a task on the edge's loop.
+
+    ``tell`` shows a line. ``confirm`` is given what has to be typed and calls back, on the loop, with what was; for the turns
+    that a person saw it is given ``TURNS``.
+    """
+
+    def __init__(
+        self,
+        config: GatewayConfig,
+        do_id: int,
+        edge: Edge,
+        tell: Callable[[str], None],
+        confirm: Callable[[str, Callable[[str], None]], None],
+        choices: Choices,
+    ) -> None:
+        self.config = configuration(config, do_id)
+        self.outcome = Outcome()
+        self._do_id = do_id
+        self._wanted = f"turn {do_id}"
+        self._transport = config.transport
+        self._edge = edge
+        self._loop = edge.loop
+        self._tell = tell
+        self._confirm = confirm
+        self._choices = choices
+        self._direction = 1 if choices.percent > 0 else -1
+        self._endpoint = PlcEndpoint([telegram(TELEGRAM)], _CYCLE_NS)
+        self._ports: list[DatagramPort] = []
+        self._sending: Timer | None = None
+        self._interrupted = False
+        self._stranger = ""
+        self._begun: int | None = None
+        """Position before the first move."""
+        self._raw: int | None = None
+        """6064h as it was read last; ``_way`` goes on where it wraps."""
+        self._way = 0
+        self._still = Fraction(0)
+        """Velocities up to this are none."""
+        self._commanded = Fraction(0)
+        """Turns so far, as commanded, up to ``_watched_at``."""
+        self._watched_at = 0
+
+    def interrupt(self) -> None:
+        """Stop and end: Ctrl-C. On the loop's thread."""
+        self._interrupted = True
+
+    # -- the whole ------------------------------------------------------------------------------------------------------
+
+    def run(self) -> Outcome:
+        """GatewayError or CanopenError when it cannot begin: a gateway, a PLC or another master is there, or no interface."""
+        try:
+            self._watch_for_plc()
+            self._loop.sleep(_LISTEN_NS)
+            if self._stranger:
+                raise GatewayError(
+                    f"a PLC sends frames from {self._stranger}: allowed is none, switch it off or unplug it"
+                )
+            daemon = self._daemon = Daemon(self.config, self._edge)
+            self._axis = daemon.axes[0]
+            daemon.start()
+            try:
+                self._story()
+            except DoubtError as error:
+                self.outcome.passed = False
+                self.outcome.interrupted = isinstance(error, InterruptError)
+                self.outcome.doubt = str(error)
+                self._tell(f"stopped: {error}")
+                self._stop(_QUICK_STOP)
+            finally:
+                daemon.stop()
+                daemon.stopped.wait()
+            if daemon.failure is not None:
+                raise daemon.failure
+        finally:
+            if self._sending is not None:
+                self._sending.cancel()
+            for port in self._ports:
+                port.close()
+        return self.outcome
+
+    def _story(self) -> None:
+        drive = self._bring_up()
+        self._announce(drive)
+        self._await_confirmation()
+        self._exchange()
+        self._power_up()
+        self._begun = self._position()
+        self._watched_at = self._loop.now()
+        self._judge(drive, self._hold(drive, self._choices.percent * _CREEP))
+        if self.outcome.passed:
+            self._judge(drive, self._hold(drive, self._choices.percent))
+        else:
+            self._tell("it is not turned faster")
+        self._command(_ON)
+        self._wait(self._stands, _SETTLING_NS, "standstill")
+        turns = self._show_way(drive)
+        self._stop(_OFF)
+        if self.outcome.passed:
+            self._ask_for_turns(drive, turns)
+
+    # -- nobody else ----------------------------------------------------------------------------------------------------
+
+    def _watch_for_plc(self) -> None:
+        """Where a PLC would send to: the port is taken meanwhile, so that no gateway can be started either."""
+        transport = self._transport
+        if transport.type != "udp":
+            return  # a gateway that serves a PROFINET controller is heard on the CAN bus
+        port = self._edge.open_udp(str(transport.listen), transport.cyclic_port, "cyclic port, is a gateway running?")
+        self._ports.append(port)
+
+        def came() -> None:
+            while (datagram := port.receive()) is not None:
+                self._stranger = "{}:{}".format(*datagram[1])
+
+        port.start(came)
+
+    # -- before it moves ------------------------------------------------------------------------------------------------
+
+    def _bring_up(self) -> DriveType:
+        client = self._axis.drive
+
+        def decided() -> bool:
+            return client.status in {NodeStatus.ONLINE, NodeStatus.REFUSED}
+
+        self._wait(decided, _ONLINE_NS, "the drive is online")
+        drive = client.drive_type
+        if client.status is not NodeStatus.ONLINE or drive is None:
+            raise DoubtError(f"DO {self._do_id}, {client.status.value}: {client.status_text}")
+        place = f"DO {self._do_id}, node {self.config.axis[0].node_id}"
+        self._tell(f"{place}: {drive.name}" + (f", family {drive.family}" if drive.family else ""))
+        for line in drive.scaling.lines:
+            self._tell(f"  {line}")
+        refusal = lacks(drive, TELEGRAM)
+        if refusal:
+            raise DoubtError(refusal)
+        self._still = max(Fraction(2), drive.scaling.reference(Quantity.SPEED) * _STILL)
+        return drive
+
+    def _announce(self, drive: DriveType) -> None:
+        full = rpm(drive, drive.scaling.reference(Quantity.SPEED)) * self._choices.percent / 100
+        self._tell(
+            f"It will turn at {float(full * _CREEP):g} rpm of the motor, and if that is as it should be at {float(full):g} rpm "
+            f"({float(self._choices.percent):g} %) for {float(self._choices.turns):g} turns."
+        )
+        self._tell("Brake, coupling and machine have to be such that it may; somebody has to be at the emergency stop.")
+
+    def _await_confirmation(self) -> None:
+        typed: list[str] = []
+        self._confirm(self._wanted, typed.append)
+        self._wait(lambda: typed, _TYPING_NS, "something was typed")
+        if typed[0].strip() != self._wanted:
+            raise DoubtError(f"not confirmed: {typed[0].strip()!r} is not {self._wanted!r}")
+
+    # -- the PLC's part -------------------------------------------------------------------------------------------------
+
+    def _exchange(self) -> None:
+        """Frames from now on, as a PLC sends them."""
+        port = self._edge.open_udp("127.0.0.1", 0, "axis test")
+        self._ports.append(port)
+        endpoint, loop = self._endpoint, self._loop
+
+        def answers() -> None:
+            while (datagram := port.receive()) is not None:
+                endpoint.receive(datagram[0], loop.now())
+
+        def send() -> None:
+            port.send(endpoint.build(loop.now()), self._daemon.address)
+            self._sending = loop.call_later(_CYCLE_NS, send)
+
+        port.start(answers)
+        send()
+
+    def _command(self, word: int, wire: int = 0) -> None:
+        self._endpoint.set(0, {_STW1.name: word, _NSOLL.name: wire})
+
+    def _shows(self, bit: int) -> bool:
+        """Whether the gateway's ZSW1 has a bit, and no fault."""
+        actuals = self._endpoint.actuals[0]
+        return actuals is not None and bool(actuals[_ZSW1.name] & bit) and not actuals[_ZSW1.name] & _NOT_SO
+
+    def _power_up(self) -> None:
+        for word, bit, what in ((_OFF, _READY, "ready to switch on"), (_ON, _ENABLED, "in operation")):
+            self._command(word)
+            self._wait(lambda bit=bit: self._shows(bit), _POWER_NS, f"the drive is {what}")  # type: ignore[misc]
+
+    def _stop(self, word: int) -> None:
+        """Power off by OFF1 or OFF3; whether the drive obeys is the axis machine's watch, which has further means."""
+        self._command(word)
+        end = self._loop.now() + _POWER_NS
+        while self._axis.powered and not self._daemon.stopped.is_set() and self._loop.now() < end:
+            self._loop.sleep(_CYCLE_NS)
+        ignored = any(record.number == FaultNumber.STOP_IGNORED for record in self._axis.faults)
+        if ignored or self._axis.powered:
+            self.outcome.passed = False
+            self._tell("THE DRIVE DID NOT STOP WHEN IT WAS TOLD: use the emergency stop")
+
+    # -- while it moves -------------------------------------------------------------------------------------------------
+
+    def _hold(self, drive: DriveType, percent: Fraction) -> Measurement:
+        """Turn at a speed for a bounded way."""
+        axis = self._axis
+        wire = _NSOLL.raw(float(percent))
+        self._command(_ON, wire)
+        self._wait(lambda: self._settled(drive), _SETTLING_NS, "the speed was reached", drive)
+        target = axis.outputs.command.target_velocity
+        speed = abs(rpm(drive, target))
+        share = 1 if percent == self._choices.percent else _CREEP
+        duration = max(_SHORTEST_NS, int(self._choices.turns * share / (speed / SECONDS_PER_MINUTE) * SECOND))
+        begun, first = self._timed_position(drive)
+        last, ended, velocities = first, begun, [axis.drive.feedback.velocity_actual]
+        while ended - begun < duration:
+            ended, last = self._timed_position(drive)
+            velocities.append(axis.drive.feedback.velocity_actual)
+        actuals = self._endpoint.actuals[0]
+        return Measurement(
+            wire,
+            target,
+            Fraction(sum(velocities), len(velocities)),
+            0 if actuals is None else actuals[_NIST.name],
+            Fraction(ended - begun, SECOND),
+            None if first is None or last is None else last - first,
+        )
+
+    def _settled(self, drive: DriveType) -> bool:
+        target, velocity = self._axis.outputs.command.target_velocity, self._axis.drive.feedback.velocity_actual
+        wanted = drive.scaling.reference(Quantity.SPEED) * self._endpoint.setpoints[0][_NSOLL.name] / _NSOLL.raw(100)
+        if wanted and abs(wanted) < 1:
+            raise DoubtError(
+                f"60FFh cannot be {float(wanted):g}: the speed is below one unit, choose a higher --percent"
+            )
+        near = max(Fraction(2), abs(target) * _SETTLED)
+        return bool(target) and abs(target - wanted) <= 1 and abs(velocity - target) <= near
+
+    def _stands(self) -> bool:
+        return abs(self._axis.drive.feedback.velocity_actual) <= self._still
+
+    def _wait(self, condition: Callable[[], object], limit: int, what: str, drive: DriveType | None = None) -> None:
+        """Until a condition holds. ``drive``: it turns meanwhile and is watched."""
+        end = self._loop.now() + limit
+        while not condition():
+            if self._loop.now() > end:
+                raise DoubtError(f"not within {limit / SECOND:g} s: {what}; {self._why()}")
+            if drive is None:
+                self._undisturbed()
+                self._loop.sleep(_CYCLE_NS)
+            else:
+                self._watch(drive)
+                self._position()
+
+    def _undisturbed(self) -> None:
+        """DoubtError when somebody has joined, or wants it to end."""
+        if self._interrupted:
+            raise InterruptError("interrupted")
+        if self._stranger:
+            raise DoubtError(f"a PLC sends frames from {self._stranger}")
+        if self._daemon.failure is not None:
+            raise DoubtError(str(self._daemon.failure))
+
+    def _watch(self, drive: DriveType) -> None:
+        """One cycle of turning; DoubtError for whatever is not as it has to be."""
+        self._loop.sleep(_CYCLE_NS)
+        self._undisturbed()
+        if not self._shows(_ENABLED):
+            raise DoubtError(f"the drive is not in operation any more: {self._why()}")
+        target, velocity = self._axis.outputs.command.target_velocity, self._axis.drive.feedback.velocity_actual
+        now = self._loop.now()
+        self._commanded += abs(rpm(drive, target)) * (now - self._watched_at) / (SECONDS_PER_MINUTE * SECOND)
+        self._watched_at = now
+        seen = f"606Ch is {velocity} with 60FFh {target}"
+        slack = max(self._still, Fraction(abs(target), 4))
+        if velocity * self._direction < -slack:
+            raise DoubtError(f"it turns the wrong way: {seen}")
+        if abs(velocity) > 2 * abs(target) and abs(velocity) > 2 * slack:
+            raise DoubtError(f"it runs away: {seen}")
+
+    def _timed_position(self, drive: DriveType) -> tuple[int, int | None]:
+        """A moment and the position of it: where an answer was held up, of several the one that took least."""
+        shortest, moment, position = _SDO_NS, 0, None
+        for _ in range(_READINGS):
+            self._watch(drive)
+            before = self._loop.now()
+            read = self._position()
+            took = self._loop.now() - before
+            if took < shortest or not moment:
+                shortest, moment, position = took, before + took // 2, read
+            if took <= _AT_ONCE_NS:
+                break
+        return moment, position
+
+    def _position(self) -> int | None:
+        """How far 6064h has gone; None for a drive that has none. DoubtError when it has moved further than it was told."""
+        try:
+            raw = self._loop.result(
+                self._axis.drive.submit(lambda node: node.read_number(POSITION_ACTUAL, signed=True)), _SDO_NS
+            )
+        except SdoAbortedError:
+            return None
+        except (CanopenError, SdoCommunicationError, TimeoutError) as error:
+            raise DoubtError(f"6064h cannot be read: {error}") from error
+        drive = self._axis.drive.drive_type
+        assert drive is not None
+        counts = drive.scaling.counts_per_revolution
+        step = 0 if self._raw is None else raw - self._raw
+        self._raw = raw
+        self._way += min((step + turn for turn in _turns_over(drive)), key=abs)
+        if self._begun is not None and counts is not None:
+            moved = self._way - self._begun
+            turns = Fraction(moved) / counts * self._direction
+            if not -_MARGIN <= turns <= self._commanded * _TOO_FAR + _MARGIN:
+                raise DoubtError(
+                    f"6064h moved by {moved} = {float(Fraction(moved) / counts):.2f} turns, "
+                    f"commanded were {float(self._commanded * self._direction):.2f} so far: "
+                    "wrong direction, wrong units, or it runs away"
+                )
+        return self._way
+
+    def _why(self) -> str:
+        """What gateway and drive say."""
+        axis = self._axis
+        told = [record.text for record in tuple(axis.faults)[-2:]]
+        velocity = axis.drive.feedback.velocity_actual
+        reason = axis.reason.value if axis.reason else f"60FFh {axis.outputs.command.target_velocity}, 606Ch {velocity}"
+        return "; ".join((reason, *told))
+
+    # -- what it was ----------------------------------------------------------------------------------------------------
+
+    def _judge(self, drive: DriveType, held: Measurement) -> None:
+        judgement = judge(drive, held)
+        for line in judgement.lines:
+            self._tell(line)
+        outcome = self.outcome
+        outcome.passed = judgement.passed
+        outcome.speed_factor, outcome.position_factor = judgement.speed_factor, judgement.position_factor
+
+    def _show_way(self, drive: DriveType) -> Fraction:
+        """Show how far 6064h moved; the turns that the shaft has to have made."""
+        end, counts = self._position(), drive.scaling.counts_per_revolution
+        if end is None or self._begun is None:
+            return self._commanded
+        moved = self.outcome.moved = end - self._begun
+        self._tell(f"in all     6064h {moved:+d}")
+        return self._commanded if counts is None else abs(Fraction(moved) / counts)
+
+    def _ask_for_turns(self, drive: DriveType, turns: Fraction) -> None:
+        """Drive and gateway agree also where both have the wrong resolution: only a person sees the shaft."""
+        outcome, typed = self.outcome, list[str]()
+        outcome.scaling, outcome.serial_number = drive.scaling, self._axis.drive.serial_number
+        self._tell(
+            "Only a person sees whether the shaft did it. How many turns did the mark on the shaft of the motor make?"
+        )
+        self._confirm(TURNS, typed.append)
+        try:
+            self._wait(lambda: typed, _TYPING_NS, "something was typed")
+        except InterruptError:
+            raise
+        except DoubtError as error:
+            self._tell(f"not witnessed: {error}")
+            return
+        seen, wrong = judge_turns(typed[0], turns)
+        outcome.witnessed = seen and not wrong
+        outcome.passed = not wrong
+        if not outcome.witnessed:
+            self._tell(wrong or "not witnessed: no number of turns")
+
+
+def _turns_over(drive: DriveType) -> tuple[int, ...]:
+    """What a position jumps by where it begins anew: between two readings it moves by little."""
+    spans = [1 << 32]
+    scaling = drive.scaling
+    if scaling.position_wraps and scaling.position_range is not None:
+        low, high = scaling.position_range
+        spans.append(high - low + 1)
+    return (0, *spans, *(-span for span in spans))

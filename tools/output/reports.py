@@ -1,0 +1,156 @@
+"""What a run proved, as JUnit XML for a CI system and as one HTML page for people: with date, version and configuration."""
+
+from __future__ import annotations
+
+import html
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Any
+from xml.etree import ElementTree
+
+import typer
+
+from pdgw import __version__
+from pdgw.gateway.errors import GatewayError
+from pdgw.tools.output.files import to_be_written
+
+JUnitFile = Annotated[
+    Path | None, typer.Option("--junit", callback=to_be_written, help="Write the results as JUnit XML.")
+]
+HtmlFile = Annotated[
+    Path | None, typer.Option("--html", callback=to_be_written, help="Write the results as an HTML page.")
+]
+
+_NOT_XML = re.compile("[^\\t\\n\\r\\x20-\\ud7ff\\ue000-\\ufffd\\U00010000-\\U0010ffff]")
+"""Characters XML 1.0 cannot hold."""
+_STYLE = (
+    ":root{color-scheme:light dark}body{font:14px/1.4 system-ui,sans-serif;margin:1.5rem;max-width:75rem}"
+    "table{border-collapse:collapse}td,th{border-bottom:1px solid #8885;padding:.2rem .6rem;text-align:left;vertical-align:top}"
+    ".bad{color:#d33;font-weight:bold}.good{color:#2a9d8f}pre{background:#8881;padding:.6rem;overflow:auto}"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One thing that was checked. ``detail``: what was seen; ``failures``: what is wrong with it, none when it passed."""
+
+    group: str
+    name: str
+    detail: str = ""
+    failures: tuple[str, ...] = ()
+    seconds: float = 0.0
+
+    @property
+    def passed(self) -> bool:
+        return not self.failures
+
+
+@dataclass(frozen=True)
+class Report:
+    """``configuration`` is what was tested, as text, empty where the figures say it; ``measured`` are figures by their names."""
+
+    title: str
+    checks: tuple[Check, ...] = ()
+    configuration: str = ""
+    measured: Mapping[str, str] = field(default_factory=dict)
+    when: datetime = field(default_factory=lambda: datetime.now().astimezone())
+
+    @property
+    def failed(self) -> int:
+        return sum(not check.passed for check in self.checks)
+
+    @property
+    def _facts(self) -> dict[str, str]:
+        return {"date": self.when.isoformat(timespec="seconds"), "version": f"pdgw {__version__}", **self.measured}
+
+    def junit(self) -> str:
+        """JUnit XML: one suite, a case for each check, facts and figures as properties."""
+        suite = ElementTree.Element(
+            "testsuite",
+            name=_plain(self.title),
+            tests=str(len(self.checks)),
+            failures=str(self.failed),
+            errors="0",
+            timestamp=self.when.isoformat(timespec="seconds"),
+            time=f"{sum(check.seconds for check in self.checks):.3f}",
+        )
+        properties = ElementTree.SubElement(suite, "properties")
+        facts = self._facts | ({"configuration": self.configuration} if self.configuration else {})
+        for name, value in facts.items():
+            ElementTree.SubElement(properties, "property", name=_plain(name), value=_plain(value))
+        for check in self.checks:
+            case = ElementTree.SubElement(
+                suite, "testcase", classname=_plain(check.group), name=_plain(check.name), time=f"{check.seconds:.3f}"
+            )
+            if check.failures:
+                text = _plain("\n".join(check.failures))
+                ElementTree.SubElement(case, "failure", message=text.splitlines()[0]).text = text
+            if check.detail:
+                ElementTree.SubElement(case, "system-out").text = _plain(check.detail)
+        root = ElementTree.Element("testsuites")
+        root.append(suite)
+        ElementTree.indent(root)
+        return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+    def page(self) -> str:
+        """One HTML page that needs nothing else; failures come first."""
+        return "\n".join(self._page()) + "\n"
+
+    def _page(self) -> Iterator[str]:
+        title = html.escape(self.title)
+        yield '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        yield f"<title>{title}</title><style>{_STYLE}</style></head><body><h1>{title}</h1>"
+        if self.checks:
+            kind = "bad" if self.failed else "good"
+            good = len(self.checks) - self.failed
+            yield f'<p class="{kind}">{good} of {len(self.checks)} as they must be</p>'
+        yield from _table(("", ""), [(name, value) for name, value in self._facts.items()])
+        for heading, chosen in (
+            ("Failed", [check for check in self.checks if not check.passed]),
+            ("Passed", [check for check in self.checks if check.passed]),
+        ):
+            if chosen:
+                yield f"<h2>{heading}</h2>"
+                rows = [(c.group, c.name, "; ".join(c.failures) or c.detail, f"{c.seconds:.3f} s") for c in chosen]
+                yield from _table(("", "check", "seen", "after"), rows)
+        if self.configuration:
+            yield f"<h2>Configuration</h2><pre>{html.escape(self.configuration)}</pre>"
+        yield "</body></html>"
+
+    def write(self, junit: Path | None, page: Path | None) -> None:
+        """Both files, those that are wanted; GatewayError when one cannot be written."""
+        for option, path, text in (("--junit", junit, self.junit), ("--html", page, self.page)):
+            if path is None:
+                continue
+            try:
+                path.write_text(text(), encoding="utf-8")
+            except OSError as error:
+                raise GatewayError(f"{option} {path}: cannot be written ({error.strerror or error})") from error
+
+
+def figures(document: Any, name: str = "") -> dict[str, str]:
+    """The figures in plain data by their paths: ``rows.0.axes``."""
+    if isinstance(document, dict):
+        items: Any = document.items()
+    elif isinstance(document, list):
+        items = enumerate(document)
+    else:
+        return {name: f"{document:.6g}" if isinstance(document, float) else str(document)}
+    found: dict[str, str] = {}
+    for key, value in items:
+        found |= figures(value, f"{name}.{key}" if name else str(key))
+    return found
+
+
+def _plain(text: str) -> str:
+    return _NOT_XML.sub("?", text)
+
+
+def _table(titles: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
+    yield "<table><tr>" + "".join(f"<th>{html.escape(title)}</th>" for title in titles) + "</tr>"
+    for row in rows:
+        yield "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"
+    yield "</table>"

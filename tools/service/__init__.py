@@ -1,0 +1,1 @@
+"""What runs beside ``pdgw run``: its log and its child processes."""

@@ -1,0 +1,136 @@
+"""Processes beside a gateway, so that its cycle does not pay for them: simulated devices of its configuration, its page."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.configuration.environment import CanConfig, TraceConfig
+from pdgw.gateway.configuration.file import config_text
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.service import realtime
+
+_VIRTUAL = "virtual"
+"""python-can's bus inside one process: another process gets one that is served instead."""
+_STOP_S = 5.0
+_CHANNEL = "channel = "
+_READY = "; commands: "
+
+
+@contextlib.contextmanager
+def devices_beside(config: GatewayConfig) -> Iterator[GatewayConfig]:
+    """Start what has ``simulate = true``, a process for each bus; gives the configuration by which the gateway reaches them.
+
+    GatewayError when they cannot be started. They end with the context, and by themselves when this process dies.
+    """
+    if not any(axis.simulate for axis in config.axis) and not any(encoder.simulate for encoder in config.encoder):
+        yield config
+        return
+    # Only who simulates pays for loading it.
+    from pdgw.peers.bus import INTERFACE  # noqa: PLC0415
+    from pdgw.peers.simulation.configured_devices import bus_file, simulated_devices  # noqa: PLC0415
+
+    with contextlib.ExitStack() as at_end:
+        directory = Path(at_end.enter_context(tempfile.TemporaryDirectory(prefix="pdgw-")))
+        started: list[tuple[CanConfig, subprocess.Popen[str]]] = []
+        for bus in config.can:
+            devices = simulated_devices(config, bus)
+            if devices:
+                file = directory / f"{len(started)}.toml"
+                file.write_text(bus_file(bus, devices), encoding="utf-8")
+                serve = ["--serve", "--port", "0"] if bus.interface == _VIRTUAL else []
+                started.append((bus, at_end.enter_context(_process("sim", "bus", str(file), *serve))))
+        reached: dict[str, CanConfig] = {}
+        for bus, process in started:
+            channel = _channel(bus, process)
+            if bus.interface == _VIRTUAL:
+                reached[bus.name] = CanConfig(interface=INTERFACE, channel=channel, name=bus.name)
+        yield config.model_copy(update={"can": tuple(reached.get(bus.name, bus) for bus in config.can)})
+
+
+@contextlib.contextmanager
+def page_beside(config: GatewayConfig) -> Iterator[None]:
+    """Start ``pdgw web`` for the gateway with this configuration; why it cannot be started, it says itself."""
+    with tempfile.TemporaryDirectory(prefix="pdgw-") as directory:
+        file = Path(directory) / "gateway.toml"
+        file.write_text(config_text(config), encoding="utf-8")
+        with _process("web", str(file)):
+            yield
+
+
+@contextlib.contextmanager
+def _process(*command: str) -> Iterator[subprocess.Popen[str]]:
+    """One that ends when its standard input does; Ctrl-C is not for it, the drives are needed until they stand."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "pdgw", *command, "--attached"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        realtime.usual(process.pid)
+        try:
+            yield process
+        finally:
+            assert process.stdin is not None
+            with contextlib.suppress(OSError):  # it may be gone already
+                process.stdin.close()
+            try:
+                process.wait(_STOP_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+
+@contextlib.contextmanager
+def keeper_beside(trace: TraceConfig) -> Iterator[Callable[[Path], None]]:
+    """The process that keeps parts of the flight recorder, if the configuration wants any; gives what tells it the ring.
+
+    Started before the gateway takes its priority, which it must not have; it ends by itself when the gateway is gone, in whatever
+    way, after it has kept what was before that.
+    """
+    if not trace.enabled or not trace.keep or os.name != "posix":  # elsewhere there are no rings
+        yield lambda path: None
+        return
+    options = [f"--on={item}" for item in trace.keep]
+    options += [f"--before={trace.keep_before_s}", f"--after={trace.keep_after_s}", f"--files={trace.keep_files}"]
+    if trace.keep_directory is not None:
+        options.append(f"--to={trace.keep_directory}")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "pdgw", "trace", "watch", "--attached", *options],
+        stdin=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert process.stdin is not None
+    stdin = process.stdin
+
+    def tell(path: Path) -> None:
+        with contextlib.suppress(OSError):  # it may be gone already
+            stdin.write(f"{path}\n")
+            stdin.flush()
+
+    try:
+        yield tell
+    finally:
+        with contextlib.suppress(OSError):
+            stdin.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(_STOP_S)
+
+
+def _channel(bus: CanConfig, process: subprocess.Popen[str]) -> str:
+    """Where a served bus is reached; returns when the devices are powered."""
+    channel = ""
+    assert process.stdout is not None
+    for line in process.stdout:
+        if line.startswith(_CHANNEL):
+            channel = line.removeprefix(_CHANNEL).strip().strip('"')
+        if _READY in line:
+            return channel
+    raise GatewayError(f"simulated devices of bus {bus.name}: could not be started, see above")

@@ -1,0 +1,46 @@
+"""What was measured: which build of the package, on which machine."""
+
+from __future__ import annotations
+
+import os
+import platform
+from datetime import UTC, datetime
+from importlib import import_module
+from importlib.metadata import version
+
+from pdgw.gateway.errors import GatewayError
+
+_HOT = "pdgw.gateway.links.cyclic"
+"""A module that every compiled build has compiled."""
+COMPILED = "compiled"
+"""What ``build`` says of a build with compiled modules."""
+_PRIORITY = 10
+
+
+def build() -> str:
+    """``compiled`` or ``pure Python``."""
+    file = import_module(_HOT).__file__ or ""
+    return "pure Python" if file.endswith(".py") else COMPILED
+
+
+def machine() -> dict[str, object]:
+    """What the figures depend on, as plain data."""
+    return {
+        "date": datetime.now(UTC).date().isoformat(),
+        "version": version("profidrive-gateway"),
+        "build": build(),
+        "python": platform.python_version(),
+        "system": f"{platform.system()} {platform.release()}",
+        "processor": platform.machine(),
+        "cores": os.cpu_count(),
+    }
+
+
+def use_real_time_priority() -> None:
+    """For this process and those it starts; GatewayError without the right to it."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
+    except AttributeError:
+        raise GatewayError("--realtime: this system has no real-time priority of Linux' kind") from None
+    except OSError as error:
+        raise GatewayError(f"--realtime: not allowed ({error.strerror}); root or CAP_SYS_NICE is needed") from error

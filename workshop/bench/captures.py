@@ -1,0 +1,129 @@
+"""Captures of both buses for measuring: cyclic frames of telegram 1 over UDP, and the drives' PDOs.
+
+Source: draft-ietf-opsawg-pcapng; the frames are those of ``profidrive.frame`` and ``dsp402.pdo``.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import BinaryIO
+
+from pdgw.decoder.capture.pcapng_file import udp_packet
+from pdgw.decoder.frames.records import LinkType
+from pdgw.ds301.pdo import Pdo
+from pdgw.dsp402.pdo import LAYOUTS, Operation
+from pdgw.durations import MS, SECOND
+from pdgw.profidrive.frame import (
+    CYCLIC_PORT,
+    FRAME_ID_TO_CONTROLLER,
+    FRAME_ID_TO_DEVICE,
+    IOPS_GOOD,
+    STATUS_NORMAL,
+    TRAILER,
+    CSduLayout,
+)
+from pdgw.profidrive.telegrams import Direction, telegram
+
+_CYCLE_NS = MS
+_COUNTER_STEP = 32
+_BEGIN_NS = 1_700_000_000 * SECOND
+_NODE = 1
+
+
+def block(kind: int, body: bytes, order: str = "<") -> bytes:
+    """A pcapng block in one byte order."""
+    body += bytes(-len(body) % 4)
+    length = struct.pack(order + "I", len(body) + 12)
+    return struct.pack(order + "I", kind) + length + body + length
+
+
+def _udp(frame: bytes) -> bytes:
+    return udp_packet(("10.0.0.1", CYCLIC_PORT), ("10.0.0.2", CYCLIC_PORT), frame)
+
+
+def _rt(direction: Direction, counter: int, word: int, value: int, axes: int = 1) -> bytes:
+    layout = CSduLayout([telegram(1)] * axes, direction)
+    frame = layout.new_frame(FRAME_ID_TO_DEVICE if direction is Direction.SETPOINT else FRAME_ID_TO_CONTROLLER)
+    for axis in range(axes):
+        layout.halves[axis].encode_into(frame, layout.offsets[axis], (word, value))
+        frame[layout.iops[axis]] = frame[layout.iocs[axis]] = IOPS_GOOD
+    TRAILER.pack_into(frame, layout.trailer, counter & 0xFFFF, STATUS_NORMAL, 0)
+    return bytes(frame)
+
+
+def _can(pdo: Pdo, **values: int) -> bytes:
+    """A frame with the values by the names of the images, whatever their order in the PDO."""
+    data = pdo.pack(SimpleNamespace(**values))
+    return struct.pack(">IBxxx", pdo.cob_id(_NODE), len(data)) + data
+
+
+def _cycles() -> Iterator[tuple[int, bytes]]:
+    """Interface and bytes of the four packets of each cycle, for ever."""
+    layouts = LAYOUTS[Operation.VELOCITY]
+    rpdo, tpdo = layouts.rpdos[0], layouts.tpdos[0]
+    cycle = 0
+    while True:
+        speed = cycle % 0x4000
+        yield 0, _udp(_rt(Direction.SETPOINT, cycle * _COUNTER_STEP, 0x047F, speed))
+        yield 1, _can(rpdo, controlword=0x000F, target_velocity=speed)
+        yield 1, _can(tpdo, statusword=0x0637, velocity_actual=speed - 1)
+        yield 0, _udp(_rt(Direction.ACTUAL, cycle * _COUNTER_STEP, 0x0637, speed - 1))
+        cycle += 1
+
+
+def write_capture(path: Path, packets: int) -> None:
+    """Write the file; four packets make one millisecond."""
+    with path.open("wb") as file:
+        _write(file, packets)
+
+
+def _write(file: BinaryIO, packets: int) -> None:
+    file.write(block(0x0A0D0D0A, struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1)))
+    nanoseconds = struct.pack("<HHB3xI", 9, 1, 9, 0)
+    for link in (LinkType.ETHERNET, LinkType.CAN_SOCKETCAN):
+        file.write(block(1, struct.pack("<HHI", link, 0, 0) + nanoseconds))
+    for number, (interface, data) in zip(range(packets), _cycles(), strict=False):
+        time_ns = _BEGIN_NS + number * _CYCLE_NS // 4
+        head = struct.pack("<IIIII", interface, time_ns >> 32, time_ns & 0xFFFFFFFF, len(data), len(data))
+        file.write(block(6, head + data))
+
+
+AXES = 4
+"""Of a recording, on nodes 1 upwards."""
+RECORDING_CYCLE_NS = 4 * MS
+_CYCLES_PER_SECOND = SECOND // RECORDING_CYCLE_NS
+_ON_AT = _CYCLES_PER_SECOND // 2
+_STOPPED = (0x0006, 0x0231)
+_STARTING = (_STOPPED, (0x0007, 0x0231), (0x0007, 0x0233), (0x000F, 0x0233), (0x000F, 0x0637))
+"""Controlword and Statusword in the cycles after an ON."""
+
+
+def write_recording(folder: Path, seconds: int) -> list[str]:
+    """plc.pcap and can.log of four axes at 4 ms that start and stop once a second, all values new in every cycle."""
+    layouts = LAYOUTS[Operation.VELOCITY]
+    rpdo, tpdo = layouts.rpdos[0], layouts.tpdos[0]
+    plc, can = folder / "plc.pcap", folder / "can.log"
+    with plc.open("wb") as packets, can.open("w", encoding="ascii") as log:
+        packets.write(struct.pack("<IHHiIII", 0xA1B23C4D, 2, 4, 0, 0, 0x40000, LinkType.ETHERNET))
+        for cycle in range(seconds * _CYCLES_PER_SECOND):
+            now = _BEGIN_NS + cycle * RECORDING_CYCLE_NS
+            since_on = cycle % _CYCLES_PER_SECOND - _ON_AT
+            stw1 = 0x047F if since_on >= 0 else 0x047E
+            controlword, statusword = _STARTING[min(since_on, 4)] if since_on >= 0 else _STOPPED
+            speed = cycle % 0x4000
+            values = SimpleNamespace(
+                controlword=controlword, target_velocity=speed, statusword=statusword, velocity_actual=speed
+            )
+            for direction, later, word in ((Direction.SETPOINT, 0, stw1), (Direction.ACTUAL, 300_000, statusword)):
+                data = _udp(_rt(direction, cycle * 4 * _COUNTER_STEP, word, speed, AXES))
+                seconds_part, rest = divmod(now + later, SECOND)
+                packets.write(struct.pack("<IIII", seconds_part, rest, len(data), len(data)) + data)
+            for node in range(1, AXES + 1):
+                for pdo, later in ((rpdo, 100_000), (tpdo, 600_000)):
+                    seconds_part, rest = divmod(now + later + node * 10_000, SECOND)
+                    data = pdo.pack(values)
+                    log.write(f"({seconds_part}.{rest // 1000:06d}) can0 {pdo.cob_id(node):03X}#{data.hex().upper()}\n")
+    return [str(plc), str(can)]

@@ -1,0 +1,104 @@
+"""What the measuring client says: to a plain echo, and as a PLC to a gateway with telegram 1 on every axis."""
+
+from __future__ import annotations
+
+import struct
+import time
+
+from pdgw.gateway.errors import GatewayError
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.profidrive.frame import COUNTER_UNIT_NS, STATUS_NORMAL, TRAILER, CSduLayout
+from pdgw.profidrive.telegrams import Direction, telegram
+from pdgw.workshop.bench.schedule import Peer, run
+
+_OFF, _ON = 0x047E, 0x047F
+_ZSW1_STATE, _READY_TO_SWITCH_ON, _OPERATION = 0x4F, 0x01, 0x07
+_INHIBITED = 0x40
+SPEEDS = 64
+"""Different setpoints, one after the other; they are far enough apart to be told in any scaling."""
+_SPEED_STEP = 128
+_CYCLES_PER_LOOK = 10
+_READY_S = 30.0
+_NUMBER = struct.Struct("<Q")
+
+
+class EchoDialogue:
+    """Datagrams of a given size that carry their cycle."""
+
+    def __init__(self, size: int) -> None:
+        self._rest = bytes(max(0, size - _NUMBER.size))
+
+    def datagram(self, cycle: int) -> bytes:
+        return _NUMBER.pack(cycle) + self._rest
+
+    def answers(self, data: bytes, cycle: int) -> bool:
+        return data[: _NUMBER.size] == _NUMBER.pack(cycle)
+
+
+def speed(cycle: int) -> int:
+    """NSOLL_A of a cycle."""
+    return cycle % SPEEDS * _SPEED_STEP
+
+
+class PlcDialogue:
+    """Frames with a new speed for every axis in each cycle, prepared beforehand."""
+
+    def __init__(self, axes: int, period_ns: int) -> None:
+        self.axes = axes
+        self._endpoint = PlcEndpoint([telegram(1)] * axes, period_ns)
+        self._provider = CSduLayout([telegram(1)] * axes, Direction.SETPOINT)
+        self._consumer = CSduLayout([telegram(1)] * axes, Direction.ACTUAL)
+        self.words = [_OFF] * axes
+        self._frames: list[bytearray] = []
+        self._prepare()
+
+    def _prepare(self) -> None:
+        self._frames = []
+        for number in range(SPEEDS):
+            for axis, word in zip(self._endpoint.setpoints, self.words, strict=True):
+                axis["STW1"], axis["NSOLL_A"] = word, speed(number)
+            self._frames.append(bytearray(self._endpoint.build()))
+
+    @property
+    def size(self) -> int:
+        """Bytes of a frame."""
+        return len(self._frames[0])
+
+    def datagram(self, cycle: int) -> bytearray:
+        frame = self._frames[cycle % SPEEDS]
+        # The gateway holds the counter against the time: flat out it has to go as fast as the frames do.
+        counter = time.monotonic_ns() // COUNTER_UNIT_NS
+        TRAILER.pack_into(frame, self._provider.trailer, counter & 0xFFFF, STATUS_NORMAL, 0)
+        return frame
+
+    def answers(self, data: bytes, cycle: int) -> bool:
+        """The drives turn as the last cycle wanted: the gateway has worked on that one, so its answer to it is out."""
+        actual = self._consumer.halves[0].decode(data, self._consumer.offsets[0])[1]
+        return round(actual / _SPEED_STEP) == (cycle - 1) % SPEEDS
+
+    def states(self, data: bytes) -> list[int]:
+        """ZSW1 of each axis."""
+        layout = self._consumer
+        return [half.decode(data, layout.offsets[index])[0] for index, half in enumerate(layout.halves)]
+
+    def operating(self, data: bytes) -> bool:
+        """Every axis is in operation."""
+        return all(word & _ZSW1_STATE == _OPERATION for word in self.states(data))
+
+    def enable(self, peer: Peer, period_ns: int) -> None:
+        """OFF, then ON, for each axis as it follows; GatewayError when they do not come to operation."""
+        deadline = time.monotonic() + _READY_S
+        while time.monotonic() < deadline:
+            peer.begin()
+            run([peer], _CYCLES_PER_LOOK, period_ns)
+            if not peer.newest:
+                continue
+            if self.operating(peer.newest):
+                return
+            for axis, word in enumerate(self.states(peer.newest)):
+                if word & _ZSW1_STATE == _READY_TO_SWITCH_ON:
+                    self.words[axis] = _ON
+                elif word & _INHIBITED:
+                    self.words[axis] = _OFF  # a watchdog of a busy machine: OFF is needed again
+            self._prepare()
+        raise GatewayError("benchmark: the axes did not come to operation")

@@ -1,0 +1,198 @@
+"""The processes of a benchmark: the echo, the ideal drives, and the gateway as `pdgw run` starts it."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from pdgw.durations import MS, SECOND
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.service.status_client import fetch
+from pdgw.tools.demo.links import free_ports
+from pdgw.workshop.bench.drives import PER_BUS
+
+_READY_S = 60.0
+_LOOK_S = 0.02
+_END_S = 120.0
+"""A process with the least priority may wait long for a busy machine."""
+USUAL_SCHEDULING = "[realtime]\npriority = 0\n"
+"""The gateway is scheduled as client and echo are: with real-time priority when all of them have it (``--realtime``)."""
+
+
+class Background:
+    """A module as a process that prints a line when it is ready, obeys its standard input and ends with it."""
+
+    def __init__(self, module: str, *arguments: str) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", module, *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+        self.first_line = self._line(f"{module} did not start")
+
+    def ask(self, command: str) -> str:
+        """One line in, one line out."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(command + "\n")
+        self._process.stdin.flush()
+        return self._line(f"{self._process.args!r} does not answer")
+
+    def _line(self, otherwise: str) -> str:
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        if not line:
+            raise GatewayError(f"benchmark: {otherwise}")
+        return line
+
+    def end(self) -> str:
+        """Close its input; what it prints at its end."""
+        rest, _ = self._process.communicate(timeout=_END_S)
+        return rest or ""
+
+
+@contextmanager
+def background(module: str, *arguments: str) -> Iterator[Background]:
+    """A ``Background`` that is ended."""
+    process = Background(module, *arguments)
+    try:
+        yield process
+    finally:
+        process.end()
+
+
+class Drives:
+    """Ideal drives for so many axes, see ``workshop.bench.drives``."""
+
+    def __init__(self, process: Background) -> None:
+        self._process = process
+        self.channels = process.first_line.split()
+
+    def mark(self) -> None:
+        """Count from now on."""
+        self._process.ask("mark")
+
+    def report(self) -> tuple[list[int], list[tuple[int, int]]]:
+        """RPDOs of each axis; time and target velocity of those of the last one."""
+        document = json.loads(self._process.ask("report"))
+        return document["rpdos"], [(when, velocity) for when, velocity in document["log"]]
+
+
+def configuration(channels: Sequence[str], axes: int, period_ns: int, ports: tuple[int, int, int]) -> str:
+    """A gateway for ideal drives: telegram 1 on every axis; ``ports`` are cyclic, acyclic and status."""
+    milliseconds = period_ns / MS
+    lines = [
+        "[transport]",
+        f"cycle_time_ms = {milliseconds:g}",
+        "watchdog_factor = 255",
+        f"cyclic_port = {ports[0]}",
+        f"acyclic_port = {ports[1]}",
+        f"status_port = {ports[2]}",
+    ]
+    for number, channel in enumerate(channels):
+        lines += ["[[can]]", f'name = "can{number}"', 'interface = "pdgw-bus"', f'channel = "{channel}"']
+    for axis in range(axes):
+        lines += [
+            "[[axis]]",
+            f"do_id = {axis + 1}",
+            f"node_id = {axis % PER_BUS + 1}",
+            "telegram = 1",
+            f'can = "can{axis // PER_BUS}"',
+            # The ideal drive sends TPDOs only as answers: their supervision would see silence between bursts.
+            "tpdo_event_ms = 10000",
+            "heartbeat_ms = 1000",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+class Gateway:
+    """`pdgw run` on a configuration."""
+
+    def __init__(self, process: subprocess.Popen[bytes], ports: tuple[int, int, int], config: Path, log: Path) -> None:
+        self.config = config
+        self._process = process
+        self._started = time.monotonic()
+        self._log = log
+        self.cyclic_port, self.acyclic_port, self.status_port = ports
+
+    def wait_online(self, axes: int) -> float:
+        """Seconds from the start of the process until every axis was online."""
+        while True:
+            waited = time.monotonic() - self._started
+            if self._process.poll() is not None or waited > _READY_S:
+                raise GatewayError(f"benchmark: the gateway did not come up: {self._log.read_text()[-500:]}")
+            with contextlib.suppress(GatewayError):
+                if sum(axis["drive"] == "online" for axis in self.status()["axes"]) == axes:
+                    return waited
+            time.sleep(_LOOK_S)
+
+    def status(self) -> dict[str, Any]:
+        """As `pdgw status --json`."""
+        return fetch(self.status_port)
+
+    def cpu_ns(self) -> int | None:
+        """CPU time used so far, all threads; None where the system does not tell (not Linux)."""
+        try:
+            fields = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            return None
+        return (int(fields[11]) + int(fields[12])) * SECOND // os.sysconf("SC_CLK_TCK")
+
+    def resident_bytes(self) -> int | None:
+        """Memory in use; None where the system does not tell."""
+        try:
+            pages = Path(f"/proc/{self._process.pid}/statm").read_text().split()[1]
+        except OSError:
+            return None
+        return int(pages) * os.sysconf("SC_PAGE_SIZE")
+
+
+@cache
+def environment() -> dict[str, str]:
+    """Where a gateway starts as it does on a user's machine: with the byte code Python keeps of what it once imported."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    subprocess.run([sys.executable, "-c", "import pdgw.tools.commands.run"], env=environment, check=True)
+    return environment
+
+
+@contextmanager
+def running(axes: int, period_ns: int, more: str = USUAL_SCHEDULING) -> Iterator[tuple[Drives, Gateway]]:
+    """Ideal drives, and a gateway that is on its way up; both are stopped at the end.
+
+    ``more``: further tables of its configuration.
+    """
+    cyclic, acyclic = free_ports(socket.SOCK_DGRAM, 2)
+    (status,) = free_ports(socket.SOCK_STREAM, 1)
+    ports = (cyclic, acyclic, status)
+    with (
+        tempfile.TemporaryDirectory() as directory,
+        background("pdgw.workshop.bench.drives", str(axes)) as process,
+    ):
+        drives = Drives(process)
+        config, log = Path(directory) / "gateway.toml", Path(directory) / "gateway.log"
+        config.write_text(configuration(drives.channels, axes, period_ns, ports) + more, encoding="utf-8")
+        command = [sys.executable, "-m", "pdgw", "run", str(config), "--log-file", str(log)]
+        with (
+            log.open("w") as errors,
+            subprocess.Popen(command, stdout=errors, stderr=errors, env=environment()) as daemon,
+        ):
+            try:
+                yield drives, Gateway(daemon, ports, config, log)
+            finally:
+                daemon.terminate()
+                try:
+                    daemon.wait(30)
+                except subprocess.TimeoutExpired:
+                    daemon.kill()

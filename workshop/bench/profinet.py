@@ -1,0 +1,325 @@
+"""The PROFINET device over a pair of virtual Ethernet interfaces, all from a capture with the kernel's time stamps.
+
+In the namespace of ``eth1`` run the gateway with one simulated axis and, as the floor, a process that does nothing but send
+frames of the same size at the same cycle, and a plain UDP echo; in the other one a controller (``profinet_controller``) that
+connects, exchanges data, reads records in turn with the echo, connects anew with a short data hold time, and ends without a word.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from bisect import bisect
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Final
+
+from pdgw.decoder.capture.source import open_source
+from pdgw.decoder.frames.engine import CanPacket, Decoder
+from pdgw.decoder.frames.profinet.records import Change, DcpRecord, RelationRecord
+from pdgw.decoder.frames.records import AcyclicRecord, CyclicRecord, Record
+from pdgw.durations import MS, SECOND
+from pdgw.gateway.errors import GatewayError
+from pdgw.profidrive.frame import COUNTER_UNIT_NS, IOPS_GOOD
+from pdgw.profidrive.telegrams import Direction
+from pdgw.recording.ethernet_capture import EthernetCapture
+from pdgw.tools.demo.namespaces import HERE, VethPair
+from pdgw.workshop.bench.processes import USUAL_SCHEDULING
+
+CYCLES_MS: Final = (1, 2, 4, 32)
+STATION: Final = "press-1"
+FLOOR_FRAME_ID: Final = 0xBBFF
+"""Of the frames of the process that only sends."""
+ECHO_PORT: Final = 34_980
+ECHO_BYTES: Final = 240
+"""About a record's request."""
+_HOLD_MS: Final = 200
+"""At least, while the exchange is measured; the controller of the benchmark is no real-time system."""
+_KILLED_HOLD_MS: Final = 24
+"""At least, in the relationship whose controller is killed."""
+_CYCLES_HELD: Final = 3
+_PATIENCE_S: Final = 60
+_UDP: Final = re.compile(
+    rb"(?s).{12}\x08\x00\x45.{8}\x11.{10}(?P<source>.{2})(?P<target>.{2}).{4}(?P<data>.{%d})" % ECHO_BYTES
+)
+"""A datagram in an Ethernet frame."""
+_TICKS: Final = os.sysconf("SC_CLK_TCK") if hasattr(os, "sysconf") else 100
+
+_CONFIG: Final = f"""\
+[can]
+interface = "virtual"
+channel = "pdgw"
+
+[transport]
+type = "profinet"
+interface = "{HERE}"
+station_name = "{STATION}"
+status_port = 0
+watchdog_factor = 100
+cycle_time_ms = {{cycle_ms}}
+{{realtime}}
+[[axis]]
+do_id = 1
+node_id = 1
+telegram = 1
+simulate = true
+"""
+_PRIORITY: Final = 40
+_REALTIME: Final = f"\n[realtime]\npriority = {_PRIORITY}\nlock_memory = true\n"
+_BESIDE: Final = Path(__file__).parent
+"""Where the processes lie that do one thing only; what they load counts."""
+
+
+@dataclass(frozen=True, slots=True)
+class Period:
+    """Time between frames, milliseconds."""
+
+    frames: int
+    p50_ms: float
+    p99_ms: float
+    max_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What a process takes."""
+
+    cpu_share: float
+    """Of one core, while data is exchanged."""
+    resident_bytes: int
+    start_s: float
+    """From its start to its first DCP answer, or the first frame of the one that only sends."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProfinetRow:
+    """What was measured at one cycle time."""
+
+    cycle_ms: int
+    gateway: Period
+    floor: Period
+    """Of the process that only sends, in the same run."""
+    missed: int
+    """Cycles without a frame, by the cycle counter."""
+    cost: Cost
+    floor_cost: Cost
+    connect_ms: float
+    """Connect request to response."""
+    data_ms: float
+    """Identify request to the first input frame with valid data, with the drive online."""
+    record_ms: float
+    """Read request to response, median."""
+    echo_ms: float
+    """A datagram to the UDP echo and back, median, in turn with the records."""
+    hold_ms: float
+    killed_ms: float
+    """From the last frame of a controller that was killed to the last frame of the gateway; the data hold time is ``hold_ms``."""
+
+    @property
+    def ratio_record(self) -> float:
+        """The record's answer against the echo's."""
+        return self.record_ms / max(self.echo_ms, 0.001)
+
+    @property
+    def ratio_p99(self) -> float:
+        """How far the gateway's p99 is beyond the cycle, against the floor's."""
+        floor = max(self.floor.p99_ms - self.cycle_ms, 0.001)
+        return (self.gateway.p99_ms - self.cycle_ms) / floor
+
+
+def period(times: Sequence[int]) -> Period:
+    """Of frames at these times, nanoseconds; GatewayError for too few."""
+    gaps = sorted(later - earlier for earlier, later in pairwise(times))
+    if len(gaps) < 2:
+        raise GatewayError(f"{len(times)} frames are too few to measure a period")
+    last = len(gaps) - 1
+    return Period(len(times), gaps[last // 2] / MS, gaps[round(0.99 * last)] / MS, gaps[last] / MS)
+
+
+def measure(cycle_ms: int, seconds: float, *, realtime: bool) -> ProfinetRow:
+    """One row; inside a namespace of its own (``namespaces.enter``)."""
+    holds = [max(_CYCLES_HELD, -(-least // cycle_ms)) * cycle_ms for least in (_HOLD_MS, _KILLED_HOLD_MS)]
+    as_asked = [str(_PRIORITY)] if realtime else []
+    with tempfile.TemporaryDirectory() as folder, VethPair() as pair:
+        capture = Path(folder) / "bench.pcapng"
+        config = Path(folder) / "gateway.toml"
+        text = _CONFIG.format(cycle_ms=cycle_ms, realtime=_REALTIME if realtime else f"\n{USUAL_SCHEDULING}")
+        config.write_text(f'store = "{folder}/store.json"\n{text}', encoding="utf-8")
+        bare = config.with_name("bare.toml")
+        bare.write_text(config.read_text(encoding="utf-8").replace("simulate = true\n", ""), encoding="utf-8")
+        controller = pair.command(
+            *(sys.executable, "-m", "pdgw.workshop.bench.profinet_controller"),
+            *(str(cycle_ms), *map(str, holds), str(seconds), *as_asked),
+        )
+        echo = [sys.executable, "-P", str(_BESIDE / "echoes_only.py"), str(ECHO_PORT), *as_asked]
+        sender = [sys.executable, "-P", str(_BESIDE / "sends_only.py")]
+        floor = [*sender, HERE, str(cycle_ms * MS), f"{FLOOR_FRAME_ID:04x}"]
+        with (
+            EthernetCapture(HERE, capture) as recording,
+            ExitStack() as running,  # what sends has to end before the capture, which waits for silence
+            subprocess.Popen(controller, stdout=subprocess.PIPE, text=True) as plc,
+            _process(echo),
+        ):
+            _expect(plc, "ready")
+            floor_started = time.time_ns()
+            only_sends = running.enter_context(_process(floor + as_asked))
+            started = time.time_ns()
+            # Without its simulated drive, whose process it would start and wait for first.
+            with _process([sys.executable, "-m", "pdgw", "run", str(bare)]):
+                _expect(plc, "found")
+            with _process([sys.executable, "-m", "pdgw", "run", str(config)]) as gateway:
+                _expect(plc, "data")
+                pids = (gateway.pid, only_sends.pid)
+                before, begun = [_cpu_s(pid) for pid in pids], time.monotonic()
+                _expect(plc, "measured")
+                spent, lasted = [_cpu_s(pid) for pid in pids], time.monotonic() - begun
+                taken = [
+                    ((after - earlier) / lasted, _resident_bytes(pid))
+                    for pid, earlier, after in zip(pids, before, spent, strict=True)
+                ]
+                _expect(plc, "done")
+                plc.wait(_PATIENCE_S)
+                time.sleep(2 * holds[1] / 1000)
+        if recording.lost:
+            raise GatewayError(f"{recording.lost} frames were not recorded: the machine is too busy to be measured")
+        records = list(records_in(capture))
+        costs = [
+            Cost(*item, (first - start) / SECOND)
+            for item, first, start in zip(
+                taken, (first_answer(records), first_of_floor(records)), (started, floor_started), strict=True
+            )
+        ]
+        return row_of(cycle_ms, holds[1], records, echoes_in(capture), costs[0], costs[1])
+
+
+@contextmanager
+def _process(command: Sequence[str]) -> Iterator[subprocess.Popen[bytes]]:
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
+        try:
+            yield process
+        finally:
+            process.send_signal(signal.SIGTERM)
+            try:
+                process.wait(_PATIENCE_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+
+def _expect(plc: subprocess.Popen[str], word: str) -> None:
+    assert plc.stdout is not None
+    line = plc.stdout.readline()
+    told = json.loads(line) if line else {}
+    if told.get("phase") != word:
+        raise GatewayError(f"the controller did not come to {word!r}: {told or 'it ended'}")
+
+
+def _cpu_s(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / _TICKS
+
+
+def _resident_bytes(pid: int) -> int:
+    return int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def records_in(capture: Path) -> Iterator[Record]:
+    """What a capture tells."""
+    decoder = Decoder()
+    with open_source(str(capture)) as source:
+        for packet in source.packets:
+            yield decoder.decode(packet)
+
+
+def echoes_in(capture: Path) -> list[int]:
+    """How long each datagram to the echo took, nanoseconds."""
+    asked: dict[bytes, int] = {}
+    took: list[int] = []
+    with open_source(str(capture)) as source:
+        for packet in source.packets:
+            found = None if isinstance(packet, CanPacket) else _UDP.match(packet.data)
+            if found is None:
+                continue
+            port_from, port_to = (int.from_bytes(found[name], "big") for name in ("source", "target"))
+            if port_to == ECHO_PORT:
+                asked[found["data"]] = packet.time_ns
+            elif port_from == ECHO_PORT and found["data"] in asked:
+                took.append(packet.time_ns - asked.pop(found["data"]))
+    return took
+
+
+def first_answer(records: Sequence[Record]) -> int:
+    """When DCP was first answered; GatewayError when it never was."""
+    return _first(r.time_ns for r in records if isinstance(r, DcpRecord) and r.details()["packet"] == "response")
+
+
+def first_of_floor(records: Sequence[Record]) -> int:
+    """When the process that only sends first did; GatewayError when it never did."""
+    return _first(r.time_ns for r in records if isinstance(r, CyclicRecord) and r.frame_id == FLOOR_FRAME_ID)
+
+
+def _first(times: Iterator[int]) -> int:
+    found = next(times, None)
+    if found is None:
+        raise GatewayError("the capture has no DCP answer, or no frame of the process that only sends")
+    return found
+
+
+def _median_ms(times: Sequence[int]) -> float:
+    return sorted(times)[len(times) // 2] / MS if times else 0.0
+
+
+def row_of(
+    cycle_ms: int, hold_ms: int, records: Sequence[Record], echoes: Sequence[int], cost: Cost, floor_cost: Cost
+) -> ProfinetRow:
+    """A row out of the records of a capture: of the relationship with the reads of records, and the end of the last one."""
+    granted = [r for r in records if isinstance(r, RelationRecord) and r.change is Change.GRANTED]
+    reads = [
+        r
+        for r in records
+        if isinstance(r, AcyclicRecord) and r.latency_ns is not None and r.details().get("operation") == "read"
+    ]
+    at = bisect([r.time_ns for r in granted], reads[-1].time_ns) if reads else 0
+    if not 0 < at < len(granted):
+        raise GatewayError("the capture has no relationship whose records are read, or none behind it")
+    session, last = granted[at - 1], granted[-1]
+    measured_end = granted[at].time_ns
+    cyclic = [r for r in records if isinstance(r, CyclicRecord)]
+    asked = max(
+        r.time_ns
+        for r in records
+        if isinstance(r, DcpRecord) and r.details()["packet"] == "request" and r.time_ns < session.time_ns
+    )
+    measured = [r for r in cyclic if session.time_ns < r.time_ns < measured_end]
+    inputs = [r for r in measured if r.direction is Direction.ACTUAL]
+    outputs = [r for r in measured if r.direction is Direction.SETPOINT]
+    valid = [r for r in inputs if any((unit.iops or 0) & IOPS_GOOD for unit in r.units)]
+    exchanged = [r for r in valid if r.time_ns <= outputs[-1].time_ns]
+    ends = {
+        direction: max(r.time_ns for r in cyclic if r.direction is direction and r.time_ns > last.time_ns)
+        for direction in (Direction.ACTUAL, Direction.SETPOINT)
+    }
+    usual = cycle_ms * MS // COUNTER_UNIT_NS
+    steps = [(later.cycle_counter - earlier.cycle_counter) & 0xFFFF for earlier, later in pairwise(exchanged)]
+    return ProfinetRow(
+        cycle_ms,
+        period([r.time_ns for r in exchanged]),
+        period([r.time_ns for r in measured if r.frame_id == FLOOR_FRAME_ID]),
+        sum(step // usual - 1 for step in steps),
+        cost,
+        floor_cost,
+        (session.latency_ns or 0) / MS,
+        (valid[0].time_ns - asked) / MS,
+        _median_ms([r.latency_ns for r in reads if r.latency_ns is not None]),
+        _median_ms(echoes),
+        hold_ms,
+        (ends[Direction.ACTUAL] - ends[Direction.SETPOINT]) / MS,
+    )

@@ -1,0 +1,98 @@
+"""The controller of ``python -m pdgw.workshop bench profinet``: a process of its own that tells its phases and ends without a word.
+
+Arguments: cycle in milliseconds, data hold times of the relationship that is measured and of the one that ends without a word,
+seconds of exchange, a real-time priority or nothing.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import sys
+import time
+from dataclasses import replace
+from ipaddress import IPv4Interface
+
+from pdgw.durations import MS
+from pdgw.peers.controller.controller import Phase
+from pdgw.peers.controller.plc import project_of
+from pdgw.peers.controller.running import RunningController
+from pdgw.profidrive.telegrams import telegram
+from pdgw.profinet.model import DAP_SUBSLOT, TELEGRAM_SUBSLOT
+from pdgw.profinet.rpc.client import RecordResult
+from pdgw.profinet.rpc.identification import INDEX
+from pdgw.tools.demo.namespaces import ADDRESS_HERE, THERE
+from pdgw.workshop.bench.build import use_real_time_priority
+from pdgw.workshop.bench.profinet import ECHO_BYTES, ECHO_PORT, STATION
+
+_AXIS = (1, TELEGRAM_SUBSLOT)
+_ASK_S = 0.02
+"""How often it asks for the station while that starts."""
+_PATIENCE_S = 60
+_READS = 20
+_ECHO_S = 0.01
+_SHORT_S = 0.2
+_TRIES = 5
+
+
+def _tell(phase: str) -> None:
+    print(json.dumps({"phase": phase}), flush=True)
+
+
+def main(cycle_ms: int, hold_ms: int, killed_hold_ms: int, seconds: float) -> None:
+    made = project_of(STATION, [telegram(1)], cycle_ms * MS)
+    project = replace(made, data_hold=hold_ms // cycle_ms)
+    echo = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    device = str(IPv4Interface(ADDRESS_HERE).ip)
+    runner = RunningController(THERE, project, IPv4Interface(ADDRESS_HERE))
+    plc = runner.controller
+    found = False
+    _tell("ready")
+
+    def connect() -> None:
+        """Until the drive's data is valid; anew where a busy machine ends the relationship."""
+        nonlocal found
+        end = time.monotonic() + _PATIENCE_S
+        while plc.input(_AXIS) is None and time.monotonic() < end:
+            if plc.phase in {Phase.IDLE, Phase.IDENTIFY, Phase.ENDED}:
+                plc.start(time.monotonic_ns())
+            runner.run(_ASK_S, lambda: plc.input(_AXIS) is not None)
+            if not found and plc.learned.mac:
+                found = True
+                _tell("found")
+
+    def release() -> None:
+        plc.release(time.monotonic_ns())
+        runner.run(3, lambda: plc.phase is Phase.ENDED)
+
+    connect()
+    runner.run(0.5)
+    release()
+    connect()
+    _tell("data")
+    runner.run(seconds)
+    results: list[RecordResult] = []
+    for number in range(_READS):
+        before = len(results)
+        plc.read((0, 0, DAP_SUBSLOT), INDEX, results.append)
+        runner.run(2, lambda before=before: len(results) > before)  # type: ignore[misc]
+        echo.sendto(number.to_bytes(2, "big") * (ECHO_BYTES // 2), (device, ECHO_PORT))
+        runner.run(_ECHO_S)
+    _tell("measured" if plc.phase is Phase.DATA else plc.learned.ended or plc.phase.value)
+    release()
+    plc.project = replace(made, data_hold=killed_hold_ms // cycle_ms)
+    for _ in range(_TRIES):  # on a busy machine so short a time is over before its end is wanted
+        connect()
+        runner.run(_SHORT_S)
+        if plc.phase is Phase.DATA:
+            break
+    _tell("done" if plc.phase is Phase.DATA else plc.learned.ended or plc.phase.value)
+    sys.stdout.flush()
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) > 5:
+        use_real_time_priority()
+    main(int(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), float(sys.argv[4]))

@@ -1,0 +1,158 @@
+"""One row of the benchmark: so many axes at one cycle time, against a plain echo of the same run.
+
+At 1 ms and above the echo is asked half a period after the gateway, in every cycle; faster, where the two would be in each
+other's way, alone before and after. A row is refused when its axes do not operate, or when its drives were not sent an RPDO for
+each answered cycle.
+"""
+
+from __future__ import annotations
+
+import bisect
+import time
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from typing import Protocol
+
+from pdgw.durations import MS, SECOND
+from pdgw.gateway.errors import GatewayError
+from pdgw.workshop.bench.dialogues import SPEEDS, EchoDialogue, PlcDialogue
+from pdgw.workshop.bench.measure import Latency, latency
+from pdgw.workshop.bench.processes import USUAL_SCHEDULING, background, running
+from pdgw.workshop.bench.schedule import Peer, flat_out, run
+
+ROWS = (
+    (1, MS),
+    (4, 4 * MS),
+    (8, MS),
+    (1, MS // 2),
+    (1, MS // 4),
+    (16, 2 * MS),
+    (32, 4 * MS),
+    (64, 4 * MS),
+)
+"""Axes and cycle time of what ``python -m pdgw.workshop bench`` measures."""
+_SIDE_BY_SIDE_NS = 1 * MS
+_FLAT_OUT_SHARE = 0.3
+"""Of a row's time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What was measured. ``missed`` of a latency: cycles whose answer (or RPDO) did not come within the period."""
+
+    axes: int
+    period_ns: int
+    echo: Latency
+    gateway: Latency
+    to_can: Latency
+    """From the PLC's send to the RPDO of the last axis at its drive."""
+    slept: int
+    """Cycles without a frame because the client was not awake."""
+    echo_per_s: float
+    """Cycles flat out."""
+    gateway_per_s: float
+    cpu_ns_per_cycle: float | None
+    """Of the gateway, all threads; None where the system does not tell."""
+    resident_bytes: int | None
+    start_s: float
+    """From the start of the process to all axes online."""
+
+    @property
+    def ratio_p50(self) -> float:
+        """p50 of the gateway over p50 of the echo."""
+        return self.gateway.p50 / self.echo.p50
+
+    @property
+    def ratio_p99(self) -> float:
+        """As ``ratio_p50``."""
+        return self.gateway.p99 / self.echo.p99
+
+    @property
+    def cpu_share(self) -> float | None:
+        """Of one core, 0..."""
+        return None if self.cpu_ns_per_cycle is None else self.cpu_ns_per_cycle / self.period_ns
+
+
+def measure(axes: int, period_ns: int, seconds: float, more: str = USUAL_SCHEDULING) -> Row:
+    """Measure a row for about ``seconds``; GatewayError when the axes do not do what they are told.
+
+    ``more``: further tables of the gateway's configuration.
+    """
+    cycles = max(2 * SPEEDS, int(seconds * SECOND) // period_ns)
+    plc = PlcDialogue(axes, period_ns)
+    side_by_side = period_ns >= _SIDE_BY_SIDE_NS
+    with ExitStack() as at_end:
+        port = int(at_end.enter_context(background("pdgw.workshop.bench.echo")).first_line)
+        echo = at_end.enter_context(closing(Peer(port, EchoDialogue(plc.size))))
+        echo_per_s = flat_out(echo, seconds * _FLAT_OUT_SHARE)
+        echo.begin()
+        if not side_by_side:
+            run([echo], cycles // 2, period_ns)
+        with running(axes, period_ns, more) as (drives, daemon):
+            start_s = daemon.wait_online(axes)
+            with closing(Peer(daemon.cyclic_port, plc)) as peer:
+                plc.enable(peer, period_ns)
+                peer.begin()
+                drives.mark()
+                cpu = daemon.cpu_ns()
+                run([peer, echo] if side_by_side else [peer], cycles, period_ns)
+                used = None if cpu is None else (daemon.cpu_ns() or 0) - cpu
+                to_can = setpoints_to_can(peer, plc, drives, period_ns)
+                answers, slept = peer.latency(period_ns), peer.slept
+                gateway_per_s = flat_out(peer, seconds * _FLAT_OUT_SHARE)
+            resident = daemon.resident_bytes()
+        if not side_by_side:
+            run([echo], cycles // 2, period_ns)
+        return Row(
+            axes=axes,
+            period_ns=period_ns,
+            echo=echo.latency(period_ns),
+            gateway=answers,
+            to_can=to_can,
+            slept=slept,
+            echo_per_s=echo_per_s,
+            gateway_per_s=gateway_per_s,
+            cpu_ns_per_cycle=None if used is None else used / cycles,
+            resident_bytes=resident,
+            start_s=start_s,
+        )
+
+
+class Report(Protocol):
+    """What ``Drives`` tell of a measurement."""
+
+    def report(self) -> tuple[list[int], list[tuple[int, int]]]: ...
+
+
+def setpoints_to_can(peer: Peer, plc: PlcDialogue, drives: Report, period_ns: int) -> Latency:
+    """When the setpoint of each cycle was at the last drive; GatewayError unless all drives were served and operate."""
+    rpdos, log = drives.report()
+    if not plc.operating(peer.newest):
+        words = ", ".join(f"{word:04X}h" for word in plc.states(peer.newest))
+        raise GatewayError(f"benchmark: axes left operation: ZSW1 {words}")
+    # On a disturbed machine a frame can be overtaken by the next, and an answer the gateway gave by itself be taken for its own.
+    if min(rpdos) < len(peer.samples) - peer.missed - peer.slept:
+        raise GatewayError(f"benchmark: {len(peer.samples)} cycles were answered, RPDOs of the axes: {rpdos}")
+    highest = max(velocity for _, velocity in log)
+    if highest <= 0:
+        raise GatewayError("benchmark: the axes do not turn")
+    # The speeds repeat: an RPDO belongs to the latest cycle with its speed.
+    sent: list[list[int]] = [[] for _ in range(SPEEDS)]
+    for cycle, when in peer.sent.items():
+        sent[cycle % SPEEDS].append(when)
+    arrived: dict[int, int] = {}
+    for when, velocity in log:
+        times = sent[round(velocity * (SPEEDS - 1) / highest)]
+        if position := bisect.bisect_right(times, when):
+            arrived.setdefault(times[position - 1], when)
+    return latency([when - begin for begin, when in arrived.items()], len(peer.sent) - len(arrived), period_ns)
+
+
+def idle(axes: int, period_ns: int, seconds: float) -> float | None:
+    """The share of a core that a gateway with ``axes`` online takes while no PLC is there; None as for a row."""
+    with running(axes, period_ns) as (_, daemon):
+        daemon.wait_online(axes)
+        begin, cpu = time.monotonic_ns(), daemon.cpu_ns()
+        time.sleep(seconds)
+        used = daemon.cpu_ns()
+        return None if cpu is None or used is None else (used - cpu) / (time.monotonic_ns() - begin)

@@ -1,0 +1,114 @@
+"""What one axis costs per cycle in the hot path: frame bytes to RPDO bytes, TPDO bytes to frame bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pdgw.ds301.pdo import Pdo
+from pdgw.dsp402.generic import recorded_drive_type
+from pdgw.dsp402.images import DriveFeedback
+from pdgw.dsp402.pdo import PdoLayout
+from pdgw.durations import MS
+from pdgw.gateway.axis.machine import AxisMachine
+from pdgw.gateway.axis.telegrams import drive_layout
+from pdgw.gateway.axis.values import Configured
+from pdgw.gateway.configuration.example import simulated
+from pdgw.gateway.links.cyclic import CyclicEndpoint
+from pdgw.gateway.links.sequence import SEQUENCE_FRAMES
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.profidrive.telegrams import telegram
+from pdgw.workshop.bench.measure import nanoseconds_per_call
+
+GOALS_NS = {1: 10_000, 9: 20_000, 111: 12_000}
+"""Goals of the project for one axis-cycle."""
+_CYCLE_NS = MS
+_FRAMES = 4096
+_PEER = ("127.0.0.1", 40000)
+_ENABLED = 0x0637
+
+
+@dataclass(frozen=True, slots=True)
+class TranslationCost:
+    """Nanoseconds of one axis-cycle."""
+
+    telegram: int
+    total_ns: float
+    goal_ns: int | None
+
+
+def axis_cycle(number: int) -> Callable[[], object]:
+    """One whole axis-cycle of a telegram, with new setpoints and a new actual value each time."""
+    chosen = telegram(number)
+    plc = PlcEndpoint([chosen], _CYCLE_NS)
+    endpoint = CyclicEndpoint([chosen], cycle_ns=_CYCLE_NS)
+    layout = drive_layout(number)
+    feedback = DriveFeedback()
+    machine = AxisMachine(number, simulated([number]).axis[0].settings_at(_CYCLE_NS / MS), feedback)
+    inputs, command = machine.inputs, machine.outputs.command
+    inputs.news.append(Configured(recorded_drive_type(frozenset())))
+    inputs.drive_ok = True
+    now = _enable(endpoint, machine, plc, number)
+    # The cycle counter goes on when they are sent again: it wraps after a whole number of times.
+    frames = [_frame(plc, number, value) for value in range(1, _FRAMES + 1)]
+    tpdos = [_tpdos(layout, value, command.modes_of_operation) for value in range(1, 17)]
+    position = 0
+    good = [True]
+
+    def run() -> object:
+        nonlocal position, now
+        now += _CYCLE_NS
+        endpoint.receive(frames[position % _FRAMES], _PEER, now)
+        position += 1
+        for pdo, data in tpdos[position & 15]:
+            pdo.unpack_into(data, feedback)
+        inputs.now = now
+        inputs.setpoints = endpoint.setpoints[0]
+        outputs = machine.step()
+        for pdo in layout.rpdos:
+            pdo.pack(command)
+        return endpoint.build([outputs.actuals], good)
+
+    return run
+
+
+def _tpdos(layout: PdoLayout, value: int, mode: int) -> list[tuple[Pdo, bytes]]:
+    """A drive in operation whose speed and position depend on ``value``."""
+    image = DriveFeedback()
+    image.statusword = _ENABLED
+    image.modes_of_operation_display = mode
+    image.velocity_actual = 100 * value
+    image.position_actual = 1000 * value
+    return [(pdo, pdo.pack(image)) for pdo in layout.tpdos]
+
+
+def _frame(plc: PlcEndpoint, number: int, value: int) -> bytes:
+    words = {
+        1: {"STW1": 0x047F, "NSOLL_A": value},
+        9: {"STW1": 0x043F | (value & 8) << 3, "SATZANW": 0x8000, "MDI_TARPOS": value << 10, "MDI_VELOCITY": 1 << 29},
+        111: {"STW1": 0x047F, "POS_STW1": 0x9100, "OVERRIDE": 0x4000, "MDI_TARPOS": value << 4, "MDI_VELOCITY": 3000},
+        100: {"Controlword": 0x0F, "Target Velocity": value, "Profile Acceleration": 300, "Profile Deceleration": 300},
+    }
+    plc.set(0, words[number])
+    return bytes(plc.build())
+
+
+def _enable(endpoint: CyclicEndpoint, machine: AxisMachine, plc: PlcEndpoint, number: int) -> int:
+    """Bring the axis into operation; returns the time of the last frame."""
+    now = 0
+    word = plc.telegrams[0].setpoints.names[0]
+    off = {1: 0x047E, 9: 0x043E, 100: 0x0006, 111: 0x043E}[number]
+    for control, status in ((off, 0x0250), (off, 0x0231), (off | 1, 0x0231), (off | 1, 0x0233)):
+        plc.set(0, {word: control})
+        for _ in range(SEQUENCE_FRAMES):
+            now += _CYCLE_NS
+            endpoint.receive(bytes(plc.build()), _PEER, now)
+        machine.inputs.feedback.statusword = status
+        machine.inputs.setpoints = endpoint.setpoints[0]
+        machine.step()
+    return now
+
+
+def run() -> list[TranslationCost]:
+    """Measure telegrams 1, 9, 100 and 111 (continuous update: a new target in each cycle)."""
+    return [TranslationCost(n, nanoseconds_per_call(axis_cycle(n)), GOALS_NS.get(n)) for n in (1, 9, 100, 111)]

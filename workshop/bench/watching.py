@@ -1,0 +1,174 @@
+"""The cyclic exchange while the page is looked at, and while its process is flooded and killed, in turn with quiet phases.
+
+``python -m pdgw.workshop.bench.watching look PORT`` is the viewers: twenty pages with a trend each, and a scrape of the metrics each
+second; it prints the number of messages they got when its standard input ends. ``... harm PORT PID`` floods the page with
+requests, stops and continues its process, and kills it when the input ends; it prints the number of requests.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import http.client
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from pdgw.durations import MS, SECOND
+from pdgw.gateway.errors import GatewayError
+from pdgw.tools.demo.links import free_ports
+from pdgw.workshop.bench.dialogues import PlcDialogue
+from pdgw.workshop.bench.measure import Latency
+from pdgw.workshop.bench.phases import Phases
+from pdgw.workshop.bench.processes import Background, running
+from pdgw.workshop.bench.schedule import Peer
+
+AXES = 8
+PERIOD_NS = MS
+PAGES = 20
+_SCRAPE_S = 1.0
+_FREEZE_S = 0.5
+_READY_S = 30.0
+QUIET, WATCHED, HARMED = "quiet", "watched", "harmed"
+
+
+@dataclass(frozen=True, slots=True)
+class Watching:
+    """One comparison."""
+
+    quiet: Latency
+    watched: Latency
+    harmed: Latency
+    messages_per_s: float
+    """To all pages together."""
+    requests_per_s: float
+    """Of the flood."""
+
+    @property
+    def ratio_p99(self) -> float:
+        """p99 with twenty pages and a scrape each second over p99 without a page's process."""
+        return self.watched.p99 / self.quiet.p99
+
+    @property
+    def ratio_p99_harmed(self) -> float:
+        """As ``ratio_p99``, with a page's process that is flooded, stopped and killed."""
+        return self.harmed.p99 / self.quiet.p99
+
+
+def measure(seconds: float, phases: int = 4) -> Watching:
+    """So many phases of each kind in turn, for about ``seconds`` each in sum."""
+    cycles = max(1, int(seconds * SECOND) // PERIOD_NS // phases)
+    plc = PlcDialogue(AXES, PERIOD_NS)
+    counted = dict.fromkeys((WATCHED, HARMED), 0)
+    elapsed = dict.fromkeys((WATCHED, HARMED), 0.0)
+    with running(AXES, PERIOD_NS) as (_, gateway):
+        gateway.wait_online(AXES)
+        with closing(Peer(gateway.cyclic_port, plc)) as peer:
+            parts = Phases(plc, peer, PERIOD_NS, cycles)
+            for _ in range(phases):
+                parts.play(QUIET)
+                for name, role in ((WATCHED, "look"), (HARMED, "harm")):
+                    with _page(gateway.config) as (port, process):
+                        others = Background("pdgw.workshop.bench.watching", role, str(port), str(process.pid))
+                        start = time.monotonic()
+                        try:
+                            parts.play(name)
+                        finally:
+                            elapsed[name] += time.monotonic() - start
+                            counted[name] += int(others.end())
+    quiet, watched, harmed = (parts.latency(name) for name in (QUIET, WATCHED, HARMED))
+    return Watching(quiet, watched, harmed, counted[WATCHED] / elapsed[WATCHED], counted[HARMED] / elapsed[HARMED])
+
+
+@contextmanager
+def _page(config: Path) -> Iterator[tuple[int, subprocess.Popen[bytes]]]:
+    """`pdgw web`, answering; ended when it still lives."""
+    (port,) = free_ports(socket.SOCK_STREAM, 1)
+    command = [sys.executable, "-m", "pdgw", "web", str(config), "--listen", f"127.0.0.1:{port}"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        try:
+            deadline = time.monotonic() + _READY_S
+            while not _answers(port):
+                if process.poll() is not None or time.monotonic() > deadline:
+                    raise GatewayError("benchmark: `pdgw web` did not come up; is the extra web installed?")
+                time.sleep(0.05)
+            yield port, process
+        finally:
+            process.kill()
+
+
+def _answers(port: int) -> bool:
+    with contextlib.suppress(OSError), closing(http.client.HTTPConnection("127.0.0.1", port, timeout=5)) as connection:
+        connection.request("GET", "/healthz")
+        return connection.getresponse().status == http.client.OK
+    return False
+
+
+def _stream(port: int, do_id: int) -> socket.socket:
+    connection = socket.create_connection(("127.0.0.1", port))
+    connection.sendall(f"GET /api/v1/events?trace={do_id} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode())
+    return connection
+
+
+def _ended(timeout_s: float, *others: socket.socket) -> tuple[bool, list[socket.socket]]:
+    """Whether the input ended within so long, and which of the others have something."""
+    ready = select.select([sys.stdin, *others], [], [], max(0.0, timeout_s))[0]
+    return sys.stdin in ready, [item for item in others if item in ready]
+
+
+def look(port: int) -> int:
+    """The viewers; the number of messages."""
+    streams = [_stream(port, number % AXES + 1) for number in range(PAGES)]
+    messages, scrape = 0, time.monotonic()
+    while True:
+        if time.monotonic() >= scrape:
+            scrape += _SCRAPE_S
+            with closing(http.client.HTTPConnection("127.0.0.1", port)) as connection:
+                connection.request("GET", "/metrics")
+                connection.getresponse().read()
+        ended, ready = _ended(scrape - time.monotonic(), *streams)
+        if ended:
+            return messages
+        messages += sum(stream.recv(1 << 20).count(b"data: ") for stream in ready)
+
+
+def harm(port: int, process: int) -> int:
+    """The flood, with the page's process frozen every other half second; the number of requests."""
+    requests, frozen, change = 0, False, time.monotonic() + _FREEZE_S
+    request = b"GET /api/v1/objects/1/trace?seconds=10 HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
+    opened: list[socket.socket] = []
+    while not _ended(0.001)[0]:
+        if time.monotonic() > change:
+            frozen, change = not frozen, change + _FREEZE_S
+            os.kill(process, signal.SIGSTOP if frozen else signal.SIGCONT)
+        with contextlib.suppress(OSError):
+            connection = socket.create_connection(("127.0.0.1", port), timeout=0.01)
+            opened.append(connection)
+            connection.sendall(request)
+            requests += 1
+        if len(opened) > PAGES * 10:
+            opened.pop(0).close()
+    os.kill(process, signal.SIGKILL)
+    return requests
+
+
+def main() -> None:
+    """Viewers or harm."""
+    # In the field they are other machines: here they take what the others leave.
+    if hasattr(os, "sched_setscheduler"):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    os.nice(19)
+    role, port = sys.argv[1], int(sys.argv[2])
+    print("ready", flush=True)
+    print(look(port) if role == "look" else harm(port, int(sys.argv[3])), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,462 @@
+"""``python -m pdgw.workshop bench``: what the gateway costs, as ratios against a floor measured in the same run."""
+
+from __future__ import annotations
+
+import json
+import logging
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from itertools import chain
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.status import Status
+from rich.table import Table
+
+from pdgw.durations import MS, US
+from pdgw.gateway.errors import GatewayError
+from pdgw.tools.demo import namespaces
+from pdgw.tools.output.reports import HtmlFile, JUnitFile, Report, figures
+from pdgw.workshop.bench import (
+    command_line,
+    decoding,
+    flood,
+    following,
+    killed,
+    profinet,
+    recording,
+    settings,
+    stops,
+    storm,
+    translation,
+    watching,
+)
+from pdgw.workshop.bench.build import machine, use_real_time_priority
+from pdgw.workshop.bench.measure import Latency
+from pdgw.workshop.bench.rows import ROWS, Row, idle, measure
+from pdgw.workshop.bench.stops import Stop
+
+app = typer.Typer(help="Benchmarks.", invoke_without_command=True)
+
+Seconds = Annotated[float, typer.Option(min=0.01, max=600, help="About so long for each row.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+RealTime = Annotated[
+    bool, typer.Option("--realtime", help="All processes with real-time priority (Linux; root or CAP_SYS_NICE).")
+]
+_STOP_SHARES = (0.5, 0.99, 1.0)
+_IDLE_AXES, _IDLE_PERIOD_NS = 4, 10 * MS
+
+
+@app.callback()
+def bench(
+    context: typer.Context,
+    seconds: Seconds = 3,
+    as_json: AsJson = False,
+    realtime: RealTime = False,
+    junit: JUnitFile = None,
+    html: HtmlFile = None,
+) -> None:
+    """Translation cost; the exchange of 1 to 64 axes against a UDP echo; a storm of parameter requests; an idle gateway."""
+    if sys.platform != "linux":
+        raise GatewayError(
+            "python -m pdgw.workshop bench: runs on Linux only, whose /proc tells the CPU and memory of each process"
+        )
+    if context.invoked_subcommand is not None:
+        return
+    with _progress() as status:
+        status.update("translation")
+        costs = translation.run()
+        recorder = recording.run()
+        if realtime:
+            use_real_time_priority()
+        rows = [_measured(status, axes, period_ns, seconds) for axes, period_ns in ROWS]
+        status.update(f"{storm.AXES} axes under a storm of parameter requests")
+        parameters = storm.measure(seconds)
+        floods = _floods(status, seconds)
+        status.update("idle")
+        idle_share = idle(_IDLE_AXES, _IDLE_PERIOD_NS, seconds)
+        status.update("commands")
+        commands = command_line.measure()
+    document = {
+        "machine": machine() | {"realtime": realtime},
+        "translation": [asdict(cost) for cost in costs],
+        "flight_recorder": asdict(recorder),
+        "rows": [_document(row) for row in rows],
+        "parameter_storm": {
+            "requests_per_s": parameters.requests_per_s,
+            "quiet": _latency(parameters.quiet),
+            "storm": _latency(parameters.storm),
+            "ratio_p99": parameters.ratio_p99,
+        },
+        "floods": [_flood_document(item) for item in floods],
+        "idle_cpu_share": idle_share,
+        "command_cpu_s": commands,
+    }
+    Report("python -m pdgw.workshop bench", measured=figures(document)).write(junit, html)
+    if as_json:
+        typer.echo(json.dumps(document, indent=2))
+        return
+    console = Console()
+    _print_machine(console, realtime)
+    table = Table("telegram", "axis-cycle", "goal", "share of goal", title="translation: frame -> RPDO, TPDO -> frame")
+    for cost in costs:
+        goal = f"{cost.goal_ns / US:g} us" if cost.goal_ns else ""
+        share = f"{cost.total_ns / cost.goal_ns:.2f}" if cost.goal_ns else ""
+        table.add_row(str(cost.telegram), f"{cost.total_ns / US:.2f} us", goal, share)
+    console.print(table)
+    console.print(
+        f"flight recorder: {recorder.cycle_ns / US:.2f} us a cycle and {recorder.axis_ns / US:.2f} us an axis, "
+        f"{recorder.frame_ns / US:.2f} us a CAN frame; counting cycle and answer times {recorder.times_ns / US:.2f} us"
+    )
+    _print_rows(console, rows)
+    table = Table("", "p50", "p99", "p99.9", "missed", title=f"{storm.AXES} axes at 1 ms under parameter requests")
+    for name, row in (("quiet", parameters.quiet), (f"{parameters.requests_per_s:.0f} requests/s", parameters.storm)):
+        table.add_row(name, f"{row.p50:.0f} us", f"{row.p99:.0f} us", f"{row.p999:.0f} us", _missed(row))
+    table.add_row("storm / quiet", "", f"{parameters.ratio_p99:.2f}", "", "")
+    console.print(table)
+    _print_floods(console, floods)
+    console.print(f"idle, {_IDLE_AXES} axes at 10 ms without a PLC: {_share(idle_share)} of a core")
+    console.print(", ".join(f"pdgw {name}: {seconds:.2f} s of CPU" for name, seconds in commands.items()))
+
+
+@app.command("cycle")
+def cycle(
+    axes: Annotated[int, typer.Option(min=1, max=64, help="Axes, three on a bus.")] = 1,
+    cycle_time_ms: Annotated[float, typer.Option(min=0.25, max=512, help="Cycle time in milliseconds.")] = 1,
+    seconds: Seconds = 3,
+    as_json: AsJson = False,
+    realtime: RealTime = False,
+) -> None:
+    """One row: so many axes at one cycle time against the echo."""
+    if realtime:
+        use_real_time_priority()
+    with _progress() as status:
+        row = _measured(status, axes, round(cycle_time_ms * MS), seconds)
+    if as_json:
+        typer.echo(json.dumps({"machine": machine() | {"realtime": realtime}, "rows": [_document(row)]}, indent=2))
+        return
+    console = Console()
+    _print_machine(console, realtime)
+    _print_rows(console, [row])
+
+
+@app.command("profinet")
+def over_profinet(
+    cycle_time_ms: Annotated[
+        list[int] | None, typer.Option(min=1, max=512, help="Cycle time in milliseconds; repeat for more rows.")
+    ] = None,
+    seconds: Seconds = 5,
+    as_json: AsJson = False,
+    realtime: RealTime = False,
+) -> None:
+    """The PROFINET device at 1, 2, 4 and 32 ms over virtual Ethernet interfaces, against a process that only sends (Linux)."""
+    if not namespaces.inside():
+        namespaces.enter()
+    if realtime:
+        use_real_time_priority()  # refused here, before anything is measured without it
+    rows = []
+    with _progress() as status:
+        for cycle_ms in cycle_time_ms or profinet.CYCLES_MS:
+            status.update(f"PROFINET, {cycle_ms} ms")
+            rows.append(profinet.measure(cycle_ms, seconds, realtime=realtime))
+    if as_json:
+        documents = [asdict(row) | {"ratio_p99": row.ratio_p99, "ratio_record": row.ratio_record} for row in rows]
+        typer.echo(json.dumps({"machine": machine() | {"realtime": realtime}, "rows": documents}, indent=2))
+        return
+    console = Console()
+    _print_machine(console, realtime)
+    periods = Table(
+        "cycle", "", "p50", "p99", "max", "missed", "p99 beyond the cycle", title="period of the input frames"
+    )
+    for row in rows:
+        for name, item in (("gateway", row.gateway), ("only sends", row.floor)):
+            own = item is row.gateway
+            periods.add_row(
+                f"{row.cycle_ms} ms" if own else "",
+                name,
+                *(f"{value:.3f} ms" for value in (item.p50_ms, item.p99_ms, item.max_ms)),
+                f"{row.missed} of {item.frames}" if own else "",
+                f"{row.ratio_p99:.1f} times" if own else "",
+            )
+    console.print(periods)
+    costs = Table("cycle", "", "CPU", "memory", "start to first answer", title="what the processes take")
+    times = Table(
+        *("cycle", "Identify to data", "Connect", "record", "UDP echo", "record over echo", "controller killed"),
+        title="answer times",
+    )
+    for row in rows:
+        for name, cost in (("gateway", row.cost), ("only sends", row.floor_cost)):
+            costs.add_row(
+                f"{row.cycle_ms} ms" if cost is row.cost else "",
+                name,
+                _share(cost.cpu_share),
+                f"{cost.resident_bytes / 2**20:.0f} MiB",
+                f"{cost.start_s:.2f} s",
+            )
+        times.add_row(
+            f"{row.cycle_ms} ms",
+            *(f"{value:.2f} ms" for value in (row.data_ms, row.connect_ms, row.record_ms, row.echo_ms)),
+            f"{row.ratio_record:.1f} times",
+            f"{row.killed_ms:.1f} ms (hold {row.hold_ms:g})",
+        )
+    console.print(costs)
+    console.print(times)
+
+
+@app.command("settings")
+def settings_command(
+    axes: Annotated[int, typer.Option(min=1, max=64, help="Axes, three on a bus.")] = 8,
+    cycle_time_ms: Annotated[float, typer.Option(min=1, max=512, help="Cycle time in milliseconds.")] = 1,
+    seconds: Seconds = 5,
+    as_json: AsJson = False,
+) -> None:
+    """The same exchange as by default, without the flight recorder, and with real-time priority; best of three turns."""
+    with _progress() as status:
+        choices = settings.run(axes, round(cycle_time_ms * MS), seconds, status.update)
+    if as_json:
+        rows = [
+            {"name": item.name, "ratio_p50": item.p50, "ratio_p99": item.p99, "cpu_ns_per_cycle": item.cpu_ns_per_cycle}
+            for item in choices
+        ]
+        typer.echo(json.dumps({"machine": machine(), "settings": rows}, indent=2))
+        return
+    _print_machine(console := Console())
+    title = f"{axes} axes at {cycle_time_ms:g} ms against a UDP echo of the same turn"
+    table = Table("", "p50", "p99", "CPU a cycle", title=title)
+    for item in choices:
+        cost = "?" if item.cpu_ns_per_cycle is None else f"{item.cpu_ns_per_cycle / US:.0f} us"
+        table.add_row(escape(item.name), f"{item.p50:.2f}", f"{item.p99:.2f}", cost)
+    console.print(table)
+    if len(choices) < len(settings.SETTINGS):
+        console.print("[realtime] is not granted here: root or CAP_SYS_NICE is needed", markup=False)
+
+
+@app.command("decode")
+def decode(
+    packets: Annotated[int, typer.Option(min=4, help="Packets of the capture.")] = 200_000,
+    as_json: AsJson = False,
+) -> None:
+    """The decoder against scapy and tshark on the same capture of both buses."""
+    with _progress() as status:
+        speeds = decoding.run(packets, progress=status.update)
+    ours = speeds[0]
+    if as_json:
+        ratios = {f"ratio_{speed.name.split()[0]}": ours.rate / speed.rate for speed in speeds[1:]}
+        rows = [{**asdict(speed), "packets_per_s": speed.rate} for speed in speeds]
+        typer.echo(json.dumps({"decode": rows, **ratios}, indent=2))
+        return
+    table = Table("", "seconds", "packets/s", "decoder is", title=f"{packets} packets of both buses, start-up included")
+    for speed in speeds:
+        ratio = "" if speed is ours else f"{ours.rate / speed.rate:.1f} x as fast"
+        table.add_row(speed.name, f"{speed.seconds:.2f}", f"{speed.rate:.0f}", ratio)
+    console = Console()
+    _print_machine(console)
+    console.print(table)
+    typer.echo(f"goals: {decoding.GOAL_SCAPY:g} x scapy, {decoding.GOAL_TSHARK:g} x tshark")
+
+
+@app.command("timeline")
+def timeline(
+    seconds: Annotated[int, typer.Option(min=2, help="Length of the recording.")] = 120,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """The timeline of four axes at 4 ms against real time."""
+    speed = following.run(seconds)
+    if as_json:
+        typer.echo(json.dumps({"timeline": {**asdict(speed), "factor": speed.factor}}, indent=2))
+        return
+    _print_machine(Console())
+    typer.echo(
+        f"timeline: {speed.recorded_s} s of traffic in {speed.cpu_s:.1f} s of CPU, {speed.factor:.0f} x as fast as real time "
+        f"(goal {following.GOAL_FACTOR:g}); first line after {speed.first_line_s:.1f} s; {speed.peak_mib:.0f} MiB at most"
+    )
+
+
+@app.command("flood")
+def flood_command(seconds: Seconds = 10, as_json: AsJson = False, realtime: RealTime = False) -> None:
+    """Four axes at 4 ms while a stranger sends 20,000 datagrams/s to the cyclic, then to the acyclic port."""
+    if realtime:
+        use_real_time_priority()
+    with _progress() as status:
+        floods = _floods(status, seconds)
+    if as_json:
+        document = {"machine": machine() | {"realtime": realtime}, "floods": [_flood_document(item) for item in floods]}
+        typer.echo(json.dumps(document, indent=2))
+        return
+    _print_machine(console := Console(), realtime)
+    _print_floods(console, floods)
+
+
+@app.command("web")
+def web_command(seconds: Seconds = 10, as_json: AsJson = False, realtime: RealTime = False) -> None:
+    """Eight axes at 1 ms while twenty pages and Prometheus look, and while the page's process is flooded, stopped and killed."""
+    if realtime:
+        use_real_time_priority()
+    with _progress() as status:
+        status.update("pages")
+        item = watching.measure(seconds)
+    if as_json:
+        latencies = {
+            name: _latency(getattr(item, name)) for name in (watching.QUIET, watching.WATCHED, watching.HARMED)
+        }
+        ratios = {"ratio_p99": item.ratio_p99, "ratio_p99_harmed": item.ratio_p99_harmed}
+        document = {"machine": machine() | {"realtime": realtime}, "web": {**asdict(item), **latencies, **ratios}}
+        typer.echo(json.dumps(document, indent=2))
+        return
+    _print_machine(console := Console(), realtime)
+    table = Table("", "p50", "p99", "p99.9", "missed", title=f"{watching.AXES} axes at 1 ms, {watching.PAGES} pages")
+    for name, row in (
+        ("no page", item.quiet),
+        (f"looked at, {item.messages_per_s:.0f} messages/s", item.watched),
+        (f"flooded, {item.requests_per_s:.0f} requests/s, stopped, killed", item.harmed),
+    ):
+        table.add_row(name, f"{row.p50:.0f} us", f"{row.p99:.0f} us", f"{row.p999:.0f} us", _missed(row))
+    table.add_row("looked at / no page", "", f"{item.ratio_p99:.2f}", "", "")
+    table.add_row("flooded / no page", "", f"{item.ratio_p99_harmed:.2f}", "", "")
+    console.print(table)
+
+
+@app.command("stops")
+def stops_command(
+    trials: Annotated[int, typer.Option(min=1, max=10_000, help="Losses of each kind in virtual time.")] = 100,
+    kills: Annotated[int, typer.Option(min=0, max=1_000, help="Gateway processes killed and stopped; 0: none.")] = 20,
+    as_json: AsJson = False,
+    markdown: Annotated[
+        bool, typer.Option("--markdown", help="Print the table as it stands in docs/safety.md.")
+    ] = False,
+    junit: JUnitFile = None,
+    html: HtmlFile = None,
+) -> None:
+    """How long each loss takes until the drive gets its stop; exit status 1 when one is beyond its bound."""
+    rows = []
+    with _progress() as status, _without_log():
+        for row in chain(stops.virtual(trials), killed.real(kills) if kills else ()):
+            status.update(row.cause)
+            rows.append(row)
+    document = {"machine": machine(), "stops": [row.document() for row in rows]}
+    Report("python -m pdgw.workshop bench stops", measured=figures(document)).write(junit, html)
+    if as_json:
+        typer.echo(json.dumps(document, indent=2))
+    elif markdown:
+        typer.echo("\n".join(_stops_markdown(rows)))
+    else:
+        _print_machine(console := Console(), realtime=False)
+        table = Table("", "from ... to", "p50", "p99", "max", "bound", "clock", "samples")
+        for row in rows:
+            times = (f"{row.milliseconds(share):.1f} ms" for share in _STOP_SHARES)
+            bound = f"{row.bound_ms:g} ms" if row.kept else f"[red]{row.bound_ms:g} ms[/red]"
+            table.add_row(row.cause, row.measured, *times, bound, row.clock, str(len(row.times_ns)))
+        console.print(table)
+    if not all(row.kept for row in rows):
+        raise typer.Exit(1)
+
+
+def _stops_markdown(rows: list[Stop]) -> Iterator[str]:
+    yield "| what is lost | from ... to | p50 | p99 | max | bound | clock, losses |"
+    yield "| --- | --- | --- | --- | --- | --- | --- |"
+    for row in rows:
+        times = " | ".join(f"{row.milliseconds(share):.1f} ms" for share in _STOP_SHARES)
+        bound = f"{row.bound_ms:g} ms: {row.bound}"
+        yield f"| {row.cause} | {row.measured} | {times} | {bound} | {row.clock}, {len(row.times_ns)} |"
+
+
+@contextmanager
+def _without_log() -> Iterator[None]:
+    """The gateways of a benchmark in this process say nothing: what they would say is what is measured."""
+    gateway_log = logging.getLogger("gateway")
+    before = gateway_log.disabled
+    gateway_log.disabled = True
+    try:
+        yield
+    finally:
+        gateway_log.disabled = before
+
+
+def _floods(status: Status, seconds: float) -> list[flood.Flood]:
+    floods = []
+    for port in (flood.CYCLIC, flood.ACYCLIC):
+        status.update(f"a stranger floods the {port} port")
+        floods.append(flood.measure(port, seconds))
+    return floods
+
+
+def _flood_document(item: flood.Flood) -> dict[str, Any]:
+    return {**asdict(item), "quiet": _latency(item.quiet), "flooded": _latency(item.flooded)}
+
+
+def _print_floods(console: Console, floods: list[flood.Flood]) -> None:
+    title = f"{flood.AXES} axes at {flood.PERIOD_NS / MS:g} ms while a stranger floods a port"
+    table = Table("", "datagrams/s", "p50", "p99", "p99.9", "missed", title=title)
+    for item in floods:
+        for name, rate, row in (("quiet", 0.0, item.quiet), (f"{item.port} port", item.datagrams_per_s, item.flooded)):
+            micros = (f"{value:.0f} us" for value in (row.p50, row.p99, row.p999))
+            table.add_row(name, f"{rate:.0f}", *micros, f"{row.missed} of {row.samples + row.missed}")
+    console.print(table)
+
+
+@contextmanager
+def _progress() -> Iterator[Status]:
+    with Console(stderr=True, quiet=not sys.stderr.isatty()).status("") as status:
+        yield status
+
+
+def _measured(status: Status, axes: int, period_ns: int, seconds: float) -> Row:
+    status.update(f"{axes} axes at {period_ns / MS:g} ms")
+    return measure(axes, period_ns, seconds)
+
+
+def _latency(item: Latency) -> dict[str, Any]:
+    return {**asdict(item), "missed_share": item.missed_share}
+
+
+def _document(row: Row) -> dict[str, Any]:
+    latencies = {name: _latency(getattr(row, name)) for name in ("echo", "gateway", "to_can")}
+    ratios = {name: getattr(row, name) for name in ("ratio_p50", "ratio_p99", "cpu_share")}
+    return {**asdict(row), **latencies, **ratios}
+
+
+def _print_machine(console: Console, realtime: bool = False) -> None:
+    facts = machine()
+    priority = "real-time" if realtime else "usual"
+    build = f"{facts['date']}, pdgw {facts['version']}, {facts['build']}, Python {facts['python']}"
+    system = f"{facts['system']} {facts['processor']}, {facts['cores']} cores, {priority} priority"
+    console.print(f"{build}, {system}", highlight=False)
+
+
+def _missed(item: Latency) -> str:
+    return f"{100 * item.missed_share:.2f} %"
+
+
+def _share(value: float | None) -> str:
+    return "?" if value is None else f"{100 * value:.1f} %"
+
+
+def _print_rows(console: Console, rows: list[Row]) -> None:
+    title = "exchange with drives that answer at once, and a UDP echo of the same run; setpoints until they are on CAN"
+    table = Table("axes", "cycle", "", "p50", "p99", "p99.9", "missed", "flat out", title=title)
+    for row in rows:
+        place = (str(row.axes), f"{row.period_ns / MS:g} ms")
+        for name, item, rate in (
+            ("echo", row.echo, f"{row.echo_per_s:.0f}/s"),
+            ("gateway", row.gateway, f"{row.gateway_per_s:.0f}/s"),
+            ("to CAN", row.to_can, ""),
+        ):
+            micros = (f"{value:.0f} us" for value in (item.p50, item.p99, item.p999))
+            table.add_row(*place, name, *micros, _missed(item), rate)
+            place = ("", "")
+        table.add_row("", "", "ratio", f"{row.ratio_p50:.2f}", f"{row.ratio_p99:.2f}", "", "", "")
+    console.print(table)
+    table = Table(
+        "axes", "cycle", "CPU a cycle", "of a core", "memory", "start to online", title="what the gateway takes"
+    )
+    for row in rows:
+        cost = "?" if row.cpu_ns_per_cycle is None else f"{row.cpu_ns_per_cycle / US:.0f} us"
+        memory = "?" if row.resident_bytes is None else f"{row.resident_bytes / 2**20:.0f} MiB"
+        table.add_row(
+            str(row.axes), f"{row.period_ns / MS:g} ms", cost, _share(row.cpu_share), memory, f"{row.start_s:.2f} s"
+        )
+    console.print(table)

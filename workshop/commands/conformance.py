@@ -1,0 +1,193 @@
+"""``python -m pdgw.workshop conformance``: proofs against the gateway in this process."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from pdgw import __version__
+from pdgw.gateway.errors import GatewayError
+from pdgw.peers.drive import SHAPES, shape
+from pdgw.tools.log_level import quiet
+from pdgw.tools.output.reports import Check, HtmlFile, JUnitFile, Report
+from pdgw.workshop.conformance.faults import CASES, Result, run_case
+from pdgw.workshop.conformance.shapes import TELEGRAMS
+from pdgw.workshop.conformance.shapes import run_case as run_shape
+from pdgw.workshop.conformance.shared import NUMBERS, walk
+from pdgw.workshop.conformance.telegrams import CASES as BITS
+from pdgw.workshop.conformance.telegrams import Outcome, run_walk
+from pdgw.workshop.conformance.telegrams import run_case as run_bits
+from pdgw.workshop.conformance.tested import text_of
+
+app = typer.Typer(help="Conformance tests of the gateway.", no_args_is_help=True)
+
+
+@app.callback()
+def conformance() -> None:
+    """Conformance tests of the gateway."""
+
+
+@app.command("faults")
+def faults(
+    only: Annotated[list[str] | None, typer.Argument(help="Names of faults; all without.", show_default=False)] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the results as JSON.")] = False,
+    junit: JUnitFile = None,
+    html: HtmlFile = None,
+) -> None:
+    """Give simulated drives and encoders every fault there is, show what the gateway does. Exit status 1 if a verdict fails."""
+    known = {case.fault: None for case in CASES}
+    for name in only or ():
+        if name not in known:
+            raise GatewayError(f"fault {name!r} does not exist, allowed: {', '.join(known)}")
+    with quiet("gateway", "canopen"):
+        results = [run_case(case) for case in CASES if not only or case.fault in only]
+    failed = sum(not result.passed for result in results)
+    configuration = text_of(result.tested for result in results if result.tested is not None)
+    checks = tuple(_check(result) for result in results)
+    Report("python -m pdgw.workshop conformance faults", checks, configuration).write(junit, html)
+    if as_json:
+        _print(failed, configuration, [result.as_dict() for result in results])
+    else:
+        console = Console()
+        console.print(matrix(results))
+        for result in results:
+            for failure in result.failures:
+                console.print(f"[red]{result.case.title}[/red]: {failure}", highlight=False)
+        console.print(f"{len(results) - failed} of {len(results)} as they must be")
+    if failed:
+        raise typer.Exit(1)
+
+
+@app.command("telegrams")
+def telegrams(
+    only: Annotated[list[int] | None, typer.Argument(help="Telegrams; all without.", show_default=False)] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the results as JSON.")] = False,
+    junit: JUnitFile = None,
+    html: HtmlFile = None,
+) -> None:
+    """Ask for the bits of the motion telegrams one by one and show what both sides saw. Exit status 1 if a case fails."""
+    known = sorted({case.telegram for case in BITS} | set(NUMBERS))
+    for number in only or ():
+        if number not in known:
+            raise GatewayError(f"telegram {number} has no cases, allowed: {', '.join(map(str, known))}")
+    with quiet("gateway", "canopen"):
+        outcomes = [run_bits(case) for case in BITS if not only or case.telegram in only]
+        for number in NUMBERS:
+            if not only or number in only:
+                outcomes += run_walk(walk(number))
+    failed = sum(not outcome.passed for outcome in outcomes)
+    configuration = text_of(item.tested for item in outcomes)
+    checks = tuple(_check_bits(outcome) for outcome in outcomes)
+    Report("python -m pdgw.workshop conformance telegrams", checks, configuration).write(junit, html)
+    if as_json:
+        _print(failed, configuration, [item.as_dict() for item in outcomes])
+    else:
+        console = Console()
+        table = Table("telegram", "word and bit", "done", "seen by the PLC", "on CAN", "")
+        for item in outcomes:
+            case, verdict = item.case, "pass" if item.passed else "[red]FAIL[/red]"
+            name = f"{case.word}.{case.bit}"
+            table.add_row(str(case.telegram), name, case.did, item.seen_by_plc, item.seen_on_can, verdict)
+        console.print(table)
+        for item in outcomes:
+            for failure in item.failures:
+                console.print(f"[red]{item.case.title}[/red]: {failure}", highlight=False)
+        console.print(f"{len(outcomes) - failed} of {len(outcomes)} as they must be")
+    if failed:
+        raise typer.Exit(1)
+
+
+@app.command("shapes")
+def shapes(
+    only: Annotated[list[str] | None, typer.Argument(help="Names of shapes; all without.", show_default=False)] = None,
+    seed: Annotated[int, typer.Option(help="Decides the latency of each drive.")] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the results as JSON.")] = False,
+    junit: JUnitFile = None,
+    html: HtmlFile = None,
+) -> None:
+    """Drives of every shape with telegrams 1, 3, 9 and 100: each moves as told or is refused with its reason."""
+    for name in only or ():
+        shape(name)
+    with quiet("gateway", "canopen"):
+        fields = [run_shape(name, number, seed) for name in only or SHAPES for number in TELEGRAMS]
+    failed = sum(not item.passed for item in fields)
+    checks = [
+        Check(item.shape, f"telegram {item.telegram}", item.text, (item.failure,) if item.failure else ())
+        for item in fields
+    ]
+    configuration = text_of(item.tested for item in fields)
+    Report("python -m pdgw.workshop conformance shapes", tuple(checks), configuration).write(junit, html)
+    if as_json:
+        _print(failed, configuration, [item.as_dict() for item in fields])
+    else:
+        console = Console()
+        table = Table("shape", "telegram", "latency: command, status (ms)", "what it did", "")
+        for item in fields:
+            latency = f"{item.latency.command_ms}, {item.latency.status_ms}"
+            table.add_row(
+                item.shape, str(item.telegram), latency, item.text, "pass" if item.passed else "[red]FAIL[/red]"
+            )
+        console.print(table)
+        for item in fields:
+            if item.failure:
+                console.print(f"[red]{item.shape}, telegram {item.telegram}[/red]: {item.failure}", highlight=False)
+        console.print(f"{len(fields) - failed} of {len(fields)} as they must be")
+    if failed:
+        raise typer.Exit(1)
+
+
+def _print(failed: int, configuration: str, cases: list[dict[str, object]]) -> None:
+    """A run as JSON."""
+    document = {"version": __version__, "configuration": configuration, "failed": failed, "cases": cases}
+    typer.echo(json.dumps(document, indent=2))
+
+
+def _check_bits(outcome: Outcome) -> Check:
+    case = outcome.case
+    seen = f"done: {case.did}; seen by the PLC: {outcome.seen_by_plc}; on CAN: {outcome.seen_on_can}"
+    return Check(f"telegram {case.telegram}", f"{case.word}.{case.bit}", seen, outcome.failures)
+
+
+def _check(result: Result) -> Check:
+    case = result.case
+    seen = [f"sent: {', '.join(result.sent) or 'nothing'}", f"told: {', '.join(map(str, result.numbers)) or 'nothing'}"]
+    seen += [text for text in (result.stopped, result.reason) if text]
+    name = f"{case.title} ({case.activity.value}, telegram {case.telegram})"
+    return Check(case.device.value, name, "; ".join(seen), tuple(result.failures))
+
+
+def matrix(results: list[Result]) -> Table:
+    """The results as a table."""
+    titles = (
+        "device",
+        "fault",
+        "what the gateway did",
+        "fault number",
+        "drive stopped",
+        "restarted by itself",
+        "verdict",
+    )
+    table = Table(*titles)
+    for result in results:
+        sent = result.sent if len(result.sent) <= _SHOWN else [*result.sent[:_SHOWN], "..."]
+        did = [", ".join(sent) or "nothing sent"]
+        if result.shown:
+            did.append(f"shown: {' > '.join(result.shown)}")
+        table.add_row(
+            result.case.device.value,
+            f"{result.case.title} ({result.case.activity.value})",
+            "; ".join(did),
+            ", ".join(map(str, result.numbers)) or "none",
+            result.stopped or "no drive",
+            "[red]yes[/red]" if result.restarted else "no",
+            "[green]pass[/green]" if result.passed else "[red]FAIL[/red]",
+        )
+    return table
+
+
+_SHOWN = 6
+"""Commands shown of each case; ``--json`` has them all."""

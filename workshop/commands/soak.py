@@ -1,0 +1,167 @@
+"""``python -m pdgw.workshop soak``: days of random faults in virtual time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from itertools import takewhile
+from typing import Annotated, NoReturn
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from pdgw.durations import SECOND
+from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
+from pdgw.gateway.errors import GatewayError
+from pdgw.workshop.soak.life import Life
+from pdgw.workshop.soak.plan import Part, parts
+from pdgw.workshop.soak.planted import DEFECTS, search
+from pdgw.workshop.soak.trace import clock
+from pdgw.workshop.soak.watch import ViolationError
+
+_HOUR_NS = 3600 * SECOND
+_GROWTH_KIB = 16 * 1024
+"""More memory than after the first hour is a leak."""
+
+
+def soak(
+    hours: Annotated[float, typer.Option(min=0.001, max=100_000, help="Duration in hours of virtual time.")] = 24,
+    seed: Annotated[int, typer.Option(help="Decides everything that is left to chance.")] = 1,
+    axes: Annotated[int, typer.Option(min=1, max=8, help="Number of axes.")] = 2,
+    telegrams: Annotated[
+        str, typer.Option(help="Telegrams of the axes in turn, for example 1,9. Without it each axis draws its own.")
+    ] = "",
+    until: Annotated[
+        float | None, typer.Option(min=0, help="Run only up to this second of the day, from the last power-on before.")
+    ] = None,
+    trace: Annotated[
+        bool, typer.Option("--trace", help="With --until: print what happened before, with all CAN frames.")
+    ] = False,
+    planted: Annotated[
+        bool, typer.Option("--planted", help="Plant defects in the gateway and print when the soak finds each.")
+    ] = False,
+) -> None:
+    """Run a day of random PLC words and faults in virtual time; exit status 1 if what must never happen did.
+
+    The same seed is the same day. After a failure: `python -m pdgw.workshop soak --seed N --until SECOND --trace` shows the moment.
+    """
+    numbers = _numbers(telegrams)
+    if trace and until is None:
+        raise GatewayError("--trace: only with --until: what happened before a moment of the day")
+    console = Console()
+    if planted:
+        _search(console, seed, axes)
+    elif until is not None:
+        _play_until(console, seed, int(until * SECOND), axes, numbers, frames=trace)
+    else:
+        _play(console, seed, int(hours * _HOUR_NS), axes, numbers)
+
+
+def _play(console: Console, seed: int, end: int, axes: int, numbers: Sequence[int]) -> None:
+    starts = memory = 0
+    begun, used = time.monotonic(), time.process_time()
+    bar = Progress(
+        TextColumn("{task.fields[clock]}"), BarColumn(), TextColumn("{task.fields[starts]} starts"), TimeRemainingColumn(),
+        console=console,
+    )  # fmt: skip
+    with bar:
+        task = bar.add_task("", total=end, clock=clock(0), starts=0)
+        for part in _parts(seed, axes, numbers, end):
+            life = Life(part, keep_telegrams=bool(numbers))
+
+            def show(now: int, life: Life = life, before: int = starts) -> None:
+                bar.update(task, completed=now, clock=clock(now), starts=before + life.starts)
+
+            try:
+                life.play(min(end, part.end), show)
+                if not memory and part.end > _HOUR_NS:
+                    memory = _memory()
+                elif memory and _memory() > memory + _GROWTH_KIB:
+                    raise ViolationError(f"memory grew by {(_memory() - memory) // 1024} MiB")
+            except ViolationError as violation:
+                bar.stop()
+                _fail(console, life, violation, seed, axes, numbers)
+            starts += life.starts
+            life.close()
+    console.print(f"{clock(end)} h of seed {seed}: {starts} starts, nothing that must not happen")
+    used, passed = time.process_time() - used, time.monotonic() - begun
+    console.print(
+        f"{end / SECOND / used:.0f} virtual seconds in a second of CPU ({used:.0f} s of CPU in {passed:.0f} s); "
+        f"memory {_memory() // 1024} MiB, after the first hour {memory // 1024} MiB",
+        highlight=False,
+    )
+
+
+def _search(console: Console, seed: int, axes: int) -> None:
+    """The table of planted defects; exit status 1 when one is not found."""
+    table = Table("defect", "what is broken", "found after", "by")
+    missed = 0
+    for name, defect in DEFECTS.items():
+        found = search(name, seed, axes)
+        missed += found.time_ns is None
+        after = "[red]not found[/red]" if found.time_ns is None else f"{found.time_ns / SECOND:.0f} s"
+        table.add_row(name, defect.text, after, found.message)
+    console.print(table)
+    if missed:
+        raise typer.Exit(1)
+
+
+def _memory() -> int:
+    """The most this process has had, KiB; 0 where the system does not tell."""
+    try:
+        import resource  # noqa: PLC0415 (not there on Windows)
+    except ImportError:
+        return 0
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def _numbers(telegrams: str) -> list[int]:
+    if not telegrams:
+        return []
+    known = list(DRIVE_TELEGRAM_NUMBERS)
+    try:
+        chosen = [int(text) for text in telegrams.split(",")]
+    except ValueError:
+        chosen = [-1]
+    if not set(chosen) <= set(known):
+        raise GatewayError(f"--telegrams {telegrams}: expected numbers with commas between, of {known}")
+    return chosen
+
+
+def _parts(seed: int, axes: int, numbers: Sequence[int], end: int) -> Iterator[Part]:
+    """The parts up to a time of the day."""
+    return takewhile(lambda part: part.begin < max(end, 1), parts(seed, axes, numbers))
+
+
+def _play_until(console: Console, seed: int, until: int, axes: int, numbers: Sequence[int], *, frames: bool) -> None:
+    *_, part = _parts(seed, axes, numbers, until)
+    life = Life(part, keep_telegrams=bool(numbers), frames=frames)
+    try:
+        life.play(until)
+    except ViolationError as violation:
+        _fail(console, life, violation, seed, axes, numbers)
+    if frames:
+        _print_lines(console, life)
+    console.print(f"{clock(life.loop.now())} of seed {seed}: nothing that must not happen")
+
+
+def _fail(
+    console: Console, life: Life, violation: ViolationError, seed: int, axes: int, numbers: Sequence[int]
+) -> NoReturn:
+    _print_lines(console, life)
+    now = life.loop.now()
+    chosen = f" --telegrams {','.join(map(str, numbers))}" if numbers else ""
+    again = f"--axes {axes}{chosen} --until {now / SECOND + 0.001:.3f} --trace"
+    console.print(f"[red]{clock(now)}[/red] {violation}", highlight=False)
+    console.print(f"python -m pdgw.workshop soak --seed {seed} {again}", highlight=False, soft_wrap=True)
+    raise typer.Exit(1)
+
+
+def _print_lines(console: Console, life: Life) -> None:
+    console.print(f"cycle {life.plan.cycle_ms} ms", highlight=False)
+    for number, axis in enumerate(life.plan.axes, 1):
+        console.print(f"axis {number}: {axis}", highlight=False, soft_wrap=True)
+    for line in life.trace.lines:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)

@@ -1,0 +1,293 @@
+"""What the cases of drives and encoders have in common: what has to happen, what did, and time that passes for the gateway.
+
+A ``Case`` says what the gateway has to do with one fault of one simulated device in a world of its own, in virtual time; a
+``Bench`` has the gateway's side of that world. Left out: the PLC's side (UDP), whose losses the daemon's tests cover.
+"""
+
+from __future__ import annotations
+
+import abc
+import enum
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import can
+
+from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.node import GATEWAY_NODE_ID
+from pdgw.durations import MS, SECOND
+from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
+from pdgw.gateway.configuration.encoder import EncoderConfig
+from pdgw.gateway.configuration.environment import CanConfig, TransportConfig
+from pdgw.gateway.objects.drive_object import DriveObject
+from pdgw.gateway.reasons import FaultNumber
+from pdgw.peers.node.running import RunningNode
+from pdgw.peers.world import World
+from pdgw.workshop.conformance.tested import Tested
+
+CYCLE_MS = 4
+_HEARTBEAT_NS = 50 * MS
+PATIENCE_S = 20.0
+"""No gateway that does what it has to needs so long for one step."""
+CHANNEL = "conformance"
+ENCODER_DO = 2
+QUIET_CYCLES = 50
+"""So long is watched whether something happens by itself."""
+LOST, RESTARTED = FaultNumber.NODE_LOST, FaultNumber.NODE_RESTARTED
+LOSSES = frozenset({LOST, RESTARTED, FaultNumber.STOP_IGNORED})
+"""With these the device is lost: a drive that does not stop is stopped by NMT, and silent then."""
+CONFIGURES = "NMT enter pre operational"
+"""What the gateway begins a configuration with."""
+
+
+class Device(enum.Enum):
+    """What stands behind the drive object; the value is the text of the matrix."""
+
+    DRIVE = "drive"
+    ENCODER = "encoder"
+    SENSOR = "encoder as G1 of a drive"
+
+
+class Reaction(enum.Enum):
+    """What has to happen; the value is the text of the matrix. The first four are a drive's, the others an encoder's."""
+
+    STOPS = "power off at standstill, no restart"
+    STANDS = "standstill, told"
+    GOES_ON = "goes on and obeys OFF"
+    REFUSES = "never enabled"
+
+    MEASURES = "position stays good"
+    WARNS = "position stays good, warning while the cause stands"
+    FAULT = "position stays good, fault until acknowledged"
+    SENSOR_ERROR = "position invalid (G1_ZSW.15), fault until acknowledged"
+    LOSES = "IOPS BAD, comes back by itself, fault until acknowledged"
+    NEVER_GOOD = "IOPS stays BAD, comes up by itself"
+    G1_ERROR = "the drive goes on, G1 shows the error until acknowledged"
+    G1_MISSING = "the drive goes on, G1 shows the error until the encoder is there"
+
+
+class Activity(enum.Enum):
+    """What the device does when the fault sets in."""
+
+    START = "from power-on"
+    SPEED = "turning"
+    HOMING = "homing"
+    STOPPING = "turning, then OFF3"
+    COMMISSIONING = "commissioning diagnostics"
+
+
+@dataclass(frozen=True)
+class Case:
+    """One fault in one situation, and what has to happen."""
+
+    fault: str
+    reaction: Reaction
+    numbers: tuple[int, ...] = ()
+    """One of these must be told (P947, of warnings P953); without any, nothing may be told."""
+    activity: Activity = Activity.SPEED
+    values: dict[str, int] = field(default_factory=dict)
+    telegram: int = 1
+    sdo_timeout_ms: int = 500
+    device: Device = Device.DRIVE
+    beside: dict[str, dict[str, int]] = field(default_factory=dict)
+    """Faults the device has from power-on, with their parameters."""
+
+    @property
+    def title(self) -> str:
+        """The fault with what differs from its defaults."""
+        chosen = "".join(f" {key}={value}" for key, value in self.values.items())
+        beside = "".join(f" beside {name}{_plain(values)}" for name, values in self.beside.items())
+        plain = 1 if self.device is Device.DRIVE else 3 if self.device is Device.SENSOR else 81
+        return f"{self.fault}{chosen}{beside}" + (f", telegram {self.telegram}" if self.telegram != plain else "")
+
+
+def _plain(values: dict[str, int]) -> str:
+    return "".join(f" {key}={value}" for key, value in values.items())
+
+
+@dataclass
+class Result:
+    """A row of the matrix."""
+
+    case: Case
+    sent: list[str] = field(default_factory=list)
+    """Controlwords and NMT commands the gateway sent from the fault on, repetitions left out."""
+    shown: list[str] = field(default_factory=list)
+    """How the gateway showed the position of an encoder from the fault on, repetitions left out."""
+    numbers: list[int] = field(default_factory=list)
+    reason: str = ""
+    """``pdgw status`` while the fault stood."""
+    stopped: str = ""
+    """How the drive came to rest."""
+    restarted: bool = False
+    failures: list[str] = field(default_factory=list)
+    """What should have been otherwise; empty: passed."""
+    tested: Tested | None = None
+
+    @property
+    def passed(self) -> bool:
+        return not self.failures
+
+    def as_dict(self) -> dict[str, object]:
+        """Plain data."""
+        case = self.case
+        return {
+            "device": case.device.value,
+            "fault": case.fault,
+            "parameters": case.values,
+            "beside": case.beside,
+            "telegram": case.telegram,
+            "activity": case.activity.value,
+            "expected": case.reaction.value,
+            "sent": self.sent,
+            "shown": self.shown,
+            "fault_numbers": self.numbers,
+            "reason": self.reason,
+            "stopped": self.stopped,
+            "restarted": self.restarted,
+            "passed": self.passed,
+            "failures": self.failures,
+        }
+
+
+class StepError(Exception):
+    """A step did not come to its end; the text says which."""
+
+
+class Bench(abc.ABC):
+    """The gateway's side of a world of its own, and the simulated devices in it."""
+
+    def __init__(self, case: Case) -> None:
+        self.case = case
+        self.world = World()
+        self.loop = self.world.loop
+        self.can = CanConfig(interface="virtual", channel=CHANNEL)
+        self.network = CanNetwork(self.loop, lambda: self.world.open_can(self.can))
+        self.sent: list[str] = []
+        self.objects: list[DriveObject] = []
+        """In the order of their steps; the first is that of the case."""
+        self.devices: list[RunningNode[Any]] = []
+        """The first has the fault of the case."""
+        self.watchers: list[Callable[[int], None]] = []
+        """Called after each cycle."""
+        self._beat = 0
+        self.network.listeners.append(self._listen)
+
+    def power_on(self) -> None:
+        """Bus, devices with what they do wrong from the beginning, and clients start."""
+        case = self.case
+        for name, values in case.beside.items():
+            self.misbehave(name, values)
+        if case.activity is Activity.START:
+            self.misbehave()
+        self.network.start()
+        for device in self.devices:
+            device.start()
+        for item in self.objects:
+            item.client.start()
+
+    @contextmanager
+    def running(self, result: Result) -> Iterator[None]:
+        """Power on, and clean up after the steps; a step that did not come to its end is a failure in the result."""
+        result.tested = Tested.of(self.configuration, [device.node for device in self.devices])
+        try:
+            self.power_on()
+            yield
+        except StepError as error:
+            result.failures.append(str(error))
+        finally:
+            if result.failures:
+                result.numbers = self.numbers()
+            self.close()
+
+    def close(self) -> None:
+        for item in self.objects:
+            item.client.stop()
+        for device in self.devices:
+            device.stop()
+        self.network.close()
+
+    def misbehave(self, name: str | None = None, values: dict[str, int] | None = None) -> None:
+        """The fault of the case, or another, sets in."""
+        fault = self.case.fault if name is None else name
+        chosen = self.case.values if values is None else values
+        self.devices[0].do(lambda node: node.misbehave(fault, **chosen))
+
+    @property
+    def configuration(self) -> GatewayConfig:
+        """Of a gateway with this bus and these drive objects."""
+        configs = [item.config for item in self.objects]
+        return GatewayConfig(
+            can=(self.can,),
+            transport=TransportConfig(cycle_time_ms=CYCLE_MS),
+            axis=tuple(config for config in configs if isinstance(config, AxisConfig)),
+            encoder=tuple(config for config in configs if isinstance(config, EncoderConfig)),
+        )
+
+    @property
+    def subject(self) -> DriveObject:
+        """The drive object of the case."""
+        return self.objects[0]
+
+    @abc.abstractmethod
+    def setpoints(self) -> Sequence[Sequence[int]]:
+        """What the PLC asks of each object now."""
+
+    def command_of(self, message: can.Message) -> str:
+        """A frame of the gateway in words, beside NMT; empty for those that are not of interest."""
+        return ""
+
+    def _listen(self, message: can.Message) -> None:
+        if message.is_rx:
+            return
+        data = bytes(message.data)
+        if message.arbitration_id == 0 and len(data) == 2:
+            text = f"NMT {NmtCommand(data[0]).name.lower().replace('_', ' ')}"
+        else:
+            text = self.command_of(message)
+        if text and text not in self.sent[-1:]:
+            self.sent.append(text)
+
+    # -- time ---------------------------------------------------------------------------------------------------------
+
+    def cycles(self, count: int) -> None:
+        for _ in range(count):
+            self.loop.run_for(CYCLE_MS * MS)
+            now = self.loop.now()
+            if now - self._beat >= _HEARTBEAT_NS:
+                self._beat = now
+                self.network.send_heartbeat(GATEWAY_NODE_ID)
+            for item, values in zip(self.objects, self.setpoints(), strict=True):
+                item.cycle(values, now)
+            for watch in self.watchers:
+                watch(now)
+
+    def until(self, condition: Callable[[], object], what: str) -> None:
+        """Cycles until a condition holds; StepError when it does not, or the device is lost although its fault is no loss."""
+        deadline = self.loop.now() + int(PATIENCE_S * SECOND)
+        while not condition():
+            if self.lost:
+                raise StepError(f"{what}: the device was lost meanwhile")
+            if self.loop.now() > deadline:
+                raise StepError(f"{what} not within {PATIENCE_S:g} s ({self.subject.client.status_text})")
+            self.cycles(1)
+
+    @property
+    def lost(self) -> bool:
+        """The device was lost although its fault is no loss."""
+        return not LOSSES.intersection(self.case.numbers) and LOST in self.numbers()
+
+    def told(self, numbers: Iterable[int]) -> bool:
+        """One of the numbers is a record of the object, of a fault also in P947."""
+        buffer = {entry.number for entry in self.subject.fault_log.entries()}
+        return any(
+            record.number in numbers and (record.is_warning or record.number in buffer)
+            for record in self.subject.faults
+        )
+
+    def numbers(self) -> list[int]:
+        """What was told so far."""
+        return list(dict.fromkeys(record.number for record in self.subject.faults))

@@ -1,0 +1,1 @@
+"""Generators of documents: tables and pictures."""

@@ -1,0 +1,159 @@
+"""The pictures of the page in the documents: ``python -m pdgw.workshop.documents.screenshots FOLDER`` (make screenshots).
+
+A simulated gateway in virtual time, its page served by a thread, looked at in Chromium: light and dark, on desk and telephone.
+Needs the extras ``web`` and ``browser``, and Debian's chromium.
+"""
+
+from __future__ import annotations
+
+import copy
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+from pdgw.durations import SECOND
+from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.configuration.file import parse_config
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.service.status import fault_status, snapshot
+from pdgw.gateway.trace.recorder import FlightRecorder
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.world import World
+from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import telegram
+from pdgw.recording.trace_file import captured
+from pdgw.web.parameters import PageParameters
+from pdgw.web.run import in_background
+from pdgw.web.watch import Watch
+
+_TELEGRAMS = (1, 9, 1, 83)
+_OFF, _ON = 0x047E, 0x047F
+_WITHOUT_CONTROL = 0x007F
+_SPEEDS = (20, 60, -30, 80, 45)
+"""Percent of axis 1, a few seconds each."""
+_PATIENCE_MS = 60_000
+_DRAWN_MS = 1000
+"""A curve has no text that could be waited for."""
+_PATIENCE_NS = 10 * SECOND
+DESK, TELEPHONE = {"width": 1180, "height": 860}, {"width": 390, "height": 844}
+SHOTS = (
+    ("axes", "#/axes", DESK, "light"),
+    ("axis", "#/axis/1", DESK, "light"),
+    ("axis-dark", "#/axis/3", DESK, "dark"),
+    ("telephone", "#/axes", TELEPHONE, "light"),
+    ("telephone-dark", "#/axis/1", TELEPHONE, "dark"),
+)
+"""Name of the file, view, size and colours."""
+
+
+def configuration() -> GatewayConfig:
+    """Three axes and an encoder on the shaft of the first."""
+    axes = "".join(
+        f"[[axis]]\ndo_id = {n}\nnode_id = {n}\ntelegram = {number}\nsimulate = true\n"
+        for n, number in enumerate(_TELEGRAMS[:-1], 1)
+    )
+    return parse_config(
+        '[can]\ninterface = "virtual"\nchannel = "pictures"\nbitrate = 1000000\n[web]\nlisten = "127.0.0.1:0"\n'
+        f'[transport]\nstation_name = "press-line-3"\n{axes}'
+        f'[[encoder]]\ndo_id = 4\nnode_id = 4\ntelegram = {_TELEGRAMS[-1]}\nsimulate = true\nmotion = "shaft=1"\n'
+    )
+
+
+class Story:
+    """Axis 1 turns to and fro, axis 2 is off, axis 3 is not under the PLC's control. What a ``Watch`` asks is the end of it."""
+
+    def __init__(self, config: GatewayConfig, directory: Path) -> None:
+        self._world = World(0)
+        self._world.simulate(config)
+        self._daemon = Daemon(config, self._world)
+        self._daemon.services.append(FlightRecorder(self._daemon, directory, "pictures"))
+        self._plc = PlcEndpoint([telegram(number) for number in _TELEGRAMS], self._daemon.cycle_ns)
+        self._port = self._world.network.open("plc", 0, "PLC")
+        self._daemon.start()
+
+    def play(self) -> None:
+        """From the start of the gateway until axis 1 has turned for a while."""
+        for index, word in enumerate((_OFF, _OFF, _WITHOUT_CONTROL)):
+            self._plc.set(index, {"STW1": word})
+        self._plc.set(3, {"STW2_ENC": signal("STW2_ENC").word("CONTROL_BY_PLC")})
+        self._exchange(3)
+        self._plc.set(0, {"STW1": _ON})
+        self._exchange(2)
+        for percent in _SPEEDS:
+            self._plc.set(0, {"NSOLL_A": signal("NSOLL_A").raw(percent)})
+            self._exchange(3)
+
+    def _exchange(self, seconds: int) -> None:
+        for _ in range(seconds * SECOND // self._daemon.cycle_ns):
+            self._port.send(self._plc.build(self._world.loop.now()), self._daemon.address)
+            self._world.loop.run_for(self._daemon.cycle_ns)
+
+    def end(self) -> None:
+        """Stop the drives."""
+        self._daemon.stop()
+        self._world.loop.until(self._daemon.stopped.is_set, "the end of the daemon", _PATIENCE_NS)
+
+    def status(self) -> dict[str, Any]:
+        return copy.deepcopy(snapshot(self._daemon))
+
+    def faults(self, do_id: int) -> list[dict[str, Any]]:
+        return next(fault_status(item) for item in self._daemon.objects if item.do_id == do_id)
+
+
+@contextmanager
+def served() -> Iterator[int]:
+    """The page of the story; its port."""
+    config = configuration()
+    with tempfile.TemporaryDirectory() as directory:
+        story = Story(config, Path(directory))
+        try:
+            story.play()
+            with in_background(Watch(config, story), PageParameters(None), captured) as port:
+                yield port
+        finally:
+            story.end()
+
+
+def take(folder: Path) -> None:
+    """Write all pictures; GatewayError when something for it is missing."""
+    try:
+        from playwright.sync_api import sync_playwright  # noqa: PLC0415 (of an extra)
+    except ModuleNotFoundError as error:
+        raise GatewayError("the pictures need playwright: pip install 'profidrive-gateway[browser]'") from error
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        raise GatewayError("the pictures need Chromium: apt-get install chromium")
+    with ExitStack() as at_end:
+        port = at_end.enter_context(served())
+        browser = at_end.enter_context(sync_playwright()).chromium.launch(
+            executable_path=chromium, args=["--no-sandbox"] if os.getuid() == 0 else []
+        )
+        at_end.callback(browser.close)
+        for name, view, size, colours in SHOTS:
+            tab = browser.new_page(viewport=size, color_scheme=colours)
+            tab.set_default_timeout(_PATIENCE_MS)
+            tab.goto(f"http://127.0.0.1:{port}/{view}")
+            tab.get_by_text("live, PLC connected").wait_for()
+            if "axis/" in view:
+                tab.wait_for_selector("#main canvas")
+                tab.get_by_role("button", name="60 s" if size == DESK else "10 s").click()
+                tab.wait_for_timeout(_DRAWN_MS)
+            tab.screenshot(path=folder / f"{name}.png")
+            tab.close()
+
+
+def main() -> None:
+    """Take them all."""
+    folder = Path(sys.argv[1])
+    folder.mkdir(parents=True, exist_ok=True)
+    take(folder)
+
+
+if __name__ == "__main__":
+    main()

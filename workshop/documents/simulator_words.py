@@ -1,0 +1,134 @@
+"""``docs/plc-simulator.md``: the words and keys of ``pdgw sim plc``, from their declarations."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
+from typing import Any
+
+import yaml
+
+from pdgw.durations import MS
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.links.cyclic import USUAL_CYCLE_MS
+from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.engine import Engine
+from pdgw.peers.plc.keyboard import Keyboard
+from pdgw.peers.plc.keys import ALL, BITS, EXIT, KEYS, LIST, TYPE, shown
+from pdgw.peers.plc.scenario import ACTIONS, Step, examples
+from pdgw.peers.plc.scenario_file import scenario_of
+from pdgw.peers.plc.vocabulary import Word, telegrams_of, words_of
+from pdgw.profidrive.telegrams import TELEGRAMS, telegram
+from pdgw.workshop.documents.markdown import table
+
+_CYCLE_NS = USUAL_CYCLE_MS * MS
+_OF_A_TELEGRAM = frozenset({"set", "expect"})
+"""Their examples name signals, every telegram has some."""
+_INTRODUCTION = """\
+# The PLC simulator
+
+Generated from the declarations by `make docs`; do not edit.
+
+`pdgw sim plc SCENARIO` plays steps; `pdgw sim plc --interactive --telegram 111` obeys the keyboard, where `:` takes the same
+steps. A scenario is YAML: `telegrams` (one for each axis), `references` (`speed_rpm`, `position`, `increments`: what 100 % and a
+revolution are) and `steps`. A step has one action or words of the telegram, and where needed `axis` (from 1), `note`, `within`
+(how long is waited, `3 s`):
+
+    steps:
+      - {enable: true, within: 10 s}
+      - {override: 50 %, tracking: 0}
+      - {mdi: {to: 50000, velocity: 12000}, note: "to 50000 LU"}
+      - {expect: {XIST_A: "50000 +- 20", ZSW1.TARGET_REACHED: 1}, within: 10 s}
+
+Values: `1234`, `0x4D2`, `2000h`, `50 %`, `1500 rpm`, `2000 inc`; expected also `<= 5`,
+`100 +- 2`, `& 0x4F = 0x40`. [Examples](../tools/scenarios).
+"""
+
+
+@cache
+def _takes(number: int, action: str) -> bool:
+    """A telegram has a use for an action, as one of its examples has it."""
+    return any(_possible(number, step) for step in examples(action))
+
+
+def _possible(number: int, step: Mapping[str, Any]) -> bool:
+    try:
+        Engine(scenario_of([number], [step]), PlcEndpoint([telegram(number)], _CYCLE_NS))
+    except GatewayError:
+        return False
+    return True
+
+
+def _numbers(found: Sequence[int]) -> str:
+    return "any" if len(found) == len(TELEGRAMS) else ", ".join(map(str, found))
+
+
+def _actions() -> Iterable[Sequence[object]]:
+    for action in ACTIONS:
+        numbers = list(TELEGRAMS) if action in _OF_A_TELEGRAM else [n for n in TELEGRAMS if _takes(n, action)]
+        texts = (f"`{_as_yaml(step)}`" for step in examples(action))
+        does = (Step.model_fields[action].description or "").replace("``", "`")
+        yield action, ", ".join(texts), _numbers(numbers), does
+
+
+def _as_yaml(step: Mapping[str, Any]) -> str:
+    """As a person writes it: YAML takes JSON, mostly without the quotes too."""
+    quoted = ", ".join(f"{name}: {json.dumps(value)}" for name, value in step.items())
+    plain = quoted.replace('"', "")
+    try:
+        same = yaml.safe_load("{" + plain + "}") == step
+    except yaml.YAMLError:
+        same = False
+    return plain if same else quoted
+
+
+def _words() -> Iterable[Sequence[object]]:
+    """Words that are the same in several telegrams are one row; those an action has the name of are left out."""
+    rows: dict[tuple[str, str, str], list[int]] = {}
+    for number in TELEGRAMS:
+        for word in words_of(number).values():
+            if word.name not in ACTIONS:
+                rows.setdefault((word.name, word.key, _meaning(word)), []).append(number)
+    order = list(telegrams_of())
+    for (name, key, meaning), numbers in sorted(rows.items(), key=lambda item: order.index(item[0][0])):
+        yield f"`{name}`", key, _numbers(numbers), meaning
+
+
+def _meaning(word: Word) -> str:
+    unit = word.signal.unit if word.bit is None else ""
+    return f"{word.meaning} ({unit})" if unit else word.meaning
+
+
+def _keys() -> Iterable[Sequence[object]]:
+    having = {n: Keyboard(PlcEndpoint([telegram(n)], _CYCLE_NS), print).keys_of(1) for n in TELEGRAMS}
+    for key, item in KEYS.items():
+        changes = f"`{_as_yaml(item.step)}`" if item.step else "10 % of the speed setpoint, of a positioner's override"
+        yield f"`{shown(key)}`", item.text, changes, _numbers([n for n in TELEGRAMS if key in having[n]])
+
+
+def generate_words() -> str:
+    """The whole document."""
+    general = (
+        ("1..9", "chooses an axis"),
+        (ALL, "all axes"),
+        (BITS, "toggle a bit: every bit that the telegram sends has a letter, which is shown then"),
+        (TYPE, "what follows until Enter is a step: `:override 50 %`, `:mdi {to: 5000}`, `:reject`; Esc drops it"),
+        (LIST, "the words of the telegram"),
+        (EXIT, "ends"),
+    )
+    return "\n".join(
+        (
+            _INTRODUCTION,
+            "## Actions\n",
+            table(("action", "example", "telegrams", "what the PLC does"), _actions()),
+            "## Words of the telegrams\n",
+            "Every value and every bit that a telegram sends, as it is declared; several in one step go out in one frame. Bits",
+            "are 0 and 1. What an action has the name of is reached by `set: {POS_STW1.MDI: 1}`.\n",
+            table(("word", "is", "telegrams", "meaning (of 1)"), _words()),
+            "## Keys\n",
+            "The screen offers those that the telegram has; some go back when they are pressed again.\n",
+            table(("key", "does", "step", "telegrams"), _keys()),
+            table(("key", "does"), ((f"`{key}`", text) for key, text in general)),
+        )
+    )

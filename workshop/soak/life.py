@@ -1,0 +1,422 @@
+"""One part of a soaked day: a gateway in its world, a PLC that asks at random, troubles, and calm in which all must come back."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from random import Random
+from typing import Final
+
+from pdgw.ds301.connection_set import EMCY
+from pdgw.ds301.node import NodeStatus
+from pdgw.ds301.pdo import PdoDirection
+from pdgw.dsp402.states import State
+from pdgw.durations import MS, SECOND
+from pdgw.gateway.axis.telegrams import TASK_TELEGRAM_NUMBERS
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.links.udp import Address
+from pdgw.gateway.parameters.acyclic import AcyclicServer
+from pdgw.peers.drive import LINEAR_AXIS, ROTARY_AXIS, shape
+from pdgw.peers.node.faults import WrongIdentity
+from pdgw.peers.plc.cycling import CyclingPlc
+from pdgw.peers.world import Conditions, Member, SimulatedCan, World
+from pdgw.profidrive.frame import IOPS_GOOD, STATUS_RUN, CSduLayout
+from pdgw.profidrive.telegrams import Direction, telegram
+from pdgw.workshop.soak.engineer import HOST as ENGINEER_HOST
+from pdgw.workshop.soak.engineer import Engineer
+from pdgw.workshop.soak.plan import AxisPlan, Part, Plan, shapes_of
+from pdgw.workshop.soak.told import Told
+from pdgw.workshop.soak.trace import Trace
+from pdgw.workshop.soak.troubles import PLC_HOST, TROUBLES, Trouble, Undo
+from pdgw.workshop.soak.watch import RATED_RPM, REACHED_RPM, SETTLED_NS, SoakAxis, ViolationError
+from pdgw.workshop.soak.words import ACKNOWLEDGE, Words, asked_share, shown_share
+
+CHANNEL: Final = "soak"
+_CHECK_NS: Final = 25 * MS
+_RPDOS: Final = frozenset(base + node for base in PdoDirection.RPDO.bases[:4] for node in range(1, 128))
+_NODE: Final = 0x7F
+_STATUS_OFFSET: Final = -2
+"""The data status of a frame, from its end."""
+_BACK_NS: Final = 20 * SECOND
+"""Without troubles every axis operates again within this time."""
+_FOLLOW_NS: Final = 10 * SECOND
+"""And its shaft turns with the speed that is asked."""
+_OBEY_NS: Final = 250 * MS
+"""So long an axis has for a word in calm, and twice the latency of its drive."""
+_PAUSE_NS: Final = 600 * MS
+"""Mean time between two troubles."""
+_ACT_NS: Final = 4 * SECOND
+"""Mean time between two uses of the parameter channel."""
+_SHORTEST_NS, _LONGEST_NS = 2 * MS, 3 * SECOND
+_CHAOS_S: Final = (5, 30)
+_TIMERS_MAX: Final = 2000
+_RUNNING_STATE: Final = 0x4F
+_PLAIN: Final = Conditions()
+_CHANGES: Final = 0.3
+"""Share of the calms in which a telegram is changed."""
+
+
+class Life:
+    """Plays one part of a day. ``keep_telegrams``: the PLC changes none; ``frames``: the trace has every CAN frame."""
+
+    def __init__(self, part: Part, *, keep_telegrams: bool = False, frames: bool = False) -> None:
+        self.begin = part.begin
+        self.world = World(part.world_seed, self.begin)
+        self.loop = self.world.loop
+        self.trace = Trace(self.loop.now, frames=frames)
+        self.calm = True
+        self.plan: Plan = part.plan
+        self._config = self.plan.configuration(CHANNEL, PLC_HOST, ENGINEER_HOST)
+        self._keep_telegrams = keep_telegrams
+        self.daemon = self._gateway()
+        self._cycle_ns = self.daemon.cycle_ns
+        self._watchdog_ns = self._cycle_ns * self._config.transport.watchdog_factor
+        telegrams = [telegram(axis.telegram) for axis in self.plan.axes]
+        port = self.world.network.open(PLC_HOST, 0, "PLC")
+        self.plc = CyclingPlc(self.loop, port, self.daemon.address, telegrams, self._cycle_ns)
+        self._layout = CSduLayout(telegrams, Direction.SETPOINT)
+        self.axes = [self._axis(index, item) for index, item in enumerate(self.plan.axes)]
+        self.told = [Told(axis.name) for axis in self.axes]
+        self._chance = self.world.chance("troubles")
+        acyclic = (self.daemon.address[0], self._config.transport.acyclic_port)
+        self._engineer = Engineer(self.world, acyclic, self.world.chance("engineer"))
+        self._active: dict[str, tuple[Trouble, SoakAxis, Undo]] = {}
+        self._quiet_since = self.begin
+        self._arrived = self.begin
+        self._runs = False
+        self._violation: ViolationError | None = None
+        self.world.network.arrivals.append(self._on_arrival)
+        self.bus.offered.append(self._on_offered)
+        self.bus.taps.append(self._on_frame)
+        self.trace.note(f"cycle {self.plan.cycle_ms} ms; " + "; ".join(map(str, self.plan.axes)))
+
+    def _gateway(self) -> Daemon:
+        daemon = Daemon(self._config, self.world)
+        daemon.services.append(AcyclicServer(daemon))
+        self._origin = self.loop.now()
+        return daemon
+
+    def _axis(self, index: int, plan: AxisPlan) -> SoakAxis:
+        number = plan.telegram
+        machine = LINEAR_AXIS if number in TASK_TELEGRAM_NUMBERS else ROTARY_AXIS
+        drive = self.world.drive(CHANNEL, index + 1, shape=shape(plan.shape), latency=plan.latency, machine=machine)
+        assert isinstance(drive.port, Member)
+        words = Words(telegram(number), self.world.chance(f"words {index}"), self._cycle_ns)
+        axis = SoakAxis(index, plan, drive, drive.port, words)
+        axis.in_force_ns = self._watchdog_ns + 2 * self._cycle_ns
+        self.plc.endpoint.setpoints[index] = words.values
+        drive.model.watchers.append(lambda state: self.trace.note(f"{axis.name}: drive in {state.value}"))
+        return axis
+
+    @property
+    def bus(self) -> SimulatedCan:
+        """The one bus."""
+        return self.world.bus(CHANNEL)
+
+    @property
+    def gateway_port(self) -> Member:
+        """The gateway's controller on it."""
+        return self.world.gateway_port(CHANNEL)
+
+    @property
+    def starts(self) -> int:
+        """How often a drive was started."""
+        return sum(axis.starts for axis in self.axes)
+
+    # -- playing ------------------------------------------------------------------------------------------------------
+
+    def close(self) -> None:
+        """The end of this world: what waits in it would keep it for ever."""
+        self.loop.close()
+
+    def play(self, until: int, progress: Callable[[int], None] = lambda now: None) -> None:
+        """Up to a time of the day; ViolationError when something happened that must not."""
+        with _told_to(self.trace):
+            if self.loop.now() == self.begin:
+                self.daemon.start()
+                self.plc.start()
+                self.loop.spawn(self._phases, "phases")
+                self.loop.spawn(self._use_parameters, "engineer")
+                self._check()
+                for axis in self.axes:
+                    self._talk(axis)
+                self._trouble()
+            while self.loop.now() < until:
+                self.loop.run_until(min(until, self.loop.now() + SECOND))
+                if self._violation is not None:
+                    raise self._violation
+                if self.loop.task_errors:
+                    raise ViolationError("a task of the gateway ended with an error")
+                if self.loop.waiting > _TIMERS_MAX:
+                    raise ViolationError(f"{self.loop.waiting} timers wait: they only grow")
+                progress(self.loop.now())
+
+    def _phases(self) -> None:
+        chance = self.world.chance("phases")
+        try:
+            while True:
+                self._all_back()
+                self._follow(chance)
+                if not self._keep_telegrams and chance.random() < _CHANGES:
+                    self._change_telegram(chance)
+                    self._all_back()
+                self.calm = False
+                self.loop.sleep(int(chance.uniform(*_CHAOS_S) * SECOND))
+                self.calm = True
+                for name in list(self._active):
+                    self._end(name)
+        except ViolationError as violation:
+            self._violation = violation
+
+    def _all_back(self) -> None:
+        """Without troubles, OFF, acknowledge and ON bring every axis into operation."""
+        self.trace.note("calm: all axes have to operate")
+        deadline = self.loop.now() + _BACK_NS
+        for axis in self.axes:
+            axis.drive.do(lambda node: node.model.clear())
+        while True:
+            self._give(lambda axis: axis.words.off)
+            while not all(self._ready(axis) for axis in self.axes):
+                self._give(lambda axis: axis.words.off | ACKNOWLEDGE)
+                self._give(lambda axis: axis.words.off)
+                if self.loop.now() > deadline:
+                    raise ViolationError(
+                        f"not in operation {_BACK_NS // SECOND} s after the last trouble: {self._waiting()}"
+                    )
+            self._give(lambda axis: axis.words.off | 0x07)
+            self._give(lambda axis: axis.words.on)
+            if all(axis.drive.model.state is State.OPERATION_ENABLED for axis in self.axes):
+                return
+
+    def _follow(self, chance: Random) -> None:
+        """In calm, the shaft turns with the speed that is asked, and the PLC is shown that it does."""
+        turning = [axis for axis in self.axes if axis.words.set_speed(chance.uniform(-0.8, 0.8))]
+        deadline = self.loop.now() + _FOLLOW_NS
+        again = True
+        while turning := [axis for axis in turning if not self._follows(axis)]:
+            if again and any(axis.drive.model.state is not State.OPERATION_ENABLED for axis in turning):
+                # What a drive cannot do may be found out while it turns, once.
+                again = False
+                self._all_back()
+                deadline = self.loop.now() + _FOLLOW_NS
+            if self.loop.now() > deadline:
+                axis = turning[0]
+                asked = (asked_share(axis.words.values) or 0.0) * RATED_RPM
+                raise ViolationError(
+                    f"{axis.name}: asked {asked:.0f} rpm, turns {axis.drive.model.ramp.speed:.0f} rpm, "
+                    f"shown {self.plc.endpoint.actuals[axis.index]}"
+                )
+            self.loop.sleep(_OBEY_NS)
+
+    def _follows(self, axis: SoakAxis) -> bool:
+        rpm = axis.drive.model.ramp.speed
+        asked = (asked_share(axis.words.values) or 0.0) * RATED_RPM
+        shown = shown_share(self.plc.endpoint.actuals[axis.index])
+        right = shown is None or abs(shown * RATED_RPM - rpm) <= REACHED_RPM / 3
+        return abs(rpm - asked) <= REACHED_RPM / 3 and right
+
+    def _change_telegram(self, chance: Random) -> None:
+        """P922 of one axis out of operation; the PLC restarts with the frame that fits."""
+        axis = chance.choice(self.axes)
+        before = axis.words.telegram.number
+        fitting = [
+            n for n in self._config.axis[axis.index].telegrams if n != before and axis.plan.shape in shapes_of(n)
+        ]
+        if not fitting:
+            return
+        for other in self.axes:
+            other.words.set_speed(0.0)
+        self._give(lambda axis: axis.words.off)
+        self.loop.sleep(3 * SECOND)
+        number = chance.choice(fitting)
+        done = self._engineer.select(axis.index + 1, number, PLC_HOST)
+        self.trace.note(f"{axis.name}: P922 := {number}: {'taken' if done else 'refused'}")
+        if done:
+            axis.change(Words(telegram(number), axis.words.chance, self._cycle_ns))
+            # A gateway that is started again has it from its store.
+            self.plan = self.plan.with_telegram(axis.index, number)
+            self._config = self.plan.configuration(CHANNEL, PLC_HOST, ENGINEER_HOST)
+            telegrams = [item.words.telegram for item in self.axes]
+            self._layout = CSduLayout(telegrams, Direction.SETPOINT)
+            self.plc.restart(self.world.network.open(PLC_HOST, 0, "PLC"), telegrams)
+            for item in self.axes:
+                item.doubt("telegram changed")
+                self.plc.endpoint.setpoints[item.index] = item.words.values
+
+    def _give(self, word: Callable[[SoakAxis], int]) -> None:
+        """Every axis a word, and time to obey."""
+        for axis in self.axes:
+            axis.words.set_word(word(axis))
+        self.loop.sleep(_OBEY_NS + 2 * max(axis.late_ns for axis in self.axes) + 4 * self._cycle_ns)
+
+    def _shown(self, axis: SoakAxis) -> int | None:
+        """ZSW1 where the telegram has it."""
+        return None if axis.words.raw else self.plc.value("ZSW1", axis.index)
+
+    def _ready(self, axis: SoakAxis) -> bool:
+        if axis.words.raw:
+            return axis.drive.model.state is State.READY_TO_SWITCH_ON
+        shown = self._shown(axis)
+        return shown is not None and shown & _RUNNING_STATE == 1
+
+    def _waiting(self) -> str:
+        """Why axes do not operate."""
+        return "; ".join(
+            f"{axis.name}: drive in {axis.drive.model.state.value}, {item.reason.value if item.reason else 'no reason'}, "
+            f"{item.client.status_text}"
+            for axis, item in zip(self.axes, self.daemon.axes, strict=True)
+            if axis.drive.model.state is not State.OPERATION_ENABLED
+        )
+
+    # -- the PLC ------------------------------------------------------------------------------------------------------
+
+    def _talk(self, axis: SoakAxis) -> None:
+        if not self.calm:
+            before = axis.words.word
+            axis.words.draw()
+            if axis.words.word != before:
+                self.trace.note(f"{axis.name}: PLC {axis.words.name} {axis.words.word:04X}h")
+        self.loop.call_later(axis.words.stand_ns(), lambda: self._talk(axis))
+
+    def restart_plc(self) -> None:
+        """Another relationship from another port."""
+        self.plc.restart(self.world.network.open(PLC_HOST, 0, "PLC"))
+
+    def restart_gateway(self) -> None:
+        """A gateway that ended, as with another master on its bus, is started again."""
+        if self.daemon.stopped.is_set():
+            self.trace.note(f"gateway ended ({self.daemon.failure}) and starts again")
+            # Without a data sheet a gateway takes the identity that it finds first for the right one.
+            self._end(f"drive: {WrongIdentity.name}")
+            for axis in self.axes:
+                axis.restarted()
+            for told in self.told:
+                told.waiting.clear()
+            self.daemon = self._gateway()
+            self.daemon.start()
+
+    def _use_parameters(self) -> None:
+        chance = self.world.chance("parameters")
+        act_at = self.loop.now() + _exponential(chance, _ACT_NS)
+        try:
+            while True:
+                self.loop.sleep(SECOND)
+                for axis, told in zip(self.axes, self.told, strict=True):
+                    if told.due(self.loop.now()):
+                        self._engineer.look(axis.index + 1, told, self._origin)
+                if self.loop.now() >= act_at:
+                    axis = chance.choice(self.axes)
+                    did = self._engineer.act(axis.index + 1)
+                    self.trace.note(f"{axis.name}: engineer, {did}")
+                    act_at = self.loop.now() + _exponential(chance, _ACT_NS)
+        except ViolationError as violation:
+            self._violation = violation
+
+    def _on_arrival(self, now: int, source: Address, target: Address, data: bytes) -> None:
+        if target != self.daemon.address or source[0] != PLC_HOST or len(data) != self._layout.frame_size:
+            return
+        self._doubt_gap(now)
+        self._arrived = now
+        self._runs = bool(data[_STATUS_OFFSET] & STATUS_RUN)
+        layout = self._layout
+        certain = self.world.network.conditions == _PLAIN and now - self._quiet_since > self._watchdog_ns
+        for axis in self.axes:
+            iops = layout.iops[axis.index]
+            axis.good = self._runs and bool(data[iops] & IOPS_GOOD)
+            if axis.good:
+                axis.asked(now, bytes(data[layout.offsets[axis.index] : iops]), certain=certain)
+            else:
+                axis.doubt("IOPS BAD" if self._runs else "provider STOP")
+
+    def _doubt_gap(self, now: int) -> None:
+        if now - self._arrived > self._watchdog_ns:
+            for axis in self.axes:
+                axis.doubt("PLC lost", self._arrived + self._watchdog_ns)
+
+    # -- troubles -----------------------------------------------------------------------------------------------------
+
+    def _trouble(self) -> None:
+        chance = self._chance
+        if not self.calm:
+            (trouble,) = chance.choices(TROUBLES, [item.weight for item in TROUBLES])
+            axis = chance.choice(self.axes)
+            duration = int(math.exp(chance.uniform(math.log(_SHORTEST_NS), math.log(_LONGEST_NS))))
+            if trouble.name not in self._active:
+                self.trace.note(f"{axis.name}: {trouble.name} for {duration / MS:.0f} ms")
+                self._active[trouble.name] = (trouble, axis, trouble.begin(self, axis, chance))
+                self.loop.call_later(duration, lambda: self._end(trouble.name))
+        self.loop.call_later(_exponential(chance, _PAUSE_NS), self._trouble)
+
+    def _end(self, name: str) -> None:
+        entry = self._active.pop(name, None)
+        if entry is not None:
+            self.trace.note(f"{entry[1].name}: {name} ends")
+            entry[2]()
+            self._touch(entry[0], entry[1])
+
+    def _touch(self, trouble: Trouble, axis: SoakAxis) -> None:
+        self._quiet_since = self.loop.now()
+        if trouble.drive:
+            axis.disturbed()
+
+    # -- what is looked at --------------------------------------------------------------------------------------------
+
+    def _check(self) -> None:
+        now = self.loop.now()
+        for trouble, axis, _ in self._active.values():
+            self._touch(trouble, axis)
+        self._doubt_gap(now)
+        self.restart_gateway()
+        quiet = now - self._quiet_since > SETTLED_NS
+        plc_there = self._runs and now - self._arrived <= self._watchdog_ns + self._cycle_ns
+        port = self.gateway_port
+        bus_there = port.connected and not port.bus_off and not self.bus.shorted
+        for axis, item in zip(self.axes, self.daemon.axes, strict=True):
+            online = item.client.status is NodeStatus.ONLINE
+            if not online:
+                axis.doubt("drive not online")
+            reached = plc_there and bus_there and online and axis.member.connected and axis.good
+            axis.check(now, reached=reached, zsw1=self._shown(axis) if quiet and reached else None)
+        self.loop.call_later(_CHECK_NS, self._check)
+
+    def _on_offered(self, now: int, sender: Member, can_id: int, data: bytes) -> None:
+        node = can_id & _NODE
+        if sender.name == "gateway" and can_id in _RPDOS and 0 < node <= len(self.axes):
+            axis = self.axes[node - 1]
+            controlword = axis.controlword_in(can_id, data)
+            if controlword is not None:
+                axis.commanded(now, controlword)
+
+    def _on_frame(self, now: int, sender: Member, can_id: int, data: bytes) -> None:
+        node = can_id - EMCY
+        if 0 < node <= len(self.axes) and len(data) == 8:
+            with suppress(KeyError):  # no gateway on the bus yet
+                port = self.gateway_port
+                if port.connected and not port.bus_off and not port.closed:
+                    self.told[node - 1].sent(now, data)
+        if self.trace.frames:
+            self.trace.note(f"CAN {sender.name}: {can_id:03X}h {data.hex(' ')}")
+
+
+def _exponential(chance: Random, mean: int) -> int:
+    return int(chance.expovariate(1 / mean))
+
+
+@contextmanager
+def _told_to(trace: Trace) -> Iterator[None]:
+    """The gateway's log goes into the trace alone."""
+    loggers = [logging.getLogger(name) for name in ("gateway", "canopen")]
+    before = [(logger.level, logger.propagate) for logger in loggers]
+    loggers[0].addHandler(trace)
+    loggers[0].setLevel(logging.INFO)
+    loggers[1].setLevel(logging.CRITICAL)
+    loggers[0].propagate = False
+    try:
+        yield
+    finally:
+        loggers[0].removeHandler(trace)
+        for logger, (level, propagate) in zip(loggers, before, strict=True):
+            logger.setLevel(level)
+            logger.propagate = propagate

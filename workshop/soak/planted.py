@@ -1,0 +1,202 @@
+"""Defects planted in the gateway, to measure how long the soak needs to find each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, replace
+from itertools import takewhile
+from typing import Any, Final
+from unittest.mock import patch
+
+from pdgw.ds301.client import NodeClient
+from pdgw.dsp402.states import STATE_OF_STATUS, State
+from pdgw.durations import SECOND
+from pdgw.gateway.axis import interlock
+from pdgw.gateway.axis.adapters.base import ControlWordAdapter
+from pdgw.gateway.axis.adapters.speed import SpeedAdapter
+from pdgw.gateway.axis.demand_report import STATE_MASK, Flag, PowerWish
+from pdgw.gateway.axis.interlock import Interlock
+from pdgw.gateway.axis.power_table import CELLS, Action, Drive, Phase
+from pdgw.gateway.axis.settings import PlcLossReaction
+from pdgw.gateway.axis.supervision.drive_events import NodeWatch
+from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
+from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
+from pdgw.profidrive.frame import IOPS_GOOD
+from pdgw.workshop.soak.life import Life
+from pdgw.workshop.soak.plan import parts
+from pdgw.workshop.soak.watch import ViolationError
+
+LIMIT_NS: Final = 7200 * SECOND
+"""Virtual time in which each defect has to be found."""
+_SHUTDOWN: Final = 0x06
+_OBEYING: Final = (Phase.FOLLOW, Phase.PASS)
+Plant = Callable[[], AbstractContextManager[object]]
+
+
+@dataclass(frozen=True, slots=True)
+class Defect:
+    """``plant`` breaks the gateway as long as its context lasts."""
+
+    text: str
+    plant: Plant
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """``time_ns``: virtual time until the soak found the defect, None: not within the limit."""
+
+    name: str
+    time_ns: int | None
+    message: str
+
+
+def _replaced(place: object, name: str, value: object) -> Plant:
+    return lambda: patch.object(place, name, value)
+
+
+def _wrapped(place: type, name: str, around: Callable[..., Any]) -> Plant:
+    """``around`` is called with the method that it replaces, then with its arguments."""
+    method = getattr(place, name)
+
+    def replacement(*arguments: Any, **named: Any) -> Any:
+        return around(method, *arguments, **named)
+
+    return lambda: patch.object(place, name, replacement)
+
+
+def _step(change: Callable[[Interlock, Phase, PowerWish | None, int], None]) -> Plant:
+    """``change`` is called after each step: interlock, phase before, wish, Statusword."""
+
+    def step(method: Any, self: Interlock, wish: PowerWish | None, *arguments: Any) -> int:
+        before = self.phase
+        word: int = method(self, wish, *arguments)
+        change(self, before, wish, arguments[2])
+        return word
+
+    return _wrapped(Interlock, "step", step)
+
+
+def _kept(because: Callable[[PowerWish | None, int], bool]) -> Plant:
+    """The axis goes on to be obeyed where it should be locked."""
+
+    def change(self: Interlock, before: Phase, wish: PowerWish | None, statusword: int) -> None:
+        if before in _OBEYING and self.phase not in _OBEYING and because(wish, statusword):
+            self.phase = before
+
+    return _step(change)
+
+
+def _off_forgotten(method: Any, self: Interlock, *arguments: Any) -> int:
+    if self.phase is Phase.LOCKED:
+        self.phase = Phase.FOLLOW
+    word: int = method(self, *arguments)
+    return word
+
+
+def _off3_not_latched(self: Interlock, before: Phase, wish: PowerWish | None, statusword: int) -> None:
+    if before is Phase.QUICK_STOP and self.phase is Phase.LOCKED and wish is not None:
+        self.phase = Phase.FOLLOW
+
+
+def _never_lost(method: Any, self: Interlock, wish: Any, acknowledge: bool, trouble: Any, *arguments: Any) -> int:
+    word: int = method(self, wish, acknowledge, None if trouble is Drive.LOST else trouble, *arguments)
+    return word
+
+
+def _never_again(method: Any, self: Any) -> None:
+    if self.generation:
+        self.loop.sleep(3600 * SECOND)
+    method(self)
+
+
+def _speed_doubled(method: Any, self: SpeedAdapter, setpoints: Any, demand: Any) -> None:
+    method(self, setpoints, demand)
+    demand.speed *= 2
+
+
+def _stop_accepted(method: Any, *arguments: Any) -> Verdict:
+    verdict: Verdict = method(*arguments)
+    return Verdict.ACCEPTED if verdict is Verdict.PROVIDER_STOP else verdict
+
+
+def _iops_ignored(method: Any, self: CyclicEndpoint, data: bytes) -> Any:
+    good = bytearray(data)
+    for _, _, iops, _ in self._axes:
+        good[iops] |= IOPS_GOOD
+    return method(self, bytes(good))
+
+
+def _unguarded(plant: Plant) -> Plant:
+    """The guard behind everything would stop what this defect starts: it is taken away with it."""
+
+    @contextmanager
+    def planted() -> Iterator[None]:
+        with plant(), patch.object(EnableGuard, "step", lambda self, wish, controlword: True):
+            yield
+
+    return planted
+
+
+_QUICK_STOP_COASTS: Final = tuple(
+    replace(cell, controlword=_SHUTDOWN) if cell.action is Action.QUICK_STOP else cell for cell in CELLS
+)
+
+DEFECTS: Final[Mapping[str, Defect]] = {
+    "plc-loss-forgotten": Defect(
+        "setpoints stay in force after a loss of the PLC",
+        _replaced(CyclicEndpoint, "lose_setpoints", lambda self: None),
+    ),
+    "off-forgotten": Defect(
+        "an ON is obeyed without an OFF before it", _unguarded(_wrapped(Interlock, "step", _off_forgotten))
+    ),
+    "loss-without-stop": Defect(
+        "a lost PLC does not stop the drive",
+        _replaced(interlock, "_NO_PLC", dict.fromkeys(PlcLossReaction, PowerWish.ENABLE)),
+    ),
+    "drive-never-again": Defect(
+        "a lost drive is not brought up again", _wrapped(NodeClient, "_bring_up", _never_again)
+    ),
+    "off2-not-latched": Defect("OFF2 does not lock", _unguarded(_kept(lambda wish, _: wish is PowerWish.COAST))),
+    "off3-not-latched": Defect("OFF3 does not lock", _unguarded(_step(_off3_not_latched))),
+    "fault-not-locking": Defect(
+        "a fault of the drive does not lock",
+        _unguarded(
+            _kept(
+                lambda _, statusword: (
+                    STATE_OF_STATUS[statusword & STATE_MASK] in {State.FAULT, State.FAULT_REACTION_ACTIVE}
+                )
+            )
+        ),
+    ),
+    "lost-drive-followed": Defect(
+        "a drive that is silent counts as there", _unguarded(_wrapped(Interlock, "step", _never_lost))
+    ),
+    "emcy-lost": Defect("an EMCY is not entered", _replaced(NodeWatch, "_emergency", lambda self, notice: None)),
+    "speed-doubled": Defect("the drive gets twice the speed", _wrapped(SpeedAdapter, "read", _speed_doubled)),
+    "reached-always": Defect(
+        "ZSW1.10 is always 1",
+        _wrapped(ControlWordAdapter, "status", lambda method, self, flags: method(self, flags | Flag.REACHED)),
+    ),
+    "provider-stop-ignored": Defect("a PLC in STOP is obeyed", _wrapped(CyclicEndpoint, "_check", _stop_accepted)),
+    "iops-ignored": Defect("setpoints with IOPS BAD are obeyed", _wrapped(CyclicEndpoint, "_decode", _iops_ignored)),
+    "stale-statusword": Defect(
+        "a Statusword older than the command is trusted", _unguarded(_replaced(interlock, "_LEAVING", Drive.OPERATING))
+    ),
+    "quick-stop-coasts": Defect("Quick Stop is sent as Shutdown", _replaced(interlock, "CELLS", _QUICK_STOP_COASTS)),
+}
+"""By name."""
+
+
+def search(name: str, seed: int, axes: int = 2, limit_ns: int = LIMIT_NS) -> Found:
+    """Soak a gateway with one defect until it is found."""
+    with DEFECTS[name].plant():
+        for part in takewhile(lambda part: part.begin < limit_ns, parts(seed, axes)):
+            life = Life(part)
+            try:
+                life.play(min(part.end, limit_ns))
+            except ViolationError as violation:
+                return Found(name, life.loop.now(), str(violation))
+            finally:
+                life.close()
+    return Found(name, None, "")

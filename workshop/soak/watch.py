@@ -1,0 +1,265 @@
+"""What must hold for one axis, read from the wires and the shaft; never from the gateway.
+
+* No Enable Operation is sent unless the PLC asks for ON, and no drive starts without an OFF and then an ON after the last doubt.
+* Standstill or power off within a bound after the PLC, or the way to the drive, is lost; a drive that coasts takes its time.
+* No task more often than the PLC gave one.
+* ZSW1 shows operation, fault and "speed reached" only of a drive that does what it shows, once nothing changes any more.
+* OFF2 and OFF3 go to the drive within a bound.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from pdgw.ds301.nmt import NmtState
+from pdgw.dsp402.states import State
+from pdgw.durations import MS
+from pdgw.gateway.axis.settings import PlcLossReaction
+from pdgw.gateway.axis.supervision.drive_events import POWERED
+from pdgw.gateway.axis.telegrams import POSITIONER_TELEGRAM_NUMBERS
+from pdgw.peers.drive import SimulatedDrive
+from pdgw.peers.world import Member
+from pdgw.workshop.soak.plan import AxisPlan
+from pdgw.workshop.soak.words import Words, asked_share, is_off, is_on
+
+STOP_BOUND_NS: Final = 1000 * MS
+"""The drive's own watch over the gateway (300 ms), a quick stop from full speed (300 ms), and the cycles until it is known."""
+RAMP_BOUND_NS: Final = 2500 * MS
+"""The same with the ramp of on_plc_loss = "ramp" from full speed."""
+SETTLED_NS: Final = 400 * MS
+"""So long nothing must have changed before what is shown is compared."""
+RATED_RPM: Final = 3000
+"""100 % of a speed: 6080h of the simulated motor."""
+REACHED_RPM: Final = 90
+"""Tolerance of "speed reached"."""
+_STANDS_RPM = 1.0
+_OPERATION, _FAULT, _REACHED = 0x0004, 0x0008, 0x0400
+_ENABLE: Final = 0x000F
+_MOVES: Final = 0x007F
+"""STW1 bits that let the setpoint through."""
+_NO_OFF2, _NO_OFF3 = 0x0002, 0x0004
+_AFTER_OFF2: Final = frozenset({0x0})
+_AFTER_OFF3: Final = frozenset({0x0, 0x2})
+"""Controlword bits 0 to 3: Disable Voltage, Quick Stop."""
+
+
+class ViolationError(Exception):
+    """Something happened that must never happen."""
+
+
+class SoakAxis:
+    """The drive of one axis and what the PLC asks of it."""
+
+    def __init__(self, index: int, plan: AxisPlan, drive: SimulatedDrive, member: Member, words: Words) -> None:
+        self.index = index
+        self.plan = plan
+        self.drive = drive
+        self.member = member
+        """The drive's controller on the bus."""
+        self.words = words
+        self.starts = 0
+        """How often operation was entered."""
+        self.good = False
+        """The setpoints of the last frame count: the PLC in RUN, IOPS GOOD."""
+        self.in_force_ns = 0
+        """An order holds so long without another: an OFF in force when the doubt ends is one after it."""
+        latency = plan.latency
+        self.late_ns = (latency.command_ms + latency.status_ms) * MS
+        now = drive.loop.now()
+        self._off = self._on = self._armed = -1
+        """When an OFF and an ON came to the gateway last, and when an ON came that follows an OFF after the last doubt."""
+        self._asked = b""
+        self._share: float | None = None
+        """The speed that came to the gateway."""
+        self._asked_since = now
+        self._stop_asked: tuple[int, int] | None = None
+        """Since when OFF2 or OFF3 stands, and which (the bits of STW1 that are 0)."""
+        self._commanded = 0
+        """Bits 0 to 3 of the last Controlword."""
+        self._commanded_at = -1
+        self._enabled = -1
+        self._doubt = (0, "power on")
+        self._previous = drive.model.state
+        self._changed = now
+        self._lost_since: int | None = None
+        self._reached_since = now
+        """Since when PLC, gateway and drive are joined."""
+        self._apart_since: int | None = None
+        """Since when the shaft does not turn with the speed that came to the gateway."""
+        self._disturbed_until = 0
+        drive.model.watchers.append(self._entered)
+
+    @property
+    def name(self) -> str:
+        return f"axis {self.index + 1}"
+
+    # -- what happens -------------------------------------------------------------------------------------------------
+
+    def doubt(self, why: str, since: int | None = None) -> None:
+        """From now on, or from a moment before, a start needs another OFF and then an ON."""
+        when = self.drive.loop.now() if since is None else since
+        if when > self._doubt[0]:
+            self._doubt = (when, why)
+            if self._off < when - self.in_force_ns:
+                self._armed = -1
+
+    def change(self, words: Words) -> None:
+        """The PLC has another telegram for this axis."""
+        words.commands = self.words.commands
+        self.words = words
+        self._asked = b""
+
+    def disturbed(self) -> None:
+        """The drive itself is out of order just now."""
+        self._disturbed_until = self.drive.loop.now()
+
+    def asked(self, now: int, setpoints: bytes, *, certain: bool) -> None:
+        """A frame of the PLC came to the gateway; ``setpoints``: those of this axis, the control word first.
+
+        ``certain``: the network neither loses nor delays, so that the gateway uses this frame.
+        """
+        if setpoints != self._asked:
+            self._asked = setpoints
+            self._asked_since = now
+            half = self.words.telegram.setpoints
+            self._share = asked_share(half.as_dict(half.decode(setpoints, 0)))
+        word = int.from_bytes(setpoints[:2], "big")
+        raw = self.words.raw
+        if is_off(word, raw=raw):
+            self._off = now
+        elif is_on(word, raw=raw):
+            self._on = now
+            if self._off >= self._doubt[0] - self.in_force_ns and self._off >= 0:
+                self._armed = now
+        stops = ~word & (_NO_OFF2 | _NO_OFF3)
+        if not stops:
+            self._stop_asked = None
+        elif not raw:
+            if certain:
+                self.doubt("OFF2 or OFF3")
+            if self._stop_asked is None or self._stop_asked[1] != stops:
+                self._stop_asked = now, stops
+
+    def controlword_in(self, can_id: int, data: bytes) -> int | None:
+        """The Controlword in an RPDO, as the drive has it mapped; None without one, or while the drive takes no RPDO."""
+        node = self.drive.node
+        # After its power-on the drive has its own mapping until the gateway has configured it.
+        pdo = node.pdos.received.get(can_id) if node.state is NmtState.OPERATIONAL else None
+        if pdo is None or "controlword" not in pdo.attributes:
+            return None
+        at = 0
+        for entry in pdo.entries:
+            if entry.attribute == "controlword":
+                break
+            at += entry.type.bits // 8
+        return int.from_bytes(data[at : at + 2], "little")
+
+    def commanded(self, now: int, controlword: int) -> None:
+        """The gateway gave its controller a Controlword for the drive."""
+        word = controlword & _ENABLE
+        before, self._commanded, self._commanded_at = self._commanded, word, now
+        if word != _ENABLE:
+            return
+        self._enabled = now
+        if before != _ENABLE and now - self._on > self.in_force_ns:
+            since = "never asked" if self._on < 0 else f"asked {(now - self._on) / MS:.0f} ms ago"
+            raise ViolationError(f"{self.name}: Enable Operation is sent while the PLC does not ask for ON ({since})")
+
+    def restarted(self) -> None:
+        """A gateway that was not there before took over."""
+        self._commanded = 0
+        self.doubt("gateway restarted")
+
+    def _entered(self, state: State) -> None:
+        now = self.drive.loop.now()
+        if state is State.OPERATION_ENABLED and self._previous is not State.OPERATION_ENABLED:
+            self.starts += 1
+            since, why = self._doubt
+            # What it was told before the doubt a drive may still do: it waited for its enable input, or a controller that was cut
+            # off held the frame, with the stop behind it.
+            if self._enabled > since and self._armed < 0:
+                raise ViolationError(
+                    f"{self.name}: started without OFF and ON after a doubt ({why}, {(now - since) / MS:.0f} ms ago; "
+                    f"OFF {self._ago(self._off)}, ON {self._ago(self._on)})"
+                )
+        elif state in {State.FAULT_REACTION_ACTIVE, State.FAULT}:
+            self.doubt("fault of the drive")
+        self._previous = state
+        self._changed = now
+
+    def _ago(self, when: int) -> str:
+        return "never" if when < 0 else f"{(self.drive.loop.now() - when) / MS:.0f} ms ago"
+
+    # -- what holds at any time ---------------------------------------------------------------------------------------
+
+    def check(self, now: int, *, reached: bool, zsw1: int | None) -> None:
+        """``reached``: PLC, gateway and drive are joined. ``zsw1``: what the PLC is shown, None while that may change."""
+        self.drive.node.catch_up(now)
+        self._check_standstill(now, reached)
+        self._measure(now)
+        model = self.drive.model
+        # A positioner goes from block to block, and jogs.
+        if self.words.telegram.number not in POSITIONER_TELEGRAM_NUMBERS and model.started > self.words.commands:
+            raise ViolationError(f"{self.name}: {model.started} tasks begun, {self.words.commands} given by the PLC")
+        if not reached:
+            self._reached_since = now
+            return
+        self._check_stop(now)
+        if zsw1 is not None and now - max(self._changed, self._disturbed_until) > SETTLED_NS + self.late_ns:
+            self._check_shown(model.state, zsw1)
+            if now - self._asked_since > SETTLED_NS + self.late_ns:
+                self._check_reached(now, zsw1)
+
+    def _check_standstill(self, now: int, reached: bool) -> None:
+        if reached:
+            self._lost_since = None
+            return
+        if self._lost_since is None:
+            self._lost_since = now
+        since = max(self._lost_since, self._disturbed_until)
+        bound = RAMP_BOUND_NS if self.plan.on_plc_loss is PlcLossReaction.RAMP else STOP_BOUND_NS
+        model = self.drive.model
+        if now - since > bound + 2 * self.late_ns and model.state in POWERED and abs(model.ramp.speed) > _STANDS_RPM:
+            raise ViolationError(
+                f"{self.name}: turns with {model.ramp.speed:.0f} rpm under power {(now - since) / MS:.0f} ms after a loss"
+            )
+
+    def _check_stop(self, now: int) -> None:
+        """OFF2 and OFF3 are on the bus within the time in which an order is in force."""
+        if self._stop_asked is None:
+            return
+        since, stops = self._stop_asked
+        if now - max(since, self._disturbed_until, self._reached_since) <= self.in_force_ns + SETTLED_NS:
+            return
+        allowed = _AFTER_OFF2 if stops & _NO_OFF2 else _AFTER_OFF3
+        if self._commanded not in allowed:
+            name = "OFF2" if stops & _NO_OFF2 else "OFF3"
+            raise ViolationError(
+                f"{self.name}: Controlword bits 0 to 3 are {self._commanded:X}h {(now - since) / MS:.0f} ms after {name}"
+            )
+
+    def _check_shown(self, state: State, zsw1: int) -> None:
+        if zsw1 & _OPERATION and state is not State.OPERATION_ENABLED:
+            raise ViolationError(f"{self.name}: ZSW1 {zsw1:04X}h shows operation, the drive is in {state.value}")
+        if state is State.FAULT and not zsw1 & _FAULT:
+            raise ViolationError(f"{self.name}: ZSW1 {zsw1:04X}h shows no fault, the drive is in {state.value}")
+
+    def _measure(self, now: int) -> None:
+        """Compare the shaft with the speed that came to the gateway."""
+        share = self._share
+        if share is None or abs(self.drive.model.ramp.speed - share * RATED_RPM) <= REACHED_RPM:
+            self._apart_since = None
+        elif self._apart_since is None:
+            self._apart_since = now
+
+    def _check_reached(self, now: int, zsw1: int) -> None:
+        """The setpoint that came to the gateway, and the shaft: a limit switch may just have stopped it."""
+        share, apart = self._share, self._apart_since
+        word = int.from_bytes(self._asked[:2], "big")
+        if not zsw1 & _REACHED or share is None or word & _MOVES != _MOVES or not zsw1 & _OPERATION:
+            return
+        rpm = self.drive.model.ramp.speed
+        if apart is not None and now - apart > SETTLED_NS + self.late_ns:
+            raise ViolationError(
+                f"{self.name}: ZSW1 {zsw1:04X}h shows speed reached, asked {share * RATED_RPM:.0f} rpm, turns {rpm:.0f} rpm"
+            )
