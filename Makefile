@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web peers tools workshop
+ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web client recording peers tools workshop
 
 .PHONY: demo demo-profinet test test-paused tour test-can lint format bench measured fuzz limit-cycles soak docs screenshots site compiled test-compiled bench-compiled clean
 

@@ -25,7 +25,7 @@ from tests.tour.console import Command, steps
 
 REST = ROOT / "tests" / "tour" / "other-documents.md"
 _PLACEHOLDER = re.compile(r"\[|\.\.\.|(?<![\w,.])(?!NSOLL)[A-Z]+(?![\w.])|YOUR")
-_NAMES = re.compile(r"pdgw( [a-z][a-z-]*)+")
+_NAMES = re.compile(r"(python -m pdgw\.workshop|pdgw)( [a-z][a-z-]*)+")
 _ALIKE = re.compile(r"\bpress\.toml\b")
 
 HERE = {

@@ -12,11 +12,14 @@ import pytest
 from typer.main import get_command
 
 from pdgw.tools.cli import app
+from pdgw.workshop.__main__ import app as workshop
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
-INLINE = re.compile(r"`(pdgw [^`]+)`")
-BLOCK = re.compile(r"^(?: {4,}| *\$ )(pdgw .+)$", re.MULTILINE)
+PROGRAMS = {"pdgw": app, "python -m pdgw.workshop": workshop}
+_PROGRAM = "|".join(map(re.escape, PROGRAMS))
+INLINE = re.compile(rf"`((?:{_PROGRAM}) [^`]+)`")
+BLOCK = re.compile(rf"^(?: {{4,}}| *\$ )((?:{_PROGRAM}) .+)$", re.MULTILINE)
 _LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 _ANCHOR = re.compile(r"\]\(([^)#\s:]*\.md)?#([^)\s]+)\)")
 _WORD = re.compile(r"[a-z][a-z-]*")
@@ -34,10 +37,10 @@ def command_in(match: re.Match[str]) -> str:
     return " ".join(re.split(r"  #| # | > | &(?:$| )", match[1])[0].split())
 
 
-def resolve(words: list[str]) -> tuple[Any, list[str]]:
+def resolve(program: str, words: list[str]) -> tuple[Any, list[str]]:
     """The command of the first words, and the words behind it."""
-    command: Any = get_command(app)
-    context = command.make_context("pdgw", [], resilient_parsing=True)
+    command: Any = get_command(PROGRAMS[program])
+    context = command.make_context(program, [], resilient_parsing=True)
     while hasattr(command, "commands") and words:
         if words[0] in {option for item in command.params if getattr(item, "is_flag", False) for option in item.opts}:
             words = words[1:]  # a switch of the group, before its command
@@ -56,10 +59,12 @@ ALL = sorted({(path.name, command) for path in DOCUMENTS for command in commands
 
 @pytest.mark.parametrize(("document", "text"), ALL)
 def test_every_command_exists_with_its_options(document: str, text: str) -> None:
-    words = [word.strip(",;.") for word in shlex.split(text.replace("...", "").replace("|", " "))[1:]]
+    program = next(name for name in PROGRAMS if text.startswith(f"{name} "))
+    rest_of_line = text.removeprefix(program).replace("...", "").replace("|", " ")
+    words = [word.strip(",;.") for word in shlex.split(rest_of_line)]
     if words and not _WORD.fullmatch(words[0]) and not words[0].startswith("-"):
         pytest.skip("a placeholder")
-    command, rest = resolve(words)
+    command, rest = resolve(program, words)
     known = {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
     known |= {"-h", "--help"}
     for word in rest:
@@ -83,3 +88,11 @@ def test_every_link_into_a_document_leads_to_a_heading(path: Path) -> None:
             for title in re.findall(r"^#+ (.*)$", text, re.MULTILINE)
         }
         assert anchor in slugs, f"{target}#{anchor}"
+
+
+def test_every_file_of_where_is_exists() -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (.*) \| (`.*`) \|$", text.partition("## Where is")[2].partition("\n## ")[0], re.MULTILINE)
+    assert len(rows) >= 20
+    files = [file for _, named in rows for file in re.findall(r"`([^`]+)`", named)]
+    assert [file for file in files if not (ROOT / file).is_file()] == []

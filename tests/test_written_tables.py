@@ -328,7 +328,7 @@ def test_the_records_of_a_device_are_those_it_knows() -> None:
 
 
 def test_each_case_of_class_a_in_the_document_has_its_test() -> None:
-    files = ("gateway/test_profinet_class_a.py", "profinet/test_class_a_relationship.py")
+    files = ("gateway/links/profinet/test_class_a.py", "profinet/test_class_a_relationship.py")
     source = "".join((ROOT / "tests" / name).read_text(encoding="utf-8") for name in files)
     named = set(re.findall(r"def (test_\w+)", source))
     told = [name for row in rows("profinet.md", "case of the tester") for name in re.findall(r"`(test_\w+)`", row[1])]

@@ -1,1 +1,1 @@
-"""The ``pdgw`` command line and what stands behind it: PLC simulator, demo, benchmarks, conformance."""
+"""The ``pdgw`` command line: commands, demo, axis test, reports."""

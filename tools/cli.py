@@ -8,6 +8,7 @@ from __future__ import annotations
 import errno
 import os
 import sys
+from collections.abc import Mapping
 from typing import Annotated, Final, NoReturn
 
 import typer
@@ -15,18 +16,8 @@ import typer
 from pdgw.ds301.errors import CanopenError
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.tools.command_table import COMMANDS, lazy_group
+from pdgw.tools.command_table import COMMANDS, Entry, lazy_group
 from pdgw.tools.termination import INTERRUPTED
-
-app = typer.Typer(
-    name="pdgw",
-    cls=lazy_group(COMMANDS),
-    help="PROFIdrive-to-CANopen gateway: daemon, simulators, decoder and conformance tools.",
-    context_settings={"help_option_names": ["-h", "--help"]},
-    no_args_is_help=True,
-    add_completion=True,
-    pretty_exceptions_enable=False,
-)
 
 _NO_MORE_OUTPUT: Final = (errno.ENOSPC, errno.EIO, errno.EPIPE)
 """The disk behind standard output is full, or whoever reads it is gone."""
@@ -44,23 +35,42 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def options(
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
     _version: Annotated[
         bool, typer.Option("--version", help="Print the version and end.", is_eager=True, callback=_print_version)
     ] = False,
 ) -> None:
-    """PROFIdrive-to-CANopen gateway."""
+    """The options before a command."""
     _Options.debug = debug
 
 
-def main() -> None:
-    """Run the command line; errors the user can act on are one line."""
+def command_line(name: str, commands: Mapping[str, Entry], about: str, *, completion: bool = False) -> typer.Typer:
+    """A program with these commands and the options before a command."""
+    made = typer.Typer(
+        name=name,
+        cls=lazy_group(commands),
+        help=about,
+        context_settings={"help_option_names": ["-h", "--help"]},
+        no_args_is_help=True,
+        add_completion=completion,
+        pretty_exceptions_enable=False,
+    )
+    made.callback()(options)
+    return made
+
+
+app = command_line(
+    "pdgw", COMMANDS, "PROFIdrive-to-CANopen gateway: daemon, simulators, decoder and tools.", completion=True
+)
+
+
+def main(commands: typer.Typer | None = None) -> None:
+    """Run a command line, that of ``pdgw`` by default; errors the user can act on are one line."""
     _open_missing_streams()
     try:
         try:
-            app()
+            (commands or app)()
         finally:
             sys.stdout.flush()
     except (GatewayError, CanopenError, ProfidriveError) as error:

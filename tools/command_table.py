@@ -59,15 +59,16 @@ class Group(_Careful, TyperGroup):
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One line of the table: ``target`` is ``module:name`` in ``pdgw.tools.commands``, a function or a group."""
+    """One line of the table: ``target`` is ``module:name`` in ``package``, a function or a group."""
 
     target: str
     help: str
+    package: str = "pdgw.tools.commands"
 
     def load(self, name: str) -> Any:
         """Import the module and make the command."""
         module, _, attribute = self.target.partition(":")
-        found = getattr(import_module(f"pdgw.tools.commands.{module}"), attribute)
+        found = getattr(import_module(f"{self.package}.{module}"), attribute)
         gc.enable()
         holder = typer.Typer(add_completion=False)
         holder.callback()(lambda: None)  # makes it a group, also with a single command
@@ -120,12 +121,6 @@ COMMANDS: Mapping[str, Entry] = {
         "demo:demo",
         "PLC, gateway and the bus of its drives as processes, chapter by chapter; every expectation with pass or fail.",
     ),
-    "bench": Entry("bench:app", "Benchmarks."),
-    "conformance": Entry("conformance:app", "Conformance tests of the gateway."),
-    "soak": Entry(
-        "soak:soak",
-        "Run a day of random PLC words and faults in virtual time; exit status 1 if what must never happen did.",
-    ),
 }
 """The commands of ``pdgw`` in the order of its help."""
 
@@ -138,10 +133,6 @@ SIM_COMMANDS: Mapping[str, Entry] = {
     "encoder": Entry(
         "sim_encoder:encoder",
         "Run simulated encoders until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`.",
-    ),
-    "loop": Entry(
-        "sim_loop:loop",
-        "Close a position loop in a simulated PLC, with DSC and without: following error and stability, in virtual time.",
     ),
     "bus": Entry(
         "sim_drive:bus",

@@ -1,7 +1,7 @@
 """Replay: recorded inputs of one axis through today's axis machine, in recorded time, against the recorded outputs.
 
-Without I/O; ``decoder.replay.recording`` makes the inputs out of captures. The PLC's frames go through the link's endpoint, the drive's
-values are what its TPDOs carried, and the recorded answers say when the gateway stepped.
+Without I/O; ``decoder.replay.recording`` makes the inputs out of captures. The PLC's frames go through the link's endpoint, the
+drive's values are what its TPDOs carried, and the recorded answers say when the gateway stepped.
 
 A recorder does not tell which TPDO the gateway had at hand when it made a step, nor the exact time of the step. So the
 question asked is: is there, for each step, a choice of inputs within ``tolerance_ns`` of its recorded time - taken in their

@@ -2,8 +2,8 @@
 
 Facts are taken from the recording: whether the gateway has the PLC (IOCS of its answers) and the drive (IOPS). Where it has no
 answers, and over PROFINET, whose IOCS do not tell, the watchdog decides. An entry is held back until all that belongs to it has
-come (``HOLD_NS`` of recorded time), then it is given out and forgotten. Without I/O; one clock (``decoder.timeline.lookahead`` finds the
-offset).
+come (``HOLD_NS`` of recorded time), then it is given out and forgotten. Without I/O; one clock
+(``decoder.timeline.lookahead`` finds the offset).
 
     >>> follower = Follower(axes, settings, cycle_ns=4_000_000)
     >>> for record in records:

@@ -1,7 +1,7 @@
 """What a timeline is made of: edges of the control and status words on both buses, reasons, anomalies; and their summary.
 
-``decoder.timeline.builder`` makes the entries of a stream of records, ``decoder.timeline.text`` prints them. Edges follow each other
-as the words do:
+``decoder.timeline.builder`` makes the entries of a stream of records, ``decoder.timeline.text`` prints them. Edges follow each
+other as the words do:
 
     STW1 -> Controlword -> Statusword -> ZSW1
                         <-            (the next command of a sequence)

@@ -1,8 +1,8 @@
 """The configuration file: TOML, validated by pydantic, with messages a user can act on.
 
 Keys of [can], [transport] and [[axis]] are fixed, others have defaults; encoders are in ``gateway.configuration.encoder``, what
-surrounds the drive objects in ``gateway.configuration.environment``, reading a file in ``gateway.configuration.file``. Left out: the PLC's own
-parameters, which live in the parameter store.
+surrounds the drive objects in ``gateway.configuration.environment``, reading a file in ``gateway.configuration.file``. Left out:
+the PLC's own parameters, which live in the parameter store.
 """
 
 from __future__ import annotations

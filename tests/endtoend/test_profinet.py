@@ -125,10 +125,10 @@ def test_where_the_kernel_forbids_namespaces_the_demo_says_so(monkeypatch: pytes
     with pytest.raises(
         GatewayError, match=r"the kernel does not allow network namespaces here .unshare: not permitted"
     ):
-        namespaces.enter()
+        namespaces.enter("pdgw")
     monkeypatch.setattr(namespaces.shutil, "which", lambda tool: None)
     with pytest.raises(GatewayError, match="unshare, nsenter, ip not found; install util-linux and iproute2"):
-        namespaces.enter()
+        namespaces.enter("pdgw")
 
 
 @pytest.mark.e2e

@@ -1,6 +1,7 @@
 """Conformance class A, the cases of the tester's published list that need a relationship: alarm, diagnosis, AR-ASE, RPC, RTC.
 
-As in tests/gateway/links/profinet/test_class_a.py the cases follow the public notes and IEC 61158-6-10; frames are read from the wire.
+As in tests/gateway/links/profinet/test_class_a.py the cases follow the public notes and IEC 61158-6-10.
+Frames are read from the wire.
 """
 
 from __future__ import annotations

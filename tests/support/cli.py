@@ -1,18 +1,30 @@
-"""``pdgw`` commands in this process: what they print and their exit status, without starting a Python for each."""
+"""Commands of ``pdgw`` and of the workshop in this process: what they print, and their exit status."""
 
 from __future__ import annotations
 
 import io
 import sys
+from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
+from functools import partial
 from subprocess import CompletedProcess
 from unittest.mock import patch
 
 from pdgw.tools.cli import main
+from pdgw.workshop.__main__ import app
 
 
 def pdgw(*arguments: str, text: str | None = None) -> CompletedProcess[str]:
-    """Run a command to its end; ``text`` is its standard input."""
+    """Run a command of ``pdgw`` to its end; ``text`` is its standard input."""
+    return _run(main, arguments, text)
+
+
+def workshop(*arguments: str) -> CompletedProcess[str]:
+    """Run a command of ``python -m pdgw.workshop`` to its end."""
+    return _run(partial(main, app), arguments, None)
+
+
+def _run(program: Callable[[], None], arguments: tuple[str, ...], text: str | None) -> CompletedProcess[str]:
     output, errors = io.StringIO(), io.StringIO()
     status = 0
     with (
@@ -22,7 +34,7 @@ def pdgw(*arguments: str, text: str | None = None) -> CompletedProcess[str]:
         redirect_stderr(errors),
     ):
         try:
-            main()
+            program()
         except SystemExit as end:
             status = end.code if isinstance(end.code, int) else int(end.code is not None)
     return CompletedProcess(["pdgw", *arguments], status, output.getvalue(), errors.getvalue())

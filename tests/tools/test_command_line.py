@@ -11,14 +11,17 @@ from typing import Any
 
 import pytest
 from typer.core import TyperOption
-from typer.testing import CliRunner
+from typer.testing import CliRunner, Result
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools import commands
 from pdgw.tools.cli import app
 from pdgw.tools.command_table import COMMANDS, SIM_COMMANDS, Command, Entry, Group
+from pdgw.workshop import commands as workshop_commands
+from pdgw.workshop.__main__ import COMMANDS as WORKSHOP_COMMANDS
+from pdgw.workshop.__main__ import app as workshop
 
-ENTRIES = [*COMMANDS.items(), *SIM_COMMANDS.items()]
+ENTRIES = [*COMMANDS.items(), *SIM_COMMANDS.items(), *WORKSHOP_COMMANDS.items()]
 _HELPERS = {"__init__", "recording_options", "simulation_options"}
 
 
@@ -39,10 +42,16 @@ def commands_of(name: str, command: Any) -> Iterator[tuple[str, Any]]:
 
 EVERY = [
     item
-    for group, table in (("", COMMANDS), ("sim ", SIM_COMMANDS))
+    for group, table in (("", COMMANDS), ("sim ", SIM_COMMANDS), ("", WORKSHOP_COMMANDS))
     for name, entry in table.items()
     for item in commands_of(group + name, entry.load(name))
 ]
+
+
+def invoke(name: str, *arguments: str) -> Result:
+    """Call a command of ``pdgw`` or of the workshop by its name in ``EVERY``."""
+    program = workshop if name.partition(" ")[0] in WORKSHOP_COMMANDS else app
+    return CliRunner().invoke(program, [*name.split(), *arguments])
 
 
 @pytest.mark.parametrize(("name", "command"), EVERY, ids=[name for name, _ in EVERY])
@@ -58,7 +67,7 @@ def test_an_option_with_one_value_is_not_given_twice(name: str, command: Any) ->
         others = [
             a for item in command.params if not isinstance(item, TyperOption) for a in ["1"] * bool(item.required)
         ]
-        result = CliRunner().invoke(app, [*name.split(), *others, option.opts[0], value, option.opts[0], value])
+        result = invoke(name, *others, option.opts[0], value, option.opts[0], value)
         assert result.exit_code == 2, (option.opts, result.output)
         assert "given more than once" in " ".join(result.output.replace("│", " ").split()), (option.opts, result.output)
 
@@ -77,20 +86,21 @@ def test_a_file_that_cannot_be_written_is_told_before_the_work(
     name: str, option: str, place: str, why: str, tmp_path: Path
 ) -> None:
     arguments = ["x"] * (name in {"decode", "timeline"})
-    result = CliRunner().invoke(app, [*name.split(), *arguments, option, str(tmp_path / place)])
+    result = invoke(name, *arguments, option, str(tmp_path / place))
     assert isinstance(result.exception, GatewayError), result.output
     assert str(result.exception) == f"{option} {tmp_path / place}: cannot be written ({why})"
 
 
 @pytest.mark.parametrize("name", ["", *(name for name, _ in EVERY)])
 def test_the_help_shows_what_is_to_be_typed(name: str) -> None:
-    output = CliRunner().invoke(app, [*name.split(), "--help"]).output
+    output = invoke(name, "--help").output
     assert "Usage: " in output
     assert "<bool>" not in output
 
 
 def test_every_module_of_a_command_is_in_the_table() -> None:
-    modules = {path.stem for path in Path(commands.__path__[0]).glob("*.py")} - _HELPERS
+    folders = [Path(package.__path__[0]) for package in (commands, workshop_commands)]
+    modules = {path.stem for folder in folders for path in folder.glob("*.py")} - _HELPERS
     assert modules == {entry.target.partition(":")[0] for _, entry in ENTRIES}
 
 

@@ -69,13 +69,19 @@ run()
 """
 _RUN_EACH = """
 from pdgw.__main__ import run
+from pdgw.tools.cli import main
+from pdgw.workshop.__main__ import app
 for line in sys.stdin:
     sys.argv = ["pdgw", *line.rstrip("\\n").split("\\t")]
     print("\\0", end="")
     sys.stderr.write("\\0")
     status = 0
     try:
-        run()
+        if sys.argv[1] == "workshop":
+            del sys.argv[1]
+            main(app)
+        else:
+            run()
     except SystemExit as end:
         status = end.code or 0
     print(f"\\1{status}", end="")
@@ -135,8 +141,8 @@ def test_files_are_read_checked_and_decoded_and_what_does_not_work_says_so(
         ("sim", "bus", "--example"),
         ("gsdml", "write", "--out", str(tmp_path)),
         ("drives", "show", "epos4"),
-        ("conformance", "faults", "deaf"),
-        ("soak", "--hours", "0.001"),
+        ("workshop", "conformance", "faults", "deaf"),
+        ("workshop", "soak", "--hours", "0.001"),
         ("trace", "list"),
     )
     profinet = tmp_path / "profinet.toml"

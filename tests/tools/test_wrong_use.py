@@ -11,7 +11,7 @@ import pytest
 from pdgw.ds301.counters import Counters
 from pdgw.tools.cli import main
 from pdgw.tools.commands import run
-from tests.support.cli import pdgw
+from tests.support.cli import pdgw, workshop
 from tests.support.processes import free_udp_port
 
 
@@ -76,7 +76,6 @@ def test_an_unreachable_can_interface_ends_with_one_line_and_status_1(tmp_path: 
         (("run", "--simulate", "--log-file", "/nowhere/log"), "--log-file /nowhere/log: cannot be written"),
         (("run", "--simulate", "--can-log", "/nowhere/can.log"), "--can-log /nowhere/can.log: cannot be written"),
         (("status", "--port", "1"), "no gateway answers"),
-        (("soak", "--hours", "1", "--trace"), "--trace: only with --until"),
         (("sim", "plc"), "give either a scenario file or --interactive"),
         (("sim", "plc", "turn.yaml", "--interactive"), "give either a scenario file or --interactive"),
         (("sim", "plc", "turn.yaml", "--telegram", "9"), "--telegram: only with --interactive"),
@@ -163,7 +162,7 @@ def test_a_recording_that_cannot_be_finished_is_told_behind_the_results(option: 
 def test_a_picture_that_cannot_be_drawn_is_told_before_the_work(tmp_path: Path) -> None:
     (tmp_path / "full").symlink_to("/dev/full")  # without an ending: matplotlib would write full.png
     for name in ("nowhere/loop.png", "loop.rubbish", "full"):
-        result = pdgw("sim", "loop", "--plot", str(tmp_path / name))
+        result = workshop("loop", "--plot", str(tmp_path / name))
         assert result.returncode == 1
         assert "cannot be written" in result.stderr
 

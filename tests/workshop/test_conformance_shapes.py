@@ -1,4 +1,4 @@
-"""``python -m pdgw.workshop conformance shapes``: every field of the matrix as it must be, and the command that prints it."""
+"""``conformance shapes``: every field of the matrix as it must be, and the command that prints it."""
 
 from __future__ import annotations
 

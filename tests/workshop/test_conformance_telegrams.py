@@ -1,4 +1,4 @@
-"""``python -m pdgw.workshop conformance telegrams``: every case as it must be, and no bit of the positioner's control words forgotten."""
+"""``conformance telegrams``: every case as it must be, and no bit of the positioner's control words forgotten."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ import pytest
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.position_loop import PositionLoop
 from pdgw.workshop.loop_study import point
-from tests.support.cli import pdgw
+from tests.support.cli import workshop
 
 SLOW_MS, GAIN = 4.0, 100.0
 
@@ -51,7 +51,7 @@ def test_a_form_there_is_not_is_told() -> None:
 def test_the_command_prints_and_draws(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     picture = tmp_path / "loop.png"
-    result = pdgw("sim", "loop", "--cycle-ms", "4", "--gain", "20", "--plot", str(picture))
+    result = workshop("loop", "--cycle-ms", "4", "--gain", "20", "--plot", str(picture))
     assert result.returncode == 0
     assert "without DSC" in result.stdout
     assert picture.stat().st_size > 10_000

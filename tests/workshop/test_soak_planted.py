@@ -18,7 +18,7 @@ from pdgw.workshop.soak.words import Words
 FOUND_SOON = {
     "off-forgotten": "Enable Operation|started without OFF and ON",
 }
-"""What is found within seconds of virtual time, and by which rule; ``python -m pdgw.workshop soak --planted`` searches for all."""
+"""What is found within seconds of virtual time, and by which rule; ``soak --planted`` searches for all."""
 
 
 @pytest.mark.planted

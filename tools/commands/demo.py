@@ -82,7 +82,7 @@ def demo(
     if scenario is not None and len(chosen) > 1:
         raise GatewayError(f"--scenario: of one chapter, give --chapter too ({', '.join(CHAPTERS)})")
     if profinet and not namespaces.inside():
-        namespaces.enter()
+        namespaces.enter("pdgw")
     console = Console()
     end_as_by_ctrl_c()  # a stopped demo stops its processes
     try:

@@ -58,13 +58,13 @@ def _unshare() -> list[str]:
     return ["unshare", "--net"] if os.geteuid() == 0 else ["unshare", "--user", "--map-root-user", "--net"]
 
 
-def enter() -> NoReturn:
-    """Begin the present command anew in a namespace; GatewayError where that is not possible."""
+def enter(program: str) -> NoReturn:
+    """Begin the present command of ``python -m PROGRAM`` anew in a namespace; GatewayError where that is not possible."""
     why = missing()
     if why:
         raise GatewayError(f"a network of virtual interfaces is not possible: {why}")
     os.environ[_MARK] = "1"
-    os.execvp("unshare", [*_unshare(), sys.executable, "-m", "pdgw", *sys.argv[1:]])
+    os.execvp("unshare", [*_unshare(), sys.executable, "-m", program, *sys.argv[1:]])
 
 
 class VethPair:

@@ -1,6 +1,6 @@
 """The cyclic exchange while a stranger floods a port of the gateway, in turn with quiet phases of the same run.
 
-``python -m pdgw.workshop.bench.flood PORT KIND RATE`` is the stranger: it sends so many datagrams a second from a port of its own,
+``python -m pdgw.workshop.bench.flood PORT KIND RATE`` is the stranger: it sends so many datagrams a second from its own port,
 ``cyclic``: frames as the PLC's, ``acyclic``: calls that read a record; it prints how many left when its standard input ends.
 """
 

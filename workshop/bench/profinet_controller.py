@@ -1,4 +1,4 @@
-"""The controller of ``python -m pdgw.workshop bench profinet``: a process of its own that tells its phases and ends without a word.
+"""The controller of ``bench profinet``: a process of its own that tells its phases and ends without a word.
 
 Arguments: cycle in milliseconds, data hold times of the relationship that is measured and of the one that ends without a word,
 seconds of exchange, a real-time priority or nothing.

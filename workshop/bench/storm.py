@@ -1,7 +1,7 @@
 """The cyclic exchange under a storm of parameter requests, in turn with quiet phases of the same run.
 
-``python -m pdgw.workshop.bench.storm PORT AXES`` is the storm: one client for each axis, asking as fast as answers come; it prints
-the number of requests it got answered when its standard input ends.
+``python -m pdgw.workshop.bench.storm PORT AXES`` is the storm: one client for each axis, asking as fast as answers come; it
+prints the number of requests it got answered when its standard input ends.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The cyclic exchange while the page is looked at, and while its process is flooded and killed, in turn with quiet phases.
 
-``python -m pdgw.workshop.bench.watching look PORT`` is the viewers: twenty pages with a trend each, and a scrape of the metrics each
-second; it prints the number of messages they got when its standard input ends. ``... harm PORT PID`` floods the page with
+``python -m pdgw.workshop.bench.watching look PORT`` is the viewers: twenty pages with a trend each, and a scrape of the metrics
+each second; it prints the number of messages they got when its standard input ends. ``... harm PORT PID`` floods the page with
 requests, stops and continues its process, and kills it when the input ends; it prints the number of requests.
 """
 

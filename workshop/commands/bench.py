@@ -62,9 +62,7 @@ def bench(
 ) -> None:
     """Translation cost; the exchange of 1 to 64 axes against a UDP echo; a storm of parameter requests; an idle gateway."""
     if sys.platform != "linux":
-        raise GatewayError(
-            "python -m pdgw.workshop bench: runs on Linux only, whose /proc tells the CPU and memory of each process"
-        )
+        raise GatewayError("bench: runs on Linux only, whose /proc tells the CPU and memory of each process")
     if context.invoked_subcommand is not None:
         return
     with _progress() as status:
@@ -155,7 +153,7 @@ def over_profinet(
 ) -> None:
     """The PROFINET device at 1, 2, 4 and 32 ms over virtual Ethernet interfaces, against a process that only sends (Linux)."""
     if not namespaces.inside():
-        namespaces.enter()
+        namespaces.enter("pdgw.workshop")
     if realtime:
         use_real_time_priority()  # refused here, before anything is measured without it
     rows = []

@@ -45,7 +45,7 @@ def soak(
 ) -> None:
     """Run a day of random PLC words and faults in virtual time; exit status 1 if what must never happen did.
 
-    The same seed is the same day. After a failure: `python -m pdgw.workshop soak --seed N --until SECOND --trace` shows the moment.
+    The same seed is the same day. After a failure, `soak --seed N --until SECOND --trace` shows the moment.
     """
     numbers = _numbers(telegrams)
     if trace and until is None:

@@ -1,4 +1,4 @@
-"""The whole matrix of ``python -m pdgw.workshop conformance faults``: every fault a simulated device can be given, against the gateway.
+"""The whole matrix of ``conformance faults``: every fault a simulated device can be given, against the gateway.
 
 Source: docs/translation.md "Loss and doubt". ``run_case`` runs one case in a world of its own, in virtual time.
 """

@@ -1,4 +1,4 @@
-"""``python -m pdgw.workshop conformance shapes``: drives of every shape with telegrams 1, 3, 9 and 100, through the whole gateway in virtual time.
+"""``conformance shapes``: drives of every shape with telegrams 1, 3, 9 and 100, through the whole gateway in virtual time.
 
 Each either moves as it is told - a quarter of the rated speed, or ten revolutions - or is refused with the reason named here.
 """

@@ -1,4 +1,4 @@
-"""``python -m pdgw.workshop conformance telegrams``: bits of the motion telegrams, asked for one by one through the whole gateway in virtual time.
+"""``conformance telegrams``: bits of the motion telegrams, asked for one by one through the whole gateway in virtual time.
 
 Each case plays steps of a PLC scenario against a gateway with a simulated drive, and says which bit of which word it is about,
 what was done, and what was seen on both sides. Source: docs/motion.md. Bits that several telegrams have are in ``shared``.

@@ -43,7 +43,7 @@ from pdgw.workshop.conformance.faults import CASES, Case, Device
 from pdgw.workshop.documents.markdown import table
 from pdgw.workshop.documents.simulator_words import generate_words
 
-_DOCS = Path(__file__).parent.parent / "docs"
+_DOCS = Path(__file__).parents[2] / "docs"
 PATH = _DOCS / "tables.md"
 MISBEHAVIOUR_PATH = _DOCS / "misbehaviour.md"
 POWER_PATH = _DOCS / "power-table.md"
@@ -476,11 +476,12 @@ Each simulated device can be given faults by name, with parameters (integers), f
 
 Each simulated drive has a latency of 0 to 100 ms in each direction, which is no fault. `command_latency_ms` of a `[[device]]` is
 the time from the reception of an RPDO until its values apply, `status_latency_ms` the time from a change of the drive until the
-Statusword shows it. Positions and speeds are up to date. `python -m pdgw.workshop conformance shapes --seed N` and `python -m pdgw.workshop soak` draw both.
+Statusword shows it. Positions and speeds are up to date. `python -m pdgw.workshop conformance shapes --seed N` and
+`python -m pdgw.workshop soak` draw both.
 
-`python -m pdgw.workshop conformance faults` gives a simulated drive and a simulated encoder every one of them and prints what the gateway does; the
-last columns are what it must do. In each case no drive starts again before the PLC has given a new OFF and ON, and no position
-is shown as good that is older than the time-outs allow. Fault numbers: docs/tables.md.
+`python -m pdgw.workshop conformance faults` gives a simulated drive and a simulated encoder every one of them and prints what the
+gateway does; the last columns are what it must do. In each case no drive starts again before the PLC has given a new OFF and
+ON, and no position is shown as good that is older than the time-outs allow. Fault numbers: docs/tables.md.
 """
 
 

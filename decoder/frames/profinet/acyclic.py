@@ -1,8 +1,8 @@
 """Acyclic PROFINET: DCE/RPC packets, record access, parameter requests and responses paired with each other.
 
 Source: docs/transport.md section 3, docs/parameter-channel.md; the codecs are ``profinet.rpc`` and
-``profidrive.parameters.codec``. Connect, Control and Release are read by ``decoder.frames.profinet.calls``. Left out: the entries of the
-endpoint mapper, which is named only.
+``profidrive.parameters.codec``. Connect, Control and Release are read by ``decoder.frames.profinet.calls``. Left out:
+the entries of the endpoint mapper, which is named only.
 """
 
 from __future__ import annotations

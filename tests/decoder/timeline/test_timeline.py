@@ -1,6 +1,6 @@
 """The timeline of small recordings: causes, latencies, and the reviewed one.
 
-``python -m tests.decoder.timeline.test_timeline`` writes the golden file anew; the difference is to be read before it is committed.
+``python -m tests.decoder.timeline.test_timeline`` writes the golden file anew. Read the difference before you commit it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from tests.decoder.replay.test_replay import RIGS, speed
 from tests.support.recorded import CYCLE_NS, RecordedRig
 from tests.support.timeline import Timeline, edges, timeline
 
-GOLDEN = Path(__file__).parent / "golden" / "timeline.txt"
+GOLDEN = Path(__file__).parents[1] / "golden" / "timeline.txt"
 
 
 # -- causes and latencies ---------------------------------------------------------------------------------------------
