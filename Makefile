@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web client recording peers tools workshop
 
-.PHONY: demo demo-profinet test test-paused tour test-can lint format bench measured fuzz limit-cycles soak docs screenshots site compiled test-compiled bench-compiled clean
+.PHONY: demo demo-profinet test test-paused tour test-can lint format bench measured fuzz limit-cycles soak docs screenshots site compiled test-compiled bench-compiled release clean
 
 demo: $(STAMP)
 	$(BIN)/pdgw demo
@@ -124,6 +124,11 @@ $(STAMP): pyproject.toml constraints.txt
 	@mkdir -p $(VENV)/rooms/pdgw
 	@ln -sfn $(addprefix $(CURDIR)/,$(ROOMS)) $(CURDIR)/pdgw/*.py $(CURDIR)/pdgw/py.typed $(VENV)/rooms/pdgw
 	@touch $@
+
+# Source distribution, wheel, bill of materials and checksums of the last commit, built twice and compared.
+release: $(STAMP)
+	rm -rf build/release
+	$(BIN)/python -m pdgw.workshop.release build/release
 
 clean:
 	rm -rf $(VENV) .can-vm demo-out build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

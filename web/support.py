@@ -21,7 +21,7 @@ from pdgw.web.watch import Watch
 
 VENDORED = Path(__file__).parent / "static" / "vendor" / "vendored.json"
 _CAPTURE_S = 30
-_PACKAGE = "profidrive-gateway"
+PACKAGE = "profidrive-gateway"
 _SECRET = re.compile(r'^(\s*"?[\w-]*(?:pass|secret|token|key|user)[\w-]*"?\s*=\s*).*$', re.IGNORECASE | re.MULTILINE)
 """Keys of a python-can interface or of ours that may hold, or lead to, something nobody else has to see."""
 
@@ -34,11 +34,11 @@ def public_config(config: GatewayConfig) -> str:
 @lru_cache(maxsize=1)
 def licences() -> list[dict[str, str]]:
     """Every package this one may use, and the files of others that the page consists of."""
-    found = {_PACKAGE: _licence(_PACKAGE)}
-    for requirement in requires(_PACKAGE) or ():
+    found = {PACKAGE: licence(PACKAGE)}
+    for requirement in requires(PACKAGE) or ():
         name = re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
         if name not in found:
-            found[name] = _licence(name)
+            found[name] = licence(name)
     listed = [{"name": name, **known} for name, known in found.items() if known]
     vendored = json.loads(VENDORED.read_text(encoding="utf-8"))
     return listed + [
@@ -46,15 +46,15 @@ def licences() -> list[dict[str, str]]:
     ]
 
 
-def _licence(name: str) -> dict[str, str]:
+def licence(name: str) -> dict[str, str]:
+    """Version and licence of an installed package; empty for one that is not installed."""
     try:
         said = metadata(name)
     except PackageNotFoundError:
         return {}  # of an extra that is not installed
     listed = [text.rpartition(" :: ")[2] for text in said.get_all("Classifier") or () if text.startswith("License")]
     given = next((str(said[key]).partition("\n")[0] for key in ("License-Expression", "License") if key in said), "")
-    licence = given or ", ".join(listed)
-    return {"version": said["Version"], "licence": licence or "see its files"}
+    return {"version": said["Version"], "licence": given or ", ".join(listed) or "see its files"}
 
 
 def about_document(config: GatewayConfig) -> dict[str, Any]:
