@@ -27,7 +27,7 @@ def test_a_drive_turns_and_stops_when_the_plc_falls_silent() -> None:
     config = pdgw.parse_config(CONFIG)
     world = pdgw.World(seed=1)
     world.simulate(config)
-    gateway = pdgw.Daemon(config, world)
+    gateway = pdgw.build_gateway(config, world)
     gateway.start()
 
     plc = PlcEndpoint([pdgw.telegram(1)], CYCLE_NS)

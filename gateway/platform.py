@@ -53,6 +53,9 @@ class DatagramPort(Protocol):
 class Edge(Protocol):
     """Where clock, buses and ports come from."""
 
+    has_services: bool
+    """Whether it has a status port, a flight recorder, SNMP and a service manager: a simulated world has none of them."""
+
     @property
     def loop(self) -> Loop:
         """Everything of the gateway runs on it."""
@@ -71,6 +74,8 @@ def open_configured_bus(config: CanConfig) -> can.BusABC:
 
 class SystemEdge:
     """The machine: monotonic clock, python-can interfaces, sockets."""
+
+    has_services = True
 
     def __init__(self) -> None:
         self.loop = SystemLoop()

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from pdgw.decoder.frames.recognise import recognise
     from pdgw.ds301.eds_import import import_eds
     from pdgw.ds301.errors import CanopenError
+    from pdgw.gateway.assembly import build_gateway
     from pdgw.gateway.configuration.file import load_config, parse_config
     from pdgw.gateway.daemon import Daemon
     from pdgw.gateway.errors import GatewayError
@@ -31,6 +32,7 @@ __all__ = [
     "ProfidriveError",
     "World",
     "__version__",
+    "build_gateway",
     "import_eds",
     "load_config",
     "parse_config",
@@ -47,6 +49,7 @@ _ROOMS = {
     "GatewayError": "gateway.errors",
     "ProfidriveError": "profidrive.errors",
     "World": "peers.world",
+    "build_gateway": "gateway.assembly",
     "import_eds": "ds301.eds_import",
     "load_config": "gateway.configuration.file",
     "parse_config": "gateway.configuration.file",

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pdgw.durations import MS, SECOND
+from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.example import SIMULATED_WATCHDOG_FACTOR
-from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
@@ -87,7 +87,7 @@ class _Life:
         self.world = World()
         self.world.simulate(config)
         self.loop = self.world.loop
-        self.daemon = Daemon(config, self.world)
+        self.daemon = build_gateway(config, self.world)
         port = self.world.network.open("plc", 0, "PLC")
         self.plc = CyclingPlc(self.loop, port, self.daemon.address, [telegram(_NUMBER)], self.daemon.cycle_ns)
         drive = self.world.simulations[config.can[0].name].device(1)

@@ -22,6 +22,8 @@ from pdgw.peers.world.udp import SimulatedNetwork, SimulatedUdpPort
 class World:
     """``seed`` decides everything that is left to chance; ``begin``: the time in it, nanoseconds."""
 
+    has_services = False
+
     def __init__(self, seed: int | str = 0, begin: int = SECOND) -> None:
         self.seed = seed
         self.loop = VirtualLoop(begin)

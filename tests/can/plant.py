@@ -7,8 +7,8 @@ from typing import TypeVar
 
 from pdgw.ds301.bus import open_bus
 from pdgw.durations import MS, SECOND
+from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.links.udp import UdpSocket
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import ENGEL, Shape, SimulatedDrive
@@ -45,7 +45,7 @@ class Plant:
             f"cyclic_port = 0\nacyclic_port = 0\nstatus_port = 0\ncycle_time_ms = {CYCLE_MS}\nwatchdog_factor = 100\n"
         )
         self.config = parse_config("\n".join((*tables, f"[transport]\n{transport}")))
-        self.daemon = Daemon(self.config, UnhurriedEdge())
+        self.daemon = build_gateway(self.config, UnhurriedEdge())
         self.loop = self.daemon.loop
         self.plc = PlcEndpoint([telegram(1)] * len(self.config.axis), CYCLE_MS * MS)
         self._port = UdpSocket(self.loop, "127.0.0.1", 0, "PLC")

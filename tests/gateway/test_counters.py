@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from pdgw.ds301.counters import Counters
-from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.parameters.acyclic import AcyclicServer
+from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.service.status import snapshot
 from tests.support.daemon import axis, configuration
 
@@ -28,8 +27,7 @@ def test_a_counter_reads_what_its_part_counts_now() -> None:
 
 
 def test_status_lists_every_counter_with_unit_and_meaning() -> None:
-    daemon = Daemon(configuration(axis(1, more="")))
-    AcyclicServer(daemon)
+    daemon = build_gateway(configuration(axis(1, more="")))
     try:
         listed = snapshot(daemon)["counters"]
     finally:

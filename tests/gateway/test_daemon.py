@@ -14,6 +14,7 @@ from pdgw.ds301.loop import SystemLoop
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
+from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
 from pdgw.gateway.configuration.example import simulated
 from pdgw.gateway.daemon import Daemon
@@ -232,7 +233,7 @@ def test_a_service_that_cannot_start_ends_the_daemon_and_gives_everything_back()
             """Releases what it opened when it was made."""
 
     world = World()
-    daemon = Daemon(configuration(axis(1)), world)
+    daemon = build_gateway(configuration(axis(1)), world)
     daemon.services.append(Broken())
     with pytest.raises(GatewayError, match="port in use"):
         daemon.run()
@@ -251,7 +252,7 @@ def test_a_service_that_cannot_be_stopped_keeps_no_drive_in_operation() -> None:
 
     world, config = World(), configuration(axis(1))
     world.simulate(config)
-    daemon = Daemon(config, world)
+    daemon = build_gateway(config, world)
     daemon.services.append(Stuck())
     daemon.start()
     until(daemon, lambda: daemon.axes[0].good, "online")
@@ -290,7 +291,7 @@ def test_what_was_opened_is_closed_when_a_bus_is_missing() -> None:
     config = configuration(axis(1, more=""), can='[can]\ninterface = "socketcan"\nchannel = "nocan9"\n')
     config = config.model_copy(update={"transport": config.transport.model_copy(update={"cyclic_port": port})})
     with pytest.raises(CanopenError, match="nocan9"):
-        Daemon(config)
+        build_gateway(config)
     UdpSocket(loop, "127.0.0.1", port, "test").close()
     loop.close()
 
@@ -298,7 +299,7 @@ def test_what_was_opened_is_closed_when_a_bus_is_missing() -> None:
 def test_status_port_in_use_is_named() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        daemon = Daemon(machine.configuration())
+        daemon = build_gateway(machine.configuration())
         try:
             with pytest.raises(GatewayError, match=f"status port: 127.0.0.1 port {port} cannot be used"):
                 StatusServer(daemon, port)

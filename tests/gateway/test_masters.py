@@ -8,6 +8,7 @@ from pdgw.ds301.connection_set import ERROR_CONTROL
 from pdgw.ds301.node import GATEWAY_NODE_ID
 from pdgw.dsp402.states import State
 from pdgw.durations import SECOND
+from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import FaultNumber
@@ -21,7 +22,7 @@ CHANNEL = "world"
 def gateway() -> tuple[World, Daemon]:
     world, config = World(), configuration(axis(1))
     world.simulate(config)
-    return world, Daemon(config, world)
+    return world, build_gateway(config, world)
 
 
 @pytest.mark.parametrize(

@@ -16,11 +16,9 @@ from pdgw.client.address import Target, parse_target
 from pdgw.client.session import Element
 from pdgw.client.udp import ParameterClient
 from pdgw.durations import MS
-from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.links.sequence import SEQUENCE_FRAMES
-from pdgw.gateway.parameters.acyclic import AcyclicServer
 from pdgw.peers.controller.plc import ProfinetPlc
 from pdgw.peers.plc.capture import Capture
 from pdgw.peers.plc.client import PlcClient
@@ -35,6 +33,7 @@ from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import RtFrame
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Direction, Telegram, telegram
+from tests.support.daemon import record_server
 from tests.support.machine import configuration, running
 from tests.support.strategies import axes_values
 
@@ -355,12 +354,6 @@ def test_a_capture_on_a_full_disk_is_one_error_at_its_end() -> None:
 
 @pytest.mark.e2e
 def test_a_plc_reads_and_writes_parameters_beside_its_cyclic_exchange_and_captures_both(tmp_path: Path) -> None:
-    servers: list[AcyclicServer] = []
-
-    def before(daemon: Daemon) -> None:
-        servers.append(AcyclicServer(daemon))
-        daemon.services.append(servers[0])
-
     steps = [
         {"expect": {"ZSW1.CONTROL_REQUESTED": 1}},
         {"read": {"P965": 0x0329, "1018h.1": "> 0"}},
@@ -368,10 +361,12 @@ def test_a_plc_reads_and_writes_parameters_beside_its_cyclic_exchange_and_captur
         {"read": {"6083h": 250, "6084h": 249}},
         {"write": {"6040h": 0, "60FFh": 0}, "refused": 0x0B},
     ]
-    with running(configuration(), before) as daemon:
+    with running(configuration()) as daemon:
         endpoint = PlcEndpoint([telegram(1)], daemon.cycle_ns)
         engine = Engine(Scenario.model_validate({"within": "120 s", "steps": steps}), endpoint)
-        client = PlcClient(daemon.address, endpoint, daemon.cycle_ns, tmp_path / "plc.pcap", servers[0].address[1])
+        client = PlcClient(
+            daemon.address, endpoint, daemon.cycle_ns, tmp_path / "plc.pcap", record_server(daemon).address[1]
+        )
         try:
             client.run(engine)
         finally:

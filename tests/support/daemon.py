@@ -10,6 +10,7 @@ from unittest.mock import patch
 from pdgw.client import udp as client_module
 from pdgw.client.udp import ParameterClient
 from pdgw.durations import SECOND
+from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.configuration.positioner import SIMULATED
@@ -38,7 +39,8 @@ def configuration(axes: str, *, can: str = "", transport: str = "") -> GatewayCo
         transport = f"watchdog_factor = 75\n{transport}"
     can = can or '[can]\ninterface = "virtual"\nchannel = "world"\n'
     head = f"{can}[transport]\ncyclic_port = 0\nacyclic_port = 0\nstatus_port = 0\n{transport}\n"
-    return parse_config(head + axes)
+    trace = "" if "[trace]" in can + transport + axes else "[trace]\nenabled = false\n"
+    return parse_config(head + axes + trace)
 
 
 def axis(number: int, *, telegram_number: int = 1, more: str = "simulate = true") -> str:
@@ -120,7 +122,7 @@ class Plc:
 def running(config: GatewayConfig, before: Callable[[Daemon], None] | None = None, seed: int = 0) -> Iterator[Daemon]:
     world = World(seed)
     world.simulate(config)
-    daemon = Daemon(config, world)
+    daemon = build_gateway(config, world)
     if before is not None:
         before(daemon)
     daemon.start()
@@ -138,6 +140,11 @@ def client(daemon: Daemon, address: tuple[str, int], do_id: int, **options: obje
     return ParameterClient(address, do_id, channel=WorldChannel(world_of(daemon), address), **options)  # type: ignore[arg-type]
 
 
+def record_server(daemon: Daemon) -> AcyclicServer:
+    """What serves the parameter channel of a daemon on UDP."""
+    return next(item for item in daemon.services if isinstance(item, AcyclicServer))
+
+
 @contextmanager
 def serving(
     config: GatewayConfig, do_id: int | None = None, connect: Callable[[Daemon], object] | None = None
@@ -146,18 +153,12 @@ def serving(
 
     ``connect`` puts devices on the buses that the configuration does not simulate.
     """
-    servers: list[AcyclicServer] = []
-
-    def before(daemon: Daemon) -> None:
-        servers.append(AcyclicServer(daemon))
-        daemon.services.append(servers[0])
-
-    with running(config, before) as daemon:
+    with running(config) as daemon:
         if connect is not None:
             connect(daemon)
         until(daemon, lambda: all(node.generation for node in daemon.clients), "nodes online")
         first = daemon.objects[0].do_id if do_id is None else do_id
-        with client(daemon, servers[0].address, first) as made:
+        with client(daemon, record_server(daemon).address, first) as made:
             yield daemon, made
 
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
+from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.axis.telegrams import DSC_TELEGRAM_NUMBERS, POSITIONER_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.daemon import Daemon
 from pdgw.peers.drive import Latency, SimulatedDrive
 from pdgw.peers.plc.cycling import CyclingPlc
 from pdgw.peers.world import World
@@ -92,7 +92,7 @@ class Site:
         self.world = World(0)
         self.loop = self.world.loop
         self.world.simulate(config)
-        self.daemon = Daemon(config, self.world)
+        self.daemon = build_gateway(config, self.world)
         drive = self.world.simulations["can"].device(1)
         assert isinstance(drive, SimulatedDrive)
         self.drive = drive

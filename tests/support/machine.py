@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.platform import open_configured_bus
@@ -64,7 +65,7 @@ def running(config: GatewayConfig, before: Callable[[Daemon], None] | None = Non
             add_device(simulation, device, open_configured_bus(bus))
         simulation.start()
         simulations.append(simulation)
-    daemon = Daemon(config)
+    daemon = build_gateway(config)
     if before is not None:
         before(daemon)
     thread = threading.Thread(target=daemon.run)

@@ -8,12 +8,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from pdgw.durations import MS, SECOND
+from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.links.profinet.link import ProfinetLink
 from pdgw.gateway.links.udp import Address
-from pdgw.gateway.parameters.acyclic import record_service
 from pdgw.peers.controller.controller import IoController, Phase
 from pdgw.peers.controller.project import Project
 from pdgw.peers.world import World
@@ -148,8 +148,7 @@ def plant(config: GatewayConfig, *, data_hold: int = 100) -> Iterator[Plant]:
     world = World()
     world.simulate(config)
     port = FakeEthernet(world.loop)
-    daemon = Daemon(config, world, port)
-    daemon.services.append(record_service(daemon))
+    daemon = build_gateway(config, world, port)
     made = Plant(daemon, port, world, data_hold=data_hold)
     daemon.start()
     try:

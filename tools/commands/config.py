@@ -98,12 +98,12 @@ def _tell_bus(config: GatewayConfig, bus: CanConfig, plans: Mapping[int, PdoPlan
 
 def _start(config: GatewayConfig) -> None:
     """Whatever else the gateway refuses at its start: it is made in a world of its own; no interface, port or file is touched."""
-    from pdgw.gateway.daemon import Daemon  # noqa: PLC0415 - slow to load, and a file that is wrong needs it not
+    from pdgw.gateway.assembly import build_gateway  # noqa: PLC0415 - slow to load, and a file that is wrong needs it not
     from pdgw.peers.world import World  # noqa: PLC0415
 
     # A PROFINET link is made of a real interface only.
     transport = config.transport if config.transport.type == "udp" else TransportConfig()
-    Daemon(config.model_copy(update={"transport": transport, "store": None}), World()).release()
+    build_gateway(config.model_copy(update={"transport": transport, "store": None}), World()).release()
 
 
 def _tell_not_available(axis: AxisConfig, settings: AxisSettings) -> None:

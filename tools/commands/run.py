@@ -18,18 +18,13 @@ from pydantic import ValidationError
 
 from pdgw import __version__
 from pdgw.explain import Problem, problems
+from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.configuration.example import SIMULATED_ENCODER_TELEGRAM, simulated
 from pdgw.gateway.configuration.file import load_config
-from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.parameters.acyclic import record_service
 from pdgw.gateway.service import realtime
-from pdgw.gateway.service.service_manager import ServiceManager
-from pdgw.gateway.service.status import StatusServer
-from pdgw.gateway.trace.place import prepared, run_directory
-from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.tools.commands.simulation_options import only_with, telegrams_of_axes
 from pdgw.tools.service.child_processes import devices_beside, keeper_beside, page_beside
 from pdgw.tools.service.log_format import LogFormat
@@ -65,22 +60,6 @@ def _told(problem: Problem) -> str:
 
 def _calls(action: Callable[[], None]) -> Callable[[int, FrameType | None], None]:
     return lambda *_: action()
-
-
-def _record_flight(daemon: Daemon, name: str, keep: Callable[[Path], None]) -> None:
-    """The flight recorder; without the room for it the gateway runs all the same."""
-    trace = daemon.config.trace
-    directory = trace.directory or run_directory()
-    if not trace.enabled or directory is None:
-        return
-    try:
-        recorder = FlightRecorder(daemon, prepared(directory), name)
-    except GatewayError as error:
-        log.warning("%s; goes on without", error)
-        return
-    daemon.services.append(recorder)
-    if recorder.path is not None:
-        keep(recorder.path)
 
 
 def run(
@@ -176,7 +155,7 @@ def run(
                 ethernet = RecordedEthernet(edge.loop, chosen.transport.interface or "", recording)
                 at_end.callback(ethernet.close)
         chosen = at_end.enter_context(devices_beside(chosen))
-        daemon = Daemon(chosen, edge, ethernet)
+        daemon = build_gateway(chosen, edge, ethernet, name="simulated" if config is None else config.stem)
         at_end.callback(daemon.release)
         run_log.count_in(daemon.loop.counters)
         if recorder is not None:
@@ -187,20 +166,10 @@ def run(
             recording.writer.count_in(daemon.loop.counters, "record")
             for bus in chosen.can:
                 daemon.networks[bus.name].listeners.append(partial(recording.frame, _log_name(bus)))
-        daemon.services.append(record_service(daemon))
-        if chosen.transport.snmp_community is not None:
-            from pdgw.gateway.links.profinet.snmp import SnmpService, open_port  # noqa: PLC0415 (few gateways have it)
-
-            daemon.services.append(SnmpService(daemon, open_port(chosen.transport.interface or "")))
-        _record_flight(daemon, "simulated" if config is None else config.stem, keep)
-        if chosen.transport.status_port:
-            daemon.services.append(StatusServer(daemon, chosen.transport.status_port))
+        if daemon.recorder is not None and daemon.recorder.path is not None:
+            keep(daemon.recorder.path)
         if web:
             at_end.enter_context(page_beside(chosen))
-        manager = ServiceManager.of_this_process()
-        manager.count_in(daemon.loop.counters)
-        daemon.watch.listeners.append(manager)
-        daemon.services.append(manager)
         for name, action in on_signals(daemon.stop, run_log).items():
             if hasattr(signal, name):  # Windows has few of them
                 signal.signal(getattr(signal, name), _calls(action))

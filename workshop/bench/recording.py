@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pdgw.durations import MS
+from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.example import simulated
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.trace.recorder import FlightRecorder
@@ -39,7 +40,7 @@ def run() -> RecordingCost:
 
 def _cost(axes: int) -> tuple[float, float, float]:
     with tempfile.TemporaryDirectory(prefix="pdgw-") as directory:
-        daemon = Daemon(simulated([1] * axes), World(0))
+        daemon = build_gateway(simulated([1] * axes), World(0))
         try:
             times = nanoseconds_per_call(_cycles(daemon))
             recorder = FlightRecorder(daemon, Path(directory), "bench")

@@ -19,8 +19,8 @@ from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.settings import DriveSettings
 from pdgw.dsp402.states import Command, State
 from pdgw.durations import MS, SECOND
+from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.udp import Address
 from pdgw.peers.drive import SimulatedDrive
@@ -103,7 +103,7 @@ class Site:
         self.chance = Random(seed)
         config = parse_config(CONFIGURATION)
         self.world.simulate(config)
-        self.daemon = Daemon(config, self.world)
+        self.daemon = build_gateway(config, self.world)
         self.loop = self.world.loop
         self.frames: list[tuple[int, int, bytes]] = []
         """Time, identifier and data of every frame the gateway brought onto the bus."""

@@ -12,8 +12,8 @@ from pdgw.ds301.node import NodeStatus
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State
 from pdgw.durations import MS, SECOND
+from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.drive import SHAPES, Latency, SimulatedDrive, shape
 from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
@@ -101,7 +101,7 @@ class _Site:
         self.world = World(seed)
         self.latency = Latency.draw(self.world.chance(f"{name} {number}"))
         self.loop = self.world.loop
-        self.daemon = Daemon(parse_config(_CONFIG.format(number=number)), self.world)
+        self.daemon = build_gateway(parse_config(_CONFIG.format(number=number)), self.world)
         self.drive: SimulatedDrive = self.world.drive("world", 1, shape=shape(name), latency=self.latency)
         self.axis = self.daemon.axes[0]
         self.raw = telegram(number).setpoints.mode is ApplicationMode.TRANSPARENT

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pdgw.durations import SECOND
+from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.example import simulated
 from pdgw.gateway.daemon import Daemon
 from pdgw.peers.drive import SimulatedDrive
@@ -289,7 +290,7 @@ def _gateway(number: int) -> Iterator[tuple[_Plc, SimulatedDrive]]:
     config = simulated([number])
     world = World(0)
     world.simulate(config)
-    daemon = Daemon(config, world)
+    daemon = build_gateway(config, world)
     daemon.start()
     try:
         drive = world.simulations[config.can[0].name].device(1)

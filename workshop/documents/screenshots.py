@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from pdgw.durations import SECOND
+from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status import fault_status, snapshot
 from pdgw.gateway.trace.recorder import FlightRecorder
@@ -71,7 +71,7 @@ class Story:
     def __init__(self, config: GatewayConfig, directory: Path) -> None:
         self._world = World(0)
         self._world.simulate(config)
-        self._daemon = Daemon(config, self._world)
+        self._daemon = build_gateway(config, self._world)
         self._daemon.services.append(FlightRecorder(self._daemon, directory, "pictures"))
         self._plc = PlcEndpoint([telegram(number) for number in _TELEGRAMS], self._daemon.cycle_ns)
         self._port = self._world.network.open("plc", 0, "PLC")

@@ -14,10 +14,10 @@ from pdgw.ds301.node import NodeStatus
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
+from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.axis.telegrams import TASK_TELEGRAM_NUMBERS
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.links.udp import Address
-from pdgw.gateway.parameters.acyclic import AcyclicServer
 from pdgw.peers.drive import LINEAR_AXIS, ROTARY_AXIS, shape
 from pdgw.peers.node.faults import WrongIdentity
 from pdgw.peers.plc.cycling import CyclingPlc
@@ -93,8 +93,7 @@ class Life:
         self.trace.note(f"cycle {self.plan.cycle_ms} ms; " + "; ".join(map(str, self.plan.axes)))
 
     def _gateway(self) -> Daemon:
-        daemon = Daemon(self._config, self.world)
-        daemon.services.append(AcyclicServer(daemon))
+        daemon = build_gateway(self._config, self.world)
         self._origin = self.loop.now()
         return daemon
 

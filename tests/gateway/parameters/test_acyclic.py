@@ -7,12 +7,10 @@ from itertools import pairwise
 from uuid import UUID
 
 from pdgw.durations import MS
-from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.links.udp import Address
-from pdgw.gateway.parameters.acyclic import AcyclicServer
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.client import RecordCaller
-from tests.support.daemon import axis, configuration, running, world_of
+from tests.support.daemon import axis, configuration, record_server, running, world_of
 
 FLOOD = 200
 AT_ONCE = 16
@@ -20,14 +18,8 @@ AT_ONCE = 16
 
 
 def test_a_flooded_record_port_takes_few_datagrams_and_serves_one_a_slice() -> None:
-    servers: list[AcyclicServer] = []
-
-    def before(daemon: Daemon) -> None:
-        servers.append(AcyclicServer(daemon))
-        daemon.services.append(servers[0])
-
-    with running(configuration(axis(1)), before) as daemon:
-        server, loop, network = servers[0], daemon.loop, world_of(daemon).network
+    with running(configuration(axis(1))) as daemon:
+        server, loop, network = record_server(daemon), daemon.loop, world_of(daemon).network
         served: list[int] = []
         taken, slices, most = 0, 0, 0
         take: Callable[[], tuple[bytes, Address] | None] = server.port.receive
