@@ -10,11 +10,11 @@ from typing import Annotated, NoReturn
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.errors import GatewayError
+from pdgw.workshop.markdown import table
 from pdgw.workshop.soak.life import Life
 from pdgw.workshop.soak.plan import Part, parts
 from pdgw.workshop.soak.planted import DEFECTS, search
@@ -52,7 +52,7 @@ def soak(
         raise GatewayError("--trace: only with --until: what happened before a moment of the day")
     console = Console()
     if planted:
-        _search(console, seed, axes)
+        _search(seed, axes)
     elif until is not None:
         _play_until(console, seed, int(until * SECOND), axes, numbers, frames=trace)
     else:
@@ -94,16 +94,15 @@ def _play(console: Console, seed: int, end: int, axes: int, numbers: Sequence[in
     )
 
 
-def _search(console: Console, seed: int, axes: int) -> None:
-    """The table of planted defects; exit status 1 when one is not found."""
-    table = Table("defect", "what is broken", "found after", "by")
+def _search(seed: int, axes: int) -> None:
+    """Print the table of planted defects; exit status 1 when one is not found."""
+    typer.echo(table(("what is broken", "found after (virtual time)", "by"), ()), nl=False)
     missed = 0
     for name, defect in DEFECTS.items():
         found = search(name, seed, axes)
         missed += found.time_ns is None
-        after = "[red]not found[/red]" if found.time_ns is None else f"{found.time_ns / SECOND:.0f} s"
-        table.add_row(name, defect.text, after, found.message)
-    console.print(table)
+        after = "not found" if found.time_ns is None else f"{found.time_ns / SECOND:.0f} s"
+        typer.echo(f"| {defect.text} | {after} | {found.message} |")
     if missed:
         raise typer.Exit(1)
 

@@ -53,6 +53,8 @@ _SHORTEST_NS, _LONGEST_NS = 2 * MS, 3 * SECOND
 _CHAOS_S: Final = (5, 30)
 _TIMERS_MAX: Final = 2000
 _RUNNING_STATE: Final = 0x4F
+_IDENTITY: Final = f"drive: {WrongIdentity.name}"
+"""Without a data sheet a gateway takes the identity that it finds first for the right one."""
 _PLAIN: Final = Conditions()
 _CHANGES: Final = 0.3
 """Share of the calms in which a telegram is changed."""
@@ -69,7 +71,8 @@ class Life:
         self.calm = True
         self.plan: Plan = part.plan
         self._config = self.plan.configuration(CHANNEL, PLC_HOST, ENGINEER_HOST)
-        self._keep_telegrams = keep_telegrams
+        self._may_change_telegrams = not keep_telegrams
+        """A gateway that was started again does not know the ramps that the drive had before the telegram of now."""
         self.daemon = self._gateway()
         self._cycle_ns = self.daemon.cycle_ns
         self._watchdog_ns = self._cycle_ns * self._config.transport.watchdog_factor
@@ -158,7 +161,7 @@ class Life:
             while True:
                 self._all_back()
                 self._follow(chance)
-                if not self._keep_telegrams and chance.random() < _CHANGES:
+                if self._may_change_telegrams and chance.random() < _CHANGES:
                     self._change_telegram(chance)
                     self._all_back()
                 self.calm = False
@@ -191,7 +194,10 @@ class Life:
 
     def _follow(self, chance: Random) -> None:
         """In calm, the shaft turns with the speed that is asked, and the PLC is shown that it does."""
-        turning = [axis for axis in self.axes if axis.words.set_speed(chance.uniform(-0.8, 0.8))]
+        turning = [axis for axis in self.axes if axis.words.set_speed(0.0)]
+        self._wait()  # an axis that stands at a limit needs the setpoint 0
+        for axis in turning:
+            axis.words.set_speed(math.copysign(chance.uniform(0.02, 0.8), -axis.drive.model.machine_position))
         deadline = self.loop.now() + _FOLLOW_NS
         again = True
         while turning := [axis for axis in turning if not self._follows(axis)]:
@@ -248,6 +254,10 @@ class Life:
         """Every axis a word, and time to obey."""
         for axis in self.axes:
             axis.words.set_word(word(axis))
+        self._wait()
+
+    def _wait(self) -> None:
+        """The time that every axis has to obey."""
         self.loop.sleep(_OBEY_NS + 2 * max(axis.late_ns for axis in self.axes) + 4 * self._cycle_ns)
 
     def _shown(self, axis: SoakAxis) -> int | None:
@@ -287,8 +297,8 @@ class Life:
         """A gateway that ended, as with another master on its bus, is started again."""
         if self.daemon.stopped.is_set():
             self.trace.note(f"gateway ended ({self.daemon.failure}) and starts again")
-            # Without a data sheet a gateway takes the identity that it finds first for the right one.
-            self._end(f"drive: {WrongIdentity.name}")
+            self._end(_IDENTITY)
+            self._may_change_telegrams = False
             for axis in self.axes:
                 axis.restarted()
             for told in self.told:
@@ -342,7 +352,8 @@ class Life:
             (trouble,) = chance.choices(TROUBLES, [item.weight for item in TROUBLES])
             axis = chance.choice(self.axes)
             duration = int(math.exp(chance.uniform(math.log(_SHORTEST_NS), math.log(_LONGEST_NS))))
-            if trouble.name not in self._active:
+            unknown = trouble.name == _IDENTITY and not all(item.client.generation for item in self.daemon.axes)
+            if trouble.name not in self._active and not unknown:
                 self.trace.note(f"{axis.name}: {trouble.name} for {duration / MS:.0f} ms")
                 self._active[trouble.name] = (trouble, axis, trouble.begin(self, axis, chance))
                 self.loop.call_later(duration, lambda: self._end(trouble.name))
