@@ -63,7 +63,7 @@ COMPILED = (
 )
 """Patterns of what every cycle runs through. Traps: an enum with an ``__init__``, a class derived from an untyped library's
 (``ds301/on_canopen.py``), an interpreted class derived from a compiled one, a value of another type than declared, ``...`` as a
-default. A constant is ``Final``, or it is looked up by its name in every cycle."""
+default, a constant tuple of floats. A constant is ``Final``, or it is looked up by its name in every cycle."""
 TREE = Path("build/mypyc")
 WANTED = os.environ.get("PDGW_COMPILED") == "1"
 

@@ -41,6 +41,11 @@ def test_a_compiled_module_is_there_and_has_none_of_the_traps(name: str) -> None
         if (getattr(item, "module", None) or alias.name).partition(".")[0] in OTHER_LIBRARIES
     }
     for item in ast.walk(tree):
+        if isinstance(item, ast.AnnAssign) and isinstance(item.value, ast.Tuple):
+            floats = [isinstance(part, ast.Constant) and isinstance(part.value, float) for part in item.value.elts]
+            assert not (floats and all(floats)), (
+                f"{ast.unparse(item.target)}: mypyc takes a constant tuple of floats for one that is not set"
+            )
         if isinstance(item, ast.ClassDef):
             derived = {ast.unparse(base).partition(".")[0] for base in item.bases} & of_libraries
             assert not derived, f"{item.name}: a class of an interpreted library cannot be a compiled one's base"

@@ -20,8 +20,9 @@ _COMPARE_NS: Final = 10 * MS
 """Speeds are compared so often: the cycle has no time for more. The way they make is added up in every cycle."""
 _STEPS: Final = 4
 """The median of so many steps counts: one jump of the position (homing, preset) is none."""
-_FAULT: Final = (0.2, 5.0)
-_WARNING: Final = (0.8, 1.25)
+_FAULT: Final = 5.0
+_WARNING: Final = 1.25
+"""Largest factor between two speeds, in either direction."""
 _STEADY: Final = 1.1
 _FEWEST_COUNTS: Final = 20
 """A step of fewer position units is too small to be compared. Neither is one in which 606Ch varies by more than its mean: an axis
@@ -195,11 +196,11 @@ class VelocityCheck:
 
     def _judge(self, seen: float, shown: float) -> tuple[FaultNumber, str] | None:
         factor = seen / shown
-        if _WARNING[0] <= factor <= _WARNING[1]:
+        if 1 / _WARNING <= factor <= _WARNING:
             return None
         rpm = SECONDS_PER_MINUTE / self._counts
         text = f"6064h moves at {seen * rpm:.4g} rpm, 606Ch says {shown * rpm:.4g} rpm: factor {factor:.3g}"
-        if not _FAULT[0] <= factor <= _FAULT[1]:
+        if not 1 / _FAULT <= factor <= _FAULT:
             self.locked = True
             return FaultNumber.VELOCITY, text
         shares = [expected for _, expected in self._steps]
