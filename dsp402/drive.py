@@ -305,6 +305,7 @@ class DriveClient(NodeClient[DriveSettings]):
                     ) from error
                 if address in OPTIONAL_OBJECTS and error.code not in NOT_THERE:
                     answers[address] = 0  # the drive has it, and keeps a value of its own where it is not written
+        self._compare_identity((answers.get(IDENTITY_VENDOR, 0), answers.get(IDENTITY_PRODUCT, 0)))
         self.drive_type = describe(self.dictionary, answers, self.settings.units, self.settings.family)
         self._units = UnitWatch(answers)
         return self.drive_type
@@ -336,13 +337,16 @@ class DriveClient(NodeClient[DriveSettings]):
                     self.settings.node_id, self._read_if_present, *identity, self.settings.family
                 )
                 self._identity = identity
-            elif identity != self._identity:
-                raise Dsp402Error(
-                    f"node {self.settings.node_id} vendor-ID and product code 1018h",
-                    "{:08X}h, {:08X}h".format(*identity),
-                    "{:08X}h, {:08X}h as at the first start".format(*self._identity),
-                )
+            self._compare_identity(identity)
         super()._check_identity(device_type)
+
+    def _compare_identity(self, identity: tuple[int, int]) -> None:
+        if self._identity is not None and identity != self._identity:
+            raise Dsp402Error(
+                f"node {self.settings.node_id} vendor-ID and product code 1018h",
+                "{:08X}h, {:08X}h".format(*identity),
+                "{:08X}h, {:08X}h as at the first start".format(*self._identity),
+            )
 
     def _make_safe(self, device_type: int) -> None:
         """A drive that still has power is stopped by SDO: it takes no RPDO, and need not stop in pre-operational (6007h).

@@ -16,6 +16,7 @@ from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import Entry
 from pdgw.dsp402.drive import DriveClient, DriveStatus
 from pdgw.dsp402.drive_type import Quantity
+from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.images import DriveCommand
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo import LAYOUTS, Operation
@@ -169,6 +170,18 @@ def test_a_drive_that_was_exchanged_for_another_one_is_refused(plant: Plant) -> 
     site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
     assert "00000400h, 00000077h" in client.status_text
     assert "as at the first start" in client.status_text
+
+
+def test_references_of_another_drive_are_not_taken(plant: Plant) -> None:
+    """A write to a reference reads them again: of a drive that shows another identity they stay as they were."""
+    drive = plant.power_on()
+    client = plant.connect()
+    plant.online()
+    before = client.drive_type
+    drive.do(lambda node: node.misbehave("wrong-identity"))
+    with pytest.raises(Dsp402Error, match="as at the first start"):
+        site.result(client.submit(lambda client: client.learn()))
+    assert client.drive_type is before
 
 
 @pytest.mark.parametrize("more", [{"family": "engel"}, {"units": UnitKeys(velocity_unit="0.5 rpm")}])

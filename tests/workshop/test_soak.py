@@ -23,7 +23,7 @@ from pdgw.workshop.soak.life import Life
 from pdgw.workshop.soak.plan import CYCLES_MS, PART_CYCLES, SHORTEST_PART_NS, draw_plan, parts, shapes_of
 from pdgw.workshop.soak.planted import DEFECTS
 from pdgw.workshop.soak.trace import clock
-from pdgw.workshop.soak.troubles import TROUBLES
+from pdgw.workshop.soak.troubles import TROUBLES, UNPLUGGED
 from pdgw.workshop.soak.words import Words
 
 APP = Typer()
@@ -86,6 +86,21 @@ def test_every_trouble_begins_and_ends() -> None:
         life.play(life.loop.now() + SECOND // 10)
         undo()
     assert {trouble.name for trouble in TROUBLES} >= {"PLC: IOPS BAD", "bus: other master", "network: second PLC"}
+
+
+def test_gateway_that_ended_starts_again_when_interface_is_plugged_in() -> None:
+    life = Life(next(parts(11, 1, [1])), keep_telegrams=True)
+    life.play(SECOND)
+    troubles = {trouble.name: trouble for trouble in TROUBLES}
+    life.begin_trouble(troubles["bus: other master"], life.axes[0], MS)
+    ended = life.daemon
+    while not ended.stopped.is_set():
+        life.play(life.loop.now() + MS // 5)
+    life.begin_trouble(troubles[UNPLUGGED], life.axes[0], SECOND)
+    life.play(life.loop.now() + SECOND // 2)
+    assert life.daemon is ended
+    life.play(life.loop.now() + SECOND)
+    assert life.daemon is not ended
 
 
 def test_rpdo_to_drive_after_power_on_is_no_controlword() -> None:

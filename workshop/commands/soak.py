@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.errors import GatewayError
-from pdgw.workshop.markdown import table
+from pdgw.workshop.documents.markdown import table
 from pdgw.workshop.soak.life import Life
 from pdgw.workshop.soak.plan import Part, parts
 from pdgw.workshop.soak.planted import DEFECTS, search

@@ -29,7 +29,7 @@ from pdgw.workshop.soak.engineer import Engineer
 from pdgw.workshop.soak.plan import AxisPlan, Part, Plan, shapes_of
 from pdgw.workshop.soak.told import Told
 from pdgw.workshop.soak.trace import Trace
-from pdgw.workshop.soak.troubles import PLC_HOST, TROUBLES, Trouble, Undo
+from pdgw.workshop.soak.troubles import PLC_HOST, TROUBLES, UNPLUGGED, Trouble, Undo
 from pdgw.workshop.soak.watch import RATED_RPM, REACHED_RPM, SETTLED_NS, SoakAxis, ViolationError
 from pdgw.workshop.soak.words import ACKNOWLEDGE, Words, asked_share, shown_share
 
@@ -295,7 +295,7 @@ class Life:
 
     def restart_gateway(self) -> None:
         """A gateway that ended, as with another master on its bus, is started again."""
-        if self.daemon.stopped.is_set():
+        if self.daemon.stopped.is_set() and UNPLUGGED not in self._active:
             self.trace.note(f"gateway ended ({self.daemon.failure}) and starts again")
             self._end(_IDENTITY)
             self._may_change_telegrams = False
@@ -354,10 +354,14 @@ class Life:
             duration = int(math.exp(chance.uniform(math.log(_SHORTEST_NS), math.log(_LONGEST_NS))))
             unknown = trouble.name == _IDENTITY and not all(item.client.generation for item in self.daemon.axes)
             if trouble.name not in self._active and not unknown:
-                self.trace.note(f"{axis.name}: {trouble.name} for {duration / MS:.0f} ms")
-                self._active[trouble.name] = (trouble, axis, trouble.begin(self, axis, chance))
-                self.loop.call_later(duration, lambda: self._end(trouble.name))
+                self.begin_trouble(trouble, axis, duration)
         self.loop.call_later(_exponential(chance, _PAUSE_NS), self._trouble)
+
+    def begin_trouble(self, trouble: Trouble, axis: SoakAxis, duration: int) -> None:
+        """A trouble that is not there already, for so many nanoseconds."""
+        self.trace.note(f"{axis.name}: {trouble.name} for {duration / MS:.0f} ms")
+        self._active[trouble.name] = (trouble, axis, trouble.begin(self, axis, self._chance))
+        self.loop.call_later(duration, lambda: self._end(trouble.name))
 
     def _end(self, name: str) -> None:
         entry = self._active.pop(name, None)

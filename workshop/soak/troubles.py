@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from pdgw.workshop.soak.life import Life
     from pdgw.workshop.soak.watch import SoakAxis
 
+UNPLUGGED = "bus: interface unplugged"
+"""No gateway starts meanwhile."""
 PLC_HOST, SECOND_HOST = "192.168.0.10", "192.168.0.11"
 Undo = Callable[[], None]
 
@@ -177,7 +179,7 @@ TROUBLES: tuple[Trouble, ...] = (
     Trouble("bus: gateway cut off", 8, _cut_gateway),
     Trouble("bus: drive cut off", 5, _cut_drive),
     Trouble("bus: short circuit", 3, _short),
-    Trouble("bus: interface unplugged", 2, _unplug),
+    Trouble(UNPLUGGED, 2, _unplug),
     Trouble("drive: power cycle", 3, _power_cycle, drive=True),
     *(_misbehaves(name) for name in DRIVE_MISBEHAVIOURS),
 )
