@@ -13,7 +13,7 @@ from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon, Service
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.parameters.acyclic import record_service
-from pdgw.gateway.platform import Edge
+from pdgw.gateway.platform import Platform
 from pdgw.gateway.service.service_manager import ServiceManager
 from pdgw.gateway.service.status import StatusServer
 from pdgw.gateway.trace.place import prepared, run_directory
@@ -28,17 +28,21 @@ log = logging.getLogger("gateway")
 
 
 def build_gateway(
-    config: GatewayConfig, edge: Edge | None = None, ethernet: EthernetPort | None = None, *, name: str = "gateway"
+    config: GatewayConfig,
+    platform: Platform | None = None,
+    ethernet: EthernetPort | None = None,
+    *,
+    name: str = "gateway",
 ) -> Daemon:
-    """A gateway that is ready to ``run``, or to ``start`` on the loop of ``edge``.
+    """A gateway that is ready to ``run``, or to ``start`` on the loop of ``platform``.
 
-    ``edge``: clock, buses and ports, None for this computer. ``ethernet``: the interface of the PROFINET link, None opens the
+    ``platform``: clock, buses and ports, None for this computer. ``ethernet``: the interface of the PROFINET link, None opens the
     configured one. ``name``: what the file of the flight recorder is called.
 
     Raises GatewayError or CanopenError when a port, a file or a CAN interface is not available; nothing stays open then.
     """
     with ExitStack() as opened:
-        daemon = Daemon(config, edge, ethernet)
+        daemon = Daemon(config, platform, ethernet)
         opened.callback(daemon.release)
         for service in _services(daemon, name):
             opened.callback(service.stop)
@@ -50,7 +54,7 @@ def build_gateway(
 def _services(daemon: Daemon, name: str) -> Iterator[Service]:
     transport = daemon.config.transport
     yield record_service(daemon)
-    if not daemon.edge.has_services:
+    if not daemon.platform.has_services:
         return
     if transport.snmp_community is not None:
         from pdgw.gateway.links.profinet.snmp import SnmpService, open_port  # noqa: PLC0415 (few gateways have it)

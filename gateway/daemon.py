@@ -29,7 +29,7 @@ from pdgw.gateway.masters import LISTEN_NS, watch_for_masters
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.encoder import EncoderNode, EncoderObject
-from pdgw.gateway.platform import Edge, SystemEdge
+from pdgw.gateway.platform import Platform, SystemPlatform
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.gateway.service.cycle_times import CycleWatch
 from pdgw.gateway.store import DeviceParameters, ParameterStore
@@ -63,10 +63,12 @@ class Daemon:
     Raises GatewayError or CanopenError from the constructor when a port or a CAN interface cannot be had.
     """
 
-    def __init__(self, config: GatewayConfig, edge: Edge | None = None, ethernet: EthernetPort | None = None) -> None:
+    def __init__(
+        self, config: GatewayConfig, platform: Platform | None = None, ethernet: EthernetPort | None = None
+    ) -> None:
         self.config = config
-        self.edge: Edge = SystemEdge() if edge is None else edge
-        self.loop: Loop = self.edge.loop
+        self.platform: Platform = SystemPlatform() if platform is None else platform
+        self.loop: Loop = self.platform.loop
         transport = config.transport
         self.cycle_ns = int(transport.cycle_time_ms * MS)
         self.store = ParameterStore(config.store, log.warning)
@@ -93,11 +95,11 @@ class Daemon:
         self._due: Timer | None = None
         self._beat: Timer | None = None
         with ExitStack() as opened:
-            if edge is None:
+            if platform is None:
                 opened.callback(self.loop.close)
             open_link = self._prepare_link(opened, ethernet)
             for bus in config.can:
-                network = CanNetwork(self.loop, partial(self.edge.open_can, bus), bus.name)
+                network = CanNetwork(self.loop, partial(self.platform.open_can, bus), bus.name)
                 opened.callback(network.close)
                 self.networks[bus.name] = network
             self._buses = tuple(self.networks.values())
@@ -173,7 +175,7 @@ class Daemon:
             opened.callback(port.close)
             self.address = (interface, 0)
             return lambda: ProfinetLink(port, self.config, self.store, self.loop, self.objects)
-        udp = self.edge.open_udp(str(transport.listen), transport.cyclic_port, "cyclic port")
+        udp = self.platform.open_udp(str(transport.listen), transport.cyclic_port, "cyclic port")
         opened.callback(udp.close)
         self.address = udp.address
         """Where cyclic frames are taken: address and port, or the Ethernet interface."""

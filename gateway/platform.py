@@ -1,6 +1,6 @@
 """What the gateway needs of its surroundings: a clock, CAN interfaces, UDP ports.
 
-``SystemEdge`` is the machine it runs on; a simulated world offers the same on virtual time.
+``SystemPlatform`` is the machine it runs on; a simulated world offers the same on virtual time.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class DatagramPort(Protocol):
         """Release the port."""
 
 
-class Edge(Protocol):
+class Platform(Protocol):
     """Where clock, buses and ports come from."""
 
     has_services: bool
@@ -72,7 +72,7 @@ def open_configured_bus(config: CanConfig) -> can.BusABC:
     return open_bus(config.interface, config.channel, config.bitrate, **config.extra)
 
 
-class SystemEdge:
+class SystemPlatform:
     """The machine: monotonic clock, python-can interfaces, sockets."""
 
     has_services = True

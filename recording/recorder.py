@@ -20,7 +20,7 @@ from pdgw.gateway.configuration.file import config_text
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.profinet.ethernet import RawEthernet
 from pdgw.gateway.links.udp import Address
-from pdgw.gateway.platform import DatagramPort, SystemEdge
+from pdgw.gateway.platform import DatagramPort, SystemPlatform
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.recording.background_writer import BackgroundWriter
@@ -204,7 +204,7 @@ class RecordedEthernet(RawEthernet):
         return str(self.ip().address), ACYCLIC_PORT
 
 
-class RecordingEdge(SystemEdge):
+class RecordingPlatform(SystemPlatform):
     """The machine, with its UDP ports recorded."""
 
     def __init__(self, recorder: Recorder) -> None:

@@ -12,7 +12,7 @@ from pdgw.ds301.jobs import settle
 from pdgw.ds301.loop import Loop
 from pdgw.ds301.network import CanNetwork
 from pdgw.gateway.configuration.environment import CanConfig
-from pdgw.gateway.platform import Edge, SystemEdge
+from pdgw.gateway.platform import Platform, SystemPlatform
 from pdgw.tools.log_level import quiet
 
 T = TypeVar("T")
@@ -33,9 +33,9 @@ def complete(loop: Loop, function: Callable[[], T]) -> T:
 
 
 @contextmanager
-def opened(config: CanConfig, edge: Edge | None = None) -> Iterator[CanNetwork]:
+def opened(config: CanConfig, platform: Platform | None = None) -> Iterator[CanNetwork]:
     """A bus that is listened to until the end of the block; canopen is quiet meanwhile. CanopenError when it cannot be had."""
-    used = SystemEdge() if edge is None else edge
+    used = SystemPlatform() if platform is None else platform
     try:
         network = CanNetwork(used.loop, partial(used.open_can, config), config.name)
         network.start()
@@ -45,5 +45,5 @@ def opened(config: CanConfig, edge: Edge | None = None) -> Iterator[CanNetwork]:
         finally:
             network.close()
     finally:
-        if edge is None:
+        if platform is None:
             used.loop.close()

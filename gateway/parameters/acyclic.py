@@ -1,4 +1,4 @@
-"""The acyclic server's edge: a UDP port and a task, beside the cyclic exchange."""
+"""The UDP port and the task of the acyclic server, beside the cyclic exchange."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class AcyclicServer:
     def __init__(self, daemon: Daemon) -> None:
         transport = daemon.config.transport
         self._loop = daemon.loop
-        self.port = daemon.edge.open_udp(str(transport.listen), transport.acyclic_port, "acyclic port")
+        self.port = daemon.platform.open_udp(str(transport.listen), transport.acyclic_port, "acyclic port")
         self._manager = ParameterManager(daemon)
         serial = transport.station_name[:16]
         writers = daemon.config.parameters.writers(transport.listen)

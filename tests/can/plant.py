@@ -14,7 +14,7 @@ from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import ENGEL, Shape, SimulatedDrive
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
-from tests.can.unhurried import UnhurriedEdge
+from tests.can.unhurried import UnhurriedPlatform
 from tests.support.buses import PATIENCE_S
 
 T = TypeVar("T")
@@ -45,7 +45,7 @@ class Plant:
             f"cyclic_port = 0\nacyclic_port = 0\nstatus_port = 0\ncycle_time_ms = {CYCLE_MS}\nwatchdog_factor = 100\n"
         )
         self.config = parse_config("\n".join((*tables, f"[transport]\n{transport}")))
-        self.daemon = build_gateway(self.config, UnhurriedEdge())
+        self.daemon = build_gateway(self.config, UnhurriedPlatform())
         self.loop = self.daemon.loop
         self.plc = PlcEndpoint([telegram(1)] * len(self.config.axis), CYCLE_MS * MS)
         self._port = UdpSocket(self.loop, "127.0.0.1", 0, "PLC")

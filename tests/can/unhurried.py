@@ -1,4 +1,4 @@
-"""An edge of the machine whose clock stands while the process gets no processor.
+"""The platform of this machine with a clock that stops while the process gets no processor.
 
 All that a test has on it, gateway, drives and PLC, is then held up together, for however long, and none of them finds another
 one silent. What is waited for in the kernel or in another program takes its real time.
@@ -12,7 +12,7 @@ from typing import Final
 from pdgw.ds301.loop import SystemLoop
 from pdgw.ds301.readiness import best_readiness
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.platform import SystemEdge
+from pdgw.gateway.platform import SystemPlatform
 
 _AT_MOST_NS: Final = 20 * MS
 """Between two looks at the clock no more than this passes, beside what the loop meant to wait: the rest was a stall."""
@@ -49,7 +49,7 @@ class ToldReadiness:
         return ready
 
 
-class UnhurriedEdge(SystemEdge):
+class UnhurriedPlatform(SystemPlatform):
     """The machine with such a clock."""
 
     def __init__(self) -> None:

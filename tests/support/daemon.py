@@ -48,8 +48,8 @@ def axis(number: int, *, telegram_number: int = 1, more: str = "simulate = true"
 
 
 def world_of(daemon: Daemon) -> World:
-    assert isinstance(daemon.edge, World)
-    return daemon.edge
+    assert isinstance(daemon.platform, World)
+    return daemon.platform
 
 
 def _device(daemon: Daemon, kind: type[D], node_id: int, bus: str) -> D:

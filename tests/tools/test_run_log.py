@@ -259,4 +259,4 @@ def test_storms_of_emcy_and_lss_and_sdo_answers_leave_nothing_behind_in_canopen(
         assert node._node.emcy.active == []
         assert network.lss.responses.qsize() == 0
         assert len(daemon.axes[0].faults) <= 64
-        assert world_of(daemon) is daemon.edge
+        assert world_of(daemon) is daemon.platform

@@ -17,7 +17,7 @@ import typer
 from pdgw.ds301.loop import Loop
 from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.platform import SystemEdge
+from pdgw.gateway.platform import SystemPlatform
 from pdgw.gateway.service.confirmed_units import witnessed
 from pdgw.gateway.store import ParameterStore
 from pdgw.tools.bus_task import complete
@@ -50,15 +50,15 @@ def try_out(
     loaded = load_config(config)
     with ExitStack() as at_end:
         reached = at_end.enter_context(devices_beside(loaded))
-        edge = SystemEdge()
-        at_end.callback(edge.loop.close)
-        axis_test = AxisTest(reached, do_id, edge, typer.echo, _asking(edge.loop), choices)
+        platform = SystemPlatform()
+        at_end.callback(platform.loop.close)
+        axis_test = AxisTest(reached, do_id, platform, typer.echo, _asking(platform.loop), choices)
         for name in _SIGNALS:
             if hasattr(signal, name):  # Windows has few of them
                 number = getattr(signal, name)
-                before = signal.signal(number, lambda *_: edge.loop.call_threadsafe(axis_test.interrupt))
+                before = signal.signal(number, lambda *_: platform.loop.call_threadsafe(axis_test.interrupt))
                 at_end.callback(signal.signal, number, before)
-        outcome = complete(edge.loop, axis_test.run)
+        outcome = complete(platform.loop, axis_test.run)
     if outcome.interrupted:
         raise typer.Exit(INTERRUPTED)
     if not outcome.passed:

@@ -144,18 +144,18 @@ def run(
         recorder = CanRecorder(can_log) if can_log is not None else None
         if recorder is not None:
             at_end.callback(recorder.stop)
-        recording = edge = ethernet = None
+        recording = platform = ethernet = None
         if record is not None:
-            from pdgw.recording.recorder import RecordedEthernet, Recorder, RecordingEdge  # noqa: PLC0415 (loads the decoder)
+            from pdgw.recording.recorder import RecordedEthernet, Recorder, RecordingPlatform  # noqa: PLC0415 (loads the decoder)
 
             recording = Recorder(record, chosen, record_size << 20, record_files)
             at_end.callback(recording.stop)
-            edge = RecordingEdge(recording)
+            platform = RecordingPlatform(recording)
             if chosen.transport.type == "profinet":
-                ethernet = RecordedEthernet(edge.loop, chosen.transport.interface or "", recording)
+                ethernet = RecordedEthernet(platform.loop, chosen.transport.interface or "", recording)
                 at_end.callback(ethernet.close)
         chosen = at_end.enter_context(devices_beside(chosen))
-        daemon = build_gateway(chosen, edge, ethernet, name="simulated" if config is None else config.stem)
+        daemon = build_gateway(chosen, platform, ethernet, name="simulated" if config is None else config.stem)
         at_end.callback(daemon.release)
         run_log.count_in(daemon.loop.counters)
         if recorder is not None:

@@ -23,7 +23,7 @@ from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.environment import TransportConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.platform import DatagramPort, Edge
+from pdgw.gateway.platform import DatagramPort, Platform
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.profidrive.signals import signal
@@ -129,7 +129,7 @@ def configuration(config: GatewayConfig, do_id: int) -> GatewayConfig:
 
 
 class AxisTest:
-    """``run`` is for a task on the edge's loop.
+    """``run`` is for a task on the platform's loop.
 
     ``tell`` shows a line. ``confirm`` is given what has to be typed and calls back, on the loop, with what was; for the turns
     that a person saw it is given ``TURNS``.
@@ -139,7 +139,7 @@ class AxisTest:
         self,
         config: GatewayConfig,
         do_id: int,
-        edge: Edge,
+        platform: Platform,
         tell: Callable[[str], None],
         confirm: Callable[[str, Callable[[str], None]], None],
         choices: Choices,
@@ -149,8 +149,8 @@ class AxisTest:
         self._do_id = do_id
         self._wanted = f"turn {do_id}"
         self._transport = config.transport
-        self._edge = edge
-        self._loop = edge.loop
+        self._platform = platform
+        self._loop = platform.loop
         self._tell = tell
         self._confirm = confirm
         self._choices = choices
@@ -186,7 +186,7 @@ class AxisTest:
                 raise GatewayError(
                     f"a PLC sends frames from {self._stranger}: allowed is none, switch it off or unplug it"
                 )
-            daemon = self._daemon = Daemon(self.config, self._edge)
+            daemon = self._daemon = Daemon(self.config, self._platform)
             self._axis = daemon.axes[0]
             daemon.start()
             try:
@@ -236,7 +236,9 @@ class AxisTest:
         transport = self._transport
         if transport.type != "udp":
             return  # a gateway that serves a PROFINET controller is heard on the CAN bus
-        port = self._edge.open_udp(str(transport.listen), transport.cyclic_port, "cyclic port, is a gateway running?")
+        port = self._platform.open_udp(
+            str(transport.listen), transport.cyclic_port, "cyclic port, is a gateway running?"
+        )
         self._ports.append(port)
 
         def came() -> None:
@@ -286,7 +288,7 @@ class AxisTest:
 
     def _exchange(self) -> None:
         """Frames from now on, as a PLC sends them."""
-        port = self._edge.open_udp("127.0.0.1", 0, "axis test")
+        port = self._platform.open_udp("127.0.0.1", 0, "axis test")
         self._ports.append(port)
         endpoint, loop = self._endpoint, self._loop
 
