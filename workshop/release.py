@@ -20,9 +20,8 @@ import tempfile
 import zipfile
 from pathlib import Path
 
-from pdgw.workshop.sbom import document
+from pdgw.workshop.sbom import ROOT, document
 
-ROOT = Path(__file__).resolve().parent.parent
 _INFO = "PKG-INFO"
 
 

@@ -7,10 +7,12 @@ files of others that the page consists of. The same input gives the same bytes.
 from __future__ import annotations
 
 import json
+import tomllib
 import uuid
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import requires, version
+from pathlib import Path
 from typing import Any
 
 from packaging.requirements import Requirement
@@ -18,37 +20,43 @@ from packaging.utils import canonicalize_name
 
 from pdgw.web.support import PACKAGE, VENDORED, licence
 
+ROOT = Path(__file__).resolve().parent.parent
 EXTRAS = ("mqtt", "plot", "web")
 """Their packages are installed wherever a release is made."""
 Document = dict[str, Any]
 
 
-def needed(name: str, extras: Sequence[str] = ()) -> list[str]:
-    """The packages that a package needs on this platform with these extras, by their normal names."""
-    found = set()
-    for text in requires(name) or ():
-        item = Requirement(text)
-        if item.marker is None or any(item.marker.evaluate({"extra": extra}) for extra in ("", *extras)):
-            found.add(canonicalize_name(item.name))
-    return sorted(found)
+def _product(extras: Sequence[str]) -> list[str]:
+    """The product's requirements, of its sources: an editable installation may be older."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    optional = project["optional-dependencies"]
+    return [*project["dependencies"], *(text for extra in extras for text in optional[extra])]
 
 
-def closure(name: str, extras: Sequence[str] = ()) -> dict[str, list[str]]:
-    """What each package needs, for a package and everything below it."""
-    found = {name: needed(name, extras)}
-    waiting = list(found[name])
+def needed(texts: Iterable[str]) -> list[str]:
+    """The normal names of the packages that these requirements mean on this platform."""
+    items = map(Requirement, texts)
+    return sorted(
+        {canonicalize_name(item.name) for item in items if item.marker is None or item.marker.evaluate({"extra": ""})}
+    )
+
+
+def closure(extras: Sequence[str] = ()) -> dict[str, list[str]]:
+    """What each package needs, for the product with these extras and everything below it."""
+    found = {PACKAGE: needed(_product(extras))}
+    waiting = list(found[PACKAGE])
     while waiting:
         item = waiting.pop()
         if item not in found:
-            found[item] = needed(item)
+            found[item] = needed(requires(item) or ())
             waiting += found[item]
     return found
 
 
 def document(release: str, epoch: int) -> Document:
     """The bill of materials of version ``release``; ``epoch``: seconds since 1970."""
-    below = closure(PACKAGE, EXTRAS)
-    required = closure(PACKAGE)
+    below = closure(EXTRAS)
+    required = closure()
     components = [
         _component(f"pkg:pypi/{name}@{version(name)}", name, version(name), licence(name).get("licence", ""))
         | {"scope": "required" if name in required else "optional"}

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import queue
+import socket
+import struct
 import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
 
-from scapy.layers.inet import IP, UDP
-from scapy.layers.l2 import Ether
-from scapy.packet import Packet
-from scapy.utils import PcapWriter
-
+from pdgw.durations import SECOND, US
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.udp import Address
 
-_MACS = ("02:00:00:00:00:01", "02:00:00:00:00:02")
+_MACS = (bytes.fromhex("020000000001"), bytes.fromhex("020000000002"))
+_FILE = struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1)
+"""A pcap file: microseconds, version 2.4, UTC, whole packets, of Ethernet."""
+_PACKET = struct.Struct("<IIII")
+_ETHERNET = struct.Struct(">6s6sH")
+_IP = struct.Struct(">BBHHHBBH4s4s")
+_UDP = struct.Struct(">HHHH")
 
 
 class Capture:
@@ -28,9 +32,9 @@ class Capture:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._failure: Exception | None = None
-        self._frames: queue.SimpleQueue[tuple[float, Packet, bytes] | None] = queue.SimpleQueue()
+        self._frames: queue.SimpleQueue[tuple[int, bytes] | None] = queue.SimpleQueue()
         try:
-            self._writer = PcapWriter(str(path), linktype=1, sync=False)
+            self._file = path.open("wb")
         except OSError as error:
             raise self._unwritable(error) from error
         self._thread = threading.Thread(target=self._write, name="capture", daemon=True)
@@ -38,14 +42,19 @@ class Capture:
 
     def conversation(self, local: Address, remote: Address) -> Callable[[bool, bytes], None]:
         """What takes the datagrams (sent, data) between two addresses, from any thread."""
-        there, back = _headers(local, remote, _MACS), _headers(remote, local, _MACS[::-1])
-        return lambda sent, data: self._frames.put((time.time(), there if sent else back, data))
+        macs = _MACS[::-1]
+
+        def take(sent: bool, data: bytes) -> None:
+            packet = _packet(data, local, remote, _MACS) if sent else _packet(data, remote, local, macs)
+            self._frames.put((time.time_ns(), packet))
+
+        return take
 
     def close(self) -> None:
         self._frames.put(None)
         self._thread.join()
         try:
-            self._writer.close()
+            self._file.close()
         except OSError as error:
             self._failure = self._failure or error
         if self._failure is not None:
@@ -64,12 +73,19 @@ class Capture:
                 continue  # what nobody writes is not kept
 
     def _write_frames(self) -> None:
+        self._file.write(_FILE)
         while (item := self._frames.get()) is not None:
-            when, headers, data = item
-            packet = headers / data
-            packet.time = when
-            self._writer.write(packet)
+            when, packet = item
+            seconds, rest = divmod(when, SECOND)
+            self._file.write(_PACKET.pack(seconds, rest // US, len(packet), len(packet)) + packet)
 
 
-def _headers(source: Address, target: Address, macs: tuple[str, str]) -> Packet:
-    return Ether(src=macs[0], dst=macs[1]) / IP(src=source[0], dst=target[0]) / UDP(sport=source[1], dport=target[1])
+def _packet(data: bytes, source: Address, target: Address, macs: tuple[bytes, bytes]) -> bytes:
+    """A datagram with its headers. IPv4; UDP without a checksum, which IPv4 allows."""
+    udp = _UDP.pack(source[1], target[1], _UDP.size + len(data), 0)
+    addresses = socket.inet_aton(source[0]), socket.inet_aton(target[0])
+    fields = (0x45, 0, _IP.size + len(udp) + len(data), 1, 0, 64, socket.IPPROTO_UDP)
+    total = sum(struct.unpack(">10H", _IP.pack(*fields, 0, *addresses)))
+    total = (total & 0xFFFF) + (total >> 16)
+    checksum = ~((total & 0xFFFF) + (total >> 16)) & 0xFFFF
+    return _ETHERNET.pack(macs[1], macs[0], 0x0800) + _IP.pack(*fields, checksum, *addresses) + udp + data

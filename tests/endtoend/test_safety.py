@@ -10,22 +10,18 @@ from pathlib import Path
 import pytest
 
 from pdgw.gateway.trace.place import rings, run_directory
-from pdgw.tools.demo.run import can_server
+from pdgw.peers.bus import INTERFACE, ServedBus
 from tests.endtoend.test_run import LittlePlc
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.cli import pdgw
 from tests.support.processes import PATIENT, free_tcp_port, free_udp_port, running
 
-pytestmark = [
-    pytest.mark.e2e,
-    # The CAN server of python-can-remote finds the killed client gone.
-    pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning"),
-]
+pytestmark = pytest.mark.e2e
 
 
 def config(channel: str, port: int) -> str:
     return (
-        f'[can]\ninterface = "remote"\nchannel = "{channel}"\n'
+        f'[can]\ninterface = "{INTERFACE}"\nchannel = "{channel}"\n'
         f"[transport]\ncyclic_port = {port}\nacyclic_port = 0\nstatus_port = 0\ncycle_time_ms = 20\nwatchdog_factor = 250\n"
         '[trace]\nkeep = ["stop"]\nkeep_directory = "kept"\n'
         "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n" + PATIENT
@@ -44,12 +40,21 @@ def velocity(port: int) -> int:
 def test_whoever_is_killed_the_drive_is_stopped_told_and_not_started_again_by_a_standing_on(tmp_path: Path) -> None:
     port = free_udp_port()
     path = tmp_path / "plant.toml"
-    with can_server() as channel, ExitStack() as at_end:
-        path.write_text(config(channel, port))
+    with ServedBus() as bus, ExitStack() as at_end:
+        path.write_text(config(bus.channel, port))
 
         def drive(log: str) -> tuple[subprocess.Popen[str], int]:
             control = free_tcp_port()
-            command = ["sim", "drive", "--interface", "remote", "--channel", channel, "--control-port", str(control)]
+            command = [
+                "sim",
+                "drive",
+                "--interface",
+                INTERFACE,
+                "--channel",
+                bus.channel,
+                "--control-port",
+                str(control),
+            ]
             return at_end.enter_context(running(*command, log=tmp_path / log)), control
 
         def gateway(log: str) -> subprocess.Popen[str]:
@@ -92,4 +97,4 @@ def what_the_killed_gateway_left(folder: Path) -> None:
     wait_for(lambda: list((folder / "kept").glob("plant-*-killed.pcapng")), "kept")
     directory = run_directory()
     assert directory is not None
-    assert (directory / "plant.ring").stat().st_mode & 0o777 == 0o640
+    assert (directory / "plant.ring").stat().st_mode & 0o777 == 0o440

@@ -336,7 +336,7 @@ def test_a_capture_that_could_not_take_a_packet_is_not_whole(tmp_path: Path, mon
     def mistaken(_: object) -> None:
         raise ValueError("a mistake")
 
-    monkeypatch.setattr(capture._writer, "write", mistaken)
+    monkeypatch.setattr(capture, "_file", SimpleNamespace(write=mistaken, close=lambda: None))
     take(True, bytes(46))
     with pytest.raises(GatewayError, match=r"cannot be written \(ValueError\('a mistake'\)\)"):
         capture.close()

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import json
-import logging
 import signal
 import socket
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
-from can_remote import RemoteServer
-
 from pdgw.gateway.errors import GatewayError
+from pdgw.peers.bus import INTERFACE, ServedBus
 from pdgw.recording.recordings import Part, known_from, look_ahead, write_page
 from pdgw.tools.demo.chapters import Chapter
 from pdgw.tools.demo.links import DemoLink, free_ports
@@ -30,46 +28,6 @@ _STOP_S = 60
 RECORD = "gateway"
 """The folder of what the gateway itself saw, in its own order."""
 _EVIDENCE = ("report.json", "plc.json", "plc.pcap", "plc.pcapng", "can.log", "trace.png", "trace.html")
-
-
-class _CanServer(RemoteServer):  # type: ignore[misc]  # untyped package
-    """A client that dies is told by its process' end (``Demo``), not by the server's tracebacks as well."""
-
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        if not isinstance(sys.exc_info()[1], OSError):
-            super().handle_error(request, client_address)
-
-
-@contextlib.contextmanager
-def _quiet_lost_clients() -> Iterator[None]:
-    """The same for the server's sending threads, which have no hook of their own."""
-    before = threading.excepthook
-
-    def hook(arguments: threading.ExceptHookArgs) -> None:
-        sending = arguments.thread is not None and "_send_to_client" in arguments.thread.name
-        if not (sending and isinstance(arguments.exc_value, OSError)):
-            before(arguments)
-
-    threading.excepthook = hook
-    try:
-        yield
-    finally:
-        threading.excepthook = before
-
-
-@contextlib.contextmanager
-def can_server() -> Iterator[str]:
-    """A CAN bus that crosses processes on loopback without a kernel module; yields the channel of ``remote``."""
-    logging.getLogger("can_remote").setLevel(logging.CRITICAL)
-    server = _CanServer("127.0.0.1", 0, interface="virtual", channel="demo")
-    thread = threading.Thread(target=server.serve_forever, name="CAN server", daemon=True)
-    thread.start()
-    try:
-        yield f"ws://127.0.0.1:{server.server_port}/"
-    finally:
-        server.shutdown()
-        server.server_close()
-        thread.join()
 
 
 @dataclass
@@ -114,9 +72,9 @@ class Demo:
         for name in _EVIDENCE:
             (self.out / name).unlink(missing_ok=True)  # a run that fails leaves no old success
         started = time.monotonic()
-        with _quiet_lost_clients(), can_server() as channel, contextlib.closing(self.link):
+        with ServedBus() as bus, contextlib.closing(self.link):
             try:
-                self._start(channel)
+                self._start(bus.channel)
                 self._follow()
             finally:
                 codes = self._stop()
@@ -150,7 +108,7 @@ class Demo:
     def _start(self, channel: str) -> None:
         (control,) = free_ports(socket.SOCK_STREAM, 1)
         self.link.open(self.out, control)
-        can = {"interface": "remote", "channel": channel}
+        can = {"interface": INTERFACE, "channel": channel}
         config = self._write("gateway.toml", self.chapter.gateway(can, self.link.transport))
         devices = self._write("devices.toml", self.chapter.devices(can, control))
         self._spawn("devices", "sim", "bus", str(devices))
