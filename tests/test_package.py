@@ -91,7 +91,7 @@ def test_every_name_of_the_front_door_is_there_and_documented(name: str) -> None
     found = getattr(pdgw, name)
     assert documentation(found)
     assert name in dir(pdgw)
-    assert f"`{name}" in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert f"`{name}" in (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("module", ["__init__", "__main__"])
