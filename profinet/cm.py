@@ -13,6 +13,7 @@ from uuid import UUID
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet.blocks.connect import (
     ADVANCED_STARTUP,
+    AR_NUMBERS,
     LT_RT,
     AlarmCrBlockRes,
     ArBlockRes,
@@ -29,12 +30,14 @@ from pdgw.profinet.connect import (
     WRONG_STATE,
     ConnectPlan,
     ConnectRefused,
+    pairs,
     plan,
     refuse_call,
 )
 from pdgw.profinet.device_records import Access, DeviceRecords, LogItem
 from pdgw.profinet.diagnosis import AlarmSource, Diagnosis
 from pdgw.profinet.model import DeviceModel
+from pdgw.profinet.redundancy import ArSet
 from pdgw.profinet.rpc import dcerpc, epm
 from pdgw.profinet.rpc.dcerpc import RejectStatus, RpcHeader
 from pdgw.profinet.rpc.epm import EndpointMapper
@@ -96,7 +99,10 @@ class ContextManager:
         """By ARUUID."""
         self.records = DeviceRecords(model, station, diagnosis, application, self.relations.values)
         self.io: ApplicationRelation | None = None
-        """That of the IO controller."""
+        """That of the IO controller; of two, the one that leads or led last."""
+        self.controllers: list[ApplicationRelation] = []
+        """All with cyclic data: two at most, where they are a set of system redundancy."""
+        self.set: ArSet[ApplicationRelation] = ArSet()
         self.server: RpcServer[Address] = RpcServer(
             {
                 (dcerpc.DEVICE_INTERFACE, dcerpc.INTERFACE_VERSION): self._execute,
@@ -175,11 +181,27 @@ class ContextManager:
             replaced.handle(Event.RESTARTED, now)
             self._forget(replaced, now)
         self.relations[granted.ar.ar_uuid] = relation
-        if relation.has_data:
-            self.io = relation
-            if relation.provider is not None:
-                relation.provider.set_problem(self._diagnosis.has_fault)
+        if relation.provider is not None:
+            self.controllers.append(relation)
+            relation.provider.set_problem(self._diagnosis.has_fault)
+            if granted.redundancy is not None:
+                self.set.join(relation, granted.redundancy.hold_ns)
+            self.lead()
         return answer
+
+    def lead(self) -> None:
+        """Another relationship may lead."""
+        members = self.set.members
+        for member in members:
+            member.backup = member is not self.set.primary
+            redundancy = member.plan.redundancy
+            if member.provider is not None and redundancy is not None:
+                valid = not (member.backup and redundancy.invalid_on_backup)
+                member.provider.set_role(self.set.status(member), valid=valid)
+        if self.set.primary is not None:
+            self.io = self.set.primary
+        elif self.io not in self.controllers:
+            self.io = self.controllers[0] if self.controllers else None
 
     def _check_free(self, granted: ConnectPlan, source: Address) -> ApplicationRelation | None:
         """The relationship that the new one takes the place of: that of the same controller before it restarted."""
@@ -192,13 +214,15 @@ class ContextManager:
                     NO_AR_FREE, "device access relationship", len(access) + 1, f"at most {ACCESS_RELATIONS}"
                 )
             return None
-        present = self.io
-        if present is None:
-            return None
-        ar = present.plan.ar
-        if source[0] != present.source[0] or granted.ar.initiator_mac != ar.initiator_mac:
-            raise refuse_call(NO_AR_FREE, "IO controller", source[0], f"{present.source[0]}, which is connected")
-        return present
+        replaced = None
+        for present in self.controllers:
+            if source[0] == present.source[0] and granted.ar.initiator_mac == present.plan.ar.initiator_mac:
+                replaced = present
+            elif not pairs(granted, present.plan):
+                raise refuse_call(NO_AR_FREE, "IO controller", source[0], f"{present.source[0]}, which is connected")
+        if replaced is None and len(self.controllers) >= len(AR_NUMBERS):
+            raise refuse_call(NO_AR_FREE, "IO controller", source[0], "two of a set at most")
+        return replaced
 
     def _new(self, granted: ConnectPlan, source: Address, now: int) -> ApplicationRelation:
         self._made += 1
@@ -304,8 +328,11 @@ class ContextManager:
     def _forget(self, relation: ApplicationRelation, now: int) -> None:
         ar_uuid = relation.plan.ar.ar_uuid
         del self.relations[ar_uuid]
-        if relation is self.io:
-            self.io = None
+        if relation in self.controllers:
+            self.controllers.remove(relation)
+            if relation in self.set.members:
+                self.set.leave(relation, now)
+            self.lead()
         code = relation.ended.code if relation.ended is not None else AbortCode.REQUESTED
         self.records.log.append(LogItem(now, ar_uuid, code.status.value))
         self._ended.append(relation)

@@ -29,7 +29,7 @@ from pdgw.profinet.rpc.dcerpc import Flags, PacketType, RpcHeader
 from pdgw.profinet.rpc.records import PnioStatus, decode_arguments, encode_arguments
 
 Address = tuple[str, int]
-_ACCEPTED, _PROVIDER_STOP = Verdict.ACCEPTED, Verdict.PROVIDER_STOP
+_ACCEPTED, _PROVIDER_STOP, _NO_DATA = Verdict.ACCEPTED, Verdict.PROVIDER_STOP, Verdict.NO_DATA
 
 ACTIVITY_UNIT_NS: Final = 100 * MS
 RTA_UNIT_NS: Final = 100 * MS
@@ -93,6 +93,7 @@ class Event(enum.Enum):
     NAME_CHANGED = "name or address has changed"
     RESET = "reset to factory"
     STOPPED = "the device ends"
+    NO_PRIMARY = "no controller, or more than one, was primary for the redundancy data hold time"
 
 
 class Action(enum.Enum):
@@ -119,6 +120,7 @@ ABORTS: Final = {
     Event.NAME_CHANGED: AbortCode.NAME_CHANGED,
     Event.RESET: AbortCode.RESET,
     Event.STOPPED: AbortCode.REQUESTED,
+    Event.NO_PRIMARY: AbortCode.DATA_HOLD,
     Event.RELEASE: AbortCode.RELEASED,
     Event.PEER_ERROR: AbortCode.REQUESTED,
 }
@@ -204,7 +206,9 @@ class ApplicationRelation:
         self.reference = own_reference
         """Of the alarm relationship, this side."""
         self.ended: Ended | None = None
-        self.has_data = ar.ar_type == ArType.IO
+        self.has_data = ar.ar_type != ArType.DEVICE_ACCESS
+        self.backup = plan.redundancy is not None
+        """Another relationship of its set leads, or none."""
         self.state = State.PARAMETERISING if self.has_data else State.ACCESS
         self.stored: dict[tuple[Subslot, int], bytes] = {}
         """Records written to interface and port, by place and index."""
@@ -349,6 +353,8 @@ class ApplicationRelation:
         if self.consumer is None or self.state is State.CLOSED:
             return False
         verdict = self.consumer.receive(frame, start, now)
+        if verdict is _NO_DATA and self.plan.redundancy is not None and self.state is State.AWAITING_DATA:
+            self.handle(Event.DATA_RECEIVED, now)
         if verdict is _ACCEPTED or verdict is _PROVIDER_STOP:
             if self.state is _DATA:
                 return True
@@ -371,8 +377,8 @@ class ApplicationRelation:
         machine.frames.clear()
 
     def send_alarms(self, now: int) -> None:
-        """Tell what has changed, one notification at a time."""
-        if not self.alarms.pending:
+        """Tell what has changed, one notification at a time; in a set the relationship that leads does."""
+        if not self.alarms.pending or self.backup:
             return
         machine = self.machines.get(Priority.LOW)
         if machine is None or self.state not in {State.AWAITING_DATA, State.DATA} or not machine.idle:

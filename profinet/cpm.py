@@ -41,11 +41,18 @@ _ACCEPTED = Verdict.ACCEPTED
 
 
 class Consumer:
-    """Receives one cyclic relationship. The caller has checked sender and FrameID. ``counters``: to go on counting in."""
+    """Receives one cyclic relationship. The caller has checked sender and FrameID.
 
-    def __init__(self, plan: CyclicPlan, counters: dict[Verdict, int] | None = None) -> None:
+    ``counters``: to go on counting in. ``of_device``: input frames of system redundancy. Those of a backup have data too, and
+    those whose data is not valid keep the relationship.
+    """
+
+    def __init__(
+        self, plan: CyclicPlan, counters: dict[Verdict, int] | None = None, *, of_device: bool = False
+    ) -> None:
         block = plan.block
         self.plan = plan
+        self._of_device = of_device
         self._size = HEADER.size + block.data_length + TRAILER.size
         self._trailer = HEADER.size + block.data_length
         self._counter: int | None = None
@@ -61,6 +68,10 @@ class Consumer:
         """The controller is in RUN: its data counts."""
         self.last_ns: int | None = None
         """When the last frame was accepted; None: none yet."""
+        self.data_ns: int | None = None
+        """When the last one with data was."""
+        self.primary = False
+        """The controller asks to lead (DataStatus.State)."""
         self.counters = dict.fromkeys(Verdict, 0) if counters is None else counters
 
     @property
@@ -81,14 +92,18 @@ class Consumer:
         counter, status, transfer = TRAILER.unpack_from(frame, start + self._trailer)
         if transfer:
             return self._count(Verdict.TRANSFER_STATUS)
-        if not status & STATUS_DATA_VALID:
+        if not status & STATUS_DATA_VALID and not self._of_device:
             return self._count(Verdict.NOT_VALID)
         if self._counter is not None and not is_newer(counter, self._counter):
             return self._count(Verdict.STALE)
         self._counter = counter
         self.last_ns = now
-        if status & STATUS_IGNORE or not status & STATUS_PRIMARY:
+        if status & STATUS_IGNORE:
             return self._count(Verdict.NO_DATA)
+        self.primary = status & STATUS_PRIMARY != 0
+        if not (status & STATUS_DATA_VALID if self._of_device else self.primary):
+            return self._count(Verdict.NO_DATA)
+        self.data_ns = now
         self.payload = frame[start:]
         self.running = status & STATUS_RUN != 0
         return self._count(_ACCEPTED if self.running else Verdict.PROVIDER_STOP)

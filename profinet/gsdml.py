@@ -16,6 +16,7 @@ from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import ApplicationMode, Direction, Telegram, TelegramHalf
 from pdgw.profinet.blocks.alarm import MESSAGE_CLASS_TEXTS, MessageClass
+from pdgw.profinet.blocks.connect import AR_NUMBERS
 from pdgw.profinet.model import (
     ACCESS_POINT_IDENT,
     ACCESS_POINT_SUBSLOT,
@@ -40,6 +41,8 @@ _SCHEMA = "http://www.w3.org/2001/XMLSchema-instance"
 VERSION = "V2.4"
 _RATIOS = "1 2 4 8 16 32 64 128 256 512"
 _DATA_MAX = 1440
+_SWITCHOVER_MS = 10
+"""The frame that asks for the primary role is the first that counts; this is what its way through the process may take."""
 _HEADER = (
     ("ProfileIdentification", "PROFINET Device Profile"),
     ("ProfileRevision", "1.00"),
@@ -92,9 +95,17 @@ def _data_type(signal: Signal) -> str:
 
 
 class GsdmlWriter:
-    """Writes the file of a device with these kinds of drive object and their telegrams."""
+    """Writes the file of a device with these kinds of drive object and their telegrams. ``redundant``: two controllers (S2)."""
 
-    def __init__(self, identity: Identity, vendor: str, telegrams: Mapping[ObjectKind, Sequence[Telegram]]) -> None:
+    def __init__(
+        self,
+        identity: Identity,
+        vendor: str,
+        telegrams: Mapping[ObjectKind, Sequence[Telegram]],
+        *,
+        redundant: bool = False,
+    ) -> None:
+        self._redundant = redundant
         self._identity = identity
         self._vendor = vendor
         self._telegrams = telegrams
@@ -193,6 +204,17 @@ class GsdmlWriter:
         SubElement(point, "IOData")
         self._info(point, identity.product, "The device itself")
         self._interface(SubElement(item, "SystemDefinedSubmoduleList"))
+        if self._redundant:
+            SubElement(
+                item,
+                "SystemRedundancy",
+                DeviceType="S2",
+                MaxSwitchOverTime=str(_SWITCHOVER_MS),
+                RT_InputOnBackupAR_Supported="true",
+                DataInvalidOnBackupAR_Supported="true",
+                NumberOfAR_Sets="1",
+                S2MaxInputOnBackupDelay=str(_SWITCHOVER_MS),
+            )
 
     def _interface(self, parent: Element) -> None:
         interface = SubElement(
@@ -210,6 +232,8 @@ class GsdmlWriter:
             DCP_BoundarySupported="true",
         )
         relations = SubElement(interface, "ApplicationRelations", StartupMode="Legacy;Advanced")
+        if self._redundant:
+            relations.set("NumberOfAR", str(len(AR_NUMBERS)))
         SubElement(relations, "TimingProperties", SendClock="32", ReductionRatio=_RATIOS)
         port = SubElement(
             parent,

@@ -102,6 +102,8 @@ class DeviceModel:
     identity: Identity
     modules: Mapping[int, Module]
     min_device_interval: int = MIN_DEVICE_INTERVAL
+    redundancy_hold_max: int = 0
+    """Longest redundancy data hold time in ms; 0: no system redundancy."""
 
     def submodule(self, slot: int, subslot: int) -> Submodule | None:
         """What is plugged there."""
@@ -109,9 +111,11 @@ class DeviceModel:
         return None if module is None else module.submodules.get(subslot)
 
 
-def drive_model(identity: Identity, objects: list[tuple[ObjectKind, Telegram]]) -> DeviceModel:
+def drive_model(
+    identity: Identity, objects: list[tuple[ObjectKind, Telegram]], redundancy_hold_max: int = 0
+) -> DeviceModel:
     """A device with these drive objects from slot 1 on."""
     modules = {DAP_SLOT: access_module()}
     for slot, (kind, telegram) in enumerate(objects, start=1):
         modules[slot] = object_module(kind, telegram)
-    return DeviceModel(identity, modules)
+    return DeviceModel(identity, modules, redundancy_hold_max=redundancy_hold_max)

@@ -97,6 +97,8 @@ class TransportConfig(Section):
     """The IP suite's standard gateway, with a fixed address."""
     snmp_community: Annotated[str, Field(min_length=1, max_length=32, pattern=r"^[!-~]+$")] | None = None
     """By which the SNMP agent of ``profinet`` answers, mostly "public"; None: there is no agent."""
+    switchover_ms: Annotated[Integer, Field(ge=3, le=2000)] | None = None
+    """Two controllers (system redundancy S2): the axes may keep the last setpoints for so long while neither leads. None: one."""
     vendor_id: DeviceNumber = identity.VENDOR_ID
     device_id: DeviceNumber = identity.DEVICE_ID
     listen: IPv4Address = IPv4Address("127.0.0.1")
@@ -133,7 +135,7 @@ class TransportConfig(Section):
         if self.type == "profinet" and self.interface is None:
             raise misplaced('interface is missing, needed with type = "profinet", for example "eth1"', "type")
         if self.type != "profinet":
-            for key in ("interface", "ip", "router", "snmp_community"):
+            for key in ("interface", "ip", "router", "snmp_community", "switchover_ms"):
                 if getattr(self, key) is not None:
                     raise misplaced(f'{key}: has a meaning with type = "profinet" only', key)
         elif self.router is not None and (self.ip is None or self.router not in self.ip.network):

@@ -28,6 +28,7 @@ from pdgw.profinet.blocks.connect import (
     IocrType,
     Place,
     RtClass,
+    SrInfoBlock,
     SubmoduleDirection,
 )
 from pdgw.profinet.connect import CyclicPlan, DataObject
@@ -61,6 +62,22 @@ def provides(submodule: Submodule, kind: IocrType) -> bool:
 
 
 @dataclass(frozen=True)
+class Redundancy:
+    """The relationship is one of two (system redundancy S2). ``number``: 1 or 2; ``hold_ms``: redundancy data hold time."""
+
+    number: int
+    hold_ms: int = 200
+    properties: int = 0x5
+    """Valid input data for the backup too."""
+    config: bytes = b"project1"
+
+    def ar_uuid(self, seed: int, session: int) -> UUID:
+        """Discriminator, ConfigID, selector: ARnumber and two ARs."""
+        discriminator = (seed & 0xFFFF_FFFF).to_bytes(4, "big") + session.to_bytes(2, "big")
+        return UUID(bytes=discriminator + self.config + (0x10 | self.number).to_bytes(2, "big"))
+
+
+@dataclass(frozen=True)
 class Project:
     """``send_clock`` in 31.25 us; the cycle is ``send_clock`` x ``reduction_ratio``. ``data_hold`` counts cycles."""
 
@@ -74,6 +91,7 @@ class Project:
     activity_timeout: int = 200
     records: Sequence[tuple[int, int, int, int, bytes]] = field(default=())
     """Written before PrmEnd: API, slot, subslot, index, data."""
+    redundancy: Redundancy | None = None
 
     @property
     def submodules(self) -> dict[Subslot, Submodule]:
@@ -105,7 +123,7 @@ class Project:
 
     def ar(self, ar_uuid: UUID, session: int, mac: bytes, initiator: UUID, name: str) -> ArBlockReq:
         return ArBlockReq(
-            ar_type=ArType.IO,
+            ar_type=ArType.IO if self.redundancy is None else ArType.REDUNDANT,
             ar_uuid=ar_uuid,
             session_key=session,
             initiator_mac=mac,
@@ -182,13 +200,16 @@ class Project:
 
     def blocks(self, ar: ArBlockReq) -> list[Block]:
         """A Connect request."""
-        return [
+        blocks = [
             ar,
             self.iocr(IocrType.INPUT, self.layout(IocrType.INPUT)),
             self.iocr(IocrType.OUTPUT, self.layout(IocrType.OUTPUT)),
             *self.expected(),
             self.alarm(),
         ]
+        if self.redundancy is not None:
+            blocks.append(SrInfoBlock(hold_factor=self.redundancy.hold_ms, properties=self.redundancy.properties))
+        return blocks
 
     def plan(self, kind: IocrType, frame_id: int) -> CyclicPlan:
         """What the controller's own protocol machines need."""

@@ -25,7 +25,7 @@ from pdgw.profinet.station import Identity, Station
 from tests.support import captures
 from tests.support.daemon import until
 from tests.support.ethernet import FakeEthernet
-from tests.support.profinet import DEVICE_IP, PLC_IP, PLC_MAC
+from tests.support.profinet import DEVICE_IP, DEVICE_MAC, PLC_IP, PLC_MAC
 from tests.support.tshark_frames import datagram
 
 _TURN_NS = MS // 4
@@ -65,6 +65,10 @@ class Plant:
             Project("press-1", modules, data_hold=data_hold),
             DEVICE_IP,
         )
+        self.plcs = {PLC_IP: self.plc}
+        """By IP address: the one, and perhaps a second one of system redundancy."""
+        self.dead: set[IoController] = set()
+        """These do nothing any more."""
         self.others: dict[Address, deque[bytes]] = {}
         """Datagrams to whoever else asks the device."""
         self.killed = False
@@ -79,26 +83,33 @@ class Plant:
 
     def _turn(self) -> None:
         now = self.loop.now()
-        if not self.killed:
-            self.plc.poll(now)
-            for address, data in self.plc.outgoing():
-                self._keep(data, (PLC_IP, ACYCLIC_PORT), address)
-                self.port.arrive(address, bytes(data))
+        alive = {} if self.killed else {host: plc for host, plc in self.plcs.items() if plc not in self.dead}
+        for host, plc in alive.items():
+            plc.poll(now)
+            for address, data in plc.outgoing():
+                self._keep(data, (host, ACYCLIC_PORT), address, plc.station.identity.mac)
+                self.port.arrive(address, bytes(data), host)
         while self.port.sent:
             address, sent = self.port.sent.popleft()
-            self._keep(sent, (str(DEVICE_IP.address), ACYCLIC_PORT), address)
+            to = self.plc if address is None else self.plcs.get(address[0], self.plc)
+            self._keep(sent, (str(DEVICE_IP.address), ACYCLIC_PORT), address, DEVICE_MAC, to.station.identity.mac)
             if address in self.others:
                 self.others[address].append(bytes(sent))
-            elif self.killed:
-                continue
-            elif address is None:
-                self.plc.on_frame(sent, now)
-            else:
-                self.plc.on_datagram(sent, (str(DEVICE_IP.address), ACYCLIC_PORT), now)
+            elif address is not None and to in alive.values():
+                to.on_datagram(sent, (str(DEVICE_IP.address), ACYCLIC_PORT), now)
+            for plc in alive.values() if address is None else ():
+                plc.on_frame(sent, now)
         self.loop.call_later(_TURN_NS, self._turn)
 
-    def _keep(self, data: bytes | bytearray, source: tuple[str, int], address: tuple[str, int] | None) -> None:
-        frame = bytes(data) if address is None else datagram(bytes(data), source, address)
+    def _keep(
+        self,
+        data: bytes | bytearray,
+        source: tuple[str, int],
+        address: tuple[str, int] | None,
+        from_mac: bytes,
+        to_mac: bytes = DEVICE_MAC,
+    ) -> None:
+        frame = bytes(data) if address is None else datagram(bytes(data), source, address, from_mac, to_mac)
         self.frames.append((self.loop.now(), frame))
 
     def until(self, condition: Callable[[], object], what: str, patience: int = _PATIENCE) -> None:

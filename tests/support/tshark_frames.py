@@ -12,10 +12,16 @@ from scapy.utils import wrpcap
 from tests.support import tshark
 
 
-def datagram(payload: bytes, source: tuple[str, int], destination: tuple[str, int]) -> bytes:
+def datagram(
+    payload: bytes,
+    source: tuple[str, int],
+    destination: tuple[str, int],
+    source_mac: bytes = bytes.fromhex("020000000001"),
+    destination_mac: bytes = bytes.fromhex("020000000002"),
+) -> bytes:
     """A UDP datagram as a frame."""
     return bytes(
-        Ether(src="02:00:00:00:00:01", dst="02:00:00:00:00:02")
+        Ether(src=source_mac.hex(":"), dst=destination_mac.hex(":"))
         / IP(src=source[0], dst=destination[0])
         / UDP(sport=source[1], dport=destination[1])
         / payload

@@ -45,7 +45,9 @@ def write(
 def write_gsdml(transport: TransportConfig, folder: Path, option: str) -> Path:
     """Write the file into a folder; GatewayError names the ``option`` that gave the folder when that cannot be done."""
     kinds = {kind: [telegram(number) for number in numbers] for kind, numbers in TELEGRAMS.items()}
-    text = GsdmlWriter(profinet_identity(transport, _NO_MAC), VENDOR_NAME, kinds).write()
+    text = GsdmlWriter(
+        profinet_identity(transport, _NO_MAC), VENDOR_NAME, kinds, redundant=transport.switchover_ms is not None
+    ).write()
     path = folder / file_name(VENDOR_NAME, PRODUCT, RELEASED)
     try:
         path.write_text(text, encoding="utf-8")

@@ -38,4 +38,5 @@ def profinet_model(
 ) -> DeviceModel:
     """A slot for each drive object, in the order of the configuration."""
     kinds = [ObjectKind.AXIS if isinstance(item, AxisConfig) else ObjectKind.ENCODER for item in objects]
-    return drive_model(profinet_identity(transport, mac), list(zip(kinds, telegrams, strict=True)))
+    identified = list(zip(kinds, telegrams, strict=True))
+    return drive_model(profinet_identity(transport, mac), identified, transport.switchover_ms or 0)

@@ -2,7 +2,11 @@
 
 The controller sets the pace: new output data steps the drive objects, input data goes out with the device's own timing. What came
 with the name and the address by DCP is kept in the store. The axes do not wait for the data hold time of the relationship, which
-may be up to 1.92 s: ``watchdog_factor`` cycles without a frame are a loss of the PLC for them.
+may be up to 1.92 s: ``watchdog_factor`` cycles without data are a loss of the PLC for them.
+
+Of two redundant controllers one leads. While neither does, the axes keep the last setpoints for the redundancy data hold time, as
+long as the other one is there. A new leader that orders the same, or a stop, goes on. Anything else is a loss of the PLC for the
+axis.
 """
 
 from __future__ import annotations
@@ -19,6 +23,7 @@ from pdgw.ds301.loop import Loop, Mailbox, Task, Timer
 from pdgw.durations import MS
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.links.confirmation import Orders
 from pdgw.gateway.links.link import silence
 from pdgw.gateway.links.profinet.diagnosis import Diagnosed, present_classes
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
@@ -36,6 +41,7 @@ from pdgw.profinet.cmdev import ApplicationRelation, Event
 from pdgw.profinet.cpm import Consumer, Verdict
 from pdgw.profinet.device import Connected, DeviceEvent, Disconnected, ProfinetDevice
 from pdgw.profinet.model import ACCESS_POINT_SUBSLOT, TELEGRAM_SUBSLOT
+from pdgw.profinet.ppm import Provider
 from pdgw.profinet.rpc.server import NoRecords, RecordHandler
 from pdgw.profinet.station import Station
 
@@ -51,6 +57,16 @@ class Served(Diagnosed, Protocol):
     """What the link has to know of a drive object."""
 
     telegram: Telegram
+
+
+class _Places:
+    """Where input data and IOPS of each drive object lie in the frames of one provider, and the IOPS it has."""
+
+    __slots__ = ("data", "good")
+
+    def __init__(self, provider: Provider, objects: int) -> None:
+        self.data = [provider.place((slot, TELEGRAM_SUBSLOT)) for slot in range(1, objects + 1)]
+        self.good: list[bool | None] = [None] * objects
 
 
 class ProfinetLink:
@@ -78,7 +94,10 @@ class ProfinetLink:
         self._timer: Timer | None = None
         self._timer_due = 0
         self._consumer: Consumer | None = None
-        """Of the controller that exchanges data."""
+        """Of the controller that leads, or led last while another one may take over."""
+        self._taken_over = False
+        """Another controller leads: what it orders is compared with what is in force."""
+        self.switchovers = 0
         self._pairing: Pairing | None = None
         """None: the relationship has two cycles or a long one, or there is none."""
         self._exchange: Callable[[], None] = lambda: None
@@ -94,11 +113,7 @@ class ProfinetLink:
         self._told: list[set[MessageClass]] = [set() for _ in objects]
         self._newest: tuple[Sequence[Sequence[int]], Sequence[bool]] | None = None
         """Actual values of the last step and whether they are valid: what a new relationship begins with."""
-        self._placed_for: ApplicationRelation | None = None
-        self._places: list[tuple[int, int] | None] = [None] * len(objects)
-        """Where input data and IOPS of each drive object lie in the frame of the provider of ``_placed_for``."""
-        self._statuses: list[bool | None] = []
-        """Whether its provider was told that the data is valid."""
+        self._places: dict[ApplicationRelation, _Places] = {}
         self._outputs: list[tuple[int, Callable[[bytes, int], tuple[int, ...]], int, int]] = []
         """Drive objects with output data: number, codec, where data and IOPS lie in the consumer's frame."""
         self.setpoints: list[Sequence[int] | None] = [None] * len(objects)
@@ -132,6 +147,7 @@ class ProfinetLink:
         counters.add(
             "link", "watchdog_expiries", "times", "no frame in time while connected", lambda: self.watchdog_expiries
         )
+        counters.add("link", "switchovers", "times", "to the other redundant controller", lambda: self.switchovers)
         counters.add("link", "connects_refused", "times", "Connect refused", lambda: device.cm.refusals)
         counters.add("link", "dcp_refused", "blocks", "of DCP Set refused", lambda: device.dcp.refused)
         counters.add("link", "errors", "frames", "not sent or not received", lambda: self.port.errors)
@@ -201,25 +217,46 @@ class ProfinetLink:
         if self._pairing is not None and not self._pairing.together:
             self._pairing.came(now)
         payload = consumer.payload
+        before, self._taken_over = list(setpoints) if self._taken_over else None, False
         for index, unpack_from, offset, iops in self._outputs:
             good = consumer.running and payload[iops] & IOPS_GOOD
             setpoints[index] = unpack_from(payload, offset) if good else None
         self._receivable = True
+        if before is not None:
+            self._compare(before)
+
+    def _compare(self, before: Sequence[Sequence[int] | None]) -> None:
+        """A new leader that orders something else than is in force, and no stop, is a loss of the PLC for that axis."""
+        served = {index for index, *_ in self._outputs}
+        for index, (telegram, old) in enumerate(zip(self._telegrams, before, strict=True)):
+            new = self.setpoints[index] if index in served else None
+            self.setpoints[index] = new
+            if old is not None and new is not None and not Orders(telegram.setpoints).goes_on(new, old):
+                self.setpoints[index] = None
+                log.error("drive object %d: the new controller orders something else, stopped", index + 1)
 
     def poll(self, now: int) -> bool:
         if not self._receivable:
             return False
         consumer = self._consumer
-        if consumer is None or consumer.last_ns is None:
+        if consumer is None or consumer.data_ns is None:
             self.loss = self._end
-        elif now - consumer.last_ns <= self._limit_ns:
-            return False
         else:
-            self.loss = silence(self._config.transport.watchdog_factor)
+            silent = now - consumer.data_ns
+            if silent <= self._limit_ns or silent <= (hold_ns := self._hold_ns(now)):
+                return False
+            nobody = f"no controller has led for {hold_ns / MS:g} ms" if hold_ns else ""
+            self.loss = self._end or nobody or silence(self._config.transport.watchdog_factor)
             self.watchdog_expiries += 1
+            if self._end:
+                self._release()
         self._receivable = False
         self.lose_setpoints()
         return True
+
+    def _hold_ns(self, now: int) -> int:
+        """How long the axes go on without a controller that leads: 0 where no other one can take over."""
+        return 0 if self.device.successor(now) is None else self.device.redundancy_hold_ns
 
     def lose_setpoints(self) -> None:
         for index in range(len(self.setpoints)):
@@ -228,25 +265,31 @@ class ProfinetLink:
     def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], released: Sequence[bool]) -> None:
         # ``released`` is for links that may deliver an old order late; Ethernet frames cannot overtake each other for so long.
         self._newest = (actuals, good)
-        relation = self.device.relation
-        if relation is None or relation.provider is None:
-            return
-        provider = relation.provider
-        if relation is not self._placed_for:
-            # Filled from the Connect on: with ApplicationReady the data has to be valid.
-            self._placed_for = relation
-            self._places = [provider.place((slot, TELEGRAM_SUBSLOT)) for slot in range(1, len(self._telegrams) + 1)]
-            self._statuses = [None] * len(self._telegrams)
-        statuses = self._statuses
+        for relation in self.device.relations:
+            if relation.provider is not None:
+                # Filled from the Connect on: with ApplicationReady the data has to be valid.
+                self._fill(relation, relation.provider, actuals, good)
+        if self._answering:
+            self._answering = not self._provide(self._loop.now())
+
+    def _fill(
+        self,
+        relation: ApplicationRelation,
+        provider: Provider,
+        actuals: Sequence[Sequence[int]],
+        good: Sequence[bool],
+    ) -> None:
+        places = self._places.get(relation)
+        if places is None:
+            places = self._places[relation] = _Places(provider, len(self._telegrams))
+        statuses = places.good
         for index, telegram in enumerate(self._telegrams):
-            place = self._places[index]
+            place = places.data[index]
             if place is not None:
                 telegram.actuals.struct.pack_into(provider.frame, place[0], *actuals[index])
                 if statuses[index] is not good[index]:
                     statuses[index] = good[index]
                     provider.set_status((index + 1, TELEGRAM_SUBSLOT), good=good[index])
-        if self._answering:
-            self._answering = not self._provide(self._loop.now())
 
     def set_layout(self, telegrams: Sequence[Telegram]) -> None:
         if self.device.relation is not None:
@@ -260,7 +303,9 @@ class ProfinetLink:
         relation = self.device.relation
         offsets = {index: offset for index, _, offset, _ in self._outputs}
         setpoints = tuple(offsets.get(index) for index in range(len(self._telegrams)))
-        actuals = tuple(None if place is None else place[0] for place in self._places)
+        places = None if relation is None else self._places.get(relation)
+        data = [None] * len(self._telegrams) if places is None else places.data
+        actuals = tuple(None if place is None else place[0] for place in data)
         if relation is None or relation.consumer is None or relation.provider is None:
             return FramePlaces("profinet", 0, 0, setpoints, actuals)
         return FramePlaces("profinet", len(relation.consumer.payload), len(relation.provider.frame), setpoints, actuals)
@@ -274,7 +319,7 @@ class ProfinetLink:
     @property
     def heard_ns(self) -> int | None:
         relation = self.device.relation
-        return relation.consumer.last_ns if relation is not None and relation.consumer is not None else None
+        return relation.consumer.data_ns if relation is not None and relation.consumer is not None else None
 
     def status(self) -> dict[str, object]:
         relation = self.device.relation
@@ -290,10 +335,16 @@ class ProfinetLink:
                 "link_up": station.link_up,
                 "relationship": relation.state.value if relation else "none",
                 "controller": relation.plan.ar.station_name if relation else "",
+                "backup": self._backup(),
                 "cycle_ms": relation.provider.cycle_ns / MS if relation and relation.provider else None,
                 "flashing": self._keeper.flashing,
             },
         }
+
+    def _backup(self) -> str:
+        """The name of a redundant controller that does not lead."""
+        relation = self.device.successor(self._loop.now())
+        return "" if relation is None else relation.plan.ar.station_name
 
     def close(self) -> None:
         self._closed = True
@@ -342,9 +393,10 @@ class ProfinetLink:
                 if self._pairing is not None and self._pairing.together:
                     self._exchange()  # the frame that waits came before this call
                 self.device.on_datagram(data, source, self._loop.now())
-                if not self.device.connected:
+                relation = self.device.relation
+                if relation is None or not relation.connected:
                     self.lose_setpoints()  # PrmBegin: what the controller goes on sending does not count until it is done
-                if self.device.relation is not self._placed_for and self._newest is not None:
+                if self._newest is not None and any(item not in self._places for item in self.device.relations):
                     self.send(*self._newest, ())
                 self._pump()
             except Exception as error:  # of one call: the next is served
@@ -406,37 +458,49 @@ class ProfinetLink:
                 provider, consumer = relation.provider, relation.consumer
                 if provider is None or consumer is None:
                     return
+                if self._consumer is not None:
+                    self._taken_over = True
+                    self.switchovers += 1
+                self._release()
                 for index, telegram in enumerate(self._telegrams):
                     place = (index + 1, TELEGRAM_SUBSLOT)
                     where = consumer.place(place) if place in relation.plan.proper else None
                     if where is not None:
                         self._outputs.append((index, telegram.setpoints.struct.unpack_from, *where))
                 self._consumer = consumer
-                if consumer.cycle_ns == provider.cycle_ns <= LONGEST_NS:
+                self._end = ""
+                # Of a set each frame wakes the loop: the other controller may take over with it.
+                if relation.plan.redundancy is None and consumer.cycle_ns == provider.cycle_ns <= LONGEST_NS:
                     self._pairing = Pairing(self.port, provider)
                 transport = self._config.transport
                 self._limit_ns = transport.watchdog_factor * provider.cycle_ns
                 self.layout_token = object()
                 cycle = provider.cycle_ns / MS
-                log.info("controller %s connected, cycle %g ms", self.peer, cycle)
+                what = "took over" if self._taken_over else "connected"
+                log.info("controller %s %s, cycle %g ms", self.peer, what, cycle)
                 if cycle < transport.cycle_time_ms:
                     log.warning("the controller's cycle is shorter than cycle_time_ms = %g", transport.cycle_time_ms)
                 if relation.plan.diff is not None:
                     log.warning("the controller's project differs from the configuration: see ModuleDiff")
             case Disconnected(relation, ended):
-                if relation is self._placed_for:
-                    self._placed_for = None
-                    self._places = [None] * len(self._telegrams)
-                self._outputs.clear()
-                self._consumer = None
-                if self._pairing is not None:
-                    self._pairing.end()
-                    self._pairing = None
-                self.lose_setpoints()
-                self._end = f"the relationship has ended: {ended.text}"
+                self._places.pop(relation, None)
                 log.error("controller %s disconnected: %s", relation.plan.ar.station_name, ended.text)
+                if self._consumer is not None and relation.consumer is not self._consumer:
+                    return  # it was the backup
+                self._end = f"the relationship has ended: {ended.text}"
+                if not self._hold_ns(self._loop.now()):
+                    self._release()
+                    self.lose_setpoints()
             case _:
                 self._keeper.on_event(event, self.station.name)
+
+    def _release(self) -> None:
+        """Nothing is taken of the relationship that led any more."""
+        self._outputs.clear()
+        self._consumer = None
+        if self._pairing is not None:
+            self._pairing.end()
+            self._pairing = None
 
     def _on_watch(self) -> None:
         """What is wrong with the drive objects, as diagnosis of their access points."""

@@ -12,11 +12,12 @@ import pytest
 from pdgw.dsp402.states import State
 from pdgw.durations import MS
 from pdgw.peers.controller.controller import Phase
-from pdgw.profidrive.frame import STATUS_RUN
+from pdgw.profidrive.frame import STATUS_NORMAL, STATUS_PRIMARY, STATUS_RUN
 from pdgw.profinet import apmx, dcp, ethernet
 from pdgw.profinet.apmx import PduType
 from pdgw.profinet.blocks.alarm import Priority
 from pdgw.profinet.cmdev import AbortCode
+from pdgw.profinet.cpm import STATUS_IGNORE
 from pdgw.profinet.station import IpSuite
 from tests.support.daemon import axis, drive_of
 from tests.support.profinet import DEVICE_MAC, PLC_MAC
@@ -46,6 +47,17 @@ def fall_silent(site: Plant) -> None:
 def stop(site: Plant) -> None:
     assert site.plc.provider is not None
     site.plc.provider.data_status &= ~STATUS_RUN
+
+
+def become_backup(site: Plant) -> None:
+    """Of a relationship without redundancy: its data does not count, and nobody else's does."""
+    assert site.plc.provider is not None
+    site.plc.provider.data_status &= ~STATUS_PRIMARY
+
+
+def ignore(site: Plant) -> None:
+    assert site.plc.provider is not None
+    site.plc.provider.data_status |= STATUS_IGNORE
 
 
 def mark_bad(site: Plant) -> None:
@@ -82,7 +94,20 @@ def readdress(site: Plant) -> None:
     site.port.on_link()
 
 
-WAYS = [kill, pull, fall_silent, stop, mark_bad, release, abort, restart, parameterise_anew, readdress]
+WAYS = [
+    kill,
+    pull,
+    fall_silent,
+    stop,
+    become_backup,
+    ignore,
+    mark_bad,
+    release,
+    abort,
+    restart,
+    parameterise_anew,
+    readdress,
+]
 
 
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)
@@ -106,7 +131,7 @@ def test_the_drive_is_stopped_within_the_bound_and_stays_stopped(tmp_path: Path,
         site.port.link_up = True
         site.port.on_link()
         if site.plc.provider is not None:
-            site.plc.provider.data_status |= STATUS_RUN
+            site.plc.provider.data_status = STATUS_NORMAL
         site.run(100 * MS)
         if not (site.link.connected and site.plc.phase is Phase.DATA):
             site.connect()

@@ -1,0 +1,109 @@
+"""Another controller takes over with any words in any state of the drive: it starts nothing before its own OFF and ON."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from pdgw.dsp402.states import State
+from pdgw.gateway.links.confirmation import Orders
+from tests.support.positioner import CHOICES
+from tests.support.rig import Rig
+
+OFF, ON = 0x047E, 0x047F
+WORDS = [
+    0x0000,
+    0x0400,
+    OFF,
+    ON,
+    *(ON & ~(1 << bit) for bit in range(11)),
+    ON | 0x80,
+    ON | 0x100,
+    ON | 0x800,
+    OFF | 0x80,
+    0x0C3F,
+]
+AWAY = (State.READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED, State.SWITCHED_ON)
+VALUES = {"NSOLL_A": 0x2000, "SATZANW": 0x8000, "MDI_TARPOS": 0x0100_0000, "MDI_VELOCITY": 1 << 30, "MDI_MOD": 1}
+VALUES |= {"MDI_ACC": 0x4000, "MDI_DEC": 0x4000, "POS_STW1": 0x8100, "OVERRIDE": 0x4000}
+
+
+def step(rig: Rig, word: int, cycles: int) -> None:
+    rig.values["STW1"] = word
+    rig.step(cycles)
+
+
+def enabled(rig: Rig) -> None:
+    rig.enable(0x043E)
+    step(rig, ON, 60)
+
+
+def begun(rig: Rig, *words: int) -> None:
+    enabled(rig)
+    for word in words:
+        step(rig, word, 2)
+
+
+BEFORE: dict[str, Callable[[Rig], None]] = {
+    "nothing": lambda rig: step(rig, 0x0400, 3),
+    "ready": lambda rig: step(rig, OFF, 6),
+    "operation": enabled,
+    "off1 ramp": lambda rig: begun(rig, OFF),
+    "off2": lambda rig: begun(rig, 0x047D),
+    "off3": lambda rig: begun(rig, 0x047B),
+    "disabled": lambda rig: begun(rig, ON & ~0x8),
+    "locked": lambda rig: begun(rig, 0x047B, ON, ON),
+}
+
+
+def take_over(rig: Rig, word: int) -> bool:
+    """As the link does it; whether the new controller's order goes on."""
+    half = rig.stepper.telegram.setpoints
+    before = half.from_dict(rig.values)
+    goes_on = Orders(half).goes_on(half.from_dict({**rig.values, "STW1": word}), before)
+    if not goes_on:
+        rig.step(plc=False)
+    rig.values["STW1"] = word
+    return goes_on
+
+
+@pytest.mark.parametrize("number", [1, 111])
+@pytest.mark.parametrize("before", BEFORE)
+@pytest.mark.parametrize("word", WORDS, ids=lambda word: f"{word:04X}h")
+def test_a_switchover_starts_no_drive_in_any_state(number: int, before: str, word: int) -> None:
+    rig = Rig(number, positioner=CHOICES)
+    rig.values |= {name: value for name, value in VALUES.items() if name in rig.values}
+    BEFORE[before](rig)
+    old = rig.values["STW1"]
+    operated = rig.state is State.OPERATION_ENABLED
+    goes_on = take_over(rig, word)
+    controlwords = len(rig.controlwords)
+    rig.step(250)
+    if goes_on and word == old:
+        return
+    enables = [item for item in rig.controlwords[controlwords:] if item & 0xF == 0xF]
+    if not operated:
+        assert not enables, "no Enable Operation"
+        assert rig.state is not State.OPERATION_ENABLED
+    elif not goes_on:
+        assert rig.state in AWAY, "stopped"
+        step(rig, OFF, 50)
+        step(rig, ON, 50)
+        assert rig.state is State.OPERATION_ENABLED, "after its own OFF and ON"
+
+
+@pytest.mark.parametrize("number", [1, 111])
+@pytest.mark.parametrize("bit", range(16))
+def test_a_rising_bit_never_goes_on_and_a_stop_does(number: int, bit: int) -> None:
+    half = Rig(number, positioner=CHOICES).stepper.telegram.setpoints
+    zero = dict.fromkeys(half.names, 0)
+    orders = Orders(half)
+
+    def goes_on(new: int, old: int) -> bool:
+        return orders.goes_on(half.from_dict({**zero, "STW1": new}), half.from_dict({**zero, "STW1": old}))
+
+    assert not goes_on(ON | 1 << bit, ON & ~(1 << bit))
+    stops = {0, 1, 2, 3, 4, 5, 10} | ({6, 8, 9} if number == 1 else set())
+    assert goes_on(0xFFFF & ~(1 << bit), 0xFFFF) == (bit in stops - ({4, 5, 6} if number == 1 else set()))
+    assert goes_on(ON & ~(1 << bit), ON) == (bit in stops or not ON & 1 << bit)

@@ -1,0 +1,263 @@
+"""Two redundant controllers with one gateway: a switchover starts nothing, and without a leader the axes stop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from pdgw.dsp402.states import State
+from pdgw.durations import MS
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.reasons import FaultNumber
+from pdgw.gateway.service.status import snapshot
+from pdgw.peers.controller.controller import IoController, Phase
+from pdgw.peers.controller.project import Redundancy
+from pdgw.peers.drive import SimulatedDrive
+from pdgw.profidrive.frame import STATUS_RUN
+from pdgw.profidrive.telegrams import telegram
+from pdgw.profinet.station import Identity, Station
+from pdgw.tools.output.status_text import status_lines
+from tests.support.daemon import axis, drive_of
+from tests.support.daemon import configuration as udp_configuration
+from tests.support.profinet import BACKUP_IP, BACKUP_MAC, DEVICE_IP
+from tests.support.profinet_daemon import OFF, ON, Plant, configuration, plant
+
+HOLD_MS = 200
+CYCLE_NS = 4 * MS
+BOUND_NS = 5 * CYCLE_NS
+"""From what stops the axis to the command on CAN."""
+SPEED, OTHER_SPEED = 0x1000, 0x0800
+
+
+class Twins:
+    """Two controllers of a plant with one axis: the first leads, the axis turns; both have the same set-points."""
+
+    def __init__(self, site: Plant, *, data_hold: int = 3) -> None:
+        self.site = site
+        self.one = site.plc
+        of = replace(self.one.project, data_hold=data_hold)
+        self.one.project = replace(of, redundancy=Redundancy(1, HOLD_MS))
+        self.other = IoController(
+            Station(Identity(BACKUP_MAC, 1, 1, "plc", "PLC"), "plc-2"),
+            replace(of, redundancy=Redundancy(2, HOLD_MS)),
+            DEVICE_IP,
+            seed=2,
+        )
+        site.plcs[BACKUP_IP] = self.other
+        self.half = telegram(1).setpoints
+        self.connect(self.one)
+        self.connect(self.other)
+        self.one.lead(primary=True)
+
+    @property
+    def drive(self) -> SimulatedDrive:
+        return drive_of(self.site.daemon)
+
+    @property
+    def turns(self) -> bool:
+        model = self.drive.model
+        return model.state is State.OPERATION_ENABLED and abs(model.velocity_actual) > 100
+
+    def connect(self, plc: IoController) -> None:
+        plc.start(self.site.loop.now())
+        self.site.until(lambda: plc.phase is Phase.DATA, "connected")
+        self.site.run(20 * MS)
+
+    def set(self, plc: IoController, word: int, speed: int = 0) -> None:
+        plc.set_output((1, 2), self.half.encode((word, speed)))
+
+    def both(self, word: int, speed: int = 0) -> None:
+        """As controllers with one program, both send the same."""
+        for plc in (self.one, self.other):
+            self.set(plc, word, speed)
+
+    def enable(self) -> None:
+        self.both(OFF, SPEED)
+        self.site.until(lambda: self.site.word() & 0x4F == 0x01, "ready")
+        self.both(ON, SPEED)
+        self.site.until(lambda: self.site.word() & 0x4F == 0x07, "operation")
+        self.site.run(300 * MS)
+        assert self.turns
+
+    def lost(self) -> bool:
+        """The loss of the PLC is a fault of the axis."""
+        return any(fault.number == FaultNumber.PLC_LOST for fault in self.site.daemon.axes[0].fault_log.standing())
+
+
+@contextmanager
+def twins(tmp_path: Path, **settings: int) -> Iterator[Twins]:
+    config = configuration(axis(1), tmp_path / "store.json", transport=f"switchover_ms = {HOLD_MS}")
+    with plant(config) as site:
+        made = Twins(site, **settings)
+        made.enable()
+        yield made
+
+
+def hand_over(pair: Twins) -> None:
+    pair.one.lead(primary=False)
+
+
+def die(pair: Twins) -> None:
+    pair.site.dead.add(pair.one)
+
+
+def release(pair: Twins) -> None:
+    pair.one.release(pair.site.loop.now())
+
+
+WAYS = [hand_over, die, release]
+
+
+@pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)
+@pytest.mark.parametrize("gap_ms", [0, 50, 170])
+def test_the_same_orders_go_on_over_a_switchover(tmp_path: Path, way: Callable[[Twins], None], gap_ms: int) -> None:
+    with twins(tmp_path) as pair:
+        site = pair.site
+        way(pair)
+        for _ in range(gap_ms):
+            site.run(MS)
+            assert pair.turns
+        pair.other.lead(primary=True)
+        for _ in range(500):
+            site.run(MS)
+            assert pair.turns
+        assert not pair.lost()
+        assert site.link.switchovers == 1
+        assert site.link.peer_host == BACKUP_IP
+        pair.set(pair.other, ON, OTHER_SPEED)
+        site.run(500 * MS)
+        assert abs(pair.drive.model.velocity_actual) < 1500, "the new controller leads"
+        pair.set(pair.other, OFF)
+        site.until(lambda: pair.drive.model.state is not State.OPERATION_ENABLED, "OFF1")
+
+
+@pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)
+def test_nobody_takes_over_and_the_axis_stops_as_after_a_loss(tmp_path: Path, way: Callable[[Twins], None]) -> None:
+    with twins(tmp_path) as pair:
+        site, model = pair.site, pair.drive.model
+        since = site.loop.now()
+        way(pair)
+        limit = HOLD_MS * MS + BOUND_NS
+        site.until(lambda: model.state is not State.OPERATION_ENABLED, "a stop", limit)
+        assert site.loop.now() - since >= HOLD_MS * MS - 2 * CYCLE_NS
+        assert pair.lost()
+        # It takes over too late, with the ON that stands.
+        site.run(100 * MS)
+        pair.connect(pair.other)
+        pair.other.lead(primary=True)
+        pair.set(pair.other, ON, SPEED)
+        site.run(1000 * MS)
+        assert model.state is State.SWITCH_ON_DISABLED
+        pair.set(pair.other, OFF)
+        site.run(100 * MS)
+        pair.set(pair.other, ON, SPEED)
+        site.run(500 * MS)
+        assert pair.turns
+
+
+def test_without_a_backup_the_axis_stops_after_the_watchdog(tmp_path: Path) -> None:
+    with twins(tmp_path) as pair:
+        site = pair.site
+        pair.other.release(site.loop.now())
+        site.run(100 * MS)
+        assert pair.turns, "the backup is no loss"
+        die(pair)
+        site.until(lambda: pair.drive.model.state is not State.OPERATION_ENABLED, "a stop", BOUND_NS)
+        assert pair.lost()
+
+
+def test_a_dead_backup_cannot_take_over(tmp_path: Path) -> None:
+    """Its relationship still stands, it is silent."""
+    with twins(tmp_path, data_hold=10) as pair:
+        site = pair.site
+        site.dead.add(pair.other)
+        site.run(60 * MS)
+        die(pair)
+        site.until(lambda: pair.drive.model.state is not State.OPERATION_ENABLED, "a stop", 100 * MS)
+        assert pair.lost()
+
+
+def test_stop_of_the_leading_controller_stops_at_once(tmp_path: Path) -> None:
+    with twins(tmp_path) as pair:
+        assert pair.one.provider is not None
+        pair.one.provider.data_status &= ~STATUS_RUN
+        pair.site.until(lambda: pair.drive.model.state is not State.OPERATION_ENABLED, "a stop", BOUND_NS)
+
+
+@pytest.mark.parametrize("word", [0x047F | 0x80, 0x047F | 0x800, 0x047F & ~0x10 | 0x80])
+def test_another_order_of_the_new_leader_stops_the_axis_and_needs_off_and_on(tmp_path: Path, word: int) -> None:
+    with twins(tmp_path) as pair:
+        site, model = pair.site, pair.drive.model
+        pair.set(pair.other, word, SPEED)
+        pair.other.lead(primary=True)
+        pair.one.lead(primary=False)
+        site.until(lambda: model.state is not State.OPERATION_ENABLED, "a stop", BOUND_NS)
+        pair.set(pair.other, ON, SPEED)
+        site.run(1000 * MS)
+        assert model.state is State.SWITCH_ON_DISABLED
+        assert not pair.lost(), "one axis, not the link"
+        pair.set(pair.other, OFF)
+        site.run(100 * MS)
+        pair.set(pair.other, ON, SPEED)
+        site.run(500 * MS)
+        assert pair.turns
+
+
+@pytest.mark.parametrize(("word", "reason"), [(OFF, "OFF1"), (0x047D, "OFF2"), (0x047B, "OFF3"), (0x046F, "speed 0")])
+def test_a_stop_of_the_new_leader_is_obeyed_as_such(tmp_path: Path, word: int, reason: str) -> None:
+    with twins(tmp_path) as pair:
+        pair.set(pair.other, word, SPEED)
+        pair.other.lead(primary=True)
+        pair.one.lead(primary=False)
+        pair.site.until(lambda: not pair.drive.model.velocity_actual, reason)
+        assert not pair.lost()
+
+
+def test_a_switchover_starts_no_drive_with_a_standing_on(tmp_path: Path) -> None:
+    """The first controller had ordered OFF, which releases the lock; the ON of the second one is no edge."""
+    with twins(tmp_path) as pair:
+        site, model = pair.site, pair.drive.model
+        pair.set(pair.one, OFF)
+        site.until(lambda: site.word() & 0x4F == 0x01, "off")
+        pair.other.lead(primary=True)
+        pair.one.lead(primary=False)
+        site.run(1000 * MS)
+        assert model.state is not State.OPERATION_ENABLED
+        pair.set(pair.other, OFF)
+        site.run(100 * MS)
+        pair.set(pair.other, ON, SPEED)
+        site.run(500 * MS)
+        assert pair.turns
+
+
+def test_two_controllers_that_both_lead_for_the_hold_time_stop_the_axis(tmp_path: Path) -> None:
+    with twins(tmp_path) as pair:
+        pair.other.lead(primary=True)
+        pair.site.run(HOLD_MS * MS // 2)
+        assert pair.turns
+        pair.site.until(
+            lambda: pair.drive.model.state is not State.OPERATION_ENABLED, "a stop", HOLD_MS * MS // 2 + BOUND_NS
+        )
+        assert pair.lost()
+
+
+def test_the_status_shows_both_controllers(tmp_path: Path) -> None:
+    with twins(tmp_path) as pair:
+        text = "\n".join(status_lines(snapshot(pair.site.daemon), 400))
+        assert "controller plc-1: exchanges data" in text
+        assert "backup controller plc-2" in text
+        hand_over(pair)
+        pair.other.lead(primary=True)
+        pair.site.run(50 * MS)
+        text = "\n".join(status_lines(snapshot(pair.site.daemon), 400))
+        assert "controller plc-2: exchanges data" in text
+        assert "backup controller plc-1" in text
+
+
+def test_redundancy_is_for_profinet_only() -> None:
+    with pytest.raises(GatewayError, match='switchover_ms: has a meaning with type = "profinet" only'):
+        udp_configuration(axis(1), transport="switchover_ms = 200")
