@@ -192,7 +192,7 @@ class Daemon:
             try:
                 axis.choose_positioner(values.choices())
             except GatewayError as error:
-                log.error("axis %d: stored positioner parameters do not fit the configuration: %s", config.do_id, error)
+                log.error("%s: stored positioner parameters do not fit the configuration: %s", axis.label, error)
         return axis
 
     def _encoders(self) -> list[EncoderObject]:
@@ -209,7 +209,11 @@ class Daemon:
 
     @property
     def name(self) -> str:
-        """What the gateway is called: its name of station."""
+        """What the gateway is called."""
+        if self.config.name is not None:
+            return self.config.name
+        if self.config.transport.type != "profinet":
+            return "pdgw"
         stored = self.store.parameters.station_name
         return self.config.transport.station_name if stored is None else stored
 
@@ -222,13 +226,12 @@ class Daemon:
         """GatewayError when another telegram cannot be selected now. ``asked_by``: the address that wants it, if any."""
         if changed.powered or not changed.outputs.known_off:
             raise GatewayError(
-                f"{changed.kind} {changed.do_id}: no telegram can be selected while it is in operation, or was when it was "
-                "seen last"
+                f"{changed.label}: no telegram can be selected while it is in operation, or was when it was seen last"
             )
         plc = self.link.peer_host
         if self.link.connected and asked_by is not None and asked_by != plc:
             raise GatewayError(
-                f"{changed.kind} {changed.do_id}: {plc} is connected with the present frame, which would not fit any more: "
+                f"{changed.label}: {plc} is connected with the present frame, which would not fit any more: "
                 f"only it may change a telegram now, not {asked_by}"
             )
 

@@ -8,13 +8,19 @@ resume.
 from __future__ import annotations
 
 import json
+import re
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
+from itertools import islice
 
 from pdgw.web.feed import Document
 
 KEPT = 1000
+REPEATS_AMONG = 200
+"""Among so many of the newest events a repeated one is found."""
+_SINCE = re.compile(r", since \d\d:\d\d:\d\d")
+"""The time in a sentence; the event has its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +35,10 @@ class Event:
     do_id: int | None
     """The drive object it is about, if any."""
     text: str
+    count: int = 1
+    """Times it has happened; ``time`` is that of the last."""
+    since: str = ""
+    """When it happened first."""
 
     @property
     def message(self) -> bytes:
@@ -44,8 +54,15 @@ class EventLog:
         self._next = first_id
 
     def add(self, time: str, kind: str, do_id: int | None, text: str) -> None:
-        """Number it and keep it."""
-        self._events.append(Event(self._next, time, kind, do_id, text))
+        """Number it and keep it. What repeats takes the place of the older line, with a count."""
+        text = _SINCE.sub("", text)
+        count, since = 1, time
+        for known in islice(reversed(self._events), REPEATS_AMONG):
+            if (known.kind, known.do_id, known.text) == (kind, do_id, text):
+                count, since = known.count + 1, known.since
+                self._events.remove(known)
+                break
+        self._events.append(Event(self._next, time, kind, do_id, text, count, since))
         self._next += 1
 
     def after(self, number: int) -> list[Event]:

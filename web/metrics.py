@@ -130,7 +130,11 @@ def _objects(document: Document) -> Iterator[Metric]:
             sample.labels == {"bus": item["bus"], "node": node} for sample in age.samples
         ):
             age.add_metric([item["bus"], node], item["heard_age_ms"] / MS_PER_SECOND)
-    yield from (state, blocked, online, age)
+    info = GaugeMetricFamily("pdgw_object_info", "Name of a drive object.", labels=["do", "name"])
+    for item in (*document["axes"], *document["encoders"]):
+        if item["name"]:
+            info.add_metric([str(item["do_id"]), item["name"]], 1)
+    yield from (state, blocked, online, age, info)
 
 
 def _acyclic(document: Document) -> Iterator[Metric]:

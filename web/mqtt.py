@@ -13,8 +13,11 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
+import socket
 import ssl
 import threading
+import uuid
 from dataclasses import asdict
 
 from paho.mqtt.client import Client, ConnectFlags
@@ -22,6 +25,8 @@ from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
+from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.configuration.ports import STATUS_PORT
 from pdgw.gateway.configuration.web import MqttConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.web.events import Event
@@ -33,7 +38,15 @@ _KEEP_ALIVE_S = 15
 _RECONNECT_MAX_S = 30
 MESSAGE_MAX = 64 * 1024
 """Bytes of a packet of the broker. It sends acknowledgements of a few bytes; MQTT itself allows 256 MB."""
-_TOLD = ("state", "state_id", "sentence", "reason", "reason_id", "remedy", "drive", "telegram")
+_TOLD = ("name", "state", "state_id", "sentence", "reason", "reason_id", "remedy", "drive", "telegram")
+
+
+def topic_name(config: GatewayConfig) -> str:
+    """The gateway in topics: its name, else its computer's, which no other gateway on the broker has."""
+    if config.name is not None:
+        return config.name
+    host = re.sub(r"[^\w.-]", "-", socket.gethostname())
+    return host if config.transport.status_port == STATUS_PORT else f"{host}-{config.transport.status_port}"
 
 
 def object_message(item: Document) -> str:
@@ -80,12 +93,12 @@ class Publisher:
     def __init__(self, config: MqttConfig, watch: Watch) -> None:
         self._config = config
         self._watch = watch
-        self._base = f"{config.topic}/{watch.config.transport.station_name}"
+        self._base = f"{config.topic}/{topic_name(watch.config)}"
         self._said: dict[str, str] = {}
         self._last_event = 0
         self._anew = threading.Event()
         self._ready = threading.Event()
-        self._client = made_client(config, f"pdgw-{watch.config.transport.station_name}"[:23])
+        self._client = made_client(config, f"pdgw-{uuid.uuid4().hex[:16]}")
         self._client.will_set(self._online_topic, "0", _QOS, retain=True)
         # paho is connected before it calls on_connect: what is said between would be said again as of an outage.
         self._client.on_pre_connect = lambda *_: self._ready.clear()

@@ -44,6 +44,7 @@ from pdgw.gateway.configuration.encoder import EncoderConfig
 from pdgw.gateway.configuration.environment import (
     Boolean,
     CanConfig,
+    DisplayName,
     DriveObjectSection,
     Integer,
     ParametersConfig,
@@ -306,6 +307,8 @@ class GatewayConfig(Section):
 
     version: Annotated[Integer, AfterValidator(at_most(FORMAT_VERSION))] = FORMAT_VERSION
     """Of the format; a file without it has the first one."""
+    name: DisplayName | None = None
+    """Of the gateway; None: "pdgw", with PROFINET the name of station."""
     can: Annotated[tuple[CanConfig, ...], BeforeValidator(as_list), Field(min_length=1)]
     transport: TransportConfig = TransportConfig()
     parameters: ParametersConfig = ParametersConfig()
@@ -344,6 +347,8 @@ class GatewayConfig(Section):
         if not self.objects:
             raise misplaced("[[axis]] or [[encoder]]: at least one is needed")
         _no_twice("do_id", [item.do_id for item in self.objects], self._places, "do_id")
+        named = [(place, item.name) for place, item in zip(self._places, self.objects, strict=True) if item.name]
+        _no_twice("name", [name for _, name in named], [place for place, _ in named], "name")
         for place, item in zip(self._places, self.objects, strict=True):
             if item.can is not None and item.can not in names:
                 raise misplaced(f'can = "{item.can}" is no [[can]] name, allowed: {names}', *place, "can")

@@ -38,10 +38,18 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+DisplayName = Annotated[
+    str, Field(pattern=r"^[^\s/+#\"\x00-\x1f]([^/+#\"\x00-\x1f]*[^\s/+#\"\x00-\x1f])?$", max_length=40)
+]
+"""A name that people gave; without what separates topics and quotes."""
+
+
 class DriveObjectSection(Section):
     """What every drive object has: one node behind it, and its telegram."""
 
     do_id: Annotated[Integer, Field(ge=1, le=254)]
+    name: DisplayName | None = None
+    """Shown beside the number."""
     node_id: Annotated[Integer, Field(ge=1, le=126)]
     telegram: Integer
     can: str | None = None

@@ -38,6 +38,8 @@ def example() -> str:
     return f"""\
 # Configuration of the PROFIdrive-to-CANopen gateway. Times in milliseconds.
 
+# name = "press 3"           # of the gateway, on status, page, MQTT topics and in the log; axes and encoders have a name too
+
 # store = "parameters.json"  # what the PLC changed and a restart keeps (P922, P925, P927, I&M); without it
 #                            # ~/.local/state/pdgw/ (XDG_STATE_HOME, or systemd's StateDirectory), by this file's name
 

@@ -152,6 +152,12 @@ class DriveObject(abc.ABC):
         """P925."""
 
     @property
+    def label(self) -> str:
+        """Kind, number and name for people: ``axis 3 "slide"``."""
+        name = self.config.name
+        return f"{self.kind} {self.do_id}" if name is None else f'{self.kind} {self.do_id} "{name}"'
+
+    @property
     def node_id(self) -> int:
         """CANopen node-ID."""
         return self.config.node_id
@@ -217,13 +223,13 @@ class DriveObject(abc.ABC):
         shown = None if standing.broken is None else standing.broken.reason
         if shown is not self._shown_reason:
             self._shown_reason = shown
-            log.info("%s %d: %s", self.kind, self.do_id, standing.sentence, extra={"event": "reason", "do": self.do_id})
+            log.info("%s: %s", self.label, standing.sentence, extra={"event": "reason", "do": self.do_id})
 
     def _tell(self, outputs: Outputs) -> None:
         for record in outputs.faults:
             self._record(record)
         for text in outputs.told:
-            log.info("%s %d: %s", self.kind, self.do_id, text, extra={"event": "node", "do": self.do_id})
+            log.info("%s: %s", self.label, text, extra={"event": "node", "do": self.do_id})
         if outputs.acknowledged:
             self.fault_log.acknowledge()
         if outputs.emergency_over:
@@ -238,7 +244,7 @@ class DriveObject(abc.ABC):
         self.telegram = chosen
         self.last_setpoints = None
         self._future = self._writes = None
-        log.info("%s %d: telegram %d selected", self.kind, self.do_id, chosen.number)
+        log.info("%s: telegram %d selected", self.label, chosen.number)
 
     # -- what others tell -------------------------------------------------------------------------------------------------
 
@@ -255,9 +261,8 @@ class DriveObject(abc.ABC):
         self.fault_log.enter(record)
         log.log(
             logging.WARNING if record.is_warning else logging.ERROR,
-            "%s %d: fault %d, code %04Xh: %s",
-            self.kind,
-            self.do_id,
+            "%s: fault %d, code %04Xh: %s",
+            self.label,
             record.number,
             record.code,
             record.text,

@@ -20,6 +20,7 @@ from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ToldFault
+from pdgw.gateway.service.causes import CAUSE_KEYS, causes
 from pdgw.gateway.service.confirmed_units import witness_text
 
 log = logging.getLogger("gateway")
@@ -67,6 +68,8 @@ def _object_status(item: DriveObject) -> dict[str, Any]:
     heard_ns = item.client.heard_ns
     return {
         "do_id": item.do_id,
+        "name": item.config.name or "",
+        "label": item.label,
         "node_id": item.node_id,
         "bus": item.network.name,
         "telegram": item.telegram.number,
@@ -181,23 +184,24 @@ def _head(daemon: Daemon) -> dict[str, Any]:
 
 def snapshot(daemon: Daemon) -> dict[str, Any]:
     """The daemon as plain data."""
-    return _head(daemon) | {
-        "axes": [axis_status(axis) for axis in daemon.axes],
-        "encoders": [encoder_status(encoder) for encoder in daemon.encoders],
-    }
+    axes = [axis_status(axis) for axis in daemon.axes]
+    encoders = [encoder_status(encoder) for encoder in daemon.encoders]
+    return _head(daemon) | {"axes": axes, "encoders": encoders, "causes": causes([*axes, *encoders])}
 
 
 def encoded(daemon: Daemon) -> Iterator[bytes]:
     """The snapshot as one line of JSON, one drive object at a time: between two parts the exchange goes on."""
     yield json.dumps(_head(daemon))[:-1].encode()
-    axes = (json.dumps(axis_status(axis)) for axis in daemon.axes)
-    encoders = (json.dumps(encoder_status(encoder)) for encoder in daemon.encoders)
+    axes = (axis_status(axis) for axis in daemon.axes)
+    encoders = (encoder_status(encoder) for encoder in daemon.encoders)
+    told = []
     for name, items in (("axes", axes), ("encoders", encoders)):
         yield f', "{name}": ['.encode()
         for number, item in enumerate(items):
-            yield (b", " if number else b"") + item.encode()
+            told.append({key: item[key] for key in CAUSE_KEYS})
+            yield (b", " if number else b"") + json.dumps(item).encode()
         yield b"]"
-    yield b"}\n"
+    yield f', "causes": {json.dumps(causes(told))}}}\n'.encode()
 
 
 def answered(daemon: Daemon, request: bytes) -> Iterator[bytes]:

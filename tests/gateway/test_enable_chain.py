@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import combinations
@@ -113,6 +114,8 @@ def test_of_two_broken_links_the_physical_one_speaks_on_every_surface(pair: tupl
         assert f'reason="{link.reason.name.lower()}"' in result.surfaces.pop("metrics")  # type: ignore[union-attr]
         if link.reason is Reason.SWITCHED_OFF:
             del result.surfaces["--check"]  # off as the PLC asks: nothing to report
+        event = result.surfaces.pop("event")
+        assert event == re.sub(r", since \d\d:\d\d:\d\d", "", result.sentence), "an event has a time of its own"
         for name, text in result.surfaces.items():
             assert result.sentence in text, name
 

@@ -33,12 +33,13 @@ PATIENCE = 10 * SECOND
 """No healthy gateway needs so long for what a test waits for."""
 
 
-def configuration(axes: str, *, can: str = "", transport: str = "") -> GatewayConfig:
+def configuration(axes: str, *, can: str = "", transport: str = "", name: str = "") -> GatewayConfig:
     """Free ports, a watchdog that a parameter request between two frames does not trip; ``axes`` are complete tables."""
     if "watchdog_factor" not in transport and "cycle_time_ms" not in transport:
         transport = f"watchdog_factor = 75\n{transport}"
     can = can or '[can]\ninterface = "virtual"\nchannel = "world"\n'
-    head = f"{can}[transport]\ncyclic_port = 0\nacyclic_port = 0\nstatus_port = 0\n{transport}\n"
+    called = f'name = "{name}"\n' if name else ""
+    head = f"{called}{can}[transport]\ncyclic_port = 0\nacyclic_port = 0\nstatus_port = 0\n{transport}\n"
     trace = "" if "[trace]" in can + transport + axes else "[trace]\nenabled = false\n"
     return parse_config(head + axes + trace)
 

@@ -13,7 +13,7 @@ from pdgw.gateway.reasons import Enable
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive.model import DriveModel
 from pdgw.tools.output.status_check import check_line
-from pdgw.tools.output.status_text import status_lines
+from pdgw.tools.output.status_text import cause_sentence, object_lines, status_lines
 from pdgw.web.metrics import exposition
 from pdgw.web.mqtt import object_message
 from pdgw.web.watch import Watch
@@ -96,7 +96,10 @@ def shown(daemon: Daemon) -> Shown:
     document = snapshot(daemon)
     item = (*document["axes"], *document["encoders"])[0]
     (event,) = [event.text for event in watch.log.after(0) if event.kind == "reason" and event.do_id == item["do_id"]]
-    text = " ".join(" ".join(status_lines(document, 400)).split())
+    text = " ".join(object_lines(document, item["do_id"], 400))
+    if document["causes"]:
+        assert cause_sentence(document["causes"][0]).endswith(item["sentence"].partition(": ")[2])
+        assert cause_sentence(document["causes"][0]) in " ".join(status_lines(document, 400))
     message = json.loads(object_message(item))
     return Shown(
         item["sentence"],

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from pdgw.gateway.service.status import snapshot
-from pdgw.tools.output.status_text import duration, status_lines
+from pdgw.tools.output.status_text import duration, object_lines, status_lines
 from tests.support.daemon import axis, configuration, running
 
 
@@ -45,7 +45,7 @@ def test_version_time_and_ages_are_in_the_document(document: dict[str, Any]) -> 
 def test_no_line_is_longer_than_the_terminal_and_nothing_is_cut(document: dict[str, Any], width: int) -> None:
     item = document["axes"][0]
     changed = document | {"axes": [item | {"sentence": "a reason " * 20, "faults": [fault(12, 65), fault(108, 7300)]}]}
-    lines = list(status_lines(changed, width, counters=True))
+    lines = [*status_lines(changed, width, counters=True), *object_lines(changed, item["do_id"], width)]
     assert max(map(len, lines)) <= max(width, 62)
     text = " ".join(" ".join(lines).split())
     assert "… " not in text
@@ -59,7 +59,7 @@ def test_values_are_told_with_bits_and_percent(document: dict[str, Any]) -> None
     setpoints = dict.fromkeys(item["actuals"], 0)
     setpoints = {"STW1": 0x043F, "SATZANW": 0x8000, "STW2": 0, "MDI_TARPOS": 0x20000000, "MDI_VELOCITY": 0}
     setpoints |= {"MDI_ACC": 0x2000, "MDI_DEC": 0, "MDI_MOD": 1}
-    lines = status_lines(document | {"axes": [item | {"setpoints": setpoints}]}, 400)
+    lines = object_lines(document | {"axes": [item | {"setpoints": setpoints}]}, item["do_id"], 400)
     (line,) = [line for line in lines if "from PLC" in line and "STW1" in line]
     assert "STW1 043Fh ON NO_COAST_STOP" in line
     assert "MDI_TARPOS 50.00 %" in line

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from pdgw.gateway.service.causes import causes
 from pdgw.gateway.service.status import snapshot
 from pdgw.tools.commands.status import status
 from pdgw.tools.output.status_check import Health, check_line
@@ -29,7 +30,8 @@ def document() -> dict[str, Any]:
 
 def changed(document: dict[str, Any], **keys: object) -> dict[str, Any]:
     """The same with other values of the first axis."""
-    return document | {"axes": [document["axes"][0] | keys]}
+    axes = [document["axes"][0] | keys]
+    return document | {"axes": axes, "causes": causes([*axes, *document["encoders"]])}
 
 
 def test_the_line_for_monitoring_is_no_other_form_of_the_status() -> None:
@@ -41,7 +43,7 @@ def test_the_line_for_monitoring_is_no_other_form_of_the_status() -> None:
 def test_a_gateway_that_is_well(document: dict[str, Any]) -> None:
     health, line = check_line(document)
     assert health == Health.OK == 0
-    assert line.startswith("OK - pdgw: PLC connected, 2 of 2 obey | objects=2 obeying=2 findings=0 uptime=")
+    assert line.startswith("OK - pdgw: PLC connected, 2 of 2 in operation | objects=2 obeying=2 findings=0 uptime=")
 
 
 @pytest.mark.parametrize(
@@ -49,7 +51,7 @@ def test_a_gateway_that_is_well(document: dict[str, Any]) -> None:
     [("OFF", 0), ("STARTING", 1), ("WAITS", 1), ("STOPPING", 1), ("FAULT", 2), ("NOT_ON_THE_BUS", 2)],
 )
 def test_the_state_of_an_axis_decides(document: dict[str, Any], state: str, health: int) -> None:
-    found, line = check_line(changed(document, state_id=state, state=state.title(), sentence="that is why"))
+    found, line = check_line(changed(document, state_id=state, state=state.title(), reason="that is why"))
     assert found == health
     assert ("axis 1 " in line) == (health > 0)
     assert ("that is why" in line) == (health > 0)

@@ -31,7 +31,7 @@ pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine (apt-get install chromium)"),
 ]
 PATIENCE_MS = PATIENCE_S * 1000
-NAMED = 'station_name = "line-3"\nwatchdog_factor = 3\ncycle_time_ms = 4'
+TIMES = "watchdog_factor = 3\ncycle_time_ms = 4"
 ENCODER = "[[encoder]]\ndo_id = 3\nnode_id = 20\ntelegram = 83\nsimulate = true\n"
 PHONE = {"width": 390, "height": 844}
 OFF, ON = 0x047E, 0x047F
@@ -54,7 +54,7 @@ class Shown:
     def __init__(self, browser: Browser, directory: Path, at_end: ExitStack) -> None:
         self.browser = browser
         self.at_end = at_end
-        config = configuration(axis(1) + axis(2) + ENCODER, transport=NAMED)
+        config = configuration(axis(1) + axis(2) + ENCODER, name="line-3", transport=TIMES)
         self.daemon = at_end.enter_context(
             running(config, lambda daemon: daemon.services.append(FlightRecorder(daemon, directory, "test")))
         )

@@ -41,7 +41,8 @@ class Scraped:
 
     def __init__(self) -> None:
         self.gateway = ShownGateway()
-        with running(configuration(axis(1) + axis(2) + ENCODER)) as daemon:
+        slide = axis(1, more='simulate = true\nname = "slide"')
+        with running(configuration(slide + axis(2) + ENCODER)) as daemon:
             plc = Plc(daemon, [1, 1, 83])
             plc.enable(0)
             plc.enable(1)

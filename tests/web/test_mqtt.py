@@ -19,7 +19,7 @@ from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.web import MqttConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.web.mqtt import MESSAGE_MAX, Publisher, made_client, object_message
+from pdgw.web.mqtt import MESSAGE_MAX, Publisher, made_client, object_message, topic_name
 from pdgw.web.watch import Watch
 from tests.support.buses import PATIENCE_S
 from tests.support.daemon import axis, configuration, running
@@ -88,8 +88,7 @@ def looked(watch: Watch, publisher: Publisher) -> None:
 
 
 def with_broker(config: GatewayConfig, port: int) -> GatewayConfig:
-    transport = config.transport.model_copy(update={"station_name": "line-3"})
-    return config.model_copy(update={"mqtt": MqttConfig(host="127.0.0.1", port=port), "transport": transport})
+    return config.model_copy(update={"mqtt": MqttConfig(host="127.0.0.1", port=port), "name": "line-3"})
 
 
 def vanish_at_the_good_bye(publisher: Publisher) -> None:
@@ -156,6 +155,7 @@ def test_a_message_has_nothing_that_changes_all_the_time() -> None:
         gateway.show(daemon)
         message = json.loads(object_message(gateway.document["axes"][0]))
     assert set(message) == {
+        "name",
         "state",
         "state_id",
         "sentence",
@@ -166,6 +166,17 @@ def test_a_message_has_nothing_that_changes_all_the_time() -> None:
         "telegram",
         "fault",
     }
+
+
+def test_two_default_gateways_on_one_broker_have_client_ids_and_topics_of_their_own() -> None:
+    gateway = ShownGateway()
+    config = with_broker(configuration(axis(1)), 1).model_copy(update={"name": None})
+    other = config.model_copy(update={"transport": config.transport.model_copy(update={"status_port": 35000})})
+    assert config.mqtt is not None
+    ids = {bytes(Publisher(config.mqtt, Watch(config, gateway))._client._client_id) for _ in range(2)}
+    assert len(ids) == 2
+    assert topic_name(config) != topic_name(other)
+    assert topic_name(config).startswith(topic_name(other).rpartition("-")[0])
 
 
 def test_files_that_cannot_be_used_are_told(tmp_path: Path) -> None:

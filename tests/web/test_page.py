@@ -31,14 +31,13 @@ from tests.support.page import TOKEN, Page, ShownGateway, ShownParameters, event
 from tests.support.written_tables import ROOT, named, rows
 
 ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 83\nsimulate = true\n"
-NAMED = 'station_name = "line-3"'
 
 
 class Turning:
     """An axis that turns at half speed and an encoder, in virtual time, with their flight recorder, and the page of them."""
 
     def __init__(self, directory: Path, at_end: ExitStack) -> None:
-        config = configuration(axis(1) + ENCODER, transport=NAMED)
+        config = configuration(axis(1) + ENCODER, name="line-3")
         self.daemon = at_end.enter_context(
             running(config, lambda daemon: daemon.services.append(FlightRecorder(daemon, directory, "test")))
         )
@@ -68,7 +67,7 @@ def turning(tmp_path: Path) -> Iterator[Turning]:
 def still() -> Iterator[Page]:
     """The page of a gateway nothing happens at."""
     gateway = ShownGateway()
-    with running(configuration(axis(1) + ENCODER, transport=NAMED)) as daemon:
+    with running(configuration(axis(1) + ENCODER, name="line-3")) as daemon:
         gateway.show(daemon)
         with page(daemon.config, gateway) as served:
             served.heard()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import time
+from collections.abc import Iterator
 from typing import Annotated, Any
 
 import typer
@@ -16,12 +17,15 @@ from pdgw.gateway.configuration.ports import STATUS_PORT
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status_client import fetch, fetch_faults
 from pdgw.tools.output.status_check import Health, check_line
-from pdgw.tools.output.status_text import status_lines
+from pdgw.tools.output.status_text import fault_lines, object_lines, status_lines
 
 _PERIOD_S = 1.0
 
 
 def status(
+    do_id: Annotated[
+        int | None, typer.Argument(metavar="[AXIS]", min=1, max=254, help="Everything about this axis or encoder.")
+    ] = None,
     port: Annotated[int, typer.Option(min=1, max=65535, help="The daemon's status port.")] = STATUS_PORT,
     as_json: Annotated[bool, typer.Option("--json", help="Print the whole snapshot as JSON.")] = False,
     counters: Annotated[bool, typer.Option("--counters", help="All counters, with their meanings.")] = False,
@@ -34,21 +38,37 @@ def status(
         ),
     ] = False,
 ) -> None:
-    """Show axes, reasons, faults and counters of a running gateway."""
+    """Show why axes are not in operation, and one line for each axis: pdgw status; everything about one: pdgw status 3."""
     if check:
-        others = {"--json": as_json, "--counters": counters, "--faults": faults, "--watch": watch}
+        others = {
+            "AXIS": do_id is not None,
+            "--json": as_json,
+            "--counters": counters,
+            "--faults": faults,
+            "--watch": watch,
+        }
         if given := [option for option, value in others.items() if value]:
             raise typer.BadParameter(f"prints one line, not with {', '.join(given)}", param_hint="--check")
         _check(port)
     elif watch:
-        _watch(port, as_json=as_json, counters=counters, faults=faults)
+        _watch(port, do_id, as_json=as_json, counters=counters, faults=faults)
     else:
         document = _document(port, faults=faults)
         if as_json:
             typer.echo(json.dumps(document, indent=2))
             return
-        for line in status_lines(document, shutil.get_terminal_size().columns, counters=counters):
+        for line in _lines(document, do_id, shutil.get_terminal_size().columns, counters=counters, faults=faults):
             typer.echo(line)
+
+
+def _lines(document: dict[str, Any], do_id: int | None, width: int, *, counters: bool, faults: bool) -> Iterator[str]:
+    if do_id is not None:
+        yield from object_lines(document, do_id, width)
+        return
+    yield from status_lines(document, width, counters=counters)
+    if faults:
+        for item in (*document["axes"], *document["encoders"]):
+            yield from fault_lines(item, width)
 
 
 def _document(port: int, *, faults: bool) -> dict[str, Any]:
@@ -68,14 +88,14 @@ def _check(port: int) -> None:
     raise typer.Exit(health)
 
 
-def _watch(port: int, *, as_json: bool, counters: bool, faults: bool) -> None:
+def _watch(port: int, do_id: int | None, *, as_json: bool, counters: bool, faults: bool) -> None:
     """A gateway that does not answer is asked again; on a terminal the picture stays in its place, elsewhere each is printed."""
     console = Console()
     with Live(console=console, auto_refresh=False, screen=console.is_terminal and not as_json) as live:
         while True:
             try:
                 document = _document(port, faults=faults)
-                text = "\n".join(status_lines(document, console.width, counters=counters))
+                text = "\n".join(_lines(document, do_id, console.width, counters=counters, faults=faults))
             except GatewayError as error:
                 document, text = {"error": str(error)}, f"{error}; asked again every second"
             if as_json:

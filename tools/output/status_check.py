@@ -6,9 +6,9 @@ from enum import IntEnum
 from typing import Any, NamedTuple
 
 from pdgw.gateway.reasons import AxisState
+from pdgw.tools.output.status_text import cause_sentence
 
 _BAD = (AxisState.FAULT.name, AxisState.NOT_ON_THE_BUS.name)
-_HELD_UP = (AxisState.STARTING.name, AxisState.WAITS.name, AxisState.STOPPING.name)
 
 
 class Health(IntEnum):
@@ -36,14 +36,14 @@ def findings(document: dict[str, Any]) -> list[Finding]:
     if not document["plc"]["connected"]:
         found.append(Finding(Health.CRITICAL, "no PLC"))
     found += [Finding(Health.CRITICAL, f"bus {bus['name']} lost") for bus in document["buses"] if not bus["healthy"]]
-    for kind, items in (("axis", document["axes"]), ("encoder", document["encoders"])):
-        for item in items:
-            name, state = f"{kind} {item['do_id']}", item["state_id"]
-            if state in _BAD or state in _HELD_UP:
-                health = Health.CRITICAL if state in _BAD else Health.WARNING
-                found.append(Finding(health, f"{name} {item['sentence']}"))
-            elif any(fault["active"] for fault in item["faults"]):
-                found.append(Finding(Health.WARNING, f"{name}: {item['faults'][0]['text']}"))
+    stopped: set[int] = set()
+    for cause in document["causes"]:
+        health = Health.CRITICAL if cause["state_id"] in _BAD else Health.WARNING
+        found.append(Finding(health, cause_sentence(cause)))
+        stopped.update(cause["objects"])
+    for item in (*document["axes"], *document["encoders"]):
+        if item["do_id"] not in stopped and any(fault["active"] for fault in item["faults"]):
+            found.append(Finding(Health.WARNING, f"{item['label']}: {item['faults'][0]['text']}"))
     return sorted(found, key=lambda finding: -finding.health)
 
 
@@ -53,6 +53,6 @@ def check_line(document: dict[str, Any]) -> tuple[Health, str]:
     health = found[0].health if found else Health.OK
     items = [*document["axes"], *document["encoders"]]
     obeying = sum(item["state_id"] == AxisState.OBEYS.name for item in items)
-    text = "; ".join(finding.text for finding in found) or f"PLC connected, {obeying} of {len(items)} obey"
+    text = "; ".join(finding.text for finding in found) or f"PLC connected, {obeying} of {len(items)} in operation"
     figures = f"objects={len(items)} obeying={obeying} findings={len(found)} uptime={document['uptime_s']:.0f}s"
     return health, f"{health.name} - {document['name']}: {text} | {figures}".replace("\n", " ")

@@ -1,4 +1,4 @@
-"""The status of a gateway as text: one block for each drive object, folded at the width of the terminal and never cut."""
+"""The status of a gateway as text: each cause, then one line for each drive object; folded at the terminal's width."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from datetime import datetime
 from typing import Any
 
 from pdgw.durations import MS_PER_SECOND
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.reasons import AxisState
 from pdgw.profidrive.signals import Signal, signal
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
-_USUAL = {"accepted", "answered", "sent", "received", "cycles", "generation"}
-"""Counters that rise while all is well."""
+_USUAL = {"accepted", "answered", "sent", "received", "cycles", "generation", "unconfirmed"}
+"""Counters that rise while all is well: each connect has unconfirmed frames."""
 _DAY_S = 86_400
 
 
@@ -31,8 +33,32 @@ def _age(age_ms: float) -> str:
     return f"{age_ms:g} ms" if age_ms < MS_PER_SECOND else duration(age_ms / MS_PER_SECOND)
 
 
+def cause_sentence(cause: dict[str, Any]) -> str:
+    """Who is not in operation, why, and what to do."""
+    remedy = cause["remedy"]
+    return f"{cause['who']} {cause['state']}: {cause['reason']}. {remedy[:1].upper()}{remedy[1:]}."
+
+
+def object_lines(document: dict[str, Any], do_id: int, width: int = 80) -> Iterator[str]:
+    """Everything about one drive object; GatewayError when there is none with this number."""
+    for kind, items in (("axis", document["axes"]), ("encoder", document["encoders"])):
+        for item in items:
+            if item["do_id"] == do_id:
+                yield from _object(item, kind, width)
+                node = f"node {item['node_id']} on {item['bus']}"
+                own = [
+                    counter
+                    for counter in document["counters"]
+                    if counter["part"] in (node, f"parameters of DO {do_id}")
+                ]
+                yield from _counters(own, width, everything=True)
+                return
+    known = ", ".join(str(item["do_id"]) for item in (*document["axes"], *document["encoders"]))
+    raise GatewayError(f"axis {do_id}: there is no such drive object, allowed: {known}")
+
+
 def status_lines(document: dict[str, Any], width: int = 80, *, counters: bool = False) -> Iterator[str]:
-    """The lines of a snapshot; ``counters``: all of them, not only those that tell of trouble."""
+    """The overview: each cause once, each drive object in one line; ``counters``: all, not only the abnormal ones."""
     plc = document["plc"]
     peer = (
         f"{plc['peer'][0]}:{plc['peer'][1]}"
@@ -54,13 +80,25 @@ def status_lines(document: dict[str, Any], width: int = 80, *, counters: bool = 
         yield f"bus {bus['name']}: {'healthy' if bus['healthy'] else 'LOST'}"
         if bus.get("sync"):
             yield from _sync(bus["sync"], width)
+    yield ""
+    for cause in document["causes"]:
+        yield from _folded(cause_sentence(cause), width, 3, "-> ")
+    for item in (*document["axes"], *document["encoders"]):
+        yield from _folded(_row(item), width, 4, "")
     yield from _counters(document["counters"], width, everything=counters)
-    for item in document["axes"]:
-        yield ""
-        yield from _object(item, "axis", width)
-    for item in document["encoders"]:
-        yield ""
-        yield from _object(item, "encoder", width)
+
+
+def _row(item: dict[str, Any]) -> str:
+    """One drive object in one line."""
+    parts = [f"node {item['node_id']} {item['drive']}", f"telegram {item['telegram']}"]
+    if item.get("speed_rpm") is not None:
+        parts.append(f"{item['speed_rpm']:g} rpm")
+    if item["position"] is not None:
+        parts.append(f"position {item['position']}")
+    active = item["cause"]
+    if active is not None and item["state_id"] != AxisState.FAULT.name:
+        parts.append(f"fault {active['number']} not acknowledged")
+    return f"{item['label']}: {item['state']} ({', '.join(parts)})"
 
 
 def _station(station: dict[str, Any]) -> str:
@@ -92,11 +130,20 @@ def _folded(text: str, width: int, indent: int, first: str | None = None) -> Ite
 
 
 def _counters(items: list[dict[str, Any]], width: int, *, everything: bool) -> Iterator[str]:
-    shown = [item for item in items if everything or (item["value"] and item["name"] not in _USUAL)]
-    if shown and not everything:
-        yield "counted besides what is usual:"
-    for item in shown:
-        text = f"{item['part']} {item['name']}: {item['value']} {item['unit']} ({item['meaning']})"
+    if everything:
+        for item in items:
+            text = f"{item['part']} {item['name']}: {item['value']} {item['unit']} ({item['meaning']})"
+            yield from _folded(text, width, 4, "  ")
+        return
+    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for item in items:
+        if item["value"] and item["name"] not in _USUAL:
+            groups.setdefault((item["name"], item["meaning"]), []).append(item)
+    if groups:
+        yield "abnormal counters:"
+    for (name, meaning), members in groups.items():
+        part = members[0]["part"] if len(members) == 1 else f"{len(members)} parts,"
+        text = f"{part} {name}: {sum(item['value'] for item in members)} {members[0]['unit']} ({meaning})"
         yield from _folded(text, width, 4, "  ")
 
 
@@ -104,9 +151,7 @@ def _sync(sync: dict[str, Any], width: int) -> Iterator[str]:
     jitter = f"jitter p99 {sync['jitter_p99_us']:g} us, worst {sync['jitter_worst_us']:g} us"
     yield from _folded(f"SYNC every {sync['period_ms']:g} ms, {jitter}", width, 4, "  ")
     for item in sync["axes"]:
-        text = (
-            f"DO {item['do_id']} dead time p99 {item['dead_time_p99_ms']:g} ms, worst {item['dead_time_worst_ms']:g} ms"
-        )
+        text = f"axis {item['do_id']} dead time p99 {item['dead_time_p99_ms']:g} ms, worst {item['dead_time_worst_ms']:g} ms"
         if item["highest_gain"] is not None:
             text += f"; for {item['dead_time_calculated_ms']:g} ms KPC is at most {item['highest_gain']:.1f} 1/s"
         yield from _folded(text, width, 4, "  ")
@@ -115,7 +160,7 @@ def _sync(sync: dict[str, Any], width: int) -> Iterator[str]:
 def _object(item: dict[str, Any], kind: str, width: int) -> Iterator[str]:
     age = item["heard_age_ms"]
     heard = "" if age is None else f", heard {age:g} ms ago"
-    head = f"DO {item['do_id']} {kind}, node {item['node_id']} {item['drive']}{heard}, telegram {item['telegram']}"
+    head = f"{item['label']}, node {item['node_id']} {item['drive']}{heard}, telegram {item['telegram']}"
     shown = item["drive_state"] if kind == "axis" else f"sensor {item['sensor_state']}"
     yield from _folded(f"{head} ({shown})", width, 4, "")
     yield from _folded(item["sentence"], width, 5, "  -> ")
@@ -136,13 +181,24 @@ def _object(item: dict[str, Any], kind: str, width: int) -> Iterator[str]:
     witnessed = [item["units_witnessed"]] if item.get("units_witnessed") else []
     for line in (*item.get("scaling", ()), *witnessed, *item.get("pdos", ()), *guarding):
         yield from _folded(line, width, 4, "  ")
+    yield from _faults(item, width)
+    older = item["fault_count"] - len(item["faults"])
+    if older > 0:
+        yield f"  and {older} older {'one' if older == 1 else 'ones'} (--faults)"
+
+
+def fault_lines(item: dict[str, Any], width: int) -> Iterator[str]:
+    """The faults of one drive object under its name; nothing when there are none."""
+    if item["faults"]:
+        yield f"{item['label']}:"
+        yield from _faults(item, width)
+
+
+def _faults(item: dict[str, Any], width: int) -> Iterator[str]:
     for fault in item["faults"]:
         what = ("active " if fault["active"] else "") + ("warning" if fault["is_warning"] else "fault")
         text = f"{what} {fault['number']} at {_time_of_day(fault['time'])}, {duration(fault['age_s'])} ago: {fault['text']}"
         yield from _folded(text, width, 4, "  ")
-    older = item["fault_count"] - len(item["faults"])
-    if older > 0:
-        yield f"  and {older} older {'one' if older == 1 else 'ones'} (--faults)"
 
 
 def _value(item: Signal, raw: int, positioning: bool) -> str:

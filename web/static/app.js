@@ -39,6 +39,10 @@ const stream = new Stream({
   },
   onEvent: (event) => {
     if (state.events.some((known) => known.id === event.id)) return;
+    if (event.count > 1) {
+      const same = state.events.findIndex((known) => known.kind === event.kind && known.do_id === event.do_id && known.text === event.text);
+      if (same >= 0) state.events.splice(same, 1);
+    }
     state.events.unshift(event);
     state.events.length = Math.min(state.events.length, EVENTS_MAX);
   },

@@ -1,11 +1,20 @@
-// Home: what is wrong in sentences, then one line for each drive object.
+// Home: each cause in a sentence, then one line for each drive object; many of them are tiles first.
 
 import { html } from "../vendor/lit-html/lit-html.js";
-import { FINE, lastFault, objectName, position, speed, stateWord } from "./state.js";
+import { lastFault, objectName, position, speed, stateWord } from "./state.js";
 
-function complaint(item) {
-  return html`<li><a href=${`#/axis/${item.do_id}`}>${objectName(item)}</a> <strong>${item.state.toLowerCase()}</strong>${item.reason ? html`: ${item.reason}` : ""}.
-    ${item.remedy ? html`<span class="todo">To do: ${item.remedy}.</span>` : ""}</li>`;
+const MANY = 16;
+
+function complaint(status, cause) {
+  const only = cause.objects.length === 1 ? [...status.axes, ...status.encoders].find((item) => item.do_id === cause.objects[0]) : null;
+  const who = only ? html`<a href=${`#/axis/${only.do_id}`}>${objectName(only)}</a>` : `${cause.who[0].toUpperCase()}${cause.who.slice(1)}`;
+  return html`<li data-state=${cause.state_id}>${who} <strong>${cause.state.toLowerCase()}</strong>: ${cause.reason}.
+    <span class="todo">To do: ${cause.remedy}.</span></li>`;
+}
+
+function tile(state, item) {
+  const symbol = state.states[item.state_id]?.symbol ?? "";
+  return html`<li><a href=${`#/axis/${item.do_id}`} data-state=${item.state_id} title=${item.sentence}><span aria-hidden="true">${symbol}</span> ${objectName(item)}<small>${item.state}</small></a></li>`;
 }
 
 function row(state, item) {
@@ -21,10 +30,15 @@ function row(state, item) {
 
 export function axes(state) {
   const items = [...state.status.axes, ...state.status.encoders];
-  const blocked = items.filter((item) => !FINE.includes(item.state_id));
+  const { causes } = state.status;
   return html`<h2>Axes</h2>
-    ${blocked.length ? html`<ul class="complaints">${blocked.map(complaint)}</ul>` : ""}
-    <table class="cards">
+    ${causes.length ? html`<ul class="complaints">${causes.map((cause) => complaint(state.status, cause))}</ul>` : ""}
+    ${items.length > MANY ? html`<ul class="tiles">${items.map((item) => tile(state, item))}</ul>
+      <details><summary>All values</summary>${table(state, items)}</details>` : table(state, items)}`;
+}
+
+function table(state, items) {
+  return html`<table class="cards">
       <thead><tr><th>DO</th><th>State</th><th>Why</th><th class="number">Speed</th><th class="number">Position</th><th>Last fault</th></tr></thead>
       <tbody>${items.map((item) => row(state, item))}</tbody>
     </table>`;

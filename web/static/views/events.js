@@ -6,7 +6,8 @@ import { moment } from "../format.js";
 const KINDS = ["fault", "warning", "reason", "plc", "node", "bus", "gateway"];
 const held = { kind: "", text: "", copied: "" };
 
-const line = (event) => `${event.time} ${event.kind} ${event.do_id === null ? "" : `DO ${event.do_id} `}${event.text}`;
+const times = (event) => (event.count > 1 ? ` (${event.count} times since ${moment(event.since)})` : "");
+const line = (event) => `${event.time} ${event.kind} ${event.do_id === null ? "" : `DO ${event.do_id} `}${event.text}${times(event)}`;
 
 export function events(state, draw) {
   const wanted = held.text.toLowerCase();
@@ -35,6 +36,6 @@ export function events(state, draw) {
     ${shown.length ? html`<div class="scroll"><table>
       <thead><tr><th>Time</th><th>Kind</th><th>DO</th><th>What</th></tr></thead>
       <tbody>${shown.map((event) => html`<tr data-event=${event.id}><td class="number">${moment(event.time)}</td><td class=${`kind ${event.kind}`}>${event.kind}</td>
-        <td class="number">${event.do_id === null ? "" : html`<a href=${`#/axis/${event.do_id}`}>${event.do_id}</a>`}</td><td>${event.text}</td></tr>`)}</tbody>
+        <td class="number">${event.do_id === null ? "" : html`<a href=${`#/axis/${event.do_id}`}>${event.do_id}</a>`}</td><td>${event.text}<small>${times(event)}</small></td></tr>`)}</tbody>
     </table></div>` : html`<p>Nothing.</p>`}`;
 }

@@ -26,13 +26,13 @@ export function plc(state) {
     ["PLC", link.peer ? (link.peer.join?.(":") ?? link.peer) : "nobody yet"],
     ["Transport", link.type],
     ["Cycle, configured", withUnit(link.cycle_ms, "ms")],
-    ["Cycle, measured", html`mean ${mean(cycles)}, 99 % ${below(cycles, 0.99)}`],
-    ["Answer after", html`mean ${mean(responses)}, 99 % ${below(responses, 0.99)}`],
+    ["Cycle, measured", html`mean ${mean(cycles)}, p99 ${below(cycles, 0.99)}`],
+    ["Answer after", html`mean ${mean(responses)}, p99 ${below(responses, 0.99)}`],
     ["Watchdog", link.watchdog_ms ? withUnit(number(link.watchdog_ms, 0), "ms") : "the controller's"],
     ["Watchdog expired", withUnit(integer(count("watchdog_expiries")), "times")],
   ];
   const slugs = counters.filter((item) => item.part === "link" && item.unit === "frames");
-  const usual = ["accepted", "sent"];
+  const usual = ["accepted", "sent", "unconfirmed"]; // each connect has unconfirmed frames
   const order = (item) => (usual.includes(item.name) ? 2 : item.value ? 0 : 1);
   return html`<h2>PLC</h2>
     ${link.layout ? html`<p class="banner bad" role="alert">${link.layout}</p>` : nothing}

@@ -12,7 +12,7 @@ export function stateWord(state, item) {
   return html`<span class="state" data-state=${item.state_id}><span aria-hidden="true">${symbol}</span> ${item.state}</span>`;
 }
 
-export const objectName = (item) => `${"channel" in item ? "Encoder" : "Axis"} ${item.do_id}`;
+export const objectName = (item) => `${"channel" in item ? "Encoder" : "Axis"} ${item.do_id}${item.name ? ` ${item.name}` : ""}`;
 
 export function speed(item) {
   if (item.speed_rpm !== null && item.speed_rpm !== undefined) return withUnit(number(item.speed_rpm), "rpm");

@@ -1,0 +1,71 @@
+"""The causes why drive objects are not in operation: one line for each cause, however many objects it stops."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+from typing import Any, Final
+
+from pdgw.gateway.reasons import AxisState, Reason
+
+CAUSE_KEYS: Final = ("do_id", "label", "state", "state_id", "sentence", "reason", "reason_id", "remedy", "cause")
+"""What ``causes`` needs of the status of a drive object."""
+_FINE: Final = (AxisState.OBEYS.name, AxisState.OFF.name)
+"""States that need nobody."""
+_ORDER: Final = tuple(state.name for state in reversed(AxisState))
+"""The worst first."""
+
+
+def causes(items: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The causes among the statuses of drive objects, the worst first."""
+    groups: dict[tuple[str, str, int], list[dict[str, Any]]] = {}
+    for item in items:
+        if item["state_id"] not in _FINE:
+            groups.setdefault(_key(item), []).append(item)
+    found = [_cause(members) for members in groups.values()]
+    return sorted(found, key=lambda cause: _ORDER.index(cause["state_id"]))
+
+
+def _key(item: dict[str, Any]) -> tuple[str, str, int]:
+    fault = item["cause"] if item["state_id"] == AxisState.FAULT.name else None
+    return item["state_id"], item["reason_id"], fault["code"] if fault else 0
+
+
+def _cause(members: list[dict[str, Any]]) -> dict[str, Any]:
+    first = members[0]
+    texts = {item["reason"] for item in members}
+    reason = first["reason"] if len(texts) == 1 else _common(texts) or Reason[first["reason_id"]].value
+    return {
+        "state": first["state"],
+        "state_id": first["state_id"],
+        "reason": reason,
+        "reason_id": first["reason_id"],
+        "remedy": first["remedy"],
+        "who": _who(members),
+        "objects": [item["do_id"] for item in members],
+    }
+
+
+def _common(texts: set[str]) -> str:
+    """The fault that several have, without the time of each."""
+    names = {text.partition(", since ")[0] for text in texts}
+    return names.pop() if len(names) == 1 else ""
+
+
+def _who(members: list[dict[str, Any]]) -> str:
+    """``axis 3 "slide"``, or ``axes 1-4, 7; encoder 9``."""
+    kinds: dict[str, list[dict[str, Any]]] = {}
+    for item in members:
+        kinds.setdefault(item["label"].partition(" ")[0], []).append(item)
+    plurals = {"axis": "axes", "encoder": "encoders"}
+    return "; ".join(
+        found[0]["label"] if len(found) == 1 else f"{plurals[kind]} {', '.join(_ranges(found))}"
+        for kind, found in kinds.items()
+    )
+
+
+def _ranges(members: list[dict[str, Any]]) -> Iterator[str]:
+    numbers = sorted(item["do_id"] for item in members)
+    for _, run in groupby(enumerate(numbers), lambda pair: pair[1] - pair[0]):
+        found = [number for _, number in run]
+        yield str(found[0]) if len(found) == 1 else f"{found[0]}-{found[-1]}"

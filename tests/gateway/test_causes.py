@@ -1,0 +1,135 @@
+"""By cause, not by axis: many objects with one cause are one line, on every surface."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.reasons import AxisState, Reason
+from pdgw.gateway.service.causes import causes
+from pdgw.gateway.service.status import snapshot
+from pdgw.tools.output.status_check import check_line
+from pdgw.tools.output.status_text import object_lines, status_lines
+from pdgw.web.events import EventLog
+from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running
+from tests.support.situations import settle
+
+
+def status(do_id: int, reason: Reason, *, fault: int = 0, text: str = "", name: str = "") -> dict[str, Any]:
+    """What ``causes`` reads of the status of an axis."""
+    label = f'axis {do_id} "{name}"' if name else f"axis {do_id}"
+    return {
+        "do_id": do_id,
+        "label": label,
+        "state": reason.state.value,
+        "state_id": reason.state.name,
+        "reason": text or reason.value,
+        "reason_id": reason.name,
+        "remedy": reason.remedy,
+        "cause": {"code": fault} if fault else None,
+    }
+
+
+def test_sixty_four_objects_with_four_causes_are_four_lines() -> None:
+    items = [status(number, Reason.NO_PLC) for number in range(1, 61)]
+    items += [
+        status(
+            61, Reason.DRIVE_FAULT, fault=0x7305, text="EMCY 7305h incremental sensor 1, since 14:02:11", name="slide"
+        ),
+        status(62, Reason.DRIVE_FAULT, fault=0x3220, text="EMCY 3220h DC link under-voltage, since 14:02:12"),
+        status(63, Reason.DRIVE_OFFLINE, text="node 63: no answer"),
+        status(64, Reason.DRIVE_OFFLINE, text="node 64: no answer"),
+    ]
+    found = causes(items)
+    assert [(cause["who"], cause["reason"]) for cause in found] == [
+        ("axes 63-64", Reason.DRIVE_OFFLINE.value),
+        ('axis 61 "slide"', "EMCY 7305h incremental sensor 1, since 14:02:11"),
+        ("axis 62", "EMCY 3220h DC link under-voltage, since 14:02:12"),
+        ("axes 1-60", Reason.NO_PLC.value),
+    ]
+    assert found[3]["objects"] == list(range(1, 61))
+
+
+def test_axes_with_the_same_fault_at_different_times_are_one_cause() -> None:
+    items = [
+        status(number, Reason.DRIVE_FAULT, fault=0x7305, text=f"EMCY 7305h incremental sensor 1, since 14:02:1{number}")
+        for number in (1, 2, 4)
+    ]
+    (cause,) = causes(items)
+    assert (cause["who"], cause["reason"]) == ("axes 1-2, 4", "EMCY 7305h incremental sensor 1")
+
+
+def test_objects_in_operation_or_off_as_asked_have_no_cause() -> None:
+    fine = status(1, Reason.NO_PLC) | {"state_id": AxisState.OBEYS.name}
+    assert causes([fine, status(2, Reason.SWITCHED_OFF)]) == []
+
+
+def named() -> GatewayConfig:
+    tables = [axis(number, more=f'simulate = true\nname = "slide {number}"') for number in (1, 2)]
+    return configuration("".join(tables), name="press")
+
+
+def test_names_are_shown_beside_the_numbers(caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level("INFO", "gateway"), running(named()) as daemon:
+        plc = Plc(daemon, [1, 1])
+        plc.endpoint.set(0, {"STW1": OFF})
+        plc.endpoint.set(1, {"STW1": OFF})
+        settle(plc)
+        drive_of(daemon).inject(7)
+        settle(plc)
+        document = snapshot(daemon)
+        assert document["name"] == "press"
+        assert document["axes"][0]["name"] == "slide 1"
+        lines = list(status_lines(document, 400))
+        assert any(line.startswith('-> axis 1 "slide 1" Fault: ') for line in lines)
+        assert any(line.startswith('axis 2 "slide 2": Off (node 2 online, telegram 1') for line in lines)
+        assert len([line for line in lines if line.startswith("axis ")]) == 2, "one line for each axis"
+        assert check_line(document)[1].startswith('CRITICAL - press: axis 1 "slide 1" Fault: ')
+        assert 'axis 1 "slide 1": fault 7' in caplog.text
+        text = "\n".join(object_lines(document, 2))
+        assert text.startswith('axis 2 "slide 2", node 2 online')
+        assert "slide 1" not in text
+        with pytest.raises(GatewayError, match="axis 9: there is no such drive object, allowed: 1, 2"):
+            list(object_lines(document, 9))
+
+
+@pytest.mark.parametrize("name", ["", " slide", "a/b", "a+b", "a#b", "x" * 41])
+def test_names_that_topics_cannot_have_are_refused(name: str) -> None:
+    with pytest.raises(GatewayError, match="name"):
+        configuration(axis(1, more=f'simulate = true\nname = "{name}"'))
+
+
+def test_no_name_is_given_twice() -> None:
+    table = 'simulate = true\nname = "slide"'
+    with pytest.raises(GatewayError, match="name"):
+        configuration(axis(1, more=table) + axis(2, more=table))
+
+
+def test_repeated_event_is_one_line_with_a_count() -> None:
+    log = EventLog(1)
+    for number in range(178):
+        log.add(f"t{number}", "node", 7, "node 7: offline")
+        log.add(f"t{number}", "node", 7, "node 7: configuring")
+    log.add("t", "node", 8, "node 7: offline")
+    found = [(event.text, event.do_id, event.count, event.since, event.time) for event in log.after(0)]
+    assert found == [
+        ("node 7: offline", 7, 178, "t0", "t177"),
+        ("node 7: configuring", 7, 178, "t0", "t177"),
+        ("node 7: offline", 8, 1, "t", "t"),
+    ]
+    assert [event.count for event in log.after(log.after(0)[0].id)] == [178, 1], "a repetition has a number of its own"
+
+
+def test_abnormal_counters_of_many_parts_are_one_line_and_a_connect_has_none() -> None:
+    with running(configuration(axis(1))) as daemon:
+        document = snapshot(daemon)
+    counter = {"value": 2, "unit": "times", "name": "timeouts", "meaning": "no answer"}
+    counters = [counter | {"part": f"node {number} on can"} for number in range(1, 65)]
+    counters.append(counter | {"part": "link", "name": "unconfirmed"})
+    lines = [
+        line for line in status_lines(document | {"counters": counters}) if "time" in line or "unconfirmed" in line
+    ]
+    assert lines == ["  64 parts, timeouts: 128 times (no answer)"]
