@@ -95,7 +95,11 @@ COMMANDS: Mapping[str, Entry] = {
         "map:map_",
         "Print the byte map of a configuration: offset, length, signal, unit and 100 % of every value; or code for the PLC.",
     ),
-    "status": Entry("status:status", "Show axes, reasons, faults and counters of a running gateway."),
+    "status": Entry(
+        "status:status",
+        "Show why axes are not in operation, and one line for each axis: pdgw status; everything about one: pdgw status 1.",
+    ),
+    "explain": Entry("explain:explain", "Show what happened around the last fault or stop, in at most ten lines."),
     "trace": Entry("trace:app", "The flight recorder: the last minutes of both buses."),
     "web": Entry(
         "web:web",

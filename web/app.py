@@ -98,6 +98,8 @@ class Interface:
             Route("/api/v1/events", self._events),
             Route("/api/v1/states", self._states),
             Route("/api/v1/telegrams/{number:int}", self._telegram),
+            Route("/api/v1/explain", self._explain),
+            Route(f"{do}/explain", self._explain),
             Route(f"{do}/faults", self._faults),
             Route(f"{do}/trace", self._trace),
             Route(f"{do}/parameters", self._read),
@@ -159,6 +161,10 @@ class Interface:
     async def _faults(self, request: Request) -> Response:
         do_id = self._do_id(request)
         return JSONResponse({"do_id": do_id, "faults": await self._watch.faults(do_id)})
+
+    async def _explain(self, request: Request) -> Response:
+        do_id = self._do_id(request) if "do_id" in request.path_params else None
+        return JSONResponse({"lines": await self._watch.explanation(do_id)})
 
     async def _read(self, request: Request) -> Response:
         do_id = self._do_id(request)

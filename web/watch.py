@@ -14,7 +14,7 @@ from pdgw.durations import MS_PER_SECOND
 from pdgw.gateway.configuration.bus_load import cyclic_frames
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.service.status_client import fetch, fetch_faults
+from pdgw.gateway.service.status_client import fetch, fetch_explanation, fetch_faults
 from pdgw.web.events import EventLog, changed_faults
 from pdgw.web.feed import ANSWER_WITHIN_S, Document, Feed
 
@@ -76,6 +76,9 @@ class Gateway(Protocol):
     def faults(self, do_id: int) -> list[Document]:
         """All its faults of a drive object."""
 
+    def explanation(self, do_id: int | None) -> list[Document]:
+        """The lines around the last fault or stop, of a drive object or of all."""
+
 
 class StatusPort:
     """A gateway on this machine, by its status port."""
@@ -88,6 +91,9 @@ class StatusPort:
 
     def faults(self, do_id: int) -> list[Document]:
         return fetch_faults(self._port, do_id, ANSWER_WITHIN_S)
+
+    def explanation(self, do_id: int | None) -> list[Document]:
+        return fetch_explanation(self._port, do_id, ANSWER_WITHIN_S)
 
 
 class Watch:
@@ -138,6 +144,10 @@ class Watch:
     async def faults(self, do_id: int) -> list[Document]:
         """The history of a drive object, newest first; GatewayError when the gateway does not answer."""
         return await asyncio.to_thread(self._gateway.faults, do_id)
+
+    async def explanation(self, do_id: int | None) -> list[Document]:
+        """The lines around the last fault or stop; GatewayError when the gateway does not answer."""
+        return await asyncio.to_thread(self._gateway.explanation, do_id)
 
     @property
     def document(self) -> Document | None:

@@ -34,6 +34,7 @@ from pdgw.gateway.configuration.config import AxisConfig
 from pdgw.gateway.configuration.encoder import EncoderConfig
 from pdgw.gateway.objects.enable_chain import Standing
 from pdgw.gateway.objects.fault_buffer import FaultLog, ToldFault
+from pdgw.gateway.objects.happenings import KEPT, Happening
 from pdgw.gateway.reasons import FaultNumber, OrderDoubt, Reason
 from pdgw.profidrive.telegrams import Telegram
 
@@ -83,6 +84,10 @@ class DriveObject(abc.ABC):
         self._told_reason: Reason | None = None
         self._shown_reason: Reason | None = None
         """What the log had last."""
+        self._operated = False
+        """It was in operation then."""
+        self.happenings: deque[Happening] = deque(maxlen=KEPT)
+        """Faults, warnings and reasons, the oldest first."""
         self.gateway_stops = False
         """The gateway is being stopped: nobody has lost the PLC."""
         self._writes: tuple[SdoWrite, ...] | None = None
@@ -222,6 +227,8 @@ class DriveObject(abc.ABC):
         standing = self.standing
         shown = None if standing.broken is None else standing.broken.reason
         if shown is not self._shown_reason:
+            self._happened(standing.text, stops=self._operated and shown is not None)
+            self._operated = shown is None
             self._shown_reason = shown
             log.info("%s: %s", self.label, standing.sentence, extra={"event": "reason", "do": self.do_id})
 
@@ -234,6 +241,9 @@ class DriveObject(abc.ABC):
             self.fault_log.acknowledge()
         if outputs.emergency_over:
             self.fault_log.emergency_over()
+
+    def _happened(self, text: str, *, stops: bool = False) -> None:
+        self.happenings.append(Happening(self.network.loop.now(), self.do_id, self.label, text, stops))
 
     def _write_all(self, client: NodeClient[Any], writes: Sequence[SdoWrite]) -> None:
         for item in writes:
@@ -259,6 +269,8 @@ class DriveObject(abc.ABC):
 
     def _record(self, record: FaultRecord) -> None:
         self.fault_log.enter(record)
+        kind = "warning" if record.is_warning else "fault"
+        self._happened(f"{kind} {record.number}: {record.text}", stops=not record.is_warning)
         log.log(
             logging.WARNING if record.is_warning else logging.ERROR,
             "%s: fault %d, code %04Xh: %s",

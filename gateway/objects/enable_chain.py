@@ -85,9 +85,13 @@ class Standing(NamedTuple):
     def sentence(self) -> str:
         """State, reason and remedy: ``Fault: EMCY 7305h incremental sensor 1, since 14:02:11. Check the encoder cable.``"""
         link = self.broken
-        if link is None:
-            return self.state.value
-        return f"{self.state.value}: {link.evidence}. {link.remedy[:1].upper()}{link.remedy[1:]}."
+        return self.text if link is None else f"{self.text}. {link.remedy[:1].upper()}{link.remedy[1:]}."
+
+    @property
+    def text(self) -> str:
+        """State and reason."""
+        link = self.broken
+        return self.state.value if link is None else f"{self.state.value}: {link.evidence}"
 
 
 class _Chain:

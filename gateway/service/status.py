@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import socket
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import datetime
 from typing import Any
 
@@ -20,6 +20,7 @@ from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ToldFault
+from pdgw.gateway.objects.happenings import around_the_last_stop
 from pdgw.gateway.service.causes import CAUSE_KEYS, causes
 from pdgw.gateway.service.confirmed_units import witness_text
 
@@ -204,20 +205,38 @@ def encoded(daemon: Daemon) -> Iterator[bytes]:
     yield f', "causes": {json.dumps(causes(told))}}}\n'.encode()
 
 
+def explanation(daemon: Daemon, items: Sequence[DriveObject]) -> list[dict[str, Any]]:
+    """What happened around the last fault or stop of drive objects, in at most ten lines."""
+    now, wall = daemon.loop.now(), daemon.loop.wall()
+    found = around_the_last_stop(happening for item in items for happening in item.happenings)
+    return [
+        {"time": clock_time(wall - (now - line.time_ns) / SECOND), "who": ", ".join(line.labels), "text": line.text}
+        for line in found
+    ]
+
+
 def answered(daemon: Daemon, request: bytes) -> Iterator[bytes]:
-    """The answer to a request, in parts: nothing asks for the status, ``faults DO`` for all faults of a drive object."""
+    """The answer to a request, in parts.
+
+    Nothing asks for the status, ``faults DO`` for all faults of a drive object, ``explain [DO]`` for what happened last.
+    """
     match request.split():
         case []:
             yield from encoded(daemon)
-        case [b"faults", number]:
+        case [b"explain"]:
+            yield json.dumps({"lines": explanation(daemon, daemon.objects)}).encode() + b"\n"
+        case [(b"faults" | b"explain") as what, number]:
             item = next((item for item in daemon.objects if str(item.do_id).encode() == number), None)
             if item is None:
                 known = ", ".join(str(item.do_id) for item in daemon.objects)
                 yield _refused("do_id", f"there is no such drive object, allowed: {known}")
                 return
-            yield json.dumps({"do_id": item.do_id, "faults": fault_status(item)}).encode() + b"\n"
+            document: dict[str, Any] = (
+                {"faults": fault_status(item)} if what == b"faults" else {"lines": explanation(daemon, [item])}
+            )
+            yield json.dumps({"do_id": item.do_id} | document).encode() + b"\n"
         case _:
-            yield _refused("request", "allowed: an empty line, faults DO")
+            yield _refused("request", "allowed: an empty line, faults DO, explain, explain DO")
 
 
 def _refused(field: str, text: str) -> bytes:

@@ -26,13 +26,22 @@ def fetch(port: int, patience_s: float = _PATIENCE_S) -> dict[str, Any]:
 
 def fetch_faults(port: int, do_id: int, patience_s: float = _PATIENCE_S) -> list[dict[str, Any]]:
     """All faults and warnings of a drive object that the daemon keeps, newest first; GatewayError when there is no such one."""
-    document = _ask(port, f"faults {do_id}", patience_s)
+    return _fetch_list(port, f"faults {do_id}", "faults", patience_s)
+
+
+def fetch_explanation(port: int, do_id: int | None, patience_s: float = _PATIENCE_S) -> list[dict[str, Any]]:
+    """The lines around the last fault or stop, of one drive object or (None) of all; GatewayError when there is no such one."""
+    return _fetch_list(port, "explain" if do_id is None else f"explain {do_id}", "lines", patience_s)
+
+
+def _fetch_list(port: int, request: str, key: str, patience_s: float) -> list[dict[str, Any]]:
+    document = _ask(port, request, patience_s)
     if "error" in document:
-        raise GatewayError(f"{document.get('field')} {do_id}: {document['error']}")
-    faults = document.get("faults")
-    if not isinstance(faults, list):
+        raise GatewayError(f"{document.get('field')} {request.partition(' ')[2]}: {document['error']}")
+    found = document.get(key)
+    if not isinstance(found, list):
         raise _no_gateway(port)
-    return faults
+    return found
 
 
 def _ask(port: int, request: str, patience_s: float) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.web import WebConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.service.status import fault_status, snapshot
+from pdgw.gateway.service.status import explanation, fault_status, snapshot
 from pdgw.recording.trace_file import captured
 from pdgw.web import feed
 from pdgw.web.errors import RequestError
@@ -35,12 +35,15 @@ class ShownGateway:
     def __init__(self) -> None:
         self.document: Document = {}
         self.histories: dict[int, list[Document]] = {}
+        self.happened: dict[int | None, list[Document]] = {}
         self.failure = ""
         self.asked = 0
 
     def show(self, daemon: Daemon) -> None:
         """What a daemon would answer now."""
         self.histories = {item.do_id: fault_status(item) for item in daemon.objects}
+        self.happened = {item.do_id: explanation(daemon, [item]) for item in daemon.objects}
+        self.happened[None] = explanation(daemon, daemon.objects)
         self.document = json.loads(json.dumps(snapshot(daemon)))
 
     def status(self) -> Document:
@@ -53,6 +56,9 @@ class ShownGateway:
         if self.failure:
             raise GatewayError(self.failure)
         return self.histories[do_id]
+
+    def explanation(self, do_id: int | None) -> list[Document]:
+        return self.happened[do_id]
 
 
 class ShownParameters:

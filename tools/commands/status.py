@@ -38,7 +38,7 @@ def status(
         ),
     ] = False,
 ) -> None:
-    """Show why axes are not in operation, and one line for each axis: pdgw status; everything about one: pdgw status 3."""
+    """Show why axes are not in operation, and one line for each axis: pdgw status; everything about one: pdgw status 1."""
     if check:
         others = {
             "AXIS": do_id is not None,

@@ -21,7 +21,7 @@ from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.service.status import fault_status, snapshot
+from pdgw.gateway.service.status import explanation, fault_status, snapshot
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.world import World
@@ -101,6 +101,9 @@ class Story:
 
     def status(self) -> dict[str, Any]:
         return copy.deepcopy(snapshot(self._daemon))
+
+    def explanation(self, do_id: int | None) -> list[dict[str, Any]]:
+        return explanation(self._daemon, [item for item in self._daemon.objects if do_id in (None, item.do_id)])
 
     def faults(self, do_id: int) -> list[dict[str, Any]]:
         return next(fault_status(item) for item in self._daemon.objects if item.do_id == do_id)

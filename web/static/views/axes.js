@@ -1,6 +1,7 @@
 // Home: each cause in a sentence, then one line for each drive object; many of them are tiles first.
 
 import { html } from "../vendor/lit-html/lit-html.js";
+import { explain } from "./explain.js";
 import { lastFault, objectName, position, speed, stateWord } from "./state.js";
 
 const MANY = 16;
@@ -28,11 +29,12 @@ function row(state, item) {
   </tr>`;
 }
 
-export function axes(state) {
+export function axes(state, draw) {
   const items = [...state.status.axes, ...state.status.encoders];
   const { causes } = state.status;
   return html`<h2>Axes</h2>
     ${causes.length ? html`<ul class="complaints">${causes.map((cause) => complaint(state.status, cause))}</ul>` : ""}
+    ${explain(null, draw)}
     ${items.length > MANY ? html`<ul class="tiles">${items.map((item) => tile(state, item))}</ul>
       <details><summary>All values</summary>${table(state, items)}</details>` : table(state, items)}`;
 }

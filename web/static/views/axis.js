@@ -4,6 +4,7 @@ import { html, nothing } from "../vendor/lit-html/lit-html.js";
 import { get, getOnce } from "../api.js";
 import { DASH, hex, integer, number, withUnit } from "../format.js";
 import { Trend } from "../trend.js";
+import { explain } from "./explain.js";
 import { faultTable, objectName, position, speed, stateWord } from "./state.js";
 
 const ROOMY = matchMedia("(min-width: 46rem)").matches; // on a phone the bits of a word are unfolded by hand
@@ -101,6 +102,7 @@ export function axis(state, draw) {
     <p class="large">${stateWord(state, item)}</p>
     ${item.reason ? html`<p class="reason">${item.reason}</p>` : nothing}
     <ol class="chain" data-chain aria-label="What has to hold before it obeys">${item.chain.map(link)}</ol>
+    ${explain(item.do_id, draw)}
     ${held.trend.view(state)}
     ${facts(item)}
     <div class="columns">

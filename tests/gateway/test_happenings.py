@@ -1,0 +1,90 @@
+"""What happened around the last fault or stop: few lines, the cause among them, on command and page."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from pdgw.durations import MS, SECOND
+from pdgw.gateway.objects.happenings import LINES, Happening, around_the_last_stop
+from pdgw.gateway.service.status import answered, explanation, snapshot
+from pdgw.tools.commands import explain as command
+from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running
+from tests.support.situations import settle
+
+
+def happening(time_ns: int, text: str, do_id: int = 1, *, stops: bool = False) -> Happening:
+    return Happening(time_ns, do_id, f"axis {do_id}", text, stops)
+
+
+def test_without_a_fault_or_stop_there_is_nothing_to_explain() -> None:
+    assert around_the_last_stop([happening(1, "In operation")]) == []
+
+
+def test_lines_begin_before_the_first_of_the_faults_that_belong_together() -> None:
+    long_ago = [happening(number, f"old fault {number}", stops=True) for number in range(3)]
+    calm = [happening(60 * SECOND + number, f"calm {number}") for number in range(5)]
+    series = [happening(90 * SECOND + number * SECOND, f"fault {number}", stops=True) for number in range(3)]
+    after = [happening(100 * SECOND + number, f"after {number}") for number in range(20)]
+    texts = [line.text for line in around_the_last_stop([*after, *series, *calm, *long_ago])]
+    assert texts[:6] == ["calm 2", "calm 3", "calm 4", "fault 0", "fault 1", "fault 2"]
+    assert len(texts) == LINES
+
+
+def test_last_fault_of_a_long_series_is_among_the_lines() -> None:
+    series = [happening(number * SECOND, f"fault {number}", stops=True) for number in range(40)]
+    texts = [line.text for line in around_the_last_stop([*series, happening(99 * SECOND, "after")])]
+    assert texts[-2:] == ["fault 39", "after"]
+    assert len(texts) <= LINES
+
+
+def test_one_thing_of_many_axes_is_one_line() -> None:
+    found = around_the_last_stop(happening(number * MS, "PLC lost", number, stops=True) for number in range(1, 33))
+    assert len(found) == 1
+    assert found[0].labels[::31] == ("axis 1", "axis 32")
+
+
+def test_cause_comes_before_what_follows_from_it() -> None:
+    with running(configuration(axis(1) + axis(2))) as daemon:
+        plc = Plc(daemon, [1, 1])
+        plc.endpoint.set(1, {"STW1": OFF})
+        plc.enable()
+        settle(plc)
+        drive_of(daemon).inject(7)
+        settle(plc)
+        plc.silent = True
+        settle(plc)
+        texts = [f"{line['who']}: {line['text']}" for line in explanation(daemon, daemon.objects)]
+        cause = next(place for place, text in enumerate(texts) if text.startswith("axis 1: fault 7: EMCY"))
+        loss = next(place for place, text in enumerate(texts) if "PLC lost" in text)
+        assert cause < loss
+        assert any(text.startswith("axis 1: Fault: ") for text in texts)
+        assert "axis 1: In operation" in texts
+        assert len(texts) <= LINES
+        answer = json.loads(b"".join(answered(daemon, b"explain 1\n")))
+        assert answer["lines"] == explanation(daemon, [daemon.axes[0]])
+        assert json.loads(b"".join(answered(daemon, b"explain 9\n")))["field"] == "do_id"
+
+
+def test_command_prints_the_lines_and_writes_the_support_file(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.enable()
+        drive_of(daemon).inject(7)
+        settle(plc)
+        lines, document = explanation(daemon, daemon.objects), snapshot(daemon)
+    monkeypatch.setattr(command, "fetch_explanation", lambda *_: lines)
+    monkeypatch.setattr(command, "fetch", lambda *_: document)
+    file = tmp_path / "support.zip"
+    command.explain(None, 1, file)
+    out = capsys.readouterr().out.splitlines()
+    assert len(out) == len(lines) + 1
+    assert any("  axis 1: fault 7: EMCY" in line for line in out)
+    with zipfile.ZipFile(file) as archive:
+        assert {"explain.txt", "status.json"} <= set(archive.namelist())
+        assert archive.read("explain.txt").decode().splitlines() == out[:-1]

@@ -1,0 +1,60 @@
+"""``pdgw explain``: what happened around the last fault or stop, in at most ten lines."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import zipfile
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from pdgw.gateway.configuration.ports import STATUS_PORT
+from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.service.status_client import fetch, fetch_explanation
+from pdgw.gateway.trace.reader import RingReader
+from pdgw.recording.trace_file import save
+
+
+def explain(
+    do_id: Annotated[
+        int | None, typer.Argument(metavar="[AXIS]", min=1, max=254, help="Only this axis or encoder.")
+    ] = None,
+    port: Annotated[int, typer.Option(min=1, max=65535, help="The daemon's status port.")] = STATUS_PORT,
+    support: Annotated[
+        Path | None,
+        typer.Option(help="Write these lines, the status and both buses to this ZIP file.", show_default=False),
+    ] = None,
+) -> None:
+    """Show what happened around the last fault or stop, in at most ten lines."""
+    lines = [explained_line(line) for line in fetch_explanation(port, do_id)]
+    lines = lines or ["no fault or stop since the gateway started"]
+    for line in lines:
+        typer.echo(line)
+    if support is not None:
+        _write(support, lines, fetch(port))
+        typer.echo(f"{support}: written, for the person who helps you")
+    else:
+        typer.echo("with both buses in one file, for the person who helps you: pdgw explain --support FILE.zip")
+
+
+def explained_line(line: dict[str, Any]) -> str:
+    """Time, who, and what happened."""
+    at = datetime.fromisoformat(line["time"])
+    return f"{at:%H:%M:%S}.{at.microsecond // 1000:03d}  {line['who']}: {line['text']}"
+
+
+def _write(path: Path, lines: list[str], document: dict[str, Any]) -> None:
+    try:
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("explain.txt", "\n".join(lines) + "\n")
+            archive.writestr("status.json", json.dumps(document, indent=1))
+            if document["trace"]:
+                with tempfile.TemporaryDirectory() as folder, RingReader(Path(document["trace"])) as reader:
+                    capture = Path(folder) / "capture.pcapng"
+                    save(reader, capture, None)
+                    archive.write(capture, capture.name)
+    except OSError as error:
+        raise GatewayError(f"{path}: cannot be written ({error.strerror})") from error
