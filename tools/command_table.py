@@ -129,7 +129,10 @@ COMMANDS: Mapping[str, Entry] = {
 """The commands of ``pdgw`` in the order of its help."""
 
 SIM_COMMANDS: Mapping[str, Entry] = {
-    "plc": Entry("sim_plc:plc", "Play a scenario (exit status 1 when an expectation fails), or obey the keyboard."),
+    "plc": Entry(
+        "sim_plc:plc",
+        "Play a scenario (exit status 1 when an expectation fails), obey the keyboard, or run a Structured Text program.",
+    ),
     "drive": Entry(
         "sim_drive:drive",
         "Run simulated drives until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`.",

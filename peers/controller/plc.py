@@ -41,6 +41,8 @@ def project_of(station_name: str, telegrams: Sequence[Telegram], cycle_ns: int) 
 class ProfinetPlc(PlcRunner):
     """A PLC that connects to the station of this name; what ends its relationship is told and connected anew."""
 
+    endpoint: PlcEndpoint
+
     def __init__(
         self, interface: str, station_name: str, device: IPv4Interface, endpoint: PlcEndpoint, cycle_ns: int
     ) -> None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.udp import Address
-from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.endpoint import Exchange
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.parameters import ParameterAccess, ParameterWorker
 from pdgw.profidrive.frame import CYCLIC_PORT
@@ -33,7 +33,7 @@ _TRACE_NS = 10 * MS
 class PlcRunner(abc.ABC):
     """Runs an engine against a gateway, whatever the link."""
 
-    def __init__(self, endpoint: PlcEndpoint, cycle_ns: int) -> None:
+    def __init__(self, endpoint: Exchange, cycle_ns: int) -> None:
         self.endpoint = endpoint
         self.cycle_ns = cycle_ns
         self.trace: list[tuple[Any, ...]] = []
@@ -136,7 +136,7 @@ class PlcClient(PlcRunner):
     def __init__(
         self,
         gateway: Address,
-        endpoint: PlcEndpoint,
+        endpoint: Exchange,
         cycle_ns: int,
         pcap: Path | None = None,
         acyclic_port: int = ACYCLIC_PORT,

@@ -31,11 +31,34 @@ _UNUSABLE = ("foreign", "malformed", "not valid", "not primary")
 """Counters of datagrams that are no frames to use."""
 
 
-class PlcEndpoint:
+class Exchange:
+    """What a runner needs of an endpoint: frames out, frames in, and what it may show of both."""
+
+    def __init__(self, telegrams: Sequence[Telegram]) -> None:
+        self.telegrams = tuple(telegrams)
+        self.setpoints: list[dict[str, int]] = [dict.fromkeys(t.setpoints.names, 0) for t in telegrams]
+        self.actuals: list[dict[str, int] | None] = [None] * len(self.telegrams)
+        """None until a valid frame came, while the gateway says the values are bad (IOPS), and after its loss."""
+        self.counters: Counter[str] = Counter()
+
+    def build(self, now: int | None = None) -> bytearray:
+        """The next frame to the gateway."""
+        raise NotImplementedError
+
+    def receive(self, data: bytes, now: int = 0) -> bool:
+        """Take a frame of the gateway; False when it is not to be used."""
+        raise NotImplementedError
+
+    def poll(self, now: int) -> bool:
+        """The watchdog; True when it expires in this call."""
+        raise NotImplementedError
+
+
+class PlcEndpoint(Exchange):
     """Setpoints of any number of axes to frames, frames to actual values. Times are monotonic nanoseconds."""
 
     def __init__(self, telegrams: Sequence[Telegram], cycle_ns: int) -> None:
-        self.telegrams = tuple(telegrams)
+        super().__init__(telegrams)
         self._consumer = CSduLayout(telegrams, Direction.ACTUAL)
         self._provider = CSduLayout(telegrams, Direction.SETPOINT)
         self._frame = self._provider.new_frame(FRAME_ID_TO_DEVICE)
@@ -45,9 +68,6 @@ class PlcEndpoint:
         self._last_counter: int | None = None
         self._last_time = 0
         self._watchdog_ns = max(_WATCHDOG_NS, _WATCHDOG_CYCLES * cycle_ns)
-        self.setpoints: list[dict[str, int]] = [dict.fromkeys(t.setpoints.names, 0) for t in telegrams]
-        self.actuals: list[dict[str, int] | None] = [None] * len(self.telegrams)
-        """None until a valid frame came, while the gateway says the values are bad (IOPS), and after its loss."""
         self.setpoints_used: list[bool] = [False] * len(self.telegrams)
         """The gateway uses our setpoints (its IOCS)."""
         self._counting: dict[int, tuple[str, Bit]] = {}
@@ -56,7 +76,6 @@ class PlcEndpoint:
         """Provider state of the PLC: RUN or STOP."""
         self.bad: set[int] = set()
         """Axes whose setpoints the PLC marks BAD (its IOPS)."""
-        self.counters: Counter[str] = Counter()
 
     def set(self, axis: int, values: Mapping[str, int]) -> None:
         """Change setpoints by name; ProfidriveError for a signal the telegram lacks or a value that does not fit."""

@@ -17,7 +17,7 @@ FRAMES = "VAR_INPUT received : ARRAY[0..1] OF BYTE; END_VAR VAR_OUTPUT sent : AR
 def result(type_: str, expression: str, variables: str = "") -> Any:
     """The value of an expression assigned to a variable of a type."""
     text = f"FUNCTION_BLOCK Trial VAR x : {type_}; {variables} END_VAR\nx := {expression};\nEND_FUNCTION_BLOCK"
-    unit = Compiler(text, lambda: 0).units["TRIAL"]
+    unit = Compiler(lambda: 0, text).units["TRIAL"]
     values = unit.initial
     unit.body(values)
     return values["X"]
@@ -87,7 +87,7 @@ def test_what_breaks_a_rule_is_refused_with_its_line(text: str, said: str) -> No
         "VAR x : INT; r : REAL; w : WORD; b : BOOL; t : TON; a : ARRAY[0..1] OF INT; END_VAR"
     )
     with pytest.raises(StructuredTextError) as refused:
-        Compiler(f"{head}\n{text}\nEND_FUNCTION_BLOCK", lambda: 0)
+        Compiler(lambda: 0, f"{head}\n{text}\nEND_FUNCTION_BLOCK")
     assert said in str(refused.value)
 
 
@@ -101,7 +101,7 @@ def test_what_breaks_a_rule_is_refused_with_its_line(text: str, said: str) -> No
 )
 def test_what_fails_while_it_runs_is_told_with_its_line(text: str, said: str) -> None:
     head = "FUNCTION_BLOCK Trial VAR x : INT; a : ARRAY[0..1] OF INT; END_VAR"
-    unit = Compiler(f"{head}\n{text}\nEND_FUNCTION_BLOCK", lambda: 0).units["TRIAL"]
+    unit = Compiler(lambda: 0, f"{head}\n{text}\nEND_FUNCTION_BLOCK").units["TRIAL"]
     with pytest.raises(StructuredTextError) as failed:
         unit.body(unit.initial)
     assert str(failed.value).startswith(said)

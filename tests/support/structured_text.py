@@ -31,7 +31,7 @@ def config_of(number: int, blocks: str = "") -> GatewayConfig:
     return configuration(axis(1, telegram_number=number, more=more))
 
 
-def program(config: GatewayConfig, body: str = "", variables: str = "") -> str:
+def program(config: GatewayConfig, body: str = "", variables: str = "", block: str = "") -> str:
     """The generated blocks, and a program that calls the block of the first axis between reading and building the frames."""
     sending, receiving = frame_maps(config)
     return f"""{structured_text(config)}
@@ -45,7 +45,7 @@ END_VAR
 VAR
     read : PDGW_Read;
     build : PDGW_Build;
-    drive : {block_name(telegram(config.objects[0].telegram))};
+    drive : {block or block_name(telegram(config.objects[0].telegram))};
 {variables}
 END_VAR
     read(frame := received);

@@ -123,7 +123,7 @@ def test_what_100_percent_is_comes_from_the_configuration_where_it_says_so(confi
 
 
 def test_the_blocks_make_and_read_the_frames(config: GatewayConfig) -> None:
-    blocks = Compiler(structured_text(config), lambda: 0).units
+    blocks = Compiler(lambda: 0, structured_text(config)).units
     plc, setpoints = plc_of(config)
     expected = bytes(plc.build())
     ids = [item.do_id for item in config.objects]

@@ -20,7 +20,8 @@ from pdgw.profidrive.frame import FRAME_ID_TO_CONTROLLER, FRAME_ID_TO_DEVICE
 from pdgw.profidrive.telegrams import Direction
 from pdgw.tools.commands.gsdml import write_gsdml
 from pdgw.tools.output.tables import plain_table
-from pdgw.tools.plc.code import siemens_scl, structured_text
+from pdgw.tools.plc.code import siemens_scl, siemens_types, structured_text
+from pdgw.tools.plc.plcopen import plcopen_xml
 
 _TITLES = {
     Direction.SETPOINT: f"PLC -> gateway, FrameID {FRAME_ID_TO_DEVICE:04X}h",
@@ -51,6 +52,8 @@ class Format(StrEnum):
     CSV = "csv"
     ST = "st"
     SCL = "scl"
+    UDT = "udt"
+    PLCOPEN = "plcopen"
 
 
 Maps = tuple[FrameMap, FrameMap]
@@ -59,7 +62,11 @@ Maps = tuple[FrameMap, FrameMap]
 def map_(
     config: Annotated[Path, typer.Argument(help="Configuration file (TOML).")],
     format_: Annotated[
-        Format, typer.Option("--format", help="text, csv, st (IEC 61131-3 Structured Text) or scl (Siemens).")
+        Format,
+        typer.Option(
+            "--format",
+            help="text, csv, st (IEC 61131-3 Structured Text), plcopen (XML of it), scl (Siemens) or udt (its data types).",
+        ),
     ] = Format.TEXT,
     out: Annotated[Path | None, typer.Option(help="Write here instead of standard output.")] = None,
     gsdml: Annotated[
@@ -79,6 +86,8 @@ def map_(
         Format.CSV: lambda: _csv(maps, profinet=profinet),
         Format.ST: lambda: structured_text(loaded),
         Format.SCL: lambda: siemens_scl(loaded),
+        Format.UDT: lambda: siemens_types(loaded),
+        Format.PLCOPEN: lambda: plcopen_xml(structured_text(loaded)),
     }
     text = formats[format_]()
     if out is None:

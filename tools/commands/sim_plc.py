@@ -20,11 +20,14 @@ from rich.table import Table
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.toml_file import read_text
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.links.udp import Address
 from pdgw.peers.plc.client import PlcClient, PlcRunner
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.engine import Engine, Result
 from pdgw.peers.plc.keyboard import Keyboard
 from pdgw.peers.plc.scenario_file import load_scenario
+from pdgw.peers.plc.structured_text.controller import Controller
+from pdgw.peers.plc.structured_text.endpoint import ProgramEndpoint
 from pdgw.peers.plc.view import snapshot
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import CYCLIC_PORT
@@ -103,6 +106,15 @@ def plc(
     drive_port: Annotated[
         int | None, typer.Option(min=1, max=65535, help="--control-port of the drive simulator.")
     ] = None,
+    st: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--st",
+            metavar="FILE",
+            help="Run the program of these files (Structured Text); pdgw map --format st writes its blocks.",
+            show_default=False,
+        ),
+    ] = None,
     profinet: Annotated[
         str | None, typer.Option(metavar="IFACE", help="PROFINET on this Ethernet interface instead of UDP.")
     ] = None,
@@ -115,10 +127,16 @@ def plc(
         bool, typer.Option("--snapshots", help="With --progress: also what the PLC sees, ten times a second.")
     ] = False,
 ) -> None:
-    """Play a scenario (exit status 1 when an expectation fails), or obey the keyboard."""
+    """Play a scenario (exit status 1 when an expectation fails), obey the keyboard, or run a Structured Text program."""
     address = parse_address(gateway, CYCLIC_PORT)
-    if interactive == (scenario is not None):
-        raise GatewayError("give either a scenario file or --interactive")
+    if interactive + (scenario is not None) + bool(st) != 1:
+        raise GatewayError("give either a scenario file, --interactive or --st")
+    if st:
+        only_with("--interactive", {"--telegram": telegram, "--axes": axes})
+        only_with("a scenario", {"--json": as_json, "--junit": junit, "--html": html, "--drive-port": drive_port})
+        only_with("a scenario or --interactive", {"--profinet": profinet, "--trace": trace})
+        _run_program(st, address, int(cycle_ms * MS), pcap)
+        return
     if scenario is not None:
         only_with("--interactive", {"--telegram": telegram, "--axes": axes})
     else:
@@ -147,7 +165,7 @@ def plc(
     ended = 0
     try:
         if engine is None:
-            _obey_keys(client, output)
+            _obey_keys(client, endpoint, output)
         else:
             client.on_cycle = lambda: output.show(engine, engine.current)
             client.run(engine, _DriveLink(drive_port))
@@ -165,6 +183,33 @@ def plc(
     finally:
         if unwritten is not None:
             raise unwritten
+
+
+def _run_program(files: list[Path], address: Address, cycle_ns: int, pcap: Path | None) -> None:
+    """Run a program until its output ``finished``; each change of an output is a line."""
+    controller = Controller(*(read_text(file) for file in files), files=[file.name for file in files])
+    client = PlcClient(address, ProgramEndpoint(controller), cycle_ns, pcap)
+    begin = time.monotonic_ns()
+    shown: dict[str, Any] = {}
+
+    def cycle() -> None:
+        for name, value in controller.outputs().items():
+            if shown.get(name) != value:
+                shown[name] = value
+                print(f"{(time.monotonic_ns() - begin) / SECOND:7.3f} s  {name.lower()} = {value}", flush=True)
+        if controller.finished:
+            client.stop()
+
+    client.on_cycle = cycle
+    end_as_by_ctrl_c()
+    try:
+        client.run(None)
+    except KeyboardInterrupt:
+        raise typer.Exit(130) from None
+    finally:
+        client.close()
+    if not client.endpoint.counters["received"]:
+        raise GatewayError("no frame of a gateway came")
 
 
 def _close(client: PlcRunner, trace: Path | None) -> GatewayError | None:
@@ -294,9 +339,9 @@ class Output:
             print(text, flush=True)
 
 
-def _obey_keys(client: PlcRunner, output: Output) -> None:
+def _obey_keys(client: PlcRunner, endpoint: PlcEndpoint, output: Output) -> None:
     """Keys from standard input, until its end or the exit key."""
-    keyboard = Keyboard(client.endpoint, output.tell, client.stop)
+    keyboard = Keyboard(endpoint, output.tell, client.stop)
 
     def cycle() -> None:
         keyboard.step(time.monotonic_ns())

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 from pdgw.gateway.configuration.byte_map import FrameMap, counter_step, frame_maps
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.encoder import EncoderConfig
+from pdgw.gateway.motion.units import LU_PER_VELOCITY_UNIT
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.plc.frames import block, comment, frame_code, profinet_block, profinet_variables
-from pdgw.tools.plc.library import telegram_block, template
+from pdgw.tools.plc.library import axis_block, telegram_block, template
+from pdgw.tools.plc.motion import has_axis, motion_blocks
 from pdgw.tools.plc.scl import scl
 
 _LONGEST = 80
@@ -26,7 +29,13 @@ def structured_text(config: GatewayConfig) -> str:
 def siemens_scl(config: GatewayConfig) -> str:
     """An external source of TIA Portal."""
     maps = frame_maps(config)
-    return scl("\n".join([*_code(config, maps), *profinet_block(maps)]))
+    text = scl("\n".join([*_code(config, maps), *profinet_block(maps)]))
+    return re.sub(r"\bMC_(?=[A-Z])", "PDGW_MC_", text)  # TIA Portal has instructions of these names
+
+
+def siemens_types(config: GatewayConfig) -> str:
+    """The data types alone: a UDT file of TIA Portal."""
+    return "\n\n".join(re.findall(r"^TYPE .*?END_TYPE$", siemens_scl(config), re.DOTALL | re.MULTILINE)) + "\n"
 
 
 def _code(config: GatewayConfig, maps: tuple[FrameMap, FrameMap]) -> Iterator[str]:
@@ -41,6 +50,10 @@ def _code(config: GatewayConfig, maps: tuple[FrameMap, FrameMap]) -> Iterator[st
     for number in numbers:
         yield from (telegram_block(telegram(number), initial_values(config, number)), "")
     yield from (template("parameter"), "")
+    yield from (text for item in motion_blocks() for text in (item, ""))
+    for number in numbers:
+        if has_axis(telegram(number)):
+            yield from (axis_block(telegram(number), initial_values(config, number)), "")
 
 
 def initial_values(config: GatewayConfig, number: int) -> dict[str, str]:
@@ -54,6 +67,9 @@ def initial_values(config: GatewayConfig, number: int) -> dict[str, str]:
     (speed,) = speeds if len(speeds) == 1 else (None,)
     if speed is not None:
         values["reference_speed"] = f"{float(speed):.3f}"
+    lengths = {item.positioner.lu_per_revolution for item in config.axis if item.telegram == number and item.positioner}
+    if speed is not None and len(lengths) == 1:
+        values["full_velocity"] = f"{float(speed * lengths.pop() / LU_PER_VELOCITY_UNIT):.3f}"
     if any(signal.is_float for signal in telegram(number).setpoints.signals):
         # The telegram has the gateway's unit of length itself.
         values |= {"position_factor": "1.0", "velocity_factor": "1.0"}

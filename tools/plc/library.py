@@ -88,6 +88,24 @@ def modes_of(telegram: Telegram) -> tuple[int, ...]:
 
 def telegram_block(telegram: Telegram, values: Values) -> str:
     """The block of a telegram. ``values``: initial values that the configuration has, by the names in the templates."""
+    return filled(kind_of(telegram), telegram, values)
+
+
+def axis_block(telegram: Telegram, values: Values) -> str:
+    """The block that carries out PLCopen's commands with the block of a telegram; ``values`` as in ``telegram_block``."""
+    return filled("axis", telegram, values)
+
+
+def plain(name: str, values: Values) -> str:
+    """A template without a telegram: ``values``, and reasons."""
+    return _MACRO.sub(
+        lambda macro: values[macro[1]] if macro[1] in values else str(Reason[macro[1].removeprefix("reason ")].code),
+        template(name),
+    )
+
+
+def filled(name: str, telegram: Telegram, values: Values) -> str:
+    """A template for a telegram."""
     modes = modes_of(telegram)
     tasks = [mode for mode in (1, 2, 3, 6) if mode in modes]
     mdi = [mode for mode in (1, 2, 3) if mode in modes]
@@ -95,6 +113,7 @@ def telegram_block(telegram: Telegram, values: Values) -> str:
         "POSITION": {"XIST_A", "XIST_F"} & set(telegram.actuals.names),
         "MDI_MODES": mdi,
         "JOGS": 7 in modes,
+        "FULL_VELOCITY": 3 in modes and "NIST_B" in telegram.actuals.names,
     }
     known = {"speed": "ReferenceSpeed > 0.0", "position": "TRUE"}
     if mdi:
@@ -112,14 +131,13 @@ def telegram_block(telegram: Telegram, values: Values) -> str:
         "modes": ", ".join(f"{mode} {MODES[mode]}" for mode in modes),
         "task_mode": _any("ModePos", tasks),
         "mdi_mode": _any("ModePos", mdi),
+        "possible": _any("Axis.Mode", [0, *(mode for mode in (1, 2, 3, 4) if mode in modes)]),
         "mdi_selected": "TRUE" if "HOMING_METHOD" in _names(telegram) else _any("mode_active", mdi),
         "clear": "\n".join(
             f"    Setpoints.{name} := 16#0000;" for name in _CONTROL_WORDS if name in telegram.setpoints.names
         ),
     }
-    return _Filling(telegram, {**own, **values}, {name for name, on in flags.items() if on}).fill(
-        template(kind_of(telegram))
-    )
+    return _Filling(telegram, {**own, **values}, {flag for flag, on in flags.items() if on}).fill(template(name))
 
 
 def _any(variable: str, numbers: Sequence[int]) -> str:

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import operator
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import zip_longest
 from typing import NamedTuple
 
 from pdgw.durations import MS, SECOND
@@ -88,10 +89,12 @@ def duration(text: str) -> int:
 class Compiler:
     """``units`` and ``structures`` by their names in upper case, once compiled. StructuredTextError has the line."""
 
-    def __init__(self, text: str, now: Callable[[], int]) -> None:
+    def __init__(self, now: Callable[[], int], *texts: str, files: Sequence[str] = ()) -> None:
+        """``texts`` are read one after the other; ``files``: their names, for messages."""
         self.structures: dict[str, Structure] = {}
         self.units: dict[str, Unit] = blocks(now)
-        self._tokens = tokens(text)
+        self._tokens = [token for text, file in zip_longest(texts, files, fillvalue="") for token in tokens(text, file)]
+        self._tokens.append(Token("end", "", self._tokens[-1].line if self._tokens else "line 1"))
         self._at = 0
         self._unit = Unit("", "", {})
         while self._token.kind != "end":
@@ -104,7 +107,7 @@ class Compiler:
         return self._tokens[self._at]
 
     def _error(self, text: str) -> StructuredTextError:
-        return StructuredTextError(f"line {self._token.line}: {text}")
+        return StructuredTextError(f"{self._token.line}: {text}")
 
     def _next(self) -> Token:
         self._at += 1
@@ -368,7 +371,7 @@ class Compiler:
                     body(variables)
                 except _ExitError:
                     return
-            raise StructuredTextError(f"line {line}: the loop does not end")
+            raise StructuredTextError(f"{line}: the loop does not end")
 
         return execute
 
@@ -519,7 +522,7 @@ class Compiler:
             try:
                 return type_.cut(does(a(variables), b(variables)))
             except (ZeroDivisionError, OverflowError, ValueError) as error:
-                raise StructuredTextError(f"line {line}: {error}") from error
+                raise StructuredTextError(f"{line}: {error}") from error
 
         return Expression(type_, calculate)
 
@@ -611,7 +614,7 @@ class Compiler:
         def place(variables: Variables) -> int:
             number = index.value(variables)
             if not low <= number <= high:
-                raise StructuredTextError(f"line {line}: index {number} is not in {low}..{high}")
+                raise StructuredTextError(f"{line}: index {number} is not in {low}..{high}")
             return int(number - low)
 
         return Expression(

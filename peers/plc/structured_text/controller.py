@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from pdgw.peers.plc.structured_text.compiler import Compiler
 from pdgw.peers.plc.structured_text.tokens import StructuredTextError
 from pdgw.peers.plc.structured_text.types import Array, Unit, Value, Variable
@@ -13,9 +15,10 @@ RECEIVED, SENT, FINISHED = "RECEIVED", "SENT", "FINISHED"
 class Controller:
     """Runs the one PROGRAM of a text. ``variables``: those of the program, by name in upper case."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, *texts: str, files: Sequence[str] = ()) -> None:
+        """As ``Compiler``."""
         self.now = 0
-        compiler = Compiler(text, lambda: self.now)
+        compiler = Compiler(lambda: self.now, *texts, files=files)
         programs = [unit for unit in compiler.units.values() if unit.kind == "PROGRAM"]
         if len(programs) != 1:
             raise StructuredTextError(f"the text has {len(programs)} PROGRAMs, expected 1")

@@ -34,7 +34,8 @@ class Token(NamedTuple):
 
     kind: str
     text: str
-    line: int
+    line: str
+    """As a message says it, with its file where there is one."""
 
     @property
     def key(self) -> str:
@@ -42,8 +43,9 @@ class Token(NamedTuple):
         return self.text.upper()
 
 
-def pieces(text: str) -> Iterator[Token]:
+def pieces(text: str, file: str = "") -> Iterator[Token]:
     """Everything, spaces and comments among it: put together again it is the text."""
+    where = f"{file} line" if file else "line"
     position, line = 0, 1
     while position < len(text):
         found = _PATTERN.match(text, position)
@@ -51,17 +53,16 @@ def pieces(text: str) -> Iterator[Token]:
         if found is None or found.lastgroup is None:
             shown = text[position : position + 20].partition("\n")[0]
             raise StructuredTextError(
-                f"line {line}: {shown!r} is not in the supported Structured Text (no //, no AT %)"
+                f"{where} {line}: {shown!r} is not in the supported Structured Text (no //, no AT %)"
             )
         kind, piece = found.lastgroup, found[0]
         if kind == "integer" and piece.startswith("-"):
             kind, piece = "sign", "-"
-        yield Token(kind, piece, line)
+        yield Token(kind, piece, f"{where} {line}")
         line += piece.count("\n")
         position += len(piece)
 
 
-def tokens(text: str) -> list[Token]:
-    """What the compiler reads, ended by an ``end``."""
-    found = [token for token in pieces(text) if token.kind not in {"space", "comment"}]
-    return [*found, Token("end", "", found[-1].line if found else 1)]
+def tokens(text: str, file: str = "") -> list[Token]:
+    """What the compiler reads."""
+    return [token for token in pieces(text, file) if token.kind not in {"space", "comment"}]

@@ -1,0 +1,276 @@
+"""PLCopen's blocks on every telegram in virtual time, and the program of examples/ on two of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pdgw.dsp402.states import State
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.reasons import Reason
+from pdgw.profidrive.telegrams import TELEGRAMS
+from pdgw.tools.plc.code import structured_text
+from pdgw.tools.plc.motion import STATES, has_axis
+from tests.support.daemon import drive_of, running
+from tests.support.structured_text import TextPlc, config_of, program
+
+EXAMPLE = (Path(__file__).parents[2] / "examples" / "axis_story.st").read_text()
+OF_9 = (
+    ("PDGW_Axis_T111", "PDGW_Axis_T9"),
+    # 100 % of the position are 500000 of 4096 counts in a revolution, 100 % of the speed 3000 rpm.
+    ("PositionFactor := 10000.0", "HomingMethod := 35, PositionFactor := 8796093.0"),
+    ("VelocityFactor := 600.0", "VelocityFactor := 21474836.0"),
+)
+
+
+def story(number: int) -> str:
+    text = EXAMPLE
+    for before, after in OF_9 if number == 9 else ():
+        assert before in text
+        text = text.replace(before, after)
+    return text
+
+
+AXES = [number for number, item in TELEGRAMS.items() if has_axis(item)]
+VELOCITIES = [number for number in AXES if number not in {7, 9, 110}]
+POSITIONS = [9, 110, 111, 112]
+BLOCKS = {
+    "power": "MC_Power",
+    "reset": "MC_Reset",
+    "home": "MC_Home",
+    "absolute": "MC_MoveAbsolute",
+    "other": "MC_MoveAbsolute",
+    "relative": "MC_MoveRelative",
+    "turn": "MC_MoveVelocity",
+    "halting": "MC_Halt",
+    "stopping": "MC_Stop",
+    "status": "MC_ReadStatus",
+    "position": "MC_ReadActualPosition",
+}
+TURN = {9: 8_796_093.0, 112: 10.0}
+"""One revolution of the motor in the units of the telegram, where it is not 10000 LU."""
+
+
+class Axis(TextPlc):
+    """Every block MC_... of one axis; positions in revolutions, velocities in rpm."""
+
+    def __init__(self, daemon: Daemon, number: int) -> None:
+        factors = ""
+        if "XIST_A" in TELEGRAMS[number].actuals.names or number == 112:
+            factors = f", PositionFactor := {TURN.get(number, 10_000.0)}, VelocityFactor := {357_914.0 if number == 9 else 10.0}"
+        elif number != 7:
+            factors = ", ReferenceSpeed := 3000.0"
+        if number == 9:
+            factors += ", HomingMethod := 35"
+        calls = "\n".join(f"    {name}(Axis := axis);" for name in BLOCKS)
+        calls += f"\n    drive(Axis := axis, Actual := read.axis_1, Good := read.good_1{factors});"
+        variables = "\n".join(f"    {name} : {kind};" for name, kind in {**BLOCKS, "axis": "PDGW_AXIS"}.items())
+        text = program(daemon.config, calls, variables, f"PDGW_Axis_T{number}")
+        super().__init__(daemon, text)
+        self.drive = drive_of(daemon)
+        self.at("status")["ENABLE"] = self.at("position")["ENABLE"] = True
+
+    def at(self, name: str) -> dict[str, Any]:
+        found: dict[str, Any] = self.controller.variables[name.upper()]
+        return found
+
+    @property
+    def state(self) -> str:
+        """The one state that MC_ReadStatus shows."""
+        (shown,) = [name for name in STATES if self.at("status")[name.upper()]]
+        return shown
+
+    @property
+    def turns(self) -> float:
+        return self.drive.node.model.position_actual / 4096
+
+    @property
+    def rpm(self) -> float:
+        return self.drive.node.model.velocity_actual * self.drive.node.model.unit
+
+    def start(self, name: str, **inputs: float) -> None:
+        """A rising edge of Execute."""
+        block = self.at(name)
+        block["EXECUTE"] = False
+        self.exchange(2)
+        for key, value in inputs.items():
+            assert key.upper() in block
+            block[key.upper()] = value
+        block["EXECUTE"] = True
+        self.exchange()
+
+    def ends(self, name: str, output: str = "DONE") -> None:
+        """The outputs of a block that is over: one is TRUE."""
+        self.until(lambda _: not self.at(name)["BUSY"] or self.at(name)[output], f"{name} {output}: {self.at(name)}")
+        shown = [key for key in ("DONE", "INVELOCITY", "COMMANDABORTED", "ERROR") if self.at(name).get(key)]
+        assert shown == [output], (name, self.at(name), self.at("axis"))
+
+    def on(self) -> None:
+        self.at("power")["ENABLE"] = False
+        self.exchange(500)
+        self.at("power")["ENABLE"] = True
+        self.until(lambda _: self.at("power")["STATUS"], "power")
+        self.exchange(2)
+        assert self.state == "Standstill"
+
+
+@contextmanager
+def axis_with(number: int) -> Iterator[Axis]:
+    with running(config_of(number)) as daemon:
+        yield Axis(daemon, number)
+
+
+def fault_and_reset(axis: Axis, moving: str) -> None:
+    """ErrorStop until MC_Reset, then Disabled until MC_Power has seen FALSE."""
+    axis.drive.node.model.inject(5)
+    axis.until(lambda _: axis.state == "ErrorStop", "ErrorStop")
+    axis.exchange(2)
+    assert axis.at(moving)["ERROR"] or axis.at(moving)["COMMANDABORTED"]
+    axis.start("turn", Velocity=100.0)
+    axis.ends("turn", "ERROR")
+    assert axis.at("turn")["ERRORID"] == Reason.DRIVE_FAULT.code
+    axis.drive.node.model.clear()
+    axis.start("reset")
+    axis.until(lambda _: axis.at("reset")["DONE"], "reset")
+    axis.exchange(500)
+    assert (axis.state, axis.rpm, axis.drive.node.model.state is State.OPERATION_ENABLED) == ("Disabled", 0, False)
+    axis.on()
+    axis.exchange(250)
+    assert axis.rpm == 0, "what was commanded before is forgotten"
+
+
+@pytest.mark.parametrize("number", VELOCITIES)
+def test_an_axis_moves_with_a_velocity_halts_stops_and_resets(number: int) -> None:
+    with axis_with(number) as axis:
+        axis.exchange(500)
+        assert axis.state == "Disabled"
+        axis.start("turn", Velocity=600.0)
+        axis.ends("turn", "ERROR")
+        axis.on()
+        axis.start("turn", Velocity=600.0)
+        axis.exchange(5)
+        assert (axis.state, axis.at("turn")["INVELOCITY"]) == ("ContinuousMotion", False)
+        axis.ends("turn", "INVELOCITY")
+        assert axis.rpm == pytest.approx(600, abs=15)
+        axis.start("turn", Velocity=-300.0)
+        axis.ends("turn", "INVELOCITY")
+        assert axis.rpm == pytest.approx(-300, abs=15) or number == 112
+        axis.start("halting")
+        axis.exchange(5)
+        assert (axis.state, axis.at("turn")["COMMANDABORTED"]) == ("DiscreteMotion", True)
+        axis.ends("halting")
+        axis.exchange(2)
+        assert (axis.state, axis.rpm) == ("Standstill", pytest.approx(0, abs=30))
+        axis.start("turn", Velocity=600.0)
+        axis.ends("turn", "INVELOCITY")
+        axis.start("stopping")
+        axis.exchange(5)
+        assert (axis.state, axis.at("turn")["COMMANDABORTED"]) == ("Stopping", True)
+        axis.ends("stopping")
+        axis.start("turn")
+        axis.ends("turn", "ERROR")
+        axis.at("stopping")["EXECUTE"] = False
+        axis.exchange(250)
+        assert (axis.state, axis.rpm) == ("Standstill", 0)
+        axis.start("turn", Velocity=600.0)
+        axis.exchange(100)
+        fault_and_reset(axis, "turn")
+
+
+@pytest.mark.parametrize("number", POSITIONS)
+def test_an_axis_homes_moves_replaces_stops_and_resets(number: int) -> None:
+    with axis_with(number) as axis:
+        axis.on()
+        assert not axis.at("position")["VALID"]
+        axis.start("home")
+        axis.exchange(2)
+        assert axis.state == "Homing"
+        axis.ends("home")
+        assert axis.at("position")["VALID"]
+        axis.start("absolute", Position=3.0, Velocity=600.0)
+        axis.exchange(5)
+        assert axis.state == "DiscreteMotion"
+        axis.ends("absolute")
+        axis.exchange(100)
+        assert (axis.state, axis.turns) == ("Standstill", pytest.approx(3, abs=0.01))
+        assert axis.at("position")["POSITION"] == pytest.approx(3, abs=0.01)
+        axis.start("relative", Distance=-1.0, Velocity=600.0)
+        axis.ends("relative")
+        axis.exchange(100)
+        assert axis.turns == pytest.approx(2, abs=0.01)
+        axis.start("absolute", Position=40.0, Velocity=600.0)
+        axis.exchange(50)
+        axis.start("other", Position=5.0, Velocity=600.0)
+        axis.exchange(2)
+        assert axis.at("absolute")["COMMANDABORTED"]
+        axis.ends("other")
+        axis.exchange(100)
+        assert axis.turns == pytest.approx(5, abs=0.01)
+        axis.start("absolute", Position=40.0, Velocity=600.0)
+        axis.exchange(50)
+        axis.start("halting")
+        axis.ends("halting")
+        axis.exchange(2)
+        assert (axis.state, axis.rpm) == ("Standstill", 0)
+        axis.start("absolute", Position=40.0, Velocity=600.0)
+        axis.exchange(50)
+        axis.start("stopping")
+        axis.ends("stopping")
+        assert axis.at("absolute")["COMMANDABORTED"]
+        axis.at("stopping")["EXECUTE"] = False
+        axis.exchange(20)
+        assert (axis.state, axis.rpm) == ("Standstill", 0)
+        axis.start("absolute", Velocity=0.0)
+        axis.ends("absolute", "ERROR")
+        assert axis.at("absolute")["ERRORID"] == Reason.TASK_SPEED_ZERO.code
+        axis.start("absolute", Position=40.0, Velocity=600.0)
+        axis.exchange(50)
+        fault_and_reset(axis, "absolute")
+
+
+@pytest.mark.parametrize("number", AXES)
+def test_what_a_telegram_does_not_have_is_an_error(number: int) -> None:
+    names = {"absolute", "relative", "home"} if number in VELOCITIES and number not in {111, 112} else set()
+    names |= {7: {"absolute", "relative", "turn"}, 9: {"turn"}, 110: {"turn"}}.get(number, set())
+    with axis_with(number) as axis:
+        axis.on()
+        for name in sorted(names):
+            if name == "home":
+                axis.start(name)
+            else:
+                axis.start(name, Velocity=100.0)
+            axis.ends(name, "ERROR")
+            assert (axis.state, axis.rpm) == ("Standstill", 0)
+            assert axis.at(name)["ERRORID"] == Reason.MODE_VALUE.code
+
+
+@pytest.mark.parametrize("number", [9, 111])
+def test_the_program_of_the_examples_tells_its_story(number: int) -> None:
+    config = config_of(number)
+    with running(config) as daemon:
+        plc, model = TextPlc(daemon, structured_text(config) + story(number)), drive_of(daemon).node.model
+        turns = {}
+        stage = 0
+        for _ in range(8000):
+            plc.exchange()
+            now = plc.controller.variables["STAGE"]
+            if now != stage:
+                turns[now] = model.position_actual / 4096
+                stage = now
+            if stage == 5 and model.position_actual > 6 * 4096:
+                model.inject(5)
+            if stage == 6:
+                model.clear()
+            if plc.controller.finished:
+                break
+        assert plc.controller.finished, (stage, plc.controller.variables["AXIS_1"])
+        assert [turns[n] for n in (2, 3, 4, 5)] == pytest.approx([0, 0, 3, 2], abs=0.01)
+        assert turns[6] > 6, "the third move was under way"
+        assert turns[8] == pytest.approx(turns[7], abs=0.01), "nothing moves after the fault before the jog"
+        jog = turns[11] - turns[8]
+        assert jog == pytest.approx(-1 if number == 9 else 5, abs=0.5 if number == 111 else 0.01)
+        assert model.state is not State.OPERATION_ENABLED
