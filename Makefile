@@ -101,6 +101,7 @@ walk: $(STAMP)
 docs: $(STAMP)
 	$(BIN)/python -m pdgw.workshop.walk --short --figures docs/walk.txt
 	$(BIN)/python -m pdgw.workshop.documents.tables
+	$(BIN)/python -m pdgw.workshop.documents.plc_blocks
 	$(BIN)/python -c "from tests.support import statements; statements.write()"
 	$(BIN)/python -m pdgw.peers.drive.eds
 	$(BIN)/python -m pdgw.dsp406.device

@@ -42,8 +42,10 @@ HERE = {
     "pdgw gsdml write gateway.toml": "GSDML-V2.4-pdgw-profidrive-gateway-",
     "pdgw map gateway.toml": "NSOLL_A",
     "pdgw map gateway.toml --format csv --out map.csv": "",
+    "pdgw map gateway.toml --format plcopen --out pdgw.xml": "",
     "pdgw map gateway.toml --format scl --out pdgw.scl": "",
     "pdgw map gateway.toml --format st --out pdgw.st": "",
+    "pdgw map gateway.toml --format udt --out pdgw.udt": "",
     "pdgw replay plc.pcap can.log": "all equal",
     "pdgw replay plc.pcap can.log --config gateway.toml": "all equal",
     "pdgw sim bus --example": "[[device]]",
@@ -63,6 +65,7 @@ _CAN = "a CAN interface of this machine"
 _ETHERNET = "a PROFINET device on Ethernet, root"
 _MINUTES = "minutes of CPU"
 _PART = "a part of a command: needs a configuration or a file"
+_SOURCES = "a folder of the sources"
 NOT_TYPED = {
     "pdgw --install-completion": ("changes the start-up file of a user's shell", "tests/tools/test_command_line.py"),
     "pdgw axis test 1": (_TERMINAL, "tests/tools/test_axis_test.py"),
@@ -94,7 +97,10 @@ NOT_TYPED = {
         _ETHERNET,
         "tests/endtoend/test_profinet.py",
     ),
-    "pdgw sim plc tools/scenarios/positioner.yaml": ("a folder of the sources", "tests/peers/test_plc_positioner.py"),
+    "pdgw sim plc tools/scenarios/positioner.yaml": (_SOURCES, "tests/peers/test_plc_positioner.py"),
+    "pdgw map examples/axis_story.toml --format st --out pdgw.st": (_SOURCES, "tests/tools/test_sim_plc_program.py"),
+    "pdgw run examples/axis_story.toml": (_SOURCES, "tests/tools/test_sim_plc_program.py"),
+    "pdgw sim plc --st pdgw.st --st examples/axis_story.st": (_SOURCES, "tests/tools/test_plc_motion.py"),
     "python -m pdgw.workshop soak --hours 24 --seed 7": (_MINUTES, "tests/workshop/test_soak.py"),
     "python -m pdgw.workshop soak --planted --seed 1": (_MINUTES, "tests/workshop/test_soak_planted.py"),
     "python -m pdgw.workshop soak --seed 7 --axes 2 --until 49.001 --trace": (_MINUTES, "tests/workshop/test_soak.py"),

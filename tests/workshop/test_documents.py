@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from pdgw.workshop.documents.plc_blocks import BLOCKS_PATH, TIMING_PATH, generate_blocks, generate_timing
 from pdgw.workshop.documents.tables import (
     MISBEHAVIOUR_PATH,
     PATH,
@@ -24,3 +25,11 @@ def test_docs_tables_are_up_to_date() -> None:
     assert (DOCS / MISBEHAVIOUR_PATH.name).read_text(encoding="utf-8") == generate_misbehaviour(), "run: make docs"
     assert (DOCS / POWER_PATH.name).read_text(encoding="utf-8") == generate_power_table(), "run: make docs"
     assert (DOCS / WORDS_PATH.name).read_text(encoding="utf-8") == generate_words(), "run: make docs"
+
+
+def test_tables_of_the_plc_blocks_are_up_to_date() -> None:
+    assert (DOCS / BLOCKS_PATH.name).read_text(encoding="utf-8") == generate_blocks(), "run: make docs"
+
+
+def test_timing_diagram_of_the_positioning_block_is_up_to_date() -> None:
+    assert (DOCS / TIMING_PATH.name).read_text(encoding="utf-8") == generate_timing(), "run: make docs"
