@@ -103,6 +103,7 @@ docs: $(STAMP)
 	$(BIN)/python -m pdgw.workshop.documents.tables
 	$(BIN)/python -m pdgw.workshop.documents.plc_blocks
 	$(BIN)/python -c "from tests.support import statements; statements.write()"
+	$(BIN)/python -c "from tests.support import situations; situations.write()"
 	$(BIN)/python -m pdgw.peers.drive.eds
 	$(BIN)/python -m pdgw.dsp406.device
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
 from pdgw.durations import MS
@@ -17,7 +19,7 @@ from pdgw.tools.output.status_text import cause_sentence, object_lines, status_l
 from pdgw.web.metrics import exposition
 from pdgw.web.mqtt import object_message
 from pdgw.web.watch import Watch
-from tests.support.daemon import OFF, ON, Plc, drive_of, world_of
+from tests.support.daemon import OFF, ON, Plc, axis, configuration, drive_of, running, world_of
 from tests.support.page import ShownGateway, look
 
 SETTLED = 1500 * MS
@@ -111,3 +113,74 @@ def shown(daemon: Daemon) -> Shown:
             "metrics": exposition(watch)().decode(),
         },
     )
+
+
+def _idle(plc: Plc, _: Daemon) -> None:
+    """The PLC's program asks for nothing and has no control."""
+    plc.endpoint.set(0, {"STW1": 0})
+
+
+def _fault_then_silence(plc: Plc, daemon: Daemon) -> None:
+    drive_of(daemon).inject(7)
+    settle(plc)
+    plc.silent = True
+
+
+def _on_too_early(plc: Plc, _: Daemon) -> None:
+    """After a loss of the PLC, ON stands in the first frame."""
+    plc.silent = True
+    settle(plc)
+    plc.silent = False
+
+
+def _both(*steps: Callable[[Plc, Daemon], None]) -> Callable[[Plc, Daemon], None]:
+    def run(plc: Plc, daemon: Daemon) -> None:
+        for step in steps:
+            step(plc, daemon)
+
+    return run
+
+
+SITUATIONS: dict[str, Callable[[Plc, Daemon], None]] = {
+    "the CAN adapter is unplugged": BREAKERS[Enable.BUS],
+    "the drive has no power, and the PLC is silent too": _both(BREAKERS[Enable.NODE], _silence),
+    "the drive has no power, and the PLC idles": _both(BREAKERS[Enable.NODE], _idle),
+    "the emergency stop has cut the supply of the power stage": BREAKERS[Enable.SUPPLY],
+    "the drive reports a fault": BREAKERS[Enable.NO_FAULT],
+    "the drive reports a fault, then the PLC stops": _fault_then_silence,
+    "safe torque off: the drive does not follow ON": BREAKERS[Enable.OPERATION],
+    "the PLC's cable is off": BREAKERS[Enable.PLC],
+    "the PLC's program does not take control": BREAKERS[Enable.CONTROL],
+    "the PLC comes back with ON in its first frame": _on_too_early,
+    "the PLC's program enables no operation": lambda plc, _: clear_bits(plc, 0x8),
+    "the PLC's program enables no setpoint": BREAKERS[Enable.SETPOINT],
+}
+"""What a technician finds, and how to get there from an axis in operation."""
+DOCUMENT = Path(__file__).parents[2] / "docs" / "axis-does-not-move.md"
+_BEGIN, _END = "<!-- situations: written by make docs -->\n", "<!-- end of situations -->\n"
+
+
+def situation_table() -> str:
+    """The first line and the remedy that each situation gives, as a table."""
+    rows = ["| situation | first line | remedy |", "| --- | --- | --- |"]
+    for title, begin in SITUATIONS.items():
+        with running(configuration(axis(1))) as daemon:
+            plc = Plc(daemon, [1])
+            plc.enable()
+            begin(plc, daemon)
+            settle(plc)
+            item = snapshot(daemon)["axes"][0]
+        line = re.sub(r"\d\d:\d\d:\d\d", "14:02:11", f"{item['state']}: {item['reason']}")
+        rows.append(f"| {title} | {line} | {item['remedy']} |")
+    return "\n".join(rows) + "\n"
+
+
+def written_table() -> str:
+    """The table in the document."""
+    return DOCUMENT.read_text(encoding="utf-8").partition(_BEGIN)[2].partition(_END)[0]
+
+
+def write() -> None:
+    """Put the table into the document."""
+    before, _, rest = DOCUMENT.read_text(encoding="utf-8").partition(_BEGIN)
+    DOCUMENT.write_text(f"{before}{_BEGIN}{situation_table()}{_END}{rest.partition(_END)[2]}", encoding="utf-8")

@@ -18,7 +18,7 @@ from pdgw.gateway.reasons import AxisState, Enable, FaultNumber, Reason
 from pdgw.gateway.service.status import snapshot
 from pdgw.tools.output.status_check import Health, check_line
 from tests.support.daemon import OFF, ON, Plc, axis, configuration, drive_of, encoder_of, running, until
-from tests.support.situations import BREAKERS, settle, show_no_supply, shown
+from tests.support.situations import BREAKERS, SITUATIONS, settle, show_no_supply, shown, situation_table, written_table
 
 ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 81\nsimulate = true\n"
 _BEHIND = {
@@ -272,3 +272,8 @@ def test_chain_of_an_axis_that_goes_online() -> None:
         assert links(daemon)[Enable.PLC].ok is False
         until(daemon, lambda: daemon.axes[0].standing.state is AxisState.WAITS, "online")
         assert first(daemon).reason is Reason.NO_PLC
+
+
+def test_twelve_situations_are_told_in_the_document_as_the_gateway_tells_them() -> None:
+    assert len(SITUATIONS) == 12
+    assert written_table() == situation_table()
