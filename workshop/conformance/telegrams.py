@@ -83,8 +83,20 @@ class Outcome:
         }
 
 
+_IN_LU = {"OVERRIDE": "100 %", "MDI_ACC": "100 %", "MDI_DEC": "100 %"}
+_FULL: Mapping[int, Mapping[str, Any]] = {
+    110: _IN_LU,
+    111: _IN_LU,
+    112: {"OVERRIDE": "100 %", "MDI_ACC_F": 100, "MDI_DEC_F": 100},
+}
+
+
+"""Override and ramps of a telegram's positioner."""
+
+
 def _on(number: int) -> list[dict[str, Any]]:
-    override = [{"set": {"OVERRIDE": "100 %", "MDI_ACC": "100 %", "MDI_DEC": "100 %"}}] if number in (110, 111) else []
+    setpoints = _FULL.get(number)
+    override = [] if setpoints is None else [{"set": setpoints}]
     return [{"expect": {"ZSW1.CONTROL_REQUESTED": 1}, "within": "20 s"}, {"enable": True}, *override]
 
 
@@ -226,6 +238,44 @@ CASES: tuple[Case, ...] = (
         {"mdi": {"to": 20_000}},
         _see(XIST_A=20_000, AKTSATZ__MDI_ACTIVE=1),
         on_can={"607Ah": 8192},
+    ),
+    _case(
+        *(112, "POS_STW1.MDI", "task to 20 mm", {"mdi": {"to": 20.0, "velocity": 6000}}, _REACHED),
+        *(_see(XIST_F=20.0), {"hold": "100 ms"}),
+        on_can={"607Ah": 8192},
+    ),
+    _case(
+        *(112, "POS_STW1.ABSOLUTE = 0", "twice 5 mm relative"),
+        *({"mdi": {"to": 5.0, "velocity": 6000, "relative": True}}, _REACHED),
+        *({"mdi": {"to": 5.0, "velocity": 6000, "relative": True}}, _see(XIST_F=10.0, ZSW1__TARGET_REACHED=1)),
+    ),
+    _case(
+        *(112, "POS_STW1.POSITIVE_DIRECTION", "setting up at 3000 mm/min", _FORWARD),
+        _see(POS_ZSW2__MOVES_FORWARD=1, VIST_F="> 2900"),
+        on_can={"60FFh": 600},
+    ),
+    _case(
+        *(112, "POS_STW1.NEGATIVE_DIRECTION", "setting up backward", {"setting_up": {"velocity": -3000}}),
+        _see(POS_ZSW2__MOVES_BACKWARD=1, VIST_F="< -2900"),
+        on_can={"60FFh": -600, "6060h": 3},
+    ),
+    _case(
+        *(112, "POS_STW1.CONTINUOUS_UPDATE", "target changed without an edge"),
+        *({"mdi": {"to": 40.0, "velocity": 6000, "update": True}}, {"hold": "50 ms"}, {"set": {"MDI_TARPOS_F": 5.0}}),
+        _see(XIST_F=5.0),
+    ),
+    _case(
+        *(112, "POS_STW2.SET_REFERENCE_POINT", "at 2.5 mm, by REF_COORDINATE", {"set": {"REF_COORDINATE": 2.5}}),
+        *({"set_reference": True}, _see(ZSW1__HOME_POSITION_SET=1, XIST_F=2.5)),
+    ),
+    _case(
+        *(
+            112,
+            "MDI_VELOCITY_F.0",
+            "no speed: refused",
+            {"set": {"POS_STW1": 0x8100, "MDI_TARPOS_F": 5.0, "STW1": 0x047F}},
+        ),
+        _see(ZSW1__WARNING=1, XIST_F=0.0),
     ),
     _case(110, "POS_STW.JOG_INCREMENTAL", "jog 2 by its distance", {"jog_distance": 2}, _see(XIST_A=5000)),
     _case(110, "POS_STW.SET_REFERENCE_POINT", "at once", {"set_reference": True}, _see(ZSW1__HOME_POSITION_SET=1)),
