@@ -278,12 +278,13 @@ def test_type_codes() -> None:
     assert {code: DataType.from_code(code).name for code in codes} == codes
 
 
-@statement(
-    "PNU 0 is answered with 16h, an unknown request ID with 21h and the response ID 80h.",
-    "a vendor's V4.2 example",
-)
-def test_refusals_of_requests() -> None:
+@statement("PNU 0 is answered with 16h.", "a vendor's V4.2 example")
+def test_pnu_0_is_refused() -> None:
     assert _answered("01 01 01 01 10 00 00 00 00 00") == "01 81 01 01 44 01 00 16"
+
+
+@statement("An unknown request ID is answered with error 21h and the response ID 80h.")
+def test_an_unknown_request_id_is_refused() -> None:
     assert _answered("01 05 01 01 10 00 03 9A 00 00") == "01 80 01 01 44 01 00 21"
 
 
