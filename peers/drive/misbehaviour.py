@@ -20,7 +20,6 @@ from pdgw.peers.node.misbehaviour import HEX, Misbehaviour, catalogue, parameter
 if TYPE_CHECKING:
     from pdgw.peers.drive.machine import Machine
     from pdgw.peers.drive.model import DriveModel
-    from pdgw.peers.drive.node import SimulatedDriveNode
 
 _STATE_BITS = 0x7F
 _UNDER_VOLTAGE = 6
@@ -33,7 +32,7 @@ class DriveMisbehaviour(Misbehaviour):
     @property
     def model(self) -> DriveModel:
         """The drive behind the node."""
-        return cast("SimulatedDriveNode", self.node).model
+        return cast("DriveModel", self.node.image)
 
 
 @dataclass(kw_only=True, eq=False)

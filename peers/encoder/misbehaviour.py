@@ -14,7 +14,6 @@ from pdgw.peers.node.misbehaviour import Misbehaviour, catalogue
 
 if TYPE_CHECKING:
     from pdgw.peers.encoder.model import EncoderModel
-    from pdgw.peers.encoder.node import SimulatedEncoderNode
 
 
 @dataclass(kw_only=True, eq=False)
@@ -24,7 +23,7 @@ class EncoderMisbehaviour(Misbehaviour):
     @property
     def model(self) -> EncoderModel:
         """The encoder behind the node."""
-        return cast("SimulatedEncoderNode", self.node).model
+        return cast("EncoderModel", self.node.image)
 
     def begin(self) -> None:
         self.model.inject(self.name)

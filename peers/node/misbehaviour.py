@@ -1,7 +1,7 @@
 """Devices that misbehave like real ones: what a fault of a simulated CANopen node is.
 
 A fault is a class: its docstring says what the device does, its fields are the parameters (default, limits, unit), its hooks
-act on one ``SimulatedNode``. ``SimulatedNode.misbehave`` and ``behave`` switch faults by name while the node runs. The
+act on one ``Device``. ``SimulatedNode.misbehave`` and ``behave`` switch faults by name while the node runs. The
 faults of any node are in ``faults``; a device profile adds its own.
 """
 
@@ -11,14 +11,12 @@ from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import Entry
 from pdgw.durations import MS
-
-if TYPE_CHECKING:
-    from pdgw.peers.node.node import SimulatedNode
+from pdgw.peers.node.device import Device
 
 HEX = "hex"
 
@@ -52,7 +50,7 @@ class Misbehaviour:
     at_configuration: ClassVar[bool] = False
     """Only shows while a master configures the node: choose it before power-on, or let the node restart."""
 
-    node: SimulatedNode = field(init=False, repr=False)
+    node: Device = field(init=False, repr=False)
 
     def begin(self) -> None:
         """The fault sets in; at power-on before the boot-up message."""

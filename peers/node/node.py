@@ -8,7 +8,7 @@ are the values of mappable objects, and overrides the ``on_...`` hooks. Left out
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 from canopen.objectdictionary import ObjectDictionary
@@ -21,6 +21,7 @@ from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import COMMUNICATION_AREA, Access, CanType, Entry, ObjectSpec
 from pdgw.ds301.pdo import PDO_PARAMETERS, Pdo, is_communication_parameter
 from pdgw.durations import MS
+from pdgw.peers.node.device import Device, Value
 from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
 from pdgw.peers.node.misbehaviour import Catalogue, Misbehaviour, make
 from pdgw.peers.node.pdos import NEVER, NodePdos
@@ -30,7 +31,6 @@ _HEARTBEAT = (com.PRODUCER_HEARTBEAT, 0)
 _SYNC = (com.SYNC_COB_ID, 0)
 
 SendFunction = Callable[[int, bytes], None]
-Value = int | float | bytes | str | bool
 
 
 def encode(entry: Entry, value: Value) -> bytes:
@@ -42,21 +42,15 @@ def encode(entry: Entry, value: Value) -> bytes:
     return struct.pack("<" + entry.type.char, value)
 
 
-class SimulatedNode:
+class SimulatedNode(Device):
     """One node. ``send(can_id, data)`` is called whenever it transmits."""
 
     catalogue: ClassVar[Catalogue] = NODE_MISBEHAVIOURS
     """The faults this kind of device can be given."""
 
     def __init__(self, node_id: int, objects: Sequence[ObjectSpec], image: object, send: SendFunction) -> None:
-        self.node_id = node_id
-        self.image = image
+        super().__init__(node_id, objects, image)
         self.send = send
-        self.now = 0
-        self.state = NmtState.BOOT_UP
-        self.entries: dict[tuple[int, int], Entry] = {(e.index, e.subindex): e for s in objects for e in s.entries}
-        self.indices = {spec.index for spec in objects}
-        self.values: dict[tuple[int, int], Value] = {}
         self.stored: dict[tuple[int, int], Value] = {}
         self.pdos = NodePdos(self)
         self._heartbeat_due = 0
@@ -74,61 +68,6 @@ class SimulatedNode:
         self._sdo.network = self
         self._sdo._index = self._sdo._subindex = 0  # a segment before any transfer is aborted, not an exception
         self._defaults()
-
-    # -- hooks of the device ----------------------------------------------------------------------------------------
-
-    def event_timer(self, index: int) -> int:
-        """Milliseconds between two transmissions of the TPDO with this communication parameter; 0 is none."""
-        return int(self.values.get((index, 5), 0))
-
-    def sent_on_change(self, transmission_type: int) -> bool:
-        """Whether a changed value is an event of this event-driven transmission type (254 or 255)."""
-        return True
-
-    def storable(self, entry: Entry) -> bool:
-        """Whether 1010h saves this writable object."""
-        return not entry.attribute
-
-    def on_poll(self, now: int) -> None:
-        """Time passes: bring the image up to ``now``."""
-
-    def next_change(self, now: int) -> int | None:
-        """When the image may change by itself after ``now``, None: not before something is received or commanded."""
-        return None
-
-    def on_touched(self) -> None:
-        """Something was received or commanded from outside; ``on_poll`` follows."""
-
-    def on_written(self, entry: Entry, value: Value) -> None:
-        """An object was written by SDO; raise ``SdoAbortedError`` to refuse it (nothing is stored then)."""
-
-    def apply(self, pdo: Pdo, data: bytes) -> None:
-        """Put the values of a received RPDO into the image; of a synchronous one, its SYNC came."""
-        pdo.unpack_into(data, self.image)
-        self.on_rpdo(pdo)
-
-    def on_rpdo(self, pdo: Pdo) -> None:
-        """The values of an RPDO are in the image."""
-
-    def packed(self, pdo: Pdo) -> bytes:
-        """What a TPDO is sent with."""
-        return pdo.pack(self.image)
-
-    def on_sync(self) -> None:
-        """A SYNC in operation; the RPDOs that waited for it are in the image."""
-
-    def on_nmt(self, state: NmtState) -> None:
-        """The NMT state changed."""
-
-    def on_consumer_expired(self, producer: int) -> None:
-        """A guarded heartbeat stopped."""
-
-    def on_foreign_frame(self, can_id: int, data: bytes) -> bool:
-        """A frame that is meant for others; returns whether it changed something."""
-        return False
-
-    def on_reset(self) -> None:
-        """Reset node: back to power-on values."""
 
     # -- misbehaviour -----------------------------------------------------------------------------------------------
 
@@ -151,10 +90,10 @@ class SimulatedNode:
             if fault is not None and self._powered:
                 fault.end()
 
-    def _behind(self, past: Misbehaviour | None) -> Iterator[Misbehaviour]:
+    def _behind(self, past: object) -> list[Misbehaviour]:
         """The faults a frame still has to pass; ``past`` let it go on."""
         faults = list(self.misbehaviours.values())
-        yield from faults[faults.index(past) + 1 :] if past in faults else faults
+        return faults[next((place for place, fault in enumerate(faults, 1) if fault is past), 0) :]
 
     # -- edge -------------------------------------------------------------------------------------------------------
 
@@ -168,7 +107,7 @@ class SimulatedNode:
                 fault.begin()
         self._boot()
 
-    def receive(self, can_id: int, data: bytes, now: int, past: Misbehaviour | None = None) -> bool:
+    def receive(self, can_id: int, data: bytes, now: int, past: object = None) -> bool:
         """A frame from the bus; ``past`` is the fault that held it. Returns False when ``next_event`` is as before."""
         self.now = now
         if self.misbehaviours and not all(fault.incoming(can_id, data) for fault in self._behind(past)):
@@ -262,11 +201,6 @@ class SimulatedNode:
         """Something was changed from outside: it is looked at in the next ``poll``."""
         self._touched = True
 
-    @property
-    def running(self) -> bool:
-        """Powered and booted."""
-        return self.state is not NmtState.BOOT_UP
-
     def power_off(self) -> None:
         """Silent until ``start``."""
         self.state = NmtState.BOOT_UP
@@ -278,7 +212,7 @@ class SimulatedNode:
         self._defaults()
         self._boot()
 
-    def transmit(self, can_id: int, data: bytes, past: Misbehaviour | None = None) -> None:
+    def transmit(self, can_id: int, data: bytes, past: object = None) -> None:
         """Put a frame on the bus; ``past`` is the fault that held it."""
         if not self.misbehaviours or all(fault.outgoing(can_id, data) for fault in self._behind(past)):
             self.send(can_id, data)

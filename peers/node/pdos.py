@@ -5,8 +5,6 @@ Source: CiA DS 301 V4.01. What a value means and when one has changed is the nod
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
@@ -27,9 +25,7 @@ from pdgw.ds301.pdo import (
     is_mapping_parameter,
 )
 from pdgw.durations import MS
-
-if TYPE_CHECKING:
-    from pdgw.peers.node.node import SimulatedNode
+from pdgw.peers.node.device import Device
 
 NEVER = 1 << 62
 _TRANSMISSION_SYNC_MAX = SYNC_TYPES[-1]
@@ -80,7 +76,7 @@ class _Tpdo:
 class NodePdos:
     """The PDOs of one node, as its parameters 1400h to 1BFFh say."""
 
-    def __init__(self, node: SimulatedNode) -> None:
+    def __init__(self, node: Device) -> None:
         self.node = node
         self.received: dict[int, Pdo] = {}
         """RPDOs by COB-ID."""
