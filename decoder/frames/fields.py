@@ -23,6 +23,23 @@ Raw = int | float | bytes
 Document = dict[str, Any]
 
 
+def parameter_text(item: Document) -> str:
+    """One parameter of a request or response document."""
+    parts = []
+    if "pnu" in item:
+        pnu = item["pnu"]
+        # 1:1 objects are better known by their CANopen index.
+        name = f"{pnu:04X}h" if 1000 <= pnu < 60000 else f"P{pnu}"
+        parts.append(f"{name}.{item['subindex']}")
+        if item["elements"] > 1:
+            parts.append(f"x{item['elements']}")
+        if item["attribute"] != "value":
+            parts.append(item["attribute"])
+    if "text" in item:
+        parts.append(f"= {item['text']}" if "pnu" in item else item["text"])
+    return " ".join(parts)
+
+
 def identifier(name: str) -> str:
     """A name as filters spell it: lower case, everything but letters, digits and underscores replaced by ``_``."""
     return "".join(c if c.isalnum() else "_" for c in name.lower())

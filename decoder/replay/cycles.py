@@ -1,17 +1,26 @@
-"""When the gateway stepped in a recording, as far as the frames tell it."""
+"""The cycles of a recording: the PLC's cycle time, and when the gateway stepped, as far as the frames show it."""
 
 from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 from pdgw.decoder.replay.recorded import Answer, AxisRecording
+from pdgw.durations import MS
+from pdgw.gateway.configuration.defaults import USUAL_CYCLE_MS
 
 SILENT_CYCLES: Final = 1.5
 """Cycles without a frame after which the gateway steps by itself, and a loss of the PLC is its silence."""
 _MAX_FILLED: Final = 1000
 """Such steps in one silence; whatever was to happen has happened then."""
+
+
+def median_cycle_ns(times: Sequence[int]) -> int:
+    """The PLC's cycle: the median time between its frames, the usual one where there are none."""
+    gaps = sorted(later - earlier for earlier, later in pairwise(times))
+    return max(1, gaps[len(gaps) // 2]) if gaps else USUAL_CYCLE_MS * MS
 
 
 class Tick(NamedTuple):

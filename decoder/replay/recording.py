@@ -20,6 +20,7 @@ from pdgw.decoder.frames.profinet.cyclic import Axis
 from pdgw.decoder.frames.profinet.endpoint import ProfinetEndpoint
 from pdgw.decoder.frames.profinet.records import AlarmRecord, Change, RelationRecord
 from pdgw.decoder.frames.records import CyclicRecord, Record
+from pdgw.decoder.replay.cycles import median_cycle_ns
 from pdgw.decoder.replay.plc_inputs import USED, Frame, PlcInputs, Relation, receive_frames, receive_profinet
 from pdgw.decoder.replay.recorded import (
     Answer,
@@ -31,7 +32,6 @@ from pdgw.decoder.replay.recorded import (
     Sent,
     Setpoints,
 )
-from pdgw.decoder.timeline.lookahead import median_cycle_ns
 from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.pdo import Pdo, PdoDirection
@@ -42,7 +42,7 @@ from pdgw.dsp402.objects import HOMING_METHOD
 from pdgw.dsp402.optional_objects import image_entry
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Configured
-from pdgw.gateway.links.cyclic import WATCHDOG_FACTOR
+from pdgw.gateway.configuration.defaults import WATCHDOG_FACTOR
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Direction, telegram

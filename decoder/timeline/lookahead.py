@@ -7,28 +7,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from itertools import pairwise
 from typing import Final
 
 from pdgw.decoder.frames.canopen.records import CanRecord, PdoRecord
 from pdgw.decoder.frames.profinet.cyclic import Axis
 from pdgw.decoder.frames.records import BusKind, CyclicRecord, Record
+from pdgw.decoder.replay.cycles import median_cycle_ns
 from pdgw.decoder.timeline.clocks import AxisWords, Clocks, Word, correlate
 from pdgw.dsp402.objects import CONTROLWORD, STATUSWORD
-from pdgw.durations import MS
-from pdgw.gateway.links.cyclic import USUAL_CYCLE_MS
 from pdgw.profidrive.telegrams import Direction
 
 ENOUGH: Final = 120
 """Changes of words on each bus that make the offset of the clocks sure."""
 _CYCLES: Final = 2000
 """Cycles whose length is measured."""
-
-
-def median_cycle_ns(times: Sequence[int]) -> int:
-    """The PLC's cycle: the median time between its frames, the usual one where there are none."""
-    gaps = sorted(later - earlier for earlier, later in pairwise(times))
-    return max(1, gaps[len(gaps) // 2]) if gaps else USUAL_CYCLE_MS * MS
 
 
 class Lookahead:

@@ -6,14 +6,13 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from pdgw.decoder.frames.canopen.records import CanRecord, PdoRecord
+from pdgw.decoder.frames.fields import Document, parameter_text
 from pdgw.decoder.frames.profinet.records import StationRecord
 from pdgw.decoder.frames.records import AcyclicRecord, CyclicRecord, ProcessData, Record
 from pdgw.durations import SECOND
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.signals import SIGNALS
 from pdgw.profidrive.telegrams import Direction
-
-Document = dict[str, Any]
 
 
 def _signal_text(name: str, item: Document) -> str:
@@ -23,23 +22,6 @@ def _signal_text(name: str, item: Document) -> str:
     if item["bits"]:
         return f"{name} {item['raw']:0{width}X}h"
     return f"{name} {item['raw']}" + (f" {item['unit']}" if item["unit"] else "")
-
-
-def parameter_text(item: Document) -> str:
-    """One parameter of a request or response document."""
-    parts = []
-    if "pnu" in item:
-        pnu = item["pnu"]
-        # 1:1 objects are better known by their CANopen index.
-        name = f"{pnu:04X}h" if 1000 <= pnu < 60000 else f"P{pnu}"
-        parts.append(f"{name}.{item['subindex']}")
-        if item["elements"] > 1:
-            parts.append(f"x{item['elements']}")
-        if item["attribute"] != "value":
-            parts.append(item["attribute"])
-    if "text" in item:
-        parts.append(f"= {item['text']}" if "pnu" in item else item["text"])
-    return " ".join(parts)
 
 
 def one_line(document: Document) -> str:

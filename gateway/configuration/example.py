@@ -19,11 +19,11 @@ from pdgw.gateway.axis.telegrams import (
     SPEED_TELEGRAM_NUMBERS,
 )
 from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.configuration.defaults import USUAL_CYCLE_MS, WATCHDOG_FACTOR
 from pdgw.gateway.configuration.positioner import EXAMPLE as POSITIONER_EXAMPLE
 from pdgw.gateway.configuration.positioner import SIMULATED, SIMULATED_BLOCKS
 from pdgw.gateway.configuration.web import WebConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.links.cyclic import USUAL_CYCLE_MS, WATCHDOG_FACTOR
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 

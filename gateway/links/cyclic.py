@@ -13,6 +13,7 @@ import struct
 from collections.abc import Callable, Sequence
 from typing import Final
 
+from pdgw.gateway.configuration.defaults import WATCHDOG_FACTOR
 from pdgw.gateway.links.confirmation import Confirmation
 from pdgw.gateway.links.history import FrameHistory
 from pdgw.gateway.links.sequence import FrameSequence, NewerFrames, Order
@@ -33,12 +34,6 @@ from pdgw.profidrive.frame import (
     CSduLayout,
 )
 from pdgw.profidrive.telegrams import Direction, Telegram
-
-USUAL_CYCLE_MS: Final = 4
-"""The PLC's cycle where nothing tells another one."""
-WATCHDOG_FACTOR: Final = 3
-"""Cycles without a frame until the PLC is lost, unless the user chooses otherwise."""
-WATCHDOG_FACTOR_MAX: Final = 255
 
 _COUNTER: Final = struct.Struct(">H")
 _STATUS_OFFSET: Final = _COUNTER.size

@@ -23,6 +23,7 @@ from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
 from pdgw.peers.drive.model import DriveModel
 from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.drive.shapes import ENGEL, Shape
+from pdgw.peers.node.device import Value
 from pdgw.peers.node.node import SendFunction, SimulatedNode
 from pdgw.peers.node.running import RunningNode
 

@@ -21,6 +21,7 @@ from pdgw.dsp406.registers import OPERATING_RESERVED
 from pdgw.peers.encoder.misbehaviour import ENCODER_MISBEHAVIOURS
 from pdgw.peers.encoder.model import EncoderModel
 from pdgw.peers.encoder.motion import Follower, Motion
+from pdgw.peers.node.device import Value
 from pdgw.peers.node.node import SendFunction, SimulatedNode
 from pdgw.peers.node.running import RunningNode
 

@@ -10,8 +10,8 @@ from typing import Any
 import yaml
 
 from pdgw.durations import MS
+from pdgw.gateway.configuration.defaults import USUAL_CYCLE_MS
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.links.cyclic import USUAL_CYCLE_MS
 from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.keyboard import Keyboard

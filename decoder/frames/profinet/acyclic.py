@@ -12,7 +12,7 @@ from typing import Final
 from uuid import UUID
 
 from pdgw.decoder.frames.bounded_dict import Recent
-from pdgw.decoder.frames.fields import Document
+from pdgw.decoder.frames.fields import Document, parameter_text
 from pdgw.decoder.frames.profinet.blocks import IM_INDEXES, documents, named, place_text, status_text
 from pdgw.decoder.frames.profinet.calls import OPERATIONS, RelationCalls
 from pdgw.decoder.frames.profinet.connect import Connection
@@ -25,7 +25,6 @@ from pdgw.decoder.frames.records import (
     ParameterResponseRecord,
     Record,
 )
-from pdgw.decoder.view.render import parameter_text
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.codec import (
     Attribute,
