@@ -6,6 +6,7 @@ Source: docs/translation.md "Loss and doubt", docs/parameter-channel.md "Fault b
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import ClassVar, Final
 
 from pdgw.ds301.emcy import emcy_text
@@ -101,9 +102,9 @@ class NodeWatch:
 
     def __init__(self, outputs: Outputs) -> None:
         self._outputs = outputs
-        self.faults: Mapping[int, DriveFault] = {}
+        self.faults: Mapping[int, DriveFault] = MappingProxyType({})
         """The manufacturer's faults by number,"""
-        self.fault_of_emcy: Mapping[int, DriveFault] = {}
+        self.fault_of_emcy: Mapping[int, DriveFault] = MappingProxyType({})
         """and by EMCY error code."""
         self.troubles = Troubles()
         self._absent = False
