@@ -123,7 +123,8 @@ class FaultLog:
 
         What the device reported from ``since`` (monotonic ns) on goes first, the loss of the PLC last: it follows from others.
         """
-        active = [told for told in reversed(self.told(present=False)) if told.active and not told.record.is_warning]
+        told = self.told(present=True)  # `present` False would end the warnings
+        active = [item for item in reversed(told) if item.active and not item.record.is_warning]
         return min(active, key=lambda told: _rank(told.record, since), default=None)
 
     def fault_code(self, since: int) -> int:
