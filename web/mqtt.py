@@ -26,7 +26,7 @@ from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.configuration.ports import STATUS_PORT
+from pdgw.gateway.configuration.defaults import STATUS_PORT
 from pdgw.gateway.configuration.web import MqttConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.web.events import Event
