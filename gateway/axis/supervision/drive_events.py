@@ -86,7 +86,9 @@ class Repetitions:
 class NodeWatch:
     """The notices of a node to fault records and lines of the log."""
 
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"last_emergency", "_refusal", "_absent", "_restart_asked"})
+    ASIDE: ClassVar[frozenset[str]] = frozenset(
+        {"fault_of_emcy", "faults", "last_emergency", "_refusal", "_absent", "_restart_asked"}
+    )
 
     __slots__ = (
         "_absent",
