@@ -16,14 +16,17 @@ from typer.testing import CliRunner
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.settings import ControlLost, PlcLossReaction
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
+from pdgw.gateway.links.udp import Address
 from pdgw.peers.drive import SHAPES
-from pdgw.profidrive.telegrams import telegram
+from pdgw.profidrive.frame import CSduLayout
+from pdgw.profidrive.telegrams import Direction, telegram
 from pdgw.workshop.commands.soak import soak
 from pdgw.workshop.soak.life import Life
 from pdgw.workshop.soak.plan import CYCLES_MS, PART_CYCLES, SHORTEST_PART_NS, draw_plan, parts, shapes_of
 from pdgw.workshop.soak.planted import DEFECTS
 from pdgw.workshop.soak.trace import clock
 from pdgw.workshop.soak.troubles import TROUBLES, UNPLUGGED
+from pdgw.workshop.soak.watch import SoakAxis
 from pdgw.workshop.soak.words import Words
 
 APP = Typer()
@@ -101,6 +104,22 @@ def test_gateway_that_ended_starts_again_when_interface_is_plugged_in() -> None:
     assert life.daemon is ended
     life.play(life.loop.now() + SECOND)
     assert life.daemon is not ended
+
+
+def test_frame_that_was_overtaken_is_no_reason_for_another_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The gateway drops it."""
+    life = Life(next(parts(7, 1, [1])), keep_telegrams=True)
+    frames: list[tuple[Address, Address, bytes]] = []
+    life.world.network.arrivals.append(lambda _, source, target, data: frames.append((source, target, data)))
+    life.play(2 * SECOND)
+    reasons: list[str] = []
+    monkeypatch.setattr(SoakAxis, "doubt", lambda self, why, since=None: reasons.append(why))
+    source, target, data = [frame for frame in frames if frame[1] == life.daemon.address][-3]
+    bad = bytearray(data)
+    bad[CSduLayout([telegram(1)], Direction.SETPOINT).iops[0]] = 0
+    life.world.network.carry(bytes(bad), source, target)
+    life.play(life.loop.now() + 10 * MS)
+    assert reasons == []
 
 
 def test_rpdo_to_drive_after_power_on_is_no_controlword() -> None:

@@ -22,7 +22,7 @@ from pdgw.peers.drive import LINEAR_AXIS, ROTARY_AXIS, shape
 from pdgw.peers.node.faults import WrongIdentity
 from pdgw.peers.plc.cycling import CyclingPlc
 from pdgw.peers.world import Conditions, Member, SimulatedCan, World
-from pdgw.profidrive.frame import IOPS_GOOD, STATUS_RUN, CSduLayout
+from pdgw.profidrive.frame import IOPS_GOOD, STATUS_RUN, CSduLayout, RtFrame, is_newer
 from pdgw.profidrive.telegrams import Direction, telegram
 from pdgw.workshop.soak.engineer import HOST as ENGINEER_HOST
 from pdgw.workshop.soak.engineer import Engineer
@@ -88,6 +88,8 @@ class Life:
         self._active: dict[str, tuple[Trouble, SoakAxis, Undo]] = {}
         self._quiet_since = self.begin
         self._arrived = self.begin
+        self._newest: tuple[Address, int] | None = None
+        """Who sent the newest frame of the PLC, and its cycle counter."""
         self._runs = False
         self._violation: ViolationError | None = None
         self.world.network.arrivals.append(self._on_arrival)
@@ -328,6 +330,10 @@ class Life:
             return
         self._doubt_gap(now)
         self._arrived = now
+        counter = RtFrame.decode(data).cycle_counter
+        stale = self._newest is not None and source == self._newest[0] and not is_newer(counter, self._newest[1])
+        if not stale:
+            self._newest = source, counter
         self._runs = bool(data[_STATUS_OFFSET] & STATUS_RUN)
         layout = self._layout
         certain = self.world.network.conditions == _PLAIN and now - self._quiet_since > self._watchdog_ns
@@ -336,7 +342,7 @@ class Life:
             axis.good = self._runs and bool(data[iops] & IOPS_GOOD)
             if axis.good:
                 axis.asked(now, bytes(data[layout.offsets[axis.index] : iops]), certain=certain)
-            else:
+            elif not stale:
                 axis.doubt("IOPS BAD" if self._runs else "provider STOP")
 
     def _doubt_gap(self, now: int) -> None:
