@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web client recording peers tools workshop
 
-.PHONY: demo demo-profinet test test-paused tour test-can lint format bench measured fuzz limit-cycles soak docs screenshots site compiled test-compiled bench-compiled release clean
+.PHONY: demo demo-profinet test test-paused tour test-can lint format bench measured fuzz limit-cycles soak planted docs screenshots site compiled test-compiled bench-compiled release clean
 
 demo: $(STAMP)
 	$(BIN)/pdgw demo
@@ -92,6 +92,11 @@ limit-cycles: $(STAMP)
 
 soak: $(STAMP)
 	$(BIN)/python -m pdgw.workshop soak --hours 24 --axes 2
+
+# Each planted defect and the virtual time until the soak finds it: the last table of the document.
+planted: $(STAMP)
+	sed -i '/^| what is broken/,$$d' docs/soak.md
+	$(BIN)/python -m pdgw.workshop soak --planted --seed 1 >> docs/soak.md
 
 # Every state that a PLC, a loss and a lying drive can bring an axis to, with the choices of ``selected``.
 walk: $(STAMP)

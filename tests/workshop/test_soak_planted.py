@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import pytest
 
@@ -30,8 +31,12 @@ def test_soak_finds_planted_defect(name: str) -> None:
     assert re.search(FOUND_SOON[name], found.message)
 
 
-def test_fifteen_defects_are_planted() -> None:
-    assert len(DEFECTS) == 15
+def test_document_has_each_of_fifteen_defects_found_within_two_hours() -> None:
+    document = (Path(__file__).parents[2] / "docs" / "soak.md").read_text(encoding="utf-8")
+    found = dict(re.findall(r"^\| (.+?) \| (\d+) s \| .+ \|$", document, re.MULTILINE))
+    assert list(found) == [defect.text for defect in DEFECTS.values()], "run: make planted"
+    assert len(found) == 15
+    assert all(int(seconds) * SECOND < LIMIT_NS for seconds in found.values())
 
 
 @pytest.mark.planted

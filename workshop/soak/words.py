@@ -118,8 +118,11 @@ class Words:
             self.set_word(self._later.pop(0))
             return
         choice: Callable[[], None] = chance.choices(
-            (self._enable, self._off, self._on, self._setpoint, self._special, self._drop, self._edge, self._anything),
-            (6, 3, 3, 8, 6, 3, 3, 1),
+            (
+                *(self._enable, self._off, self._on, self._acknowledge),
+                *(self._setpoint, self._special, self._drop, self._edge, self._anything),
+            ),
+            (6, 3, 3, 2, 8, 6, 3, 3, 1),
         )[0]
         choice()
 
@@ -132,6 +135,11 @@ class Words:
 
     def _on(self) -> None:
         self.set_word(self.on)
+
+    def _acknowledge(self) -> None:
+        """A fault is acknowledged while the ON stands."""
+        self.set_word(self.on)
+        self._later = [self.on | ACKNOWLEDGE, self.on]
 
     def _drop(self) -> None:
         """Coast stop, quick stop, disable operation, or a bit of the ramp generator, and back."""
