@@ -10,6 +10,8 @@ from pdgw.decoder.timeline.entries import Entry as TimelineEntry
 from pdgw.durations import MS, SECOND
 
 _INDENT = " " * 24
+_SERIES_NS = 10 * SECOND
+"""A repetition belongs to the series of the one before for so long."""
 
 
 def entry_lines(entry: TimelineEntry, zero_ns: int, *, verbose: bool = False) -> Iterator[str]:
@@ -27,6 +29,35 @@ def entry_lines(entry: TimelineEntry, zero_ns: int, *, verbose: bool = False) ->
         yield f"{head}!! {entry.kind.value}: {entry.text}"
     elif isinstance(entry, Event):
         yield f"{head}{entry.kind}: {entry.text}"
+
+
+class Repetitions:
+    """Events and anomalies that repeat: the first is a line, the others are one line with their count."""
+
+    def __init__(self, zero_ns: int) -> None:
+        self._zero_ns = zero_ns
+        self._series: dict[tuple[str, int, str], tuple[int, Anomaly | Event]] = {}
+        """By what is repeated: how often since its line, and the last one."""
+
+    def ended(self, now: int | None = None) -> Iterator[str]:
+        """The counts of the series that have ended by ``now``; None: all."""
+        for key, (count, last) in list(self._series.items()):
+            if now is None or now - last.time_ns > _SERIES_NS:
+                del self._series[key]
+                if count:
+                    again = "once more" if count == 1 else f"{count} more times, the last"
+                    (line,) = entry_lines(last, self._zero_ns)
+                    yield f"{line} ({again})"
+
+    def is_new(self, entry: TimelineEntry) -> bool:
+        """Whether the entry has a line of its own; what repeats is counted."""
+        if not isinstance(entry, Anomaly | Event):
+            return True
+        kind = entry.kind.value if isinstance(entry, Anomaly) else entry.kind
+        key = kind, entry.do_id, entry.text
+        known = self._series.get(key)
+        self._series[key] = (0 if known is None else known[0] + 1), entry
+        return known is None
 
 
 def edge_text(edge: Edge) -> str:

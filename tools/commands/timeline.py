@@ -12,7 +12,7 @@ import typer
 from pdgw.decoder.capture.moments import moment
 from pdgw.decoder.frames.records import Record
 from pdgw.decoder.timeline.entries import Summary
-from pdgw.decoder.timeline.text import entry_lines, summary_lines
+from pdgw.decoder.timeline.text import Repetitions, entry_lines, summary_lines
 from pdgw.decoder.view.render import record_line
 from pdgw.gateway.errors import GatewayError
 from pdgw.recording.recordings import (
@@ -95,11 +95,15 @@ def _documents(opening: Opening, part: Part) -> Iterator[str]:
 def _text(opening: Opening, part: Part, *, verbose: bool) -> Iterator[str]:
     summary = Summary()
     zero_ns = opening.begin_ns
+    repetitions = Repetitions(zero_ns)
     for entry in followed(opening, part, packets=verbose):
         if isinstance(entry, Record):
             yield record_line(entry, zero_ns)
             continue
         summary.add(entry)
-        yield from entry_lines(entry, zero_ns, verbose=verbose)
+        yield from repetitions.ended(entry.time_ns)
+        if verbose or repetitions.is_new(entry):
+            yield from entry_lines(entry, zero_ns, verbose=verbose)
+    yield from repetitions.ended()
     yield ""
     yield from summary_lines(summary, opening.clocks, opening.assumed)
