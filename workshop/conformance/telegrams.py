@@ -89,8 +89,6 @@ _FULL: Mapping[int, Mapping[str, Any]] = {
     111: _IN_LU,
     112: {"OVERRIDE": "100 %", "MDI_ACC_F": 100, "MDI_DEC_F": 100},
 }
-
-
 """Override and ramps of a telegram's positioner."""
 
 
