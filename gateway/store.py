@@ -69,6 +69,10 @@ class DeviceParameters(BaseModel):
     im3_descriptor: Annotated[str, Field(max_length=54)] = ""
     im4_signature: Annotated[str, Field(max_length=108, pattern="^([0-9a-f]{2})*$")] = ""
     """Hexadecimal."""
+    sys_contact: Annotated[str, Field(max_length=255)] = ""
+    sys_name: Annotated[str, Field(max_length=255)] = ""
+    sys_location: Annotated[str, Field(max_length=255)] = ""
+    """Of MIB-II, written by SNMP."""
     station_name: Annotated[str, Field(max_length=240)] | None = None
     """Given by DCP; None where the configuration's still holds."""
     station_ip: Annotated[str, Field(pattern="^[0-9a-f]{24}$")] | None = None

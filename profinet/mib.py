@@ -5,7 +5,7 @@ Source: RFC 1213, IEEE 802.1AB (LLDP-MIB), IEC 61158-6-10 (LLDP-EXT-PNO-MIB). On
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from pdgw.profinet import lldp
@@ -36,9 +36,14 @@ _FASTEST: Final = 0xFFFFFFFF
 _TICK_NS: Final = 10_000_000
 
 
-def objects(station: Station, octets: Sequence[int], location: str, uptime_ns: int) -> list[Variable]:
-    """Everything that can be read, sorted. ``octets``: received and sent; ``location``: the tag of I&M1."""
-    rows = [*_system(station, location, uptime_ns), *_interface(station, octets), *_local(station)]
+SYS_CONTACT: Final[Oid] = (*_SYSTEM, 4, 0)
+SYS_NAME: Final[Oid] = (*_SYSTEM, 5, 0)
+SYS_LOCATION: Final[Oid] = (*_SYSTEM, 6, 0)
+
+
+def objects(station: Station, octets: Sequence[int], system: Mapping[Oid, str], uptime_ns: int) -> list[Variable]:
+    """Everything that can be read, sorted. ``octets``: received and sent; ``system``: texts of the system group."""
+    rows = [*_system(station, system, uptime_ns), *_interface(station, octets), *_local(station)]
     if station.neighbour is not None:
         rows += _remote(station.neighbour)
     return sorted(Variable(oid, kind, value) for oid, kind, value in rows)
@@ -51,14 +56,14 @@ def _text(text: str) -> bytes:
     return text.encode("latin-1", "replace")[:255]
 
 
-def _system(station: Station, location: str, uptime_ns: int) -> list[Row]:
+def _system(station: Station, system: Mapping[Oid, str], uptime_ns: int) -> list[Row]:
     return [
         ((*_SYSTEM, 1, 0), Kind.OCTETS, _text(station.identity.chassis)),
         ((*_SYSTEM, 2, 0), Kind.OID, _ZERO_DOT_ZERO),
         ((*_SYSTEM, 3, 0), Kind.TIME_TICKS, uptime_ns // _TICK_NS & 0xFFFFFFFF),
-        ((*_SYSTEM, 4, 0), Kind.OCTETS, b""),
-        ((*_SYSTEM, 5, 0), Kind.OCTETS, _text(station.name)),
-        ((*_SYSTEM, 6, 0), Kind.OCTETS, _text(location)),
+        (SYS_CONTACT, Kind.OCTETS, _text(system.get(SYS_CONTACT, ""))),
+        (SYS_NAME, Kind.OCTETS, _text(system.get(SYS_NAME) or station.name)),
+        (SYS_LOCATION, Kind.OCTETS, _text(system.get(SYS_LOCATION, ""))),
         ((*_SYSTEM, 7, 0), Kind.INTEGER, _END_HOST),
     ]
 

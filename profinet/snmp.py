@@ -1,15 +1,15 @@
-"""A read-only SNMP agent, v1 and v2c: GET, GETNEXT and GETBULK on a table of objects, sans-I/O.
+"""An SNMP agent, v1 and v2c: GET, GETNEXT and GETBULK on a table of objects, SET of texts where allowed, sans-I/O.
 
-Source: RFC 1157, RFC 3416 (protocol), X.690 (BER). A SET changes nothing. Everything is bounded: a datagram, its variables, the
-answer. One request would hold up the loop that serves the drives for two cycles of 1 ms with a library (pysnmp), so the few types
-needed are encoded here.
+Source: RFC 1157, RFC 3416 (protocol), X.690 (BER). A SET changes all its variables or none. Everything is bounded: a datagram,
+its variables, the answer. With a library (pysnmp) one request would hold up the loop that serves the drives for two cycles of
+1 ms, so the few types needed are encoded here.
 """
 
 from __future__ import annotations
 
 import enum
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -24,6 +24,7 @@ _OID_MAX = 128
 _SEQUENCE, _NULL, _OID = 0x30, 0x05, 0x06
 _LONG_LENGTH, _LENGTH_BYTES_MAX = 0x80, 2
 _V1, _V2C = 0, 1
+_PRINTABLE = (0x20, 0x7E)
 
 
 class Kind(enum.IntEnum):
@@ -54,6 +55,9 @@ class ErrorStatus(enum.IntEnum):
     OK = 0
     TOO_BIG = 1
     NO_SUCH_NAME = 2
+    BAD_VALUE = 3
+    WRONG_TYPE = 7
+    WRONG_VALUE = 10
     NOT_WRITABLE = 17
 
 
@@ -168,15 +172,30 @@ class _Request:
     repeaters: tuple[int, int]
     """Of GETBULK: non-repeaters and max-repetitions."""
     oids: tuple[Oid, ...]
+    values: tuple[tuple[int, bytes], ...]
+    """Tag and content of each."""
     variables: bytes
     """As they came, for an answer with an error."""
+    community: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Writing:
+    """What may be written with another community: texts by OID, each with its longest length; ``write`` gets all of a request."""
+
+    community: bytes
+    lengths: Mapping[Oid, int]
+    write: Callable[[Mapping[Oid, str]], None]
 
 
 class Agent:
-    """Answers requests with ``community`` from what ``objects`` gives, sorted by OID."""
+    """Answers requests with ``community`` from what ``objects`` gives, sorted by OID. Without ``writing`` a SET is refused."""
 
-    def __init__(self, community: bytes, objects: Callable[[], Sequence[Variable]]) -> None:
-        self._community = community
+    def __init__(
+        self, community: bytes, objects: Callable[[], Sequence[Variable]], writing: Writing | None = None
+    ) -> None:
+        self._writing = writing
+        self._communities = {community} if writing is None else {community, writing.community}
         self._objects = objects
         self.ignored = 0
         """Datagrams without an answer: damaged, another version or community."""
@@ -189,16 +208,34 @@ class Agent:
             self.ignored += 1
             return None
         if request.pdu is Pdu.SET:
-            status = ErrorStatus.NO_SUCH_NAME if request.version == _V1 else ErrorStatus.NOT_WRITABLE
-            return self._encode(request, status, 1, request.variables)
+            return self._encode(request, *self._write(request), request.variables)
         return self._read(request)
+
+    def _write(self, request: _Request) -> tuple[ErrorStatus, int]:
+        """Write every variable or none: error-status and error-index."""
+        writing, old = self._writing, request.version == _V1
+        texts: dict[Oid, str] = {}
+        for index, (oid, (tag, content)) in enumerate(zip(request.oids, request.values, strict=True), 1):
+            if writing is None or request.community != writing.community or oid not in writing.lengths:
+                return ErrorStatus.NO_SUCH_NAME if old else ErrorStatus.NOT_WRITABLE, index
+            if tag != Kind.OCTETS:
+                return ErrorStatus.BAD_VALUE if old else ErrorStatus.WRONG_TYPE, index
+            if len(content) > writing.lengths[oid] or any(
+                not _PRINTABLE[0] <= byte <= _PRINTABLE[1] for byte in content
+            ):
+                return ErrorStatus.BAD_VALUE if old else ErrorStatus.WRONG_VALUE, index
+            texts[oid] = content.decode("ascii")
+        if writing is not None:
+            writing.write(texts)
+        return ErrorStatus.OK, 0
 
     def _decode(self, data: bytes) -> _Request:
         if len(data) > REQUEST_MAX:
             raise ProfidriveError("SNMP", f"{len(data)} bytes", f"at most {REQUEST_MAX}")
         message = _Reader(_Reader(data).take(_SEQUENCE))
         version = message.integer()
-        if version not in {_V1, _V2C} or message.take(Kind.OCTETS) != self._community:
+        community = message.take(Kind.OCTETS)
+        if version not in {_V1, _V2C} or community not in self._communities:
             raise ProfidriveError("SNMP", version, "version 1 or 2c and the community of this agent")
         tag, content = message.next()
         allowed = {Pdu.GET, Pdu.GET_NEXT, Pdu.SET} | ({Pdu.GET_BULK} if version == _V2C else set())
@@ -208,13 +245,16 @@ class Agent:
         number = pdu.take(Kind.INTEGER)
         repeaters = (pdu.integer(), pdu.integer())
         variables = pdu.take(_SEQUENCE)
-        oids = []
+        oids: list[Oid] = []
+        values: list[tuple[int, bytes]] = []
         reader = _Reader(variables)
         while reader.left:
-            oids.append(_read_oid(_Reader(reader.take(_SEQUENCE)).take(_OID)))
+            bound = _Reader(reader.take(_SEQUENCE))
+            oids.append(_read_oid(bound.take(_OID)))
+            values.append(bound.next() if tag == Pdu.SET else (_NULL, b""))
             if len(oids) > _VARIABLES_MAX:
                 raise ProfidriveError("SNMP variables", len(oids), f"at most {_VARIABLES_MAX}")
-        return _Request(version, Pdu(tag), number, repeaters, tuple(oids), variables)
+        return _Request(version, Pdu(tag), number, repeaters, tuple(oids), tuple(values), variables, community)
 
     def _read(self, request: _Request) -> bytes:
         objects = self._objects()
@@ -240,7 +280,7 @@ class Agent:
     def _encode(self, request: _Request, status: ErrorStatus, index: int, variables: bytes) -> bytes:
         pdu = _tlv(Kind.INTEGER, request.number) + _tlv(Kind.INTEGER, _integer(status))
         pdu += _tlv(Kind.INTEGER, _integer(index)) + _tlv(_SEQUENCE, variables)
-        head = _tlv(Kind.INTEGER, _integer(request.version)) + _tlv(Kind.OCTETS, self._community)
+        head = _tlv(Kind.INTEGER, _integer(request.version)) + _tlv(Kind.OCTETS, request.community)
         return _tlv(_SEQUENCE, head + _tlv(Pdu.RESPONSE, pdu))
 
 

@@ -104,6 +104,8 @@ class TransportConfig(Section):
     """The IP suite's standard gateway, with a fixed address."""
     snmp_community: Annotated[str, Field(min_length=1, max_length=32, pattern=r"^[!-~]+$")] | None = None
     """By which the SNMP agent of ``profinet`` answers, mostly "public"; None: there is no agent."""
+    snmp_write_community: Annotated[str, Field(min_length=1, max_length=32, pattern=r"^[!-~]+$")] | None = None
+    """By which sysContact, sysName and sysLocation are written; None: by nobody."""
     switchover_ms: Annotated[Integer, Field(ge=3, le=2000)] | None = None
     """Two controllers (system redundancy S2): the axes may keep the last setpoints for so long while neither leads. None: one."""
     vendor_id: DeviceNumber = identity.VENDOR_ID
@@ -136,13 +138,19 @@ class TransportConfig(Section):
         return None if self.ip is None else IpSuite(self.ip.ip, self.ip.netmask, self.router or IPv4Address(0))
 
     @model_validator(mode="after")
+    def _snmp_writes_by_another_community(self) -> TransportConfig:
+        if self.snmp_write_community is not None and self.snmp_community in {None, self.snmp_write_community}:
+            raise misplaced("snmp_write_community: allowed with another snmp_community only", "snmp_write_community")
+        return self
+
+    @model_validator(mode="after")
     def _is_one_transport(self) -> TransportConfig:
         if self.type == "profinet" and self.direct:
             raise misplaced('direct: has a meaning with type = "udp" only, PROFINET is direct', "direct")
         if self.type == "profinet" and self.interface is None:
             raise misplaced('interface is missing, needed with type = "profinet", for example "eth1"', "type")
         if self.type != "profinet":
-            for key in ("interface", "ip", "router", "snmp_community", "switchover_ms"):
+            for key in ("interface", "ip", "router", "snmp_community", "snmp_write_community", "switchover_ms"):
                 if getattr(self, key) is not None:
                     raise misplaced(f'{key}: has a meaning with type = "profinet" only', key)
         elif self.router is not None and (self.ip is None or self.router not in self.ip.network):

@@ -68,6 +68,7 @@ watchdog_factor = {WATCHDOG_FACTOR}          # the PLC is lost after this many c
 # ip = "192.168.0.2/24"      # without it the controller gives one by DCP
 # router = "192.168.0.1"
 # snmp_community = "public"  # of "profinet": a read-only SNMP agent; none without it
+# snmp_write_community = "secret"  # who sends it may write sysContact, sysName and sysLocation
 # switchover_ms = 300        # of "profinet": two redundant controllers; the axes may go on for so long without one
 # vendor_id = {identity.VENDOR_ID}          # of your PI membership; {identity.VENDOR_ID} is nobody's
 # device_id = {identity.DEVICE_ID}

@@ -12,7 +12,7 @@ from scapy.asn1.asn1 import ASN1_OID
 from scapy.layers.snmp import SNMP, SNMPbulk, SNMPget, SNMPnext, SNMPset, SNMPvarbind
 
 from pdgw.profinet import mib
-from pdgw.profinet.snmp import REQUEST_MAX, Agent, Kind, Variable
+from pdgw.profinet.snmp import REQUEST_MAX, Agent, Kind, Variable, Writing
 from pdgw.profinet.station import Medium, Neighbour, Station
 from tests.support import tshark, tshark_frames
 from tests.support.profinet import DEVICE_IP, IDENTITY, PLC_IP, PLC_MAC
@@ -28,7 +28,9 @@ def agent(neighbour: bool = True) -> Agent:
     station = Station(IDENTITY, "press-1", DEVICE_IP, medium=Medium(30, 3, 0x6C01))
     if neighbour:
         station.neighbour = Neighbour("plc", "port-001", PLC_MAC, 0, 1)
-    return Agent(b"public", lambda: mib.objects(station, (17, 1 << 32 | 4), "hall 3", 12_340_000_000))
+    system = {mib.SYS_LOCATION: "hall 3"}
+    writing = Writing(b"secret", {mib.SYS_NAME: 20, mib.SYS_LOCATION: 20}, system.update)
+    return Agent(b"public", lambda: mib.objects(station, (17, 1 << 32 | 4), system, 12_340_000_000), writing)
 
 
 def ask(pdu: object, community: str = "public", version: int = 1, of: Agent | None = None) -> SNMP | None:
@@ -109,6 +111,33 @@ def test_a_set_changes_nothing_and_is_refused(version: int, error: int) -> None:
     assert answer is not None
     assert answer.PDU.error.val == error
     assert read(SYS_NAME, of=served) == [b"press-1"]
+
+
+SYS_LOCATION, SYS_DESCR = "1.3.6.1.2.1.1.6.0", "1.3.6.1.2.1.1.1.0"
+
+
+def write(of: Agent, version: int = 1, community: str = "secret", **texts: object) -> tuple[int, int]:
+    """Error and its index; ``texts`` by the name of their OID."""
+    oids = {"name": SYS_NAME, "location": SYS_LOCATION, "descr": SYS_DESCR}
+    variables = [SNMPvarbind(oid=ASN1_OID(oids[name]), value=value) for name, value in texts.items()]
+    answer = ask(SNMPset(id=5, varbindlist=variables), community, version, of)
+    assert answer is not None
+    assert answer.community.val == community.encode()
+    return answer.PDU.error.val, answer.PDU.error_index.val
+
+
+def test_the_writing_community_writes_all_texts_of_a_request_or_none() -> None:
+    served = agent()
+    assert write(served, name=b"axis 7", location=b"hall 4") == (0, 0)
+    assert read(SYS_NAME, SYS_LOCATION, of=served) == [b"axis 7", b"hall 4"]
+    for version, errors in ((1, (17, 7, 10, 10)), (0, (2, 3, 3, 3))):
+        for error, second in zip(
+            errors, ({"descr": b"x"}, {"name": 7}, {"name": b"x" * 21}, {"name": b"\n"}), strict=True
+        ):
+            assert write(served, version, location=b"hall 5", **second) == (error, 2)
+    assert read(SYS_NAME, SYS_LOCATION, of=served) == [b"axis 7", b"hall 4"]
+    assert write(served, name=b"") == (0, 0)
+    assert read(SYS_NAME, of=served) == [b"press-1"], "the name of station"
 
 
 def test_another_community_or_version_gets_no_answer() -> None:

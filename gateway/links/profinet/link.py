@@ -321,6 +321,10 @@ class ProfinetLink:
         relation = self.device.relation
         return relation.consumer.data_ns if relation is not None and relation.consumer is not None else None
 
+    def keep(self, field: str, text: str) -> None:
+        """Store a text of the station."""
+        self._keeper.keep(field, text)
+
     def status(self) -> dict[str, object]:
         relation = self.device.relation
         station = self.station

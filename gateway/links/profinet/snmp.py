@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import logging
 import socket
+from collections.abc import Mapping
 from typing import Final
 
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.profinet.link import ProfinetLink
 from pdgw.profinet import mib
-from pdgw.profinet.snmp import REQUEST_MAX, Agent, Variable
+from pdgw.profinet.snmp import REQUEST_MAX, Agent, Oid, Variable, Writing
 
 log = logging.getLogger("gateway")
 
@@ -36,8 +37,13 @@ def open_port(interface: str) -> socket.socket:
     return sock
 
 
+_FIELDS: Final = {mib.SYS_CONTACT: "sys_contact", mib.SYS_NAME: "sys_name", mib.SYS_LOCATION: "sys_location"}
+"""Of the store."""
+_TEXT_MAX: Final = 255
+
+
 class SnmpService:
-    """Answers who asks with the configured community; only reads. ``sock``: that of ``open_port``."""
+    """Answers who asks with a configured community; the one for writing changes three texts. ``sock``: that of ``open_port``."""
 
     def __init__(self, daemon: Daemon, sock: socket.socket) -> None:
         assert isinstance(daemon.link, ProfinetLink)
@@ -46,14 +52,30 @@ class SnmpService:
         self._loop = daemon.loop
         self._sock = sock
         self._started = daemon.loop.now()
-        community = daemon.config.transport.snmp_community or ""
-        self.agent = Agent(community.encode("latin-1"), self._objects)
+        transport = daemon.config.transport
+        self._link = daemon.link
+        self._pending: dict[Oid, str] = {}
+        """Written, and not in the store yet."""
+        lengths = dict.fromkeys(_FIELDS, _TEXT_MAX)
+        key = transport.snmp_write_community
+        writing = None if key is None else Writing(key.encode("latin-1"), lengths, self._write)
+        self.agent = Agent((transport.snmp_community or "").encode("latin-1"), self._objects, writing)
         daemon.loop.counters.add("snmp", "ignored", "datagrams", "without an answer", lambda: self.agent.ignored)
 
     def _objects(self) -> list[Variable]:
-        location = self._daemon.store.parameters.im1_location
+        parameters = self._daemon.store.parameters
+        system = {oid: str(getattr(parameters, field)) for oid, field in _FIELDS.items()}
+        self._pending = {oid: text for oid, text in self._pending.items() if text != system[oid]}
+        system |= self._pending
+        system[mib.SYS_LOCATION] = system[mib.SYS_LOCATION] or parameters.im1_location
         uptime = self._loop.now() - self._started
-        return mib.objects(self._device.station, self._device.cm.records.octets, location, uptime)
+        return mib.objects(self._device.station, self._device.cm.records.octets, system, uptime)
+
+    def _write(self, texts: Mapping[Oid, str]) -> None:
+        for oid, text in texts.items():
+            self._pending[oid] = text
+            log.info("SNMP: %s set to %r", _FIELDS[oid], text)
+            self._link.keep(_FIELDS[oid], text)
 
     def start(self) -> None:
         self._loop.add_reader(self._sock.fileno(), self._on_readable)

@@ -22,6 +22,13 @@ _SAME_REFUSAL_NS, _OTHER_REFUSAL_NS = 60_000 * MS, 1_000 * MS
 """A Connect that is refused for the same reason is told again after so long, one for another reason after so long."""
 
 
+_CLEARED = (
+    *("im1_function", "im1_location", "im2_date", "im3_descriptor", "im4_signature"),
+    *("sys_contact", "sys_name", "sys_location"),
+)
+"""Texts that a reset to factory clears."""
+
+
 class StationKeeper:
     """Of one interface. A fixed address (``ip`` in [transport]) comes before the stored one, that before what is there."""
 
@@ -90,16 +97,16 @@ class StationKeeper:
         match event:
             case NameSet(given, permanent):
                 log.info("name of station set to %r by DCP", given)
-                self._keep("station_name", given if permanent else "")
+                self.keep("station_name", given if permanent else "")
             case IpSet(suite, permanent):
                 log.info("IP address set to %s by DCP", suite.address)
-                self._keep("station_ip", suite.encode().hex() if permanent else None)
+                self.keep("station_ip", suite.encode().hex() if permanent else None)
             case ResetToFactory():
                 log.warning("reset to factory by DCP: name, IP address and I&M1 to I&M4 are cleared")
-                self._keep("station_name", "")
-                self._keep("station_ip", None)
-                for field in ("im1_function", "im1_location", "im2_date", "im3_descriptor", "im4_signature"):
-                    self._keep(field, "")
+                self.keep("station_name", "")
+                self.keep("station_ip", None)
+                for field in _CLEARED:
+                    self.keep(field, "")
             case Flash():
                 self._flashing_until = self._loop.now() + FLASH_NS
                 log.warning("flash signal: this is the device %s", name or "without a name")
@@ -114,7 +121,7 @@ class StationKeeper:
             self._refused, self._refused_at = refused, now
             log.error("Connect of %s refused, %s: %s", refused.host, refused.status.text, refused.reason)
 
-    def _keep(self, field: str, value: str | None) -> None:
+    def keep(self, field: str, value: str | None) -> None:
         """Store without waiting for the disk."""
 
         def change(parameters: DeviceParameters) -> None:
