@@ -78,7 +78,9 @@ class Interlock:
         "enabled_at": COMMAND_SHOWN_NS,
         "_standing_since": QUICK_STOP_STANDING_NS,
     }
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"_steady", "_steady_status", "_steady_word", "cell", "reason"})
+    ASIDE: ClassVar[frozenset[str]] = frozenset(
+        {"_steady", "_steady_status", "_steady_word", "action", "cell", "reason"}
+    )
 
     __slots__ = (
         "_acknowledge_armed",
@@ -124,11 +126,16 @@ class Interlock:
         self._off_seen = False
         self._standing_since = -1
         self._shown: Drive | None = None
-        """What the Statusword showed when it was read last; what is obeyed was seen by an OFF before."""
+        """What the Statusword showed in the cycle before, while the PLC is obeyed."""
         self._steady = False
         """Operation as it was asked for, with nothing to note: the answer is known."""
         self._steady_status = 0
         self._steady_word = 0
+
+    @property
+    def operates(self) -> bool:
+        """Operation was commanded in the last step."""
+        return self.phase is _FOLLOW and self._enabling
 
     @property
     def released(self) -> bool:
@@ -139,11 +146,13 @@ class Interlock:
         """The drive booted or was configured anew: no standing ON may start it, no standing acknowledge is an edge."""
         self.phase = CELLS[(self.phase * DRIVES + Drive.RESTARTED) * WISHES + PowerWish.OFF].phase
         self._acknowledge_armed = self._steady = False
+        self._shown = None
 
     def distrust(self) -> None:
         """Quick Stop replaced the last Controlword: stop until the drive shows that it is off, locked until an OFF."""
         self.phase = Phase.DOUBT
         self._enabling = self._steady = False
+        self._shown = None
 
     def step(
         self,
@@ -177,28 +186,28 @@ class Interlock:
         phase = self.phase
         if wish is None:
             wish = self._no_plc
-            armed = False
+            armed = enables = False
         else:
+            enables = wish in _ENABLED
             if wish in _WITHOUT_DISABLE and not self._disable_armed:
                 # A stop that begins with STW1.3 = 0 brakes.
                 wish = _WITHOUT_DISABLE[wish]
-            elif phase in _STOPPING and wish in _ENABLED:
-                self._disable_armed = True
             if wish in _OFFS:
-                self._off_seen = True
+                self._off_seen = self._resume
             elif wish is _STOP:
                 self._off_seen = False  # without control there is no OFF, and the one of before does not count any more
-            elif phase is _RAMP_STOP and wish is _ENABLE and self._resume and self._off_seen:
+            elif phase is _RAMP_STOP and wish is _ENABLE and self._off_seen:
                 # After a loss the ON that stands in the new connection does not resume: it needs its own OFF first.
                 wish = PowerWish.RESUME
             armed = self._acknowledge_armed
+        seen: Drive | None = None
         if trouble is not None:
             drive = trouble
             self._acknowledge_armed = armed = False
         else:
-            drive = _DRIVE_OF_STATUS[statusword & STATE_MASK]
-            shown, self._shown = self._shown, drive
-            if drive is not shown and (phase is _FOLLOW or phase is _PASS):
+            drive = seen = _DRIVE_OF_STATUS[statusword & STATE_MASK]
+            shown = self._shown
+            if shown is not None and drive is not shown:
                 drive = self._changed(drive, shown, now)
             if drive is _OPERATING:
                 if not self._enabling:
@@ -218,8 +227,8 @@ class Interlock:
         if after is not phase:
             self.phase = after
             self._standing_since = -1
-            if phase not in _STOPPING:
-                self._disable_armed = wish in _ENABLED
+        self._shown = seen if after is _FOLLOW or after is _PASS else None
+        self._disable_armed = after in _STOPPING and (enables or (self._disable_armed and after is phase))
         self.action = action = cell.action
         self._enabling = cell.controlword == _ENABLING or (action is _PASSES and wish is _ENABLE)
         self._steady = False

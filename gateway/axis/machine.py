@@ -333,8 +333,7 @@ class AxisMachine:
         """STW1.10 = 0: taken away in operation it stops the axis, which is told."""
         demand, interlock = self.demand, self.interlock
         interlock.plc_was_there = True
-        operated = interlock.action is Action.ENABLE_OPERATION
-        if operated and demand.connected and demand.power is not PowerWish.HOLD and not self._control_lost:
+        if interlock.operates and demand.connected and demand.power is not PowerWish.HOLD and not self._control_lost:
             self._control_lost = True
             self.notes.faults.append((FaultNumber.CONTROL_LOST, "STW1.10 = 0"))
 

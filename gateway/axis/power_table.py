@@ -182,11 +182,17 @@ ROWS: Final = (
         "OFF2 stays until the drive is off",
     ),
     # Doubt, in every other phase.
-    Row(ANY_PHASE, (D.POWERED_UNREAD,), ANY_WISH, P.DOUBT, A.QUICK_STOP, Reason.REFERENCE_INVALID, "it may be turning"),
     Row(
-        (P.DOUBT,), (D.NO_REFERENCES, D.RESTARTED), ANY_WISH, None, A.QUICK_STOP, Reason.REFERENCE_INVALID, "as before"
+        ANY_PHASE,
+        (D.POWERED_UNREAD, D.RESTARTED),
+        ANY_WISH,
+        P.DOUBT,
+        A.QUICK_STOP,
+        Reason.REFERENCE_INVALID,
+        "it may be turning",
     ),
-    Row(ANY_PHASE, (D.NO_REFERENCES, D.RESTARTED), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.REFERENCE_INVALID, ""),
+    Row((P.DOUBT,), (D.NO_REFERENCES,), ANY_WISH, None, A.QUICK_STOP, Reason.REFERENCE_INVALID, "as before"),
+    Row(ANY_PHASE, (D.NO_REFERENCES,), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.REFERENCE_INVALID, ""),
     Row(ANY_PHASE, (D.LOST,), ANY_WISH, P.DOUBT, A.QUICK_STOP, Reason.DRIVE_OFFLINE, "it may be turning"),
     Row(ANY_PHASE, (D.UNKNOWN,), ANY_WISH, P.DOUBT, A.QUICK_STOP, Reason.DRIVE_UNKNOWN_STATE, "it may be turning"),
     # Whatever was before, a drive without power obeys an OFF and nothing else.
@@ -305,7 +311,15 @@ ROWS: Final = (
     ),
     Row((P.FOLLOW,), UNPOWERED, ANY_WISH, None, A.SWITCH_ON, Reason.NOT_OPERATING, "transition 3"),
     # The ramp stop.
-    Row(RAMPING, SHOWS_OPERATION, (W.QUICK_STOP,), P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3 takes over"),
+    Row(
+        RAMPING,
+        (*SHOWS_OPERATION, *QUICK_STOPS),
+        OFF3S,
+        P.QUICK_STOP,
+        A.QUICK_STOP,
+        Reason.QUICK_STOP,
+        "OFF3 takes over",
+    ),
     Row((P.RAMP_STOP,), IN_OPERATION, (W.RESUME,), P.FOLLOW, A.ENABLE_OPERATION, None, "where the user lets it"),
     Row(RAMPING, SHOWS_OPERATION, DISABLES, P.SHUTDOWN, A.RAMP_END, Reason.RAMP_STOP, "Disable Operation ends it"),
     Row((P.RAMP_STOP,), (D.OPERATING,), ANY_WISH, None, A.RAMP, Reason.RAMP_STOP, "to standstill"),

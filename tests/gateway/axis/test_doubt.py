@@ -14,7 +14,7 @@ from tests.support.rig import Rig
 from tests.support.stepper import step_interlock
 
 OFF, ON = 0x047E, 0x047F
-COAST = ON & ~0x2
+COAST, OFF3 = ON & ~0x2, ON & ~0x4
 QUICK_STOP, DISABLE_VOLTAGE, SHUTDOWN = 0x2, 0x0, 0x6
 NO_STATE = 0x2C
 
@@ -55,6 +55,16 @@ def test_a_drive_in_operation_after_a_short_loss_is_stopped_not_let_coast() -> N
     control = Control()
     assert control.step(ON, State.OPERATION_ENABLED, drive_ok=False) == QUICK_STOP
     assert control.step(ON, State.OPERATION_ENABLED) == QUICK_STOP
+    assert control.step(ON, State.SWITCH_ON_DISABLED) == DISABLE_VOLTAGE
+
+
+@pytest.mark.parametrize("word", [OFF, ON, OFF3])
+def test_a_drive_that_restarts_in_a_quick_stop_is_braked_on(word: int) -> None:
+    control = Control()
+    assert control.step(OFF3, State.OPERATION_ENABLED) == QUICK_STOP
+    control.power.restarted()
+    for _ in range(5):
+        assert control.step(word, State.OPERATION_ENABLED) == QUICK_STOP
     assert control.step(ON, State.SWITCH_ON_DISABLED) == DISABLE_VOLTAGE
 
 

@@ -157,6 +157,26 @@ def test_a_stop_that_begins_with_stw1_3_at_0_brakes(word: int, stop: int) -> Non
     assert control.step(word, LATE) in {DISABLE_VOLTAGE, SHUTDOWN}, "STW1.3 falls during the stop"
 
 
+def test_a_quick_stop_that_begins_with_stw1_3_at_0_during_a_ramp_stop_brakes() -> None:
+    control = in_operation()
+    assert control.step(OFF, LATE) == ENABLE
+    for _ in range(5):
+        assert control.step(0x0473, LATE) == QUICK_STOP
+    assert control.step(OFF3, LATE) == QUICK_STOP
+    assert control.step(0x0473, LATE) == DISABLE_VOLTAGE, "STW1.3 falls during the quick stop"
+
+
+@pytest.mark.parametrize(("word", "stop"), [(0x0476, ENABLE), (0x0402, QUICK_STOP), (0x0473, QUICK_STOP)])
+def test_a_stop_with_stw1_3_at_0_brakes_after_an_off_with_stw1_3_at_0(word: int, stop: int) -> None:
+    control = in_operation()
+    assert control.step(ON, State.FAULT) == DISABLE_VOLTAGE
+    assert control.step(0x0476, State.SWITCH_ON_DISABLED) == SHUTDOWN
+    for state in (State.READY_TO_SWITCH_ON, State.SWITCHED_ON, State.OPERATION_ENABLED):
+        control.step(ON, state)
+    for _ in range(5):
+        assert control.step(word, State.OPERATION_ENABLED) == stop
+
+
 def zsw1_of(*steps: tuple[int | None, State]) -> tuple[int, int]:
     """ZSW1 and bits 0-3 and 7 of the Controlword after these words and Statuswords."""
     stepper = Stepper(1)

@@ -133,7 +133,7 @@ def test_off2_wins_in_every_row_and_stays_until_the_drive_is_off() -> None:
         assert (item.phase, item.action) == (Phase.COAST, Action.DISABLE_VOLTAGE), name
 
 
-@pytest.mark.parametrize("drive", [Drive.FAULT, Drive.NO_REFERENCES, Drive.RESTARTED])
+@pytest.mark.parametrize("drive", [Drive.FAULT, Drive.NO_REFERENCES])
 def test_after_a_fault_or_without_references_nothing_is_obeyed(drive: Drive) -> None:
     asked = set(PowerWish) - set(COASTS)
     for name, item in walk(drives={drive}, phases=set(Phase) - {Phase.DOUBT, Phase.COAST}, wishes=asked):
