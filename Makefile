@@ -101,7 +101,6 @@ planted: $(STAMP)
 # Every state that a PLC, a loss and a lying drive can bring an axis to, with the choices of ``selected``.
 walk: $(STAMP)
 	$(BIN)/python -m pdgw.workshop.walk
-	PDGW_WALK=1 $(BIN)/pytest $(TOGETHER) tests/workshop/test_planted.py
 
 docs: $(STAMP)
 	$(BIN)/python -m pdgw.workshop.walk --short --figures docs/walk.txt

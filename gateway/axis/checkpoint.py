@@ -8,6 +8,7 @@ immutable value, or a container of such. A class declares beside its attributes 
 | --- | --- |
 | ``INSTANTS`` | monotonic times, each with the age in ns from which on it makes no more difference; 0 or below is "none" |
 | ``PASSING`` | every step sets them before it reads them, they only count, or never change: neither saved nor compared |
+| ``SERIALS`` | numbers that only grow, are only compared with each other, and are 0 for none: compared by their order |
 | ``ASIDE`` | saved, but not compared: no word and no command depends on them (caches, what the log has had); ``*``: all |
 """
 
@@ -16,9 +17,8 @@ from __future__ import annotations
 import copy
 import enum
 from collections import deque
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping
 from functools import cache
-from operator import attrgetter
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -48,8 +48,12 @@ def _names(item: object) -> tuple[str, ...]:
 
 @cache
 def _is_kind_of_part(kind: Any) -> bool:
+    # What is compared by its content alone is a value, and is replaced as a whole.
+    by_identity = kind.__hash__ is None or kind.__hash__ is object.__hash__
     frozen = getattr(getattr(kind, "__dataclass_params__", None), "frozen", False)
-    return kind.__module__.startswith(_PACKAGE) and not issubclass(kind, (*_VALUES, type)) and not frozen
+    return (
+        kind.__module__.startswith(_PACKAGE) and by_identity and not issubclass(kind, (*_VALUES, type)) and not frozen
+    )
 
 
 def _is_part(value: object) -> bool:
@@ -57,39 +61,24 @@ def _is_part(value: object) -> bool:
     return _is_kind_of_part(kind) and not callable(value)
 
 
-def _has_identity(value: object) -> bool:
-    """A part that is replaced as a whole: it has no value of its own."""
-    return _is_part(value) and type(value).__hash__ is object.__hash__
-
-
 def _is_fixed(value: object) -> bool:
     """Whether an attribute keeps this value for ever."""
     return _is_part(value) or callable(value) or isinstance(value, _FIXED)
 
 
-def _nothing(_: object) -> tuple[()]:
-    return ()
-
-
-def _parts(item: object, seen: dict[int, object]) -> Iterator[object]:
-    if id(item) in seen:
-        return
-    seen[id(item)] = item
-    yield item
-    for name in _names(item):
-        value = getattr(item, name)
-        if _is_part(value):
-            yield from _parts(value, seen)
-
-
 @cache
 def _declared(kind: Any, declaration: str) -> frozenset[str]:
-    """The attributes that a class and its bases list in ``PASSING`` or ``ASIDE``."""
+    """The attributes that a class and its bases list in ``PASSING``, ``ASIDE`` or ``SERIALS``."""
     return frozenset(name for base in kind.__mro__ for name in base.__dict__.get(declaration, ()))
 
 
-def _getter(names: Sequence[str]) -> Callable[[Any], Any]:
-    return attrgetter(*names) if names else _nothing
+@cache
+def _access(*names: str) -> tuple[Callable[[Any], tuple[Any, ...]], Callable[[Any, tuple[Any, ...]], None]]:
+    """How to get and to set these attributes of an object, made for them: loops over names take five times as long."""
+    attributes = "".join(f"item.{name}," for name in names)
+    made: dict[str, Any] = {}
+    exec(f"def get(item): return ({attributes})\ndef put(item, values): ({attributes}) = values", made)
+    return made["get"], made["put"]
 
 
 def _content(container: Any) -> tuple[Hashable, ...]:
@@ -97,60 +86,111 @@ def _content(container: Any) -> tuple[Hashable, ...]:
 
 
 class _Part:
-    """One part: ``names`` are saved, ``containers`` are the places of those that are changed in place."""
+    """One part. ``names`` are saved; ``values`` are theirs when it was looked at last, ``number`` stands for what is compared."""
 
-    __slots__ = ("_contents", "_get", "_instants", "_plain", "containers", "is_compared", "item", "names")
+    __slots__ = (
+        "_compared",
+        "_containers",
+        "_get",
+        "_put",
+        "always",
+        "instants",
+        "item",
+        "names",
+        "number",
+        "serials",
+        "values",
+    )
 
-    def __init__(self, item: object, names: tuple[str, ...] | None = None) -> None:
+    def __init__(self, item: object) -> None:
         self.item = item
         kind: Any = type(item)
-        if names is None:
-            passing = _declared(kind, "PASSING")
-            names = tuple(name for name in _names(item) if name not in passing and not _is_fixed(getattr(item, name)))
-        self.names = names
-        self._get = _getter(names)
-        values = dict(zip(names, self.values(), strict=True))
-        self.containers = tuple(i for i, name in enumerate(names) if isinstance(values[name], _CONTAINERS))
-        instants: Mapping[str, int] = getattr(item, "INSTANTS", {})
-        self._instants = tuple((name, instants[name]) for name in names if name in instants)
-        aside = _declared(kind, "ASIDE")
-        compared = [name for name in names if not {name, "*"} & aside and name not in instants]
-        self._contents = tuple(name for name in compared if isinstance(values[name], _CONTAINERS))
-        # A part is compared by what is in it.
-        plain = [name for name in compared if name not in self._contents and not _has_identity(values[name])]
-        self._plain = _getter(plain)
-        self.is_compared = bool(plain or self._instants or self._contents)
+        passing, aside = _declared(kind, "PASSING"), _declared(kind, "ASIDE")
+        every = [name for name in _names(item) if name not in passing]
+        self.always = tuple(value for value in (getattr(item, name) for name in every) if _is_part(value))
+        """Parts that it has for ever."""
+        names = self.names = tuple(name for name in every if not _is_fixed(getattr(item, name)))
+        self._get, self._put = _access(*names)
+        self.values: tuple[Any, ...] = ()
+        self.number = -1
+        values = self._get(item)
+        self._containers = tuple(i for i, value in enumerate(values) if isinstance(value, _CONTAINERS))
+        ages: Mapping[str, int] = getattr(item, "INSTANTS", {})
+        self.instants = tuple((i, ages[name]) for i, name in enumerate(names) if name in ages)
+        serials = _declared(kind, "SERIALS")
+        self.serials = tuple(i for i, name in enumerate(names) if name in serials)
+        apart = aside | serials | set(ages)
+        self._compared = [] if "*" in aside else [i for i, name in enumerate(names) if name not in apart]
 
-    def values(self) -> tuple[Any, ...]:
-        found = self._get(self.item)
-        return found if len(self.names) != 1 else (found,)
+    def look(self, numbers: dict[Hashable, int]) -> None:
+        """Take note of what the part has now. ``numbers``: of every content that there was."""
+        values = self._get(self.item)
+        if values == self.values and self.number >= 0:
+            return
+        if self._containers:
+            copied = list(values)
+            for place in self._containers:
+                copied[place] = copy.copy(copied[place])
+            values = tuple(copied)
+        self.values = values
+        content: tuple[Any, ...] = (type(self.item), *[values[i] for i in self._compared])
+        if self._containers:
+            content = tuple([_content(value) if isinstance(value, _CONTAINERS) else value for value in content])
+        number = numbers.get(content)
+        if number is None:
+            number = numbers[content] = len(numbers)
+        self.number = number
 
-    def fingerprint(self, now: int) -> tuple[Hashable, ...]:
+    def children(self) -> list[object]:
+        """The parts it has now. One in the place of None is compared as a part from then on."""
+        places = [i for i, value in enumerate(self.values) if _is_part(value)]
+        kept = [i for i in self._compared if i not in places]
+        if len(kept) < len(self._compared):
+            self._compared = kept
+        return [*self.always, *(self.values[i] for i in places)]
+
+    def put(self, values: tuple[Any, ...], number: int) -> None:
+        """Set what it has now."""
         item = self.item
-        found: list[Hashable] = [self._plain(item)]
-        for name, age in self._instants:
-            instant: int = getattr(item, name)
-            found.append(min(now - instant, age) if instant > 0 else None)
-        found += [_content(getattr(item, name)) for name in self._contents]
-        return tuple(found)
+        if self._containers:
+            # A container stays the same object for whoever holds it.
+            present = list(values)
+            for i in self._containers:
+                container, value = getattr(item, self.names[i]), values[i]
+                container.clear()
+                container.update(value) if isinstance(container, dict) else container.extend(value)
+                present[i] = container
+            self._put(item, tuple(present))
+        else:
+            self._put(item, values)
+        self.values, self.number = values, number
 
 
 class Checkpoint(NamedTuple):
-    """The parts of a moment and what each of them had."""
+    """The parts of a moment, and what each of them had."""
 
     parts: tuple[_Part, ...]
     values: tuple[tuple[Any, ...], ...]
+    numbers: tuple[int, ...]
 
 
 class Checkpoints:
-    """Steps, saves and restores one machine; the feedback it reads is not part of it."""
+    """Steps, saves and restores one machine, which nothing else changes; the feedback it reads is not part of it."""
 
     def __init__(self, machine: AxisMachine) -> None:
         self._machine = machine
-        self._items = tuple(_Part(part) for part in _parts(machine, {}))
+        self._numbers: dict[Hashable, int] = {}
+        self._tree: dict[int, _Part] = {}
+        self._parts: tuple[_Part, ...] = ()
+        self._instants: tuple[tuple[_Part, int, int], ...] = ()
+        self._serials: tuple[tuple[_Part, int], ...] = ()
+        self._look_again()
+        self._is_fresh = False
+        """What the parts have noted is what they have."""
 
     def step(self) -> Outputs:
         """One step of the machine; behind one in which it got to know its drive it may have parts that it had not before."""
+        self._is_fresh = False
         learns = bool(self._machine.inputs.news)
         outputs = self._machine.step()
         if learns:
@@ -158,45 +198,66 @@ class Checkpoints:
         return outputs
 
     def _look_again(self) -> None:
-        names = {id(part.item): part.names for part in self._items}
-        self._items = tuple(_Part(item, names.get(id(item))) for item in _parts(self._machine, {}))
+        known, found = self._tree, dict[int, _Part]()
+        waiting: list[object] = [self._machine]
+        while waiting:
+            item = waiting.pop()
+            if id(item) not in found:
+                part = found[id(item)] = known.get(id(item)) or _Part(item)
+                part.look(self._numbers)
+                waiting += part.children()
+        self._tree = found
+        parts = tuple(part for part in found.values() if part.names)
+        if parts != self._parts:
+            self._take(parts)
+        self._is_fresh = True
+
+    def _take(self, parts: tuple[_Part, ...]) -> None:
+        self._parts = parts
+        self._instants = tuple((part, i, age) for part in parts for i, age in part.instants)
+        self._serials = tuple((part, i) for part in parts for i in part.serials)
+
+    def _look(self) -> None:
+        if not self._is_fresh:
+            numbers = self._numbers
+            for part in self._parts:
+                part.look(numbers)
+            self._is_fresh = True
 
     def save(self) -> Checkpoint:
         """Everything a step may change."""
-        saved = []
-        for part in self._items:
-            values = part.values()
-            if part.containers:
-                copied = list(values)
-                for place in part.containers:
-                    copied[place] = copy.copy(copied[place])
-                values = tuple(copied)
-            saved.append(values)
-        return Checkpoint(self._items, tuple(saved))
+        self._is_fresh = False
+        self._look()
+        parts = self._parts
+        return Checkpoint(parts, tuple([part.values for part in parts]), tuple([part.number for part in parts]))
 
     def restore(self, checkpoint: Checkpoint) -> None:
         """Go back; the checkpoint can be used again."""
-        self._items = checkpoint.parts
-        for part, values in zip(self._items, checkpoint.values, strict=True):
-            present = part.values()
-            if present == values:
-                continue
-            item = part.item
-            for name, kept, value in zip(part.names, present, values, strict=True):
-                if kept is value:
-                    continue
-                if isinstance(kept, _CONTAINERS):
-                    # The container stays the same object for whoever holds it.
-                    kept.clear()
-                    kept.update(value) if isinstance(kept, dict) else kept.extend(value)
-                else:
-                    setattr(item, name, value)
+        if checkpoint.parts is not self._parts:
+            self._take(checkpoint.parts)
+            self._is_fresh = False
+        self._look()
+        for part, values, number in zip(self._parts, checkpoint.values, checkpoint.numbers, strict=True):
+            if part.values is not values:
+                part.put(values, number)
 
     def fingerprint(self) -> tuple[Hashable, ...]:
-        """Equal for two moments of the machine from which its words and commands go on alike, whatever the time of day."""
-        now = self._machine.inputs.now
-        demand = self._machine.demand
+        """Equal for two moments of the machine from which its words and commands go on alike, whatever the time of day.
+
+        Two machines' are not comparable.
+        """
+        self._look()
+        now, demand = self._machine.inputs.now, self._machine.demand
         kept = self._machine.adapter.kept(demand)
         if kept is demand:
             kept = tuple([getattr(demand, name) for name in _names(demand)])
-        return (kept, *[part.fingerprint(now) for part in self._items if part.is_compared])
+        found: list[Hashable] = [kept]
+        found += [part.number for part in self._parts]
+        for part, i, age in self._instants:
+            instant: int = part.values[i]
+            found.append(min(now - instant, age) if instant > 0 else -1)
+        if self._serials:
+            serials = [part.values[i] for part, i in self._serials]
+            ranks = {serial: rank for rank, serial in enumerate(sorted({0, *serials}))}
+            found += [ranks[serial] for serial in serials]
+        return tuple(found)

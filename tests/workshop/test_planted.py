@@ -1,11 +1,7 @@
-"""Defects planted in the gateway: the walk finds each of them, and prints after how many steps.
-
-``make walk`` plants all of them; the suite leaves out those that take the longest to find.
-"""
+"""Defects planted in the gateway: the walk finds each of them, and prints after how many steps."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -117,12 +113,8 @@ PLANTED: dict[str, tuple[Case, Callable[[Patch], None]]] = {
 }
 
 
-LONG = {"stale Statusword trusted", "ramp with power after Disable Operation", "resume without OFF"}
-CHOSEN = [name for name in PLANTED if "PDGW_WALK" in os.environ or name not in LONG]
-
-
 @pytest.mark.planted
-@pytest.mark.parametrize("name", CHOSEN)
+@pytest.mark.parametrize("name", PLANTED)
 def test_the_walk_finds_a_planted_defect(name: str, monkeypatch: Patch) -> None:
     case, plant = PLANTED[name]
     plant(monkeypatch)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from itertools import product
 
@@ -35,15 +35,11 @@ STOP_TIME_NS = FINE_TICK_NS // 2
 
 
 @cache
-def drive(*, counts: bool) -> DriveType:
-    """A simulated drive with all modes, as its data sheet tells it.
-
-    ``counts``: its position has a unit. Without, the check of the speed does not add positions up, which never come to an end.
-    """
+def drive() -> DriveType:
+    """A simulated drive with all modes, as its data sheet tells it."""
     chosen = shape("engel")
     dictionary = import_eds(write_eds(chosen.info, chosen.objects()).encode(), 1).dictionary
-    found = describe(dictionary, answers_of_defaults(dictionary))
-    return found if counts else replace(found, scaling=replace(found.scaling, counts_per_revolution=None))
+    return describe(dictionary, answers_of_defaults(dictionary))
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,14 +69,14 @@ class Case:
         """Walk to the fixpoint, then bring the axis back from every state; ``first_only``: up to the first violation."""
         number = self.number
         tasks = number in TASK_TELEGRAM_NUMBERS
-        machine = Transducer(number, self._settings(), drive(counts=tasks or is_central(number)), self.tick_ns)
         mode = Mode.POSITION.value if tasks else Mode.VELOCITY.value
         plc = frames(number, full=self.full)
-        inputs = list(product(plc, anything(mode, tasks=tasks, full=self.full)))
+        inputs = product(plc, anything(mode, tasks=tasks, full=self.full))
+        machine = Transducer(number, self._settings(), drive(), self.tick_ns, inputs)
         expected = Expected(
             self.on_plc_loss, self.resume, self.hold, raw=number == RAW, tasks=tasks, own_ramp=is_central(number)
         )
-        result = walk(machine, Monitor(expected), inputs, first_only=first_only)
+        result = walk(machine, Monitor(expected), first_only=first_only)
         if not result.violations:
             off, acknowledge, on = (next(item for item in plc if item.word & 0x8F == word) for word in (0xE, 0x8E, 0xF))
             result.stuck = recovery(machine, range(len(machine)), mode, off, acknowledge, on)

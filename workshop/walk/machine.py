@@ -1,8 +1,8 @@
-"""The axis machine as a transducer: its states are numbered, a transition is computed once and looked up from then on."""
+"""The axis machine as a transducer: states, inputs and outputs are numbered, a transition is computed once and then looked up."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterable
 
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.images import DriveFeedback
@@ -21,16 +21,27 @@ _START = 1000 * SECOND
 class Transducer:
     """One axis with one drive; state 0 is the machine that was just configured and has seen no PLC."""
 
-    def __init__(self, number: int, settings: AxisSettings, drive: DriveType, tick_ns: int) -> None:
+    def __init__(
+        self,
+        number: int,
+        settings: AxisSettings,
+        drive: DriveType,
+        tick_ns: int,
+        inputs: Iterable[tuple[Plc, Shown]] = (),
+    ) -> None:
         self._machine = AxisMachine(number, settings, DriveFeedback())
         self._drive = drive
         self._tick = tick_ns
         self._checkpoints = Checkpoints(self._machine)
         self._states: list[Checkpoint] = []
         self._number_of: dict[Hashable, int] = {}
-        self._rows: list[dict[tuple[Plc, Shown], tuple[int, Output]]] = []
-        self.computed = 0
-        """Transitions that were computed; the others were looked up."""
+        self._rows: list[dict[int, tuple[int, int]]] = []
+        self._number_of_input: dict[tuple[Plc, Shown], int] = {}
+        self.inputs: list[tuple[Plc, Shown]] = []
+        self._number_of_output: dict[Output, int] = {}
+        self.outputs: list[Output] = []
+        for plc, shown in inputs:
+            self.number_of(plc, shown)
         self._machine.inputs.now = _START
         self._step(Plc("", None), Shown("", 0, restarted=True))
         self._number()
@@ -38,15 +49,24 @@ class Transducer:
     def __len__(self) -> int:
         return len(self._states)
 
-    def step(self, state: int, plc: Plc, shown: Shown) -> tuple[int, Output]:
-        """One cycle from a state: the next state and what was decided."""
-        row, key = self._rows[state], (plc, shown)
-        found = row.get(key)
+    def number_of(self, plc: Plc, shown: Shown) -> int:
+        """The number of an input, a new one for one that there was not yet."""
+        number = self._number_of_input.setdefault((plc, shown), len(self.inputs))
+        if number == len(self.inputs):
+            self.inputs.append((plc, shown))
+        return number
+
+    def step(self, state: int, number: int) -> tuple[int, int]:
+        """One cycle from a state with an input: the next state, and the number of what was decided."""
+        row = self._rows[state]
+        found = row.get(number)
         if found is None:
             self._checkpoints.restore(self._states[state])
-            output = self._step(plc, shown)
-            found = row[key] = self._number(), output
-            self.computed += 1
+            output = self._step(*self.inputs[number])
+            place = self._number_of_output.setdefault(output, len(self.outputs))
+            if place == len(self.outputs):
+                self.outputs.append(output)
+            found = row[number] = self._number(), place
         return found
 
     def _number(self) -> int:

@@ -88,7 +88,7 @@ class Memory(NamedTuple):
     ramp: bool = False
     """It is kept for a ramp."""
     coasts: bool = False
-    """OFF2 or Disable Operation in a stop, and the drive has not shown that it is off since."""
+    """OFF2, Disable Operation in a stop, or the end of a quick stop, and the drive has not shown that it is off since."""
     brakes: bool = False
     """OFF3 or a loss with quick stop, and the drive has not shown that it is off since."""
     operated: bool = False
@@ -103,12 +103,29 @@ class Memory(NamedTuple):
     """It rose in operation, and no task was started since."""
     started: bool = False
     """The last Controlword had New Set-point."""
+    quick_stop: bool = False
+    """The last Controlword was Quick Stop."""
+    armed: bool = False
+    """STW1.3 was 1 during the stop that is in force: its fall to 0 ends that."""
 
 
 class _Asked:
     """What one frame asks, or its absence."""
 
-    __slots__ = ("brake", "coast", "connected", "disable", "enable", "gone", "hold", "off", "on", "ramp", "reset")
+    __slots__ = (
+        "begins",
+        "brake",
+        "coast",
+        "connected",
+        "disable",
+        "enable",
+        "gone",
+        "hold",
+        "off",
+        "on",
+        "ramp",
+        "reset",
+    )
 
     def __init__(self, expected: Expected, memory: Memory, plc: Plc) -> None:
         word, raw = plc.word, expected.raw
@@ -119,7 +136,10 @@ class _Asked:
         self.coast = (connected and not word & _VOLTAGE) or (gone and expected.loss is PlcLossReaction.COAST)
         stop = (connected and word & _STOPS == _VOLTAGE) or (gone and expected.loss is PlcLossReaction.QUICK_STOP)
         self.brake = stop and not self.coast
-        self.disable = connected and not word & _DISABLE and (not raw or word & _ON == _ON)
+        self.begins = self.brake and not memory.quick_stop
+        """The quick stop begins with this frame: STW1.3 = 0 is no end of it."""
+        falls = memory.armed and not raw and not self.begins
+        self.disable = connected and not word & _DISABLE and (falls or word & _ON == _ON)
         """Ends a ramp and a quick stop at once (S5 of the profile)."""
         self.off = control and word & _ON == _OFF
         self.on = control and word & _ON == _ON
@@ -181,12 +201,15 @@ class Monitor:
         elif output.velocity and not commanded and not (expected.own_ramp and ramp) and not expected.raw:
             broken.append(Rule.MOTION)
         voltage_off = not cw & _VOLTAGE
+        quick_stop = cw & _STOPS == _VOLTAGE
+        ends = asked.disable or state is State.QUICK_STOP_ACTIVE
+        armed = (asked.connected and plc.word & _DISABLE != 0) or (memory.armed and not asked.begins)
         after = Memory(
             asked.connected,
             released and (expected.resume or not ramp),
             min(memory.enables + 1, _CERTAIN) if power == _ENABLE else 0,
             ramp,
-            not dead and (coast or memory.coasts or (asked.disable and voltage_off)),
+            (not dead or memory.enables > 0) and (coast or memory.coasts or (ends and voltage_off)),
             not off and not coast and (brake or memory.brakes),
             operates,
             asked.connected and (not asked.reset or memory.idle),
@@ -194,6 +217,8 @@ class Monitor:
             active and expected.tasks,
             edge,
             starts,
+            quick_stop,
+            (ramp or quick_stop) and armed,
         )
         return after, broken
 
@@ -217,12 +242,13 @@ class Monitor:
         if coast and not voltage_off:
             broken.append(Rule.OFF2)
         may_coast = coast or memory.coasts or disable
-        no_power = state in _UNPOWERED or state in _FAULTY or state is State.QUICK_STOP_ACTIVE or shown.restarted
+        no_power = state in _UNPOWERED or state in _FAULTY or state is State.QUICK_STOP_ACTIVE
         if brake and memory.connected and not quick_stop and not (voltage_off and (no_power or may_coast)):
             broken.append(Rule.OFF3)
-        if memory.brakes and operates and not quick_stop and not (voltage_off and (may_coast or shown.restarted)):
+        moves = operates or (state is State.QUICK_STOP_ACTIVE and shown.velocity != 0)
+        if memory.brakes and moves and not quick_stop and not (voltage_off and may_coast):
             broken.append(Rule.LATCH)
-        if state is None and not shown.restarted and not quick_stop and not (voltage_off and may_coast):
+        if state is None and not quick_stop and not (voltage_off and may_coast):
             broken.append(Rule.UNKNOWN)
 
     def _check_shown(self, asked: _Asked, plc: Plc, output: Output, operates: bool, broken: list[Rule]) -> None:

@@ -110,7 +110,8 @@ def _step(
     following: set[_Moment] = set()
     outputs: set[tuple[LateDrive, Output]] = set()
     for number, drive, shown in moments:
-        after, output = machine.step(number, plc, shown)
+        after, place = machine.step(number, machine.number_of(plc, shown))
+        output = machine.outputs[place]
         stopping = drive.state is State.QUICK_STOP_ACTIVE
         for late, stays in product((False, True), (False, True) if stopping else (False,)):
             went = drive.step(output, late=late, stays=stays)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from pdgw.workshop.walk.machine import Transducer
@@ -10,7 +9,8 @@ from pdgw.workshop.walk.monitor import Memory, Monitor, Rule
 from pdgw.workshop.walk.recovery import Stuck
 from pdgw.workshop.walk.values import Output, Plc, Shown
 
-_Node = tuple[int, Memory]
+_Node = tuple[int, int]
+"""Numbers of a state and of a memory."""
 
 
 @dataclass(slots=True)
@@ -56,37 +56,60 @@ class Result:
         return f"{numbers}, {self.transitions} transitions, {found} violations"
 
 
-def walk(
-    machine: Transducer, monitor: Monitor, inputs: Sequence[tuple[Plc, Shown]], *, first_only: bool = False
-) -> Result:
+def walk(machine: Transducer, monitor: Monitor, *, first_only: bool = False) -> Result:
     """Everything that is reachable; of each rule that is broken the shortest trace, or ``first_only`` the first violation."""
     result = Result()
-    first: _Node = (0, Memory())
+    first: _Node = (0, 0)
     came_from: dict[_Node, tuple[_Node, int]] = {}
     known = {first}
     front = [first]
+    judge = _Judge(machine, monitor)
+    numbers = range(len(machine.inputs))
     while front:
         following = []
         for node in front:
             state, memory = node
-            for number, (plc, shown) in enumerate(inputs):
-                after, output = machine.step(state, plc, shown)
-                remembered, broken = monitor.step(memory, plc, shown, output)
-                result.transitions += 1
+            for number in numbers:
+                after, output = machine.step(state, number)
+                remembered, broken = judge(memory, number, output)
                 for rule in broken:
                     if rule not in result.violations:
                         path = _path(came_from, node, number)
-                        result.violations[rule] = Violation(rule, _trace(machine, inputs, path))
-                if broken and first_only:
-                    return result
+                        result.violations[rule] = Violation(rule, _trace(machine, path))
                 reached = (after, remembered)
                 if reached not in known:
                     known.add(reached)
                     came_from[reached] = node, number
                     following.append(reached)
+            result.transitions += len(numbers)
+            if first_only and result.violations:
+                return result
         front = following
     result.states, result.machine_states = len(known), len(machine)
     return result
+
+
+class _Judge:
+    """The monitor with numbered memories: what it says is computed once and then looked up."""
+
+    def __init__(self, machine: Transducer, monitor: Monitor) -> None:
+        self._machine = machine
+        self._monitor = monitor
+        self._memories = [Memory()]
+        self._number_of = {Memory(): 0}
+        self._said: dict[tuple[int, int, int], tuple[int, list[Rule]]] = {}
+
+    def __call__(self, memory: int, number: int, output: int) -> tuple[int, list[Rule]]:
+        key = (memory, number, output)
+        said = self._said.get(key)
+        if said is None:
+            plc, shown = self._machine.inputs[number]
+            after, broken = self._monitor.step(self._memories[memory], plc, shown, self._machine.outputs[output])
+            place = self._number_of.setdefault(after, len(self._memories))
+            if place == len(self._memories):
+                self._memories.append(after)
+            said = self._said[key] = place, broken
+        return said
 
 
 def _path(came_from: dict[_Node, tuple[_Node, int]], node: _Node, last: int) -> list[int]:
@@ -97,10 +120,9 @@ def _path(came_from: dict[_Node, tuple[_Node, int]], node: _Node, last: int) -> 
     return path[::-1]
 
 
-def _trace(machine: Transducer, inputs: Sequence[tuple[Plc, Shown]], path: list[int]) -> list[Step]:
+def _trace(machine: Transducer, path: list[int]) -> list[Step]:
     state, steps = 0, []
     for number in path:
-        plc, shown = inputs[number]
-        state, output = machine.step(state, plc, shown)
-        steps.append(Step(plc, shown, output))
+        state, output = machine.step(state, number)
+        steps.append(Step(*machine.inputs[number], machine.outputs[output]))
     return steps

@@ -110,6 +110,7 @@ class VelocityCheck:
         self._lowest = self._highest = 0
         """and between which values it was."""
         self._position = self._position_ns = 0
+        """The position a step began with; 0 ns before the first."""
         self._steps: tuple[tuple[float, float], ...] = ()
         """Of each step, what 6064h moved and what 606Ch says, in position units."""
         self._target = 0
@@ -131,17 +132,17 @@ class VelocityCheck:
                 self._restart()
             return None
         if self._at < 0:
-            self._ceiling = float(abs(velocity))
+            self._ceiling = float(0 if target is None else abs(velocity))
             self._compared_at = now
-            self._lowest = self._highest = velocity
-        elif self._counts_per_unit:
+        elif self._position_ns:
             self._way += velocity * (now - self._at)
         self._at = now
         elapsed = now - self._compared_at
         if 0 < elapsed < _COMPARE_NS:
             return None
         self._compared_at = now
-        self._lowest, self._highest = min(self._lowest, velocity), max(self._highest, velocity)
+        if self._position_ns:
+            self._lowest, self._highest = min(self._lowest, velocity), max(self._highest, velocity)
         speed = abs(velocity)
         text = "" if target is None else self._overspeed(abs(target), speed, elapsed, now)
         if text:
