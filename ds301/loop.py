@@ -359,7 +359,9 @@ class Mailbox(Generic[T]):
 
 
 MACHINE_CLOCK: Final[Callable[[], int]] = (
-    partial(time.clock_gettime_ns, time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else time.monotonic_ns
+    partial(time.clock_gettime_ns, time.CLOCK_BOOTTIME)
+    if hasattr(time, "CLOCK_BOOTTIME") and hasattr(time, "clock_gettime_ns")
+    else time.monotonic_ns
 )
 """Nanoseconds that also pass while the machine is suspended: what was heard before is old afterwards, and drives are stopped."""
 

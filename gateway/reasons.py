@@ -97,7 +97,7 @@ class Reason(enum.Enum):
         "check power, CAN cable, termination, bit rate and node-ID of the drive",
     )
     DRIVE_FAULT = (
-        "the drive is in fault and reports no error code",
+        "the drive is in fault",
         _S.FAULT,
         _E.NO_FAULT,
         "remove the cause; then acknowledge (STW1.7)",

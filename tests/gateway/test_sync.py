@@ -72,7 +72,7 @@ def test_speed_telegrams_with_an_encoder_are_synchronous_where_it_is_configured(
         (item,) = snapshot(daemon)["buses"][0]["sync"]["axes"]
         assert item["dead_time_p99_ms"] == 1.5 * CYCLE_MS
         assert (item["dead_time_calculated_ms"], item["highest_gain"]) == (None, None), "no gain of the gateway's"
-        assert "DO 1 dead time p99 6 ms" in "\n".join(status_lines(snapshot(daemon), 200))
+        assert "axis 1 dead time p99 6 ms" in "\n".join(status_lines(snapshot(daemon), 200))
 
 
 def test_sync_makes_the_values_of_other_telegrams_synchronous_and_not_their_set_points() -> None:

@@ -210,7 +210,7 @@ def test_status_frame_and_fault_buffer_tell_of_a_lost_drive_and_on_stands_withou
         plc.until(lambda: plc.endpoint.actuals[0] is None, "IOPS BAD")
         plc.until(lambda: snapshot(daemon)["axes"][0]["faults"], "told")
         status = snapshot(daemon)["axes"][0]
-        assert status["reason"] == Reason.DRIVE_OFFLINE.value
+        assert status["reason"] == "node 1 on bus can: no TPDO1, TPDO2 for 200 ms"
         assert status["faults"][0]["number"] == 101
         assert daemon.axes[0].fault_log.entries()[0].number == 101, "P947"
         drive_of(daemon).do(lambda node: node.behave())
@@ -233,4 +233,4 @@ def test_one_axis_that_misbehaves_does_not_stop_its_neighbour() -> None:
             plc.exchange()
         assert plc.state(1) == 0x07
         assert not daemon.axes[1].faults
-        assert snapshot(daemon)["axes"][0]["reason"] == Reason.DRIVE_UNKNOWN_STATE.value
+        assert snapshot(daemon)["axes"][0]["reason"] == Reason.NO_SUPPLY.value, "162Ch has Statusword.4 = 0"
