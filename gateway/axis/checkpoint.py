@@ -17,7 +17,7 @@ from __future__ import annotations
 import copy
 import enum
 from collections import deque
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from functools import cache
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -89,11 +89,13 @@ class _Part:
     """One part. ``names`` are saved; ``values`` are theirs when it was looked at last, ``number`` stands for what is compared."""
 
     __slots__ = (
+        "_always",
+        "_children",
         "_compared",
         "_containers",
-        "_get",
+        "_looked_through",
         "_put",
-        "always",
+        "get",
         "instants",
         "item",
         "names",
@@ -107,13 +109,15 @@ class _Part:
         kind: Any = type(item)
         passing, aside = _declared(kind, "PASSING"), _declared(kind, "ASIDE")
         every = [name for name in _names(item) if name not in passing]
-        self.always = tuple(value for value in (getattr(item, name) for name in every) if _is_part(value))
+        self._always = [value for value in (getattr(item, name) for name in every) if _is_part(value)]
         """Parts that it has for ever."""
+        self._looked_through: object = None
+        self._children: list[object] = []
         names = self.names = tuple(name for name in every if not _is_fixed(getattr(item, name)))
-        self._get, self._put = _access(*names)
+        self.get, self._put = _access(*names)
         self.values: tuple[Any, ...] = ()
         self.number = -1
-        values = self._get(item)
+        values = self.get(item)
         self._containers = tuple(i for i, value in enumerate(values) if isinstance(value, _CONTAINERS))
         ages: Mapping[str, int] = getattr(item, "INSTANTS", {})
         self.instants = tuple((i, ages[name]) for i, name in enumerate(names) if name in ages)
@@ -122,11 +126,8 @@ class _Part:
         apart = aside | serials | set(ages)
         self._compared = [] if "*" in aside else [i for i, name in enumerate(names) if name not in apart]
 
-    def look(self, numbers: dict[Hashable, int]) -> None:
-        """Take note of what the part has now. ``numbers``: of every content that there was."""
-        values = self._get(self.item)
-        if values == self.values and self.number >= 0:
-            return
+    def take(self, values: tuple[Any, ...], numbers: dict[Hashable, int]) -> None:
+        """Take note of other values. ``numbers``: of every content that there was."""
         if self._containers:
             copied = list(values)
             for place in self._containers:
@@ -143,11 +144,12 @@ class _Part:
 
     def children(self) -> list[object]:
         """The parts it has now. One in the place of None is compared as a part from then on."""
-        places = [i for i, value in enumerate(self.values) if _is_part(value)]
-        kept = [i for i in self._compared if i not in places]
-        if len(kept) < len(self._compared):
-            self._compared = kept
-        return [*self.always, *(self.values[i] for i in places)]
+        if self._looked_through is not self.values:
+            self._looked_through = self.values
+            places = [i for i, value in enumerate(self.values) if _is_part(value)]
+            self._compared = [i for i in self._compared if i not in places]
+            self._children = [*self._always, *(self.values[i] for i in places)]
+        return self._children
 
     def put(self, values: tuple[Any, ...], number: int) -> None:
         """Set what it has now."""
@@ -204,7 +206,7 @@ class Checkpoints:
             item = waiting.pop()
             if id(item) not in found:
                 part = found[id(item)] = known.get(id(item)) or _Part(item)
-                part.look(self._numbers)
+                self._look([part])
                 waiting += part.children()
         self._tree = found
         parts = tuple(part for part in found.values() if part.names)
@@ -217,27 +219,28 @@ class Checkpoints:
         self._instants = tuple((part, i, age) for part in parts for i, age in part.instants)
         self._serials = tuple((part, i) for part in parts for i in part.serials)
 
-    def _look(self) -> None:
-        if not self._is_fresh:
-            numbers = self._numbers
-            for part in self._parts:
-                part.look(numbers)
-            self._is_fresh = True
+    def _look(self, parts: Iterable[_Part]) -> None:
+        for part in parts:
+            values = part.get(part.item)
+            if values != part.values or part.number < 0:
+                part.take(values, self._numbers)
 
     def save(self) -> Checkpoint:
         """Everything a step may change."""
-        self._is_fresh = False
-        self._look()
         parts = self._parts
+        self._look(parts)
         return Checkpoint(parts, tuple([part.values for part in parts]), tuple([part.number for part in parts]))
 
     def restore(self, checkpoint: Checkpoint) -> None:
         """Go back; the checkpoint can be used again."""
-        if checkpoint.parts is not self._parts:
-            self._take(checkpoint.parts)
+        parts = checkpoint.parts
+        if parts is not self._parts:
+            self._take(parts)
             self._is_fresh = False
-        self._look()
-        for part, values, number in zip(self._parts, checkpoint.values, checkpoint.numbers, strict=True):
+        if not self._is_fresh:
+            self._look(parts)
+            self._is_fresh = True
+        for part, values, number in zip(parts, checkpoint.values, checkpoint.numbers, strict=True):
             if part.values is not values:
                 part.put(values, number)
 
@@ -246,12 +249,14 @@ class Checkpoints:
 
         Two machines' are not comparable.
         """
-        self._look()
+        if not self._is_fresh:
+            self._look(self._parts)
+            self._is_fresh = True
         now, demand = self._machine.inputs.now, self._machine.demand
-        kept = self._machine.adapter.kept(demand)
-        if kept is demand:
-            kept = tuple([getattr(demand, name) for name in _names(demand)])
-        found: list[Hashable] = [kept]
+        found: list[Any] = []
+        for item in self._machine.adapter.kept(demand):
+            found += [getattr(item, name) for name in _names(item)] if _is_part(item) else [item]
+        found = [tuple(found)]
         found += [part.number for part in self._parts]
         for part, i, age in self._instants:
             instant: int = part.values[i]

@@ -191,11 +191,13 @@ class Report:
             "flags",
             "fault_code",
             "warning_code",
+            "length_speed",
             "load",
             "message",
             "namur",
             "position",
             "speed",
+            "raw",
             "sensor",
             "second_sensor",
         }

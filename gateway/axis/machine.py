@@ -193,6 +193,8 @@ class AxisMachine:
         inputs, outputs, demand, report = self.inputs, self.outputs, self.demand, self.report
         notes, interlock, executor = self.notes, self.interlock, self.executor
         now, feedback, drive_ok = inputs.now, inputs.feedback, inputs.drive_ok
+        cycle = self.cycle
+        cycle.now = now
         if outputs.eventful:
             outputs.forget()
         if inputs.news:
@@ -216,10 +218,9 @@ class AxisMachine:
             velocity, window = feedback.velocity_actual, self._window
             standstill = -window <= velocity <= window
             trouble = None if drive_ok else _LOST
-            cycle = self.cycle
             cycle.controlword = interlock.step(wish, demand.acknowledge, trouble, statusword, standstill, now)
             cycle.action, cycle.reason = interlock.action, interlock.reason
-            cycle.standstill, cycle.now = standstill, now
+            cycle.standstill = standstill
             between = self._interpolation
             reason = executor.step() if between is None else between.step(executor)
             if drive_ok:
@@ -234,7 +235,7 @@ class AxisMachine:
         else:
             powered = drive_ok and STATE_OF_STATUS[statusword & STATE_MASK] in POWERED
             trouble = _POWERED_UNREAD if powered else _NO_REFERENCES
-            self.cycle.controlword = interlock.step(wish, demand.acknowledge, trouble, statusword, False, now)
+            cycle.controlword = interlock.step(wish, demand.acknowledge, trouble, statusword, False, now)
             doubt = _UNITS_CONTRADICTED if self.check.locked else interlock.reason
             reason = doubt if drive_ok else _DRIVE_OFFLINE
             if self._interpolation is None:

@@ -8,7 +8,8 @@ belongs to an axis and is changed in place.
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import ClassVar
 
 from pdgw.gateway.motion.blocks import Block
 from pdgw.gateway.motion.states import State
@@ -61,6 +62,14 @@ class Asked:
     controls: tuple[int, ...] = ()
     """The control words that all bits but ``operating`` and ``to_fixed_stop`` are from: while they are the same, the bits are."""
 
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"*"})
+    """Made from each frame; what outlives one, the adapter tells (``Adapter.kept``)."""
+
+    def forget(self) -> None:
+        """Nothing is asked."""
+        for item in fields(self):
+            setattr(self, item.name, item.default)
+
 
 class HomingResult(enum.Enum):
     """Of the homing that ``Seen.taken`` names."""
@@ -95,6 +104,9 @@ class Seen:
     probe_refused: bool = False
     """The drive does not carry out the probe that was armed."""
 
+    SERIALS: ClassVar[frozenset[str]] = frozenset({"given", "taken", "executing"})
+    PASSING: ClassVar[frozenset[str]] = frozenset({"standstill", "reached", "internal_limit", "torque_at_limit"})
+
 
 class MotionKind(enum.Enum):
     """What an executor has to do."""
@@ -125,6 +137,8 @@ class Motion:
     """False: the set-point waits in the drive for the end of the one that runs."""
     torque: int | None = None
     """Torque limit in 1/1000 of the rated torque, None for the axis' own."""
+
+    SERIALS: ClassVar[frozenset[str]] = frozenset({"serial"})
 
 
 @dataclass(slots=True, eq=False)
@@ -157,6 +171,21 @@ class Outcome:
     """Stands until a reject or the next task."""
     reason: Reason | None = None
     """Why nothing moves just now."""
+
+    PASSING: ClassVar[frozenset[str]] = frozenset(
+        {
+            "at_minus",
+            "at_plus",
+            "block",
+            "homing",
+            "negative_limit",
+            "position",
+            "positive_limit",
+            "reached",
+            "reason",
+            "standing",
+        }
+    )
 
 
 @dataclass(frozen=True, slots=True)

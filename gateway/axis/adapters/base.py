@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from typing import ClassVar, Final
 
 from pdgw.gateway.axis.demand_report import Demand, Flag, PowerWish, Report
@@ -90,9 +90,9 @@ class Adapter(SignalAdapter):
         """Raw actual values in telegram order; words the report has nothing for stay as they are."""
         raise NotImplementedError
 
-    def kept(self, demand: Demand) -> Hashable:
-        """What of the demand the next setpoints may leave as it is, the demand itself for all of it (``checkpoint``)."""
-        return demand
+    def kept(self, demand: Demand) -> tuple[object, ...]:
+        """What the next setpoints may leave as it is (``checkpoint``): values, and objects of which everything counts."""
+        return (demand,)
 
 
 def _without_control(control_lost: ControlLost) -> dict[PowerWish, dict[PowerWish, PowerWish]]:
@@ -160,9 +160,9 @@ class ControlWordAdapter(Adapter):
             flags |= Flag.REACHED
         return flags & self._visible
 
-    def kept(self, demand: Demand) -> Hashable:
+    def kept(self, demand: Demand) -> tuple[object, ...]:
         if not demand.connected:
-            return None
+            return ()
         if self._holds and demand.power in {PowerWish.ENABLE, PowerWish.HOLD}:
-            return demand
+            return (demand,)
         return demand.acknowledge, demand.device_bits

@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from math import isfinite
 from operator import itemgetter
+from typing import ClassVar
 
 from pdgw.gateway.axis.adapters.base import Adapter, ControlWordAdapter
-from pdgw.gateway.axis.demand_report import Demand, Report
+from pdgw.gateway.axis.demand_report import Demand, PowerWish, Report
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.requests import Asked, MotionKind, Outcome, PositionerChoices
@@ -104,8 +105,10 @@ _LOWEST, _HIGHEST = DataType.INTEGER32.integer_range
 class PositionerAdapter(ControlWordAdapter):
     """What telegrams 7, 110 and 111 have in common: STW1 and ZSW1, and that words are looked at when they change.
 
-    A telegram's own adapter names its control words and evaluates them.
+    A telegram's own adapter names its control words and evaluates them. Without control, or a PLC, nothing is asked.
     """
+
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"_last"})
 
     def __init__(self, telegram: Telegram, settings: AxisSettings, *controls: str) -> None:
         super().__init__(telegram, settings)
@@ -120,7 +123,12 @@ class PositionerAdapter(ControlWordAdapter):
         if word != self.word:
             self.take(word, demand)
         demand.motion = self.asked
-        if setpoints is None or not demand.in_control or setpoints == self._last:
+        if setpoints is None or not demand.in_control:
+            if self._last is not None and (setpoints is None or demand.power is not PowerWish.HOLD):
+                self._last = None
+                self.asked.forget()
+            return
+        if setpoints == self._last:
             return
         self._last = setpoints
         controls = self._controls(setpoints)
@@ -129,6 +137,10 @@ class PositionerAdapter(ControlWordAdapter):
             self._read_stw1(controls[0])
             self.read_controls(controls)
         self.read_values(setpoints)
+
+    def kept(self, demand: Demand) -> tuple[object, ...]:
+        kept = super().kept(demand)
+        return (*kept, self.asked) if demand in kept else kept
 
     def read_controls(self, controls: Sequence[int]) -> None:
         """Other control words: STW1 and those that were named."""

@@ -44,19 +44,17 @@ class PositioningAdapter(ControlWordAdapter):
         self._mode = self.setpoint("MDI_MOD")
         self._aktsatz = self.actual("AKTSATZ")
         self._position = self.actual("XIST_A")
-        self._last = 0
-        """The last STW1 that was evaluated."""
 
     def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
         demand.task = None
         demand.homing_edge = False
         word = None if setpoints is None else setpoints[self.stw1]
-        edges = 0
+        activated = False
         if word != self.word:
             new = not demand.connected
             if self.take(word, demand) and word is not None:
-                edges = 0 if new else word & ~self._last
-                self._last = word
+                activated = word & _ACTIVATE_TASK != 0 and not (demand.activate or new)
+                demand.homing_edge = word & _START_HOMING != 0 and not (demand.homing or new)
                 demand.reject = not word & _DO_NOT_REJECT
                 demand.intermediate_stop = not word & _NO_INTERMEDIATE_STOP
                 demand.activate = word & _ACTIVATE_TASK != 0
@@ -68,9 +66,11 @@ class PositioningAdapter(ControlWordAdapter):
         if demand.homing:
             demand.homing_method = _METHOD.of(selection)
             demand.homing_velocity = setpoints[self._velocity]
-            demand.homing_edge = edges & _START_HOMING != 0
-        if edges & _ACTIVATE_TASK:
+        if activated:
             demand.task = self._task(setpoints)
+
+    def kept(self, demand: Demand) -> tuple[object, ...]:
+        return (*super().kept(demand), demand.activate, demand.homing, demand.tasks_selected)
 
     def _task(self, setpoints: Sequence[int]) -> Task:
         mode = setpoints[self._mode]

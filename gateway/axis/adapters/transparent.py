@@ -74,6 +74,9 @@ class TransparentAdapter(Adapter):
         demand.acknowledge = word & _FAULT_ACKNOWLEDGE != 0
         demand.raw = setpoints
 
+    def kept(self, demand: Demand) -> tuple[object, ...]:
+        return ()
+
     def write(self, report: Report, actuals: list[int]) -> None:
         actuals[:] = report.raw
         actuals[self._mode_display] &= _BYTE

@@ -10,6 +10,8 @@ drive takes a distance from (60F2h), it is that position then.
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from pdgw.ds301.objects import CanType
 from pdgw.dsp402.drive_type import DriveType, Quantity, Scaling
 from pdgw.dsp402.errors import Dsp402Error
@@ -68,6 +70,8 @@ _AT_LIMIT = 20
 
 class PositionerExecutor(Executor):
     """One axis' positioner and the drive behind it. GatewayError without the user's choices for a positioner."""
+
+    SERIALS: ClassVar[frozenset[str]] = frozenset({"_anchored", "_homing_begun"})
 
     def __init__(self, cycle: AxisCycle) -> None:
         super().__init__(cycle)
@@ -183,7 +187,10 @@ class PositionerExecutor(Executor):
     def refuse(self) -> None:
         self._stop()
         self.command.controlword, self.command.target_velocity = self.cycle.controlword, 0
-        self.positioner.step(self._nothing, self._seen, 0)
+        seen, report = self._seen, self.report
+        seen.standstill = seen.reached = False
+        report.speed = report.length_speed = report.message = 0
+        self.positioner.step(self._nothing, seen, self.cycle.now)
 
     def sdo_done(self, error: str | None) -> None:
         if not self._torque.answered(error):
@@ -208,6 +215,8 @@ class PositionerExecutor(Executor):
 
     def _stop(self) -> None:
         """Not in operation: nothing that was given goes on, and what was not given never is."""
+        seen = self._seen
+        seen.given = seen.taken = seen.executing = self.positioner.outcome.motion.serial
         self._setpoint_bit = False
         self._bits = 0
         self._mode.give_up()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from operator import attrgetter
+from typing import ClassVar
 
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.states import STATE_BITS, STATUS_OF, ControlBit, State
@@ -22,6 +23,8 @@ _CONTROLWORD, _MODE, _FIRST_VALUE = 0, 1, 2
 
 class RawExecutor(Executor):
     """``setpoints`` and ``actuals`` are attributes of the images in the order of ``Demand.raw`` and ``Report.raw``."""
+
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"_last"})
 
     def __init__(self, cycle: AxisCycle, setpoints: Sequence[str], actuals: Sequence[str]) -> None:
         super().__init__(cycle)

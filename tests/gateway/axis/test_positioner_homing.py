@@ -26,6 +26,7 @@ from tests.gateway.axis.test_positioner_handshake import (
     REACHED,
     REJECT,
     RELATIVE,
+    SHOWN,
     TAKEN,
     WARNING,
     positioner,
@@ -394,3 +395,15 @@ def test_what_a_limit_of_the_drive_takes_from_a_velocity_is_counted() -> None:
     hand(ON, OPERATING | TAKEN)
     hand(ON | ACTIVATE, MDI_TARPOS=20_000, MDI_VELOCITY=1_000_000)
     assert (hand.stepper.command.profile_velocity, hand.stepper.saturations) == (6000, 1)
+
+
+def test_nothing_old_is_shown_while_the_references_are_not_valid() -> None:
+    hand = homed()
+    hand.feedback.velocity_actual = FAST
+    hand(ON)
+    assert hand.actuals["NIST_B"]
+    hand.stepper.set_references(None)
+    hand(ON)
+    shown = hand.actuals
+    assert not shown["POS_ZSW1"] & SHOWN.bit("HOMING").mask
+    assert (shown["NIST_B"], shown["MELDW"]) == (0, 0)
