@@ -6,7 +6,7 @@ import pytest
 
 from tests.conftest import is_real
 
-AT_MOST = 42
+AT_MOST = 40
 ON_THEIR_OWN = {"tour", "can"}
 """Folders that ``make test`` does not play."""
 

@@ -209,3 +209,23 @@ def known(number: int, settings: AxisSettings | None = None) -> Known:
     axis = given_axes([number])[0]
     axes = [type(axis)(axis.do_id, axis.telegram, NODE)]
     return Known(Settings(axes), {1: settings or AxisSettings()}, CYCLE_NS, 3)
+
+
+def on_the_way(cycles: int) -> RecordedRig:
+    """Telegram 9 behind an endpoint that confirms changes of control words, moving to a position for so many cycles."""
+    rig = RecordedRig(9)
+    rig.endpoint = CyclicEndpoint([rig.stepper.telegram], cycle_ns=CYCLE_NS)
+    rig.step(5)
+    rig.enable()
+    rig.values |= {"SATZANW": 0x8000, "MDI_TARPOS": 0x01000000, "MDI_VELOCITY": 0x40000000, "MDI_MOD": 1}
+    rig.values |= {"MDI_ACC": 0x4000, "MDI_DEC": 0x4000}
+    rig.stw(0x047F, cycles)
+    return rig
+
+
+def with_a_dropped_level(cycles: int) -> RecordedRig:
+    """The activation bit was 0 in one frame, too few; then ``cycles`` more."""
+    rig = on_the_way(60)
+    rig.stw(0x043F, 1)
+    rig.stw(0x047F, cycles)
+    return rig

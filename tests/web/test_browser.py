@@ -116,7 +116,7 @@ def has_no_alert(tab: Tab) -> None:
     tab.wait_for_function("() => !document.querySelector('[role=alert]')")
 
 
-def test_home_says_how_every_axis_is_and_changes_by_itself(shown: Shown) -> None:
+def test_home_shows_every_axis_changes_by_itself_and_greys_old_values(shown: Shown) -> None:
     tab = shown.tab
     reads(tab, "[role=status]", "live, PLC connected, 1 of 2 axes in operation")
     reads(tab, "nav[aria-label=Views] a[aria-current=page]", "Axes")
@@ -130,6 +130,23 @@ def test_home_says_how_every_axis_is_and_changes_by_itself(shown: Shown) -> None
     has_no_alert(tab)
     assert shown.noise == []
     assert all(url.startswith(shown.served.address) for url in shown.asked), "nobody else is asked"
+
+    # The header is green only when all is well, and no old value keeps its colour.
+    quiet = tab.evaluate("getComputedStyle(document.querySelector('small')).color")
+
+    def colour(selector: str) -> str:
+        return str(tab.evaluate("s => getComputedStyle(document.querySelector(s)).color", selector))
+
+    reads(tab, "[role=status].waits", "1 of 2 axes in operation")  # axis 2 has no control by the PLC
+    good = colour("[data-do='1'] .state")
+    assert colour("[role=status]") != good
+    shown.plc.silent = True
+    shown.until(lambda: not shown.daemon.link.connected and not shown.daemon.axes[0].powered, "PLC lost")
+    reads(tab, "[role=status].old", "no PLC, 0 of 2 axes in operation")
+    shown.gateway.failure = "gone"
+    reads(tab, "[role=alert]", "The gateway does not answer")
+    assert {colour(f"[data-do='{number}'] .state") for number in (1, 2)} == {quiet}
+    assert colour("[data-do='1'] [data-live]") == quiet
 
 
 def broken(tab: Tab) -> str:
@@ -231,7 +248,7 @@ def test_values_are_called_old_while_the_gateway_or_the_page_itself_does_not_ans
     tab.context.close()
 
 
-def test_every_view_opens_a_telephone_shows_all_of_it_and_the_keyboard_reaches_it(shown: Shown) -> None:
+def test_views_fit_a_telephone_need_no_mouse_and_show_64_objects(shown: Shown) -> None:
     for scheme in ("light", "dark"):
         tab = shown.open(viewport=PHONE, color_scheme=scheme)
         for view, text in (
@@ -269,6 +286,21 @@ def test_every_view_opens_a_telephone_shows_all_of_it_and_the_keyboard_reaches_i
     assert tab.evaluate("scrollY") == 0
     top = tab.evaluate("document.querySelector('#main h2').getBoundingClientRect().top")
     assert top >= tab.evaluate("document.querySelector('header').getBoundingClientRect().bottom")
+
+    # 64 objects with one cause fit on one screen.
+    tab = shown.tab
+    document = shown.gateway.document
+    first = document["axes"][0] | {"state": "Waits", "state_id": "WAITS", "name": "slide"}
+    document["axes"] = [first | {"do_id": number, "label": f"axis {number}"} for number in range(1, 65)]
+    document["encoders"] = []
+    cause = {"state": "Waits", "state_id": "WAITS", "reason": "no PLC", "reason_id": "NO_PLC", "remedy": "start it"}
+    document["causes"] = [cause | {"who": "axes 1-64", "objects": list(range(1, 65))}]
+    reads(tab, ".complaints li", "Axes 1-64 waits: no PLC. To do: start it.")
+    assert tab.locator(".complaints li").count() == 1
+    assert tab.locator(".tiles li").count() == 64
+    reads(tab, ".tiles li", "Axis 64 slide")
+    bottom = tab.evaluate("document.querySelector('.tiles').getBoundingClientRect().bottom")
+    assert bottom <= tab.evaluate("innerHeight"), "one screen"
 
 
 UNREADABLE = """() => {
@@ -348,38 +380,3 @@ def test_the_token_opens_the_page_and_stays_out_of_reach_of_scripts(shown: Shown
     assert tab.evaluate("document.cookie") == ""
     assert TOKEN not in tab.content()
     tab.context.close()
-
-
-def test_header_is_green_only_when_all_is_well_and_nothing_old_keeps_its_colour(shown: Shown) -> None:
-    tab = shown.tab
-    quiet = tab.evaluate("getComputedStyle(document.querySelector('small')).color")
-
-    def colour(selector: str) -> str:
-        return str(tab.evaluate("s => getComputedStyle(document.querySelector(s)).color", selector))
-
-    reads(tab, "[role=status].waits", "1 of 2 axes in operation")  # axis 2 has no control by the PLC
-    good = colour("[data-do='1'] .state")
-    assert colour("[role=status]") != good
-    shown.plc.silent = True
-    shown.until(lambda: not shown.daemon.link.connected and not shown.daemon.axes[0].powered, "PLC lost")
-    reads(tab, "[role=status].old", "no PLC, 0 of 2 axes in operation")
-    shown.gateway.failure = "gone"
-    reads(tab, "[role=alert]", "The gateway does not answer")
-    assert {colour(f"[data-do='{number}'] .state") for number in (1, 2)} == {quiet}
-    assert colour("[data-do='1'] [data-live]") == quiet
-
-
-def test_sixty_four_objects_with_one_cause_fit_on_one_screen(shown: Shown) -> None:
-    tab = shown.tab
-    document = shown.gateway.document
-    first = document["axes"][0] | {"state": "Waits", "state_id": "WAITS", "name": "slide"}
-    document["axes"] = [first | {"do_id": number, "label": f"axis {number}"} for number in range(1, 65)]
-    document["encoders"] = []
-    cause = {"state": "Waits", "state_id": "WAITS", "reason": "no PLC", "reason_id": "NO_PLC", "remedy": "start it"}
-    document["causes"] = [cause | {"who": "axes 1-64", "objects": list(range(1, 65))}]
-    reads(tab, ".complaints li", "Axes 1-64 waits: no PLC. To do: start it.")
-    assert tab.locator(".complaints li").count() == 1
-    assert tab.locator(".tiles li").count() == 64
-    reads(tab, ".tiles li", "Axis 64 slide")
-    bottom = tab.evaluate("document.querySelector('.tiles').getBoundingClientRect().bottom")
-    assert bottom <= tab.evaluate("innerHeight"), "one screen"

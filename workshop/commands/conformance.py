@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -16,6 +18,7 @@ from pdgw.tools.log_level import quiet
 from pdgw.tools.output.reports import Check, HtmlFile, JUnitFile, Report
 from pdgw.workshop.conformance.faults import CASES, Result, run_case
 from pdgw.workshop.conformance.shapes import TELEGRAMS
+from pdgw.workshop.conformance.shapes import Outcome as Field
 from pdgw.workshop.conformance.shapes import run_case as run_shape
 from pdgw.workshop.conformance.shared import NUMBERS, walk
 from pdgw.workshop.conformance.telegrams import CASES as BITS
@@ -45,21 +48,7 @@ def faults(
             raise GatewayError(f"fault {name!r} does not exist, allowed: {', '.join(known)}")
     with quiet("gateway", "canopen"):
         results = [run_case(case) for case in CASES if not only or case.fault in only]
-    failed = sum(not result.passed for result in results)
-    configuration = text_of(result.tested for result in results if result.tested is not None)
-    checks = tuple(_check(result) for result in results)
-    Report("python -m pdgw.workshop conformance faults", checks, configuration).write(junit, html)
-    if as_json:
-        _print(failed, configuration, [result.as_dict() for result in results])
-    else:
-        console = Console()
-        console.print(matrix(results))
-        for result in results:
-            for failure in result.failures:
-                console.print(f"[red]{result.case.title}[/red]: {failure}", highlight=False)
-        console.print(f"{len(results) - failed} of {len(results)} as they must be")
-    if failed:
-        raise typer.Exit(1)
+    _finish("faults", results, [_check(result) for result in results], matrix(results), as_json, junit, html)
 
 
 @app.command("telegrams")
@@ -79,26 +68,12 @@ def telegrams(
         for number in NUMBERS:
             if not only or number in only:
                 outcomes += run_walk(walk(number))
-    failed = sum(not outcome.passed for outcome in outcomes)
-    configuration = text_of(item.tested for item in outcomes)
-    checks = tuple(_check_bits(outcome) for outcome in outcomes)
-    Report("python -m pdgw.workshop conformance telegrams", checks, configuration).write(junit, html)
-    if as_json:
-        _print(failed, configuration, [item.as_dict() for item in outcomes])
-    else:
-        console = Console()
-        table = Table("telegram", "word and bit", "done", "seen by the PLC", "on CAN", "")
-        for item in outcomes:
-            case, verdict = item.case, "pass" if item.passed else "[red]FAIL[/red]"
-            name = f"{case.word}.{case.bit}"
-            table.add_row(str(case.telegram), name, case.did, item.seen_by_plc, item.seen_on_can, verdict)
-        console.print(table)
-        for item in outcomes:
-            for failure in item.failures:
-                console.print(f"[red]{item.case.title}[/red]: {failure}", highlight=False)
-        console.print(f"{len(outcomes) - failed} of {len(outcomes)} as they must be")
-    if failed:
-        raise typer.Exit(1)
+    table = Table("telegram", "word and bit", "done", "seen by the PLC", "on CAN", "")
+    for item in outcomes:
+        case = item.case
+        name = f"{case.word}.{case.bit}"
+        table.add_row(str(case.telegram), name, case.did, item.seen_by_plc, item.seen_on_can, _verdict(item))
+    _finish("telegrams", outcomes, [_check_bits(item) for item in outcomes], table, as_json, junit, html)
 
 
 @app.command("shapes")
@@ -114,36 +89,47 @@ def shapes(
         shape(name)
     with quiet("gateway", "canopen"):
         fields = [run_shape(name, number, seed) for name in only or SHAPES for number in TELEGRAMS]
-    failed = sum(not item.passed for item in fields)
     checks = [
         Check(item.shape, f"telegram {item.telegram}", item.text, (item.failure,) if item.failure else ())
         for item in fields
     ]
-    configuration = text_of(item.tested for item in fields)
-    Report("python -m pdgw.workshop conformance shapes", tuple(checks), configuration).write(junit, html)
+    table = Table("shape", "telegram", "latency: command, status (ms)", "what it did", "")
+    for item in fields:
+        latency = f"{item.latency.command_ms}, {item.latency.status_ms}"
+        table.add_row(item.shape, str(item.telegram), latency, item.text, _verdict(item))
+    _finish("shapes", fields, checks, table, as_json, junit, html)
+
+
+def _verdict(item: Result | Outcome | Field) -> str:
+    return "[green]pass[/green]" if item.passed else "[red]FAIL[/red]"
+
+
+def _finish(
+    name: str,
+    results: Sequence[Result | Outcome | Field],
+    checks: Sequence[Check],
+    table: Table,
+    as_json: bool,
+    junit: Path | None,
+    html: Path | None,
+) -> None:
+    """Write the reports and print the results. Raises typer.Exit(1) if one failed."""
+    failed = sum(not result.passed for result in results)
+    configuration = text_of(result.tested for result in results if result.tested is not None)
+    Report(f"python -m pdgw.workshop conformance {name}", tuple(checks), configuration).write(junit, html)
     if as_json:
-        _print(failed, configuration, [item.as_dict() for item in fields])
+        cases = [result.as_dict() for result in results]
+        document = {"version": __version__, "configuration": configuration, "failed": failed, "cases": cases}
+        typer.echo(json.dumps(document, indent=2))
     else:
         console = Console()
-        table = Table("shape", "telegram", "latency: command, status (ms)", "what it did", "")
-        for item in fields:
-            latency = f"{item.latency.command_ms}, {item.latency.status_ms}"
-            table.add_row(
-                item.shape, str(item.telegram), latency, item.text, "pass" if item.passed else "[red]FAIL[/red]"
-            )
         console.print(table)
-        for item in fields:
-            if item.failure:
-                console.print(f"[red]{item.shape}, telegram {item.telegram}[/red]: {item.failure}", highlight=False)
-        console.print(f"{len(fields) - failed} of {len(fields)} as they must be")
+        for check in checks:
+            for failure in check.failures:
+                console.print(f"[red]{check.group}, {check.name}[/red]: {failure}", highlight=False)
+        console.print(f"{len(results) - failed} of {len(results)} as they must be")
     if failed:
         raise typer.Exit(1)
-
-
-def _print(failed: int, configuration: str, cases: list[dict[str, object]]) -> None:
-    """A run as JSON."""
-    document = {"version": __version__, "configuration": configuration, "failed": failed, "cases": cases}
-    typer.echo(json.dumps(document, indent=2))
 
 
 def _check_bits(outcome: Outcome) -> Check:
@@ -184,7 +170,7 @@ def matrix(results: list[Result]) -> Table:
             ", ".join(map(str, result.numbers)) or "none",
             result.stopped or "no drive",
             "[red]yes[/red]" if result.restarted else "no",
-            "[green]pass[/green]" if result.passed else "[red]FAIL[/red]",
+            _verdict(result),
         )
     return table
 

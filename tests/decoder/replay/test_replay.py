@@ -23,7 +23,7 @@ from pdgw.profidrive.telegrams import telegram
 from pdgw.recording.recordings import Loaded, load
 from tests.support.drive_types import References
 from tests.support.plain_drive import PlainDrive
-from tests.support.recorded import CYCLE_NS, RecordedRig, known
+from tests.support.recorded import CYCLE_NS, RecordedRig, known, on_the_way, with_a_dropped_level
 from tests.support.rig import NODE, Rig
 from tests.support.stepper import Stepper
 
@@ -98,15 +98,7 @@ def replayed(loaded: Loaded) -> tuple[int, list[tuple[str, tuple[str, ...]]]]:
 
 @pytest.mark.parametrize("delays", [True, False])
 def test_a_dropped_level_is_replayed_only_where_frames_may_be_late(delays: bool, tmp_path: Path) -> None:
-    rig = RecordedRig(9)
-    rig.endpoint = CyclicEndpoint([telegram(9)], cycle_ns=CYCLE_NS)
-    rig.step(5)
-    rig.enable()
-    rig.values |= {"SATZANW": 0x8000, "MDI_TARPOS": 0x01000000, "MDI_VELOCITY": 0x40000000, "MDI_MOD": 1}
-    rig.values |= {"MDI_ACC": 0x4000, "MDI_DEC": 0x4000}
-    rig.stw(0x047F, 60)
-    rig.stw(0x043F, 1)
-    rig.stw(0x047F, 30)
+    rig = with_a_dropped_level(30)
     assert rig.endpoint.orders_dropped == 1
     files = rig.frames.write(tmp_path)
     loaded = load(files, replace(rig.known, delays=delays), None, lambda _: None)
@@ -116,13 +108,7 @@ def test_a_dropped_level_is_replayed_only_where_frames_may_be_late(delays: bool,
 @pytest.mark.parametrize("word", [0x046F, 0x045F, 0x0CDF])
 def test_a_stop_of_an_unconfirmed_frame_is_replayed(word: int, tmp_path: Path) -> None:
     """Also beside changes that wait."""
-    rig = RecordedRig(9)
-    rig.endpoint = CyclicEndpoint([telegram(9)], cycle_ns=CYCLE_NS)
-    rig.step(5)
-    rig.enable()
-    rig.values |= {"SATZANW": 0x8000, "MDI_TARPOS": 0x01000000, "MDI_VELOCITY": 0x40000000, "MDI_MOD": 1}
-    rig.values |= {"MDI_ACC": 0x4000, "MDI_DEC": 0x4000}
-    rig.stw(0x047F, 20)
+    rig = on_the_way(20)
     rig.stw(word, 2)
     rig.stw(0x047F, 60)
     loaded = load(rig.frames.write(tmp_path), replace(rig.known, delays=True), None, lambda _: None)

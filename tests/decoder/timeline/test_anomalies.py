@@ -23,7 +23,7 @@ from pdgw.profidrive.telegrams import telegram
 from pdgw.recording.recordings import followed, look_ahead
 from tests.decoder.replay.test_replay import positioning, speed
 from tests.support import captures
-from tests.support.recorded import BEGIN_NS, CYCLE_NS, MACS, RecordedRig
+from tests.support.recorded import BEGIN_NS, CYCLE_NS, MACS, RecordedRig, with_a_dropped_level
 from tests.support.rig import NODE
 from tests.support.timeline import Timeline, edges, texts, timeline
 
@@ -82,15 +82,7 @@ def test_a_repeated_frame_is_stale(tmp_path: Path) -> None:
 
 
 def test_a_dropped_level_of_a_control_word_is_told(tmp_path: Path) -> None:
-    rig = RecordedRig(9)
-    rig.endpoint = CyclicEndpoint([telegram(9)], cycle_ns=CYCLE_NS)
-    rig.step(5)
-    rig.enable()
-    rig.values |= {"SATZANW": 0x8000, "MDI_TARPOS": 0x01000000, "MDI_VELOCITY": 0x40000000, "MDI_MOD": 1}
-    rig.values |= {"MDI_ACC": 0x4000, "MDI_DEC": 0x4000}
-    rig.stw(0x047F, 60)
-    rig.stw(0x043F, 1)
-    rig.stw(0x047F, 200)
+    rig = with_a_dropped_level(200)
     opening = rig.open(tmp_path)
     opening = replace(opening, known=replace(opening.known, delays=True))
     found = Timeline(opening, list(followed(opening)))
