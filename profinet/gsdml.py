@@ -6,6 +6,7 @@ the same tables as the codec. Left out: graphics, start-up parameters (the param
 
 from __future__ import annotations
 
+import enum
 import re
 from collections.abc import Mapping, Sequence
 from datetime import date
@@ -94,8 +95,20 @@ def _data_type(signal: Signal) -> str:
     return f"{'Integer' if signed else 'Unsigned'}{8 * signal.type.size}"
 
 
+class Snmp(enum.Enum):
+    """What the device's SNMP agent allows."""
+
+    NONE = enum.auto()
+    READ = enum.auto()
+    WRITE = enum.auto()
+    """Also the texts of the system group are written."""
+
+
 class GsdmlWriter:
-    """Writes the file of a device with these kinds of drive object and their telegrams. ``redundant``: two controllers (S2)."""
+    """Write the file of a device with these kinds of drive object and their telegrams.
+
+    ``redundant``: two controllers (S2). ``snmp``: writable SNMP is what conformance class B adds.
+    """
 
     def __init__(
         self,
@@ -104,8 +117,10 @@ class GsdmlWriter:
         telegrams: Mapping[ObjectKind, Sequence[Telegram]],
         *,
         redundant: bool = False,
+        snmp: Snmp = Snmp.NONE,
     ) -> None:
         self._redundant = redundant
+        self._snmp = snmp
         self._identity = identity
         self._vendor = vendor
         self._telegrams = telegrams
@@ -187,7 +202,8 @@ class GsdmlWriter:
         SubElement(info, "OrderNumber", Value=identity.order_id)
         SubElement(info, "HardwareRelease", Value=str(identity.hardware_revision))
         SubElement(info, "SoftwareRelease", Value=prefix + ".".join(str(number) for number in release))
-        SubElement(item, "CertificationInfo", ConformanceClass="A", ApplicationClass="", NetloadClass="I")
+        conformance = "B" if self._snmp is Snmp.WRITE else "A"
+        SubElement(item, "CertificationInfo", ConformanceClass=conformance, ApplicationClass="", NetloadClass="I")
         SubElement(item, "IOConfigData", MaxInputLength=str(_DATA_MAX), MaxOutputLength=str(_DATA_MAX))
         useable = SubElement(item, "UseableModules")
         for kind in self._telegrams:
@@ -225,7 +241,7 @@ class GsdmlWriter:
             SubslotNumber=str(INTERFACE_SUBSLOT),
             TextId=self._texts.id("Interface"),
             SupportedRT_Classes="RT_CLASS_1",
-            SupportedProtocols="LLDP",
+            SupportedProtocols="LLDP" if self._snmp is Snmp.NONE else "SNMP;LLDP",
             NetworkComponentDiagnosisSupported="false",
             # Engineering tools insist on both from PNIO_Version V2.31 on; one port has nobody to pass anything on to.
             PTP_BoundarySupported="true",

@@ -35,7 +35,6 @@ class Tlv(enum.IntEnum):
 
 
 _LOCALLY_ASSIGNED = 7
-_MAC_ADDRESS = 4
 _PORT_STATUS, _CHASSIS_MAC = 2, 5
 _MAU_SUBTYPE = 1
 _AUTONEGOTIATION = struct.Struct(">BHH")
@@ -97,11 +96,6 @@ def decode(data: bytes, start: int, now: int) -> Neighbour:
         if len(found.get(kind, b"")) < least:
             raise ProfidriveError("LLDP frame", kind.name, "this TLV, which is mandatory")
     lifetime = int.from_bytes(found[Tlv.TTL][:2], "big")
-    chassis, port = (_identifier(found[kind]) for kind in (Tlv.CHASSIS_ID, Tlv.PORT_ID))
-    return Neighbour(chassis, port, data[6:12], now, lifetime * SECOND)
-
-
-def _identifier(content: bytes) -> str:
-    if content[0] == _MAC_ADDRESS:
-        return content[1:].hex("-")
-    return content[1:].decode("latin-1").rstrip("\0 ")
+    management = found.get(Tlv.MANAGEMENT_ADDRESS, b"")
+    ipv4 = management[2:11] if management[:2] == bytes((5, _IPV4)) and len(management) >= _MANAGEMENT.size - 1 else b""
+    return Neighbour(found[Tlv.CHASSIS_ID], found[Tlv.PORT_ID], data[6:12], now, lifetime * SECOND, ipv4)

@@ -27,7 +27,7 @@ _ETHERNET = 6
 _MTU = 1500
 _IPV4 = 1
 _IF_INDEX = 2
-_LOCALLY_ASSIGNED, _CHASSIS_MAC = 7, 4
+_LOCALLY_ASSIGNED = 7
 _TRUE, _FALSE = 1, 2
 _MBIT: Final = 1_000_000
 _SPEEDS: Final = {10: 10, 11: 10, 15: 100, 16: 100, 29: 1000, 30: 1000}
@@ -122,13 +122,19 @@ def _local(station: Station) -> list[Row]:
 
 def _remote(neighbour: Neighbour) -> list[Row]:
     """Index of a row: time mark, local port, number of the neighbour."""
-    row, table, pno = (0, _PORT, 1), (*_LLDP, 4, 1, 1), (*_PNO, 3, 1, 1)
-    mac = neighbour.chassis_id == neighbour.mac.hex("-")
-    chassis = neighbour.mac if mac else _text(neighbour.chassis_id)
-    return [
-        ((*table, 4, *row), Kind.INTEGER, _CHASSIS_MAC if mac else _LOCALLY_ASSIGNED),
-        ((*table, 5, *row), Kind.OCTETS, chassis),
-        ((*table, 6, *row), Kind.INTEGER, _LOCALLY_ASSIGNED),
-        ((*table, 7, *row), Kind.OCTETS, _text(neighbour.port_id)),
+    row, table, manage, pno = (0, _PORT, 1), (*_LLDP, 4, 1, 1), (*_LLDP, 4, 2, 1), (*_PNO, 3, 1, 1)
+    rows: list[Row] = [
+        ((*table, 4, *row), Kind.INTEGER, neighbour.chassis[0]),
+        ((*table, 5, *row), Kind.OCTETS, neighbour.chassis[1:256]),
+        ((*table, 6, *row), Kind.INTEGER, neighbour.port[0]),
+        ((*table, 7, *row), Kind.OCTETS, neighbour.port[1:256]),
         ((*pno, 6, *row), Kind.OCTETS, _text(neighbour.alias.partition(".")[2])),
     ]
+    if neighbour.management:
+        address = (*row, _IPV4, 4, *neighbour.management[:4])
+        rows += [
+            ((*manage, 3, *address), Kind.INTEGER, neighbour.management[4]),
+            ((*manage, 4, *address), Kind.INTEGER, int.from_bytes(neighbour.management[5:], "big")),
+            ((*manage, 5, *address), Kind.OID, _ZERO_DOT_ZERO),
+        ]
+    return rows

@@ -123,20 +123,42 @@ class Medium:
     """Capabilities that the port advertises."""
 
 
+_CHASSIS_MAC, _PORT_MAC = 4, 3
+"""Subtypes of an ID that is a MAC address."""
+
+
 @dataclass(slots=True)
 class Neighbour:
-    """Who sits at the other end of the cable, as LLDP told."""
+    """The device at the other end of the cable, as LLDP shows it. ``chassis``, ``port``: its IDs, each behind its subtype."""
 
-    chassis_id: str
-    port_id: str
+    chassis: bytes
+    port: bytes
     mac: bytes
     seen_ns: int
     lifetime_ns: int
+    management: bytes = b""
+    """Of the management address if it is IPv4: four bytes, the kind of interface number, the number in four bytes."""
+
+    @property
+    def chassis_id(self) -> str:
+        """As text."""
+        return _id_text(self.chassis, _CHASSIS_MAC)
+
+    @property
+    def port_id(self) -> str:
+        """As text."""
+        return _id_text(self.port, _PORT_MAC)
 
     @property
     def alias(self) -> str:
         """The alias this neighbour gives us."""
         return self.port_id if "." in self.port_id else f"{self.port_id}.{self.chassis_id}"
+
+
+def _id_text(content: bytes, mac_subtype: int) -> str:
+    if content[0] == mac_subtype:
+        return content[1:].hex("-")
+    return content[1:].decode("latin-1").rstrip("\0 ")
 
 
 @dataclass(slots=True)

@@ -326,8 +326,14 @@ def test_the_records_of_a_device_are_those_it_knows() -> None:
     assert told == {*Index} - diagnosis | further
 
 
-def test_each_case_of_class_a_in_the_document_has_its_test() -> None:
-    files = ("gateway/links/profinet/test_class_a.py", "profinet/test_class_a_relationship.py")
+def test_each_case_of_the_tester_in_the_document_has_its_test() -> None:
+    link = "gateway/links/profinet"
+    files = (
+        f"{link}/test_class_a.py",
+        f"{link}/test_snmp.py",
+        "profinet/test_class_a_relationship.py",
+        "profinet/test_snmp.py",
+    )
     source = "".join((ROOT / "tests" / name).read_text(encoding="utf-8") for name in files)
     named = set(re.findall(r"def (test_\w+)", source))
     told = [name for row in rows("profinet.md", "case of the tester") for name in re.findall(r"`(test_\w+)`", row[1])]

@@ -86,7 +86,8 @@ class CanConfig(BaseModel):
 
 def _is_station_name(text: str) -> str:
     try:
-        check_name(text)
+        if text:
+            check_name(text)
     except ProfidriveError as error:
         raise ValueError(f"allowed: {error.allowed}") from error
     return text
@@ -125,7 +126,7 @@ class TransportConfig(Section):
     ar_uuid: UUID = NIL
     """Of the static application relationship."""
     station_name: Annotated[str, AfterValidator(_is_station_name)] = "pdgw"
-    """P61000; of ``profinet`` the name until DCP gives another one."""
+    """P61000; of ``profinet`` the name until DCP gives another one, "" for none: a controller may name the device then."""
 
     @property
     def delays(self) -> bool:
@@ -150,6 +151,8 @@ class TransportConfig(Section):
         if self.type == "profinet" and self.interface is None:
             raise misplaced('interface is missing, needed with type = "profinet", for example "eth1"', "type")
         if self.type != "profinet":
+            if not self.station_name:
+                raise misplaced('station_name: may be empty with type = "profinet" only', "station_name")
             for key in ("interface", "ip", "router", "snmp_community", "snmp_write_community", "switchover_ms"):
                 if getattr(self, key) is not None:
                     raise misplaced(f'{key}: has a meaning with type = "profinet" only', key)

@@ -59,7 +59,7 @@ cycle_time_ms = {USUAL_CYCLE_MS}            # 0.25 to 512
 watchdog_factor = {WATCHDOG_FACTOR}          # the PLC is lost after this many cycles without a frame
 # parameter_timeout_ms = 2000  # a parameter request is answered within this time
 # ar_uuid = "00000000-0000-0000-0000-000000000000"   # of the static application relationship
-# station_name = "pdgw"      # P61000
+# station_name = "pdgw"      # P61000; of "profinet" until DCP gives another name, "" for none until then
 # peer = "192.168.0.10"      # only this PLC; without it the first sender, which only listen = "127.0.0.1" allows
 # direct = false             # true: nothing but cables and switches to the PLC, no frame comes late (docs/plc.md)
 # A PROFINET IO device on Ethernet instead (docs/profinet.md):

@@ -109,7 +109,7 @@ def test_an_identify_by_scapy_is_answered_when_its_name_is_ours() -> None:
 )
 def test_every_filter_of_an_identify_must_match(filters: bytes, answered: bool) -> None:
     rig = Rig()
-    rig.station.neighbour = Neighbour("plc", "port-001", PLC, 0, 1)
+    rig.station.neighbour = Neighbour(b"\7plc", b"\7port-001", PLC, 0, 1)
     assert bool(rig.identify(filters)) is answered
 
 

@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, ENCODER_TELEGRAM_NUMBERS
 from pdgw.profidrive.telegrams import Direction, Telegram, telegram
 from pdgw.profinet.blocks.alarm import MessageClass
-from pdgw.profinet.gsdml import GsdmlWriter, file_name
+from pdgw.profinet.gsdml import GsdmlWriter, Snmp, file_name
 from pdgw.profinet.model import ObjectKind, access_module, object_module
 from pdgw.profinet.station import check_name
 from pdgw.tools.cli import app
@@ -298,6 +298,35 @@ def test_system_redundancy_is_declared_only_where_it_is_configured(tmp_path: Pat
     assert relations.attrib["NumberOfAR"] == "2"
 
 
+@pytest.mark.parametrize(
+    ("keys", "conformance", "protocols"),
+    [
+        ("", "A", "LLDP"),
+        ('snmp_community = "public"', "A", "SNMP;LLDP"),
+        ('snmp_community = "public"\nsnmp_write_community = "secret"', "B", "SNMP;LLDP"),
+    ],
+)
+def test_snmp_with_writing_is_declared_as_class_b(keys: str, conformance: str, protocols: str, tmp_path: Path) -> None:
+    """Class B is class A with SNMP; p-net's notes on the tester: ConformanceClass "B" and SupportedProtocols "SNMP;LLDP"."""
+    config = tmp_path / "gateway.toml"
+    config.write_text(
+        f'[can]\ninterface = "virtual"\n[transport]\ntype = "profinet"\ninterface = "eth1"\n{keys}\n'
+        "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n"
+    )
+    for command in (
+        ["gsdml", "write", str(config), "-o", str(tmp_path)],
+        ["map", str(config), "--gsdml", str(tmp_path)],
+    ):
+        assert CliRunner().invoke(app, command).exit_code == 0
+        (file,) = tmp_path.glob("GSDML*.xml")
+        root = ElementTree.parse(file).getroot()
+        (certification,) = root.iter(NS + "CertificationInfo")
+        assert certification.attrib["ConformanceClass"] == conformance
+        (interface,) = root.iter(NS + "InterfaceSubmoduleItem")
+        assert interface.attrib["SupportedProtocols"] == protocols
+        file.unlink()
+
+
 def test_what_engineering_tools_ask_of_this_version_beyond_the_schema_is_there() -> None:
     (point,) = every("DeviceAccessPointItem")
     assert point.attrib["PNIO_Version"] == "V2.4"
@@ -322,12 +351,13 @@ def test_the_longest_frames_of_a_project_fit_what_the_file_allows() -> None:
 
 @pytest.mark.skipif("PDGW_GSDML_SCHEMA" not in os.environ, reason="PDGW_GSDML_SCHEMA names no folder with PI's schema")
 @pytest.mark.parametrize("redundant", [False, True])
-def test_pis_schema_accepts_the_file(redundant: bool) -> None:
+@pytest.mark.parametrize("snmp", Snmp)
+def test_pis_schema_accepts_the_file(redundant: bool, snmp: Snmp) -> None:
     """PI's ``GSDML-DeviceProfile-v2.*.xsd`` may not be copied here: docs/profinet.md says where to find it."""
     etree = pytest.importorskip("lxml.etree", reason="lxml is not installed")
     (newest, *_) = sorted(Path(os.environ["PDGW_GSDML_SCHEMA"]).glob("GSDML-DeviceProfile-v*.xsd"), reverse=True)
     schema = etree.XMLSchema(etree.parse(str(newest)))
-    document = etree.fromstring(GsdmlWriter(IDENTITY, "pdgw", KINDS, redundant=redundant).write().encode())
+    document = etree.fromstring(GsdmlWriter(IDENTITY, "pdgw", KINDS, redundant=redundant, snmp=snmp).write().encode())
     schema.assertValid(document)
     # The schema is read, not just any: it refuses what is none.
     document.find(f".//{NS}DeviceAccessPointItem").set("MinDeviceInterval", "soon")

@@ -96,6 +96,12 @@ def test_a_neighbour_may_name_himself_by_his_mac_address() -> None:
     )
 
 
+def test_a_port_named_by_its_mac_address_is_shown_as_one() -> None:
+    tlvs = "0202 07 61  0407 03 020000000009  0602 0014  0000"
+    neighbour = lldp.decode(MAC * 2 + bytes.fromhex("88cc" + tlvs), 14, 0)
+    assert (neighbour.port_id, neighbour.alias) == ("02-00-00-00-00-09", "02-00-00-00-00-09.a")
+
+
 @pytest.mark.parametrize(
     ("tlvs", "said"),
     [

@@ -71,7 +71,7 @@ def session() -> tuple[Wire, list[tuple[tuple[int, int, int, int], RecordResult]
     wire.application.records[0, 1, IM0] = encode_im0(Im0(0xFFFF, "PDGW", "4711", 1, ("V", 0, 1, 0)))
     wire.device.set_diagnosis(ACCESS_POINT, MessageClass.TEMPERATURE)
     wire.connect()
-    wire.station.neighbour = Neighbour("plc-1", "port-001", bytes.fromhex("020000000001"), wire.now, 20_000 * MS)
+    wire.station.neighbour = Neighbour(b"\7plc-1", b"\7port-001", bytes.fromhex("020000000001"), wire.now, 20_000 * MS)
     wire.plc.set_output(AXIS, bytes.fromhex("047f2000"))
     wire.run(20 * MS)
     wire.device.set_diagnosis(ACCESS_POINT, MessageClass.MAINS)

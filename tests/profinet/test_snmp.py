@@ -9,9 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scapy.asn1.asn1 import ASN1_OID
+from scapy.contrib import lldp as scapy_lldp
+from scapy.layers.l2 import Ether
 from scapy.layers.snmp import SNMP, SNMPbulk, SNMPget, SNMPnext, SNMPset, SNMPvarbind
 
-from pdgw.profinet import mib
+from pdgw.profinet import lldp, mib
 from pdgw.profinet.snmp import REQUEST_MAX, Agent, Kind, Variable, Writing
 from pdgw.profinet.station import Medium, Neighbour, Station
 from tests.support import tshark, tshark_frames
@@ -27,7 +29,7 @@ NEVER, END = "1.3.6.1.2.1.99.0", "2.5"
 def agent(neighbour: bool = True) -> Agent:
     station = Station(IDENTITY, "press-1", DEVICE_IP, medium=Medium(30, 3, 0x6C01))
     if neighbour:
-        station.neighbour = Neighbour("plc", "port-001", PLC_MAC, 0, 1)
+        station.neighbour = Neighbour(b"\7plc", b"\7port-001", PLC_MAC, 0, 1)
     system = {mib.SYS_LOCATION: "hall 3"}
     writing = Writing(b"secret", {mib.SYS_NAME: 20, mib.SYS_LOCATION: 20}, system.update)
     return Agent(b"public", lambda: mib.objects(station, (17, 1 << 32 | 4), system, 12_340_000_000), writing)
@@ -67,6 +69,32 @@ def test_topology_is_readable_by_its_published_object_identifiers() -> None:
     interface = "1.3.6.1.2.1.2.2.1"
     assert read(f"{interface}.5.1", f"{interface}.8.1", f"{interface}.10.1", f"{interface}.16.1") == [10**9, 1, 17, 4]
     assert read(f"{interface}.6.1") == [IDENTITY.mac]
+
+
+def test_topology_shows_a_neighbour_without_profinet_with_its_own_kinds_of_identification() -> None:
+    """An office switch: its address as chassis, the interface's name as port, and where it is managed."""
+    chassis, source = "02:00:00:00:00:70", "02:00:00:00:00:77"
+    frame = (
+        Ether(src=source, dst="01:80:c2:00:00:0e", type=0x88CC)
+        / scapy_lldp.LLDPDUChassisID(subtype=4, id=chassis)
+        / scapy_lldp.LLDPDUPortID(subtype=5, id=b"fa1")
+        / scapy_lldp.LLDPDUTimeToLive(ttl=120)
+        / scapy_lldp.LLDPDUManagementAddress(
+            management_address_subtype=1,
+            management_address=bytes((192, 168, 0, 98)),
+            interface_numbering_subtype=2,
+            interface_number=49,
+            object_id=b"",
+        )
+        / scapy_lldp.LLDPDUEndOfLLDPDU()
+    )
+    station = Station(IDENTITY, "press-1", DEVICE_IP, neighbour=lldp.decode(bytes(frame), 14, 0))
+    served = Agent(b"public", lambda: mib.objects(station, (0, 0), {}, 0))
+    remote, managed = f"{LLDP}.4.1.1", f"{LLDP}.4.2.1"
+    ids = [f"{remote}.{column}.0.1.1" for column in (4, 5, 6, 7)]
+    assert read(*ids, of=served) == [4, bytes.fromhex("020000000070"), 5, b"fa1"]
+    row = "0.1.1.1.4.192.168.0.98"
+    assert read(f"{managed}.3.{row}", f"{managed}.4.{row}", of=served) == [2, 49]
 
 
 def test_a_walk_meets_every_object_once_in_ascending_order_and_ends() -> None:

@@ -13,7 +13,7 @@ from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.profinet.identity import PRODUCT, RELEASED, VENDOR_NAME, profinet_identity
 from pdgw.profidrive.telegrams import telegram
-from pdgw.profinet.gsdml import GsdmlWriter, file_name
+from pdgw.profinet.gsdml import GsdmlWriter, Snmp, file_name
 from pdgw.profinet.model import ObjectKind
 
 app = typer.Typer(help="The device description for engineering tools (GSDML).", no_args_is_help=True)
@@ -31,7 +31,9 @@ def gsdml() -> None:
 def write(
     config: Annotated[
         Path | None,
-        typer.Argument(help="Configuration file: vendor_id and device_id are taken from it.", show_default=False),
+        typer.Argument(
+            help="Configuration file with vendor_id, device_id, snmp_community and switchover_ms.", show_default=False
+        ),
     ] = None,
     output: Annotated[
         Path, typer.Option("--out", "-o", "--output", metavar="DIR", help="Where the file goes.")
@@ -45,9 +47,12 @@ def write(
 def write_gsdml(transport: TransportConfig, folder: Path, option: str) -> Path:
     """Write the file into a folder; GatewayError names the ``option`` that gave the folder when that cannot be done."""
     kinds = {kind: [telegram(number) for number in numbers] for kind, numbers in TELEGRAMS.items()}
-    text = GsdmlWriter(
-        profinet_identity(transport, _NO_MAC), VENDOR_NAME, kinds, redundant=transport.switchover_ms is not None
-    ).write()
+    snmp = Snmp.NONE if transport.snmp_community is None else Snmp.READ
+    if transport.snmp_write_community is not None:
+        snmp = Snmp.WRITE
+    redundant = transport.switchover_ms is not None
+    device = profinet_identity(transport, _NO_MAC)
+    text = GsdmlWriter(device, VENDOR_NAME, kinds, redundant=redundant, snmp=snmp).write()
     path = folder / file_name(VENDOR_NAME, PRODUCT, RELEASED)
     try:
         path.write_text(text, encoding="utf-8")

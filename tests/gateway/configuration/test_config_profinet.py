@@ -28,7 +28,8 @@ LABELS = "allowed: labels of 1..63 of a-z, 0-9, inner hyphens, with dots between
         (PROFINET + 'ip = "192.168.0.255/24"', "ip = 192.168.0.255/24: allowed: a host's address below 224.0.0.0"),
         (PROFINET + 'ip = "127.0.0.1/8"', "ip = 127.0.0.1/8: allowed: a host's address below 224.0.0.0"),
         (PROFINET + 'station_name = "Press_1"', f"station_name = 'Press_1': {LABELS}"),
-        (PROFINET + 'station_name = ""', f"station_name = '': {LABELS}"),
+        ('station_name = ""', 'station_name: may be empty with type = "profinet" only'),
+        (PROFINET + 'station_name = "."', f"station_name = '.': {LABELS}"),
         (PROFINET + 'station_name = "port-001.press"', "allowed: a first label that is no port name (port-001)"),
         (PROFINET + 'station_name = "10.0.0.1"', "station_name = '10.0.0.1': allowed: no IP address"),
         (PROFINET + f'station_name = "{"a." * 120}a"', "allowed: at most 240"),
@@ -46,3 +47,7 @@ def test_a_fixed_address_has_its_mask_and_router() -> None:
     suite = parse_config(f"[transport]\n{PROFINET}{fixed}{AXIS}").transport.ip_suite
     assert suite == IpSuite(IPv4Address("10.1.2.3"), IPv4Address("255.255.0.0"), IPv4Address("10.1.0.1"))
     assert parse_config(f"[transport]\n{PROFINET}{AXIS}").transport.ip_suite is None
+
+
+def test_a_station_without_a_name_waits_for_one() -> None:
+    assert not parse_config(f'[transport]\n{PROFINET}station_name = ""\n{AXIS}').transport.station_name

@@ -11,19 +11,17 @@ from pathlib import Path
 from typing import Any, cast
 
 import pytest
-from scapy.contrib.pnio import ProfinetIO
 from scapy.contrib.pnio_dcp import ProfinetDCP
-from scapy.layers.l2 import Dot1Q, Ether
+from scapy.layers.l2 import Ether
 
 from pdgw.durations import MS, SECOND
 from pdgw.profinet import lldp
 from pdgw.profinet.station import Identity, IpSuite, Station
 from tests.gateway.links.profinet.test_link import Rig
+from tests.support.dcp import ALIAS, GET, IDENTIFY, MULTICAST, NAME, PERMANENT, SET, TEMPORARY, dcp_frame, encoded
 from tests.support.profinet import DEVICE_IP, DEVICE_MAC, PLC_MAC, PORT_CHECK, Wire, project
 
-MULTICAST = "01:0e:cf:00:00:00"
-PERMANENT, TEMPORARY = 1, 0
-NAME, IP_SUITE, RESET, FACTORY_RESET, SIGNAL, ALL = (2, 2), (1, 2), (5, 6), (5, 5), (5, 3), (0xFF, 0xFF)
+IP_SUITE, RESET, FACTORY_RESET, SIGNAL, ALL = (1, 2), (5, 6), (5, 5), (5, 3), (0xFF, 0xFF)
 OK, OPTION, SUBOPTION, VALUE, IN_OPERATION = 0, 1, 2, 3, 6
 
 
@@ -42,15 +40,6 @@ def power_cycle(dut: Rig) -> None:
     dut.start()
 
 
-def dcp_frame(
-    frame_id: int, service: int, blocks: bytes, destination: str, delay: int = 0, vlan: bool = False
-) -> bytes:
-    head = Ether(src=PLC_MAC.hex(":"), dst=destination)
-    head = head / Dot1Q(prio=0, vlan=0, type=0x8892) if vlan else Ether(head.build()[:12] + b"\x88\x92")
-    fixed = bytes((service, 0)) + (7).to_bytes(4, "big") + delay.to_bytes(2, "big") + len(blocks).to_bytes(2, "big")
-    return bytes(head / ProfinetIO(frameID=frame_id) / (fixed + blocks)).ljust(60, b"\0")
-
-
 def exchange(dut: Rig, frame: bytes, wait: int = 20 * MS) -> list[ProfinetDCP]:
     """The DCP answers that scapy reads."""
     dut.port.sent.clear()
@@ -61,14 +50,10 @@ def exchange(dut: Rig, frame: bytes, wait: int = 20 * MS) -> list[ProfinetDCP]:
     return [Ether(frame)[ProfinetDCP] for frame in frames]
 
 
-def encoded(option: tuple[int, int], content: bytes) -> bytes:
-    return bytes(option) + len(content).to_bytes(2, "big") + content + bytes(len(content) & 1)
-
-
 def set_block(dut: Rig, option: tuple[int, int], value: bytes, qualifier: int = PERMANENT) -> int:
     """The BlockError of the answer to a Set."""
     block = encoded(option, qualifier.to_bytes(2, "big") + value)
-    (answer,) = exchange(dut, dcp_frame(0xFEFD, 4, block, DEVICE_MAC.hex(":")))
+    (answer,) = exchange(dut, dcp_frame(*SET, block, DEVICE_MAC.hex(":")))
     assert (answer.service_type, answer.xid) == (1, 7)
     assert bytes(answer)[10:16] == bytes.fromhex("0504 0003") + bytes(option)
     return bytes(answer)[16]
@@ -78,7 +63,7 @@ def identify(
     dut: Rig, *filters: tuple[tuple[int, int], bytes], delay: int = 1, vlan: bool = False
 ) -> list[ProfinetDCP]:
     blocks = b"".join(encoded(option, content) for option, content in filters)
-    return exchange(dut, dcp_frame(0xFEFE, 5, blocks, MULTICAST, delay, vlan), delay * 10 * MS + 20 * MS)
+    return exchange(dut, dcp_frame(*IDENTIFY, blocks, MULTICAST, delay, vlan), delay * 10 * MS + 20 * MS)
 
 
 def shown(dut: Rig) -> tuple[str, str]:
@@ -133,10 +118,10 @@ def test_dcp_idn_each_filter_finds_the_device_and_no_other_value_does(dut: Rig) 
 
 
 def test_dcp_alias_the_port_and_name_of_the_neighbour_find_the_device(dut: Rig) -> None:
-    assert identify(dut, ((2, 6), b"port-003.b")) == []
+    assert identify(dut, (ALIAS, b"port-003.b")) == []
     neighbour = Station(Identity(PLC_MAC, 1, 1, "switch", "B"), "b", port="port-003", lldp_legacy=True)
     dut.port.arrive(None, lldp.encode(neighbour))
-    assert len(identify(dut, ((2, 6), b"port-003.b"))) == 1
+    assert len(identify(dut, (ALIAS, b"port-003.b"))) == 1
 
 
 @pytest.mark.parametrize("name", [b"a", b"a" * 63, b"a.b.c", b"1-a", b".".join([b"a" * 60] * 3), b"port-1", b"10.0.0"])
@@ -165,12 +150,12 @@ def test_dcp_reset_to_factory_clears_name_and_address(dut: Rig, option: tuple[in
 
 
 def test_dcp_options_suboptions_every_listed_option_answers_get_or_set(dut: Rig) -> None:
-    (answer,) = exchange(dut, dcp_frame(0xFEFD, 3, bytes((2, 5)), DEVICE_MAC.hex(":")))
+    (answer,) = exchange(dut, dcp_frame(*GET, bytes((2, 5)), DEVICE_MAC.hex(":")))
     content = bytes(answer)[16 : 10 + answer.dcp_data_length]
     listed = {(content[at], content[at + 1]) for at in range(0, len(content) - 1, 2)}
     assert {NAME, IP_SUITE, RESET, FACTORY_RESET, SIGNAL, (1, 1), (2, 1), (2, 3), (2, 4), (2, 5), ALL} <= listed
     for option in sorted(listed - {ALL}):
-        (answer,) = exchange(dut, dcp_frame(0xFEFD, 3, bytes(option), DEVICE_MAC.hex(":")))
+        (answer,) = exchange(dut, dcp_frame(*GET, bytes(option), DEVICE_MAC.hex(":")))
         first = bytes(answer)[10:12]
         assert first == (bytes((5, 4)) if option[0] == 5 else bytes(option))
 
