@@ -42,11 +42,11 @@ class PowerWish(enum.IntEnum):
     STOP = 8
     """As OFF1 in operation, but no OFF that releases anything: the PLC has no control."""
     NO_PLC_RAMP = 9
-    """Nobody is there to ask; the user's reaction to that is a ramp,"""
+    """Without a PLC the axis ramps down to standstill. The three reactions to a loss are in the order of their rank."""
     NO_PLC_QUICK_STOP = 10
-    """or a quick stop,"""
+    """Without a PLC the axis makes a quick stop."""
     NO_PLC_COAST = 11
-    """or to let the drive coast."""
+    """Without a PLC the axis coasts."""
     OFF_DISABLED = 12
     """OFF1, and STW1.3 fell to 0 (Disable Operation) while the axis was being stopped: the ramp ends."""
     QUICK_STOP_DISABLED = 13

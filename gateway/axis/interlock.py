@@ -17,6 +17,7 @@ from pdgw.gateway.axis.power_table import (
     CONTROLWORDS,
     DRIVE_OF_STATE,
     DRIVES,
+    NO_PLC,
     STOPPING,
     WISHES,
     Action,
@@ -63,6 +64,7 @@ _STOP: Final = PowerWish.STOP
 _PASSES: Final = Action.PASS
 _PLC_LOST: Final = Reason.PLC_LOST
 _OPERATES: Final = (Action.ENABLE_OPERATION, Action.PASS)
+_WITHOUT_PLC: Final = NO_PLC
 _NO_PLC: Final = {
     PlcLossReaction.RAMP: PowerWish.NO_PLC_RAMP,
     PlcLossReaction.QUICK_STOP: PowerWish.NO_PLC_QUICK_STOP,
@@ -165,9 +167,10 @@ class Interlock:
     ) -> int:
         """Bits 0-3 and 7 of the Controlword; of ``Action.PASS`` they are the telegram's.
 
-        ``wish``: None while there is no PLC. ``acknowledge``: its bit, a level. ``trouble``: LOST or NO_REFERENCES, which go
-        before what the Statusword shows. ``standstill``: the actual speed is inside the standstill window. ``now``: monotonic
-        nanoseconds.
+        ``wish``: None while there is no PLC, or the stop of a frame that does not count otherwise (NO_PLC_QUICK_STOP,
+        NO_PLC_COAST), which wins over a reaction of lower rank. ``acknowledge``: its bit, a level. ``trouble``: LOST or
+        NO_REFERENCES, which go before what the Statusword shows. ``standstill``: the actual speed is inside the standstill
+        window. ``now``: monotonic nanoseconds.
         """
         if (
             wish is _ENABLE
@@ -177,15 +180,15 @@ class Interlock:
             and not acknowledge
         ):
             return self._steady_word
-        connected = wish is not None
+        connected = wish is not None and wish not in _WITHOUT_PLC
         if connected is not self._connected:
             self._connected = connected
             self._off_seen = self._acknowledge_armed = False
             if connected:
                 self.plc_was_there = True
         phase = self.phase
-        if wish is None:
-            wish = self._no_plc
+        if wish is None or not connected:
+            wish = self._no_plc if wish is None else max(wish, self._no_plc)
             armed = enables = False
         else:
             enables = wish in _ENABLED

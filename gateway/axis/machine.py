@@ -82,6 +82,11 @@ _NO_REFERENCES: Final = Drive.NO_REFERENCES
 _DRIVE_OFFLINE: Final = Reason.DRIVE_OFFLINE
 _NO_CONTROL: Final = Reason.NO_CONTROL
 _UNITS_CONTRADICTED: Final = Reason.UNITS_CONTRADICTED
+_STOPS_WITHOUT_PLC: Final = {
+    PowerWish.COAST: PowerWish.NO_PLC_COAST,
+    PowerWish.QUICK_STOP: PowerWish.NO_PLC_QUICK_STOP,
+    PowerWish.QUICK_STOP_DISABLED: PowerWish.NO_PLC_QUICK_STOP,
+}
 _EXECUTORS: dict[Kind, Callable[[AxisCycle], Executor]] = {
     Kind.SPEED: SpeedExecutor,
     Kind.DSC: DscExecutor,
@@ -202,14 +207,14 @@ class AxisMachine:
         commanded = outputs.command.controlword
         statusword = feedback.statusword
         self.adapter.read(inputs.setpoints, demand)
-        wish = demand.power if demand.connected else None
+        wish = demand.power if demand.connected else self._stop_without_plc()
         life = self.life
         if life is not None:
             if life.step(inputs.setpoints, outputs.actuals):
                 detail = f"more than {life.counters.tolerated} failures in succession"
                 outputs.fault(gateway_fault(FaultNumber.SIGN_OF_LIFE, detail, now))
             if life.lost:
-                wish = None
+                wish = self._stop_without_plc()
         if not demand.in_control:
             self._without_control()
         elif self._control_lost:
@@ -337,6 +342,10 @@ class AxisMachine:
         if interlock.operates and demand.connected and demand.power is not PowerWish.HOLD and not self._control_lost:
             self._control_lost = True
             self.notes.faults.append((FaultNumber.CONTROL_LOST, "STW1.10 = 0"))
+
+    def _stop_without_plc(self) -> PowerWish | None:
+        """OFF2 or OFF3 in a frame that does not count otherwise: without control after a loss, or without sign of life."""
+        return None if self.inputs.setpoints is None else _STOPS_WITHOUT_PLC.get(self.demand.power)
 
     def _tell_faults(self) -> None:
         outputs, faults = self.outputs, self.notes.faults

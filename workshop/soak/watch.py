@@ -20,7 +20,7 @@ from pdgw.gateway.axis.telegrams import POSITIONER_TELEGRAM_NUMBERS
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.world import Member
 from pdgw.workshop.soak.plan import AxisPlan
-from pdgw.workshop.soak.words import CONTROL, Words, asked_share, is_off, is_on
+from pdgw.workshop.soak.words import Words, asked_share, is_off, is_on
 
 STOP_BOUND_NS: Final = 1000 * MS
 """The drive's own watch over the gateway (300 ms), a quick stop from full speed (300 ms), and the cycles until it is known."""
@@ -132,7 +132,7 @@ class SoakAxis:
             if self._off >= self._doubt[0] - self.in_force_ns and self._off >= 0:
                 self._armed = now
         stops = ~word & (_NO_OFF2 | _NO_OFF3)
-        if not stops or not word & CONTROL:
+        if not stops:
             self._stop_asked = None
         elif not raw:
             if certain:

@@ -125,6 +125,7 @@ class _Asked:
         "on",
         "ramp",
         "reset",
+        "stops",
     )
 
     def __init__(self, expected: Expected, memory: Memory, plc: Plc) -> None:
@@ -133,9 +134,12 @@ class _Asked:
         control = there and (raw or word & CONTROL != 0)
         connected = self.connected = there and (memory.connected or control)
         gone = self.gone = not connected
-        self.coast = (connected and not word & _VOLTAGE) or (gone and expected.loss is PlcLossReaction.COAST)
-        stop = (connected and word & _STOPS == _VOLTAGE) or (gone and expected.loss is PlcLossReaction.QUICK_STOP)
+        # OFF2 and OFF3 count in every frame, also in one without control that comes after a loss.
+        self.coast = (there and not word & _VOLTAGE) or (gone and expected.loss is PlcLossReaction.COAST)
+        stop = (there and word & _STOPS == _VOLTAGE) or (gone and expected.loss is PlcLossReaction.QUICK_STOP)
         self.brake = stop and not self.coast
+        self.stops = there and self.brake
+        """By a frame, not by the loss."""
         self.begins = self.brake and not memory.quick_stop
         """The quick stop begins with this frame: STW1.3 = 0 is no end of it."""
         falls = memory.armed and not raw and not self.begins
@@ -147,7 +151,7 @@ class _Asked:
         self.hold = expected.hold and connected and not control and word & _ON == _ON
         off1 = (connected and not raw and word & _ON == _OFF) or (gone and expected.loss is PlcLossReaction.RAMP)
         uncontrolled = connected and not control and not (self.hold or self.coast or self.brake)
-        self.ramp = off1 or uncontrolled
+        self.ramp = (off1 and not (self.coast or self.brake)) or uncontrolled
         self.reset = connected and word & ACKNOWLEDGE != 0
 
 
@@ -243,7 +247,12 @@ class Monitor:
             broken.append(Rule.OFF2)
         may_coast = coast or memory.coasts or disable
         no_power = state in _UNPOWERED or state in _FAULTY or state is State.QUICK_STOP_ACTIVE
-        if brake and memory.connected and not quick_stop and not (voltage_off and (no_power or may_coast)):
+        if (
+            brake
+            and (memory.connected or asked.stops)
+            and not quick_stop
+            and not (voltage_off and (no_power or may_coast))
+        ):
             broken.append(Rule.OFF3)
         moves = operates or (state is State.QUICK_STOP_ACTIVE and shown.velocity != 0)
         if memory.brakes and moves and not quick_stop and not (voltage_off and may_coast):

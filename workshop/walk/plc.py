@@ -64,7 +64,7 @@ def frames(number: int, *, full: bool) -> list[Plc]:
     words = {f"{_NAMES[bits]}": bits | standing | control for bits in (_NAMES if full else _SHORT)}
     words |= {f"{_NAMES[bits]} ack": bits | standing | control | ACKNOWLEDGE for bits in (OFF1, ENABLE)[: 1 + full]}
     if number != RAW:
-        without = (OFF1, OFF3, ON, ENABLE) if full else (OFF1, ENABLE)
+        without = (OFF1, OFF3, ON, ENABLE) if full else (OFF1, OFF3, ENABLE)
         words |= {f"{_NAMES[bits]} without control": bits | standing for bits in without}
         words["zeros"] = 0
     if tasks:

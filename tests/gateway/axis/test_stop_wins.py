@@ -50,6 +50,34 @@ def test_off1_off2_and_off3_act_without_control(control_lost: ControlLost, bits:
     assert bench.drive.state not in {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE}
 
 
+@pytest.mark.parametrize(
+    ("reaction", "word", "controlword"),
+    [
+        (PlcLossReaction.RAMP, 0x7D, 0x0),
+        (PlcLossReaction.RAMP, 0x00, 0x0),
+        (PlcLossReaction.RAMP, 0x7B, 0x2),
+        (PlcLossReaction.RAMP, 0x73, 0x2),
+        (PlcLossReaction.RAMP, 0x7E, 0xF),
+        (PlcLossReaction.QUICK_STOP, 0x7D, 0x0),
+        (PlcLossReaction.COAST, 0x7B, 0x0),
+    ],
+)
+def test_off2_and_off3_without_control_stop_faster_than_the_loss_reaction(
+    reaction: PlcLossReaction, word: int, controlword: int
+) -> None:
+    bench = turning(on_plc_loss=reaction)
+    bench.step(None, cycles=2)
+    bench.step(word, 0x2000)
+    assert bench.controlword & 0xF == controlword
+    bench.step(None)
+    assert bench.controlword & 0xF == controlword, "the stop stays in force when the frames end again"
+    bench.step(word, 0x2000, cycles=60)
+    assert bench.drive.feedback.velocity_actual == 0
+    assert bench.drive.state not in {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE}
+    bench.step(ON, 0x2000, cycles=10)
+    assert bench.drive.state is not State.OPERATION_ENABLED, "the stop without control released nothing"
+
+
 def test_control_that_is_taken_away_in_operation_is_an_off1_with_a_warning() -> None:
     bench = turning()
     zsw1 = bench.step(ON & ~CONTROL, 0x2000)

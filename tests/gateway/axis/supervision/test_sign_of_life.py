@@ -69,6 +69,16 @@ def test_loss_stops_the_axis_tells_fault_and_sensor_error_and_needs_off_and_on()
     assert len(rig.stepper.events) == 1
 
 
+def test_off2_without_sign_of_life_takes_the_voltage_off() -> None:
+    rig = turning()
+    alive(rig, 100)
+    rig.step(4)
+    assert rig.stepper.command.controlword & 0xF == 0x2, "the quick stop of a loss"
+    rig.values["STW1"] = OFF & ~0x2
+    rig.step()
+    assert rig.stepper.command.controlword & 0xF == 0x0
+
+
 def test_as_many_failures_as_tolerated_do_nothing() -> None:
     rig = turning()
     alive(rig, 20)
