@@ -30,6 +30,10 @@ settings.register_profile("fuzz", deadline=None, max_examples=20_000, suppress_h
 settings.load_profile(os.environ.get("PDGW_HYPOTHESIS", "ci"))
 
 
+# Compiled tests and sources are kept for the next run: to compile them takes each worker 11 s, and every Python that a test starts 1 s.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 # Of a suite that a shell started in the background SIGINT is ignored, and with it of every process that a test interrupts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
