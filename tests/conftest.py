@@ -30,7 +30,7 @@ settings.register_profile("fuzz", deadline=None, max_examples=20_000, suppress_h
 settings.load_profile(os.environ.get("PDGW_HYPOTHESIS", "ci"))
 
 
-# Compiled tests and sources are kept for the next run: to compile them takes each worker 11 s, and every Python that a test starts 1 s.
+# Compiled tests and sources are kept for the next run: to compile the tests takes each worker 11 s.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 

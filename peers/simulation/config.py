@@ -28,11 +28,9 @@ class _Section(BaseModel):
 
 
 class ControlConfig(_Section):
-    """Loopback TCP ports, 0 for none."""
+    """``port``: loopback TCP port of ``pdgw sim inject``, 0 for none."""
 
     port: Port = 0
-    """``pdgw sim inject``."""
-    rest_port: Port = 0
 
 
 class FaultConfig(BaseModel):
@@ -148,9 +146,6 @@ class BusConfig(_Section):
         for number, node in enumerate(nodes):
             if node in nodes[:number]:
                 raise misplaced(f"node_id: {node} is used twice, each must be different", "device", number, "node_id")
-        ports = [port for port in (self.control.port, self.control.rest_port) if port]
-        if len(ports) != len(set(ports)):
-            raise misplaced(f"port and rest_port: both are {ports[0]}, each must be different", "control", "rest_port")
         return self
 
 
@@ -176,9 +171,8 @@ def example() -> str:
 interface = "virtual"        # any python-can interface
 channel = "pdgw"
 
-[control]                    # loopback TCP ports, 0 for none
-port = 0                     # `pdgw sim inject --port ...`
-rest_port = 0                # GET /devices, GET /faults, POST and DELETE /devices/{node}/faults/{name}
+[control]
+port = 0                     # loopback TCP port for `pdgw sim inject --port ...`, 0 for none
 
 [[device]]
 type = "drive"

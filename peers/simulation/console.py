@@ -7,18 +7,21 @@ import re
 import socketserver
 import sys
 import threading
+import time
 from collections.abc import Callable
+from typing import Any
 
 from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.readiness import NO_DESCRIPTOR
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive.family import DRIVE_FAULTS
 from pdgw.peers.simulation.devices import Simulation
-from pdgw.peers.simulation.tcp import PatientServer
 
 _LINE_MAX = 1000
 """Characters of a command; the longest of ours has about 100."""
 _TOO_LONG = f"error: a command has at most {_LINE_MAX} characters"
 _IDLE_S = 3600.0
+_NO_DESCRIPTOR_PAUSE_S = 1.0
 _NUMBER = re.compile("[0-9]{1,3}")
 COMMANDS = (
     "fault N (1-12), fault NAME [parameter=value ...], clear [NAME], di1 on|off, probe 1|2 on|off, motion MOTION [CHANNEL], "
@@ -108,6 +111,22 @@ def _pair(text: str) -> tuple[str, int]:
         return key, int(value, 0)
     except ValueError:
         raise CanopenError("parameter", text, "name=number, for example delay_ms=100 or bits=0x0004") from None
+
+
+class PatientServer(socketserver.ThreadingTCPServer):
+    """A thread for each connection. When no file descriptor is left for one it pauses: the port goes on being readable."""
+
+    allow_reuse_address = True
+    daemon_threads = True
+
+    def get_request(self) -> tuple[Any, Any]:
+        """The next connection; socketserver goes on when it cannot be had."""
+        try:
+            return super().get_request()
+        except OSError as error:
+            if error.errno in NO_DESCRIPTOR:
+                time.sleep(_NO_DESCRIPTOR_PAUSE_S)
+            raise
 
 
 def serve(console: Console, port: int) -> socketserver.ThreadingTCPServer:

@@ -1,6 +1,6 @@
 """The kinds of simulated devices, and a set of them running on one bus with their faults.
 
-Another kind is one entry of ``DEVICE_TYPES``; it gets the file, the console and the REST interface with it.
+Another kind is one entry of ``DEVICE_TYPES``; it gets the file, and the console with it.
 """
 
 from __future__ import annotations
@@ -252,34 +252,3 @@ class Simulation:
 
         device.do(ask)
         return status
-
-
-def fault_catalogue() -> list[dict[str, object]]:
-    """Every fault as plain data, with the kinds of devices that can have it."""
-    faults: dict[str, dict[str, object]] = {}
-    for kind, device_type in DEVICE_TYPES.items():
-        for name, fault in device_type.node.catalogue.items():
-            entry = faults.setdefault(
-                name,
-                {
-                    "name": name,
-                    "description": fault.description(),
-                    "at_configuration": fault.at_configuration,
-                    "parameters": [
-                        {
-                            "name": item.name,
-                            "default": item.default,
-                            "low": item.low,
-                            "high": item.high,
-                            "unit": item.unit,
-                            "meaning": item.meaning,
-                        }
-                        for item in fault.parameters()
-                    ],
-                    "types": [],
-                },
-            )
-            types = entry["types"]
-            assert isinstance(types, list)
-            types.append(kind)
-    return list(faults.values())

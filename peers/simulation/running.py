@@ -13,7 +13,6 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.peers.simulation.config import ControlConfig
 from pdgw.peers.simulation.console import COMMANDS, Console, read_standard_input, serve
 from pdgw.peers.simulation.devices import Simulation
-from pdgw.peers.simulation.rest import RestServer
 
 _LOOK_S = 0.2
 
@@ -32,8 +31,6 @@ def run(simulation: Simulation, control: ControlConfig, title: str, *, attached:
             server = serve(console, control.port)
             at_end.callback(server.server_close)
             at_end.callback(server.shutdown)
-        if control.rest_port:
-            at_end.callback(RestServer(simulation, control.rest_port).stop)
         at_end.callback(simulation.stop)
         simulation.start()
         read_standard_input(console, quit_.set if attached else None)

@@ -1,18 +1,14 @@
-"""Simulated devices from a file, and their faults at run time: console and REST."""
+"""Simulated devices from a file, and their faults at run time."""
 
 from __future__ import annotations
 
-import json
 import signal
 import socket
 import threading
 import tomllib
-import urllib.error
-import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -21,13 +17,11 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.bus import INTERFACE, ServedBus
 from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
-from pdgw.peers.encoder.misbehaviour import ENCODER_MISBEHAVIOURS
 from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
 from pdgw.peers.simulation import running as simulation_running
 from pdgw.peers.simulation.config import ControlConfig, example, load_bus, parse_bus
-from pdgw.peers.simulation.console import Console
-from pdgw.peers.simulation.devices import DEVICE_TYPES, Simulation, fault_catalogue
-from pdgw.peers.simulation.rest import RestServer
+from pdgw.peers.simulation.console import Console, serve
+from pdgw.peers.simulation.devices import DEVICE_TYPES, Simulation
 from pdgw.peers.world import World
 from tests.peers.test_bus import serial_number_over
 from tests.support import buses
@@ -83,7 +77,6 @@ def test_the_example_is_valid_and_names_its_devices_and_faults() -> None:
         (CAN + '[[device]]\nnode_id = 1\ntype = "encoder"\nchannels = 2\n', r"channels of the rotary .* 1\.\.1"),
         (CAN + '[[device]]\nnode_id = 1\ntype = "encoder"\nmotion = "fly"\n', "'fly' .* speed=PER_SECOND"),
         (CAN + '[[device]]\nnode_id = 1\ntype = "encoder"\nmotion = ["still", "still"]\n', "2 are given, .* at most 1"),
-        (CAN + "[control]\nport = 5000\nrest_port = 5000\n[[device]]\nnode_id = 1\n", "both are 5000"),
         (CAN + "[control]\nport = 65536\n[[device]]\nnode_id = 1\n", r":5: \[control\] port = 65536"),
         ("[", "not valid TOML"),
     ],
@@ -175,102 +168,11 @@ def test_di1_and_the_numbered_faults_are_faults_of_the_catalogue(simulation: Sim
     assert not simulation.device(3).node.misbehaviours
 
 
-# -- REST -----------------------------------------------------------------------------------------------------------------
-
-
-class Client:
-    def __init__(self, port: int) -> None:
-        self.port = port
-
-    def __call__(self, method: str, path: str, body: object = None, **headers: str) -> tuple[int, Any]:
-        data = None if body is None else body if isinstance(body, bytes) else json.dumps(body).encode()
-        request = urllib.request.Request(f"http://127.0.0.1:{self.port}{path}", data, headers, method=method)
-        try:
-            with urllib.request.urlopen(request, timeout=buses.PATIENCE_S) as answer:
-                return answer.status, json.load(answer)
-        except urllib.error.HTTPError as error:
-            return error.code, json.load(error)
-
-
-@pytest.fixture
-def rest(simulation: Simulation) -> Iterator[Client]:
-    server = RestServer(simulation, 0)
-    yield Client(server.port)
-    server.stop()
-
-
-def test_rest_tells_devices_and_the_catalogue(rest: Client) -> None:
-    status, devices = rest("GET", "/devices")
-    assert status == 200
-    assert [(device["node_id"], device["type"], device["faults"]) for device in devices] == [
-        (3, "drive", {}),
-        (4, "drive", {}),
-    ]
-    assert rest("GET", "/devices/4") == (200, devices[1])
-    _, faults = rest("GET", "/faults")
-    for kind, known in (("drive", DRIVE_MISBEHAVIOURS), ("encoder", ENCODER_MISBEHAVIOURS)):
-        assert [fault["name"] for fault in faults if kind in fault["types"]] == list(known)
-    assert faults == json.loads(json.dumps(fault_catalogue()))
-    assert all(fault["description"] for fault in faults)
-
-
-def test_rest_sets_and_removes_a_fault(rest: Client, simulation: Simulation) -> None:
-    status, device = rest("POST", "/devices/3/faults/slow-sdo", {"delay_ms": 70})
-    assert (status, device["faults"]) == (200, {"slow-sdo": {"delay_ms": 70}})
-    assert rest("POST", "/devices/3/faults/heartbeat-stops")[1]["faults"].keys() == {"slow-sdo", "heartbeat-stops"}
-    assert not simulation.device(4).node.misbehaviours
-    assert rest("DELETE", "/devices/3/faults/slow-sdo")[1]["faults"] == {"heartbeat-stops": {}}
-    assert rest("DELETE", "/devices/3/faults")[1]["faults"] == {}
-
-
-@pytest.mark.parametrize(
-    ("method", "path", "body", "status", "message"),
-    [
-        ("GET", "/", None, 404, "/devices"),
-        ("GET", "/devices/9", None, 404, "[3, 4]"),
-        ("GET", "/devices/%00", None, 404, "[3, 4]"),
-        ("GET", "/devices/" + "9" * 5000, None, 404, "[3, 4]"),
-        ("GET", "/devices/3/faults", None, 405, "GET"),
-        ("POST", "/devices", {}, 405, "POST"),
-        ("POST", "/devices/3/faults/slow", None, 404, "slow-sdo"),
-        ("DELETE", "/devices/3/faults/slow", None, 404, "slow-sdo"),
-        ("POST", "/devices/3/faults/slow-sdo", {"delay_ms": 0}, 400, "1 ms to 10000 ms"),
-        ("POST", "/devices/3/faults/slow-sdo", {"delay_ms": 1.5}, 400, "1 ms to 10000 ms"),
-        ("POST", "/devices/3/faults/slow-sdo", {"name": 1}, 400, "delay_ms"),
-        ("POST", "/devices/3/faults/slow-sdo", [1], 400, "JSON object"),
-        ("POST", "/devices/3/faults/slow-sdo", b"{", 400, "no JSON"),
-        ("POST", "/devices/3/faults/slow-sdo", b"[" * 60000, 400, "no JSON"),
-        ("POST", "/devices/3/faults/slow-sdo", b"\xff", 400, "no JSON"),
-    ],
-)
-def test_rest_answers_a_wrong_request_with_what_is_allowed(
-    rest: Client, simulation: Simulation, method: str, path: str, body: object, status: int, message: str
-) -> None:
-    answer = rest(method, path, body)
-    assert answer[0] == status
-    assert message in answer[1]["error"]
-    assert not simulation.device(3).node.misbehaviours
-    assert rest("GET", "/devices")[0] == 200
-
-
-def test_rest_is_not_for_web_pages(rest: Client, simulation: Simulation) -> None:
-    assert rest("POST", "/devices/3/faults/reboot", Origin="http://example.com")[0] == 403
-    assert rest("POST", "/devices/3/faults/reboot", Host="example.com")[0] == 403
-    assert not simulation.device(3).node.misbehaviours
-
-
-@pytest.mark.parametrize("length", ["-1", "99999999999999999999", "x", "70000"])
-def test_rest_takes_no_body_of_unknown_or_great_length(rest: Client, length: str) -> None:
-    with socket.create_connection(("127.0.0.1", rest.port), timeout=buses.PATIENCE_S) as connection:
-        connection.sendall(f"POST /devices/3/faults/reboot HTTP/1.1\r\nContent-Length: {length}\r\n\r\n".encode())
-        assert b" 413 " in connection.makefile("rb").readline()
-
-
 def test_a_port_in_use_is_named(simulation: Simulation) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        with pytest.raises(GatewayError, match=f"REST port: 127.0.0.1 port {port} cannot be used"):
-            RestServer(simulation, port)
+        with pytest.raises(GatewayError, match=f"control port: 127.0.0.1 port {port} cannot be used"):
+            serve(Console(simulation, threading.Event()), port)
 
 
 # -- the command ----------------------------------------------------------------------------------------------------------
@@ -278,29 +180,24 @@ def test_a_port_in_use_is_named(simulation: Simulation) -> None:
 
 @pytest.mark.e2e
 def test_sim_bus_serves_the_devices_of_a_file_and_is_controlled_both_ways(tmp_path: Path) -> None:
-    port, rest_port = free_tcp_port(), free_tcp_port()
+    port = free_tcp_port()
     path = tmp_path / "bus.toml"
-    path.write_text(
-        example().replace("rest_port = 0", f"rest_port = {rest_port}").replace("\nport = 0", f"\nport = {port}")
-    )
+    path.write_text(example().replace("\nport = 0", f"\nport = {port}"))
+    inject = ("sim", "inject", "--port", str(port))
     log = tmp_path / "bus.log"
     with running("sim", "bus", str(path), "--serve", "--port", "0", log=log) as process:
-        rest = Client(rest_port)
         buses.wait_for(lambda: "drive 1, drive 2, encoder 10 on pdgw-bus" in log.read_text(), "running")
         # It prints the [can] table by which another process reaches its devices.
         bus = tomllib.loads(log.read_text().partition("drive 1")[0])["can"]
         assert bus["interface"] == INTERFACE
         assert serial_number_over(bus["channel"], 2) > 0
-        assert [list(device["faults"]) for device in rest("GET", "/devices")[1]] == [
-            [],
-            ["slow-sdo", "reboot-in-motion"],
-            ["battery"],
-        ]
-        assert pdgw("sim", "inject", "--port", str(port), "@1", "fault", "under-voltage").stdout == (
-            "ok: under-voltage voltage=9000\n"
-        )
-        assert rest("GET", "/devices/1")[1]["fault"] == 6
-        assert rest("GET", "/devices/10")[1]["warnings"] == "battery charge"
+        drive_1, drive_2, encoder = pdgw(*inject, "status").stdout.rstrip().split("; ")
+        assert "misbehaves" not in drive_1
+        assert drive_2.endswith("misbehaves: slow-sdo reboot-in-motion")
+        assert encoder.endswith("misbehaves: battery")
+        assert pdgw(*inject, "@1", "fault", "under-voltage").stdout == "ok: under-voltage voltage=9000\n"
+        assert ", fault 6, " in pdgw(*inject, "@1", "status").stdout
+        assert ", warnings battery charge, " in pdgw(*inject, "@10", "status").stdout
         assert process.stdin is not None
         process.stdin.write("quit\n")
         process.stdin.flush()

@@ -1,4 +1,4 @@
-"""The simulators' console and REST interface against long lines, wrong lengths and callers that go away."""
+"""The simulators' console against long lines, wrong lengths and callers that go away."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from typing import cast
 
 import pytest
 
-from pdgw.peers.simulation import tcp
-from pdgw.peers.simulation.console import Console, serve
+from pdgw.peers.simulation import console as console_module
+from pdgw.peers.simulation.console import Console, PatientServer, serve
 from pdgw.peers.simulation.devices import Simulation
-from pdgw.peers.simulation.rest import RestServer
 from tests.support.buses import PATIENCE_S
 
 NOTHING = cast(Simulation, SimpleNamespace(nodes=[]))
@@ -27,13 +26,6 @@ def console() -> Iterator[int]:
     yield int(server.server_address[1])
     server.shutdown()
     server.server_close()
-
-
-@pytest.fixture
-def rest() -> Iterator[int]:
-    server = RestServer(NOTHING, 0)
-    yield server.port
-    server.stop()
 
 
 def talk(port: int, data: bytes) -> bytes:
@@ -58,30 +50,14 @@ def test_a_command_of_any_length_is_answered_or_refused(console: int) -> None:
         assert connection.recv(1000).startswith(b"error: a command has at most")
 
 
-def test_callers_that_go_away_before_the_answer_make_no_noise(
-    console: int, rest: int, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for port, data in ((console, b"status\n" * 1000), (rest, b"GET /faults HTTP/1.1\r\n"), (rest, b"G")):
-        for _ in range(5):
-            connection = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
-            connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
-            connection.sendall(data)
-            connection.close()  # with a reset
+def test_callers_that_go_away_before_the_answer_make_no_noise(console: int, capsys: pytest.CaptureFixture[str]) -> None:
+    for data in [b"status\n" * 1000, b"s"] * 5:
+        connection = socket.create_connection(("127.0.0.1", console), timeout=PATIENCE_S)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
+        connection.sendall(data)
+        connection.close()  # with a reset
     assert talk(console, b"\n") == b"ok\n"
-    assert b"200" in talk(rest, b"GET /devices HTTP/1.1\r\nConnection: close\r\n\r\n")
     assert "Traceback" not in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("length", [b"65537", b"999999999999", b"0000000000070000", b"-1", b"1e3", b"\xb2"])
-def test_a_body_of_a_length_that_is_none_or_too_long_is_refused_unread(rest: int, length: bytes) -> None:
-    simulation_request = b"POST /devices/1/faults/x HTTP/1.1\r\nContent-Length: " + length + b"\r\n\r\n"
-    answer = talk(rest, simulation_request)
-    assert answer.startswith((b"HTTP/1.1 413", b"HTTP/1.1 404")), answer[:100]
-
-
-def test_lines_and_headers_without_end_are_refused(rest: int) -> None:
-    assert b"414" in talk(rest, b"GET /" + b"x" * 70_000 + b" HTTP/1.1\r\n\r\n")[:50]
-    assert b"431" in talk(rest, b"GET / HTTP/1.1\r\n" + b"a: b\r\n" * 200 + b"\r\n")[:50]
 
 
 @pytest.mark.parametrize(("number", "pauses"), [(errno.EMFILE, 1), (errno.ECONNABORTED, 0)])
@@ -89,12 +65,12 @@ def test_a_server_without_descriptors_pauses_where_its_port_would_keep_it_busy(
     number: int, pauses: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     slept: list[float] = []
-    monkeypatch.setattr(tcp, "time", SimpleNamespace(sleep=slept.append))
+    monkeypatch.setattr(console_module, "time", SimpleNamespace(sleep=slept.append))
 
     def accept() -> None:
         raise OSError(number, "not now")
 
-    with tcp.PatientServer(("127.0.0.1", 0), socketserver.BaseRequestHandler) as server, server.socket:
+    with PatientServer(("127.0.0.1", 0), socketserver.BaseRequestHandler) as server, server.socket:
         server.socket = cast(socket.socket, SimpleNamespace(accept=accept, close=server.socket.close))
         with pytest.raises(OSError, match="not now"):
             server.get_request()

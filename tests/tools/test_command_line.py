@@ -159,7 +159,7 @@ def test_ctrl_c_while_the_command_is_loaded_ends_it_without_a_word() -> None:
     ("arguments", "told"),
     [
         (["sim", "drive", "--control-port", "99999"], "less than or equal to 65535"),
-        (["sim", "encoder", "--rest-port", "-1"], "greater than or equal to 0"),
+        (["sim", "encoder", "--control-port", "-1"], "greater than or equal to 0"),
         (["sim", "inject", "--port", "99999", "clear"], "less than or equal to 65535"),
         (["status", "--port", "99999"], "less than or equal to 65535"),
     ],

@@ -22,7 +22,7 @@ from pdgw.peers.simulation.configured_devices import add_device
 from pdgw.peers.simulation.console import COMMANDS
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.peers.simulation.running import run, run_nodes
-from pdgw.tools.commands.simulation_options import ControlPort, RestPort, control_ports
+from pdgw.tools.commands.simulation_options import ControlPort
 
 
 def drive(
@@ -37,10 +37,9 @@ def drive(
         str, typer.Option(help="What it moves: rotary, a shaft, or linear, a slide with limit switches.")
     ] = "rotary",
     control_port: ControlPort = 0,
-    rest_port: RestPort = 0,
 ) -> None:
     """Run simulated drives until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`."""
-    control = control_ports(control_port, rest_port)
+    control = ControlConfig(port=control_port)
     run_nodes("drive", (interface, channel, bitrate), node_id or [1], control, "drive", like=like, axis=axis)
 
 

@@ -8,8 +8,9 @@ import typer
 
 from pdgw.dsp406.kinds import DEVICES, ROTARY
 from pdgw.peers.encoder.motion import MOTIONS
+from pdgw.peers.simulation.config import ControlConfig
 from pdgw.peers.simulation.running import run_nodes
-from pdgw.tools.commands.simulation_options import ControlPort, RestPort, control_ports
+from pdgw.tools.commands.simulation_options import ControlPort
 
 
 def encoder(
@@ -28,9 +29,8 @@ def encoder(
         typer.Option(help=f"{MOTIONS}; repeat for further channels. Revolutions, linear: mm."),
     ] = None,
     control_port: ControlPort = 0,
-    rest_port: RestPort = 0,
 ) -> None:
     """Run simulated encoders until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`."""
-    control = control_ports(control_port, rest_port)
+    control = ControlConfig(port=control_port)
     options = {"model": model, "channels": channels, "motion": motion or ()}
     run_nodes("encoder", (interface, channel, bitrate), node_id or [1], control, f"{model} encoder", **options)

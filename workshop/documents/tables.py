@@ -470,9 +470,8 @@ Each simulated device can be given faults by name, with parameters (integers), f
 
 * in the file of `pdgw sim bus FILE` (`pdgw sim bus --example` prints one): `[[device.fault]]` tables with `name` and parameters;
 * `pdgw sim inject --port P [@NODE] fault NAME parameter=value ...`, `clear [NAME]`, `faults`, `status`, `probe 1|2 on|off` (touch
-  probe of a drive), with the port of `--control-port` or `[control] port`;
-* REST on 127.0.0.1, `--rest-port` or `[control] rest_port`: `GET /devices`, `GET /faults`,
-  `POST /devices/{node}/faults/{name}` with a JSON object of parameters, `DELETE /devices/{node}/faults/{name}`.
+  probe of a drive), with the port of `--control-port` or `[control] port`. A program sends the same commands, one in a line,
+  to this TCP port on 127.0.0.1; the simulator answers each with one line.
 
 Each simulated drive has a latency of 0 to 100 ms in each direction, which is no fault. `command_latency_ms` of a `[[device]]` is
 the time from the reception of an RPDO until its values apply, `status_latency_ms` the time from a change of the drive until the
