@@ -40,7 +40,7 @@ def parse_target(text: str) -> Target:
     """``P922``, ``965``, ``6041h``, ``0x1018.3``, ``1018h.1-4``, ``P947[0..7]``; GatewayError for anything else."""
     match = _ADDRESS.fullmatch(text.strip())
     if match is None:
-        raise GatewayError(f"parameter {text!r}: expected something like {_EXAMPLES}")
+        raise GatewayError(f"parameter {text!r}: not understood, expected for example {_EXAMPLES}")
     pnu = _integer(match["number"])
     sub, last = match["sub"] or match["sub2"], match["last"] or match["last2"]
     target = Target(pnu, int(sub) if sub else None, int(last) if last else None)
@@ -78,7 +78,7 @@ def parse_type(text: str) -> DataType:
     try:
         return TYPE_NAMES[text.lower()]
     except KeyError:
-        raise GatewayError(f"type {text!r}: expected one of {', '.join(TYPE_NAMES)}") from None
+        raise GatewayError(f"type {text!r}: unknown, expected one of {', '.join(TYPE_NAMES)}") from None
 
 
 def parse_value(text: str, data_type: DataType) -> Values:

@@ -101,7 +101,7 @@ class Dump(BaseModel):
         try:
             return cls.model_validate_json(read_text(path))
         except ValidationError as error:
-            raise GatewayError(f"{path}: no parameter file: {problems(error, cls)[0].line}") from error
+            raise GatewayError(f"{path}: not a parameter file: {problems(error, cls)[0].line}") from error
 
 
 def read_all(session: Session, progress: Progress | None = None) -> tuple[Dump, list[Element]]:
@@ -150,9 +150,9 @@ def difference(session: Session, dump: Dump, progress: Progress | None = None) -
     settings = [element for element in dump.parameters if element.setting]
     present = session.read([element.target for element in settings], progress)
     if len(present) != len(settings):
-        raise GatewayError("the device answers with other elements than the file has: it is another device")
+        raise GatewayError("the device has other elements than the file: it is another device")
     if present and all(found.failed for found in present):
-        raise GatewayError(f"DO {session.client.do_id} has none of the file's settings: {present[0].error_text}")
+        raise GatewayError(f"DO {session.client.do_id} has none of the settings in the file: {present[0].error_text}")
     pairs = [
         (wanted, found)
         for wanted, found in zip(settings, present, strict=True)

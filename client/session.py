@@ -182,8 +182,8 @@ class Session:
         if description is not None:
             return description.type
         raise GatewayError(
-            f"{address_text(target.pnu, target.first)}: its type cannot be read "
-            f"({elements_of(ParameterAddress(target.pnu), present)[0].error_text}); give it with --type"
+            f"{address_text(target.pnu, target.first)}: the device does not report the data type "
+            f"({elements_of(ParameterAddress(target.pnu), present)[0].error_text}); set it with --type"
         )
 
     def write(self, writes: Sequence[tuple[Target, Values]], progress: Progress | None = None) -> list[Element]:

@@ -65,7 +65,7 @@ class StationAccess:
         )
         result = self._service(Operation.CONNECT, block.encode())
         if result.status.value:
-            raise GatewayError(f"{self._name}: device access is refused: {result.status.text}")
+            raise GatewayError(f"{self._name}: the device rejects device access: {result.status.text}")
 
     def close(self) -> None:
         """End it; GatewayError when nobody answers."""
@@ -90,4 +90,4 @@ class StationAccess:
             if found.bytes[: len(OBJECT_PREFIX)] == OBJECT_PREFIX:
                 return found
             request = epm.lookup_request(handle)
-        raise GatewayError(f"{self._name}: its endpoint mapper has no PROFINET device")
+        raise GatewayError(f"{self._name}: the endpoint mapper lists no PROFINET device")

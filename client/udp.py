@@ -183,12 +183,13 @@ class ParameterClient:
                 reason = error.strerror or str(error)
                 continue
             except ProfidriveError as error:
-                raise GatewayError(f"{self._name}: answer cannot be understood: {error}") from error
+                raise GatewayError(f"{self._name}: the answer is not valid: {error}") from error
             if result is not None:
                 return result
             reason = "no answer"
         raise GatewayError(
-            f"{self._name}: does not answer on the record channel ({reason}); does pdgw run, or the device, listen there?"
+            f"{self._name}: no answer on the record channel ({reason}); check that pdgw run or the device uses "
+            "this address and port"
         )
 
     def _answer(self, call: Call[R]) -> R | None:
@@ -215,14 +216,14 @@ class ParameterClient:
         """Any record of the access point's subslot; GatewayError with the PNIO status when it is refused."""
         result = self.call(self._caller.read(*self._place, index, implicit=implicit))
         if result.status.value:
-            raise GatewayError(f"{self._name}: record {index:04X}h not read: {result.status.text}")
+            raise GatewayError(f"{self._name}: reading record {index:04X}h failed: {result.status.text}")
         return result.data
 
     def write_record(self, index: int, data: bytes) -> None:
         """As ``read_record``."""
         result = self.call(self._caller.write(*self._place, index, data))
         if result.status.value:
-            raise GatewayError(f"{self._name}: record {index:04X}h not written: {result.status.text}")
+            raise GatewayError(f"{self._name}: writing record {index:04X}h failed: {result.status.text}")
 
     # -- parameters ---------------------------------------------------------------------------------------------------
 
@@ -236,7 +237,7 @@ class ParameterClient:
             if not result.status.value:
                 return result.data
             if result.status.code1 != AccessError.STATE_CONFLICT:
-                raise GatewayError(f"{self._name}: response not read: {result.status.text}")
+                raise GatewayError(f"{self._name}: reading the response failed: {result.status.text}")
             if self._channel.now() > deadline:
                 raise GatewayError(f"{self._name}: no response within {self._timeout_s:g} s")
             self._channel.sleep(pause)

@@ -80,5 +80,5 @@ def _flight_recorder(daemon: Daemon, name: str) -> FlightRecorder | None:
     try:
         return FlightRecorder(daemon, prepared(directory), name)
     except GatewayError as error:
-        log.warning("%s; goes on without", error)
+        log.warning("%s; the gateway runs without it", error)
         return None

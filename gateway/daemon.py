@@ -159,8 +159,8 @@ class Daemon:
 
     def _register_counters(self) -> None:
         add = self.loop.counters.add
-        add("loop", "cycles", "cycles", "of all drive objects", lambda: self.cycles)
-        add("loop", "late", "cycles", "begun more than half a cycle after their time", lambda: self.late)
+        add("loop", "cycles", "cycles", "for all drive objects", lambda: self.cycles)
+        add("loop", "late", "cycles", "started more than half a cycle late", lambda: self.late)
 
     def _prepare_link(self, opened: ExitStack, ethernet: EthernetPort | None) -> Callable[[], Link]:
         """Take the port of the link first: without it nothing else has to be opened."""
@@ -226,13 +226,14 @@ class Daemon:
         """GatewayError when another telegram cannot be selected now. ``asked_by``: the address that wants it, if any."""
         if changed.powered or not changed.outputs.known_off:
             raise GatewayError(
-                f"{changed.label}: no telegram can be selected while it is in operation, or was when it was seen last"
+                f"{changed.label}: the telegram cannot be changed: the axis is in operation, or was when it was "
+                "last online"
             )
         plc = self.link.peer_host
         if self.link.connected and asked_by is not None and asked_by != plc:
             raise GatewayError(
-                f"{changed.label}: {plc} is connected with the present frame, which would not fit any more: "
-                f"only it may change a telegram now, not {asked_by}"
+                f"{changed.label}: {plc} is connected, and its frame would not fit any more; only the PLC may "
+                f"change a telegram now, not {asked_by}"
             )
 
     def change_telegram(self, changed: DriveObject, number: int, asked_by: str | None = None) -> None:
@@ -442,7 +443,7 @@ class Daemon:
     def _come_to_rest(self, now: int) -> None:
         self._off_cycles = 0 if any(item.powered for item in self.objects) else self._off_cycles + 1
         if now > self._stop_until:
-            log.error("drives not stopped within %d s: power off by NMT", _SHUTDOWN_NS // SECOND)
+            log.error("drives did not stop within %d s: power off by NMT", _SHUTDOWN_NS // SECOND)
         elif self._off_cycles < _OFF_CYCLES:
             return
         self._finish()

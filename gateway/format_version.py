@@ -13,7 +13,10 @@ def problem(version: int, newest: int) -> str:
     """Why a file of this version cannot be read; empty when it can."""
     if 1 <= version <= newest:
         return ""
-    return f"format version {version}, this gateway reads 1 to {newest}: use the gateway that wrote it, or a newer one"
+    return (
+        f"format version {version} is unknown, this gateway reads 1 to {newest}: use the gateway that wrote "
+        "the file, or a newer one"
+    )
 
 
 def at_most(newest: int) -> Callable[[int], int]:

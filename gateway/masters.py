@@ -28,13 +28,16 @@ def watch_for_masters(
     def watch(cob_id: int, what: str) -> None:
         def found(_data: bytes, _now: int) -> None:
             on_found(
-                f"CAN bus {network.name}: another master sends {what} (COB-ID {cob_id:03X}h), allowed: one gateway per bus; "
-                "end the other one, or switch receive_own_messages of the interface off"
+                f"CAN bus {network.name}: another master sends {what} (COB-ID {cob_id:03X}h); allowed: one "
+                "gateway per bus. End the other one, or disable receive_own_messages of the interface"
             )
 
         network.subscribe_pdo(cob_id, found)
 
-    watch(ERROR_CONTROL + gateway_node_id, f"the heartbeat of node {gateway_node_id}, which is this gateway's")
+    watch(
+        ERROR_CONTROL + gateway_node_id,
+        f"the heartbeat of node {gateway_node_id}, which is the node-ID of this gateway",
+    )
     for node_id in drives:
         for number in range(1, 5):
             watch(PdoDirection.RPDO.cob_id(number, node_id), f"RPDO{number} of drive {node_id}")

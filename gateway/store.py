@@ -170,7 +170,7 @@ class ParameterStore:
             _settle(self.path.parent)
         except OSError as error:
             raise GatewayError(
-                f"parameter store {self.path}: cannot be written: {error.strerror}; the old values stay in force"
+                f"parameter store {self.path}: cannot be written ({error.strerror}); the old values remain valid"
             ) from error
 
     def _load(self, path: Path) -> DeviceParameters:
@@ -206,6 +206,6 @@ class ParameterStore:
             path.replace(aside)
             kept = f"kept as {aside.name}"
         except OSError as error:
-            kept = f"cannot be set aside: {error.strerror}"
-        self._report(f"parameter store {path}: {why}; {kept}, configuration values are used")
+            kept = f"cannot be renamed ({error.strerror})"
+        self._report(f"parameter store {path}: {why}; {kept}; the values of the configuration are used")
         return DeviceParameters()

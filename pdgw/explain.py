@@ -54,9 +54,9 @@ class Problem(NamedTuple):
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """``, did you mean override?`` for a name that is like a known one, else nothing."""
+    """``; did you mean override?`` for a name that is like a known one, else nothing."""
     close = difflib.get_close_matches(name, known, n=1)
-    return f", did you mean {close[0]}?" if close else ""
+    return f"; did you mean {close[0]}?" if close else ""
 
 
 def misplaced(text: str, *location: str | int) -> PydanticCustomError:

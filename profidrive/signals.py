@@ -449,5 +449,5 @@ def signal(name: str) -> Signal:
         from difflib import get_close_matches  # noqa: PLC0415
 
         near = ", ".join(get_close_matches(name.upper(), SIGNALS))
-        expected = "a name of the signal catalogue" + (f", did you mean {near}?" if near else "")
+        expected = "a name of the signal catalogue" + (f"; did you mean {near}?" if near else "")
         raise ProfidriveError("signal", name, expected) from None

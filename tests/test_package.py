@@ -171,7 +171,7 @@ def test_example_read_a_parameter(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_parameter_that_is_none_and_a_device_that_is_not_there_are_told() -> None:
     with pytest.raises(GatewayError, match="P922"):
         pdgw.read_parameters(("127.0.0.1", 9), 1, "speed")
-    with pytest.raises(GatewayError, match="does not answer"):
+    with pytest.raises(GatewayError, match="no answer on the record channel"):
         pdgw.read_parameters(("127.0.0.1", 9), 1, "P922")
 
 

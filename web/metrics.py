@@ -27,7 +27,7 @@ _LINK_COUNTERS = (
     ("iops_bad", "pdgw_plc_iops_bad", "Values of a drive object the PLC marked as bad."),
     ("accepted", "pdgw_plc_frames_accepted", "Frames of the PLC that were used."),
     ("sent", "pdgw_plc_frames_sent", "Frames sent to the PLC."),
-    ("skipped", "pdgw_plc_frames_skipped", "Frames overtaken by a newer one before the axes saw them."),
+    ("skipped", "pdgw_plc_frames_skipped", "Frames overtaken by a newer frame before the axes read them."),
 )
 _DROPPED = tuple(verdict.name.lower() for verdict in Verdict if verdict is not Verdict.ACCEPTED)
 

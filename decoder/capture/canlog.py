@@ -70,7 +70,7 @@ def read_candump(source: ByteSource, name: str) -> Iterator[CanPacket]:
         if match is not None:
             seconds, fraction, channel, identifier, digits = match.groups()
             if len(digits) % 2:
-                raise CaptureError(name, offset, f"{line[:_SHOWN]!r}: half a byte at the end of the data")
+                raise CaptureError(name, offset, f"{line[:_SHOWN]!r}: the data ends with half a byte")
             frame = _frame(identifier, bytes.fromhex(digits.decode()))
         else:
             if not line.strip():
@@ -112,11 +112,13 @@ def _other_forms(line: bytes, offset: int, name: str) -> tuple[bytes, bytes, byt
         seconds, fraction, channel, identifier, length, remote, digits = match.groups()
         data = bytes(int(length)) if remote else bytes.fromhex((digits or b"").decode())
         if len(data) != int(length):
-            raise CaptureError(name, offset, f"{line[:_SHOWN]!r}: {len(data)} data bytes, announced are {int(length)}")
+            raise CaptureError(
+                name, offset, (f"{line[:_SHOWN]!r}: {len(data)} data bytes, but the line announces {int(length)}")
+            )
         if b":" in (seconds or b""):
             seconds = _date(seconds, line, offset, name)
         return seconds or b"0", fraction or b"0", channel, _frame(identifier, data, bool(remote))
-    raise CaptureError(name, offset, f"{line[:_SHOWN]!r} is no line of a candump log")
+    raise CaptureError(name, offset, f"{line[:_SHOWN]!r}: not a line of a candump log")
 
 
 def candump_line(message: can.Message) -> str:

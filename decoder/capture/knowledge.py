@@ -50,7 +50,7 @@ def known_beforehand(
     ``embedded``: the text of a configuration the capture has in it, used without ``config``.
     """
     axes: Sequence[Axis] = given_axes(telegrams)
-    origin = "--telegram, node-ID taken as the number of the axis"
+    origin = "--telegram, with the axis number as node-ID"
     files, default = _eds_files(eds)
     settings = Settings()
     cyclic, acyclic = settings.cyclic_ports | set(ports), settings.acyclic_ports
@@ -85,13 +85,13 @@ def _eds_files(texts: Sequence[str]) -> tuple[dict[int, Path], Path | None]:
         match = _NODE_FILE.fullmatch(text)
         path = Path(match[2] if match else text)
         if not path.is_file():
-            raise GatewayError(f"--eds {text}: is not a file")
+            raise GatewayError(f"--eds {text}: not a file")
         if match is None:
             default = path
         elif int(match[1]) in NODE_IDS:
             files[int(match[1])] = path
         else:
-            raise GatewayError(f"--eds {text}: node-ID {match[1]}, allowed: 1..127")
+            raise GatewayError(f"--eds {text}: node-ID {match[1]} is not allowed, expected 1..127")
     return files, default
 
 

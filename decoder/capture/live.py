@@ -27,7 +27,7 @@ def open_interface(name: str) -> Source:
     closing = ExitStack()
     family = getattr(socket, "AF_PACKET", None)
     if family is None:
-        raise GatewayError(f"--interface {name}: raw sockets are there on Linux only; record with dumpcap instead")
+        raise GatewayError(f"--interface {name}: live captures need Linux; record with dumpcap and decode the file")
     try:
         raw = closing.enter_context(socket.socket(family, socket.SOCK_RAW, socket.htons(EVERY_PROTOCOL)))
         raw.bind((name, 0))

@@ -57,11 +57,11 @@ def read_capture(source: ByteSource, name: str) -> Iterator[Packet]:
     """The packets of a pcap or pcapng stream; CaptureError where it is damaged, after all packets before."""
     window = Window(source)
     if not window.need(4):
-        raise CaptureError(name, window.left, "no capture: the file ends within its first four bytes")
+        raise CaptureError(name, window.left, "not a capture: the file has less than four bytes")
     if window.data[:4] == PCAPNG_MAGIC:
         return _Pcapng(window, name).packets()
     if window.data[:4] not in _PCAP_MAGICS:
-        raise CaptureError(name, 0, f"no pcap or pcapng: it begins with {window.data[:4].hex(' ')}")
+        raise CaptureError(name, 0, f"not a pcap or pcapng file: it begins with {window.data[:4].hex(' ')}")
     return _pcap(window, name)
 
 
@@ -89,7 +89,9 @@ def _pcap(window: Window, name: str) -> Iterator[Packet]:
             length = unpack(data, at)[2]
             if length > MAX_PACKET:
                 raise CaptureError(
-                    name, window.offset, f"packet {number + 1} claims {length} bytes, at most {MAX_PACKET}"
+                    name,
+                    window.offset,
+                    (f"packet {number + 1} has {length} bytes according to its header, allowed: at most {MAX_PACKET}"),
                 )
             if not window.need(_PCAP_RECORD + length):
                 missing = _PCAP_RECORD + length - window.left
@@ -138,13 +140,13 @@ class _Pcapng:
                 self._section()
             kind, length = struct.unpack_from(self._order + "II", window.data, window.at)
             if length < 12 or length % 4 or length > _MAX_BLOCK:
-                raise self._error(f"block length {length}, allowed: a multiple of 4 in 12..{_MAX_BLOCK}")
+                raise self._error(f"block length {length} is not allowed, expected a multiple of 4 in 12..{_MAX_BLOCK}")
             if not window.need(length):
                 raise self._error(f"the file ends within a block of {length} bytes, {length - window.left} missing")
             end = window.at + length
             (again,) = struct.unpack_from(self._order + "I", window.data, end - 4)
             if again != length:
-                raise self._error(f"block length {length} is repeated as {again} at its end")
+                raise self._error(f"block length {length} differs from the length at its end, {again}")
             packet = self._block(kind, window.at + 8, end - 4)
             window.at = end
             if packet is not None:
@@ -206,7 +208,7 @@ class _Pcapng:
         which, high, low, length, _ = struct.unpack_from(self._order + layout, data, begin)
         interface = self._interface_of(which)
         if length > end - begin - 20:
-            raise self._error(f"packet of {length} bytes in a block with room for {end - begin - 20}")
+            raise self._error(f"a packet of {length} bytes is in a block with room for {end - begin - 20}")
         self._number += 1
         self._time_ns = interface.time_ns(high, low)
         return Packet(
@@ -226,7 +228,9 @@ class _Pcapng:
 
     def _interface_of(self, which: int) -> _Interface:
         if which >= len(self._interfaces):
-            raise self._error(f"packet of interface {which}, described are {len(self._interfaces)}")
+            raise self._error(
+                f"a packet belongs to interface {which}, but the file describes only {len(self._interfaces)}"
+            )
         return self._interfaces[which]
 
     def _interface(self, begin: int, end: int) -> None:

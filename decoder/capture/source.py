@@ -86,7 +86,7 @@ def source_of_stream(name: str, suffix: str, stream: Any, size: int | None, clos
             return _messages(name, kind, stream, size, closing)
     if suffix in _BINARY_READERS or suffix in _TEXT_READERS:
         return _messages(name, suffix, stream, size, closing)
-    raise CaptureError(name, 0, f"no format known here: it begins with {head[:8].hex(' ')}; known are {FORMATS}")
+    raise CaptureError(name, 0, (f"unknown format: the file begins with {head[:8].hex(' ')}; known formats: {FORMATS}"))
 
 
 def _position(stream: Any) -> Callable[[], int]:
@@ -116,7 +116,7 @@ def _whole(packets: Iterator[Packet | CanPacket], name: str, size: int, announce
     """python-can's reader ends a shortened BLF file without a word; its header tells how long it was."""
     yield from packets
     if size < announced:
-        raise CaptureError(name, size, f"the file ends early: its header announces {announced} bytes")
+        raise CaptureError(name, size, f"the file is incomplete: its header announces {announced} bytes")
 
 
 def _database(path: str, closing: ExitStack) -> Source:
@@ -131,7 +131,7 @@ def _from_reader(
     try:
         reader = make()
     except NotImplementedError as error:
-        raise CaptureError(name, None, f"needs a further package ({error})") from error
+        raise CaptureError(name, None, f"needs another Python package ({error})") from error
     except Exception as error:  # python-can's readers raise whatever their parsing runs into
         raise CaptureError(name, position(), f"cannot be read ({type(error).__name__}: {error})") from error
     closing.callback(reader.stop)

@@ -103,7 +103,7 @@ class Field:
 
 def _status_word(word: int) -> str:
     state = state_of(word)
-    return state.value if state else "no state of CiA 402"
+    return state.value if state else "not a state of CiA 402"
 
 
 def _command_word(word: int) -> str:

@@ -53,7 +53,7 @@ def _other(text: str) -> Payload:
 
 
 def _short(what: str, size: int, wanted: int) -> Payload:
-    return _other(f"{what} cut off: {size} of at least {wanted} bytes")
+    return _other(f"{what} cut off: {size} bytes, at least {wanted} expected")
 
 
 def _udp(data: bytes, source: bytes, destination: bytes) -> Payload:
@@ -83,7 +83,7 @@ def _ipv4(data: bytes) -> Payload:
     if not header <= length <= len(data):
         return _other(f"IPv4 length {length} does not fit into {len(data)} bytes")
     if fragment & _FRAGMENT:
-        return _other("IPv4 fragment (not put together)")
+        return _other("IPv4 fragment (not reassembled)")
     return _transport(protocol, data[header:length], source, destination)
 
 

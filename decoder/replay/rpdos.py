@@ -121,7 +121,10 @@ class RpdoComparison:
             recorded = following if due and following is not None else frames[cursor]
             return self._sent_difference(pdo, recorded.time_ns if due else now, recorded.data, data)
         if abs(following.time_ns - now) > tolerance:
-            note = f"the same, recorded {(following.time_ns - now) / MS:+.1f} ms from where it is sent today"
+            note = (
+                f"the same content, recorded {(following.time_ns - now) / MS:+.1f} ms away from the time at "
+                "which this version sends it"
+            )
             return self._sent_difference(pdo, now, frames[cursor].data, data, note)
         cursors[pdo.number] = cursor + 1
         return None
@@ -148,7 +151,7 @@ class RpdoComparison:
 
     def _sent_difference(self, pdo: Pdo, time_ns: int, recorded: bytes, today: bytes, note: str = "") -> Difference:
         if len(recorded) != pdo.size:
-            note = note or f"{len(recorded)} bytes recorded, {pdo.size} today: {recorded.hex(' ')}"
+            note = note or f"{len(recorded)} bytes recorded, {pdo.size} in this version: {recorded.hex(' ')}"
             return Difference(time_ns, self._do_id, str(pdo), None, _named(pdo, today), note)
         return Difference(time_ns, self._do_id, str(pdo), _named(pdo, recorded), _named(pdo, today), note)
 

@@ -44,10 +44,10 @@ RESPONSE_NS: Final = SECOND
 AGREEMENT_NS: Final = 500 * MS
 """So long have the recorded and today's Controlword to agree, or to differ, until it counts."""
 NOT_VALID: Final = "not evaluated: no valid frame (stale, stopped, or IOPS BAD)"
-DROPPED: Final = "not evaluated: stood in too few frames and may have been an old one"
-OVERTAKEN: Final = "not evaluated: the frame was dropped or overtaken"
-NO_CONTROLWORD: Final = "not judged: no Controlword to the drive in the recording up to here"
-NOT_JUDGED: Final = "not judged: what the gateway remembers from before is not known; an OFF makes it known"
+DROPPED: Final = "not evaluated: sent in too few frames, may be an old frame"
+OVERTAKEN: Final = "not evaluated: the frame was dropped or overtaken by a newer one"
+NO_CONTROLWORD: Final = "not judged: the recording contains no Controlword for the drive up to here"
+NOT_JUDGED: Final = "not judged: the state of the gateway before the recording is unknown until the next OFF"
 
 _STW1 = signal("STW1")
 
@@ -380,7 +380,10 @@ class AxisFollower(ObjectFollower):
         elif self._known and lasts:
             self._known = False
             choices = " with the default choices" if self._assumed else ""
-            text = f"Controlword {recorded:04X}h on the bus, {today:04X}h by today's rules{choices}: no reasons until an OFF"
+            text = (
+                f"Controlword {recorded:04X}h on the bus, {today:04X}h by the rules of this version{choices}: "
+                "no reasons until an OFF"
+            )
             self._put(Anomaly(self._since, self.axis.do_id, AnomalyKind.DIFFERENCE, text))
         elif not self._known and setpoints is not None:
             self._recognise(setpoints)
@@ -430,7 +433,7 @@ class AxisFollower(ObjectFollower):
         if command is not None and now > command.edge.time_ns + RESPONSE_NS:
             self._command = None
             status = self._words.fields[WordKind.STATUSWORD].text(command.statusword)
-            text = f"{command.edge.field.text(command.edge.after)}: no answer of the drive within 1 s, {status}"
+            text = f"{command.edge.field.text(command.edge.after)}: the drive did not respond within 1 s, {status}"
             self._put(Anomaly(command.edge.time_ns, self.axis.do_id, AnomalyKind.HANDSHAKE, text))
         if self._mode_since is not None and now > self._mode_since + MODE_CONFIRM_NS:
             if self._mode_shown is not None:

@@ -132,15 +132,15 @@ class Follower:
         """What was not in the records, by DO-ID (0: of all)."""
         seen = self._exchange.seen
         if Direction.SETPOINT not in seen:
-            yield 0, "no frame of a PLC: what was asked of the drives, and why, is not in this recording"
+            yield 0, "no frame from a PLC: the recording does not show what the PLC commanded"
         if Direction.ACTUAL not in seen:
-            yield 0, "no frame to a PLC: what it was told is not in this recording"
+            yield 0, "no frame to a PLC: the recording does not show what the gateway reported to the PLC"
         if not self._can_seen:
-            yield 0, "no CAN frame: what the drives were told, and what they answered, is not in this recording"
+            yield 0, "no CAN frame: the recording shows neither the commands to the drives nor their answers"
             return
         for item in self._objects:
             if not item.heard:
-                yield item.axis.do_id, f"nothing came from node {item.axis.node}"
+                yield item.axis.do_id, f"no frame from node {item.axis.node}"
 
     def _put(self, entry: Entry) -> None:
         self._count += 1
@@ -219,7 +219,7 @@ class _CycleCounter:
         if self._clock or 2 * self._steps[usual] <= self._count:
             if agrees:
                 return ""
-            return f"{text} tells of {told / MS:.1f} ms, {elapsed / MS:.1f} ms have passed"
+            return f"{text} claims {told / MS:.1f} ms, but {elapsed / MS:.1f} ms have passed"
         text += f", usual step {usual}"
         missing = step // usual - 1 if step % usual == 0 else 0
         return f"{text}, {missing} frame{'s' if missing > 1 else ''} missing" if missing > 0 else text
@@ -319,7 +319,7 @@ class _Exchange:
         if verdict in {Verdict.ACCEPTED, Verdict.PROVIDER_STOP}:
             if self._lost_since is not None:
                 silence = (now - self._last_frame) / MS
-                self._put(Event(now, 0, "PLC", f"frames again after {silence:.1f} ms"))
+                self._put(Event(now, 0, "PLC", f"frames are back after {silence:.1f} ms"))
                 self._lost_since = None
             self._last_frame = now
             self._step(now)
@@ -332,7 +332,7 @@ class _Exchange:
         judge.poll(now)
         for item, doubt in zip(self._order, judge.doubts, strict=True):
             if doubt is OrderDoubt.DROPPED and judge.orders_dropped > before and item.doubt is OrderDoubt.WAITS:
-                text = "a change of a control word stood in too few frames and may be an old frame: ignored"
+                text = "a change of a control word was sent in too few frames and may be an old frame: ignored"
                 self._put(Anomaly(now, item.axis.do_id, AnomalyKind.ORDER, text))
             item.doubt = doubt
 
@@ -379,18 +379,18 @@ class _Exchange:
             return
         self._unused += 1
         if self._unused == _UNUSED:
-            self._put(Anomaly(now, 0, AnomalyKind.DROPPED, "frames are not used by the gateway (IOCS BAD)"))
+            self._put(Anomaly(now, 0, AnomalyKind.DROPPED, "the gateway does not use the frames (IOCS BAD)"))
 
     def _unused_after(self, silence: int, now: int) -> Entry:
         """IOCS BAD after a silence: a loss, or a gateway that ends; of a watchdog that is not known both are possible."""
         text = f"no frame of the PLC for {silence / MS:.1f} ms"
         if self._factor is None:
-            text += ": the gateway has lost it or ends (IOCS BAD)"
+            text += ": the gateway has lost the PLC or is ending (IOCS BAD)"
         elif silence < self._watchdog_ns - self._cycle_ns // 2:
-            text += f", less than the watchdog's {self._watchdog_ns / MS:g} ms: IOCS BAD as when the gateway ends"
+            text += f", less than the watchdog time of {self._watchdog_ns / MS:g} ms: IOCS BAD as when the gateway ends"
             return Event(now, 0, "gateway", text)
         else:
-            text += ": the gateway has lost it (IOCS BAD)"
+            text += ": the gateway has lost the PLC (IOCS BAD)"
         return Anomaly(now, 0, AnomalyKind.WATCHDOG, text)
 
     def _watch(self, now: int) -> None:
@@ -401,7 +401,7 @@ class _Exchange:
             return
         self._lose()
         expiry = self._last_frame + watchdog_ns
-        known = "the watchdog's" if self._factor else "if its watchdog has the default"
+        known = "the watchdog's" if self._factor else "if the watchdog has its default"
         text = f"no frame of the PLC for {silence / MS:.1f} ms: lost after {watchdog_ns / MS:g} ms, {known}"
         self._put(Anomaly(expiry, 0, AnomalyKind.WATCHDOG, text))
         self._step(expiry)

@@ -77,18 +77,18 @@ class Clocks:
     @property
     def text(self) -> str:
         """Offset and quality for the reader."""
-        said = f"CAN clock {self.offset_ns / SECOND:+.6f} s from the PLC's"
+        said = f"the CAN clock differs by {self.offset_ns / SECOND:+.6f} s from the clock of the PLC's frames"
         if self.origin == "given":
             return f"{said}, as given"
         if self.exact:
             return ONE_CLOCK
         if self.origin == "not known":
-            return "no edges in common: offset not known, taken as one clock"
-        quality = f"{self.pairs} of {self.edges} edges agree, uncertainty {self.uncertainty_ns / MS:.3f} ms"
+            return "no edges in common: clock offset unknown, both captures are treated as one clock"
+        quality = f"{self.pairs} of {self.edges} edges match, uncertainty {self.uncertainty_ns / MS:.3f} ms"
         if self.offset_ns == 0:
-            said = "the clocks agree"
+            said = "the clocks match"
         if self.ambiguous:
-            quality += f"; AMBIGUOUS: another offset fits {self.rivals} edges"
+            quality += f"; AMBIGUOUS: another offset matches {self.rivals} edges"
         return f"{said}: {quality}"
 
 

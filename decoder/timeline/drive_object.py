@@ -64,7 +64,7 @@ class ObjectFollower:
             return
         if bad is None:
             who = "of the PLC" if direction is Direction.SETPOINT else "of the gateway"
-            entry = Anomaly(now, self.axis.do_id, AnomalyKind.IOPS_BAD, f"data {who} bad to the end")
+            entry = Anomaly(now, self.axis.do_id, AnomalyKind.IOPS_BAD, f"data {who} bad until the end")
             self._bad[direction] = _Bad(who, entry)
             self._put(entry)
             return

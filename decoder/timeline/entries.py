@@ -128,7 +128,7 @@ class ReasonChange:
             "time_ns": self.time_ns,
             "axis": self.do_id,
             "reason": self.reason.name if self.reason else None,
-            "text": self.reason.value if self.reason else "obeys the PLC",
+            "text": self.reason.value if self.reason else "in operation",
             "settling": self.settling,
         }
 
@@ -143,12 +143,12 @@ class AnomalyKind(enum.Enum):
     WATCHDOG = "watchdog gaps"
     IOPS_BAD = "IOPS BAD"
     HANDSHAKE = "missed handshakes"
-    MODE = "mode not confirmed"
+    MODE = "mode of operation not confirmed"
     EMERGENCY = "EMCY"
     LEFT_OPERATION = "drive left operation by itself"
     GATEWAY_FAULT = "faults of the gateway"
     ORDER = "dropped changes of control words"
-    DIFFERENCE = "not what today's rules give"
+    DIFFERENCE = "differs from the rules of this version"
 
 
 @dataclass

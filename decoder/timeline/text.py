@@ -94,7 +94,7 @@ def summary_lines(summary: Summary, clocks: Clocks, assumed: Sequence[str] = ())
             values = "".join(f"{value / MS:>10.3f}" for value in (item.p50_ns, item.p99_ns, item.max_ns))
             yield f"{item.name:<28}{item.count:>7}{values}"
     for reason, count in summary.refusals.items():
-        yield f"edges that came to: {reason.value}: {count}"
+        yield f"commands without effect: {reason.value}: {count}"
     if not summary.anomalies:
         yield "anomalies: none"
     for kind, count in summary.anomalies.items():

@@ -152,7 +152,7 @@ class Filter:
             if type(item) not in _COMPARISONS:
                 raise _refused(node, "==, !=, <, <=, >, >=, in")
             if isinstance(item, ast.In | ast.NotIn) and not isinstance(right, ast.Tuple | ast.List | ast.Set):
-                raise _refused(node, "a list behind in, like axis in (1, 2)")
+                raise _refused(node, "a list after in, like axis in (1, 2)")
             operators.append(_COMPARISONS[type(item)])
 
         def evaluate(record: Record, unit: ProcessData | None) -> bool | None:
@@ -193,7 +193,7 @@ def _plain(value: Any) -> Any:
 
 def _number(node: ast.expr, value: Any) -> int | float:
     if not isinstance(value, int | float):
-        raise _refused(node, "numbers in a calculation")
+        raise _refused(node, "numbers in an arithmetic operation")
     return value
 
 

@@ -62,7 +62,7 @@ class Missing(NamedTuple):
         if not self.keys:
             return self.why
         short = ", ".join(line.partition("  #")[0] for line in self.lines)
-        return f"{self.why}; to paste into its [[axis]] and fill in: {short}"
+        return f"{self.why}; paste into its [[axis]] and fill in: {short}"
 
 
 def missing(scaling: Scaling, needed: tuple[Quantity, ...], *, converts: bool) -> Missing:
@@ -72,6 +72,6 @@ def missing(scaling: Scaling, needed: tuple[Quantity, ...], *, converts: bool) -
     for attribute, what, key in _UNITS if converts else ():
         if getattr(scaling, attribute) is None and key not in keys:
             if not parts or key not in parts[0]:
-                parts.append(f"{what}: not known, {key} settles it")
+                parts.append(f"{what}: unknown, set {key}")
             keys.append(key)
     return Missing("; ".join(parts), tuple(keys))

@@ -23,7 +23,7 @@ class Kind(enum.Enum):
 
     SPEED = "speed"
     TORQUE = "speed with torque reduction"
-    LOAD = "speed with what the motor delivers"
+    LOAD = "speed with actual values of the motor"
     DSC = "dynamic servo control"
     POSITIONING = "positioning"
     POSITIONER = "positioner"

@@ -205,8 +205,8 @@ class Scan:
     def _refuse_masters(self) -> None:
         if self._master:
             raise GatewayError(
-                f"CAN bus {self.network.name}: a master sends {self._master}, allowed: none while the bus is scanned; "
-                "end it, or ask it (pdgw status, pdgw param)"
+                f"CAN bus {self.network.name}: a master sends {self._master}; allowed during a scan: none. End "
+                "it, or query it instead (pdgw status, pdgw param)"
             )
 
     # -- one node -------------------------------------------------------------------------------------------------------
@@ -221,7 +221,8 @@ class Scan:
         if node_id not in self._answered:
             heard = found.nmt_state or "not heard"
             found.notes.append(
-                f"answers no SDO ({heard})" + (f": {expected.what} of the configuration is missing" if expected else "")
+                f"no answer to SDO ({heard})"
+                + (f": {expected.what} of the configuration is missing" if expected else "")
             )
             return found
         try:
@@ -243,7 +244,8 @@ class Scan:
         sheet = self._sheet(found, expected)
         if expected is not None and found.profile != expected.profile:
             found.notes.append(
-                f"{expected.what} of the configuration is a device of profile {expected.profile}, not of this one"
+                f"{expected.what} of the configuration needs device profile {expected.profile}; this device has "
+                "another one"
             )
             expected = None
         if found.profile == DRIVE_PROFILE:
@@ -252,7 +254,7 @@ class Scan:
             _describe_encoder(node, found)
         else:
             found.notes.append(
-                f"device profile {found.profile}: neither a drive (402) nor an encoder (406), no telegram is for it"
+                f"device profile {found.profile}: neither a drive (402) nor an encoder (406), no telegram supports it"
             )
 
     def _sheet(self, found: FoundNode, expected: Expected | None) -> Sheet | None:
@@ -263,22 +265,22 @@ class Scan:
             wanted = sheet.identity
             if any(told and told != seen for told, seen in zip(wanted, identity, strict=True)):
                 found.notes.append(
-                    f"{sheet.path} is of vendor-ID {wanted[0]:08X}h, product code {wanted[1]:08X}h: another device, "
-                    "pdgw run refuses it"
+                    f"{sheet.path} belongs to vendor-ID {wanted[0]:08X}h, product code {wanted[1]:08X}h: another "
+                    "device, pdgw run rejects it"
                 )
                 return None
         else:
             fitting = [sheet for sheet in self.sheets if sheet.identity == identity]
             if not fitting:
                 if self.sheets:
-                    found.notes.append("none of the data sheets is of this device")
+                    found.notes.append("no data sheet belongs to this device")
                 return None
             sheet = fitting[0]
             sheet = Sheet(sheet.path, _dictionary(sheet.path, found.node_id))
         found.eds = sheet.path
         revision = sheet.dictionary.device_information.revision_number
         if revision and found.revision is not None and revision != found.revision:
-            found.notes.append(f"{sheet.path} is of revision {revision:08X}h")
+            found.notes.append(f"{sheet.path} has revision {revision:08X}h")
         return sheet
 
     def _describe_drive(self, node: Inquiry, found: FoundNode, sheet: Sheet | None, expected: Expected | None) -> None:
@@ -290,7 +292,7 @@ class Scan:
             return
         found.drive = drive
         found.lacks = dict(lacks_by_telegram(drive))
-        found.notes.append(f"when the gateway dies, what stops it is {_guarding(node, drive, settings)}")
+        found.notes.append(f"if the gateway dies, this device is stopped by {_guarding(node, drive, settings)}")
         if expected is None:
             return
         if expected.settings is not None:
@@ -319,11 +321,11 @@ def _guarding(node: Inquiry, drive: DriveType, settings: DriveSettings) -> str:
     if not found.refusal:
         return found.text
     if settings.allow_unguarded:
-        return f"{found.text}; pdgw run operates it all the same (allow_unguarded = true)"
+        return f"{found.text}; pdgw run operates it because allow_unguarded = true"
     by_sync = ""
     if wanted.sync_loss_periods and not wanted.sync_period_us:
-        by_sync = " or a telegram with SYNC in a cyclic synchronous mode, without which drives of this family stop"
-    return f"{found.text}; pdgw run refuses it without allow_unguarded = true{by_sync}"
+        by_sync = ", or use a telegram with SYNC in a cyclic synchronous mode: drives of this family stop without SYNC"
+    return f"{found.text}; pdgw run rejects it; set allow_unguarded = true{by_sync}"
 
 
 def _describe_encoder(node: Inquiry, found: FoundNode) -> None:

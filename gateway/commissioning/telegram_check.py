@@ -45,7 +45,7 @@ def lacks(drive: DriveType, number: int, settings: AxisSettings = _USUAL) -> str
     mode = initial_mode(number, _form(settings))
     # A speed is followed in one of several modes, of which the executor knows.
     if mode is not None and mode is not Mode.VELOCITY and mode.value not in drive.modes:
-        return f"modes of the drive (6502h): no {mode.value} ({MODE_NAMES[mode]})"
+        return f"modes of the drive (6502h): {mode.value} ({MODE_NAMES[mode]}) is missing"
     lacking = AxisMachine(number, settings, DriveFeedback()).lacking(drive, homing_method=0)
     if lacking:
         return lacking

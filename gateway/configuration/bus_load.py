@@ -124,7 +124,8 @@ def check_cycle(name: str, found: Sequence[Latest]) -> None:
     if late:
         worst = max(late, key=lambda item: math.inf if item.response is None else item.response / item.deadline)
         raise CanopenError(
-            f"bus {name}: worst-case response time of {len(late)} of {len(found)} frames, {worst.frame.name} the latest",
+            f"bus {name}: worst-case response time of {len(late)} of {len(found)} frames is too long; "
+            f"{worst.frame.name} is the latest",
             "no bound" if worst.response is None else f"{worst.response / MS:.2f} ms",
             f"at most {worst.deadline / MS:g} ms: raise cycle_time_ms, tpdo_inhibit_us or bitrate, or use fewer axes per bus",
         )

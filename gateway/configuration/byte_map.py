@@ -83,12 +83,15 @@ def _frame_map(config: GatewayConfig, direction: Direction) -> FrameMap:
     for position, item in enumerate(config.objects):
         half, offset = layout.halves[position], layout.offsets[position]
         iops, iocs = layout.iops[position], layout.iocs[position]
-        states = ((iops, "IOPS", "these data are valid"), (iocs, "IOCS", f"the {other} of the axis are used"))
+        states = (
+            (iops, "IOPS", "the gateway uses the {1} of the axis"),
+            (iocs, "IOCS", f"the {other} of the axis are used"),
+        )
         places = _signals(item, half, offset)
         places += [Place(at, 1, name, "BYTE", item.do_id, full=_GOOD, description=text) for at, name, text in states]
         axes.append(AxisMap(item.do_id, half, offset, iops, iocs, tuple(places)))
     of_frame = [
-        Place(0, HEADER.size, "FrameID", "WORD", description="the same in every frame"),
+        Place(0, HEADER.size, "FrameID", "WORD", description="constant"),
         Place(layout.trailer, 2, "CycleCounter", "WORD", full=f"step {counter_step(config)}", description="31.25 us"),
         Place(layout.trailer + 2, 1, "DataStatus", "BYTE", full=f"{STATUS_NORMAL:02X}h running"),
         Place(layout.trailer + 3, 1, "TransferStatus", "BYTE", full="0"),

@@ -36,12 +36,12 @@ def _interface(name: str) -> str:
     if name not in BACKENDS:
         close = difflib.get_close_matches(name, BACKENDS, n=1)
         hint = f"did you mean {close[0]}? " if close else ""
-        return f"no interface of python-can, {hint}allowed: {', '.join(sorted(BACKENDS))}"
+        return f"not an interface of python-can; {hint}allowed: {', '.join(sorted(BACKENDS))}"
     module, attribute = BACKENDS[name]
     try:
         getattr(import_module(module), attribute)
     except Exception as error:  # whatever a driver raises that finds its library or its system missing
-        return f"its driver cannot be loaded on this machine ({type(error).__name__}: {error})"
+        return f"the driver cannot be loaded on this machine ({type(error).__name__}: {error})"
     return ""
 
 

@@ -83,7 +83,7 @@ def _fraction(value: object) -> object:
     try:
         return Fraction(str(value).replace(" ", ""))
     except (ValueError, ZeroDivisionError) as error:
-        raise ValueError(f'{value!r} is no number or ratio, expected such as 3000, 0.5 or "10/3"') from error
+        raise ValueError(f'{value!r} is not a number or ratio, expected for example 3000, 0.5 or "10/3"') from error
 
 
 Ratio = Annotated[Fraction, BeforeValidator(_fraction), Field(gt=0, le=10**12)]
@@ -186,7 +186,7 @@ class AxisConfig(DriveObjectSection):
     @model_validator(mode="after")
     def _jog_is_whole(self) -> AxisConfig:
         if (self.jog_1_speed_rpm is None) != (self.jog_2_speed_rpm is None):
-            raise ValueError("jog_1_speed_rpm and jog_2_speed_rpm: only one is there, allowed: both or none")
+            raise ValueError("jog_1_speed_rpm and jog_2_speed_rpm: only one is set; set both or none")
         return self
 
     @model_validator(mode="after")
@@ -209,8 +209,8 @@ class AxisConfig(DriveObjectSection):
     def _silence_is_a_loss(self) -> AxisConfig:
         if self.tpdo_inhibit_us is not None and self.tpdo_inhibit_us > self.tpdo_event_ms * US_PER_MS:
             raise misplaced(
-                f"tpdo_inhibit_us = {self.tpdo_inhibit_us} is longer than tpdo_event_ms = {self.tpdo_event_ms}: the drive "
-                f"would count as lost, allowed: 0 to {self.tpdo_event_ms * US_PER_MS}",
+                f"tpdo_inhibit_us = {self.tpdo_inhibit_us} is longer than tpdo_event_ms = {self.tpdo_event_ms}: "
+                f"the gateway would report the drive as lost; allowed: 0 to {self.tpdo_event_ms * US_PER_MS}",
                 "tpdo_inhibit_us",
             )
         return self
@@ -342,7 +342,7 @@ class GatewayConfig(Section):
         _no_twice("interface and channel", ends, buses, "channel")
         transport = self.transport
         if transport.cyclic_port == transport.acyclic_port != 0:
-            text = f"cyclic_port and acyclic_port: both are {transport.cyclic_port}, each must be different"
+            text = f"cyclic_port and acyclic_port are both {transport.cyclic_port}; set two different ports"
             raise misplaced(text, "transport", "acyclic_port")
         if not self.objects:
             raise misplaced("[[axis]] or [[encoder]]: at least one is needed")
@@ -351,9 +351,11 @@ class GatewayConfig(Section):
         _no_twice("name", [name for _, name in named], [place for place, _ in named], "name")
         for place, item in zip(self._places, self.objects, strict=True):
             if item.can is not None and item.can not in names:
-                raise misplaced(f'can = "{item.can}" is no [[can]] name, allowed: {names}', *place, "can")
+                raise misplaced(
+                    f'can = "{item.can}" is not the name of a [[can]] table, allowed: {names}', *place, "can"
+                )
             if item.can is None and len(names) > 1:
-                raise misplaced(f"can is missing, allowed with several buses: {names}", *place)
+                raise misplaced(f"can is missing: several buses need it; allowed: {names}", *place)
         self._check_nodes()
         self._check_sensors()
         try:
@@ -402,8 +404,8 @@ class GatewayConfig(Section):
                     channel_places.append(place)
                     if first.device_keys != item.device_keys:
                         raise misplaced(
-                            f"do_id {item.do_id} differs from do_id {first.do_id}, another channel of node {item.node_id}, "
-                            "in something that belongs to the device",
+                            f"do_id {item.do_id} differs from do_id {first.do_id}, another channel of node "
+                            f"{item.node_id}, in a key that applies to the whole device",
                             *place,
                         )
             _no_twice(f"node_id on bus {bus.name}", nodes, node_places, "node_id")
@@ -419,14 +421,14 @@ class GatewayConfig(Section):
                 problem = ""
                 if value is not None and axis.telegram not in numbers:
                     dsc = key == "g1" and axis.telegram in DSC_TELEGRAM_NUMBERS
-                    reason = "closes its loop with the drive's position (DSC)" if dsc else f"has no {key.upper()}"
+                    reason = "closes its position loop in the drive (DSC)" if dsc else f"has no {key.upper()}"
                     problem = f": telegram {axis.telegram} {reason}, allowed with telegram {list(numbers)}"
                 elif isinstance(value, int) and value not in encoders:
-                    problem = f" is no do_id of an [[encoder]], allowed: {encoders}"
+                    problem = f" is not the do_id of an [[encoder]], allowed: {encoders}"
                 if problem:
                     raise misplaced(f"{key} = {value}{problem}", "axis", number, key)
             if axis.g2 is not None and axis.g2 == axis.g1:
-                text = f"g2 = {axis.g2} is G1 already: one encoder has one control word, allowed: another one"
+                text = f"g2 = {axis.g2} is already used by g1; one encoder has one control word: set another encoder"
                 raise misplaced(text, "axis", number, "g2")
 
     def encoders_of(self, bus: CanConfig) -> dict[int, list[EncoderConfig]]:
@@ -445,4 +447,4 @@ class GatewayConfig(Section):
 def _no_twice(what: str, values: Sequence[Any], places: Sequence[Place], key: str) -> None:
     for position, (value, place) in enumerate(zip(values, places, strict=True)):
         if value in values[:position]:
-            raise misplaced(f"{what}: {value!r} is used twice, each must be different", *place, key)
+            raise misplaced(f"{what}: {value!r} is used twice; each must be different", *place, key)

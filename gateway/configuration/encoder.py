@@ -49,7 +49,7 @@ class EncoderConfig(DriveObjectSection):
                 f"telegram = {self.telegram} is not supported, allowed: {list(ENCODER_TELEGRAM_NUMBERS)}", "telegram"
             )
         if self.channel > 1 and self.model is not EncoderModel.MULTI_SENSOR:
-            text = f'channel = {self.channel}: only model = "{EncoderModel.MULTI_SENSOR.value}" has several'
+            text = f'channel = {self.channel}: only model = "{EncoderModel.MULTI_SENSOR.value}" has several channels'
             raise misplaced(text, "channel")
         return self
 

@@ -75,7 +75,7 @@ class CanConfig(BaseModel):
         for key in self.extra:
             close = difflib.get_close_matches(key, type(self).model_fields, n=1, cutoff=_MISSPELT)
             if close:
-                raise misplaced(f"{key}: unknown key, did you mean {close[0]}?", key)
+                raise misplaced(f"{key}: unknown key; did you mean {close[0]}?", key)
         return self
 
     @property
@@ -141,23 +141,23 @@ class TransportConfig(Section):
     @model_validator(mode="after")
     def _snmp_writes_by_another_community(self) -> TransportConfig:
         if self.snmp_write_community is not None and self.snmp_community in {None, self.snmp_write_community}:
-            raise misplaced("snmp_write_community: allowed with another snmp_community only", "snmp_write_community")
+            raise misplaced("snmp_write_community: needs a different snmp_community", "snmp_write_community")
         return self
 
     @model_validator(mode="after")
     def _is_one_transport(self) -> TransportConfig:
         if self.type == "profinet" and self.direct:
-            raise misplaced('direct: has a meaning with type = "udp" only, PROFINET is direct', "direct")
+            raise misplaced('direct: allowed only with type = "udp" (PROFINET is always direct)', "direct")
         if self.type == "profinet" and self.interface is None:
-            raise misplaced('interface is missing, needed with type = "profinet", for example "eth1"', "type")
+            raise misplaced('interface is missing: type = "profinet" needs it, for example "eth1"', "type")
         if self.type != "profinet":
             if not self.station_name:
                 raise misplaced('station_name: may be empty with type = "profinet" only', "station_name")
             for key in ("interface", "ip", "router", "snmp_community", "snmp_write_community", "switchover_ms"):
                 if getattr(self, key) is not None:
-                    raise misplaced(f'{key}: has a meaning with type = "profinet" only', key)
+                    raise misplaced(f'{key}: allowed only with type = "profinet"', key)
         elif self.router is not None and (self.ip is None or self.router not in self.ip.network):
-            raise misplaced("router: allowed is an address of the network of ip, which must be given too", "router")
+            raise misplaced("router: must be an address in the network of ip, and ip must be set", "router")
         elif self.ip_suite is not None:
             try:
                 self.ip_suite.check()
@@ -169,8 +169,8 @@ class TransportConfig(Section):
     def _peer_is_known(self) -> TransportConfig:
         if not self.listen.is_loopback and self.peer is None:
             raise misplaced(
-                f"peer is missing: listen = {self.listen} is reached by others than programs on this machine, and whoever sends "
-                "the first frames would move the drives; peer is the address of the PLC",
+                f"peer is missing: other computers can reach listen = {self.listen}, and the first sender would "
+                "control the drives; set peer to the address of the PLC",
                 "peer",
             )
         return self

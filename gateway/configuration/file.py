@@ -51,7 +51,7 @@ def load_config(file: str | PathLike[str]) -> GatewayConfig:
     encoders = tuple(_beside(encoder, path) for encoder in config.encoder)
     sections: tuple[tuple[str, Sequence[AxisConfig | EncoderConfig]], ...] = (("axis", axes), ("encoder", encoders))
     missing = [
-        told(Problem((section, number, "eds"), repr(str(item.eds)), "is not a file"), text, str(path), SECTIONS)
+        told(Problem((section, number, "eds"), repr(str(item.eds)), "not a file"), text, str(path), SECTIONS)
         for section, items in sections
         for number, item in enumerate(items)
         if item.eds is not None and not item.eds.is_file()

@@ -109,7 +109,7 @@ class PositionerConfig(BaseModel):
         if self.modulo_correction and not self.modulo_range:
             raise ValueError("modulo_correction = true: needs modulo_range above 0")
         if self.modulo_correction and self.software_limits is not None:
-            raise ValueError("software_limits: not with modulo_correction, such an axis has no end")
+            raise ValueError("software_limits: not allowed with modulo_correction, because such an axis has no end")
         if self.modulo_correction and not 0 <= self.reference_coordinate < self.modulo_range:
             text = f"reference_coordinate = {self.reference_coordinate}: allowed 0 to {self.modulo_range - 1}"
             raise ValueError(f"{text} with modulo_correction")

@@ -32,10 +32,10 @@ def read_text(path: Path) -> str:
         with path.open("rb") as file:
             data = file.read(FILE_MAX + 1)
         if len(data) > FILE_MAX:
-            raise GatewayError(f"{path}: longer than {FILE_MAX} bytes; is it the right file?")
+            raise GatewayError(f"{path}: longer than {FILE_MAX} bytes; check that it is the right file")
         return data.decode("utf-8-sig")
     except OSError as error:
-        raise GatewayError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise GatewayError(f"{path}: cannot be read ({error.strerror or error})") from error
     except UnicodeDecodeError as error:
         raise GatewayError(
             f"{path}: cannot be read: byte {error.start} is not UTF-8; save the file as UTF-8"
@@ -98,7 +98,7 @@ def check_depth(document: object, name: str) -> None:
         level = [inner for item in level for inner in _inside(item)]
         if not level:
             return
-    raise GatewayError(f"{name}: nested deeper than {DEPTH_MAX} levels; no file of ours is")
+    raise GatewayError(f"{name}: nested deeper than {DEPTH_MAX} levels; no configuration of the gateway needs that")
 
 
 def _inside(item: object) -> Collection[object]:
@@ -110,9 +110,9 @@ def _inside(item: object) -> Collection[object]:
 def _hint(message: str) -> str:
     twice = _TWICE.search(message)
     if twice is not None:
-        return f"; several of them are written [[{twice[1]}]], each"
+        return f"; write [[{twice[1]}]] before each of them"
     if _ARRAY_AND_TABLE.search(message):
-        return "; is a table written [..] in one place and [[..]] in another?"
+        return "; check that a table is not written [..] in one place and [[..]] in another"
     return ""
 
 

@@ -29,7 +29,7 @@ def split_address(text: str) -> tuple[str, int]:
     except ValueError:
         number = -1
     if not 0 <= number <= 0xFFFF:
-        raise ValueError(f'{text!r} is no address with a port, expected such as "127.0.0.1:{WEB_PORT}"')
+        raise ValueError(f'{text!r} is not an address with a port, expected for example "127.0.0.1:{WEB_PORT}"')
     return host, number
 
 
@@ -42,7 +42,7 @@ def _is_host(text: str) -> str:
     try:
         text.encode("idna")  # as who connects does, on a thread that would end with the error
     except UnicodeError:
-        raise ValueError(f"{text!r} is no name or address of a computer") from None
+        raise ValueError(f"{text!r} is not a host name or address") from None
     return text
 
 
@@ -71,15 +71,16 @@ class WebConfig(Section):
     def _is_guarded(self) -> WebConfig:
         address = ipaddress.ip_address(self.address[0])
         if not address.is_loopback and self.token_file is None:
-            text = f"token_file is missing: listen = {self.listen} is reached by others than programs on this machine"
+            text = f"token_file is missing: other computers can reach listen = {self.listen}"
             raise misplaced(text, "listen")
         if address.is_unspecified and not self.hosts:
             text = (
-                f"hosts is missing: listen = {self.listen} is no name a browser can ask for; hosts has those it may use"
+                f"hosts is missing: a browser cannot open listen = {self.listen}; list the names of this "
+                "machine in hosts"
             )
             raise misplaced(text, "listen")
         if (self.tls_cert is None) != (self.tls_key is None):
-            raise misplaced("tls_cert and tls_key: one needs the other", "tls_cert" if self.tls_cert else "tls_key")
+            raise misplaced("tls_cert and tls_key: set both or none", "tls_cert" if self.tls_cert else "tls_key")
         return self
 
 
@@ -101,5 +102,5 @@ class MqttConfig(Section):
         if self.password_file is not None and self.username is None:
             raise misplaced("password_file needs username", "password_file")
         if self.ca_file is not None and not self.tls:
-            raise misplaced("ca_file has a meaning with tls = true only", "ca_file")
+            raise misplaced("ca_file: allowed only with tls = true", "ca_file")
         return self

@@ -51,9 +51,9 @@ class Verdict(enum.Enum):
     OVERSIZED = "oversized"
     WRONG_FRAME_ID = "wrong FrameID"
     STALE = "stale cycle counter"
-    UNCONFIRMED = "not connected yet: waits for more frames in sequence"
-    OVERDUE = "waited in the gateway for longer than the watchdog time"
-    WRONG_TELEGRAM = "data behind the last object: the PLC sends another telegram or more axes"
+    UNCONFIRMED = "not connected yet: the gateway waits for more frames in sequence"
+    OVERDUE = "delayed in the gateway for longer than the watchdog time"
+    WRONG_TELEGRAM = "data after the last object: the PLC sends another telegram or more axes"
     NOT_VALID = "data not valid"
     NOT_PRIMARY = "not primary"
 
@@ -343,7 +343,7 @@ class CyclicEndpoint:
                 self.setpoints[index] = values[index]
             elif put is not None and put != in_force:
                 kept = self.setpoints[index]
-                assert kept is not None, "an order is in force"
+                assert kept is not None, "an unconfirmed order exists"
                 self.setpoints[index] = confirmation.orders.applied(put, kept)
             self._in_force[index] = put
 

@@ -126,23 +126,31 @@ class UdpLink:
             counters.add("link", verdict.name.lower(), "frames", verdict.value, partial(self._count_of, verdict))
         counters.add("link", "sent", "frames", "to the PLC", lambda: self.endpoint.sent)
         counters.add(
-            "link", "skipped", "frames", "overtaken by a newer one before the axes saw them", lambda: self.skipped
+            "link", "skipped", "frames", "overtaken by a newer frame before the axes read them", lambda: self.skipped
         )
         counters.add(
-            "link", "watchdog_expiries", "times", "no valid frame in time", lambda: self.endpoint.watchdog_expiries
+            "link",
+            "watchdog_expiries",
+            "times",
+            "timeouts: no valid frame in time",
+            lambda: self.endpoint.watchdog_expiries,
         )
         counters.add(
-            "link", "iops_bad", "values", "of a drive object marked bad by the PLC", lambda: self.endpoint.iops_bad
+            "link",
+            "iops_bad",
+            "values",
+            "data of a drive object that the PLC marked as bad",
+            lambda: self.endpoint.iops_bad,
         )
         counters.add(
             "link",
             "orders_dropped",
             "changes",
-            "of a control word that may be old frames: too short",
+            "control words sent in too few frames, may be old frames",
             lambda: self.endpoint.orders_dropped,
         )
         counters.add(
-            "link", "errors", "datagrams", "not sent or not received: the peer is away", lambda: self.port.errors
+            "link", "errors", "datagrams", "send or receive failed: peer not reachable", lambda: self.port.errors
         )
 
     def _count_of(self, verdict: Verdict) -> int:

@@ -37,10 +37,10 @@ _FOLLOWED: Final = 8
 class Order(enum.Enum):
     """What the counter of a frame says."""
 
-    NEXT = "of the present sequence, and newer than its last frame"
-    STALE = "not newer, or ahead of the time that passed"
-    UNCONFIRMED = "of a sequence that is not long enough yet"
-    RESTARTED = "completes another sequence while the present one is silent"
+    NEXT = "in sequence, and newer than the last frame"
+    STALE = "not newer, or ahead of the elapsed time"
+    UNCONFIRMED = "part of another sequence that is not long enough yet"
+    RESTARTED = "completes another sequence while the current one is silent"
 
 
 class _Run:

@@ -131,11 +131,11 @@ class BlockTable:
         self._blocks: dict[int, Block] = {}
         for block in blocks:
             if block.number in self._blocks:
-                raise GatewayError(f"block {block.number}: is there twice, each number once is allowed")
+                raise GatewayError(f"block {block.number}: defined twice; define each number once")
             self._blocks[block.number] = block
         for block in self._blocks.values():
             if block.follower is not None and block.follower not in self._blocks:
-                raise GatewayError(f"block {block.number}: goes on with block {block.follower}, which is missing")
+                raise GatewayError(f"block {block.number}: continues with block {block.follower}, which is missing")
         for block in self._blocks.values():
             self._check_ring(block)
 
@@ -144,7 +144,7 @@ class BlockTable:
         block: Block | None = first
         while block is not None and not block.task.moves and not (block.task is BlockTask.WAIT and block.value):
             if block.number in seen:
-                raise GatewayError(f"block {first.number}: its chain is a ring that never moves or waits")
+                raise GatewayError(f"block {first.number}: the chain is a loop without a motion or a wait")
             seen.add(block.number)
             block = None if block.follower is None else self._blocks[block.follower]
 

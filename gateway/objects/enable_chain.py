@@ -121,7 +121,7 @@ class _Chain:
             return True
         match client.status:
             case NodeStatus.REFUSED:
-                self.breaks(Reason.NODE_REFUSED, f"node {self.item.node_id} is refused: {client.status_text}")
+                self.breaks(Reason.NODE_REFUSED, f"node {self.item.node_id} is rejected: {client.status_text}")
             case NodeStatus.CONFIGURING:
                 self.breaks(Reason.NODE_CONFIGURING, f"node {self.item.node_id} is being configured")
             case NodeStatus.ONLINE:
@@ -201,7 +201,7 @@ def _judge_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
     if state in FAULTY:
         chain.judge_fault(Reason.DRIVE_FAULT)
     elif state is None:
-        chain.breaks(Reason.DRIVE_UNKNOWN_STATE, f"Statusword {statusword:04X}h is no state of a CiA 402 drive")
+        chain.breaks(Reason.DRIVE_UNKNOWN_STATE, f"Statusword {statusword:04X}h is not a state of a CiA 402 drive")
     elif machine.check.locked:
         chain.judge_own_fault(Reason.UNITS_CONTRADICTED, FaultNumber.VELOCITY)
     elif not machine.usable:
@@ -217,7 +217,7 @@ def _judge_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
     elif state is State.OPERATION_ENABLED:
         chain.holds(Enable.OPERATION)
     elif commanded and state is not None and machine.demand.power is not PowerWish.ON:
-        chain.breaks(Reason.NOT_OPERATING, f"ON is commanded, and the drive shows {state.value}")
+        chain.breaks(Reason.NOT_OPERATING, f"ON is commanded, but the drive reports {state.value}")
 
 
 def _judge_command(chain: _Chain, axis: Axis) -> None:

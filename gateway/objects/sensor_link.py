@@ -48,5 +48,5 @@ class SensorLink:
             self._future = None
             error = future.exception()
             if error is not None:
-                log.warning("axis %d: preset of G%d refused: %s", self._do_id, place + 1, error)
+                log.warning("axis %d: preset of G%d rejected: %s", self._do_id, place + 1, error)
             machine.inputs.news.append(PresetAnswer(preset, None if error is None else str(error)))

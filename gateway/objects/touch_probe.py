@@ -81,7 +81,7 @@ class ProbeReader:
 
 def dropped(wish: ProbeWish, status: int) -> ProbeAnswer:
     """60B9h shows neither a position nor that the probe is enabled."""
-    return ProbeAnswer(wish, {}, f"60B9h = {status:04X}h: the drive has dropped it")
+    return ProbeAnswer(wish, {}, f"60B9h = {status:04X}h: the drive has disabled the touch probe")
 
 
 def refused(wish: ProbeWish, abort: int) -> ProbeAnswer:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pdgw.gateway.links.profinet.link import ProfinetLink
 
 _AT_ONCE = 16
-_CALL = "a call of the record port was ended"
+_CALL = "a call of the record port was aborted"
 
 
 class AcyclicServer:
@@ -50,9 +50,9 @@ class AcyclicServer:
         self._filled = Event(daemon.loop)
         self._task: Task | None = None
         add = daemon.loop.counters.add
-        add("records", "malformed", "datagrams", "that were no RPC packets", lambda: self.server.malformed)
+        add("records", "malformed", "datagrams", "not RPC packets", lambda: self.server.malformed)
         add("records", "repeated", "calls", "answered again", lambda: self.server.repeated)
-        add("records", "errors", "datagrams", "not sent or not received", lambda: self.port.errors)
+        add("records", "errors", "datagrams", "send or receive failed", lambda: self.port.errors)
 
     @property
     def address(self) -> Address:

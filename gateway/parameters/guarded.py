@@ -43,8 +43,8 @@ class Check(enum.Enum):
     """What has to follow a write, before the axis may be switched on again."""
 
     NOTHING = "nothing: the gateway has no copy of it"
-    REFERENCES = "the references are read again"
-    CONFIGURATION = "the node is brought up again: identity, PDOs, guarding, references"
+    REFERENCES = "the gateway reads the references again"
+    CONFIGURATION = "the gateway configures the node again: identity, PDOs, guarding, references"
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,54 +58,58 @@ class GuardedRange:
 
 
 GUARDED: tuple[GuardedRange, ...] = (
-    GuardedRange(SYNC_COB_ID, SYNC_WINDOW, "SYNC: TPDOs that wait for it would stop", Check.CONFIGURATION),
+    GuardedRange(SYNC_COB_ID, SYNC_WINDOW, "SYNC: TPDOs that wait for SYNC would stop", Check.CONFIGURATION),
     GuardedRange(
-        STORE_PARAMETERS, STORE_PARAMETERS, "storing keeps a drive busy: it may not answer its stop", Check.NOTHING
+        STORE_PARAMETERS, STORE_PARAMETERS, "storing: the drive may not react to a stop while it stores", Check.NOTHING
     ),
-    GuardedRange(RESTORE_PARAMETERS, RESTORE_PARAMETERS, "restoring changes everything below", Check.CONFIGURATION),
+    GuardedRange(
+        RESTORE_PARAMETERS, RESTORE_PARAMETERS, "restoring: changes all parameters below", Check.CONFIGURATION
+    ),
     GuardedRange(
         EMCY_COB_ID,
         PRODUCER_HEARTBEAT,
-        "EMCY and heartbeats: faults untold, a dead gateway unnoticed",
+        "EMCY and heartbeats: faults would not be reported, and the loss of the gateway would not be noticed",
         Check.CONFIGURATION,
     ),
-    GuardedRange(ERROR_BEHAVIOUR, ERROR_BEHAVIOUR, "what the node does in an error: its PDOs may end", Check.NOTHING),
+    GuardedRange(ERROR_BEHAVIOUR, ERROR_BEHAVIOUR, "error behaviour of the node: its PDOs may stop", Check.NOTHING),
     GuardedRange(
         SDO_SERVERS[0], SDO_SERVERS[-1], "SDO servers: the gateway would lose its access", Check.CONFIGURATION
     ),
-    GuardedRange(SDO_CLIENTS[0], SDO_CLIENTS[-1], "SDO clients: the drive would write to others", Check.CONFIGURATION),
+    GuardedRange(
+        SDO_CLIENTS[0], SDO_CLIENTS[-1], "SDO clients: the drive would write to other nodes", Check.CONFIGURATION
+    ),
     GuardedRange(
         PDO_PARAMETERS[0],
         PDO_PARAMETERS[-1],
-        "PDOs: the drive would not get its stop, or the gateway not see it",
+        "PDOs: the drive would not receive its stop, or the gateway would not see it",
         Check.CONFIGURATION,
     ),
     GuardedRange(NMT_STARTUP, NMT_STARTUP, "NMT start-up: the drive would start by itself", Check.CONFIGURATION),
-    GuardedRange(ABORT_OPTION, ABORT_OPTION, "what the drive does when the gateway dies", Check.CONFIGURATION),
+    GuardedRange(ABORT_OPTION, ABORT_OPTION, "reaction of the drive when the gateway dies", Check.CONFIGURATION),
     GuardedRange(
         QUICK_STOP_OPTION,
         FAULT_REACTION_OPTION,
-        "what quick stop, shutdown, disable, Halt and faults do",
+        "reaction to quick stop, shutdown, disable, Halt and faults",
         Check.NOTHING,
     ),
-    GuardedRange(POLARITY, POLARITY, "polarity: which way every value goes", Check.NOTHING),
-    GuardedRange(MAX_PROFILE_VELOCITY, MAX_MOTOR_SPEED, "speed limits: what 100 % is", Check.REFERENCES),
+    GuardedRange(POLARITY, POLARITY, "polarity: sign of every value", Check.NOTHING),
+    GuardedRange(MAX_PROFILE_VELOCITY, MAX_MOTOR_SPEED, "speed limits: value of 100 %", Check.REFERENCES),
     GuardedRange(
         PROFILE_DECELERATION,
         MOTION_PROFILE_TYPE,
-        "deceleration, quick stop deceleration and ramp type: how it brakes",
+        "deceleration, quick stop deceleration and ramp type: braking",
         Check.REFERENCES,
     ),
     GuardedRange(
         POSITION_ENCODER_RESOLUTION,
         ACCELERATION_FACTOR,
-        "resolutions, ratios and factors: what every value means",
+        "resolutions, ratios and factors: meaning of every value",
         Check.REFERENCES,
     ),
     GuardedRange(
-        SI_UNIT_POSITION, SI_UNIT_VELOCITY, "units of position and velocity: what every value means", Check.REFERENCES
+        SI_UNIT_POSITION, SI_UNIT_VELOCITY, "units of position and velocity: meaning of every value", Check.REFERENCES
     ),
-    GuardedRange(MAX_DECELERATION, MAX_DECELERATION, "maximum deceleration: how it brakes", Check.REFERENCES),
+    GuardedRange(MAX_DECELERATION, MAX_DECELERATION, "maximum deceleration: braking", Check.REFERENCES),
 )
 """In the order of their indices; everything else may be written at any time."""
 

@@ -69,9 +69,9 @@ class _Worker:
         self.answered = 0
         self.refused = 0
         part = f"parameters of DO {do_id}"
-        self._ended = f"a request for {part} was ended"
-        loop.counters.add(part, "answered", "requests", "served with all their values", lambda: self.answered)
-        loop.counters.add(part, "refused", "requests", "of which something was refused", lambda: self.refused)
+        self._ended = f"a request for {part} was aborted"
+        loop.counters.add(part, "answered", "requests", "answered with all values", lambda: self.answered)
+        loop.counters.add(part, "refused", "requests", "answered, at least one value rejected", lambda: self.refused)
         self._task = loop.spawn(self._run, part)
 
     def submit(self, data: bytes, drive_object: BoundObject | None, host: str | None) -> Future[bytes | None]:

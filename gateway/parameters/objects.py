@@ -105,7 +105,7 @@ class ObjectAccess:
         loop = self._loop
         deadline = request_deadline.get()
         if deadline is not None and loop.now() >= deadline:
-            log.warning("DO %d: %s: no time left for it in this request", self.owner.do_id, what)
+            log.warning("DO %d: %s: the time of this request is over", self.owner.do_id, what)
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE)
         # Neither the bus nor the cyclic exchange is there for parameters alone.
         pause = self._next - loop.now()
@@ -148,7 +148,7 @@ class ObjectAccess:
             if guard is not None:
                 # Here and not before: the job may have waited, and the axis was switched on meanwhile.
                 if owner.powered:
-                    log.warning("DO %d: %s refused while the axis is powered: %s", owner.do_id, what, guard.reason)
+                    log.warning("DO %d: %s rejected while the axis is powered: %s", owner.do_id, what, guard.reason)
                     raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE)
                 client.hold()
             try:

@@ -361,7 +361,7 @@ class AxisObject(NodeObject):
 
     def _positioner_values(self, stored: DoParameters) -> PositionerValues:
         values = self.axis.positioner_values(stored)
-        assert values is not None, "only of an axis with a positioner"
+        assert values is not None, "only for an axis with a positioner"
         return values
 
     def parameter(self, pnu: int) -> Parameter:

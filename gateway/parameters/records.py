@@ -141,7 +141,7 @@ class Records:
             return
         if host not in self._told and len(self._told) < _TOLD:
             self._told.add(host)
-            log.warning("parameters: %s may not write, [parameters] write_from does not have it", host)
+            log.warning("parameters: %s may not write; it is not listed in [parameters] write_from", host)
         raise RecordRefused(AccessError.ACCESS_DENIED)
 
     def _request(self, caller: Caller, block: RecordBlock, data: bytes) -> None:

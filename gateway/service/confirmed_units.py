@@ -5,7 +5,7 @@ from __future__ import annotations
 from pdgw.dsp402.drive_type import Scaling
 from pdgw.gateway.store import UnitsWitnessed
 
-NEVER = "units never witnessed (pdgw axis test)"
+NEVER = "units not verified (pdgw axis test)"
 
 
 def witnessed(date: str, serial_number: int, scaling: Scaling) -> UnitsWitnessed:
@@ -25,8 +25,8 @@ def witness_text(kept: UnitsWitnessed | None, serial_number: int, scaling: Scali
         return NEVER
     now = witnessed(kept.date, serial_number, scaling)
     if now == kept:
-        return f"units witnessed on {kept.date} (axis test)"
-    other = "of other units"
+        return f"units verified on {kept.date} (axis test)"
+    other = "for other units"
     if now.serial_number != kept.serial_number:
-        other = f"of the drive with serial number {kept.serial_number}, this is {serial_number}"
+        other = f"for the drive with serial number {kept.serial_number}, this drive has {serial_number}"
     return f"{NEVER}: the axis test of {kept.date} was {other}"

@@ -53,12 +53,15 @@ def _by_default(cycle_time_ms: float) -> Line:
             _set_priority(DEFAULT_PRIORITY)
         return logging.INFO, f"real-time priority {os.sched_getparam(0).sched_priority} (SCHED_FIFO)"
     except AttributeError:
-        reason = "is not on this operating system"
+        reason = "is not available on this operating system"
     except OSError as error:
-        reason = f"is not granted ({error.strerror or error}; LimitRTPRIO={DEFAULT_PRIORITY}, CAP_SYS_NICE or root grants it)"
+        reason = (
+            f"is not granted ({error.strerror or error}; LimitRTPRIO={DEFAULT_PRIORITY}, CAP_SYS_NICE or "
+            "root grants it)"
+        )
     short = cycle_time_ms < NEEDED_BELOW_MS
-    risk = f", and on a busy machine cycles of {cycle_time_ms:g} ms are missed" if short else ""
-    return logging.WARNING if short else logging.INFO, f"usual scheduling: SCHED_FIFO {reason}{risk}"
+    risk = f"; a busy machine misses cycles of {cycle_time_ms:g} ms" if short else ""
+    return logging.WARNING if short else logging.INFO, f"normal scheduling: SCHED_FIFO {reason}{risk}"
 
 
 def usual(pid: int) -> None:
@@ -71,9 +74,9 @@ def _try(key: str, value: object, action: Callable[[], None]) -> list[Line]:
     try:
         action()
     except AttributeError:
-        return [(logging.WARNING, f"[realtime] {key} = {value}: not on this operating system, goes on without")]
+        return [(logging.WARNING, f"[realtime] {key} = {value}: not available on this operating system, ignored")]
     except OSError as error:
-        why = f"{error.strerror or error}, goes on without; it needs {_SETCAP}"
+        why = f"{error.strerror or error}, ignored; it needs {_SETCAP}"
         return [(logging.WARNING, f"[realtime] {key} = {value}: {why}")]
     return []
 

@@ -39,7 +39,7 @@ class ServiceManager:
 
     def count_in(self, counters: Counters) -> None:
         """Show what was not taken."""
-        counters.add("service", "failures", "messages", "the service manager did not take", lambda: self.failures)
+        counters.add("service", "failures", "messages", "the service manager did not accept", lambda: self.failures)
 
     def start(self) -> None:
         """Ports and buses are open."""

@@ -229,7 +229,7 @@ def answered(daemon: Daemon, request: bytes) -> Iterator[bytes]:
             item = next((item for item in daemon.objects if str(item.do_id).encode() == number), None)
             if item is None:
                 known = ", ".join(str(item.do_id) for item in daemon.objects)
-                yield _refused("do_id", f"there is no such drive object, allowed: {known}")
+                yield _refused("do_id", f"unknown drive object, allowed: {known}")
                 return
             document: dict[str, Any] = (
                 {"faults": fault_status(item)} if what == b"faults" else {"lines": explanation(daemon, [item])}
@@ -254,7 +254,7 @@ class StatusServer:
         self._full = False
         self._refused = 0
         daemon.loop.counters.add(
-            "status", "refused", "times", "no file descriptor left for a connection", lambda: self._refused
+            "status", "refused", "times", "no file descriptor free for a connection", lambda: self._refused
         )
         self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         try:
@@ -264,7 +264,8 @@ class StatusServer:
         except OSError as error:
             self._listener.close()
             raise GatewayError(
-                f"status port: 127.0.0.1 port {port} cannot be used ({error.strerror}); choose another, 0 for none"
+                f"status port: 127.0.0.1 port {port} cannot be used ({error.strerror}); set status_port to "
+                "another port, or to 0 for none"
             ) from error
         self._listener.setblocking(False)
 
@@ -308,7 +309,7 @@ class StatusServer:
         self._refused += 1
         if not self._full:
             self._full = True
-            log.error("status port: no connection can be taken (%s); tried again every second", error.strerror)
+            log.error("status port: cannot accept a connection (%s); retry every second", error.strerror)
         self._loop.remove_reader(self._listener.fileno())
         self._pause = self._loop.call_later(_PAUSE_NS, self.start)
 

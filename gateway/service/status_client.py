@@ -65,4 +65,4 @@ def _ask(port: int, request: str, patience_s: float) -> dict[str, Any]:
 
 
 def _no_gateway(port: int) -> GatewayError:
-    return GatewayError(f"127.0.0.1 port {port}: what answers there is no gateway")
+    return GatewayError(f"127.0.0.1 port {port}: the answer does not come from a gateway")

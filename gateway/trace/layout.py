@@ -162,7 +162,7 @@ class RingLayout:
     def parse(cls, data: bytes | memoryview, name: str) -> Self:
         """From the bytes of a file called ``name``; GatewayError when they are none of ours or damaged."""
         if len(data) < PAGE or START.unpack_from(data)[0] != MAGIC:
-            raise GatewayError(f"{name}: not a ring of the gateway")
+            raise GatewayError(f"{name}: not a ring file of the flight recorder")
         _, version, length, cycles, frames = START.unpack_from(data)
         if text := problem(version, VERSION):
             raise GatewayError(f"{name}: {text}")
@@ -170,7 +170,7 @@ class RingLayout:
             layout = TypeAdapter(cls).validate_json(bytes(data[PAGE : PAGE + length]))
             whole = (layout.cycles, layout.frames, layout.byte_order) == (cycles, frames, sys.byteorder)
             if not whole or layout.size > len(data) or any(n & (n - 1) or n < 1 for n in (cycles, frames)):
-                raise GatewayError(f"{name}: damaged, or of another kind of machine")
+                raise GatewayError(f"{name}: damaged, or written by another type of machine")
         except (ValueError, struct.error) as error:
             raise GatewayError(f"{name}: damaged description") from error
         return layout

@@ -37,13 +37,15 @@ def prepared(directory: Path) -> Path:
     except OSError as error:
         raise GatewayError(f"flight recorder: {directory}: {error.strerror or error}") from error
     if not stat.S_ISDIR(found.st_mode):
-        raise GatewayError(f"flight recorder: {directory}: is no directory")
+        raise GatewayError(f"flight recorder: {directory}: not a directory")
     # Whoever made it first, in a place where everybody may make files, could take ours away.
     if hasattr(os, "getuid") and found.st_uid not in (0, os.getuid()):
-        raise GatewayError(f"flight recorder: {directory}: belongs to somebody else")
+        raise GatewayError(f"flight recorder: {directory}: belongs to another user")
     if hasattr(os, "getuid") and found.st_mode & _WRITTEN_BY_OTHERS:
         mode = stat.S_IMODE(found.st_mode)
-        raise GatewayError(f"flight recorder: {directory}: others may write in it (mode {mode:04o}), allowed: 0750")
+        raise GatewayError(
+            f"flight recorder: {directory}: other users may write in it (mode {mode:04o}), allowed: 0750"
+        )
     return directory
 
 

@@ -102,7 +102,7 @@ class RingReader:
             self._inode = os.fstat(descriptor).st_ino
             self._map = mmap.mmap(descriptor, 0, access=mmap.ACCESS_READ)
         except (OSError, ValueError) as error:
-            raise GatewayError(f"{path}: not a ring of the gateway") from error
+            raise GatewayError(f"{path}: not a ring file of the flight recorder") from error
         finally:
             os.close(descriptor)
         self._view = memoryview(self._map)

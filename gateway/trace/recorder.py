@@ -59,7 +59,7 @@ class FlightRecorder:
         self._opening = False
         self._configuration = config_text(daemon.config)
         self._open(keep_previous=True)
-        daemon.loop.counters.add("trace", "lost", "records", "of the flight recorder, not written", lambda: self.lost)
+        daemon.loop.counters.add("trace", "lost", "records", "not written to the flight recorder", lambda: self.lost)
         for number, network in enumerate(daemon.networks.values()):
             network.tap = partial(self._frame, number)
         daemon.watch.listeners.append(self)
@@ -131,7 +131,7 @@ class FlightRecorder:
     def _anchor(self, ring: RingFile, now: int) -> None:
         self._anchor_due = now + _ANCHOR_NS
         if ring.truncated:
-            log.warning("flight recorder: %s was truncated by another program; a new one begins", ring.path)
+            log.warning("flight recorder: another program truncated %s; a new one is started", ring.path)
             self._reopen()
             return
         loop = self._daemon.loop

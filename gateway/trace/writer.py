@@ -75,7 +75,7 @@ class RingFile:
         except OSError as error:
             raise GatewayError(f"flight recorder: {directory}: {error.strerror or error}") from error
         except AttributeError as error:
-            raise GatewayError("flight recorder: not on this operating system") from error
+            raise GatewayError("flight recorder: not available on this operating system") from error
         self._mapping = Mapping(self._map)
         self._words = memoryview(self._map).cast("Q")
         self._pack_cycle = layout.cycle.pack_into
@@ -148,7 +148,7 @@ def _place(directory: Path, name: str, *, keep_previous: bool) -> tuple[Path, in
         if keep_previous and path.exists():
             path.replace(directory / (stem + PREVIOUS))
         return path, lock
-    raise OSError(0, f"{_NAMES} gateways called {name} run already")
+    raise OSError(0, f"{_NAMES} gateways with the name {name} are already running")
 
 
 def _make(path: Path, layout: RingLayout) -> mmap.mmap:

@@ -164,7 +164,7 @@ def test_an_overlay_is_chosen_by_the_identity() -> None:
             MINIMAL + "quirks = { boot_ms = 'long' }",
             "^overlay mine: quirks.boot_ms = 'long': expected an integer, allowed: 0 to",
         ),
-        (MINIMAL + "titel = 'b'", "^overlay mine: titel: unknown key, did you mean title?"),
+        (MINIMAL + "titel = 'b'", "^overlay mine: titel: unknown key; did you mean title?"),
         (MINIMAL + OBJECT.format("200C", "U16"), "2003h or 6C01h/1"),
         (MINIMAL + OBJECT.format("200Ch", "WORD"), "objects.error_code.type = 'WORD': .*expected one of BOOLEAN, I8"),
         (MINIMAL + '[unit_texts]\n"rpm" = ["60FF"]', "2003h or 6C01h/1"),

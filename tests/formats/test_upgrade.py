@@ -24,7 +24,7 @@ from tests.formats.write import HERE
 from tests.support import cli
 
 RELEASES = sorted(path.name for path in HERE.iterdir() if path.is_dir() and path.name[0].isdigit())
-NEWER = r"format version 2, this gateway reads 1 to 1: use the gateway that wrote it, or a newer one"
+NEWER = r"format version 2 is unknown, this gateway reads 1 to 1: use the gateway that wrote the file, or a newer one"
 
 
 @pytest.fixture(params=RELEASES)

@@ -212,7 +212,7 @@ def test_another_telegram_is_selected_only_out_of_operation() -> None:
     with running(configuration(axis(1))) as daemon:
         plc = Plc(daemon, [1])
         plc.enable()
-        with pytest.raises(GatewayError, match="no telegram can be selected while it is in operation"):
+        with pytest.raises(GatewayError, match="the telegram cannot be changed: the axis is in operation"):
             daemon.change_telegram(daemon.axes[0], 2)
         plc.endpoint.set(0, {"STW1": OFF})
         plc.until(lambda: plc.state() == 0x01, "off")
@@ -318,12 +318,12 @@ def test_what_is_no_gateway_on_the_status_port_is_told() -> None:
 
         thread = threading.Thread(target=answer)
         thread.start()
-        with pytest.raises(GatewayError, match="what answers there is no gateway"):
+        with pytest.raises(GatewayError, match="the answer does not come from a gateway"):
             fetch(server.getsockname()[1], PATIENCE_S)
         thread.join()
 
 
-@pytest.mark.parametrize(("longest", "told"), [(1000, "is no gateway"), (1 << 30, "no gateway answers")])
+@pytest.mark.parametrize(("longest", "told"), [(1000, "does not come from a gateway"), (1 << 30, "no gateway answers")])
 def test_who_answers_the_status_port_without_an_end_is_not_listened_to_for_ever(
     longest: int, told: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -362,7 +362,7 @@ def test_the_status_port_tells_axes_and_counters_whoever_else_has_connected_to_i
         assert (entry["telegram"], entry["drive"], entry["drive_state"]) == (1, "online", "Switch On Disabled")
         assert "STW1.10" in entry["reason"]
         assert fetch_faults(port, 1, PATIENCE_S) == []
-        with pytest.raises(GatewayError, match="do_id 9: there is no such drive object, allowed: 1"):
+        with pytest.raises(GatewayError, match="do_id 9: unknown drive object, allowed: 1"):
             fetch_faults(port, 9, PATIENCE_S)
 
         def connect() -> socket.socket:

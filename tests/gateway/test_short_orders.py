@@ -94,7 +94,7 @@ def test_only_beyond_loopback_frames_may_be_late_unless_direct(transport: str, d
 
 
 def test_direct_is_refused_with_profinet() -> None:
-    with pytest.raises(GatewayError, match='direct: has a meaning with type = "udp" only'):
+    with pytest.raises(GatewayError, match='direct: allowed only with type = "udp"'):
         configuration(axis(1), transport='type = "profinet"\ninterface = "eth1"\ndirect = true')
 
 

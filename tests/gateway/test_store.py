@@ -143,7 +143,7 @@ def test_what_cannot_be_saved_is_not_put_in_force_and_the_file_keeps_the_old_set
     before = path.read_bytes()
     with pytest.MonkeyPatch.context() as patch:
         disk.install(patch)
-        with pytest.raises(GatewayError, match=r"cannot be written: .*; the old values stay in force"):
+        with pytest.raises(GatewayError, match=r"cannot be written .*; the old values remain valid"):
             store.update(lambda parameters: setattr(parameters.drive_object(1), "telegram", 2))
     assert store.parameters.drive_object(1).telegram == 9
     assert path.read_bytes() == before
@@ -175,7 +175,7 @@ def test_a_damaged_file_on_a_read_only_disk_is_told_and_does_not_keep_the_gatewa
     monkeypatch.setattr(Path, "replace", refuse)
     reports: list[str] = []
     assert ParameterStore(path, reports.append).parameters == DeviceParameters()
-    assert "cannot be set aside" in reports[0]
+    assert "cannot be renamed" in reports[0]
 
 
 def test_a_configuration_that_names_no_store_has_one_by_its_name_in_the_state_directory(

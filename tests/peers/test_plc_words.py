@@ -73,11 +73,11 @@ def test_on_as_yaml_reads_it_is_the_bit() -> None:
 @pytest.mark.parametrize(
     ("number", "step", "text"),
     [
-        (111, {"trackin": 1}, "trackin: unknown word, did you mean tracking?"),
-        (111, {"jogg": 1}, "jogg: unknown word, did you mean jog?"),
+        (111, {"trackin": 1}, "trackin: unknown word; did you mean tracking?"),
+        (111, {"jogg": 1}, "jogg: unknown word; did you mean jog?"),
         (1, {"tracking": 1}, "tracking: not in telegram 1, only in 110, 111"),
-        (1, {"set": {"NSOL_A": 1}}, r"signal 'NSOL_A' is not in the telegram, did you mean NSOLL_A\? \(allowed: STW1, NSOLL_A\)"),
-        (1, {"expect": {"ZSW1.FAULTY": 1}}, r"ZSW1.FAULTY: no bit of ZSW1, did you mean FAULT\?"),
+        (1, {"set": {"NSOL_A": 1}}, r"signal 'NSOL_A' is not in the telegram; did you mean NSOLL_A\? \(allowed: STW1, NSOLL_A\)"),
+        (1, {"expect": {"ZSW1.FAULTY": 1}}, r"ZSW1.FAULTY: no bit of ZSW1; did you mean FAULT\?"),
         (111, {"block": 3, "tracking": 1}, "2 actions"),
         (111, {"data_set": 32}, r"data_set = 32: expected 0\.\.31"),
         (9, {"homing_method": -129}, r"homing_method = -129: expected -128\.\.255"),

@@ -43,8 +43,12 @@ def plant(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("text", "axis", "told"),
     [
-        (config_text(simulated([1])).replace("do_id = 1", "do_id = 7"), 7, "configuration of the gateway taken from"),
-        ("[can]\n", 1, "the configuration in the capture is not used"),
+        (
+            config_text(simulated([1])).replace("do_id = 1", "do_id = 7"),
+            7,
+            "the configuration of the gateway is taken from",
+        ),
+        ("[can]\n", 1, "the configuration in the capture is ignored"),
     ],
 )
 def test_a_capture_with_its_configuration_is_known_by_it(tmp_path: Path, text: str, axis: int, told: str) -> None:

@@ -368,14 +368,15 @@ def test_kept_witness_is_of_one_drive_and_its_units() -> None:
     assert outcome.scaling is not None
     kept = witnessed("2026-11-22", outcome.serial_number, outcome.scaling)
     assert outcome.serial_number == 1
-    assert witness_text(kept, 1, outcome.scaling) == "units witnessed on 2026-11-22 (axis test)"
-    assert "never witnessed" in witness_text(None, 1, outcome.scaling)
+    assert witness_text(kept, 1, outcome.scaling) == "units verified on 2026-11-22 (axis test)"
+    assert "not verified" in witness_text(None, 1, outcome.scaling)
     other = witness_text(kept, 2, outcome.scaling)
     assert other == (
-        "units never witnessed (pdgw axis test): the axis test of 2026-11-22 was of the drive with serial number 1, this is 2"
+        "units not verified (pdgw axis test): "
+        "the axis test of 2026-11-22 was for the drive with serial number 1, this drive has 2"
     )
     changed = replace(outcome.scaling, velocity_per_rpm=Fraction(1))
-    assert witness_text(kept, 1, changed).endswith("was of other units")
+    assert witness_text(kept, 1, changed).endswith("was for other units")
 
 
 def test_status_says_whether_the_units_were_witnessed(tmp_path: Path) -> None:
@@ -384,8 +385,8 @@ def test_status_says_whether_the_units_were_witnessed(tmp_path: Path) -> None:
     store = ParameterStore(tmp_path / "store.json", print)
     kept = witnessed("2026-11-22", outcome.serial_number, outcome.scaling)
     for expected, path in (
-        ("units never witnessed (pdgw axis test)", None),
-        ("units witnessed on 2026-11-22 (axis test)", store.path),
+        ("units not verified (pdgw axis test)", None),
+        ("units verified on 2026-11-22 (axis test)", store.path),
     ):
         store.update(lambda parameters: setattr(parameters.drive_object(1), "units_witnessed", kept))
         with running(configuration(axis(1)).model_copy(update={"store": path})) as daemon:
@@ -409,4 +410,4 @@ def test_the_command_turns_a_simulated_axis_after_what_was_typed(tmp_path: Path)
     assert result.returncode == 0, result.stdout + result.stderr
     assert "Type 'turn 3' to go on:" in result.stdout
     assert "the axis does what is commanded" in result.stdout
-    assert "units witnessed on" in result.stdout
+    assert "units verified on" in result.stdout

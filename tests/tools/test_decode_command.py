@@ -141,8 +141,8 @@ def test_a_wrong_telegram_is_told_once_for_each_direction(capture: str, capsys: 
     decode([capture], telegram=[9], stats=True)
     notes = capsys.readouterr().err.splitlines()
     assert notes == [
-        "note: the setpoints do not fit telegram 9 as given: their length is that of telegram 1/7/20/81/82/83/84",
-        "note: the actual values do not fit telegram 9 as given: their length is that of telegram 1/7",
+        "note: the setpoints do not fit the given telegram 9: their length is the length of telegram 1/7/20/81/82/83/84",
+        "note: the actual values do not fit the given telegram 9: their length is the length of telegram 1/7",
     ]
     decode([capture], telegram=[1], stats=True)
     assert not capsys.readouterr().err
@@ -239,7 +239,7 @@ def test_parquet_has_the_rows_of_the_table(capture: str, tmp_path: Path) -> None
         ({"signal": ["nope"]}, "name: 'nope'"),
         ({"begin": "yesterday"}, "--from yesterday: expected seconds or an ISO time"),
         ({"telegram": [8]}, "telegram: 8"),
-        ({"eds": ["nowhere.eds"]}, "--eds nowhere.eds: is not a file"),
+        ({"eds": ["nowhere.eds"]}, "--eds nowhere.eds: not a file"),
         ({"config": Path("nowhere.toml")}, "nowhere.toml: cannot be read"),
         ({"hex_text": "00"}, "give one of"),
         ({"direction": DirectionOption.ACTUAL}, "--direction: is for --hex"),

@@ -210,7 +210,7 @@ def test_a_restore_into_a_drive_object_that_does_not_exist_is_refused_before_it_
     assert pdgw("param", "dump", str(file), *option(server)).returncode == 0
     done = pdgw("param", "restore", str(file), "--do", "9", *option(server), text="y\n")
     assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr == "error: DO 9 has none of the file's settings: 19h: axis or DO does not exist\n"
+    assert done.stderr == "error: DO 9 has none of the settings in the file: 19h: axis or DO does not exist\n"
 
 
 class Device:
@@ -334,7 +334,7 @@ def test_a_file_that_is_no_dump_is_told(tmp_path: Path, content: str) -> None:
 def test_a_gateway_that_is_not_there_is_told_in_one_line() -> None:
     result = pdgw("param", "read", "965", "--gateway", "127.0.0.1:1")
     assert result.returncode == 1
-    assert "does not answer" in result.stderr
+    assert "no answer on the record channel" in result.stderr
     assert "Traceback" not in result.stderr
 
 

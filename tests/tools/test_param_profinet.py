@@ -76,7 +76,7 @@ def test_the_identification_of_a_station_is_that_of_its_device(site: Plant) -> N
 def test_writing_needs_the_stations_permission(site: Plant) -> None:
     with ParameterClient(STATION, 1, channel=PlantChannel(site)) as client:
         client.connect()
-        with pytest.raises(GatewayError, match="record B02Fh not written: access denied"):
+        with pytest.raises(GatewayError, match="writing record B02Fh failed: access denied"):
             client.request([ParameterAddress(925)], [Values(DataType.UNSIGNED16, (5,))])
 
 
@@ -85,7 +85,7 @@ def test_a_station_with_as_many_accesses_as_it_has_refuses_with_its_reason(site:
     for client in clients:
         client.connect()
     third = ParameterClient(STATION, 1, channel=PlantChannel(site))
-    with pytest.raises(GatewayError, match=r"device access is refused: no AR free .DB 81 40 04."):
+    with pytest.raises(GatewayError, match=r"the device rejects device access: no AR free .DB 81 40 04."):
         third.connect()
 
 

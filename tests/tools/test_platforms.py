@@ -154,8 +154,8 @@ def test_files_are_read_checked_and_decoded_and_what_does_not_work_says_so(
     for command, (status, error) in zip(commands, done, strict=True):
         assert status == 0, (command, error[-600:])
     assert raw[0] == live[0] == 1
-    assert 'raw Ethernet is there on Linux only; type = "udp" works everywhere' in raw[1]
-    assert "raw sockets are there on Linux only; record with dumpcap instead" in live[1]
+    assert 'raw Ethernet needs Linux; use type = "udp" on other systems' in raw[1]
+    assert "live captures need Linux; record with dumpcap and decode the file" in live[1]
 
 
 @contextmanager

@@ -223,9 +223,9 @@ def test_a_typed_word_is_a_step_of_a_scenario() -> None:
 @pytest.mark.parametrize(
     ("line", "text"),
     [
-        ("trackin 1", "trackin: unknown word, did you mean tracking?"),
+        ("trackin 1", "trackin: unknown word; did you mean tracking?"),
         ("momred 50 %", "momred: not in telegram 111, only in 102, 103, 105, 106"),
-        ("mdi {too: 4}", "mdi.too: unknown key, did you mean to?"),
+        ("mdi {too: 4}", "mdi.too: unknown key; did you mean to?"),
         ("override 50 rpm rpm", "OVERRIDE = '50 rpm rpm': expected"),
         ("mdi {", "not valid YAML"),
         ("mute true", "mute: only in a scenario"),

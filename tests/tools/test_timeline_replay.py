@@ -50,7 +50,7 @@ def test_the_timeline_as_text(files: list[str], capsys: pytest.CaptureFixture[st
     assert text[on + 1].endswith("-> obeyed")
     # Before or behind it: the offset of the clocks is known to a part of a cycle only.
     assert any("Controlword     0006h -> 0007h [Switch On] +SWITCH_ON" in line for line in (text[on - 1], text[on + 2]))
-    assert any("clocks: CAN clock -" in line and "edges agree" in line for line in text)
+    assert any("clocks: the CAN clock differs by -" in line and "edges match" in line for line in text)
     assert any(line.startswith("STW1 -> Controlword") for line in text)
     assert text[-1] == "anomalies: none"
 
@@ -155,8 +155,8 @@ def test_a_recording_of_one_bus_is_told_as_far_as_it_goes_and_what_it_lacks(
     plc, can = files
     html = tmp_path / "timeline.html" if page else None
     for given, has, lacks in (
-        (plc, {"STW1", "ZSW1"}, ["no CAN frame: what the drives were told"]),
-        (can, {"Controlword", "Statusword"}, ["no frame of a PLC: what was asked", "no frame to a PLC"]),
+        (plc, {"STW1", "ZSW1"}, ["no CAN frame: the recording shows neither"]),
+        (can, {"Controlword", "Statusword"}, ["no frame from a PLC", "no frame to a PLC"]),
     ):
         timeline([given], telegram=[1], node=NODES, html=html)
         text = html.read_text() if html is not None else capsys.readouterr().out
@@ -182,7 +182,7 @@ def test_a_node_that_never_answered_is_named(tmp_path: Path, capsys: pytest.Capt
     rig = speed()
     rig.frames.can = [frame for frame in rig.frames.can if frame[1] & ~0x7F in {0, 0x200, 0x600}]
     timeline(rig.frames.write(tmp_path), telegram=[1], node=NODES, offset=0.0)
-    assert any(line.endswith(f"axis 1  missing: nothing came from node {NODE}") for line in lines(capsys))
+    assert any(line.endswith(f"axis 1  missing: no frame from node {NODE}") for line in lines(capsys))
     timeline(speed().frames.write(tmp_path), telegram=[1], node=NODES)
     assert not any("missing:" in line for line in lines(capsys))
 

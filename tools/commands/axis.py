@@ -74,7 +74,7 @@ def try_out(
     typer.echo("the axis does what is commanded")
     if loaded.store is not None:
         typer.echo(
-            f"units witnessed on {today}, drive with serial number {outcome.serial_number}: kept in {loaded.store}"
+            f"units verified on {today}, drive with serial number {outcome.serial_number}: kept in {loaded.store}"
         )
 
 

@@ -298,7 +298,7 @@ class Output:
     """What is told while the PLC runs: JSON lines, or notes and failures as text."""
 
     def __init__(self, endpoint: PlcEndpoint, patience: int, *, as_lines: bool, snapshots: bool) -> None:
-        """``patience``: so many frames without an answer are told, once."""
+        """``patience``: so many frames without an answer are reported, once."""
         self._endpoint = endpoint
         self._patience: int | None = patience
         self._as_lines = as_lines

@@ -54,7 +54,7 @@ def object_lines(document: dict[str, Any], do_id: int, width: int = 80) -> Itera
                 yield from _counters(own, width, everything=True)
                 return
     known = ", ".join(str(item["do_id"]) for item in (*document["axes"], *document["encoders"]))
-    raise GatewayError(f"axis {do_id}: there is no such drive object, allowed: {known}")
+    raise GatewayError(f"axis {do_id}: unknown drive object, allowed: {known}")
 
 
 def status_lines(document: dict[str, Any], width: int = 80, *, counters: bool = False) -> Iterator[str]:

@@ -167,7 +167,7 @@ class CanopenDecoder:
             text = f"error frame: {', '.join(classes) or 'unknown'}"
             return CanRecord(number, time_ns, channel, frame.data, frame.cob_id, 0, text)
         if frame.extended:
-            text = f"extended identifier {frame.cob_id:08X}h is no CANopen"
+            text = f"extended identifier {frame.cob_id:08X}h: not CANopen"
             return CanRecord(number, time_ns, channel, frame.data, frame.cob_id, 0, text)
         node_id = frame.cob_id & _NODE
         what = "node guarding request" if frame.cob_id & ~_NODE == ERROR_CONTROL else "remote request"
@@ -199,7 +199,7 @@ class CanopenDecoder:
             self._node(node_id)
             if cob_id in self._pdos:
                 return self.decode(*base[:3], cob_id, data)
-        return CanRecord(*base, node_id, f"{name}, mapping not known")
+        return CanRecord(*base, node_id, f"{name}, mapping unknown")
 
     # -- services --------------------------------------------------------------------------------------------------
 

@@ -76,13 +76,13 @@ class SdoChannel:
     def feed(self, from_client: bool, data: bytes, time_ns: int) -> Step:
         """Describe one frame of eight bytes (ValueError otherwise)."""
         if len(data) != FRAME_SIZE:
-            raise ValueError(f"an SDO frame has {FRAME_SIZE} bytes, not {len(data)}")
+            raise ValueError(f"an SDO frame of {len(data)} bytes, expected {FRAME_SIZE}")
         step = self._client(data) if from_client else self._server(data)
         transfer = self._transfer
         if step.index is None and transfer is not None:
             step.index, step.subindex = transfer.index, transfer.subindex
         if transfer is not None and transfer.truncated and step.value is not None:
-            step.note = f"longer than {MAX_TRANSFER} bytes: the end is not kept"
+            step.note = f"longer than {MAX_TRANSFER} bytes: the rest is discarded"
         # A block upload has one more frame behind the one that completes it.
         if (
             step.abort is not None
@@ -132,7 +132,7 @@ class SdoChannel:
         checksum = int.from_bytes(data[1:3], "little")
         if self._crc and not transfer.truncated and binascii.crc_hqx(bytes(transfer.data), 0) != checksum:
             transfer.checked = False
-            return "CRC does not agree with the data"
+            return "the CRC does not match the data"
         return ""
 
     # -- client to server ------------------------------------------------------------------------------------------
@@ -278,7 +278,7 @@ class SdoChannel:
         step = Step(name, from_client)
         transfer = self._transfer
         if transfer is None or transfer.upload == from_client:
-            step.note = "start of the transfer not seen"
+            step.note = "start of the transfer missing"
             return step
         toggle = data[0] >> 4 & 1
         if toggle != transfer.toggle:
@@ -289,7 +289,7 @@ class SdoChannel:
         if data[0] & 1:
             transfer.ended = True
             if transfer.announced is not None and transfer.announced != len(transfer.data):
-                step.note = f"{len(transfer.data)} bytes came, {transfer.announced} were announced"
+                step.note = f"{len(transfer.data)} bytes received, {transfer.announced} announced"
             if not from_client:
                 step.value = bytes(transfer.data)
         return step

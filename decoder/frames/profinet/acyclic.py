@@ -107,7 +107,7 @@ class AcyclicDecoder:
         try:
             header, body = decode_packet(data)
         except ProfidriveError as error:
-            return OtherRecord(number, time_ns, channel, data, text=f"no RPC packet: {error}")
+            return OtherRecord(number, time_ns, channel, data, text=f"not an RPC packet: {error}")
         base = (number, time_ns, channel, data)
         fields: Document = {
             "packet": header.packet_type.name.lower(),

@@ -87,7 +87,7 @@ class RelationCalls:
         latency: int | None,
     ) -> AcyclicRecord:
         if asked is None:
-            return AcyclicRecord(*base, f"{head}: the request was not seen", fields, latency)
+            return AcyclicRecord(*base, f"{head}: request missing", fields, latency)
         response = read_response(arguments)
         connection = asked.answered(response)
         if response.mac is not None:

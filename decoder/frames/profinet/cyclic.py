@@ -229,7 +229,7 @@ class CyclicDecoder:
             self._connection = connection
             self._notify(f"observed in Connect{whose}: {', '.join(found)}")
         else:
-            self._notify(f"left out: another station{whose} with {', '.join(found)}; --station chooses")
+            self._notify(f"ignored: another station{whose} with {', '.join(found)}; choose it with --station")
         return chosen
 
     def _chosen(self, connection: Connection) -> bool:
@@ -276,7 +276,7 @@ class CyclicDecoder:
 
     def _connected_layout(self, relation: CyclicRelation, connection: Connection, length: int) -> FrameLayout:
         if not self._chosen(connection):
-            return _plain_layout(length, None, f"of another station {connection.station}".rstrip())
+            return _plain_layout(length, None, f"belongs to another station, {connection.station}".rstrip())
         placements = []
         for axis, place in self._connected(connection):
             size = telegram(axis.telegram).half(relation.direction).size
@@ -284,14 +284,14 @@ class CyclicDecoder:
                 begin = HEADER.size + relation.data[place]
                 placements.append(Placement(axis, begin, begin + size, HEADER.size + relation.iocs[place]))
         layout = placed_layout(placements, relation.direction, length)
-        return layout or _plain_layout(length, relation.direction, "not as long as its Connect says")
+        return layout or _plain_layout(length, relation.direction, ("length differs from the length in its Connect"))
 
     def observe(self, do_id: int, number: int) -> None:
         """P922 of a DO was seen. An unknown telegram is told and ignored."""
         if self._observed.get(do_id) == number:
             return
         if number not in TELEGRAMS:
-            self._notify(f"axis {do_id}: P922 = {number} is no telegram known here")
+            self._notify(f"axis {do_id}: P922 = {number} is an unknown telegram")
             return
         before = {axis.do_id: axis.telegram for axis in self.axes}.get(do_id)
         self._observed[do_id] = number
@@ -326,7 +326,7 @@ class CyclicDecoder:
         direction = _DIRECTIONS.get(frame_id)
         if direction is None:
             layout = self._layouts[key] = _plain_layout(
-                len(data), None, "FrameID of another relationship, or its Connect was not seen"
+                len(data), None, "FrameID of another relationship, or its Connect is not in the capture"
             )
             return layout
         if self._given:
@@ -342,7 +342,7 @@ class CyclicDecoder:
         if axes:
             note = f"too short for telegram {', '.join(str(axis.telegram) for axis in axes)}"
         else:
-            note = "telegram not known: give --telegram or --config"
+            note = "telegram unknown: give --telegram or --config"
         if plain is None or plain.note != note:
             plain = _plain_layout(len(data), direction, note)
             self._plain[key] = (count + 1, plain)
@@ -364,7 +364,9 @@ class CyclicDecoder:
             asked = ", ".join(str(number) for number in given)
             shown = ", ".join("/".join(str(number) for number in sorted(numbers)) for numbers in found[0])
             what = "setpoints" if direction is Direction.SETPOINT else "actual values"
-            self._notify(f"the {what} do not fit telegram {asked} as given: their length is that of telegram {shown}")
+            self._notify(
+                f"the {what} do not fit the given telegram {asked}: their length is the length of telegram {shown}"
+            )
 
     def _infer(self, direction: Direction, data: bytes) -> None:
         """Narrow the telegrams down by a live frame of a direction that was not looked at yet."""
@@ -399,13 +401,13 @@ def _inferred(candidate: Candidate, axes: Sequence[Axis]) -> str:
     for axis, numbers in zip(axes, candidate, strict=True):
         others = ", ".join(str(number) for number in sorted(numbers - {axis.telegram}))
         texts.append(f"axis {axis.do_id} telegram {axis.telegram}" + (f" (as long: {others})" if others else ""))
-    return f"inferred from length and status bytes: {'; '.join(texts)}; --telegram decides"
+    return f"inferred from length and status bytes: {'; '.join(texts)}; override it with --telegram"
 
 
 def _refusal(frame_id: int, data: bytes) -> str:
     if not _CYCLIC_FIRST <= frame_id <= _CYCLIC_LAST:
         return f"FrameID {frame_id:04X}h is {named_frame(frame_id)}, {len(data)} bytes"
-    return f"{len(data)} bytes are too short for a cyclic frame, at least {_FRAME_MIN}"
+    return f"{len(data)} bytes are too short for a cyclic frame, expected at least {_FRAME_MIN}"
 
 
 def given_axes(numbers: Sequence[int]) -> tuple[Axis, ...]:

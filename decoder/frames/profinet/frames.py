@@ -35,7 +35,7 @@ FRAME_IDS: Final = _DCP_IDS | _PRIORITIES.keys()
 """FrameIDs read here."""
 _NAMES: Final = {
     **dict.fromkeys((0x0020, 0x0021, 0x0080, 0x0081), "PTCP, synchronisation"),
-    **dict.fromkeys(range(0x0100, 0x1000), "a cyclic frame of RT class 3 (IRT), not read"),
+    **dict.fromkeys(range(0x0100, 0x1000), "a cyclic frame of RT class 3 (IRT), not decoded"),
     **dict.fromkeys((0xFF00, 0xFF01), "PTCP, announcement"),
     **dict.fromkeys((0xFF20, 0xFF21), "PTCP, follow-up of a synchronisation"),
     **dict.fromkeys(range(0xFF40, 0xFF44), "PTCP, measurement of a line's delay"),
@@ -52,7 +52,7 @@ _NOTIFICATION_TYPES: Final = frozenset(cls.TYPE for cls in NOTIFICATIONS.values(
 
 def named_frame(frame_id: int) -> str:
     """What a frame is that is neither cyclic nor read here."""
-    return _NAMES.get(frame_id, "no cyclic frame")
+    return _NAMES.get(frame_id, "not a cyclic frame")
 
 
 class FrameDecoder:
@@ -169,7 +169,7 @@ class FrameDecoder:
         elif kind == PduType.ERR:
             status = PnioStatus.of(int.from_bytes(content[:4], "big"))
             fields["status"] = {"raw": status.value, "text": _abort_text(status)}
-            text += f": the relationship is ended, {_abort_text(status)}"
+            text += f": ends the relationship, {_abort_text(status)}"
             ended = self._between(addresses)
         else:
             asked = self._sent.get((priority, addresses[6:] + addresses[:6], ack))

@@ -14,8 +14,8 @@ class Change(enum.Enum):
     """What becomes of a relationship."""
 
     GRANTED = "granted"
-    READY = "confirmed: cyclic data counts"
-    PAUSED = "parameterises anew: cyclic data does not count"
+    READY = "confirmed: cyclic data is valid"
+    PAUSED = "parameterised again: cyclic data is not valid"
     ENDED = "ended"
 
 

@@ -364,7 +364,7 @@ class FloatAdapter(WideAdapter):
     def _values(self, settings: AxisSettings) -> _ValuesOfMdi | _FloatValues:
         choices = settings.positioner
         if choices is None or not choices.lu_per_unit:
-            raise GatewayError("lu_per_unit: missing, telegram 112 needs lu_per_unit and velocity_per")
+            raise GatewayError("lu_per_unit is missing: telegram 112 needs lu_per_unit and velocity_per")
         return _FloatValues(self, choices)
 
 

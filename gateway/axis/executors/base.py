@@ -172,7 +172,7 @@ class Executor:
 def known(value: Fraction | None, what: str, key: str) -> Fraction:
     """A scaling of the drive; Dsp402Error where nothing tells it."""
     if value is None:
-        raise Dsp402Error(what, "not known", f"the drive to tell it, or the key {key}")
+        raise Dsp402Error(what, "not known", f"a drive that reports it, or the key {key}")
     return value
 
 

@@ -35,7 +35,7 @@ class DscExecutor(Executor):
     def __init__(self, cycle: AxisCycle) -> None:
         super().__init__(cycle)
         if self.settings.dsc is None:
-            raise GatewayError('dsc: missing, a telegram with DSC needs dsc = "position" or "speed"')
+            raise GatewayError('dsc is missing: a telegram with DSC needs dsc = "position" or "speed"')
         self.choices: DscChoices = self.settings.dsc
         self.dsc: Dsc | None = None
         self._actual: Normalisation | None = None

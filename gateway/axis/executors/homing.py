@@ -159,7 +159,7 @@ class Homing:
             elif self._idle_since < 0:
                 self._idle_since = now
             elif now - self._idle_since >= HOMING_UNATTAINED_NS:
-                return self._failed("stands without homing attained", statusword)
+                return self._failed("standstill without homing attained", statusword)
         elif self._attained_seen_low or now - self._since >= HOMING_STALE_NS:
             if error:
                 return self._failed("homing error", statusword)

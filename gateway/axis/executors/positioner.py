@@ -76,7 +76,7 @@ class PositionerExecutor(Executor):
     def __init__(self, cycle: AxisCycle) -> None:
         super().__init__(cycle)
         if self.settings.positioner is None:
-            raise GatewayError("positioner: missing, a telegram of the positioner needs [axis.positioner]")
+            raise GatewayError("[axis.positioner] is missing: a telegram of the positioner needs it")
         self.choices: PositionerChoices = self.settings.positioner
         self.positioner = Positioner(_settings(self.choices), BlockTable(self.choices.blocks))
         self._mode = ModeSwitch(cycle, _POSITION_MODE)
@@ -159,7 +159,7 @@ class PositionerExecutor(Executor):
         size = units.positions_per_revolution * self.choices.modulo / self.choices.lu_per_revolution
         # 607Bh names the last position, or the one that is the first again: drives differ.
         if size not in {high - low, high - low + 1}:
-            allowed = f"what the drive wraps after (607Bh {low} to {high})"
+            allowed = f"the range at which the drive wraps (607Bh {low} to {high})"
             raise Dsp402Error("modulo_range", f"{self.choices.modulo} LU = {float(size):g} position units", allowed)
         return Ring(low, int(size))
 

@@ -29,7 +29,7 @@ def position_mode(drive: DriveType) -> int:
         raise Dsp402Error(
             "modes of the drive (6502h)",
             sorted(drive.modes),
-            "3 or 9 beside 1: the unit of 6042h is not the unit of 6081h, the speed of a traversing task",
+            "3 or 9 beside 1: the unit of 6042h differs from the unit of 6081h, the speed of a traversing task",
         )
     return Mode.POSITION.value
 

@@ -130,7 +130,7 @@ class NodeWatch:
         if what is Notice.EMERGENCY:
             self._emergency(notice)
         elif self._restart_asked and (what is Notice.BOOT or what is Notice.LOST or what is Notice.BUS_LOST):
-            self._tell("restarts, as asked: " + notice.text)
+            self._tell("restarts, as commanded: " + notice.text)
         elif what is Notice.BOOT:
             self._raise(FaultNumber.NODE_RESTARTED, notice)
         elif what is Notice.REFUSED:
@@ -260,7 +260,7 @@ class DriveWatch:
             and commanded & _COMMAND == _COMMAND
             and reason is Reason.NEEDS_OFF
         ):
-            self._tell(FaultNumber.LEFT_OPERATION, f"{state.value}, no command of the gateway", now)
+            self._tell(FaultNumber.LEFT_OPERATION, f"{state.value}, without a command of the gateway", now)
         if state is State.OPERATION_ENABLED and shown & ~old & StatusBit.INTERNAL_LIMIT:
             self._tell(FaultNumber.INTERNAL_LIMIT, "limit switch, position or speed limit", now)
 

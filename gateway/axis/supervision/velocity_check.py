@@ -200,7 +200,7 @@ class VelocityCheck:
         if 1 / _WARNING <= factor <= _WARNING:
             return None
         rpm = SECONDS_PER_MINUTE / self._counts
-        text = f"6064h moves at {seen * rpm:.4g} rpm, 606Ch says {shown * rpm:.4g} rpm: factor {factor:.3g}"
+        text = f"6064h moves at {seen * rpm:.4g} rpm, 606Ch reports {shown * rpm:.4g} rpm: factor {factor:.3g}"
         if not 1 / _FAULT <= factor <= _FAULT:
             self.locked = True
             return FaultNumber.VELOCITY, text

@@ -137,22 +137,20 @@ class RawEthernet:
         self._sockets: list[socket.socket] = []
         self.errors = 0
         if not hasattr(socket, "AF_PACKET"):
-            raise GatewayError(
-                f'interface {interface}: raw Ethernet is there on Linux only; type = "udp" works everywhere'
-            )
+            raise GatewayError(f'interface {interface}: raw Ethernet needs Linux; use type = "udp" on other systems')
         try:
             self._index = socket.if_nametoindex(interface)
         except OSError as error:
             names = ", ".join(name for _, name in socket.if_nameindex())
-            raise GatewayError(f"interface {interface}: there is none of this name, allowed: {names}") from error
+            raise GatewayError(f"interface {interface}: does not exist, allowed: {names}") from error
         try:
             self._open()
         except PermissionError as error:
             self.close()
             raise GatewayError(
-                f"interface {interface}: raw Ethernet is not allowed (CAP_NET_RAW is missing); run with "
-                "AmbientCapabilities=CAP_NET_RAW CAP_NET_ADMIN in the systemd unit, or give them to the interpreter: "
-                "setcap cap_net_raw,cap_net_admin+ep (docs/profinet.md)"
+                f"interface {interface}: no permission for raw Ethernet (CAP_NET_RAW is missing); set "
+                "AmbientCapabilities=CAP_NET_RAW CAP_NET_ADMIN in the systemd unit, or grant them to the "
+                "interpreter: setcap cap_net_raw,cap_net_admin+ep (docs/profinet.md)"
             ) from error
         except OSError as error:
             self.close()
@@ -163,7 +161,7 @@ class RawEthernet:
         *_, hardware, mac = self._dcp.getsockname()
         if hardware != _ARPHRD_ETHER:
             self.close()
-            raise GatewayError(f"interface {self._interface}: is no Ethernet interface")
+            raise GatewayError(f"interface {self._interface}: not an Ethernet interface")
         self.mac = bytes(mac)
         self._real_time = self._raw(ethernet.ETHERTYPE_PROFINET, real_time_filter(self.mac))
         self._lldp = self._raw(ethernet.ETHERTYPE_LLDP, None, ethernet.LLDP_MULTICAST)
@@ -283,8 +281,8 @@ class RawEthernet:
                 fcntl.ioctl(self._rpc.fileno(), request, self._request(value))
         except OSError as error:
             raise GatewayError(
-                f"interface {self._interface}: the address {suite.address} cannot be set ({error.strerror or error}); "
-                "that needs CAP_NET_ADMIN (docs/profinet.md)"
+                f"interface {self._interface}: cannot set the address {suite.address} "
+                f"({error.strerror or error}); this needs CAP_NET_ADMIN (docs/profinet.md)"
             ) from error
 
     def close(self) -> None:

@@ -136,23 +136,25 @@ class ProfinetLink:
             boot_time=int(loop.wall()) & 0xFFFFFFFF,
             give_ip=self._keeper.give_ip,
         )
-        self._failed = self.device.cm.server.on_error = partial(loop.unexpected, "a PROFINET call was ended")
+        self._failed = self.device.cm.server.on_error = partial(loop.unexpected, "a PROFINET call was aborted")
         self._register_counters(loop.counters)
 
     def _register_counters(self, counters: Counters) -> None:
         for verdict in Verdict:
             counters.add("link", verdict.name.lower(), "frames", verdict.value, partial(self._count_of, verdict))
         device = self.device
-        counters.add("link", "foreign", "frames", "of nobody's relationship", lambda: device.foreign)
+        counters.add("link", "foreign", "frames", "unknown relationship", lambda: device.foreign)
         counters.add(
             "link", "watchdog_expiries", "times", "no frame in time while connected", lambda: self.watchdog_expiries
         )
-        counters.add("link", "switchovers", "times", "to the other redundant controller", lambda: self.switchovers)
+        counters.add("link", "switchovers", "times", "for the other redundant controller", lambda: self.switchovers)
         counters.add("link", "connects_refused", "times", "Connect refused", lambda: device.cm.refusals)
-        counters.add("link", "dcp_refused", "blocks", "of DCP Set refused", lambda: device.dcp.refused)
-        counters.add("link", "errors", "frames", "not sent or not received", lambda: self.port.errors)
-        counters.add("link", "sent", "frames", "cyclic, to the controller", lambda: device.cm.cyclic.sent)
-        counters.add("link", "missed", "frames", "not sent in their cycle", lambda: device.cm.cyclic.missed)
+        counters.add("link", "dcp_refused", "blocks", "DCP Set rejected", lambda: device.dcp.refused)
+        counters.add("link", "errors", "frames", "send or receive failed", lambda: self.port.errors)
+        counters.add("link", "sent", "frames", "cyclic frames to the controller", lambda: device.cm.cyclic.sent)
+        counters.add(
+            "link", "missed", "frames", "cyclic frames not sent in their cycle", lambda: device.cm.cyclic.missed
+        )
 
     def _count_of(self, verdict: Verdict) -> int:
         return self.device.cm.cyclic.received[verdict]
@@ -233,7 +235,7 @@ class ProfinetLink:
             self.setpoints[index] = new
             if old is not None and new is not None and not Orders(telegram.setpoints).goes_on(new, old):
                 self.setpoints[index] = None
-                log.error("drive object %d: the new controller orders something else, stopped", index + 1)
+                log.error("drive object %d: the new controller commands something else, stopped", index + 1)
 
     def poll(self, now: int) -> bool:
         if not self._receivable:
@@ -245,7 +247,7 @@ class ProfinetLink:
             silent = now - consumer.data_ns
             if silent <= self._limit_ns or silent <= (hold_ns := self._hold_ns(now)):
                 return False
-            nobody = f"no controller has led for {hold_ns / MS:g} ms" if hold_ns else ""
+            nobody = f"no controller has been primary for {hold_ns / MS:g} ms" if hold_ns else ""
             self.loss = self._end or nobody or silence(self._config.transport.watchdog_factor)
             self.watchdog_expiries += 1
             if self._end:
@@ -293,7 +295,9 @@ class ProfinetLink:
 
     def set_layout(self, telegrams: Sequence[Telegram]) -> None:
         if self.device.relation is not None:
-            raise GatewayError("telegram: cannot be changed while a controller is connected, its project chooses it")
+            raise GatewayError(
+                "telegram: cannot be changed while a controller is connected, because its project defines it"
+            )
         self._telegrams = list(telegrams)
         self._newest = None
         transport = self._config.transport
@@ -483,7 +487,9 @@ class ProfinetLink:
                 what = "took over" if self._taken_over else "connected"
                 log.info("controller %s %s, cycle %g ms", self.peer, what, cycle)
                 if cycle < transport.cycle_time_ms:
-                    log.warning("the controller's cycle is shorter than cycle_time_ms = %g", transport.cycle_time_ms)
+                    log.warning(
+                        "the controller's cycle time is shorter than cycle_time_ms = %g", transport.cycle_time_ms
+                    )
                 if relation.plan.diff is not None:
                     log.warning("the controller's project differs from the configuration: see ModuleDiff")
             case Disconnected(relation, ended):

@@ -60,7 +60,9 @@ class SnmpService:
         key = transport.snmp_write_community
         writing = None if key is None else Writing(key.encode("latin-1"), lengths, self._write)
         self.agent = Agent((transport.snmp_community or "").encode("latin-1"), self._objects, writing)
-        daemon.loop.counters.add("snmp", "ignored", "datagrams", "without an answer", lambda: self.agent.ignored)
+        daemon.loop.counters.add(
+            "snmp", "ignored", "datagrams", "requests without an answer", lambda: self.agent.ignored
+        )
 
     def _objects(self) -> list[Variable]:
         parameters = self._daemon.store.parameters

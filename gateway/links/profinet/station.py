@@ -66,7 +66,9 @@ class StationKeeper:
         fixed = self._transport.ip_suite
         if fixed is not None:
             if suite != fixed:
-                log.error("IP address %s by DCP refused: ip in [transport] fixes %s", suite.address, fixed.address)
+                log.error(
+                    "DCP Set of IP address %s rejected: ip = %s in [transport] is fixed", suite.address, fixed.address
+                )
             return suite == fixed
         present = self._port.ip()
         if (present.address, present.mask) == (suite.address, suite.mask):
@@ -84,7 +86,9 @@ class StationKeeper:
         before, self.address = self.address, self._port.ip()
         if self.address == before:
             return False
-        log.error("the IP address is %s now and was %s: changed by somebody else", self.address.address, before.address)
+        log.error(
+            "the IP address is now %s instead of %s: another program changed it", self.address.address, before.address
+        )
         return True
 
     @property
@@ -119,7 +123,7 @@ class StationKeeper:
         silent = _SAME_REFUSAL_NS if refused == self._refused else _OTHER_REFUSAL_NS
         if self._refused is None or now - self._refused_at >= silent:
             self._refused, self._refused_at = refused, now
-            log.error("Connect of %s refused, %s: %s", refused.host, refused.status.text, refused.reason)
+            log.error("Connect from %s rejected, %s: %s", refused.host, refused.status.text, refused.reason)
 
     def keep(self, field: str, value: str | None) -> None:
         """Store without waiting for the disk."""

@@ -153,7 +153,9 @@ def test_cut_off_at_any_byte_what_came_before_is_there(make: Callable[..., bytes
 def test_damaged_lengths_are_refused_before_memory_is_taken() -> None:
     data = bytearray(captures.pcap(PLC))
     struct.pack_into("<I", data, 24 + 8, 0x7FFFFFFF)
-    with pytest.raises(CaptureError, match=f"offset 24: packet 1 claims 2147483647 bytes, at most {MAX_PACKET}"):
+    with pytest.raises(
+        CaptureError, match=f"offset 24: packet 1 has 2147483647 bytes .*, allowed: at most {MAX_PACKET}"
+    ):
         read(bytes(data))
     data = bytearray(captures.pcapng(PLC))
     struct.pack_into("<I", data, 4, 0xFFFFFFFC)
@@ -195,7 +197,7 @@ def test_candump_log() -> None:
 )
 def test_forms_of_candump_lines(line: str, cob_id: int | None, data: str, flags: str) -> None:
     if cob_id is None:
-        with pytest.raises(CaptureError, match=r"can.log: offset 0: .* is no line of a candump log"):
+        with pytest.raises(CaptureError, match=r"can.log: offset 0: .*: not a line of a candump log"):
             can_packets(line.encode())
         return
     (packet,) = can_packets(line.encode())
@@ -288,11 +290,11 @@ def test_a_shortened_blf_file_is_told(tmp_path: Path) -> None:
     ("name", "data", "message"),
     [
         ("a.pcap", b"", "is empty"),
-        ("a.xyz", b"hello, world", r"offset 0: no format known here: it begins with 68 65 6c"),
+        ("a.xyz", b"hello, world", r"offset 0: unknown format: the file begins with 68 65 6c"),
         ("a.blf", b"LOGG" + bytes(200), "cannot be read"),
         ("a.db", b"no database", "cannot be read"),
-        ("a.mf4", b"MDF     4.10" + bytes(100), "needs a further package|cannot be read"),
-        ("a.log", b"nonsense\n", "is no line of a candump log"),
+        ("a.mf4", b"MDF     4.10" + bytes(100), "needs another Python package|cannot be read"),
+        ("a.log", b"nonsense\n", "not a line of a candump log"),
     ],
 )
 def test_what_cannot_be_read_is_said_so(name: str, data: bytes, message: str, tmp_path: Path) -> None:

@@ -119,9 +119,9 @@ def test_the_timeline_tells_of_relationships_stops_and_losses(recorded: tuple[Pl
         return sum(all(part in line for part in parts) for line in lines)
 
     assert has("relationship of plc-1 and press-1 granted") == 2
-    assert has("relationship of plc-1 and press-1 confirmed: cyclic data counts") == 2
+    assert has("relationship of plc-1 and press-1 confirmed: cyclic data is valid") == 2
     assert has("relationship of plc-1 and press-1 ended") == 1
-    assert has("relationship of plc-1 and press-1 parameterises anew: cyclic data does not count") == 1
+    assert has("relationship of plc-1 and press-1 parameterised again: cyclic data is not valid") == 1
     assert has("provider stop") == 1
     assert has("no frame of the PLC for", "lost after 12 ms") == 1
     assert has("axis 1", "PLC lost: the drive is being stopped") == 4, "in STOP, in silence, after Release and PrmBegin"

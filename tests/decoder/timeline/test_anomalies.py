@@ -35,7 +35,7 @@ def test_a_command_the_drive_does_not_answer_is_a_missed_handshake(tmp_path: Pat
     rig.stw(0x047F, 300)
     assert rig.state is State.SWITCHED_ON
     (text,) = texts(timeline(rig, tmp_path), AnomalyKind.HANDSHAKE)
-    assert text.startswith("Controlword 000Fh [Enable Operation]: no answer of the drive within 1 s, Statusword ")
+    assert text.startswith("Controlword 000Fh [Enable Operation]: the drive did not respond within 1 s, Statusword ")
     assert text.endswith("[Switched On]")
 
 
@@ -71,7 +71,7 @@ def test_a_cycle_counter_may_be_a_clock_of_a_plc_that_is_late(often: int, tmp_pa
     ahead = (int.from_bytes(frame[-4:-2], "big") + 200 * MS // COUNTER_UNIT_NS) & 0xFFFF
     counted[40] = (now, frame[:-4] + ahead.to_bytes(2, "big") + frame[-2:])
     text = texts(timeline(rig, tmp_path), AnomalyKind.COUNTER)[0]
-    assert re.search(r"counter \d+ -> \d+ tells of 20\d\.\d ms, 4\.0 ms have passed", text)
+    assert re.search(r"counter \d+ -> \d+ claims 20\d\.\d ms, but 4\.0 ms have passed", text)
 
 
 def test_a_repeated_frame_is_stale(tmp_path: Path) -> None:
@@ -87,7 +87,7 @@ def test_a_dropped_level_of_a_control_word_is_told(tmp_path: Path) -> None:
     opening = replace(opening, known=replace(opening.known, delays=True))
     found = Timeline(opening, list(followed(opening)))
     (text,) = texts(found, AnomalyKind.ORDER)
-    assert text == "a change of a control word stood in too few frames and may be an old frame: ignored"
+    assert text == "a change of a control word was sent in too few frames and may be an old frame: ignored"
     assert found.summary.anomalies == {AnomalyKind.ORDER: 1}
     low, high = edges(found, WordKind.CONTROL)[-2:]
     assert low.note == DROPPED
@@ -99,8 +99,10 @@ def test_a_silence_of_the_plc_is_a_watchdog_gap(tmp_path: Path) -> None:
     rig.step(10, plc=False)
     rig.step(5)
     found = timeline(rig, tmp_path)
-    assert texts(found, AnomalyKind.WATCHDOG) == ["no frame of the PLC for 16.3 ms: the gateway has lost it (IOCS BAD)"]
-    assert "frames again after 44.0 ms" in [entry.text for entry in found.entries if isinstance(entry, Event)]
+    assert texts(found, AnomalyKind.WATCHDOG) == [
+        "no frame of the PLC for 16.3 ms: the gateway has lost the PLC (IOCS BAD)"
+    ]
+    assert "frames are back after 44.0 ms" in [entry.text for entry in found.entries if isinstance(entry, Event)]
     assert Reason.PLC_LOST in {entry.reason for entry in found.entries if isinstance(entry, ReasonChange)}
 
 
@@ -117,7 +119,9 @@ def test_a_gateway_that_ends_after_the_plc_has_not_lost_it(tmp_path: Path) -> No
     found = timeline(rig, tmp_path)
     assert not texts(found, AnomalyKind.WATCHDOG)
     told = [entry.text for entry in found.entries if isinstance(entry, Event) and entry.kind == "gateway"]
-    assert told == ["no frame of the PLC for 8.3 ms, less than the watchdog's 12 ms: IOCS BAD as when the gateway ends"]
+    assert told == [
+        "no frame of the PLC for 8.3 ms, less than the watchdog time of 12 ms: IOCS BAD as when the gateway ends"
+    ]
     assert Reason.PLC_LOST in {entry.reason for entry in found.entries if isinstance(entry, ReasonChange)}
 
 
@@ -128,7 +132,7 @@ def test_without_its_watchdog_a_gateway_that_ends_is_not_told_from_a_loss(tmp_pa
     opening = replace(opening, known=replace(opening.known, watchdog_factor=None))
     found = Timeline(opening, list(followed(opening)))
     assert texts(found, AnomalyKind.WATCHDOG) == [
-        "no frame of the PLC for 8.3 ms: the gateway has lost it or ends (IOCS BAD)"
+        "no frame of the PLC for 8.3 ms: the gateway has lost the PLC or is ending (IOCS BAD)"
     ]
 
 
@@ -177,7 +181,7 @@ def test_without_answers_the_watchdog_decides_and_is_named(factor: int | None, t
     opening = rig.open(tmp_path)
     opening = replace(opening, known=replace(opening.known, watchdog_factor=factor))
     found = Timeline(opening, list(followed(opening)))
-    whose = "the watchdog's" if factor else "if its watchdog has the default"
+    whose = "the watchdog's" if factor else "if the watchdog has its default"
     assert texts(found, AnomalyKind.WATCHDOG) == [f"no frame of the PLC for 44.0 ms: lost after 12 ms, {whose}"]
 
 
@@ -187,7 +191,7 @@ def test_frames_the_gateway_does_not_use_are_told_once(tmp_path: Path) -> None:
     stranger = CyclicEndpoint([rig.stepper.telegram], cycle_ns=CYCLE_NS, peer="192.0.2.1")
     rig.endpoint = stranger
     rig.step(60)
-    assert texts(timeline(rig, tmp_path), AnomalyKind.DROPPED) == ["frames are not used by the gateway (IOCS BAD)"]
+    assert texts(timeline(rig, tmp_path), AnomalyKind.DROPPED) == ["the gateway does not use the frames (IOCS BAD)"]
 
 
 def shutdown_for_ever(rig: RecordedRig) -> int:
@@ -252,7 +256,7 @@ def test_where_todays_rules_differ_for_longer_no_reasons_are_told(tmp_path: Path
     begin = BEGIN_NS + shutdown_for_ever(rig)
     found = timeline(rig, tmp_path)
     (text,) = texts(found, AnomalyKind.DIFFERENCE)
-    assert text.endswith("by today's rules: no reasons until an OFF")
+    assert text.endswith("by the rules of this version: no reasons until an OFF")
     assert edges(found, WordKind.CONTROL)[-1].note == NOT_JUDGED
     told = [entry.time_ns for entry in found.entries if isinstance(entry, ReasonChange)]
     assert max(told) < begin + AGREEMENT_NS + 10 * MS

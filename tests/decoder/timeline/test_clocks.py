@@ -21,7 +21,7 @@ def test_the_offset_is_found_within_a_cycle(name: str, offset_ns: int, tmp_path:
     assert abs(clocks.offset_ns - offset_ns) < CYCLE_NS
     assert clocks.pairs >= 4
     assert not clocks.ambiguous
-    assert f"{clocks.pairs} of {clocks.edges} edges agree" in clocks.text
+    assert f"{clocks.pairs} of {clocks.edges} edges match" in clocks.text
     assert not loaded.replay()[0].differences
 
 
@@ -29,13 +29,13 @@ def test_the_offset_is_found_within_a_cycle(name: str, offset_ns: int, tmp_path:
 def test_one_clock_is_taken_as_one_clock(name: str, tmp_path: Path) -> None:
     clocks = RIGS[name]().load(tmp_path).clocks
     assert clocks.offset_ns == 0
-    assert clocks.text.startswith("the clocks agree: ")
+    assert clocks.text.startswith("the clocks match: ")
 
 
 def test_an_offset_that_is_given_is_taken(tmp_path: Path) -> None:
     loaded = RIGS["telegram 1"]().load(tmp_path, 5 * SECOND, clock_ns=5 * SECOND)
     assert loaded.clocks == Clocks(5 * SECOND)
-    assert loaded.clocks.text == "CAN clock +5.000000 s from the PLC's, as given"
+    assert loaded.clocks.text == "the CAN clock differs by +5.000000 s from the clock of the PLC's frames, as given"
     assert not loaded.replay()[0].differences
 
 
@@ -48,7 +48,7 @@ def test_without_edges_in_common_the_offset_is_not_known() -> None:
     still = AxisWords(control=[Word(0, 0x047E)], controlword=[Word(5, 6)])
     clocks = correlate({1: still}, {1: 1}, CYCLE_NS)
     assert (clocks.offset_ns, clocks.origin) == (0, "not known")
-    assert "not known" in clocks.text
+    assert "unknown" in clocks.text
 
 
 def test_edges_of_one_direction_leave_the_delay_in_the_offset() -> None:

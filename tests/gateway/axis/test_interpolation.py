@@ -251,7 +251,7 @@ def test_a_unit_nobody_tells_refuses_the_axis_and_names_its_key(unknown: str, wh
     drive = described("csp")
     scaling = replace(drive.scaling, **{unknown: None})  # type: ignore[arg-type]
     refusal = lacks(replace(drive, scaling=scaling), 9)
-    assert refusal == f"{what}: not known, {key} settles it; to paste into its [[axis]] and fill in: {line}"
+    assert refusal == f"{what}: unknown, set {key}; paste into its [[axis]] and fill in: {line}"
 
 
 def test_a_reference_nobody_tells_refuses_the_axis() -> None:

@@ -359,9 +359,7 @@ def test_telegram_7_has_no_mdi() -> None:
 
 
 def test_a_positioner_without_its_choices_is_refused() -> None:
-    with pytest.raises(
-        GatewayError, match=r"positioner: missing, a telegram of the positioner needs \[axis.positioner\]"
-    ):
+    with pytest.raises(GatewayError, match=r"\[axis.positioner\] is missing: a telegram of the positioner needs it"):
         AxisMachine(111, AxisSettings(), Rig(1).feedback)
 
 

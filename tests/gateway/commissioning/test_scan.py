@@ -64,7 +64,9 @@ def test_every_node_is_found_with_its_identity_and_what_it_can_be_used_for(site:
     assert found[5].vendor_id == load_sheets([EDS_PATH])[0].identity[0]
     assert "speed: 100 % = 3000 rpm = 60FFh 6000 (from 6080h, 6094h: 1/2 rpm)" in drive.scaling.lines
     assert [found[5].lacks[number] for number in (1, 3, 9, 100)] == [""] * 4
-    assert "no 9" in found[5].lacks[5], "its modes have no cyclic synchronous velocity"
+    assert "9 (cyclic synchronous velocity) is missing" in found[5].lacks[5], (
+        "its modes have no cyclic synchronous velocity"
+    )
     assert found[20].profile == 406
     assert found[20].lacks == dict.fromkeys((81, 82, 83, 84), "")
 
@@ -97,13 +99,13 @@ def test_what_a_shape_lacks_is_what_the_axis_machine_refuses(site: Site, name: s
         ("engel", "is the gateway's heartbeat (1016h, 300 ms), then quick stop (6007h = 3)"),
         ("node-guarding", "is life guarding (100Ch, 100Dh, 300 ms)"),
         ("rpdo-timeout", "is the time-out of its RPDO (1400h/5,"),
-        ("unguarded", "is nothing; pdgw run refuses it without allow_unguarded = true"),
+        ("unguarded", "is nothing; pdgw run rejects it; set allow_unguarded = true"),
     ],
 )
 def test_what_would_stop_a_drive_when_the_gateway_dies_is_told(site: Site, name: str, told: str) -> None:
     site.world.drive(BUS, 7, shape=SHAPES[name])
     (note,) = site.scan()[7].notes
-    assert note.startswith(f"when the gateway dies, what stops it {told}")
+    assert note.startswith(f"if the gateway dies, this device is stopped by {told.removeprefix('is ')}")
 
 
 KNOWN_TO_STOP = Overlay(name="test", title="test", sources=("this test",), quirks=QuirkKeys(sync_loss_periods=3))
@@ -114,15 +116,15 @@ _DSC = 'dsc = "speed"\nfollowing_window = 4096'
     ("telegram", "more", "has_period", "told"),
     [
         (105, _DSC, True, "the loss of SYNC (3 periods of 4000 us, 1006h), then its own reaction"),
-        (105, _DSC, False, "nothing; pdgw run refuses it without allow_unguarded = true"),
+        (105, _DSC, False, "nothing; pdgw run rejects it; set allow_unguarded = true"),
         (
             1,
             "",
             True,
-            "nothing; pdgw run refuses it without allow_unguarded = true or a telegram with SYNC in a cyclic synchronous mode, "
-            "without which drives of this family stop",
+            "nothing; pdgw run rejects it; set allow_unguarded = true, or use a telegram with SYNC in a cyclic synchronous mode: "
+            "drives of this family stop without SYNC",
         ),
-        (1, "allow_unguarded = true", True, "nothing; pdgw run operates it all the same (allow_unguarded = true)"),
+        (1, "allow_unguarded = true", True, "nothing; pdgw run operates it because allow_unguarded = true"),
     ],
 )
 def test_the_loss_of_sync_counts_where_the_configured_telegram_has_it_and_the_family_is_known_to_stop(
@@ -137,7 +139,7 @@ def test_the_loss_of_sync_counts_where_the_configured_telegram_has_it_and_the_fa
     before = len(site.sent)
     config = configuration(axis(1, telegram_number=telegram, more=more))
     found = site.scan(expected=expected_on(config, config.can[0]))[1]
-    assert f"when the gateway dies, what stops it is {told}" in found.notes
+    assert f"if the gateway dies, this device is stopped by {told.removeprefix('is ')}" in found.notes
     assert all(message.data[0] & 0xE0 in {_UPLOAD, _UPLOAD_SEGMENT, _ABORT} for message in site.sent[before:])
 
 
@@ -147,7 +149,7 @@ def test_a_data_sheet_that_fits_is_named_and_one_of_another_device_is_not_used(s
     found = site.scan(tuple(load_sheets([EDS_PATH])))
     assert found[5].eds == EDS_PATH
     assert found[6].eds is None
-    assert "none of the data sheets is of this device" in found[6].notes
+    assert "no data sheet belongs to this device" in found[6].notes
 
 
 def test_a_configured_node_is_compared_with_what_is_there(site: Site) -> None:
@@ -159,9 +161,9 @@ def test_a_configured_node_is_compared_with_what_is_there(site: Site) -> None:
     )
     found = site.scan(expected=expected_on(config, config.can[0]))
     assert found[1].notes[-1] == "DO 1 of the configuration, telegram 9: nothing is missing"
-    assert "another device, pdgw run refuses it" in found[2].notes[0]
-    assert "DO 3 of the configuration is a device of profile 402, not of this one" in found[3].notes
-    assert found[4].notes == ["answers no SDO (not heard): DO 4 of the configuration is missing"]
+    assert "another device, pdgw run rejects it" in found[2].notes[0]
+    assert "DO 3 of the configuration needs device profile 402; this device has another one" in found[3].notes
+    assert found[4].notes == ["no answer to SDO (not heard): DO 4 of the configuration is missing"]
 
 
 def test_a_stopped_node_is_heard_though_it_answers_no_sdo(site: Site) -> None:
@@ -173,7 +175,7 @@ def test_a_stopped_node_is_heard_though_it_answers_no_sdo(site: Site) -> None:
 
     beat()
     found = site.scan()
-    assert (found[9].nmt_state, found[9].notes) == ("Stopped", ["answers no SDO (Stopped)"])
+    assert (found[9].nmt_state, found[9].notes) == ("Stopped", ["no answer to SDO (Stopped)"])
 
 
 @pytest.mark.parametrize(

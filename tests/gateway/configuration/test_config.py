@@ -135,7 +135,7 @@ can = "left"
         ("cycle_time_ms = 4", "cycle_time_ms = true", ["x.toml:11", "cycle_time_ms = True"]),
         ("modulo_axis = true", 'modulo_axis = "yes"', ["x.toml:21", "modulo_axis = 'yes'", "boolean"]),
         ('channel = "can0"', 'chanel = "can0"', ["chanel: unknown key", "did you mean channel?"]),
-        ("acyclic_port = 34964", "acyclic_port = 34962", ["cyclic_port and acyclic_port: both are 34962"]),
+        ("acyclic_port = 34964", "acyclic_port = 34962", ["cyclic_port and acyclic_port are both 34962"]),
         ("simulate = true", "tpdo_event_ms = 20\ntpdo_inhibit_us = 30000", ["tpdo_inhibit_us = 30000", "0 to 20000"]),
         ("[can]", "store = 7\n[can]", ["x.toml:1", "store = 7"]),
         ("[can]", "can = 7\n[cam]", ["can"]),
@@ -204,12 +204,12 @@ ENCODER = "[[encoder]]\ndo_id = {}\nnode_id = {}\ntelegram = 83\n"
         (
             BASE.replace("telegram = 9", 'telegram = 105\ndsc = "speed"\nfollowing_window = 1000\ng1 = 2')
             + ENCODER.format(2, 7),
-            "x.toml:21: [[axis]] number 1: g1 = 2: telegram 105 closes its loop with the drive's position (DSC), "
+            "x.toml:21: [[axis]] number 1: g1 = 2: telegram 105 closes its position loop in the drive (DSC), "
             "allowed with telegram [3, 4, 102, 103]",
         ),
         (
             BASE.replace("telegram = 9", "telegram = 3\ng1 = 5") + ENCODER.format(2, 7),
-            "x.toml:19: [[axis]] number 1: g1 = 5 is no do_id of an [[encoder]], allowed: [2]",
+            "x.toml:19: [[axis]] number 1: g1 = 5 is not the do_id of an [[encoder]], allowed: [2]",
         ),
         (
             BASE.replace("telegram = 9", "telegram = 3\ng2 = 2") + ENCODER.format(2, 7),
@@ -221,11 +221,11 @@ ENCODER = "[[encoder]]\ndo_id = {}\nnode_id = {}\ntelegram = 83\n"
         ),
         (
             BASE.replace("telegram = 9", "telegram = 4\ng2 = 5") + ENCODER.format(2, 7),
-            "x.toml:19: [[axis]] number 1: g2 = 5 is no do_id of an [[encoder]], allowed: [2]",
+            "x.toml:19: [[axis]] number 1: g2 = 5 is not the do_id of an [[encoder]], allowed: [2]",
         ),
         (
             BASE.replace("telegram = 9", "telegram = 4\ng1 = 2\ng2 = 2") + ENCODER.format(2, 7),
-            "x.toml:20: [[axis]] number 1: g2 = 2 is G1 already: one encoder has one control word, allowed: another one",
+            "x.toml:20: [[axis]] number 1: g2 = 2 is already used by g1; one encoder has one control word: set another encoder",
         ),
         (
             BASE.replace("telegram = 9", 'telegram = 4\ng2 = "motor"'),
@@ -233,7 +233,7 @@ ENCODER = "[[encoder]]\ndo_id = {}\nnode_id = {}\ntelegram = 83\n"
         ),
         (BASE + ENCODER.format(1, 7), "x.toml:24: [[encoder]] number 1: do_id: 1 is used twice"),
         (BASE + ENCODER.format(2, 3), "x.toml:25: [[encoder]] number 1: node_id on bus can: 3 is used twice"),
-        (BASE.replace("simulate = true", 'can = "b"'), 'x.toml:22: [[axis]] number 1: can = "b" is no [[can]] name'),
+        (BASE.replace("simulate = true", 'can = "b"'), 'x.toml:22: [[axis]] number 1: can = "b" is not the name of'),
         (BASE.split("[[axis]]", maxsplit=1)[0], "x.toml: [[axis]] or [[encoder]]: at least one is needed"),
     ],
 )
@@ -262,7 +262,7 @@ def test_a_byte_order_mark_is_no_mistake(tmp_path: Path) -> None:
 
 def test_a_table_that_stands_twice_is_told_how_several_are_written() -> None:
     text = BASE.replace("[[axis]]", "[axis]")
-    with pytest.raises(GatewayError, match=r"twice.*; several of them are written \[\[axis\]\], each"):
+    with pytest.raises(GatewayError, match=r"twice.*; write \[\[axis\]\] before each"):
         parse_config(text + text.split("[axis]")[1].join(("[axis]", "")))
 
 
@@ -287,7 +287,7 @@ RUBBISH = "\n".join(["[DeviceInfo]", "VendorName=nobody"])
         (
             '"socketcan"',
             '"soketcan"',
-            "c.toml:2: [[can]] number 1 interface = 'soketcan': no interface of python-can, did",
+            "c.toml:2: [[can]] number 1 interface = 'soketcan': not an interface of python-can; did",
         ),
         ("simulate = true", 'eds = "r.eds"', "c.toml:22: [[axis]] number 1 eds = "),
     ],
@@ -316,7 +316,7 @@ def test_an_interface_whose_driver_is_not_installed_is_refused(tmp_path: Path, m
     path = tmp_path / "c.toml"
     path.write_text(BASE.replace('"socketcan"', '"acme"'))
     (line,) = references_wrong(load_config(path), path)
-    assert "interface = 'acme': its driver cannot be loaded on this machine" in line
+    assert "interface = 'acme': the driver cannot be loaded on this machine" in line
     assert "acme_can_driver" in line
 
 
@@ -355,7 +355,7 @@ def test_missing_files_are_named(tmp_path: Path) -> None:
         load_config(tmp_path / "none.toml")
     path = tmp_path / "c.toml"
     path.write_text(BASE.replace("simulate = true", 'eds = "nowhere.eds"'))
-    with pytest.raises(GatewayError, match=r"c.toml:22: \[\[axis\]\] number 1 eds = '.*nowhere\.eds': is not a file"):
+    with pytest.raises(GatewayError, match=r"c.toml:22: \[\[axis\]\] number 1 eds = '.*nowhere\.eds': not a file"):
         load_config(path)
 
 

@@ -18,11 +18,11 @@ LABELS = "allowed: labels of 1..63 of a-z, 0-9, inner hyphens, with dots between
 @pytest.mark.parametrize(
     ("transport", "line"),
     [
-        ('type = "profinet"', 'interface is missing, needed with type = "profinet", for example "eth1"'),
-        ('interface = "eth1"', 'interface: has a meaning with type = "profinet" only'),
-        ('ip = "192.168.0.2/24"', 'ip: has a meaning with type = "profinet" only'),
-        (PROFINET + 'router = "192.168.0.1"', "router: allowed is an address of the network of ip"),
-        (PROFINET + 'ip = "192.168.0.2/24"\nrouter = "192.168.1.1"', "router: allowed is an address of the network"),
+        ('type = "profinet"', 'interface is missing: type = "profinet" needs it, for example "eth1"'),
+        ('interface = "eth1"', 'interface: allowed only with type = "profinet"'),
+        ('ip = "192.168.0.2/24"', 'ip: allowed only with type = "profinet"'),
+        (PROFINET + 'router = "192.168.0.1"', "router: must be an address in the network of ip"),
+        (PROFINET + 'ip = "192.168.0.2/24"\nrouter = "192.168.1.1"', "router: must be an address in the network"),
         (PROFINET + 'ip = "192.168.0.300/24"', "ip = '192.168.0.300/24': Input is not a valid IPv4 interface"),
         (PROFINET + 'ip = "192.168.0.0/24"', "ip = 192.168.0.0/24: allowed: a host's address below 224.0.0.0"),
         (PROFINET + 'ip = "192.168.0.255/24"', "ip = 192.168.0.255/24: allowed: a host's address below 224.0.0.0"),

@@ -73,7 +73,7 @@ def test_the_modulo_range_counts_with_the_correction_alone(correction: str, expe
         (
             "software_limits = [-5, 9]",
             "software_limits = [-5, 9]\nmodulo_correction = true\nmodulo_range = 360",
-            ["software_limits: not with modulo_correction"],
+            ["software_limits: not allowed with modulo_correction"],
         ),
         (
             "software_limits = [-5, 9]",
@@ -87,7 +87,7 @@ def test_the_modulo_range_counts_with_the_correction_alone(correction: str, expe
             ["block 2: value = 1001 is not allowed, expected 1..1000"],
         ),
         ('task = "wait"', 'task = "jump"', ["task = 'jump'", "'position', 'wait', 'goto'"]),
-        ("number = 2", "number = 3", ["block 1: goes on with block 2, which is missing"]),
+        ("number = 2", "number = 3", ["block 1: continues with block 2, which is missing"]),
         ("position_window", "position_windov", ["position_windov", "did you mean position_window"]),
     ],
 )

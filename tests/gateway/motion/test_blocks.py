@@ -36,17 +36,17 @@ def test_a_block_is_refused_with_number_key_value_and_what_is_allowed(values: di
 @pytest.mark.parametrize(
     ("blocks", "message"),
     [
-        ([Block(1, 0, 1), Block(1, 5, 1)], "block 1: is there twice"),
-        ([Block(1, 0, 1, next=GO_ON)], "block 1: goes on with block 2, which is missing"),
-        ([Block(1, task=BlockTask.GOTO, value=7)], "block 1: goes on with block 7, which is missing"),
-        ([Block(1, task=BlockTask.GOTO, value=1)], "block 1: its chain is a ring"),
+        ([Block(1, 0, 1), Block(1, 5, 1)], "block 1: defined twice"),
+        ([Block(1, 0, 1, next=GO_ON)], "block 1: continues with block 2, which is missing"),
+        ([Block(1, task=BlockTask.GOTO, value=7)], "block 1: continues with block 7, which is missing"),
+        ([Block(1, task=BlockTask.GOTO, value=1)], "block 1: the chain is a loop"),
         (
             [Block(1, task=BlockTask.SET_OUTPUT, value=1, next=GO_ON), Block(2, task=BlockTask.GOTO, value=1)],
-            "block 1: its chain is a ring",
+            "block 1: the chain is a loop",
         ),
         (
             [Block(1, task=BlockTask.WAIT, next=GO_ON), Block(2, task=BlockTask.GOTO, value=1)],
-            "block 1: its chain is a ring",
+            "block 1: the chain is a loop",
         ),
     ],
 )

@@ -198,7 +198,7 @@ def test_without_a_drive_the_values_are_bad_and_nothing_is_sent(axis: Axis) -> N
     ("number", "message"),
     [
         (113, "telegram: 113 is not supported"),
-        (112, "lu_per_unit: missing, telegram 112 needs lu_per_unit and velocity_per"),
+        (112, "lu_per_unit is missing: telegram 112 needs lu_per_unit and velocity_per"),
     ],
 )
 def test_an_unsupported_telegram_changes_nothing(axis: Axis, number: int, message: str) -> None:

@@ -160,7 +160,7 @@ def test_a_network_that_is_none_is_told_with_its_place() -> None:
 @pytest.mark.parametrize("listen", ["0.0.0.0", "192.168.0.5"])
 def test_beyond_loopback_the_peer_is_mandatory_and_the_message_says_why(listen: str) -> None:
     with pytest.raises(
-        GatewayError, match=rf"peer is missing: listen = {listen} is reached by others .* move the drives"
+        GatewayError, match=rf"peer is missing: other computers can reach listen = {listen}, .* control the drives"
     ):
         configuration(axis(1), transport=f'listen = "{listen}"')
     configuration(axis(1), transport=f'listen = "{listen}"\npeer = "192.168.0.10"')

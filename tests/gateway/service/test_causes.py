@@ -92,7 +92,7 @@ def test_names_are_shown_beside_the_numbers(caplog: pytest.LogCaptureFixture) ->
         text = "\n".join(object_lines(document, 2))
         assert text.startswith('axis 2 "slide 2", node 2 online')
         assert "slide 1" not in text
-        with pytest.raises(GatewayError, match="axis 9: there is no such drive object, allowed: 1, 2"):
+        with pytest.raises(GatewayError, match="axis 9: unknown drive object, allowed: 1, 2"):
             list(object_lines(document, 9))
 
 

@@ -60,8 +60,8 @@ def test_a_refused_default_is_one_line_and_a_warning_below_8_ms(monkeypatch: pyt
     System(monkeypatch, refuses=True)
     ((level, text),) = realtime.apply(RealtimeConfig(), 4)
     assert level == logging.WARNING
-    assert text.startswith("usual scheduling: SCHED_FIFO is not granted (Operation not permitted; LimitRTPRIO=40")
-    assert text.endswith("on a busy machine cycles of 4 ms are missed")
+    assert text.startswith("normal scheduling: SCHED_FIFO is not granted (Operation not permitted; LimitRTPRIO=40")
+    assert text.endswith("a busy machine misses cycles of 4 ms")
     ((level, text),) = realtime.apply(RealtimeConfig(), 8)
     assert level == logging.INFO
     assert "missed" not in text
@@ -79,7 +79,7 @@ def test_a_configured_priority_that_is_refused_is_logged_with_the_right_it_needs
     System(monkeypatch, refuses=True)
     ((level, line),) = realtime.apply(RealtimeConfig(priority=50), 4)
     assert level == logging.WARNING
-    assert line.startswith("[realtime] priority = 50: Operation not permitted, goes on without")
+    assert line.startswith("[realtime] priority = 50: Operation not permitted, ignored")
     assert "CAP_SYS_NICE" in line
 
 
@@ -87,8 +87,8 @@ def test_a_system_without_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("sched_setaffinity", "sched_getscheduler"):
         monkeypatch.delattr(os, name, raising=False)
     assert [line for _, line in realtime.apply(RealtimeConfig(cpu=(0,)), 8)] == [
-        "[realtime] cpu = [0]: not on this operating system, goes on without",
-        "usual scheduling: SCHED_FIFO is not on this operating system",
+        "[realtime] cpu = [0]: not available on this operating system, ignored",
+        "normal scheduling: SCHED_FIFO is not available on this operating system",
     ]
 
 

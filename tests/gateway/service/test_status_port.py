@@ -75,7 +75,7 @@ def test_a_connection_that_cannot_be_had_does_not_wake_the_loop_again_and_again(
         turn()
         loop.run()
         assert listener.asked == 1
-        assert caplog.text.count("status port: no connection can be taken (Too many open files)") == 1
+        assert caplog.text.count("status port: cannot accept a connection (Too many open files)") == 1
         assert [item["value"] for item in loop.counters.values() if item["part"] == "status"] == [1]
         server.stop()
 

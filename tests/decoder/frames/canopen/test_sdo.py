@@ -120,7 +120,7 @@ def test_the_next_transfer_begins_afresh() -> None:
 
 def test_a_transfer_without_its_start_is_said_so() -> None:
     step = SdoChannel().feed(False, b"\x01abcdefg", 0)
-    assert (step.name, step.index, step.note) == ("upload segment", None, "start of the transfer not seen")
+    assert (step.name, step.index, step.note) == ("upload segment", None, "start of the transfer missing")
 
 
 def test_a_transfer_without_end_keeps_a_bounded_part() -> None:
@@ -133,7 +133,7 @@ def test_a_transfer_without_end_keeps_a_bounded_part() -> None:
     step = channel.feed(False, bytes(((number & 1) << 4 | 1,)) + b"abcdefg", 0)
     assert step.value is not None
     assert len(step.value) <= MAX_TRANSFER
-    assert "the end is not kept" in step.note
+    assert "the rest is discarded" in step.note
 
 
 @given(frames=st.lists(st.tuples(st.booleans(), st.binary(min_size=8, max_size=8)), max_size=40))

@@ -262,7 +262,7 @@ def test_a_frame_shorter_than_its_connect_says_so() -> None:
     decode(decoder, connect_packets())
     short = bytes(12) + b"\x88\x92" + struct.pack(">H44x", INPUT)
     (record,) = decode(decoder, [short])
-    assert record.summary.endswith("(not as long as its Connect says)")
+    assert record.summary.endswith("(length differs from the length in its Connect)")
 
 
 @tshark.needs_tshark

@@ -114,7 +114,9 @@ def test_a_wrong_telegram_is_told_when_the_first_frames_have_nothing_good_yet() 
         decode(cyclic, bytes(beginning))
     assert not notices
     decode(cyclic, frame([chosen], Direction.ACTUAL, values))
-    assert notices == ["the actual values do not fit telegram 9 as given: their length is that of telegram 111/112"]
+    assert notices == [
+        "the actual values do not fit the given telegram 9: their length is the length of telegram 111/112"
+    ]
 
 
 def test_several_axes_are_told_apart() -> None:
@@ -131,7 +133,7 @@ def test_a_frame_without_good_status_waits_for_a_better_one() -> None:
     for data in (stopped, bad):
         record = decode(cyclic, data)
         assert record.units == ()
-        assert "telegram not known" in record.summary
+        assert "telegram unknown" in record.summary
     assert not notices
     assert decode(cyclic, zeros([9], Direction.SETPOINT)).units[0].layout.telegram == 9
     assert decode(cyclic, stopped).units[0].layout.telegram == 9
@@ -155,7 +157,7 @@ def test_p922_decides_against_length_and_option() -> None:
         assert notices[-1] == "axis 1: telegram 7, observed in P922"
         cyclic.observe(1, 555)
         assert decode(cyclic, zeros([7], Direction.SETPOINT)).units[0].layout.telegram == 7
-        assert "555 is no telegram" in notices[-1]
+        assert "555 is an unknown telegram" in notices[-1]
 
 
 def test_a_telegram_that_does_not_fit_is_said_so() -> None:

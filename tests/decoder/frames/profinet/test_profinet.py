@@ -96,7 +96,7 @@ def test_relationships_come_and_go() -> None:
         if isinstance(record, RelationRecord):
             changes.append((record.change, record.connection.controller))
         elif isinstance(record, AlarmRecord) and record.ended is not None:
-            assert "the relationship is ended, requested" in record.summary
+            assert "ends the relationship, requested" in record.summary
             changes.append((Change.ENDED, record.ended.controller))
     once = [(change, "plc-1") for change in (Change.GRANTED, Change.READY, Change.ENDED)]
     assert changes == once * 2
@@ -134,9 +134,9 @@ def test_frames_of_another_station_are_left_out_unless_it_is_the_chosen_one() ->
     decoder.notices.clear()
     found = decode(decoder, other)
     assert all(not record.units for record in found)
-    assert any("of another station" in record.summary for record in found if isinstance(record, CyclicRecord))
-    assert decoder.notices[0].startswith("left out: another station of gateway with axis 1 telegram 1")
-    assert decoder.notices[0].endswith("; --station chooses")
+    assert any("belongs to another station" in record.summary for record in found if isinstance(record, CyclicRecord))
+    assert decoder.notices[0].startswith("ignored: another station of gateway with axis 1 telegram 1")
+    assert decoder.notices[0].endswith("; choose it with --station")
     named = Decoder(Settings(station="elsewhere"))
     assert all(not record.units for record in decode(named, frames()))
 
@@ -189,7 +189,7 @@ _KINDS = {
     "FollowUp": "PTCP, follow-up of a synchronisation",
     "Delay": "PTCP, measurement of a line's delay",
     "Fragment": "a fragment of a larger frame",
-    "RTC3": "a cyclic frame of RT class 3 (IRT), not read",
+    "RTC3": "a cyclic frame of RT class 3 (IRT), not decoded",
 }
 """What tshark calls a frame that is only named here, and what it is called here."""
 
@@ -203,7 +203,7 @@ def test_frames_that_are_not_read_are_named_as_by_tshark(tmp_path: Path) -> None
     seen = set()
     for frame_id, record, row in zip(ids, decode(Decoder(), packets), rows, strict=True):
         kind = next((kind for kind in _KINDS if kind in row["_ws.col.Info"]), None)
-        called = _KINDS[kind] if kind else "no cyclic frame"
+        called = _KINDS[kind] if kind else "not a cyclic frame"
         assert record.summary == f"FrameID {frame_id:04X}h is {called}, 46 bytes"
         seen.add(kind)
     assert seen == {None, *_KINDS}

@@ -20,7 +20,7 @@ def loop() -> Iterator[SystemLoop]:
 
 
 def test_an_interface_that_is_not_there_is_told_with_those_that_are(loop: SystemLoop) -> None:
-    with pytest.raises(GatewayError, match=r"interface nowhere0: there is none of this name, allowed: .*lo"):
+    with pytest.raises(GatewayError, match=r"interface nowhere0: does not exist, allowed: .*lo"):
         RawEthernet(loop, "nowhere0")
 
 
@@ -32,7 +32,7 @@ def test_without_the_right_to_raw_frames_the_message_names_the_capability(
 
     monkeypatch.setattr(socket, "socket", refused)
     with pytest.raises(
-        GatewayError, match=r"interface lo: raw Ethernet is not allowed \(CAP_NET_RAW is missing\).*setcap"
+        GatewayError, match=r"interface lo: no permission for raw Ethernet \(CAP_NET_RAW is missing\).*setcap"
     ):
         RawEthernet(loop, "lo")
 
@@ -60,7 +60,7 @@ def test_an_interface_that_is_no_ethernet_is_refused(loop: SystemLoop, monkeypat
             self.closed = True
 
     monkeypatch.setattr(socket, "socket", FakeSocket)
-    with pytest.raises(GatewayError, match="interface lo: is no Ethernet interface"):
+    with pytest.raises(GatewayError, match="interface lo: not an Ethernet interface"):
         RawEthernet(loop, "lo")
     assert opened
     assert all(item.closed for item in opened)

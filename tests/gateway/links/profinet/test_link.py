@@ -418,12 +418,12 @@ def test_a_refused_connect_is_in_the_log_with_its_reason_and_repetitions_do_not_
         rig.plc = IoController(caller, project, DEVICE_IP, seed=rig.loop.now() + 1)
         rig.plc.start(rig.loop.now())
         rig.run(20 * MS)
-        return [item.getMessage() for item in caplog.records if "Connect of" in item.getMessage()]
+        return [item.getMessage() for item in caplog.records if "Connect from" in item.getMessage()]
 
     field = "ArBlockReq.activity_timeout: '0h' is not allowed, expected 1..1000"
     for _ in range(100):
         told = ask(activity_timeout=0)
-    assert told == [f"Connect of 192.168.0.1 refused, error (DB 81 01 0A): {field}"]
+    assert told == [f"Connect from 192.168.0.1 rejected, error (DB 81 01 0A): {field}"]
     told = ask(data_hold=0)
     assert len(told) == 2, "another reason"
     assert "IocrBlockReq.watchdog" in told[1]

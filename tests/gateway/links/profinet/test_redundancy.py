@@ -259,5 +259,5 @@ def test_the_status_shows_both_controllers(tmp_path: Path) -> None:
 
 
 def test_redundancy_is_for_profinet_only() -> None:
-    with pytest.raises(GatewayError, match='switchover_ms: has a meaning with type = "profinet" only'):
+    with pytest.raises(GatewayError, match='switchover_ms: allowed only with type = "profinet"'):
         udp_configuration(axis(1), transport="switchover_ms = 200")

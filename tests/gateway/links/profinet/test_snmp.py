@@ -46,5 +46,5 @@ def test_written_texts_are_shown_at_once_kept_and_cleared_by_a_reset(tmp_path: P
 
 @pytest.mark.parametrize("keys", ['snmp_write_community = "x"', 'snmp_community = "x"\nsnmp_write_community = "x"'])
 def test_writing_needs_a_community_of_its_own(tmp_path: Path, keys: str) -> None:
-    with pytest.raises(GatewayError, match="snmp_write_community: allowed with another snmp_community only"):
+    with pytest.raises(GatewayError, match="snmp_write_community: needs a different snmp_community"):
         configuration(axis(1), tmp_path / "store.json", transport=keys)
