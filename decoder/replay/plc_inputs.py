@@ -14,10 +14,11 @@ from pdgw.gateway.configuration.defaults import WATCHDOG_FACTOR
 from pdgw.gateway.links.confirmation import CONFIRMING_FRAMES, Orders
 from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.links.sequence import SEQUENCE_FRAMES
+from pdgw.gateway.links.udp import Address
 from pdgw.profidrive.telegrams import Telegram
 
-SENDER: Final = ("recorded", 0)
-"""Of every frame of a recording."""
+SENDER: Final[Address] = ("", 0)
+"""Of every frame over UDP."""
 _NEVER: Final = (1 << 63) - 1
 """Later than every time."""
 _NO_FRAME: Final = _NEVER
@@ -32,6 +33,10 @@ class Frame(NamedTuple):
     time_ns: int
     data: bytes
     received_ns: int
+    source: Address = SENDER
+    """Over PROFINET the MAC address of the controller, where a Connect says it."""
+    counts: bool = True
+    """False: another controller leads."""
 
 
 class Relation(NamedTuple):
@@ -174,7 +179,7 @@ class _Receiver:
     def take(self, frame: Frame) -> None:
         """A frame."""
         now = frame.time_ns
-        verdict = self._endpoint.receive(frame.data, SENDER, now, frame.received_ns)
+        verdict = self._endpoint.receive(frame.data, frame.source, now, frame.received_ns)
         self._inputs.received.append(Received(now, verdict))
         if not self._endpoint.connected and self._endpoint.poll(now):
             # The gateway stood still: it sees the loss when it takes this frame, whatever waits behind it.
@@ -227,6 +232,6 @@ def receive_profinet(happened: Iterable[Frame | Relation], endpoint: ProfinetEnd
         if isinstance(item, Frame):
             receiver.take(item)
         else:
-            endpoint.relate(item.change, item.connection)
+            endpoint.relate(item.change, item.connection, item.time_ns)
             receiver.note(item.time_ns)
     return receiver.end(endpoint.watchdog_ns)

@@ -101,9 +101,8 @@ class Collector:
         self._settings = dict(settings or {})
         self._nodes = [_Node(axis) for axis in self.axes]
         self._happened: list[Frame | Relation] = []
-        self._profinet = False
-        self._ready = True
-        """Cyclic data counts; over PROFINET only while a relationship is confirmed."""
+        self._link: ProfinetEndpoint | None = None
+        """Over PROFINET: which relationship counts, and whether it is confirmed."""
         self._valid: set[int] = set()
         """Drive objects with valid data in the present relationship: before, nothing is in the frame yet."""
         self._answers: dict[int, list[Answer]] = {axis.do_id: [] for axis in self.axes}
@@ -118,7 +117,7 @@ class Collector:
             if self._begin_ns is None:
                 self._begin_ns = record.time_ns
             if record.direction is Direction.SETPOINT:
-                self._happened.append(Frame(record.time_ns, record.data, received_ns))
+                self._happened.append(self._frame(record, received_ns))
             elif record.direction is Direction.ACTUAL:
                 self._actual(record)
         elif isinstance(record, RelationRecord):
@@ -135,29 +134,39 @@ class Collector:
     # -- the PLC's side -----------------------------------------------------------------------------------------------
 
     def _relate(self, time_ns: int, change: Change, connection: Connection) -> None:
-        self._profinet = True
-        self._ready = change is Change.READY
-        self._valid.clear()
+        if self._link is None:
+            self._link = ProfinetEndpoint(self.axes, WATCHDOG_FACTOR)
+        self._link.relate(change, connection, time_ns)
+        if self._link.follows(connection.controller_mac):
+            self._valid.clear()
         self._happened.append(Relation(time_ns, change, connection))
 
+    def _frame(self, record: CyclicRecord, received_ns: int) -> Frame:
+        if self._link is None:
+            return Frame(record.time_ns, record.data, received_ns)
+        controller = record.layout.controller
+        source = (controller.hex(), 0)
+        self._link.receive(record.data, source, record.time_ns)
+        return Frame(record.time_ns, record.data, received_ns, source, self._link.follows(controller))
+
     def _actual(self, record: CyclicRecord) -> None:
-        if not self._ready:
+        if self._link is not None and not (self._link.ready and self._link.follows(record.layout.controller)):
             return
         for unit in record.units:
             good = bool((unit.iops or 0) & IOPS_GOOD)
             if good:
                 self._valid.add(unit.axis)
-            if unit.axis in self._answers and (not self._profinet or unit.axis in self._valid):
+            if unit.axis in self._answers and (self._link is None or unit.axis in self._valid):
                 values = tuple(_integer(value) for value in unit.values)
                 # Over PROFINET IOCS says that a submodule is the right one, not that the PLC is there.
-                plc_ok = None if self._profinet else bool((unit.iocs or 0) & IOPS_GOOD)
+                plc_ok = None if self._link is not None else bool((unit.iocs or 0) & IOPS_GOOD)
                 self._answers[unit.axis].append(Answer(record.time_ns, values, good, plc_ok))
 
     # -- the result ---------------------------------------------------------------------------------------------------
 
     @property
     def _frame_times(self) -> list[int]:
-        return [item.time_ns for item in self._happened if isinstance(item, Frame)]
+        return [item.time_ns for item in self._happened if isinstance(item, Frame) and item.counts]
 
     @cached_property
     def measured_cycle_ns(self) -> int:
@@ -166,7 +175,7 @@ class Collector:
 
     def measured_watchdog_factor(self, cycle_ns: int) -> int:
         """Cycles without a frame until the gateway's answers (IOCS) show the PLC as lost; the default where they never do."""
-        if self._profinet:
+        if self._link is not None:
             return WATCHDOG_FACTOR
         frames = self._frame_times
         answers = next(iter(self._answers.values()), [])
@@ -202,7 +211,7 @@ class Collector:
         """
         happened = sorted(self._happened, key=lambda item: item.time_ns)
         watchdog_ns = cycle_ns * watchdog_factor
-        if self._profinet:
+        if self._link is not None:
             endpoint = ProfinetEndpoint(self.axes, watchdog_factor)
             plc = receive_profinet(happened, endpoint)
             watchdog_ns = endpoint.watchdog_ns
@@ -251,7 +260,7 @@ class Collector:
             [(now - offset_ns, online) for now, online in node.online],
             node.end_ns - offset_ns,
             watchdog_ns,
-            self._profinet,
+            self._link is not None,
             tuple(pdo for _, pdo in sorted(node.rpdos.items()) if pdo is not None),
             self._in_order,
         )

@@ -271,11 +271,9 @@ class _Exchange:
         if not isinstance(endpoint, ProfinetEndpoint):
             axes = [item.axis for item in self._order]
             endpoint = self._endpoint = ProfinetEndpoint(axes, self._factor or WATCHDOG_FACTOR)
-        endpoint.relate(change, connection)
-        self._watchdog_ns = endpoint.watchdog_ns
-        if change is Change.GRANTED:
-            for counter in self._counters.values():
-                counter.restart()
+        endpoint.relate(change, connection, now)
+        if change is Change.GRANTED and endpoint.follows(connection.controller_mac):
+            self._restart_counters()
         who = " and ".join(name for name in (connection.controller, connection.station) if name)
         self._put(Event(now, 0, "PLC", f"relationship of {who} {change.value}"))
         if change in {Change.ENDED, Change.PAUSED}:
@@ -287,22 +285,50 @@ class _Exchange:
         if direction is None:
             return
         self.seen.add(direction)
+        if direction is Direction.SETPOINT:
+            self._frame(record)
+        elif self._follows(record):
+            self._count(record, direction)
+            self._answer(record)
+
+    def _count(self, record: CyclicRecord, direction: Direction) -> None:
         jump = self._counters[direction].jump(record.cycle_counter, record.time_ns)
         if jump:
             self._put(Anomaly(record.time_ns, 0, AnomalyKind.COUNTER, jump))
-        if direction is Direction.SETPOINT:
-            self._frame(record)
-        else:
-            self._answer(record)
+
+    def _restart_counters(self) -> None:
+        for counter in self._counters.values():
+            counter.restart()
+
+    def _follows(self, record: CyclicRecord) -> bool:
+        """Whether the frame is of the controller that counts: of two redundant ones the one that leads."""
+        endpoint = self._endpoint
+        return not isinstance(endpoint, ProfinetEndpoint) or endpoint.follows(record.layout.controller)
+
+    def _receive(self, record: CyclicRecord) -> Verdict:
+        """What becomes of a frame of the PLC; another controller may lead with it."""
+        now, endpoint, source = record.time_ns, self._endpoint, (record.layout.controller.hex(), 0)
+        if not isinstance(endpoint, ProfinetEndpoint):
+            return endpoint.receive(record.data, source, now, now)
+        before = endpoint.leads
+        verdict = endpoint.receive(record.data, source, now)
+        if endpoint.leads not in {"", before}:
+            self._restart_counters()
+            self._put(Event(now, 0, "PLC", f"controller {endpoint.leads} leads"))
+        return verdict
 
     def _frame(self, record: CyclicRecord) -> None:
         now, endpoint = record.time_ns, self._endpoint
         if not self._answered:
             self._watch(now)
-        verdict = endpoint.receive(record.data, SENDER, now, now)
+        verdict = self._receive(record)
+        if not self._follows(record):
+            return
+        self._count(record, Direction.SETPOINT)
         if verdict is Verdict.UNCONFIRMED and isinstance(endpoint, ProfinetEndpoint):
-            self._last_frame = now
-            return  # before ApplicationReady is confirmed, and behind PrmBegin, no frame counts
+            if not endpoint.connected:
+                self._last_frame = now
+            return  # before ApplicationReady is confirmed, behind PrmBegin, and of a backup no frame counts
         if verdict is Verdict.STALE or (verdict is not Verdict.ACCEPTED and verdict is not self._standing):
             kind = _VERDICTS.get(verdict, AnomalyKind.DROPPED)
             self._put(Anomaly(now, 0, kind, f"frame with counter {record.cycle_counter}: {verdict.value}"))
@@ -395,7 +421,7 @@ class _Exchange:
 
     def _watch(self, now: int) -> None:
         """Without answers of the gateway, only the silence of the PLC tells about its watchdog."""
-        watchdog_ns = self._watchdog_ns
+        watchdog_ns = self._silence_ns
         silence = now - self._last_frame
         if not self._endpoint.connected or silence <= watchdog_ns:
             return
@@ -407,7 +433,13 @@ class _Exchange:
         self._step(expiry)
 
     def _lose(self) -> None:
-        self._endpoint.poll(self._last_frame + max(WATCHDOG_FACTOR_MAX * self._cycle_ns, self._watchdog_ns) + 1)
+        self._endpoint.poll(self._last_frame + max(WATCHDOG_FACTOR_MAX * self._cycle_ns, self._silence_ns) + 1)
+
+    @property
+    def _silence_ns(self) -> int:
+        """How long the PLC may be silent."""
+        endpoint = self._endpoint
+        return endpoint.watchdog_ns if isinstance(endpoint, ProfinetEndpoint) else self._watchdog_ns
 
     def _step(self, now: int) -> None:
         ignored = self._unused >= _UNUSED

@@ -21,6 +21,7 @@ from pdgw.profinet.blocks.connect import (
     IocrBlockReq,
     IocrBlockRes,
     IocrType,
+    SrInfoBlock,
 )
 from pdgw.profinet.connect import CyclicPlan, DataObject
 from pdgw.profinet.model import API_PROFIDRIVE
@@ -57,6 +58,8 @@ class Connection:
     device_mac: bytes | None = None
     station: str = ""
     """The device's name, where something told it."""
+    redundancy_hold_ns: int = 0
+    """Redundancy data hold time of a relationship of system redundancy; 0: of any other."""
 
     def answered(self, response: Response) -> Connection:
         """With what the device's answer says."""
@@ -70,6 +73,11 @@ class Connection:
     def controller(self) -> str:
         """The controller's name; empty where it is not known."""
         return "" if self.ar is None else self.ar.station_name
+
+    @property
+    def controller_mac(self) -> bytes:
+        """The controller's MAC address; empty where it is not known."""
+        return b"" if self.ar is None else self.ar.initiator_mac
 
     @property
     def places(self) -> list[Place]:
@@ -119,9 +127,12 @@ def read_request(arguments: bytes) -> Connection:
     idents: dict[Place, int] = {}
     profidrive: set[Place] = set()
     ar = None
+    hold_ns = 0
     for kind, data in split(arguments):
         if kind == ArBlockReq.TYPE:
             ar = ArBlockReq.understand(data)
+        elif kind == SrInfoBlock.TYPE:
+            hold_ns = SrInfoBlock.understand(data).hold_ns
         elif kind == IocrBlockReq.TYPE:
             relation = _relation(IocrBlockReq.understand(data))
             if relation is not None:
@@ -131,7 +142,7 @@ def read_request(arguments: bytes) -> Connection:
                 _submodules(slot, lengths, idents)
                 if slot.api == API_PROFIDRIVE:
                     profidrive |= {(slot.slot, item.subslot) for item in slot.submodules}
-    return Connection(tuple(relations), lengths, idents, frozenset(profidrive), ar)
+    return Connection(tuple(relations), lengths, idents, frozenset(profidrive), ar, redundancy_hold_ns=hold_ns)
 
 
 def read_response(arguments: bytes) -> Response:
