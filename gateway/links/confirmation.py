@@ -8,7 +8,8 @@ PLC repeats what was dropped.
 
 A stop does not wait: its bit falls with the first frame, whatever else that frame orders; its return has to be confirmed. This
 applies to bits whose return starts no new motion, else an old frame could start one (STW1.11: homing). OFF2 and OFF3 take
-STW1 as a whole: they release no lock. OFF1 and STW1.3 wait where they would release a lock or end a braking.
+STW1 as a whole: they release no lock. OFF1 and STW1.3 wait where they would release a lock or end a braking. Halt of a
+Controlword stops where it is 1: it rises at once, and its fall has to be confirmed.
 
 Left out: networks that delay a whole stretch of frames by whole turns and lose every other frame: nothing in the frames tells
 these from the PLC.
@@ -19,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from operator import itemgetter
 
+from pdgw.dsp402.states import ControlBit
 from pdgw.gateway.reasons import OrderDoubt
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf
@@ -61,7 +63,19 @@ _SIGN_OF_LIFE = "SIGN_OF_LIFE"
 class Orders:
     """The control words of a telegram as one value: all that can start something. A sign of life is no order."""
 
-    __slots__ = ("_off2_opens", "_place", "_power", "_stops", "_task", "_words", "discarding", "lives", "mask", "read")
+    __slots__ = (
+        "_halt",
+        "_off2_opens",
+        "_place",
+        "_power",
+        "_stops",
+        "_task",
+        "_words",
+        "discarding",
+        "lives",
+        "mask",
+        "read",
+    )
 
     def __init__(self, half: TelegramHalf) -> None:
         mask = [0] * len(half.signals)
@@ -74,6 +88,8 @@ class Orders:
         has_stw1 = "STW1" in half.names
         self._off2_opens = not has_stw1
         self._stops = (_POSITIONING_STOPS if positioning else _SPEED_STOPS) if has_stw1 else {}
+        self._halt = 0 if has_stw1 else ControlBit.HALT
+        """Bits that stop where they are 1."""
         self.discarding, self._task = (_DISCARDING, _TASK) if has_stw1 and positioning else (0, 0)
         for place, item in enumerate(half.signals):
             if item.name in _POWER_SIGNALS:
@@ -115,6 +131,7 @@ class Orders:
             word = asked
         else:
             fallen = word & ~asked
+            word |= asked & self._halt
             for stops in (self._stops, _RELEASED_STOPS) if released else (self._stops,):
                 for bit, cleared in stops.items():
                     if fallen & bit:

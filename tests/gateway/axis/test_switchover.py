@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import product
 
 import pytest
 
 from pdgw.dsp402.states import State
+from pdgw.gateway.axis.telegrams import DSC_TELEGRAM_NUMBERS, drive_telegram
 from pdgw.gateway.links.confirmation import Orders
+from pdgw.gateway.motion.dsc import DscChoices, DscForm
+from pdgw.profidrive.telegrams import telegram
 from tests.support.positioner import CHOICES
 from tests.support.rig import Rig
 
@@ -72,7 +76,33 @@ def take_over(rig: Rig, word: int) -> bool:
 @pytest.mark.parametrize("before", BEFORE)
 @pytest.mark.parametrize("word", WORDS, ids=lambda word: f"{word:04X}h")
 def test_a_switchover_starts_no_drive_in_any_state(number: int, before: str, word: int) -> None:
-    rig = Rig(number, positioner=CHOICES)
+    switch_over(Rig(number, positioner=CHOICES), before, word)
+
+
+@pytest.mark.parametrize("form", DscForm)
+@pytest.mark.parametrize("before", BEFORE)
+@pytest.mark.parametrize("word", [0x0000, OFF, ON, ON & ~0x8, ON | 0x80], ids=lambda word: f"{word:04X}h")
+def test_a_switchover_starts_no_drive_with_dsc(form: DscForm, before: str, word: int) -> None:
+    rig = Rig(105, dsc=DscChoices(form, following_window=4096))
+    rig.values["KPC"] = 1000
+    switch_over(rig, before, word)
+
+
+@pytest.mark.parametrize("number", DSC_TELEGRAM_NUMBERS)
+def test_what_goes_on_over_a_switchover_is_the_same_in_telegrams_with_dsc(number: int) -> None:
+    """One executor has all of them, and their words are compared as those of telegram 1."""
+    assert drive_telegram(number) == drive_telegram(105)
+
+    def goes_on(of: int, new: int, old: int) -> bool:
+        half = telegram(of).setpoints
+        zero = dict.fromkeys(half.names, 0)
+        return Orders(half).goes_on(half.from_dict({**zero, "STW1": new}), half.from_dict({**zero, "STW1": old}))
+
+    for new, old in product(WORDS, WORDS):
+        assert goes_on(number, new, old) == goes_on(1, new, old), (new, old)
+
+
+def switch_over(rig: Rig, before: str, word: int) -> None:
     rig.values |= {name: value for name, value in VALUES.items() if name in rig.values}
     BEFORE[before](rig)
     old = rig.values["STW1"]

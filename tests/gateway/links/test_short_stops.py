@@ -10,12 +10,12 @@ from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.gateway.reasons import OrderDoubt, Reason
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, FRAME_ID_TO_DEVICE, IOPS_GOOD, RtFrame
 from pdgw.profidrive.telegrams import telegram
-from tests.gateway.test_short_orders import ACKNOWLEDGED, HIGH, LOW, PLC, REACHED, ROUTED, TARGETS, Tasks
+from tests.gateway.links.test_short_orders import ACKNOWLEDGED, HIGH, LOW, PLC, REACHED, ROUTED, TARGETS, Tasks
 from tests.support.daemon import running
 
 OFF, ON = 0x047E, 0x047F
 CYCLE = 4 * MS
-REJECT = 0x10
+REJECT, HALT = 0x10, 0x100
 
 
 class Line:
@@ -65,6 +65,30 @@ def test_a_stop_acts_with_its_first_frame_and_ends_with_the_third_without(number
     line = Line(number)
     assert line.send(word) == word
     assert [line.send(ON), line.send(ON), line.send(ON)] == [word, word, ON]
+
+
+def test_halt_of_telegram_100_acts_with_its_first_frame_and_ends_with_the_third_without() -> None:
+    """Bit 8 of the Controlword, which stops where it is 1."""
+    halt = ON | HALT
+    line = Line(100)
+    assert line.send(halt) == halt
+    assert [line.send(ON), line.send(ON), line.send(ON)] == [halt, halt, ON]
+    assert line.doubt is OrderDoubt.NONE
+    assert line.endpoint.orders_dropped == 0
+    # What the frame orders besides waits: bit 4 starts a positioning or a homing.
+    line.send(ON & ~0x10, 3)
+    assert line.send(halt) == halt & ~0x10
+    assert line.doubt is OrderDoubt.WAITS
+    assert line.send(halt, 2) == halt
+    released = Line(100, released=False)
+    assert [released.send(halt), released.send(halt), released.send(halt)] == [ON, ON, halt], "no motion to stop"
+
+
+@pytest.mark.parametrize("number", [1, 9, 111])
+def test_the_bit_that_is_halt_in_a_controlword_is_no_stop_in_stw1(number: int) -> None:
+    """STW1.8 is a jog: its rise waits."""
+    line = Line(number)
+    assert [line.send(ON | HALT), line.send(ON | HALT), line.send(ON | HALT)] == [ON, ON, ON | HALT]
 
 
 @pytest.mark.parametrize("word", [0x043F, 0x047F & ~0x0400 | 0x80, 0x0C7F, 0x04FF, 0x147F])
