@@ -229,6 +229,7 @@ class Checkpoints:
         """Everything a step may change."""
         parts = self._parts
         self._look(parts)
+        self._is_fresh = True
         return Checkpoint(parts, tuple([part.values for part in parts]), tuple([part.number for part in parts]))
 
     def restore(self, checkpoint: Checkpoint) -> None:
@@ -237,12 +238,13 @@ class Checkpoints:
         if parts is not self._parts:
             self._take(parts)
             self._is_fresh = False
-        if not self._is_fresh:
-            self._look(parts)
-            self._is_fresh = True
+        fresh = self._is_fresh
         for part, values, number in zip(parts, checkpoint.values, checkpoint.numbers, strict=True):
-            if part.values is not values:
+            if part.values is not values if fresh else part.get(part.item) != values:
                 part.put(values, number)
+            else:
+                part.values, part.number = values, number
+        self._is_fresh = True
 
     def fingerprint(self) -> tuple[Hashable, ...]:
         """Equal for two moments of the machine from which its words and commands go on alike, whatever the time of day.
