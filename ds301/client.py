@@ -26,7 +26,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.jobs import Jobs
 from pdgw.ds301.loop import Event, Task
 from pdgw.ds301.network import CanNetwork
-from pdgw.ds301.nmt import GUARD_TOGGLE, HEARTBEAT_STATE, NmtCommand, NmtState
+from pdgw.ds301.nmt import GUARD_TOGGLE, HEARTBEAT_STATE, NMT_STATES, NmtCommand, NmtState
 from pdgw.ds301.node import NodeEvent, NodeSettings, NodeStatus, TpdoSlot
 from pdgw.ds301.pdo import Pdo, PdoLayout
 from pdgw.ds301.plan import Pace, PdoPlan, plan_steps, straight_plan
@@ -468,6 +468,8 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
             return f"node {self.settings.node_id} restarted"
         if now - self._heartbeat > self._heartbeat_limit_ms * MS and self._heartbeat_expected:
             return f"no heartbeat for {self._heartbeat_limit_ms} ms"
+        if self._heartbeat_state != NmtState.OPERATIONAL and self._heartbeat_expected:
+            return f"the heartbeat of node {self.settings.node_id} says {NmtState.text(self._heartbeat_state)}"
         overdue = [str(slot.pdo) for slot in self._slots if slot.watched and now - slot.time > self._timeout_ns]
         if overdue:
             return f"no {', '.join(overdue)} for {self._timeout_ns // MS} ms"
@@ -502,7 +504,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
     # -- frames of the node ---------------------------------------------------------------------------------------------
 
     def _on_heartbeat(self, _can_id: int, data: bytes | bytearray, _timestamp: float) -> None:
-        if len(data) != 1:
+        if len(data) != 1 or data[0] & HEARTBEAT_STATE not in NMT_STATES:
             return
         if self._guarded_by_requests:
             toggle, before = data[0] & GUARD_TOGGLE, self._toggle

@@ -22,6 +22,14 @@ class NmtState(enum.IntEnum):
     OPERATIONAL = 5
     PRE_OPERATIONAL = 127
 
+    @staticmethod
+    def text(state: int) -> str:
+        """Name of a state in a heartbeat, such as "Pre-operational"; its number for one that the standard does not have."""
+        return NmtState(state).name.replace("_", "-").capitalize() if state in NMT_STATES else f"{state:02X}h"
+
+
+NMT_STATES: Final = frozenset(NmtState)
+
 
 class NmtCommand(enum.IntEnum):
     """NMT command specifiers."""

@@ -192,6 +192,12 @@ class DriveClient(NodeClient[DriveSettings]):
             (slot.time for slot in self._slots if "position_actual" in slot.pdo.attributes), self._units.read_ns
         )
 
+    @property
+    def _velocity_ns(self) -> int:
+        """When the newest 606Ch came."""
+        shown = (slot.time for slot in self._slots if "velocity_actual" in slot.pdo.attributes)
+        return max(shown, default=self._acyclic_read)
+
     # -- cyclic -------------------------------------------------------------------------------------------------------
 
     def send(self, command: DriveCommand, now: int, *, stop: bool = False) -> None:
@@ -579,7 +585,8 @@ class DriveClient(NodeClient[DriveSettings]):
         units = self._units
         units.asked = None
         if address not in units.told:
-            if now - units.asked_ns <= _AT_ONCE_NS:
+            # A drive that has left Operational still answers SDOs, but its last TPDO, with 606Ch, is old from then on.
+            if now - units.asked_ns <= _AT_ONCE_NS and self._velocity_ns > units.read_ns:
                 self.feedback.position_actual, units.read_ns = value, units.asked_ns
             return
         if value != (told := units.told[address]):

@@ -215,8 +215,7 @@ class Scan:
         found = FoundNode(node_id)
         state = self._states.get(node_id)
         if state is not None:
-            known = state in NmtState._value2member_map_
-            found.nmt_state = NmtState(state).name.replace("_", "-").capitalize() if known else f"{state:02X}h"
+            found.nmt_state = NmtState.text(state)
         expected = self.expected.get(node_id)
         if node_id not in self._answered:
             heard = found.nmt_state or "not heard"

@@ -1,19 +1,21 @@
-"""Two masters on one bus: the second refuses, the first stops its drives and says why."""
+"""Two masters on one bus: the second refuses, the first stops its drives and says why. Another tool that stops one node."""
 
 from __future__ import annotations
 
 import pytest
 
-from pdgw.ds301.connection_set import ERROR_CONTROL
+from pdgw.ds301.communication import PRODUCER_HEARTBEAT
+from pdgw.ds301.connection_set import ERROR_CONTROL, NMT
+from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.node import GATEWAY_NODE_ID
 from pdgw.dsp402.states import State
-from pdgw.durations import SECOND
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.world import World
-from tests.support.daemon import Plc, axis, configuration, drive_of, exchanging
+from tests.support.daemon import Plc, axis, configuration, drive_of, exchanging, running, world_of
 
 HEARTBEAT = ERROR_CONTROL + GATEWAY_NODE_ID
 CHANNEL = "world"
@@ -58,3 +60,49 @@ def test_a_master_that_comes_later_ends_the_gateway_after_its_drives_are_stopped
     assert model.velocity_actual == 0
     assert daemon.failure is not None
     assert "another master sends the heartbeat of node 127" in str(daemon.failure)
+
+
+@pytest.mark.parametrize(
+    ("command", "state"),
+    [(NmtCommand.ENTER_PRE_OPERATIONAL, "Pre-operational"), (NmtCommand.STOP, "Stopped")],
+)
+@pytest.mark.parametrize("after_ms", [0, 150, 300, 450, 600])
+def test_a_drive_that_another_tool_takes_out_of_operation_is_lost_with_its_next_heartbeat(
+    command: NmtCommand, state: str, after_ms: int
+) -> None:
+    """At any time between two heartbeats: the position comes by SDO, and 606Ch of the last TPDO is old from then on."""
+    times = "simulate = true\nheartbeat_ms = 700\ntpdo_event_ms = 2000\n"
+    with running(configuration(axis(1, more=times))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.endpoint.set(0, {"NSOLL_A": 0x2000})
+        plc.enable()
+        plc.until(lambda: plc.value("NIST_A") == 0x2000, "1500 rpm")
+        for _ in range(after_ms * MS // daemon.cycle_ns):
+            plc.exchange()
+        client = daemon.axes[0].drive
+        generation = client.generation
+        world_of(daemon).bus(CHANNEL).join("another tool").send(NMT, bytes((command, 1)))
+        for _ in range(800 * MS // daemon.cycle_ns):
+            plc.exchange()
+        faults = [(fault.number, fault.text) for fault in daemon.axes[0].faults]
+        assert [number for number, _ in faults] == [FaultNumber.NODE_LOST]
+        assert f"the heartbeat of node 1 says {state}" in faults[0][1]
+        plc.until(lambda: client.generation > generation, "online again")
+        plc.enable()
+        plc.until(lambda: plc.value("NIST_A") == 0x2000, "1500 rpm again")
+
+
+def test_a_heartbeat_without_an_nmt_state_is_none() -> None:
+    with running(configuration(axis(1, more="simulate = true\n"))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.enable()
+        other = world_of(daemon).bus(CHANNEL).join("another tool")
+        other.send(ERROR_CONTROL + 1, b"\x27")
+        for _ in range(50):
+            plc.exchange()
+        assert not daemon.axes[0].faults
+        drive_of(daemon).do(lambda node: node.values.__setitem__((PRODUCER_HEARTBEAT, 0), 0))
+        for _ in range(SECOND // daemon.cycle_ns):
+            other.send(ERROR_CONTROL + 1, b"\x27")
+            plc.exchange()
+        assert [fault.number for fault in daemon.axes[0].faults] == [FaultNumber.NODE_LOST]
