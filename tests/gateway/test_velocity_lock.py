@@ -41,7 +41,7 @@ def test_contradiction_stops_by_quick_stop_and_is_told() -> None:
         _for_a_second(plc)
         fault = daemon.axes[0].faults[0]
         assert fault.number == FaultNumber.VELOCITY
-        assert "606Ch says" in fault.text
+        assert "606Ch reports" in fault.text
         assert "6064h moves at" in fault.text
         assert State.QUICK_STOP_ACTIVE in drive.node.states
         assert daemon.axes[0].outputs.reason is Reason.UNITS_CONTRADICTED

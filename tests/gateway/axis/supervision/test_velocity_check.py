@@ -91,7 +91,7 @@ def test_position_against_606ch_decides_within_a_second(factor: float, number: F
     assert found is not None
     assert found[0] is number
     assert "6064h moves at" in found[1]
-    assert "606Ch says 120 rpm" in found[1]
+    assert "606Ch reports 120 rpm" in found[1]
     assert found[2] < 1
     assert axis.check.locked is (number is FaultNumber.VELOCITY)
 
