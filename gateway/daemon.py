@@ -30,7 +30,7 @@ from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.encoder import EncoderNode, EncoderObject
 from pdgw.gateway.platform import Platform, SystemPlatform
-from pdgw.gateway.reasons import FaultNumber
+from pdgw.gateway.reasons import FaultNumber, OrderDoubt
 from pdgw.gateway.service.cycle_times import CycleWatch
 from pdgw.gateway.store import DeviceParameters, ParameterStore
 from pdgw.gateway.sync import SyncProducer
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("gateway")
 
+_WAITS: Final = OrderDoubt.WAITS
 _SHUTDOWN_NS: Final = 5_000 * MS
 _OFF_CYCLES = 3
 """So many cycles in a row must no power stage be on before the nodes are left."""
@@ -410,7 +411,8 @@ class Daemon:
         actuals, good, released = self._answer
         setpoints, doubts = link.setpoints, link.doubts
         for index, item in enumerate(self.objects):
-            item.doubt = doubts[index]
+            doubt = item.doubt = doubts[index]
+            item.fresh = accepted and doubt is not _WAITS
             outputs = item.step(setpoints[index], now)
             if item.stops:
                 item.transmit(now)

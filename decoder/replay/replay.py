@@ -72,6 +72,8 @@ class _State:
     probes: int = 0
     """Transfers of the touch probe that were used."""
     sent: Place = field(default_factory=Place)
+    frames: int = 0
+    """Frames of the PLC up to this moment."""
     known: bool = False
 
     def copy(self) -> _State:
@@ -263,6 +265,8 @@ class Replayer:
             setattr(given.feedback, attribute, getattr(state.image, attribute))
         given.now, given.setpoints, given.drive_ok = now, values, state.online
         given.doubt = self._doubt(tick, inputs.setpoints)
+        before, state.frames = state.frames, bisect_right(recording.frames, now)
+        given.fresh = state.frames > before and given.doubt is not OrderDoubt.WAITS
         self._answer_sdo(now)
         self._answer_probe(now)
         self._checkpoints.step()

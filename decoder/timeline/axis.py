@@ -274,7 +274,7 @@ class AxisFollower(ObjectFollower):
     def _commanded(self, now: int, word: int) -> None:
         if self._shown is not None and word != self._machine.outputs.command.controlword:
             # RPDOs come of a step. That of a busy gateway may have no answer of its own: then this is its only trace.
-            self.step(self._machine.inputs.setpoints, now)
+            self.step(self._machine.inputs.setpoints, now, fresh=False)
         edge = self._words.edge(WordKind.CONTROLWORD, now, word)
         if edge is None:
             return
@@ -312,10 +312,10 @@ class AxisFollower(ObjectFollower):
 
     # -- today's machine ----------------------------------------------------------------------------------------------
 
-    def step(self, setpoints: Sequence[int] | None, now: int) -> None:
+    def step(self, setpoints: Sequence[int] | None, now: int, *, fresh: bool = True) -> None:
         inputs, outputs = self._machine.inputs, self._machine.outputs
         inputs.now, inputs.setpoints, inputs.drive_ok = now, setpoints, self.online
-        inputs.doubt = self.doubt
+        inputs.doubt, inputs.fresh = self.doubt, fresh and self.doubt is not OrderDoubt.WAITS
         if self.online:
             self._configure()
         commanded = outputs.command.controlword

@@ -49,7 +49,7 @@ class ObjectFollower:
     def status(self, now: int, values: Sequence[int], *, good: bool) -> None:
         """The actual values of an answer and whether the gateway marks them good."""
 
-    def step(self, setpoints: Sequence[int] | None, now: int) -> None:
+    def step(self, setpoints: Sequence[int] | None, now: int, *, fresh: bool = True) -> None:
         """The gateway made a step with these values of the PLC."""
 
     def finish(self) -> None:

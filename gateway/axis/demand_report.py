@@ -131,7 +131,7 @@ class Demand:
         self.kpc = 0
         """Its gain in 0.001/s; 0: no position control by the drive."""
         self.fresh = False
-        """What is asked came with this very cycle."""
+        """What is asked came with this very cycle; counts in telegrams with DSC."""
         self.torque_reduction = 0
         """Fraction of the torque limit that is taken away (N2); 0 or below: nothing."""
         self.task: Task | None = None

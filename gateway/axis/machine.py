@@ -206,6 +206,7 @@ class AxisMachine:
             self._take_news()
         commanded = outputs.command.controlword
         statusword = feedback.statusword
+        demand.fresh = inputs.fresh
         self.adapter.read(inputs.setpoints, demand)
         wish = demand.power if demand.connected else self._stop_without_plc()
         life = self.life

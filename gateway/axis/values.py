@@ -196,6 +196,7 @@ class Inputs:
         "drive_ok",
         "fault_code",
         "feedback",
+        "fresh",
         "news",
         "node_stopped",
         "now",
@@ -211,6 +212,8 @@ class Inputs:
         """Monotonic nanoseconds."""
         self.setpoints: Sequence[int] | None = None
         """Raw signal values in telegram order; None while there is no valid PLC (silent, provider STOP, IOPS BAD)."""
+        self.fresh = False
+        """``setpoints`` came with this cycle; False: they are those of a cycle before."""
         self.doubt = OrderDoubt.NONE
         """Whether the PLC may have ordered something else than ``setpoints``."""
         self.feedback = feedback

@@ -137,7 +137,8 @@ class DscSetpoint:
     active: bool = False
     """DSC is on: KPC is not 0, the setpoint began near the axis, operation is enabled."""
     gain_clamped: bool = False
-    reason: Reason | None = None
+    reason: Reason | None = Reason.DSC_OUT_OF_DATE
+    """Why it is not what the PLC asks; before the first frame since DSC began anew there is nothing that it asks."""
     target: int | None = None
     """The position of the cycle before,"""
     way: int = 0
@@ -148,7 +149,8 @@ class DscSetpoint:
     def clear(self) -> None:
         """DSC is off, and begins anew."""
         self.velocity = self.way = 0
-        self.position = self.target = self.reason = None
+        self.position = self.target = None
+        self.reason = Reason.DSC_OUT_OF_DATE
         self.active = self.gain_clamped = False
         self.sent.clear()
 

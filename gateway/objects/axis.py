@@ -144,6 +144,7 @@ class Axis(DriveObject):
         inputs = machine.inputs
         inputs.now = now
         inputs.setpoints = setpoints
+        inputs.fresh = self.fresh
         inputs.doubt = self.doubt
         inputs.drive_ok = drive.refresh(now)
         inputs.set_point_refused = drive.set_point_refused

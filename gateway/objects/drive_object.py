@@ -77,6 +77,8 @@ class DriveObject(abc.ABC):
         self.last_setpoints: Sequence[int] | None = None
         """What the PLC last sent, also after its loss."""
         self.doubt = OrderDoubt.NONE
+        self.fresh = True
+        """The setpoints of the next step came with it."""
         """Whether the PLC may have ordered something that the next step is not given."""
         self._news: deque[News] = deque()
         """What happened since the last step."""

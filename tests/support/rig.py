@@ -132,14 +132,14 @@ class Rig:
     def silent(self, cycles: int) -> dict[str, int]:
         """As ``step``, without new frames of the PLC: its watchdog has not expired."""
         for _ in range(cycles):
-            self._cycle(self._setpoints)
+            self._cycle(self._setpoints, fresh=False)
         return self.actuals
 
-    def _cycle(self, setpoints: Sequence[int] | None) -> None:
+    def _cycle(self, setpoints: Sequence[int] | None, *, fresh: bool = True) -> None:
         self._setpoints = setpoints
         self._advance(CYCLE_MS)
         self.seen_statusword = self.feedback.statusword
-        actuals = self.stepper.step(setpoints, self.feedback, self.connected_drive, self.now)
+        actuals = self.stepper.step(setpoints, self.feedback, self.connected_drive, self.now, fresh=fresh)
         self.actuals = self.stepper.telegram.actuals.as_dict(actuals)
         self._send()
         self._serve_sdo()

@@ -87,8 +87,17 @@ class Stepper(_Device):
     def drive_restarted(self) -> None:
         self.machine.inputs.news.append(Configured(self.drive_type))
 
-    def step(self, setpoints: Sequence[int] | None, feedback: DriveFeedback, drive_ok: bool, now: int) -> Sequence[int]:
+    def step(
+        self,
+        setpoints: Sequence[int] | None,
+        feedback: DriveFeedback,
+        drive_ok: bool,
+        now: int,
+        *,
+        fresh: bool = True,
+    ) -> Sequence[int]:
         inputs = self.machine.inputs
+        inputs.fresh = fresh
         for name in FEEDBACK_NAMES:
             setattr(inputs.feedback, name, getattr(feedback, name))
         inputs.setpoints, inputs.drive_ok, inputs.now = setpoints, drive_ok, now

@@ -63,7 +63,7 @@ def axis_cycle(number: int) -> Callable[[], object]:
         for pdo, data in tpdos[position & 15]:
             pdo.unpack_into(data, feedback)
         inputs.now = now
-        inputs.setpoints = endpoint.setpoints[0]
+        inputs.setpoints, inputs.fresh = endpoint.setpoints[0], True
         outputs = machine.step()
         for pdo in layout.rpdos:
             pdo.pack(command)
@@ -104,7 +104,7 @@ def _enable(endpoint: CyclicEndpoint, machine: AxisMachine, plc: PlcEndpoint, nu
             now += _CYCLE_NS
             endpoint.receive(bytes(plc.build()), _PEER, now)
         machine.inputs.feedback.statusword = status
-        machine.inputs.setpoints = endpoint.setpoints[0]
+        machine.inputs.setpoints, machine.inputs.fresh = endpoint.setpoints[0], True
         machine.step()
     return now
 

@@ -80,7 +80,7 @@ class Transducer:
     def _step(self, plc: Plc, shown: Shown) -> Output:
         inputs, outputs = self._machine.inputs, self._machine.outputs
         inputs.now += self._tick
-        inputs.setpoints = plc.setpoints
+        inputs.setpoints, inputs.fresh = plc.setpoints, plc.fresh
         inputs.drive_ok = shown.ok
         feedback = inputs.feedback
         feedback.statusword, feedback.velocity_actual = shown.statusword, shown.velocity

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pdgw.gateway.axis.telegrams import CENTRAL_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
+from pdgw.gateway.axis.telegrams import CENTRAL_TELEGRAM_NUMBERS, DSC_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram
 from pdgw.workshop.walk.values import Plc
@@ -33,6 +33,8 @@ _SHORT = (OFF1, OFF2, OFF3, ON, ENABLE)
 _VALUES = {
     "NSOLL_A": 0x2000,
     "NSOLL_B": 0x2000 << 16,
+    "XERR": 1000,
+    "KPC": 1000,
     "SATZANW": 0x8000,
     "POS_STW1": signal("POS_STW1").bit("MDI").mask | signal("POS_STW1").bit("ABSOLUTE").mask,
     "MDI_TARPOS": 1000,
@@ -69,7 +71,12 @@ def frames(number: int, *, full: bool) -> list[Plc]:
         words["zeros"] = 0
     if tasks:
         words["task"] = ENABLE | standing | control | ACTIVATE
-    return [LOST, *(frame(name, word) for name, word in words.items())]
+    made = [frame(name, word) for name, word in words.items()]
+    if number in DSC_TELEGRAM_NUMBERS:
+        made.append(
+            next(item for item in made if item.word & ENABLE == ENABLE)._replace(name="ON+enable, old", fresh=False)
+        )
+    return [LOST, *made]
 
 
 def is_central(number: int) -> bool:

@@ -13,6 +13,8 @@ class Plc(NamedTuple):
     """Raw values in telegram order; None: silent, provider STOP, IOPS BAD."""
     word: int = 0
     """STW1, or the Controlword of telegram 100."""
+    fresh: bool = True
+    """It came in this cycle; False: the values of a cycle before."""
 
 
 class Shown(NamedTuple):

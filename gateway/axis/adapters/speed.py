@@ -120,13 +120,11 @@ class DscAdapter(WideSpeedAdapter):
         super().__init__(telegram, settings)
         self._xerr = self.setpoint("XERR")
         self._kpc = self.setpoint("KPC")
-        self._last: Sequence[int] | None = None
 
     def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
         super().read(setpoints, demand)
         # Without control the last words may stand; a position error of before must not count as one of now.
-        demand.fresh = setpoints is not None and demand.in_control and setpoints is not self._last
-        self._last = setpoints
+        demand.fresh = demand.fresh and setpoints is not None and demand.in_control
         if setpoints is not None and demand.in_control:
             demand.speed = setpoints[self._setpoint] * self._setpoint_factor
             demand.xerr = setpoints[self._xerr]

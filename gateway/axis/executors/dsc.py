@@ -6,7 +6,9 @@ the axis is not in operation the setpoint is where it stands.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from fractions import Fraction
+from typing import ClassVar
 
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
@@ -32,6 +34,8 @@ _I32 = DataType.INTEGER32.integer_range
 class DscExecutor(Executor):
     """One axis under DSC. GatewayError without the user's choice where the loop is closed."""
 
+    INSTANTS: ClassVar[Mapping[str, int]] = {"_heard": SECOND}
+
     def __init__(self, cycle: AxisCycle) -> None:
         super().__init__(cycle)
         if self.settings.dsc is None:
@@ -54,7 +58,7 @@ class DscExecutor(Executor):
         self._limit = LimitWatch()
         self._held = False
         self._heard = 0
-        """When the newest set-points came."""
+        """When the newest set-points came; this cycle while DSC is off."""
         self._out_of_date = False
         """They did not come for too long: the axis stops, whatever comes meanwhile."""
 
@@ -108,7 +112,7 @@ class DscExecutor(Executor):
         command.controlword = cycle.controlword
         command.max_torque = reduced_torque(self._torque, demand.torque_reduction if demand.connected else 0)
         report.speed = actual.to_wire(feedback.velocity_actual)
-        own = enabled and action is _ENABLE_OPERATION and not (self._held or self._out_of_date or self._frozen)
+        own = enabled and action is _ENABLE_OPERATION and reason is None
         near = abs(feedback.velocity_actual - self._velocity) <= self._tolerance
         shown = report.message = message_of(message, feedback, self.notes.troubles)
         report.flags = (Flag.REACHED if near and own else 0) | (
@@ -162,7 +166,7 @@ class DscExecutor(Executor):
             self._out_of_date = True
         elif self._out_of_date and not self._velocity and self.cycle.demand.fresh:
             self._out_of_date = False
-        if self.cycle.demand.fresh:
+        if self.cycle.demand.fresh or not dsc.setpoint.active:
             self._heard = now
         return self._out_of_date
 

@@ -347,6 +347,18 @@ def test_a_silence_in_which_the_gateway_made_no_step_has_none(tmp_path: Path) ->
     assert compared > 60
 
 
+def test_position_errors_that_are_the_same_in_many_frames_are_not_old(tmp_path: Path) -> None:
+    rig = RecordedRig(105, dsc=DscChoices(DscForm.SPEED, following_window=4096))
+    rig.step(5)
+    rig.enable(0x040E)
+    rig.values |= {"KPC": 20_000, "XERR": 40}
+    rig.step(60)
+    assert rig.stepper.reason is None
+    compared, differences = replayed(in_order(rig, tmp_path))
+    assert not differences
+    assert compared > 60
+
+
 def test_parts_the_machine_has_since_it_knows_its_drive_go_back_too() -> None:
     rig = Rig(105, dsc=DscChoices(DscForm.POSITION, following_window=4096))
     rig.stepper.set_references(References())
@@ -357,8 +369,8 @@ def test_parts_the_machine_has_since_it_knows_its_drive_go_back_too() -> None:
         commands = []
         for cycle in range(1, 5):
             following = half.from_dict(rig.values | {"KPC": 20_000, "XERR": 40 * cycle})
-            for setpoints in (following, following):  # the second time no frame has come
-                stepper.step(setpoints, rig.feedback, True, rig.now + cycle * CYCLE_NS)
+            for fresh in (True, False):
+                stepper.step(following, rig.feedback, True, rig.now + cycle * CYCLE_NS, fresh=fresh)
                 commands.append(values_of(stepper.command))
         return commands
 

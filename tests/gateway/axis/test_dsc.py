@@ -92,10 +92,28 @@ def test_without_kpc_nsoll_b_is_the_speed(form: DscForm) -> None:
 
 
 @pytest.mark.parametrize("form", FORMS)
+def test_operation_without_a_new_frame_shows_no_speed_reached(form: DscForm) -> None:
+    rig = axis(form)
+    rig.values["STW1"] = OFF
+    rig.step(20)
+    rig.values |= {"STW1": ON, "NSOLL_B": 1 << 28}
+    while rig.stepper.command.controlword & 0xF != 0xF:
+        rig.step()
+    while rig.seen_statusword & 0x6F != 0x27:
+        rig.silent(1)
+    assert rig.stepper.command.target_velocity == rig.stepper.command.velocity_offset == 0
+    assert not rig.actuals["ZSW1"] & Flag.REACHED
+    assert rig.stepper.reason is Reason.DSC_OUT_OF_DATE
+    rig.step()
+    assert rig.stepper.reason is None
+
+
+@pytest.mark.parametrize("form", FORMS)
 def test_a_start_far_from_the_axis_stands(form: DscForm) -> None:
     rig = axis(form)
     control(rig, 50_000, 50)
     assert rig.stepper.reason is Reason.DSC_FAR_FROM_AXIS
+    assert not rig.actuals["ZSW1"] & Flag.REACHED
     assert rig.feedback.velocity_actual == 0
 
 
