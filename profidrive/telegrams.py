@@ -1,8 +1,8 @@
 """Telegram layouts as data, and the codec compiled from them.
 
 Source: PROFIdrive profile 4.1 chapter 6.3.4 (standard telegrams), the encoder profile (81-84), the manufacturer's
-guide chapter 4.3 (1, 9, 100), public manuals of drives and masters (4-6, 102-111, with their ``Confidence``). Left out: free
-telegram configuration (999), supplementary telegrams (700 ff, safety among them), 112 (no public layout).
+guide chapter 4.3 (1, 9, 100), public manuals of drives and masters (4-6, 102-112, with their ``Confidence``). Left out: free
+telegram configuration (999), supplementary telegrams (700 ff, safety among them).
 
 Adding a telegram is adding one entry to ``TELEGRAMS``.
 """
@@ -211,7 +211,7 @@ TELEGRAMS: MappingProxyType[int, Telegram] = MappingProxyType(
                 f"{_SPEED_SET}, G1_STW, G2_STW",
                 f"{_SPEED_ACT}, {_G1_ACT}, {_G2_ACT}",
                 _AC1_AC4,
-                _UNVERIFIED,
+                _ONE,
             ),
             _telegram(5, _VELOCITY, f"{_SPEED_SET}, G1_STW{_DSC}", f"{_SPEED_ACT}, {_G1_ACT}", _AC4, _UNVERIFIED),
             _telegram(
@@ -258,7 +258,7 @@ TELEGRAMS: MappingProxyType[int, Telegram] = MappingProxyType(
                 f"{_TORQUE_SET}, G1_STW, G2_STW",
                 f"{_MESSAGE_ACT}, {_G1_ACT}, {_G2_ACT}",
                 _AC1_AC4,
-                _UNVERIFIED,
+                _ONE,
             ),
             _telegram(105, _VELOCITY, f"{_TORQUE_SET}, G1_STW{_DSC}", f"{_MESSAGE_ACT}, {_G1_ACT}", _AC4),
             _telegram(
@@ -293,7 +293,7 @@ TELEGRAMS: MappingProxyType[int, Telegram] = MappingProxyType(
                 "RESERVED_2, REF_COORDINATE",
                 "ZSW1, POS_ZSW1, POS_ZSW2, ZSW2, RESERVED, XIST_F, VIST_F, MELDW, FAULT_CODE, WARN_CODE",
                 _AC3,
-                _UNVERIFIED,
+                _ONE,
             ),
         )
     }

@@ -19,6 +19,7 @@ PROFILE = "profile 4.1, general state diagram"
 MANUALS = "drive manuals (STW1, ZSW1)"
 TIA = "TIA help, SinaPos"
 OPC = "OPC 30144, B.2"
+EXAMPLE = "a vendor's V4.2 example (parameter manager, table 31 of the profile)"
 OFF, ON = 0x047E, 0x047F
 READY, STARTING = 0x043E, 0x043F
 ZSW1 = signal("ZSW1")
@@ -278,12 +279,12 @@ def test_type_codes() -> None:
     assert {code: DataType.from_code(code).name for code in codes} == codes
 
 
-@statement("PNU 0 is answered with 16h.", "a vendor's V4.2 example")
+@statement("PNU 0 is answered with 16h.", EXAMPLE)
 def test_pnu_0_is_refused() -> None:
     assert _answered("01 01 01 01 10 00 00 00 00 00") == "01 81 01 01 44 01 00 16"
 
 
-@statement("An unknown request ID is answered with error 21h and the response ID 80h.")
+@statement("An unknown request ID is answered with error 21h and the response ID 80h.", EXAMPLE)
 def test_an_unknown_request_id_is_refused() -> None:
     assert _answered("01 05 01 01 10 00 03 9A 00 00") == "01 80 01 01 44 01 00 21"
 
