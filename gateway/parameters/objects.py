@@ -136,13 +136,17 @@ class ObjectAccess:
         return self.run(lambda client: client.read(index, subindex), f"read {index:04X}h/{subindex}")
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
-        """SDO download, refused while a guarded object would change under a powered axis; copies of the gateway follow."""
+        """SDO download, refused while a guarded object would change under a powered axis; copies of the gateway follow.
+
+        When a copy cannot be read anew the node is brought up again: its references are unknown until then.
+        """
         owner = self.owner
         what = f"write {index:04X}h/{subindex}"
         if owner.owns(index, subindex):
             raise ParameterRefused(Number.NO_OPERATION_PRIORITY)
         guard = guard_of(index)
         reads_again = owner.is_reference(index, subindex) or (guard is not None and guard.check is Check.REFERENCES)
+        configures = guard is not None and guard.check is Check.CONFIGURATION
 
         def job(client: NodeClient[Any]) -> None:
             if guard is not None:
@@ -151,13 +155,20 @@ class ObjectAccess:
                     log.warning("DO %d: %s rejected while the axis is powered: %s", owner.do_id, what, guard.reason)
                     raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE)
                 client.hold()
+            stale = reads_again
             try:
-                client.write(index, subindex, data)
+                try:
+                    client.write(index, subindex, data)
+                except SdoAbortedError:
+                    stale = False  # the device keeps its value
+                    raise
                 if reads_again:
                     owner.read_references(client)
+                    stale = False
             finally:
-                if guard is not None:
-                    client.unhold(check=guard.check is Check.CONFIGURATION)
+                # Bringing the node up reads its references.
+                if guard is not None or stale:
+                    client.unhold(check=configures or stale)
 
         self.run(job, what)
         if reads_again:

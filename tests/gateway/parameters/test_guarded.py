@@ -8,6 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.client.udp import ParameterClient
 from pdgw.ds301.jobs import settle
@@ -122,6 +123,30 @@ def test_while_a_guarded_object_is_written_the_axis_is_held_and_checked_afterwar
     access, client = stub()
     access.write(index, 2, bytes(1))
     assert client.log == expected
+
+
+@pytest.mark.parametrize(("index", "guarded"), [(0x6094, True), (0x6081, False)])
+@pytest.mark.parametrize("failed", ["write", "references"])
+@pytest.mark.parametrize("error", [SdoCommunicationError("no answer"), SdoAbortedError(0x08000000)])
+def test_node_is_brought_up_again_when_its_references_may_have_changed_unread(
+    index: int, guarded: bool, failed: str, error: Exception
+) -> None:
+    access, client = stub()
+
+    def fail(*_: object) -> None:
+        raise error
+
+    access.owner.is_reference = lambda *_: True  # type: ignore[method-assign]
+    if failed == "write":
+        client.write = fail  # type: ignore[method-assign]
+    else:
+        access.owner.read_references = fail  # type: ignore[method-assign]
+    with pytest.raises(ParameterRefused):
+        access.write(index, 2, bytes(1))
+    refused = failed == "write" and isinstance(error, SdoAbortedError)
+    done = [] if failed == "write" else [(index, 2)]
+    ended = [] if refused and not guarded else ["unhold" if refused else "check"]
+    assert client.log == [*(["hold"] if guarded else []), *done, *ended], "an abort of the write changes nothing"
 
 
 def write(client: ParameterClient, index: int, subindex: int, data_type: DataType, value: int) -> Values:
