@@ -41,15 +41,7 @@ from pdgw.profinet.model import (
 )
 from pdgw.profinet.physical_device import PortIndex
 from pdgw.profinet.rpc import identification
-from pdgw.profinet.rpc.records import (
-    NIL,
-    RECORD_GLOBAL,
-    RECORD_LOCAL,
-    AccessError,
-    RecordBlock,
-    RecordRefused,
-    UnknownArUuid,
-)
+from pdgw.profinet.rpc.records import NIL, PARAMETER_RECORDS, AccessError, RecordBlock, RecordRefused, UnknownArUuid
 from pdgw.profinet.rpc.server import RecordHandler
 from pdgw.profinet.wire import WireError
 
@@ -144,9 +136,7 @@ _REAL: Final = {
     Index.REAL_AR: Scope.AR,
     Index.REAL_API: Scope.API,
 }
-_OF_APPLICATION: Final = frozenset(
-    {RECORD_LOCAL, RECORD_GLOBAL, *range(identification.INDEX, identification.INDEX + 5)}
-)
+_OF_APPLICATION: Final = PARAMETER_RECORDS | {*identification.INDEXES}
 
 
 @dataclass(frozen=True, slots=True)

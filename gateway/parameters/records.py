@@ -24,7 +24,7 @@ from pdgw.profidrive.parameters.codec import HEADER_SIZE, RequestId
 from pdgw.profinet.model import DAP_SLOT, INTERFACE_SUBSLOT, PORT_SUBSLOT, TELEGRAM_SUBSLOT
 from pdgw.profinet.rpc import identification
 from pdgw.profinet.rpc.records import (
-    RECORD_GLOBAL,
+    PARAMETER_RECORDS,
     RECORD_LOCAL,
     AccessError,
     RecordBlock,
@@ -44,7 +44,6 @@ _OUTSTANDING = 32
 """Requests of all callers that are in work or whose answers were not fetched yet."""
 _TOLD = 16
 """So many addresses that may not write are named in the log."""
-_IDENTIFICATION = range(identification.INDEX, identification.INDEX + 5)
 _STORED: dict[int, tuple[str, ...]] = {
     1: ("im1_function", "im1_location"),
     2: ("im2_date",),
@@ -104,9 +103,9 @@ class Records:
     def write(self, caller: Caller, block: RecordBlock, data: bytes) -> None:
         """As ``RecordHandler.write``."""
         self._check_place(block, implicit=False)
-        if block.index in {RECORD_LOCAL, RECORD_GLOBAL}:
+        if block.index in PARAMETER_RECORDS:
             self._request(caller, block, data)
-        elif block.index in _IDENTIFICATION:
+        elif block.index in identification.INDEXES:
             self._check_writer(caller)
             self._write_identification(block.index - identification.INDEX, data)
         else:
@@ -115,9 +114,9 @@ class Records:
     def read(self, caller: Caller, block: RecordBlock, *, implicit: bool) -> bytes:
         """As ``RecordHandler.read``."""
         self._check_place(block, implicit=implicit)
-        if block.index in {RECORD_LOCAL, RECORD_GLOBAL}:
+        if block.index in PARAMETER_RECORDS:
             return self._response(caller, block)
-        if block.index in _IDENTIFICATION:
+        if block.index in identification.INDEXES:
             return self._identification(block.index - identification.INDEX)
         raise RecordRefused(AccessError.INVALID_INDEX)
 

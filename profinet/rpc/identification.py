@@ -13,6 +13,8 @@ from pdgw.profinet.wire import HEADER, VERSION_SIZE
 
 INDEX = 0xAFF0
 """Record index of I&M0; I&Mn follows at INDEX + n."""
+INDEXES = range(INDEX, INDEX + 5)
+"""I&M0 to I&M4."""
 PROFILE_ID = 0x3A00
 """PROFIdrive."""
 _BLOCK_TYPE = 0x0020

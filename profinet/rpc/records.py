@@ -17,6 +17,8 @@ RECORD_LOCAL = 0xB02E
 """Parameter access point, local: the slot chooses the axis."""
 RECORD_GLOBAL = 0xB02F
 """Parameter access point, global: the DO-ID of the request chooses the axis."""
+PARAMETER_RECORDS = frozenset({RECORD_LOCAL, RECORD_GLOBAL})
+"""Requests and responses of the parameter channel."""
 RECORD_MULTIPLE = 0xE040
 """Several writes in one."""
 NIL = UUID(int=0)

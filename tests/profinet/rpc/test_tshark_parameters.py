@@ -12,17 +12,8 @@ from scapy.layers.l2 import Ether
 from scapy.utils import wrpcap
 
 from pdgw.profidrive.datatypes import DataType
-from pdgw.profidrive.parameters.codec import (
-    ZERO,
-    Attribute,
-    ParameterAddress,
-    Request,
-    RequestId,
-    Response,
-    Values,
-    encode_request,
-    encode_response,
-)
+from pdgw.profidrive.parameters import codec
+from pdgw.profidrive.parameters.codec import ZERO, Attribute, ParameterAddress, Request, RequestId, Response, Values
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.client import RecordCall, RecordCaller
 from pdgw.profinet.rpc.records import RECORD_GLOBAL, RECORD_LOCAL, RecordBlock
@@ -99,7 +90,7 @@ def numbers(text: str) -> list[int]:
 @pytest.mark.tshark
 @pytest.mark.parametrize("index", [RECORD_LOCAL, RECORD_GLOBAL])
 def test_every_field_tshark_knows_is_what_was_meant(tmp_path: Path, index: int) -> None:
-    answers = Answers([encode_response(response) for _, response in TALKS])
+    answers = Answers([codec.encode_response(response) for _, response in TALKS])
     server = RecordServer(answers, 4096)
     plc = RecordCaller(UUID(int=99), dcerpc.object_uuid(1, 2, 3), UUID(int=7))
     packets: list[bytes] = []
@@ -110,7 +101,7 @@ def test_every_field_tshark_knows_is_what_was_meant(tmp_path: Path, index: int) 
             packets.extend(server.receive(packet, "plc"))
 
     for request, _ in TALKS:
-        carry(plc.write(0x3A00, 1, 1, index, encode_request(request)))
+        carry(plc.write(0x3A00, 1, 1, index, codec.encode_request(request)))
         carry(plc.read(0x3A00, 1, 1, index))
     capture = tmp_path / "parameters.pcap"
     ports = {0: (50000, 34964), 2: (34964, 50000)}
