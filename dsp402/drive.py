@@ -80,8 +80,8 @@ _WITNESS_NS: Final = SECOND
 _INTERPOLATED: Final = (
     "traversing tasks: no profile position (6502h): the gateway makes a position for each SYNC (mode 8)"
 )
-_AT_ONCE_NS: Final = 50 * MS
-"""A position that came later after its request is of no known moment."""
+_SDO_STEP: Final = 5
+"""Positions by SDO are compared over so many times the time of an answer: the drive took them somewhere within it."""
 _RETRY_VALUE_NS: Final = 1000 * MS
 """So long after a failed SDO write the same value is tried again."""
 _NEW_SETPOINT: Final = ControlBit.NEW_SETPOINT
@@ -586,7 +586,8 @@ class DriveClient(NodeClient[DriveSettings]):
         units.asked = None
         if address not in units.told:
             # A drive that has left Operational still answers SDOs, but its last TPDO, with 606Ch, is old from then on.
-            if now - units.asked_ns <= _AT_ONCE_NS and self._velocity_ns > units.read_ns:
+            since = units.asked_ns - units.read_ns
+            if (now - units.asked_ns) * _SDO_STEP <= since and self._velocity_ns > units.read_ns:
                 self.feedback.position_actual, units.read_ns = value, units.asked_ns
             return
         if value != (told := units.told[address]):

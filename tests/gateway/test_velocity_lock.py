@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import pytest
+
 from pdgw.dsp402.states import State
-from pdgw.durations import SECOND
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber, Reason
 from tests.support.daemon import OFF, ON, Plc, axis, configuration, running, until, world_of
@@ -76,3 +78,34 @@ def test_acknowledged_axis_needs_off_and_on_and_is_checked_again() -> None:
         plc.until(lambda: abs(drive.node.rpm - 3000 / 64) < 1, "the speed that was asked for")
         drive.do(lambda node: setattr(node, "rpm_per_unit", 8.0))
         plc.until(lambda: daemon.axes[0].outputs.reason is Reason.UNITS_CONTRADICTED, "stopped again")
+
+
+@pytest.mark.parametrize("delay_ms", [60, 180])
+def test_slow_sdo_answers_make_the_check_slower_and_not_blind(delay_ms: int) -> None:
+    """The drive has no TPDO with 6064h. A step is five times as long as an answer, and four steps count."""
+    with running(configuration(axis(1, more=""))) as daemon:
+        drive = OwnLawDrive(world_of(daemon), "world", 1, LIES)
+        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        plc = Plc(daemon, [1])
+        plc.enable()
+        drive.do(lambda node: node.misbehave("slow-sdo", delay_ms=delay_ms))
+        plc.endpoint.set(0, {"NSOLL_A": 0x0100})
+        began = daemon.loop.now()
+        plc.until(lambda: daemon.axes[0].faults, "the fault")
+        assert daemon.axes[0].faults[0].number == FaultNumber.VELOCITY
+        assert daemon.loop.now() - began <= 5 * 5 * delay_ms * MS + SECOND
+
+
+@pytest.mark.parametrize("delay_ms", [1, 60, 180])
+def test_slow_sdo_answers_are_no_contradiction(delay_ms: int) -> None:
+    with running(configuration(axis(1, more=""))) as daemon:
+        drive = OwnLawDrive(world_of(daemon), "world", 1, Law(1.0, objects=_OBJECTS))
+        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        plc = Plc(daemon, [1])
+        plc.enable()
+        drive.do(lambda node: node.misbehave("slow-sdo", delay_ms=delay_ms))
+        plc.endpoint.set(0, {"NSOLL_A": 0x0100})
+        for _ in range(5):
+            _for_a_second(plc)
+        assert not daemon.axes[0].faults
+        assert drive.node.rpm == pytest.approx(3000 / 64, rel=0.01)
