@@ -77,9 +77,9 @@ class DriveObject(abc.ABC):
         self.last_setpoints: Sequence[int] | None = None
         """What the PLC last sent, also after its loss."""
         self.doubt = OrderDoubt.NONE
+        """Whether the PLC may have ordered something that the next step is not given."""
         self.fresh = True
         """The setpoints of the next step came with it."""
-        """Whether the PLC may have ordered something that the next step is not given."""
         self._news: deque[News] = deque()
         """What happened since the last step."""
         self._generation = 0
