@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
+GENERIC_ERROR: Final = 0x1000
 ERROR_PASSIVE: Final = 0x8120
 HEARTBEAT_ERROR: Final = 0x8130
 BUS_OFF_RECOVERED: Final = 0x8140
@@ -17,7 +18,7 @@ COMMUNICATION_ERROR: Final = 1 << 0 | 1 << 4
 
 EMCY_TEXTS: dict[int, str] = {
     0x0000: "error reset or no error",
-    0x1000: "generic error",
+    GENERIC_ERROR: "generic error",
     0x2110: "current at the input",
     0x2310: "over-current at the output",
     0x3110: "mains over-voltage",

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import ClassVar, Final
 
-from pdgw.ds301.emcy import emcy_text
+from pdgw.ds301.emcy import GENERIC_ERROR, emcy_text
 from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
@@ -279,10 +279,11 @@ class DriveWatch:
     def fault_read(self, read: FaultRead, feedback: DriveFeedback, faults: Mapping[int, DriveFault], now: int) -> None:
         """The number and code that were read; ``faults``: the manufacturer's by number."""
         named = faults.get(read.number)
+        code = read.code or (0 if named is None else named.error_code) or GENERIC_ERROR  # 0 is an empty place in P945
         if named is not None:
             text = f"fault {read.number} {named.name} (no EMCY)"
         elif read.code:
             text = f"error code {read.code:04X}h {emcy_text(read.code)} (603Fh, no EMCY)"
         else:
             text = f"Statusword {feedback.statusword:04X}h shows a fault without an EMCY"
-        self._outputs.fault(FaultRecord(read.number or INTERNAL_FAULT, read.code, 0, text, now))
+        self._outputs.fault(FaultRecord(read.number or INTERNAL_FAULT, code, 0, text, now))

@@ -6,9 +6,13 @@ from fractions import Fraction
 
 import pytest
 
+from pdgw.ds301.emcy import GENERIC_ERROR
+from pdgw.dsp402.faults import ChannelErrorType, DriveFault
+from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATUS_OF, Command, State
-from pdgw.gateway.axis.supervision.drive_events import ACKNOWLEDGE_NS, Acknowledgement
+from pdgw.gateway.axis.supervision.drive_events import ACKNOWLEDGE_NS, Acknowledgement, DriveWatch
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
+from pdgw.gateway.axis.values import FaultRead, Outputs
 from tests.gateway.axis.supervision.test_stop_supervision import CYCLE, QUICK_STOP, REACTION, deaf, turning
 from tests.gateway.axis.test_velocity import CONTROL
 from tests.support.drive_types import engel
@@ -32,6 +36,16 @@ def test_an_acknowledge_counts_when_the_drive_has_left_its_fault_also_after_the_
     assert not item.pending
     assert not item.step(False, True, False, ACKNOWLEDGE_NS + 1)
     assert not item.waits
+
+
+@pytest.mark.parametrize(
+    ("number", "read", "shown"), [(7, 0x2310, 0x2310), (7, 0, 0x5441), (8, 0, GENERIC_ERROR), (0, 0, GENERIC_ERROR)]
+)
+def test_fault_without_emcy_has_a_code_because_0_is_an_empty_place(number: int, read: int, shown: int) -> None:
+    outputs = Outputs(2, None)
+    faults = {n: DriveFault(n, "", code, 1, ChannelErrorType.ERROR) for n, code in ((7, 0x5441), (8, 0))}
+    DriveWatch(outputs).fault_read(FaultRead(number, read), DriveFeedback(), faults, 1)
+    assert [record.code for record in outputs.faults] == [shown]
 
 
 def test_a_fault_that_stays_for_a_second_needs_another_edge() -> None:
