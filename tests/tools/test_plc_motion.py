@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from pdgw.dsp402.states import State
-from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import Reason
-from pdgw.profidrive.telegrams import TELEGRAMS
 from pdgw.tools.plc.code import structured_text
-from pdgw.tools.plc.motion import STATES, has_axis
 from tests.support.daemon import drive_of, running
-from tests.support.structured_text import TextPlc, config_of, program
+from tests.support.motion_blocks import AXES, POSITIONS, VELOCITIES, Axis, axis_with
+from tests.support.structured_text import TextPlc, config_of
 
 EXAMPLE = (Path(__file__).parents[2] / "examples" / "axis_story.st").read_text()
 OF_9 = (
@@ -33,95 +28,6 @@ def story(number: int) -> str:
         assert before in text
         text = text.replace(before, after)
     return text
-
-
-AXES = [number for number, item in TELEGRAMS.items() if has_axis(item)]
-VELOCITIES = [number for number in AXES if number not in {7, 9, 110}]
-POSITIONS = [9, 110, 111, 112]
-BLOCKS = {
-    "power": "MC_Power",
-    "reset": "MC_Reset",
-    "home": "MC_Home",
-    "absolute": "MC_MoveAbsolute",
-    "other": "MC_MoveAbsolute",
-    "relative": "MC_MoveRelative",
-    "turn": "MC_MoveVelocity",
-    "halting": "MC_Halt",
-    "stopping": "MC_Stop",
-    "status": "MC_ReadStatus",
-    "position": "MC_ReadActualPosition",
-}
-TURN = {9: 8_796_093.0, 112: 10.0}
-"""One revolution of the motor in the units of the telegram, where it is not 10000 LU."""
-
-
-class Axis(TextPlc):
-    """Every block MC_... of one axis; positions in revolutions, velocities in rpm."""
-
-    def __init__(self, daemon: Daemon, number: int) -> None:
-        factors = ""
-        if "XIST_A" in TELEGRAMS[number].actuals.names or number == 112:
-            factors = f", PositionFactor := {TURN.get(number, 10_000.0)}, VelocityFactor := {357_914.0 if number == 9 else 10.0}"
-        elif number != 7:
-            factors = ", ReferenceSpeed := 3000.0"
-        if number == 9:
-            factors += ", HomingMethod := 35"
-        calls = "\n".join(f"    {name}(Axis := axis);" for name in BLOCKS)
-        calls += f"\n    drive(Axis := axis, Actual := read.axis_1, Good := read.good_1{factors});"
-        variables = "\n".join(f"    {name} : {kind};" for name, kind in {**BLOCKS, "axis": "PDGW_AXIS"}.items())
-        text = program(daemon.config, calls, variables, f"PDGW_Axis_T{number}")
-        super().__init__(daemon, text)
-        self.drive = drive_of(daemon)
-        self.at("status")["ENABLE"] = self.at("position")["ENABLE"] = True
-
-    def at(self, name: str) -> dict[str, Any]:
-        found: dict[str, Any] = self.controller.variables[name.upper()]
-        return found
-
-    @property
-    def state(self) -> str:
-        """The one state that MC_ReadStatus shows."""
-        (shown,) = [name for name in STATES if self.at("status")[name.upper()]]
-        return shown
-
-    @property
-    def turns(self) -> float:
-        return self.drive.node.model.position_actual / 4096
-
-    @property
-    def rpm(self) -> float:
-        return self.drive.node.model.velocity_actual * self.drive.node.model.unit
-
-    def start(self, name: str, **inputs: float) -> None:
-        """A rising edge of Execute."""
-        block = self.at(name)
-        block["EXECUTE"] = False
-        self.exchange(2)
-        for key, value in inputs.items():
-            assert key.upper() in block
-            block[key.upper()] = value
-        block["EXECUTE"] = True
-        self.exchange()
-
-    def ends(self, name: str, output: str = "DONE") -> None:
-        """The outputs of a block that is over: one is TRUE."""
-        self.until(lambda _: not self.at(name)["BUSY"] or self.at(name)[output], f"{name} {output}: {self.at(name)}")
-        shown = [key for key in ("DONE", "INVELOCITY", "COMMANDABORTED", "ERROR") if self.at(name).get(key)]
-        assert shown == [output], (name, self.at(name), self.at("axis"))
-
-    def on(self) -> None:
-        self.at("power")["ENABLE"] = False
-        self.exchange(500)
-        self.at("power")["ENABLE"] = True
-        self.until(lambda _: self.at("power")["STATUS"], "power")
-        self.exchange(2)
-        assert self.state == "Standstill"
-
-
-@contextmanager
-def axis_with(number: int) -> Iterator[Axis]:
-    with running(config_of(number)) as daemon:
-        yield Axis(daemon, number)
 
 
 def fault_and_reset(axis: Axis, moving: str) -> None:
@@ -246,6 +152,66 @@ def test_what_a_telegram_does_not_have_is_an_error(number: int) -> None:
             axis.ends(name, "ERROR")
             assert (axis.state, axis.rpm) == ("Standstill", 0)
             assert axis.at(name)["ERRORID"] == Reason.MODE_VALUE.code
+
+
+@pytest.mark.parametrize("number", [1, 110])
+def test_a_command_the_telegram_lacks_leaves_the_motion_going(number: int) -> None:
+    moving, lacking = ("turn", "absolute") if number == 1 else ("absolute", "turn")
+    with axis_with(number) as axis:
+        axis.on()
+        if number == 110:
+            axis.start("home")
+            axis.ends("home")
+        axis.start(moving, Velocity=600.0, **({} if number == 1 else {"Position": 40.0}))
+        axis.exchange(100)
+        axis.start(lacking, Velocity=600.0)
+        axis.ends(lacking, "ERROR")
+        axis.exchange(100)
+        assert axis.at(moving)["BUSY"]
+        assert axis.rpm == pytest.approx(600, abs=10)
+
+
+def test_halt_right_behind_a_move_prevents_the_motion() -> None:
+    with axis_with(111) as axis:
+        axis.on()
+        axis.start("home")
+        axis.ends("home")
+        axis.start("absolute", Position=40.0, Velocity=600.0)
+        axis.at("halting")["EXECUTE"] = True
+        axis.exchange()
+        axis.ends("halting")
+        axis.exchange(250)
+        assert (axis.state, axis.turns) == ("Standstill", pytest.approx(0, abs=0.01))
+
+
+def test_an_axis_stays_stopped_until_the_last_of_two_stops_ends() -> None:
+    with axis_with(1) as axis:
+        axis.on()
+        axis.start("stopping")
+        axis.start("stopping_too")
+        axis.ends("stopping")
+        axis.ends("stopping_too")
+        axis.at("stopping_too")["EXECUTE"] = False
+        axis.exchange(5)
+        assert axis.state == "Stopping"
+        axis.at("stopping")["EXECUTE"] = False
+        axis.exchange(5)
+        assert axis.state == "Standstill"
+
+
+def test_reset_reports_a_fault_that_stays() -> None:
+    with axis_with(1) as axis:
+        axis.on()
+        axis.drive.node.model.inject(5)
+        axis.until(lambda _: axis.state == "ErrorStop", "ErrorStop")
+        axis.start("reset")
+        axis.at("reset")["EXECUTE"] = False
+        axis.exchange(900)
+        assert axis.at("reset")["BUSY"], "a falling Execute does not end it"
+        axis.until(lambda _: axis.at("reset")["ERROR"], "given up")
+        assert axis.at("reset")["ERRORID"] == Reason.DRIVE_FAULT.code
+        axis.exchange(2)
+        assert not axis.at("reset")["ERROR"]
 
 
 @pytest.mark.parametrize("number", [9, 111])

@@ -86,6 +86,13 @@ def modes_of(telegram: Telegram) -> tuple[int, ...]:
     return tuple(mode for mode, name in needs.items() if name in names)
 
 
+def _commanded(telegram: Telegram) -> tuple[int, ...]:
+    """The modes of PDGW_AXIS that a telegram has: 0 halt, 1 relative, 2 absolute, 3 velocity, 4 homing."""
+    if kind_of(telegram) == "speed":
+        return 0, 3
+    return 0, *(mode for mode in modes_of(telegram) if mode <= 4)
+
+
 def telegram_block(telegram: Telegram, values: Values) -> str:
     """The block of a telegram. ``values``: initial values that the configuration has, by the names in the templates."""
     return filled(kind_of(telegram), telegram, values)
@@ -131,7 +138,7 @@ def filled(name: str, telegram: Telegram, values: Values) -> str:
         "modes": ", ".join(f"{mode} {MODES[mode]}" for mode in modes),
         "task_mode": _any("ModePos", tasks),
         "mdi_mode": _any("ModePos", mdi),
-        "possible": _any("Axis.Mode", [0, *(mode for mode in (1, 2, 3, 4) if mode in modes)]),
+        "mode bits": f"{sum(1 << mode for mode in _commanded(telegram)):04X}",
         "mdi_selected": "TRUE" if "HOMING_METHOD" in _names(telegram) else _any("mode_active", mdi),
         "clear": "\n".join(
             f"    Setpoints.{name} := 16#0000;" for name in _CONTROL_WORDS if name in telegram.setpoints.names

@@ -70,6 +70,7 @@ def _command(command: Command) -> str:
         "name": command.name,
         "text": command.text,
         "mode": str(command.mode),
+        "bit": f"{1 << command.mode:04X}",
         "highest": str(command.highest),
         "done": "InVelocity" if endless else "Done",
         "done text": "the axis has the velocity" if endless else "it has ended well",
