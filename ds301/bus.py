@@ -16,9 +16,9 @@ def system_text(error: OSError, channel: object, bitrate: int | None = None) -> 
     if error.errno == errno.ENETDOWN:
         return f"{text}; bring it up: sudo ip link set {name} up type can bitrate {bitrate or 'BITRATE'}"
     if error.errno == errno.ENODEV:
-        return f"{text}; those there are: ip link show type can"
+        return f"{text}; list the existing ones: ip link show type can"
     if error.errno == errno.EAFNOSUPPORT:
-        return f"{text}; load the kernel's CAN: sudo modprobe can-raw"
+        return f"{text}; load the kernel's CAN modules: sudo modprobe can-raw"
     return text
 
 
@@ -40,5 +40,5 @@ def open_bus(
         text = system_text(error, channel, bitrate) if isinstance(error, OSError) and error.errno else str(error)
         text = text or type(error).__name__
         raise CanopenError(
-            "CAN interface", f"{interface} channel {channel}", f"a reachable python-can bus ({text})"
+            "CAN interface", f"{interface} channel {channel}", f"a python-can bus that can be opened ({text})"
         ) from error

@@ -112,7 +112,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         add = self.loop.counters.add
         add(part, "length_errors", "frames", "TPDOs shorter than their mapping, ignored", lambda: self.length_errors)
         add(part, "generation", "times", "configured and started", lambda: self.generation)
-        add(part, "sdo_aborts", "answers", "of the node that refuse an access by SDO", lambda: self.sdo_aborts)
+        add(part, "sdo_aborts", "answers", "nodes that reject an access by SDO", lambda: self.sdo_aborts)
         self._apply_times()
 
     # -- the device profile's part --------------------------------------------------------------------------------
@@ -255,7 +255,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
             self._live()
         except Exception:
             # Nobody watches the node any more: it must not go on counting as online.
-            self._set_status(NodeStatus.REFUSED, "its task ended with an error nobody expected, see the log")
+            self._set_status(NodeStatus.REFUSED, "its task ended with an unexpected error, see the log")
             raise
 
     def _live(self) -> None:
@@ -299,7 +299,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         if self._answers_late and self._sdo_timeout_ns < _LONGEST_SDO_NS:
             self._slow = 2 * self._sdo_timeout_ns
             self._apply_times()
-            self._tell("status", f"answers SDO late: it is given {self._slow // MS} ms")
+            self._tell("status", f"answers SDO late: the SDO timeout is now {self._slow // MS} ms")
 
     def _refuse(self, text: str) -> None:
         self._set_status(NodeStatus.REFUSED, text)
@@ -410,7 +410,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
             if self.loop.now() > deadline:
                 raise self.error_type(
                     f"heartbeat of node {self.settings.node_id}",
-                    "none that says operational",
+                    "no heartbeat with the state operational",
                     f"one within {limit / SECOND:g} s of NMT start",
                 )
             self.loop.sleep(_LOOK_AGAIN_NS)
@@ -448,7 +448,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
                 self._set_status(NodeStatus.CONFIGURING, "telegram changed")
                 return
             if self._check_at is not None and now >= self._check_at and not self._jobs:
-                self._set_status(NodeStatus.CONFIGURING, "its configuration was written to")
+                self._set_status(NodeStatus.CONFIGURING, "another tool wrote to its configuration")
                 return
             lost = self._lost(now)
             if lost:

@@ -43,7 +43,7 @@ class ConfiguringAccess(SdoAccess):
             found = self._fetch(IDENTITY, subindex)
             if found != expected:
                 raise self.error_type(
-                    f"node {self._node_id} {what}", f"{found:08X}h", f"{expected:08X}h as the EDS says"
+                    f"node {self._node_id} {what}", f"{found:08X}h", f"{expected:08X}h, as in the EDS"
                 )
 
     def _do(self, step: SdoStep) -> None:
@@ -58,7 +58,7 @@ class ConfiguringAccess(SdoAccess):
         return self.error_type(
             f"node {self._node_id} {step.meaning} ({step.index:04X}h/{step.subindex} := {step.value:X}h)",
             abort_text(error.code),
-            f"{self.a_device} that takes it",
+            f"{self.a_device} that accepts it",
         )
 
     def _map(self, plan: PdoPlan, steps: Iterable[SdoStep]) -> tuple[SdoStep, SdoAbortedError] | None:

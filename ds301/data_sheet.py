@@ -28,9 +28,9 @@ def load_dictionary(
     except EdsError as error:
         raise error_type("EDS", str(path), f"a usable EDS or DCF ({error})") from error
     if imported.repairs:
-        log.info("%s: %d repairs, listed by pdgw eds check", path, len(imported.repairs))
+        log.info("%s: %d repairs; list them with pdgw drives", path, len(imported.repairs))
     dictionary = imported.dictionary
     for index in needed:
         if index not in dictionary:
-            raise error_type("EDS", str(path), f"the data sheet of {device}, with object {index:04X}h")
+            raise error_type("EDS", str(path), f"a data sheet of {device} with object {index:04X}h")
     return dictionary

@@ -78,7 +78,7 @@ def import_eds(source: str | PathLike[str] | bytes, node_id: int) -> EdsImport:
     that cannot be used.
     """
     if node_id not in NODE_IDS:
-        raise EdsError((Problem(0, "", "node-ID", str(node_id), "a node-ID is 1..127"),))
+        raise EdsError((Problem(0, "", "node-ID", str(node_id), "a node-ID must be 1..127"),))
     sheet, relative = _imported(_read(source))
     return EdsImport(_at_node(sheet.dictionary, relative, node_id), sheet.repairs, sheet.text)
 
@@ -97,7 +97,7 @@ def _imported(content: bytes) -> tuple[EdsImport, tuple[int, ...]]:
     try:
         dictionary = eds.import_eds(io.StringIO(text), 0)
     except (KeyError, ValueError, configparser.Error) as error:  # no such file is known
-        raise EdsError((Problem(0, "", "file", "", f"canopen's importer does not take it ({error})"),)) from error
+        raise EdsError((Problem(0, "", "file", "", f"canopen cannot import it ({error})"),)) from error
     repairs = tuple(sorted(report.repairs, key=lambda repair: repair.line))
     relative = tuple(index for index, item in dictionary.items() if any(map(_is_relative, _variables(item))))
     return EdsImport(dictionary, repairs, text), relative
@@ -165,7 +165,7 @@ def _written(texts: Texts) -> str:
 def _normalised(sections: Mapping[str, Section], report: Report) -> Texts:
     objects, others = _sorted_out(sections, report)
     if not objects:
-        report.refuse(1, "", "objects", "", "not an EDS or DCF: no object is described, at least 1000h has to be")
+        report.refuse(1, "", "objects", "", "not an EDS or DCF: it describes no object, expected at least 1000h")
     texts: Texts = {}
     described: Texts = {}
     present: list[int] = []
@@ -173,7 +173,7 @@ def _normalised(sections: Mapping[str, Section], report: Report) -> Texts:
     writers = {index: ObjectWriter(objects[index], user_types, report) for index in sorted(objects)}
     entries = sum(writer.entries for writer in writers.values())
     if entries > MAX_ENTRIES:
-        raise EdsError((Problem(0, "", "file", f"{entries} entries", f"at most {MAX_ENTRIES} are read"),))
+        raise EdsError((Problem(0, "", "file", f"{entries} entries", f"too long, allowed: {MAX_ENTRIES}"),))
     for index, writer in writers.items():
         written = writer.write()
         if written:
@@ -208,7 +208,7 @@ def _sorted_out(
             continue
         subindex = None if match[2] is None else int(match[2], 16)
         if subindex is not None and subindex > 0xFF:
-            report.refuse(section.line, name, "sub-index", match[2], "a sub-index is 0..FF")
+            report.refuse(section.line, name, "sub-index", match[2], "a sub-index must be 0..FF")
             continue
         index = int(match[1], 16)
         item = objects.setdefault(index, ObjectSections(index))

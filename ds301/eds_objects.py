@@ -152,7 +152,7 @@ class ObjectWriter:
             self._report.refuse(item.line, self._name, item.key, item.value, str(error))
             return 0
         if not 0 <= count <= 254:
-            self._report.refuse(item.line, self._name, item.key, item.value, "a number of sub-indices is 0..254")
+            self._report.refuse(item.line, self._name, item.key, item.value, "the number of sub-indices must be 0..254")
             return 0
         return count
 

@@ -137,7 +137,7 @@ _OBJECT_LIST = re.compile(r"([0-9a-f]{4})(name|value)", re.IGNORECASE)
 def decode(data: bytes, report: Report) -> str:
     """The text of a file; a repair names an encoding that is not ASCII or UTF-8. Refuses what is no text at all."""
     if len(data) > MAX_SIZE:
-        raise EdsError((Problem(0, "", "file size", f"{len(data)} bytes", f"at most {MAX_SIZE} bytes are read"),))
+        raise EdsError((Problem(0, "", "file size", f"{len(data)} bytes", f"too long, allowed: {MAX_SIZE} bytes"),))
     for mark, encoding in ((codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be")):
         if data.startswith(mark):
             return _wide_text(data[len(mark) :], encoding, report)
@@ -217,7 +217,7 @@ def _header(content: str, line: int, sections: dict[str, Section], report: Repor
     inside, bracket, rest = content[1:].partition("]")
     name, changed = canonical_name(inside.partition(";")[0].strip())
     if not bracket and name.lower() not in KNOWN_SECTIONS and not _OBJECT.fullmatch(name):
-        report.refuse(line, name, "", content, "the header of a section ends with ]")
+        report.refuse(line, name, "", content, "the header of a section must end with ]")
     elif name in _NOT_KEPT:
         report.repair(line, name, "", content, "")
     elif changed or not bracket or (rest.strip() and rest.strip()[0] not in ";#"):

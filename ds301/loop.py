@@ -135,7 +135,7 @@ class Loop(abc.ABC):
             "loop",
             "task_errors",
             "errors",
-            "nobody expected, of a task or of one request, see the log",
+            "an unexpected error of a task or of one request, see the log",
             lambda: self.task_errors,
         )
         self._timers: list[tuple[int, int, Timer]] = []
@@ -217,7 +217,9 @@ class Loop(abc.ABC):
         place = (what, type(error), str(traceback.extract_tb(error.__traceback__, -1)))
         if place not in self._told:
             self._told.add(place)
-            log.error("%s by an error nobody expected; the same is only counted from now on", what, exc_info=error)
+            log.error(
+                "%s caused by an unexpected error; repetitions are only counted from now on", what, exc_info=error
+            )
 
     def end_tasks(self) -> None:
         """End every task where it waits: one that waits for ever keeps all that it knows, and the collector cannot help."""

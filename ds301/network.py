@@ -119,21 +119,21 @@ class CanNetwork(Receiver):
 
     def _register_counters(self) -> None:
         add, part = self.loop.counters.add, f"bus {self.name}"
-        add(part, "sent", "frames", "taken by the interface", lambda: self.sent)
-        add(part, "received", "frames", "heard of others", lambda: self.received)
+        add(part, "sent", "frames", "accepted by the interface", lambda: self.sent)
+        add(part, "received", "frames", "received from other nodes", lambda: self.received)
         add(
             part,
             "send_errors",
             "frames",
-            "not sent: interface lost, too many waiting, driver error",
+            "not sent: interface lost, queue full, or driver error",
             lambda: self.send_errors,
         )
-        add(part, "waits", "times", "the interface had no room; frames are sent when it has", lambda: self.waits)
-        add(part, "error_frames", "messages", "of the controller about errors on the bus", lambda: self.error_frames)
-        add(part, "error_passive", "messages", "of the controller: it is error-passive", lambda: self.error_passive)
-        add(part, "bus_off", "messages", "of the controller: it left the bus", lambda: self.bus_off)
-        add(part, "malformed", "frames", "of NMT, SDO or EMCY that could not be decoded", lambda: self.malformed)
-        add(part, "lost", "times", "the interface went away; it is opened again", lambda: self.lost)
+        add(part, "waits", "times", "the interface was full; frames wait until it has room", lambda: self.waits)
+        add(part, "error_frames", "messages", "error frames of the CAN controller", lambda: self.error_frames)
+        add(part, "error_passive", "messages", "the CAN controller became error-passive", lambda: self.error_passive)
+        add(part, "bus_off", "messages", "the CAN controller went bus-off", lambda: self.bus_off)
+        add(part, "malformed", "frames", "NMT, SDO or EMCY frames that could not be decoded", lambda: self.malformed)
+        add(part, "lost", "times", "interface lost; the gateway opens it again", lambda: self.lost)
 
     def start(self) -> None:
         """Take frames from now on."""
@@ -371,7 +371,7 @@ class CanNetwork(Receiver):
         if self._working:
             self.lost += 1
             self._working = False
-            text = f"interface lost ({text}); it is opened again when it is back"
+            text = f"interface lost ({text}); the gateway opens it again when it is back"
             log.error("CAN bus %s: %s", self.name, text, extra=self._told)
         else:
             log.debug("CAN bus %s: %s", self.name, text)

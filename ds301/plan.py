@@ -23,9 +23,9 @@ _DATA_PDO_RATE = 100.0
 class Pace(enum.Enum):
     """When a PDO is sent, or taken by the device."""
 
-    TIMER = "on change and by its event timer"
+    TIMER = "on change and by event timer"
     SYNC = "on SYNC"
-    CHANGE = "on change alone, and read by SDO beside"
+    CHANGE = "on change only, and also read by SDO"
     """There is no event timer and no SYNC: a frame that is lost does not come again, and silence says nothing."""
     AT_ONCE = "at once"
     """Of an RPDO."""

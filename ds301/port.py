@@ -214,7 +214,7 @@ class DriverPort(CanPort):
 
     def send(self, can_id: int, data: bytes) -> None:
         if self._stopping.is_set():
-            raise PortLostError("the driver stopped")
+            raise PortLostError("the driver has stopped")
         try:
             self._sending.put_nowait(_message(can_id, data))
         except queue.Full as error:

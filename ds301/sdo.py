@@ -119,7 +119,7 @@ class SdoAccess:
                 data += segment
                 if len(data) > _LONGEST_UPLOAD or self.loop.now() > deadline:
                     sdo.abort()
-                    raise SdoCommunicationError(f"{index:04X}h/{subindex} does not end")
+                    raise SdoCommunicationError(f"{index:04X}h/{subindex} never ends")
             return data, stream.size
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
@@ -251,5 +251,5 @@ class SdoAccess:
         return self.error_type(
             f"node {self._node_id} object {index:04X}h/{subindex}",
             abort_text(error.code),
-            "an object that can be read, as the EDS says",
+            "an object that can be read, as described in the EDS",
         )

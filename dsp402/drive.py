@@ -78,7 +78,7 @@ _LIMITS_AND_RAMPS: Final = frozenset(
 _WITNESS_NS: Final = SECOND
 """So often is a TPDO that does not change compared with its objects."""
 _INTERPOLATED: Final = (
-    "traversing tasks: no profile position (6502h): the gateway makes a position for each SYNC (mode 8)"
+    "traversing tasks: no profile position mode (6502h); the gateway calculates a position for each SYNC (mode 8)"
 )
 _SDO_STEP: Final = 5
 """Positions by SDO are compared over so many times the time of an answer: the drive took them somewhere within it."""
@@ -307,7 +307,7 @@ class DriveClient(NodeClient[DriveSettings]):
                     raise Dsp402Error(
                         f"node {self.settings.node_id} object {address[0]:04X}h/{address[1]}",
                         abort_text(error.code),
-                        "an object that can be read: every device has it",
+                        "an object that can be read (every device has it)",
                     ) from error
                 if address in OPTIONAL_OBJECTS and error.code not in NOT_THERE:
                     answers[address] = 0  # the drive has it, and keeps a value of its own where it is not written
@@ -370,7 +370,7 @@ class DriveClient(NodeClient[DriveSettings]):
         try:
             self.write_urgently(stop.index, stop.subindex, stop.data)
         except SdoAbortedError as error:
-            self._tell("status", f"in {shown}, and refuses {stop.meaning} by SDO: {error}")
+            self._tell("status", f"in {shown}, and rejects {stop.meaning} by SDO: {error}")
         else:
             self._tell("status", f"in {shown}: {stop.meaning} by SDO before it is configured")
 
@@ -453,7 +453,7 @@ class DriveClient(NodeClient[DriveSettings]):
         for address in [address for address in self._replaced if address not in carried]:
             value = int.from_bytes(self._replaced[address], "little")
             size = CanType.U16 if len(self._replaced[address]) == 2 else CanType.U32
-            self._do(SdoStep(*address, size, value, "the drive's own value, which RPDOs replaced"))
+            self._do(SdoStep(*address, size, value, "the drive's own value, which the RPDOs overwrote"))
             del self._replaced[address]
         for address in carried:
             if address not in self._replaced and (data := self._read_if_present(*address)):
@@ -468,13 +468,15 @@ class DriveClient(NodeClient[DriveSettings]):
             raise Dsp402Error(
                 "guarding of the gateway by the drive",
                 guarding.refusal,
-                "1016h or 100Ch and 100Dh or 1400h/5, and 6007h, that can be written, or a family known to stop without SYNC "
-                "(allow_unguarded = true operates it anyway)",
+                (
+                    "1016h, 100Ch and 100Dh, or 1400h/5 with 6007h, writable; or a family that stops without SYNC; "
+                    "or allow_unguarded = true"
+                ),
             )
         if guarding.refusal:
             self._tell("status", f"not guarded: {guarding.refusal}")
         elif guarding != self.guarding:
-            self._tell("status", f"when the gateway dies, this drive is stopped by {guarding.text}")
+            self._tell("status", f"if the gateway dies, this drive is stopped by {guarding.text}")
         self.guarding = guarding
         self._guarded_by_requests = guarding.life_guarding
         self._heartbeat_expected = guarding.heartbeat or guarding.life_guarding
@@ -488,7 +490,9 @@ class DriveClient(NodeClient[DriveSettings]):
             if mode in _SPEED_MODES and (late or (shown == _NO_MODE and self.loop.now() > deadline)):
                 # Some drives show a mode in operation only. No speed is sent before it is shown.
                 self._mode_awaited = mode
-                self._tell("status", f"6061h shows {shown}: mode {mode} is looked for when the operation is enabled")
+                self._tell(
+                    "status", (f"6061h shows {shown}: mode {mode} is checked again when the operation is enabled")
+                )
                 return
             if self.loop.now() > deadline:
                 raise Dsp402Error("6061h", shown, f"{mode} within {MODE_CONFIRM_NS / SECOND:g} s of 6060h")
@@ -538,7 +542,7 @@ class DriveClient(NodeClient[DriveSettings]):
                 self._mapping.drop(entry.address)
                 shown, there = (int.from_bytes(data, "little") for data in (doubt.first, held))
                 self._dropped = (
-                    f"{doubt.pdo} takes {entry} and does not send it: it shows {shown}, the object holds {there}"
+                    f"{doubt.pdo} accepts {entry} but does not send it: it shows {shown}, the object contains {there}"
                 )
         self._witness_due = now + (self._timeout_ns if self._witness.contradicted else _WITNESS_NS)
 
@@ -592,9 +596,9 @@ class DriveClient(NodeClient[DriveSettings]):
             return
         if value != (told := units.told[address]):
             name = f"{address[0]:04X}h" + (f"/{address[1]}" if address[1] else "")
-            self._tell("units", f"{name} was {told:X}h and is {value:X}h now: another tool changes the units")
+            self._tell("units", f"{name} was {told:X}h and is {value:X}h now: another tool has changed the units")
             self.learn()
-            self._tell("references", "asked again what its units are")
+            self._tell("references", "reads its units again")
 
     def _write_values(self, values: _Values, now: int) -> None:
         # Not confirmed while it is written: cycles go on meanwhile.

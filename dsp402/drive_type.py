@@ -21,7 +21,7 @@ from pdgw.dsp402.modes import Mode
 
 VL_RAMP: Final = 0x70
 """Controlword of velocity mode (vl): enable ramp, unlock ramp, reference ramp. All three let the set-point through."""
-_ABSENT = "no object of this drive"
+_ABSENT = "not an object of this drive"
 
 
 class Quantity(enum.Enum):
@@ -80,7 +80,7 @@ class Scaling:
     def refusal(self, *needed: Quantity) -> str:
         """Why an axis that needs these quantities must not operate; empty when all of them are known."""
         missing = [quantity for quantity in needed if quantity not in self.references]
-        return "; ".join(self.unknown.get(quantity, f"{quantity.value}: 100 % is not known") for quantity in missing)
+        return "; ".join(self.unknown.get(quantity, f"{quantity.value}: 100 % is unknown") for quantity in missing)
 
     def missing_keys(self, *needed: Quantity) -> tuple[str, ...]:
         """Keys of the configuration that these quantities lack, each once."""

@@ -81,7 +81,7 @@ def _by_service(wanted: Wanted, write_checked: Callable[[SdoStep], None], read: 
     reaction, no_reaction = _reaction(option, refused, read)
     no_producer = refused(producer)
     if not no_consumer:
-        life = "" if not no_producer else "; that it lives is told by its TPDOs alone"
+        life = "" if not no_producer else "; the gateway monitors the node by its TPDOs only"
         text = f"the gateway's heartbeat (1016h, {limit} ms), then {reaction}{life}"
         return Guarding(text, no_reaction, heartbeat=not no_producer and wanted.heartbeat_ms > 0)
     silent = bool(no_producer) or not refused(replace(producer, value=0))
@@ -94,10 +94,10 @@ def _by_service(wanted: Wanted, write_checked: Callable[[SdoStep], None], read: 
     beats = not no_producer and wanted.heartbeat_ms > 0 and not refused(producer)
     time_out = _RPDO_REFRESHES * wanted.rpdo_refresh_ms
     timer = SdoStep(
-        wanted.control_index, EVENT_TIMER, CanType.U16, time_out, "time-out of the RPDO with the Controlword"
+        wanted.control_index, EVENT_TIMER, CanType.U16, time_out, "timeout of the RPDO with the Controlword"
     )
     if not refused(timer):
-        text = f"the time-out of its RPDO ({wanted.control_index:04X}h/5, {time_out} ms), then {reaction}"
+        text = f"the timeout of its RPDO ({wanted.control_index:04X}h/5, {time_out} ms), then {reaction}"
         return Guarding(text, no_reaction, heartbeat=beats, rpdos=True)
     return Guarding("nothing", no_consumer, heartbeat=beats)
 

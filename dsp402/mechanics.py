@@ -84,7 +84,7 @@ def unit_object(value: object) -> int:
     try:
         return _UNIT_NAMES[str(value)]
     except KeyError:
-        raise ValueError(f"{value!r} is no object that tells a unit, allowed: {', '.join(_UNIT_NAMES)}") from None
+        raise ValueError(f"{value!r} is not an object that defines a unit, allowed: {', '.join(_UNIT_NAMES)}") from None
 
 
 def _ratio(answers: Answers, index: int) -> Fraction | None:
@@ -141,7 +141,7 @@ class Mechanics:
             return None
         unit = si_unit(value, order)
         if unit is None:
-            return Unknown(f"{index:04X}h = {value & 0xFFFF_FFFF:08X}h is no unit known here")
+            return Unknown(f"{index:04X}h = {value & 4294967295:08X}h is an unknown unit")
         return Unit(unit.factor, unit.kind, order, f"{index:04X}h = {unit}")
 
     def noted_unit(self, order: int) -> Unit | Unknown | None:
@@ -152,7 +152,7 @@ class Mechanics:
         where = "{:04X}h, {:04X}h".format(*NOTATIONS[order])
         unit = dimension_unit(notation - (0x100 if notation > 0x7F else 0), dimension, order)
         if unit is None:
-            return Unknown(f"{where}: {notation}, {dimension & 0xFF:02X}h is no unit known here")
+            return Unknown(f"{where}: {notation}, {dimension & 255:02X}h is an unknown unit")
         return Unit(unit.factor, unit.kind, order, f"{where}: {unit}")
 
     def _increments(self) -> Known | None:
@@ -186,7 +186,7 @@ class Mechanics:
             # 6092h is in position units.
             if feed is not None:
                 return self._geared(Known(feed, "6092h", True))
-            return Unknown(f"positions are in {unit} and no feed constant 6092h says how far a revolution goes")
+            return Unknown(f"positions are in {unit}, and no feed constant 6092h defines the distance of a revolution")
         if increments is not None and unit is not None and unit.kind is Kind.INCREMENT:
             return Known(increments.value / unit.factor, increments.source, increments.by_position)
         if factor is not None and increments is not None:
@@ -198,7 +198,7 @@ class Mechanics:
         if self.family.counts_per_revolution is not None:
             counts = self.family.counts_per_revolution
             return Known(counts, f"{self.name}: {amount(counts)} counts/rev")
-        return Unknown("no source tells the position units of a revolution", "counts_per_revolution")
+        return Unknown("no source defines the position units of a revolution", "counts_per_revolution")
 
     def _geared(self, per_turn: Known) -> Known:
         gear = self.gear
@@ -221,7 +221,7 @@ class Mechanics:
             return self.counts
         if kind is Kind.METRE:
             return self.metres
-        return self.increments or Unknown("608Fh does not tell the increments of a revolution")
+        return self.increments or Unknown("608Fh does not define the increments of a revolution")
 
     def per_rpm(self, unit: Unit | Unknown, what: str) -> Found:
         """So many of this unit are one rpm (velocity) or rpm/s (acceleration) of the motor."""

@@ -38,7 +38,7 @@ def _address(value: object) -> object:
     if isinstance(value, str):
         found = _ADDRESS.fullmatch(value)
         if found is None:
-            raise ValueError(f"{value!r} is no object, expected such as 2003h or 6C01h/1")
+            raise ValueError(f"{value!r} is not an object, expected for example 2003h or 6C01h/1")
         return int(found[1], 16), int(found[2] or 0)
     return value
 
@@ -46,7 +46,7 @@ def _address(value: object) -> object:
 def _channel(value: object) -> object:
     if isinstance(value, str):
         if value not in _CHANNELS:
-            raise ValueError(f"{value!r} is no channel error type, expected one of {', '.join(_CHANNELS)}")
+            raise ValueError(f"{value!r} is not a channel error type, expected one of {', '.join(_CHANNELS)}")
         return _CHANNELS[value]
     return value
 
@@ -54,7 +54,7 @@ def _channel(value: object) -> object:
 def _type(value: object) -> object:
     if isinstance(value, str):
         if value not in _TYPES:
-            raise ValueError(f"{value!r} is no data type, expected one of {', '.join(_TYPES)}")
+            raise ValueError(f"{value!r} is not a data type, expected one of {', '.join(_TYPES)}")
         return _TYPES[value]
     return value
 
@@ -354,5 +354,9 @@ def units_of(family: Overlay | None, vendor_id: int, product_code: int, name: st
         return family.family_units
     if any(item.match.vendor_id == vendor_id for item in overlays().values()):
         device = f"vendor-ID {vendor_id:X}h, product code {product_code:X}h, name {name!r}"
-        return FamilyUnits(ask=f"none of the maker's families fits {device}, and their units differ: family or")
+        return FamilyUnits(
+            ask=(
+                f"no family of this manufacturer matches {device}, and the families have different units: set family or"
+            )
+        )
     return FamilyUnits()

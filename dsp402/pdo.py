@@ -68,12 +68,14 @@ _WITH_MESSAGES = (
     pdo(_T, 2, "position_actual", "velocity_demand"),
     pdo(_T, 3, "current_actual"),
 )
-_DEMAND = {"velocity_demand": "speed within tolerance shows 0, a frozen ramp keeps the actual speed"}
+_DEMAND = {"velocity_demand": "the bit for speed within tolerance is 0; a frozen ramp keeps the actual speed"}
 _MESSAGES = {
-    "velocity_demand": "ramp completed and speed within tolerance show 0",
-    "current_actual": "torque below its threshold shows 0",
+    "velocity_demand": "the bits for ramp completed and speed within tolerance are 0",
+    "current_actual": "the bit for torque below its threshold is 0",
 }
-_ONE_RAMP = {"profile_deceleration": "6083h carries the smaller of acceleration and deceleration, for both"}
+_ONE_RAMP = {
+    "profile_deceleration": ("6083h contains the smaller of acceleration and deceleration, and applies to both")
+}
 
 LAYOUTS: dict[Operation, PdoLayout] = {
     # RPDO 1 carries the Controlword as its last object and is sent last: a drive that applies objects in the order of the mapping
@@ -98,7 +100,7 @@ LAYOUTS: dict[Operation, PdoLayout] = {
     Operation.VELOCITY_WITH_LOAD: PdoLayout(
         rpdos=(pdo(_R, 1, "target_velocity", "controlword"),),
         tpdos=(pdo(_T, 1, "statusword", "velocity_actual"), pdo(_T, 2, "current_actual", "velocity_demand")),
-        optional={**_DEMAND, "current_actual": "current, torque and power show 0"},
+        optional={**_DEMAND, "current_actual": "current, torque and power are 0"},
         cyclic_only=frozenset(_DEMAND),
     ),
     Operation.POSITIONING: PdoLayout(
@@ -124,7 +126,7 @@ LAYOUTS: dict[Operation, PdoLayout] = {
             pdo(_T, 2, "velocity_actual", "velocity_demand"),
             pdo(_T, 3, "digital_inputs", "current_actual"),
         ),
-        optional={**_MESSAGES, **_ONE_RAMP, "digital_inputs": "the limit switches show 0"},
+        optional={**_MESSAGES, **_ONE_RAMP, "digital_inputs": "the limit switches are 0"},
     ),
     Operation.CYCLIC_POSITION: PdoLayout(
         rpdos=(

@@ -192,8 +192,8 @@ class _Direction:
     def _lacking(self, entry: Entry) -> Entry:
         raise Dsp402Error(
             str(entry) if entry.index else entry.name,
-            "no object of this drive",
-            "a drive that has it: the telegram needs it",
+            "not an object of this drive",
+            "a drive with this object: the telegram needs it",
         )
 
     def _is_mappable(self, entry: Entry) -> bool:
@@ -279,7 +279,7 @@ class _Direction:
         return Dsp402Error(
             "PDOs of the drive",
             f"no {self.direction.label} for {word}" + (f": fixed are {'; '.join(there)}" if there else ""),
-            f"one that can be mapped, or whose mapping has {word.index:04X}h and nothing the telegram does not know",
+            (f"a PDO that can be mapped, or one whose mapping has {word.index:04X}h and only objects of the telegram"),
         )
 
     # -- how it travels -----------------------------------------------------------------------------------------------------
@@ -299,12 +299,14 @@ class _Direction:
         if self.direction is PdoDirection.RPDO:
             if given is not None and given in SYNC_TYPES:
                 if not self.sync:
-                    self.notes.append(f"RPDO{slot.number} is taken on SYNC: its transmission type cannot be written")
+                    self.notes.append(
+                        f"RPDO{slot.number} is processed on SYNC: its transmission type cannot be written"
+                    )
                 return Pace.SYNC, given
             if self.sync:
                 if given is not None:
                     raise Dsp402Error(
-                        f"RPDO{slot.number} transmission type", given, "1: the telegram needs set-points on SYNC"
+                        f"RPDO{slot.number} transmission type", given, "1: the telegram needs setpoints on SYNC"
                     )
                 return Pace.SYNC, EVERY_SYNC
             return Pace.AT_ONCE, EVENT_DRIVEN_PROFILE if given is None else given
@@ -321,7 +323,8 @@ class _Direction:
             self.notes.append(f"TPDO{slot.number} on SYNC: it has no event timer ({index:04X}h/{EVENT_TIMER})")
             return Pace.SYNC, EVERY_SYNC
         self.notes.append(
-            f"TPDO{slot.number} on change alone: neither event timer nor SYNC can be set; heartbeat and SDO watch it"
+            f"TPDO{slot.number} on change only: neither event timer nor SYNC can be set; heartbeat and SDO "
+            "monitor the drive"
         )
         return Pace.CHANGE, given
 

@@ -63,7 +63,7 @@ SCALING_OBJECTS: tuple[ObjectAddress, ...] = (
 _ALL_POSITIONS = DRIVE_OBJECTS.attribute("target_position").limits
 _NO_RANGE = Reference(
     Fraction(-_ALL_POSITIONS[0], 2),
-    f"100 % = 607Ah {-_ALL_POSITIONS[0] // 2} (no range limit in 607Bh: 200 % is all that 607Ah holds)",
+    f"100 % = 607Ah {-_ALL_POSITIONS[0] // 2} (no range limit in 607Bh: 200 % is the range of 607Ah)",
 )
 
 
@@ -79,7 +79,7 @@ def _acceleration(mechanics: Mechanics) -> Found:
         return Known(counts.value / SECONDS_PER_MINUTE * factor, f"6097h, {counts.source}")
     if family.acceleration:
         return mechanics.per_rpm(parse_unit(family.acceleration, 2, mechanics.name), "accelerations")
-    return Unknown("no source tells the acceleration unit", "acceleration_unit")
+    return Unknown("no source defines the acceleration unit", "acceleration_unit")
 
 
 class _Lacking(NamedTuple):
@@ -107,7 +107,7 @@ def _rated_speed(mechanics: Mechanics, velocity: Found, *, vl: bool) -> Found:
         return Known(highest / velocity.value, "6046h/2")
     value = mechanics.number(MAX_MOTOR_SPEED)
     told = "the drive has no Max Motor Speed 6080h" if value is None else f"Max Motor Speed 6080h is {value}"
-    return Unknown(f"{told}, which would be 100 %", "rated_speed_rpm")
+    return Unknown(f"{told}, the source of 100 %", "rated_speed_rpm")
 
 
 def find_scaling(
@@ -201,7 +201,7 @@ def _rate(mechanics: Mechanics, limits: Iterable[int], index: int) -> Reference 
         if value_of is not None and 0 < value_of < NO_LIMIT:
             return Reference(Fraction(value_of), f"100 % = {index:04X}h {value_of} (from {limit:04X}h)")
         if value_of is not None:
-            return _no_rate(mechanics, f"{limit:04X}h is {value_of}, no reference")
+            return _no_rate(mechanics, f"{limit:04X}h is {value_of}, not usable as a reference")
     return _no_rate(mechanics, f"the drive has no {MAX_ACCELERATION:04X}h")
 
 
@@ -223,7 +223,9 @@ def _position(mechanics: Mechanics, range_is_limit: bool) -> tuple[tuple[int, in
         return (
             limits,
             False,
-            _Lacking(f"Position Range Limit 607Bh is {low} to {high}: a maximum above 0 and the minimum is needed"),
+            _Lacking(
+                f"Position Range Limit 607Bh is {low} to {high}: the maximum must be above 0 and above the minimum"
+            ),
         )
     if limits is not None:
         low_target, high_target = max(low, limits[0]), min(high, limits[1])

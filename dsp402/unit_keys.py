@@ -34,7 +34,7 @@ class UnitKeys:
 KEY_LINES: Mapping[str, str] = {
     "rated_speed_rpm": "rated_speed_rpm = 0  # 100 % of the speed in rpm of the motor",
     "velocity_unit": 'velocity_unit = "?"  # of 60FFh, such as "rpm", "0.1 rpm", "counts/s", "mm/s"',
-    "ignored_unit_objects": 'ignored_unit_objects = ["?"]  # objects whose units are wrong, such as "60A9h"',
+    "ignored_unit_objects": 'ignored_unit_objects = ["?"]  # objects with wrong units, such as "60A9h"',
     "counts_per_revolution": "counts_per_revolution = 0  # position units in one revolution of the motor",
     "acceleration_unit": 'acceleration_unit = "?"  # of 6083h, such as "rpm/s"',
     "rated_acceleration_rpm_s": "rated_acceleration_rpm_s = 0  # 100 % of accelerations in rpm/s of the motor",

@@ -61,7 +61,7 @@ def parse_unit(text: str, order: int, key: str) -> Unit:
     """
     found = _UNIT.fullmatch(text.strip())
     refusal = Dsp402Error(
-        key, text, f"{_FORMS[order]}, made of {', '.join(_LENGTHS)}, {', '.join(_SHORT)} per s or min"
+        key, text, f"{_FORMS[order]}, composed of {', '.join(_LENGTHS)}, {', '.join(_SHORT)} per s or min"
     )
     if found is None:
         raise refusal

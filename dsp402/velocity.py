@@ -98,7 +98,7 @@ class _Sources:
         encoder = None if resolution is None else Known(resolution, f"6090h: {amount(resolution)} inc/rev")
         increments = encoder or mechanics.increments
         if step is not None and increments is None:
-            yield Unknown("6094h alone does not tell the unit (rpm, increments/s and 1/4096 rpm are in use)")
+            yield Unknown("6094h alone does not define the unit (rpm, increments/s and 1/4096 rpm are in use)")
         elif step is not None and increments is not None:
             value = increments.value / SECONDS_PER_MINUTE / step
             yield Known(value, f"6094h, {increments.source}", increments.by_position)
@@ -107,7 +107,9 @@ class _Sources:
         if factor is not None:
             counts = mechanics.counts if isinstance(mechanics.counts, Known) else encoder
             if counts is None:
-                yield Unknown("6096h applies to position units, and no source tells those of a revolution")
+                yield Unknown(
+                    "6096h applies to position units, and no source defines the position units of a revolution"
+                )
             else:
                 value = counts.value / SECONDS_PER_MINUTE * factor
                 yield Known(value, f"6096h, {counts.source}", counts.by_position)
@@ -149,10 +151,10 @@ class _Sources:
         """Nothing speaks of velocities: position units per second, if the limit of the velocity can mean nothing else."""
         counts = self.mechanics.counts
         if isinstance(counts, Unknown):
-            return Unknown("no object of the drive and no overlay tells the velocity unit")
+            return Unknown("neither an object of the drive nor an overlay defines the velocity unit")
         claim = Known(counts.value / SECONDS_PER_MINUTE, counts.source, True)
         if self.mechanics.witnessed(_RPM, self.limit):
-            return Unknown(f"{counts.source} is of positions, and {self.limit_name} {self.limit} may be rpm")
+            return Unknown(f"{counts.source} applies to positions, and {self.limit_name} {self.limit} may be in rpm")
         return self._confirmed(claim)
 
     # -- whom to believe --------------------------------------------------------------------------------------------------
@@ -163,7 +165,7 @@ class _Sources:
         limit, name = self.limit, self.limit_name
         seen = f"{name} {limit} would be {amount(limit / claim.value)} rpm" if limit else f"{name} has no limit"
         key = "counts_per_revolution" if self.mechanics.keys.velocity_unit else "velocity_unit"
-        return Unknown(f"{claim.source} is of positions and not confirmed for velocities ({seen})", key)
+        return Unknown(f"{claim.source} applies to positions and is not confirmed for velocities ({seen})", key)
 
     def _agreeing(self, stated: Found, told: Sequence[Known]) -> Found:
         """What the configuration says, unless everything the drive says is something else."""

@@ -61,7 +61,7 @@ def load_eds(path: Path, node_id: int) -> canopen.ObjectDictionary:
     """The object dictionary of a user's EDS/DCF; Dsp406Error names the file and what is wrong with it."""
     dictionary = load_dictionary(path, node_id, (DEVICE_TYPE,), "an encoder", Dsp406Error)
     if POSITION not in dictionary and POSITION_MULTI_SENSOR not in dictionary:
-        raise Dsp406Error("EDS", str(path), "the data sheet of an encoder, with object 6004h or 6020h")
+        raise Dsp406Error("EDS", str(path), "a data sheet of an encoder with object 6004h or 6020h")
     return dictionary
 
 

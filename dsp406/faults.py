@@ -63,14 +63,14 @@ ENCODER_FAULTS: MappingProxyType[str, EncoderFault] = MappingProxyType(
         for fault in (
             EncoderFault(
                 "position-error",
-                "The sensor cannot be read for certain: the position may be wrong.",
+                "The sensor signal is not reliable: the position may be wrong.",
                 0x1000,
                 0x21,
                 Alarm.POSITION_ERROR,
             ),
             EncoderFault("input-current", "The input current is too high.", 0x2110, 0x03),
             EncoderFault("input-voltage", "The input voltage is out of its range.", 0x3110, 0x05),
-            EncoderFault("temperature", "The temperature inside is out of its range.", 0x4000, 0x09),
+            EncoderFault("temperature", "The internal temperature is out of range.", 0x4000, 0x09),
             EncoderFault(
                 "memory",
                 "The memory has an error: the position may be wrong.",
@@ -78,17 +78,19 @@ ENCODER_FAULTS: MappingProxyType[str, EncoderFault] = MappingProxyType(
                 0x01,
                 Alarm.POSITION_ERROR,
             ),
-            EncoderFault("software", "The firmware found an error of its own.", 0x6000, 0x01),
+            EncoderFault("software", "The firmware detected an internal error.", 0x6000, 0x01),
             EncoderFault("monitoring", "A supervision of the device responded.", 0x8000, 0x01),
-            EncoderFault("external", "Something outside the device is wrong.", 0x9000, 0x01),
-            EncoderFault("device-specific", "An error only the manufacturer knows.", 0xFFFF, 0x81),
+            EncoderFault("external", "A device outside the encoder has a fault.", 0x9000, 0x01),
+            EncoderFault("device-specific", "An error that only the manufacturer can explain.", 0xFFFF, 0x81),
             EncoderFault(
-                SENSOR_DEFECT, "A part of the sensor is defective, which only the commissioning diagnostics notice."
+                SENSOR_DEFECT, ("A part of the sensor is defective; only the commissioning diagnostics detect it.")
             ),
             EncoderFault(
-                "frequency", "It turned faster than the sensor can follow.", warnings=Warnings.FREQUENCY_EXCEEDED
+                "frequency",
+                "The encoder turned faster than its sensor can follow.",
+                warnings=Warnings.FREQUENCY_EXCEEDED,
             ),
-            EncoderFault("light", "The light source is nearly used up.", warnings=Warnings.LIGHT_CONTROL_RESERVE),
+            EncoderFault("light", "The light source is nearly worn out.", warnings=Warnings.LIGHT_CONTROL_RESERVE),
             EncoderFault("watchdog", "The watchdog has restarted the processor.", warnings=Warnings.CPU_WATCHDOG),
             EncoderFault(
                 "operating-time", "The operating time has reached its limit.", warnings=Warnings.OPERATING_TIME

@@ -36,7 +36,7 @@ def encoder_layout(mappable: Collection[tuple[int, int]], channels: Sequence[int
     position, one that is named twice, or none at all.
     """
     if not channels or len(set(channels)) < len(channels):
-        raise Dsp406Error("encoder channels", list(channels), "at least one, each once")
+        raise Dsp406Error("encoder channels", list(channels), "at least one, and each only once")
     tpdos = []
     numbers = (*_NUMBERS[sync], *range(5, CHANNELS_MAX + 1))
     for number, channel in zip(numbers, channels, strict=False):
@@ -44,7 +44,9 @@ def encoder_layout(mappable: Collection[tuple[int, int]], channels: Sequence[int
         if position not in mappable and channel == 1:
             position = (POSITION, 0)
         if position not in mappable:
-            raise Dsp406Error("encoder channel", channel, "one whose position (6004h, 6020h) can be mapped to a PDO")
+            raise Dsp406Error(
+                "encoder channel", channel, ("an encoder whose position (6004h, 6020h) can be mapped to a PDO")
+            )
         further = [(index, channel) for index in _FURTHER if (index, channel) in mappable]
         tpdos.append(Pdo(PdoDirection.TPDO, number, tuple(entry(*item) for item in (position, *further))))
     return PdoLayout((), tuple(tpdos))

@@ -73,25 +73,25 @@ class Reason(enum.Enum):
         "bring the PLC to RUN; check its target address and port, and that its frames have the bytes of pdgw map",
     )
     PLC_LOST = (
-        "PLC lost: the drive is being stopped; ON is obeyed again only after an OFF (STW1.0 = 0)",
+        "PLC lost: the gateway stops the drive; ON is accepted again only after an OFF (STW1.0 = 0)",
         _S.WAITS,
         _E.PLC,
-        "look for the cable, the PLC's STOP and its cycle time; then OFF and ON",
+        "check the cable, the PLC's operating mode (STOP) and its cycle time; then OFF and ON",
     )
     NO_CONTROL = (
-        "STW1.10 = 0 (control by PLC): nothing starts, setpoints are not evaluated; OFF1, OFF2 and OFF3 act",
+        "STW1.10 = 0 (control by PLC): the drive does not start and ignores setpoints; OFF1, OFF2 and OFF3 act",
         _S.WAITS,
         _E.CONTROL,
-        "the PLC's program has to set STW1.10 = 1",
+        "the PLC's program must set STW1.10 = 1",
     )
     NEEDS_OFF = (
-        "ON ignored: needs OFF first (STW1.0 = 0 with STW1.1 = STW1.2 = 1)",
+        "ON ignored: send an OFF first (STW1.0 = 0 with STW1.1 = STW1.2 = 1)",
         _S.WAITS,
         _E.ON_EDGE,
-        "the PLC's program has to take STW1.0 to 0 and then to 1, with STW1.1 = STW1.2 = 1",
+        "the PLC's program must set STW1.0 to 0 and then to 1, with STW1.1 = STW1.2 = 1",
     )
     DRIVE_OFFLINE = (
-        "drive is not online: no command is sent",
+        "drive is not online: the gateway sends no command",
         _S.NOT_ON_THE_BUS,
         _E.NODE,
         "check power, CAN cable, termination, bit rate and node-ID of the drive",
@@ -103,19 +103,19 @@ class Reason(enum.Enum):
         "remove the cause; then acknowledge (STW1.7)",
     )
     DRIVE_UNKNOWN_STATE = (
-        "Statusword fits no state of the drive: stopping",
+        "the Statusword matches no state of CiA 402: the gateway stops the drive",
         _S.FAULT,
         _E.NO_FAULT,
-        "the drive's Statusword is no CiA 402 state: check the device and its PDO mapping",
+        "check the device and its PDO mapping: the Statusword is not a CiA 402 state",
     )
     REFERENCE_INVALID = (
-        "the drive does not tell what 100 % is, or lacks the mode (fault 104 says what settles it): refused",
+        "100 % of the speed is unknown, or the drive lacks the mode of operation (fault 104 names the missing key)",
         _S.FAULT,
         _E.NO_FAULT,
         "set the key that fault 104 names, see pdgw config check --bus",
     )
     RAMP_STOP = (
-        "OFF1 ramp stop in progress: ON is not obeyed before standstill",
+        "OFF1 ramp in progress: ON is accepted at standstill",
         _S.STOPPING,
         _E.ON_EDGE,
         "wait for standstill, then ON",
@@ -136,31 +136,31 @@ class Reason(enum.Enum):
         "no setpoint: STW1 bits 4, 5 and 6 must all be 1",
         _S.WAITS,
         _E.SETPOINT,
-        "the PLC's program has to set STW1.4, STW1.5 and STW1.6",
+        "the PLC's program must set STW1.4, STW1.5 and STW1.6",
     )
     INTERNAL_LIMIT = (
-        "the drive limits the motion by itself (Statusword.11: limit switch, position or speed limit)",
+        "the drive itself limits the motion (Statusword.11: limit switch, position or speed limit)",
         _S.WAITS,
         _E.SETPOINT,
-        "look for limit switches and the drive's own limits; move away from them",
+        "check limit switches and the drive's own limits; move away from them",
     )
     STOPPED_AT_LIMIT = (
-        "stood at a limit of the drive: setpoint 0 until the PLC takes its setpoint through 0, or OFF and ON",
+        "stopped at a limit of the drive: setpoint 0 until the PLC sends setpoint 0, or OFF and ON",
         _S.WAITS,
         _E.SETPOINT,
-        "take the setpoint through 0, or OFF and ON",
+        "send setpoint 0, or OFF and ON",
     )
     TASK_AT_LIMIT = (
-        "task stands at a limit of the drive: needs an intermediate stop (STW1.5 = 0, 1), a new task or a reject",
+        "task stopped at a limit of the drive: needs an intermediate stop (STW1.5 = 0, 1), a new task or a reject",
         _S.WAITS,
         _E.SETPOINT,
-        "an intermediate stop (STW1.5 = 0, 1), a new task or a reject",
+        "send an intermediate stop (STW1.5 = 0, 1), a new task or a reject",
     )
     SET_POINT_REFUSED = (
-        "the drive did not take the data of the set-point (SDO): not started, needs a new edge",
+        "the drive rejected the data of the setpoint (SDO): not started, needs a new edge",
         _S.WAITS,
         _E.SETPOINT,
-        "look at fault 119 for what the drive refuses, then a new edge",
+        "see fault 119 for the value that the drive rejects; then send a new edge",
     )
     NOT_OPERATING = (
         "drive is not in operation: setpoints have no effect",
@@ -172,13 +172,13 @@ class Reason(enum.Enum):
         "waiting for the drive to confirm the mode of operation (6061h)",
         _S.WAITS,
         _E.OPERATION,
-        "the drive has to support the mode of operation of this telegram",
+        "use a drive that supports the mode of operation of this telegram",
     )
     MODE_VALUE = (
-        "mode of operation is not one the drive knows: not passed on",
+        "the drive does not support this mode of operation: the gateway does not send it",
         _S.WAITS,
         _E.SETPOINT,
-        "send a mode of operation the drive has",
+        "send a mode of operation that the drive supports",
     )
     MDI_OFF = (
         "SATZANW.15 = 0: MDI is not selected, no traversing task is started",
@@ -202,13 +202,13 @@ class Reason(enum.Enum):
         "homing method is not supported: homing is not started",
         _S.WAITS,
         _E.SETPOINT,
-        "choose a homing method the drive has",
+        "choose a homing method that the drive supports",
     )
     HOMING_SETUP = (
-        "waiting for the drive to take homing method and speeds (SDO)",
+        "waiting for the drive to accept homing method and speeds (SDO)",
         _S.WAITS,
         _E.SETPOINT,
-        "nothing: it takes a moment",
+        "wait less than a second",
     )
     HOMING_STOPPED = (
         "STW1.11 = 0: homing is being stopped",
@@ -220,13 +220,13 @@ class Reason(enum.Enum):
         "the drive reports a homing error (Statusword.13) or does not reach its home position",
         _S.WAITS,
         _E.SETPOINT,
-        "look at the home switch and the homing speeds, then start it again",
+        "check the home switch and the homing speeds; then start homing again",
     )
     FUNCTION_RUNS = (
-        "another function of the positioner runs: it has to end first",
+        "another function of the positioner is active: it must end first",
         _S.WAITS,
         _E.SETPOINT,
-        "end the function that runs",
+        "end the active function",
     )
     TASK_BLOCK_UNKNOWN = (
         "traversing block does not exist: nothing moves",
@@ -259,7 +259,7 @@ class Reason(enum.Enum):
         "select absolute positioning",
     )
     OVERRIDE_ZERO = (
-        "OVERRIDE is 0: task is kept",
+        "OVERRIDE is 0: the task waits",
         _S.WAITS,
         _E.SETPOINT,
         "raise OVERRIDE",
@@ -271,16 +271,16 @@ class Reason(enum.Enum):
         "give a target inside the software limits",
     )
     FLYING_NOT_SUPPORTED = (
-        "the drive keeps no second set-point: the block continues with a stop",
+        "the drive has no second setpoint buffer: the block continues with a stop",
         _S.WAITS,
         _E.SETPOINT,
-        "use blocks that stop, or a drive that keeps a second set-point",
+        "use blocks that stop, or a drive with a second setpoint buffer",
     )
     TORQUE_LIMIT = (
-        "torque limit 6072h is being written, or not taken by the drive",
+        "torque limit 6072h is being written, or the drive rejected it",
         _S.WAITS,
         _E.SETPOINT,
-        "wait; if it lasts, look at the fault of the axis",
+        "wait; if it stays, read the fault of the axis",
     )
     FIXED_STOP_MISSED = (
         "no fixed stop before the target of the block",
@@ -289,31 +289,31 @@ class Reason(enum.Enum):
         "check the mechanics and the target of the block",
     )
     PASSIVE_HOMING_NOT_SUPPORTED = (
-        "the drive has no touch probe (60B8h): no passive homing",
+        "the drive has no touch probe (60B8h): passive homing is not possible",
         _S.WAITS,
         _E.SETPOINT,
         "use active homing",
     )
     REFERENCE_POINT_MOVING = (
-        "a reference point is set at standstill and without a task only",
+        "a reference point can be set only at standstill and without a task",
         _S.WAITS,
         _E.SETPOINT,
         "wait for standstill and end the task",
     )
     DSC_FAR_FROM_AXIS = (
-        "DSC starts too far from the actual position (following_window): axis stands",
+        "DSC starts too far from the actual position (following_window): the axis does not move",
         _S.WAITS,
         _E.SETPOINT,
-        "take the axis' position over in the PLC before DSC starts",
+        "copy the actual position of the axis to the PLC's setpoint before DSC starts",
     )
     DSC_OUT_OF_DATE = (
-        "no new XERR from the PLC for too long: axis stops with a ramp, then DSC starts anew",
+        "no new XERR from the PLC for too long: the axis stops with a ramp, then DSC starts again",
         _S.WAITS,
         _E.SETPOINT,
-        "look for what keeps the PLC's frames away, and for its cycle time; a watchdog may be longer, DSC needs them sooner",
+        ("check why the PLC's frames are late, and its cycle time; DSC needs frames earlier than the watchdog does"),
     )
     ENCODER_NO_PLC = (
-        "no valid frame from the PLC: nothing is requested of the encoder",
+        "no valid frame from the PLC: the encoder receives no request",
         _S.WAITS,
         _E.PLC,
         "bring the PLC to RUN; check its target address and port, and that its frames have the bytes of pdgw map",
@@ -322,7 +322,7 @@ class Reason(enum.Enum):
         "STW2_ENC.10 = 0 (control by PLC): G1_STW is not evaluated",
         _S.WAITS,
         _E.CONTROL,
-        "the PLC's program has to set STW2_ENC.10 = 1",
+        "the PLC's program must set STW2_ENC.10 = 1",
     )
     ENCODER_OFFLINE = (
         "encoder is not online: its position is not valid",
@@ -334,36 +334,40 @@ class Reason(enum.Enum):
         "sensor error, code in G1_XIST2: acknowledge with a rising edge of G1_STW.15",
         _S.FAULT,
         _E.NO_FAULT,
-        "end its cause, then acknowledge with a rising edge of G1_STW.15",
+        "remove the cause, then acknowledge with a rising edge of G1_STW.15",
     )
     SENSOR_PARKED = (
         "G1_STW.14 = 1: sensor is parked",
         _S.OFF,
         _E.SENSOR,
-        "take G1_STW.14 to 0",
+        "set G1_STW.14 to 0",
     )
     SENSOR_PRESETTING = (
-        "waiting for the encoder to take the preset (SDO)",
+        "waiting for the encoder to accept the preset (SDO)",
         _S.STARTING,
         _E.SENSOR,
-        "nothing: it takes a moment",
+        "wait less than a second",
     )
     NOT_FOLLOWING = (
-        "the drive does not take the target positions (Statusword.12 = 0 in mode 8): the set-point stays where the axis is",
+        "the drive does not follow the target positions (Statusword.12 = 0 in mode 8): the setpoint stays at "
+        "the actual position",
         _S.WAITS,
         _E.SETPOINT,
-        "look for what keeps the drive from following: SYNC, its limits, its own enable",
+        "check SYNC, the limits of the drive and its own enable",
     )
     ORDER_DROPPED = (
-        "a change of a control word stood in fewer than 3 frames and may be an old frame: a stop was obeyed, anything else "
-        "ignored; neither reached nor acknowledged is shown until the PLC repeats it",
+        "a change of a control word was sent in fewer than 3 frames and may be an old frame: the gateway "
+        "executed a stop and ignored anything else; it reports neither 'reached' nor 'acknowledged' until the "
+        "PLC repeats the change",
         _S.WAITS,
         _E.SETPOINT,
-        "hold every level of a control bit until the gateway answers it, or for 3 frames; or count the sign of life in STW2; or "
-        "set direct = true where only cables and switches lie between (docs/plc.md)",
+        (
+            "keep every control bit until the gateway answers it, or for 3 frames; or count the sign of life in "
+            "STW2; or set direct = true if only cables and switches connect PLC and gateway (docs/plc.md)"
+        ),
     )
     UNITS_CONTRADICTED = (
-        "the speed contradicts the units of the drive (fault 128): stopped, ON is not obeyed before an acknowledgement",
+        "the speed contradicts the units of the drive (fault 128): stopped, ON is ignored until an acknowledgement",
         _S.FAULT,
         _E.NO_FAULT,
         "check velocity_unit and counts_per_revolution with pdgw axis test, acknowledge with STW1.7, then OFF and ON",
@@ -375,7 +379,7 @@ class Reason(enum.Enum):
         "check CAN cable, termination, bit rate and the interface; the gateway connects again by itself",
     )
     NODE_REFUSED = (
-        "the gateway refuses the device: it is another one than configured, or does not take its configuration",
+        "the gateway rejects the device: it is not the configured device, or it does not accept its configuration",
         _S.NOT_ON_THE_BUS,
         _E.NODE,
         "compare the device with the configuration, see pdgw config check --bus",
@@ -384,7 +388,7 @@ class Reason(enum.Enum):
         "the device is being configured",
         _S.STARTING,
         _E.NODE,
-        "wait: it takes some seconds",
+        "wait a few seconds",
     )
     NO_SUPPLY = (
         "the drive reports no supply voltage (Statusword.4 = 0)",
@@ -396,16 +400,16 @@ class Reason(enum.Enum):
         "the PLC has switched the drive off (STW1.0 = 0)",
         _S.OFF,
         _E.ON_EDGE,
-        "nothing is wrong: ON (STW1.0 = 1) switches the drive on",
+        "no error: ON (STW1.0 = 1) switches the drive on",
     )
     ENABLE_MISSING = (
         "STW1.3 = 0: the PLC does not enable operation",
         _S.WAITS,
         _E.ON_EDGE,
-        "the PLC's program has to set STW1.3 = 1",
+        "the PLC's program must set STW1.3 = 1",
     )
     PLC_STALLED = (
-        "the PLC's sign of life (STW2) does not count: its program is stopped or too slow",
+        "the PLC's sign of life (STW2) does not change: its program is stopped or too slow",
         _S.WAITS,
         _E.PLC,
         "check the PLC's program and its cycle time; then OFF and ON",
@@ -482,34 +486,34 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
     {
         fault.number: fault
         for fault in (
-            GatewayFault(FaultNumber.NODE_LOST, "node lost (heartbeat or TPDO time-out)", HEARTBEAT_ERROR),
+            GatewayFault(FaultNumber.NODE_LOST, "node lost (heartbeat or TPDO timeout)", HEARTBEAT_ERROR),
             GatewayFault(FaultNumber.BUS_LOST, "CAN bus-off or CAN interface lost", BUS_OFF_RECOVERED),
             GatewayFault(FaultNumber.PLC_LOST, "PLC lost", 0xFF01),
-            GatewayFault(FaultNumber.REFERENCE, "100 % or mode of the drive not known", 0xFF02),
+            GatewayFault(FaultNumber.REFERENCE, "100 % or mode of operation of the drive unknown", 0xFF02),
             GatewayFault(FaultNumber.NODE_RESTARTED, "node restarted during operation", 0xFF03),
-            GatewayFault(FaultNumber.NODE_REFUSED, "node identity or configuration refused", 0xFF04),
+            GatewayFault(FaultNumber.NODE_REFUSED, "node identity or configuration rejected", 0xFF04),
             GatewayFault(FaultNumber.STATE_UNKNOWN, "drive state unknown", 0xFF05),
             GatewayFault(FaultNumber.HOMING_METHOD, "homing method not supported", 0xFF06, is_warning=True),
             GatewayFault(FaultNumber.HOMING, "homing error", 0xFF07, is_warning=True),
             GatewayFault(FaultNumber.MODE_NOT_CONFIRMED, "mode of operation not confirmed", 0xFF08, is_warning=True),
             GatewayFault(
-                FaultNumber.HOMING_PARAMETERS, "drive did not take the homing parameters", 0xFF09, is_warning=True
+                FaultNumber.HOMING_PARAMETERS, "drive rejected the homing parameters", 0xFF09, is_warning=True
             ),
             GatewayFault(FaultNumber.INTERNAL_LIMIT, "internal limit of the drive reached", 0xFF0A, is_warning=True),
-            GatewayFault(FaultNumber.POSITIONER, "positioner: task refused or changed", 0xFF0B, is_warning=True),
+            GatewayFault(FaultNumber.POSITIONER, "positioner: task rejected or changed", 0xFF0B, is_warning=True),
             GatewayFault(FaultNumber.DSC_GAIN, "gain of DSC limited", 0xFF0C, is_warning=True),
             GatewayFault(
-                FaultNumber.VELOCITY_DEVIATES, "speed and position do not fit exactly", 0xFF0D, is_warning=True
+                FaultNumber.VELOCITY_DEVIATES, "speed and position do not match exactly", 0xFF0D, is_warning=True
             ),
-            GatewayFault(FaultNumber.PRESET, "encoder did not take the preset", 0xFF0F, is_warning=True),
-            GatewayFault(FaultNumber.SET_POINT, "drive did not take the data of a set-point", 0xFF10, is_warning=True),
-            GatewayFault(FaultNumber.CONTROL_LOST, "control by PLC taken away in operation", 0xFF15, is_warning=True),
+            GatewayFault(FaultNumber.PRESET, "encoder rejected the preset", 0xFF0F, is_warning=True),
+            GatewayFault(FaultNumber.SET_POINT, "drive rejected the data of a setpoint", 0xFF10, is_warning=True),
+            GatewayFault(FaultNumber.CONTROL_LOST, "control by PLC removed in operation", 0xFF15, is_warning=True),
             GatewayFault(FaultNumber.NODE_ABSENT, "node does not answer", 0xFF11),
-            GatewayFault(FaultNumber.LEFT_OPERATION, "drive left operation by itself", 0xFF12),
+            GatewayFault(FaultNumber.LEFT_OPERATION, "drive left operation without a command", 0xFF12),
             GatewayFault(FaultNumber.OTHER_MASTER, "another master on the bus", 0xFF13),
             GatewayFault(FaultNumber.SIGN_OF_LIFE, "sign of life of the PLC lost", 0xFF14),
-            GatewayFault(FaultNumber.STOP_IGNORED, "drive does not obey a stop", 0xFF16),
-            GatewayFault(FaultNumber.ENABLE_UNASKED, "Enable Operation not asked for by the PLC", 0xFF18),
+            GatewayFault(FaultNumber.STOP_IGNORED, "drive does not stop", 0xFF16),
+            GatewayFault(FaultNumber.ENABLE_UNASKED, "Enable Operation without a command of the PLC", 0xFF18),
             GatewayFault(FaultNumber.FRAME_CHANGED, "frame of the PLC changed by P922", 0xFF17),
             GatewayFault(FaultNumber.VELOCITY, "speed contradicts the units of the drive", 0xFF19),
         )

@@ -348,7 +348,7 @@ CATALOGUE: tuple[Signal, ...] = (
     Signal("POS_ZSW1", 221, _V2, "positioner status word 1", "", POS_ZSW1_BITS),
     Signal("POS_STW2", 222, _V2, "positioner control word 2", "", POS_STW2_BITS),
     Signal("POS_ZSW2", 223, _V2, "positioner status word 2", "", POS_ZSW2_BITS),
-    Signal("FAULT_CODE", 301, _U16, "number of the first fault that stands (P947)"),
+    Signal("FAULT_CODE", 301, _U16, "number of the first active fault (P947)"),
     Signal("WARN_CODE", 303, _U16, "number of the first warning (P953)"),
     Signal("USER", 0, _U16, "for the user"),
     # Telegram 112: numbers in a unit of length of the user's choice. Their layout has two sources, their units none.

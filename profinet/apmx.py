@@ -71,7 +71,7 @@ class Event(enum.Enum):
     ALARM_ACK = "DATA with an AlarmAck"
     OTHER_DATA = "DATA with anything else"
     REPEATED = "DATA a second time"
-    TIMEOUT = "no ACK within the RTA time-out"
+    TIMEOUT = "no ACK within the RTA timeout"
     EXHAUSTED = "no ACK after the last repetition"
 
 

@@ -88,7 +88,7 @@ class Event(enum.Enum):
     HOLD_EXPIRED = "the data hold time is over"
     UNCONFIRMED = "ApplicationReady is not confirmed after the last attempt, or refused"
     ALARM_UNACKNOWLEDGED = "an alarm is not acknowledged after the last repetition"
-    RESTARTED = "the controller connects anew"
+    RESTARTED = "the controller connects again"
     LINK_DOWN = "the cable is off"
     NAME_CHANGED = "name or address has changed"
     RESET = "reset to factory"

@@ -371,7 +371,7 @@ class Block(Structure):
         cursor = Cursor(data, HEADER.size)
         block = cls.read(cursor)
         if cursor.left:
-            raise WireError(cls.__name__, f"{cursor.left} bytes behind the last field", "none", LENGTH_FIELD)
+            raise WireError(cls.__name__, f"{cursor.left} bytes after the last field", "none", LENGTH_FIELD)
         return block
 
     @classmethod

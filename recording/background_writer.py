@@ -93,7 +93,7 @@ class BackgroundWriter(Generic[T]):
             raise
         except Exception:  # a mistake with this one: the others are recorded
             if not self._mistaken:
-                log.exception("%s: something could not be recorded; the like is only counted from now on", self._what)
+                log.exception("%s: a part could not be recorded; further failures are only counted", self._what)
             self._mistaken = True
             with self._counting:
                 self.lost += 1
@@ -105,4 +105,4 @@ class BackgroundWriter(Generic[T]):
             self.failed = True
             self.lost += len(self._items.queue) + 1
             self._items.queue.clear()
-        log.error("%s: %s; nothing more is recorded", self._what, error.strerror or error)
+        log.error("%s: %s; the recording has stopped", self._what, error.strerror or error)

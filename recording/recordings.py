@@ -133,7 +133,7 @@ def _with_nodes(axes: list[Axis], nodes: Sequence[str]) -> list[Axis]:
         do_id = int(match[1]) if match[1] else position + 1
         found = [i for i, axis in enumerate(axes) if axis.do_id == do_id]
         if not found:
-            raise GatewayError(f"--node {text}: axis {do_id} is none of {', '.join(str(a.do_id) for a in axes)}")
+            raise GatewayError(f"--node {text}: unknown axis, expected one of {do_id}")
         axes[found[0]] = replace(axes[found[0]], node=int(match[2]))
     return axes
 
@@ -150,7 +150,9 @@ class Loaded:
         """Today's gateway on the recorded inputs of the drives; GatewayError where there is no drive."""
         drives = [axis for axis in self.recording.axes if axis.telegram.number in DRIVE_TELEGRAM_NUMBERS]
         if not drives:
-            raise GatewayError(f"{', '.join(self.files)}: no drive telegram among the axes; encoders are not replayed")
+            raise GatewayError(
+                f"{', '.join(self.files)}: the capture has no drive telegram; encoders cannot be replayed"
+            )
         cycle_ns = self.recording.cycle_ns
         tolerance_ns = max(tolerance_ns, _MIN_TOLERANCE_CYCLES * cycle_ns) + self.clocks.uncertainty_ns
         replayers = [Replayer(axis, cycle_ns=cycle_ns, tolerance_ns=tolerance_ns) for axis in drives]
@@ -331,14 +333,14 @@ def _seen(buses: Mapping[str, set[BusKind]]) -> set[BusKind]:
 def _with_axes(files: Sequence[str], known: Known, notify: Notify) -> tuple[Known, list[str]]:
     """The axes, inferred where they are not given, and what is assumed."""
     if STANDARD_INPUT in files:
-        raise GatewayError("-: captures of both buses are read more than once, give files")
+        raise GatewayError("-: captures of both buses are read more than once; give files instead of standard input")
     assumed = []
     if not known.settings.axes:
         known = replace(known, settings=replace(known.settings, axes=_inferred(files, known, notify)))
-        assumed.append("telegrams as the lengths of the frames show them, the node-ID of an axis is its number")
+        assumed.append("telegrams from the frame lengths; the axis number is the node-ID")
     if not known.choices:
         assumed.append(
-            "choices of the configuration (on_plc_loss, setpoint_enable ...) as by default; --config tells them"
+            "configuration choices (on_plc_loss, setpoint_enable ...) have their defaults; give the file with --config"
         )
     return known, assumed
 
@@ -362,8 +364,8 @@ def load(files: Sequence[str], known: Known, offset_ns: int | None, notify: Noti
     for bus in BusKind:
         if bus not in _seen(buses):
             raise GatewayError(
-                f"{', '.join(files)}: no {_EVIDENCE[bus]}: a replay compares what went from one bus to the other, "
-                "`pdgw timeline` shows what is there"
+                f"{', '.join(files)}: no {_EVIDENCE[bus]}; a replay compares both buses. `pdgw timeline` shows "
+                "what the capture contains"
             )
     cycle_ns = known.cycle_ns or collector.measured_cycle_ns
     watchdog_factor = known.watchdog_factor or collector.measured_watchdog_factor(cycle_ns)
@@ -387,7 +389,7 @@ def _inferred(files: Sequence[str], known: Known, notify: Notify) -> Sequence[Ax
                 notify(notice)
             return [replace(axis, node=axis.node or axis.do_id) for axis in decoder.axes]
     raise GatewayError(
-        f"{', '.join(files)}: the telegrams cannot be told from the frames, give --telegram and --node, or --config"
+        f"{', '.join(files)}: the frames do not show the telegrams; give --telegram and --node, or --config"
     )
 
 

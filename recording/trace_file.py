@@ -49,9 +49,9 @@ def chosen_ring(name: str | None, directory: Path | None = None) -> Path:
     place = directory or run_directory() or "no run directory"
     names = ", ".join(path.name.removesuffix(".ring") for path in found) or "none"
     if name is not None:
-        raise GatewayError(f"--ring {name}: allowed is a path, or one of those in {place}: {names}")
-    why = "there are several" if fitting else "no ring of a gateway"
-    raise GatewayError(f"{why}: --ring takes a path or one of those in {place}: {names}")
+        raise GatewayError(f"--ring {name}: not found, expected a path or one of these in {place}: {names}")
+    why = "several ring files" if fitting else "no ring file of a gateway"
+    raise GatewayError(f"{why}: give --ring a path or one of these in {place}: {names}")
 
 
 def _is_written(path: Path) -> bool:
@@ -82,7 +82,7 @@ def captured(ring: Path, seconds: float, configuration: str) -> bytes:
             save(reader, file, begin, configuration=configuration)
             return file.read_bytes()
     except OSError as error:
-        raise GatewayError(f"no room for a temporary file ({error.strerror or error})") from error
+        raise GatewayError(f"not enough space for a temporary file ({error.strerror or error})") from error
 
 
 def save(

@@ -113,7 +113,7 @@ class Keeper:
         try:
             self._prune()
         except OSError as error:  # somebody else took a file away just now, or it cannot be deleted: the next time
-            log.error("%s: old files are still there (%s)", choice.directory, error)
+            log.error("%s: old files could not be deleted (%s)", choice.directory, error)
 
     def _prune(self) -> None:
         mine = sorted(

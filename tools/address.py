@@ -17,4 +17,4 @@ def parse_address(text: str, default_port: int) -> tuple[str, int]:
     except OSError as error:
         raise GatewayError(f"address {text!r}: {error.strerror}") from error
     except UnicodeError as error:
-        raise GatewayError(f"address {text!r}: no host name: {error}") from error
+        raise GatewayError(f"address {text!r}: not a host name: {error}") from error

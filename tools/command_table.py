@@ -24,7 +24,7 @@ def _refuse_repeats(command: Any, ctx: Any, args: list[str]) -> None:
         if not isinstance(option, TyperOption) or option.multiple or option.is_flag:
             continue
         if str(option.name) in seen and not ctx.resilient_parsing:
-            raise typer.BadParameter("given more than once, takes one value", ctx, option)
+            raise typer.BadParameter("given more than once, allowed once", ctx, option)
         seen.add(str(option.name))
 
 
@@ -81,49 +81,60 @@ class Entry:
             holder.command(name, cls=Command)(found)
         group = get_command(holder)
         assert isinstance(group, TyperGroup)
-        return group.commands[name]
+        command = group.commands[name]
+        _add_examples(command, f"sim {name}" if self in SIM_COMMANDS.values() else name)
+        return command
+
+
+def _add_examples(command: Any, name: str) -> None:
+    """Put the example of each command below its help."""
+    if name in EXAMPLES:
+        command.epilog = f"Example: pdgw {EXAMPLES[name]}"
+    for below, item in getattr(command, "commands", {}).items():
+        _add_examples(item, f"{name} {below}")
 
 
 COMMANDS: Mapping[str, Entry] = {
     "run": Entry(
-        "run:run", "Run the gateway until SIGINT, SIGTERM or SIGQUIT; the drives are stopped and disabled first."
+        "run:run", "Run the gateway until SIGINT, SIGTERM or SIGQUIT; it stops and disables the drives before it ends."
     ),
     "config": Entry("config:app", "Configuration files."),
-    "bus": Entry("bus:app", "A CAN bus, before a gateway runs on it."),
-    "axis": Entry("axis:app", "An axis that is brought into service."),
+    "bus": Entry("bus:app", "CAN bus without a running gateway."),
+    "axis": Entry("axis:app", "Commissioning of an axis."),
     "map": Entry(
         "map:map_",
         "Print the byte map of a configuration: offset, length, signal, unit and 100 % of every value; or code for the PLC.",
     ),
     "status": Entry(
         "status:status",
-        "Show why axes are not in operation, and one line for each axis: pdgw status; everything about one: pdgw status 1.",
+        "Show why axes are not in operation and one line for each axis; with an axis number, all details of that axis.",
     ),
     "explain": Entry("explain:explain", "Show what happened around the last fault or stop, in at most ten lines."),
     "trace": Entry("trace:app", "The flight recorder: the last minutes of both buses."),
     "web": Entry(
         "web:web",
-        "Show a running gateway to browsers, Prometheus and MQTT until SIGINT or SIGTERM; it changes nothing.",
+        "Serve the status of a running gateway to browsers, Prometheus and MQTT; read-only.",
     ),
-    "param": Entry("param:app", "Parameters of a gateway or any PROFIdrive device."),
+    "param": Entry("param:app", "Parameters of a gateway or of another PROFIdrive device."),
     "decode": Entry(
-        "decode:decode", "Decode a piece of data (--hex), a capture of either bus, or what is on a bus now."
+        "decode:decode", "Decode hexadecimal data (--hex), a capture of either bus, or the live frames of a bus."
     ),
     "timeline": Entry(
         "timeline:timeline",
-        "Merge captures of both buses: what the PLC asked, what became of it, how long it took, and why not.",
+        "Merge captures of both buses: each command of the PLC with its result, its duration and the reason if it had no effect.",
     ),
     "replay": Entry(
         "replay:replay",
-        "Feed a recording through today's gateway; exit status 1 where it would have sent something else.",
+        "Run a recording through this version of the gateway; exit status 1 if it sends something else.",
     ),
-    "eds": Entry("eds:app", "Data sheets (EDS, DCF)."),
-    "drives": Entry("drives:app", "Families of drives."),
-    "gsdml": Entry("gsdml:app", "The device description for engineering tools (GSDML)."),
+    "drives": Entry(
+        "drives:drives",
+        "List the known drive families, show one, or check EDS and DCF files: repairs, family, and keys that telegrams need.",
+    ),
     "sim": Entry("sim:app", "Simulators: PLC, drives, encoders, a bus of devices."),
     "demo": Entry(
         "demo:demo",
-        "PLC, gateway and the bus of its drives as processes, chapter by chapter; every expectation with pass or fail.",
+        "Run a PLC, the gateway and simulated drives in chapters; report every expectation as pass or fail.",
     ),
 }
 """The commands of ``pdgw`` in the order of its help."""
@@ -131,7 +142,7 @@ COMMANDS: Mapping[str, Entry] = {
 SIM_COMMANDS: Mapping[str, Entry] = {
     "plc": Entry(
         "sim_plc:plc",
-        "Play a scenario (exit status 1 when an expectation fails), obey the keyboard, or run a Structured Text program.",
+        "Simulate a PLC with a scenario (exit status 1 if an expectation fails), the keyboard, or a Structured Text program.",
     ),
     "drive": Entry(
         "sim_drive:drive",
@@ -148,7 +159,7 @@ SIM_COMMANDS: Mapping[str, Entry] = {
     ),
     "inject": Entry(
         "sim_drive:inject",
-        "Give running simulated devices a command: `pdgw sim inject --port 5000 fault slow-sdo delay_ms=100`.",
+        "Send a command to running simulated devices, for example a fault.",
     ),
 }
 """The commands of ``pdgw sim``."""
@@ -170,3 +181,37 @@ def lazy_group(table: Mapping[str, Entry]) -> type[Group]:
             return name, (stand_in if name is None else table[name].load(name)), rest
 
     return LazyGroup
+
+
+EXAMPLES: Mapping[str, str] = {
+    "run": "run gateway.toml",
+    "config example": "config example > gateway.toml",
+    "config check": "config check --bus gateway.toml",
+    "bus scan": "bus scan --channel can0",
+    "axis test": "axis test 1 gateway.toml --percent 5",
+    "map": "map gateway.toml --format scl --out gateway.scl",
+    "status": "status 1",
+    "explain": "explain 1 --support support.zip",
+    "trace save": "trace save stop.pcapng --last 30",
+    "trace list": "trace list",
+    "trace watch": "trace watch --on fault --to traces",
+    "web": "web gateway.toml --listen 127.0.0.1:8420",
+    "param read": "param read P922 6041h 1018h.1 --do 1",
+    "param write": "param write P2000 3000 --do 1",
+    "param list": "param list --do 1",
+    "param describe": "param describe P922",
+    "param identify": "param identify --gateway 192.168.0.2",
+    "param dump": "param dump axis1.json --do 1",
+    "param restore": "param restore axis1.json --do 1 --dry-run",
+    "decode": "decode plc.pcap --telegram 1 --filter 'stw1.on == 0'",
+    "timeline": "timeline plc.pcap can.log --telegram 1",
+    "replay": "replay recording/gateway.pcapng",
+    "drives": "drives epos4",
+    "demo": "demo --chapter basics",
+    "sim plc": "sim plc turn.yaml --gateway 127.0.0.1",
+    "sim drive": "sim drive --channel can0 --node-id 1",
+    "sim encoder": "sim encoder --channel can0 --node-id 10 --motion speed=1.5",
+    "sim bus": "sim bus devices.toml --serve",
+    "sim inject": "sim inject --port 5000 fault slow-sdo delay_ms=100",
+}
+"""One call of each command, for its help: everything behind ``pdgw``."""

@@ -121,7 +121,7 @@ class Interface:
 
     async def _events(self, request: Request) -> ASGIApp:
         if self.streams.full:
-            return refusal(503, f"{self.streams.open} pages are open, no more are allowed", "streams", retry_after="5")
+            return refusal(503, f"{self.streams.open} pages are open; that is the maximum", "streams", retry_after="5")
         header = request.headers.get("last-event-id")
         after = ("Last-Event-ID", header) if header else ("after", request.query_params.get("after") or "0")
         trace = request.query_params.get("trace")
@@ -188,7 +188,7 @@ class Interface:
     @contextlib.asynccontextmanager
     async def _parameter_channel(self) -> AsyncIterator[None]:
         if self._one_at_a_time.locked() or not self._allowance.take(time.monotonic()):
-            raise HTTPException(429, f"one read at a time, {READS_PER_S} in a second at most", {"retry-after": "1"})
+            raise HTTPException(429, f"one read at a time, at most {READS_PER_S} per second", {"retry-after": "1"})
         async with self._one_at_a_time:
             yield
 
@@ -198,7 +198,9 @@ class Interface:
     def _known(self, field: str, do_id: int) -> int:
         known = [item.do_id for item in self._watch.config.objects]
         if do_id not in known:
-            raise RequestError(field, f"there is no drive object {do_id}, allowed: {', '.join(map(str, known))}", 404)
+            raise RequestError(
+                field, (f"drive object {do_id} does not exist, allowed: {', '.join(map(str, known))}"), 404
+            )
         return do_id
 
     async def _about(self, _: Request) -> Response:
@@ -233,7 +235,7 @@ class Interface:
 def _whole(name: str, text: str, low: int = 0, high: int = 1 << 53) -> int:
     """A number of a query; RequestError with what is allowed."""
     if len(text) > _DIGITS_MAX or not text.isascii() or not text.isdecimal() or not low <= int(text) <= high:
-        raise RequestError(name, f"{name} = {text[:20]!r}: allowed is a whole number from {low} to {high}")
+        raise RequestError(name, f"{name} = {text[:20]!r}: expected a whole number from {low} to {high}")
     return int(text)
 
 

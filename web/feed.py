@@ -40,7 +40,7 @@ class Feed:
         """When, seconds of the wall clock."""
         self.stale = True
         """It did not answer the last time."""
-        self.failure = "not asked yet"
+        self.failure = "not read yet"
         self.watched_s, self.unwatched_s = _WATCHED_S, _UNWATCHED_S
         """From one question to the next."""
         self.ticks = 0
@@ -73,7 +73,7 @@ class Feed:
             self.stale = True
         except Exception as error:
             # Whatever is wrong with this one, the next may be good: what is shown is old until then.
-            self.failure = f"the gateway's status is not understood, is it of another version? ({error!r})"
+            self.failure = f"the status has an unexpected format; is the gateway of another version? ({error!r})"
             self.stale = True
         else:
             self.document = document
@@ -85,7 +85,7 @@ class Feed:
             try:
                 listener()
             except Exception:  # one that cannot tell is no reason to ask no more
-                log.exception("the status could not be passed on")
+                log.exception("the status could not be sent to the pages")
         tick, self._tick = self._tick, asyncio.Event()
         tick.set()
 

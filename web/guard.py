@@ -52,8 +52,8 @@ def read_token(path: Path) -> str:
         raise GatewayError(f"token_file {path}: cannot be read ({error})") from error
     if not _TOKEN_MIN <= len(token) <= _TOKEN_MAX or not token.isascii() or not token.isprintable():
         raise GatewayError(
-            f"token_file {path}: allowed are {_TOKEN_MIN} to {_TOKEN_MAX} printable ASCII characters, "
-            "for example what `openssl rand -hex 32` prints"
+            f"token_file {path}: expected {_TOKEN_MIN} to {_TOKEN_MAX} printable ASCII characters, for example "
+            "the output of `openssl rand -hex 32`"
         )
     return token
 
@@ -172,13 +172,13 @@ class Guard:
     def answer(self, method: str, path: str, headers: Headers, address: str) -> Response | None:
         """What the request gets instead of what it asks for; None: it may go on."""
         if method not in {"GET", "HEAD"}:
-            return refusal(405, "nothing can be changed here: GET and HEAD only", "method", allow="GET, HEAD")
+            return refusal(405, "this page is read-only: GET and HEAD only", "method", allow="GET, HEAD")
         if host_name(headers.get("host", "")) not in self._hosts:
             allowed = ", ".join(sorted(self._hosts))
-            return refusal(421, f"not a name of this page; allowed: {allowed}, more by [web] hosts", "host")
+            return refusal(421, f"not a name of this page; allowed: {allowed}; add names with [web] hosts", "host")
         sealed = path.startswith(_SEALED)
         if sealed and headers.get("sec-fetch-site", "none") not in {"none", "same-origin"}:
-            return refusal(403, "asked for by another site", "sec-fetch-site")
+            return refusal(403, "the request comes from another site", "sec-fetch-site")
         if self._token is None:
             return Response(status_code=204) if path == LOGIN_PATH else None
         return self._checked(self._token, path, headers, address) if sealed else None
@@ -188,7 +188,7 @@ class Guard:
         if given is None:
             if path != LOGIN_PATH and token.is_session(headers.get("cookie", "")):
                 return None
-            return refusal(401, "the token is needed", "authorization", www_authenticate="Bearer")
+            return refusal(401, "the token is missing", "authorization", www_authenticate="Bearer")
         if not token.opens(given):
             return self._wrong(sender(address))
         if path != LOGIN_PATH:

@@ -23,9 +23,9 @@ from pdgw.web.watch import Watch, counter
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
 _LINK_COUNTERS = (
-    ("watchdog_expiries", "pdgw_plc_watchdog_expiries", "Times no valid frame of the PLC came in time."),
-    ("iops_bad", "pdgw_plc_iops_bad", "Values of a drive object the PLC marked as bad."),
-    ("accepted", "pdgw_plc_frames_accepted", "Frames of the PLC that were used."),
+    ("watchdog_expiries", "pdgw_plc_watchdog_expiries", "Timeouts of the PLC: no valid frame in time."),
+    ("iops_bad", "pdgw_plc_iops_bad", "Frames in which the PLC marked the data of a drive object as bad."),
+    ("accepted", "pdgw_plc_frames_accepted", "Frames of the PLC that were accepted."),
     ("sent", "pdgw_plc_frames_sent", "Frames sent to the PLC."),
     ("skipped", "pdgw_plc_frames_skipped", "Frames overtaken by a newer frame before the axes read them."),
 )
@@ -45,16 +45,16 @@ class GatewayCollector(Collector):
     def collect(self) -> Iterator[Metric]:
         """For the registry."""
         document = self._watch.document
-        yield _gauge("pdgw_up", "The gateway answers.", document is not None)
+        yield _gauge("pdgw_up", "1 if the gateway answers.", document is not None)
         if document is None:
             return
         build = GaugeMetricFamily("pdgw_build_info", "Version of the gateway.", labels=["version"])
         build.add_metric([document["version"]], 1)
         yield build
-        yield _gauge("pdgw_uptime_seconds", "Since the gateway was started.", document["uptime_s"])
-        yield _gauge("pdgw_simulated", "Some of its devices are simulated.", document["simulated"])
+        yield _gauge("pdgw_uptime_seconds", "Time since the gateway started.", document["uptime_s"])
+        yield _gauge("pdgw_simulated", "1 if at least one device is simulated.", document["simulated"])
         cycle_s = document["plc"]["cycle_ms"] / MS_PER_SECOND
-        yield _gauge("pdgw_cycle_time_seconds", "Cycle of the exchange, as configured.", cycle_s)
+        yield _gauge("pdgw_cycle_time_seconds", "Configured cycle time.", cycle_s)
         yield from _plc(document)
         yield from _objects(document)
         yield from _acyclic(document)
@@ -62,7 +62,7 @@ class GatewayCollector(Collector):
         yield from self._buses(document)
 
     def _faults(self) -> Iterator[Metric]:
-        counts = CounterMetricFamily("pdgw_faults", "Faults seen since this process began.", labels=["do", "number"])
+        counts = CounterMetricFamily("pdgw_faults", "Faults since this process started.", labels=["do", "number"])
         for (do_id, number), count in sorted(self._watch.fault_counts.items()):
             counts.add_metric([str(do_id), str(number)], count)
         active = GaugeMetricFamily("pdgw_fault_active", "Not acknowledged.", labels=["do", "number"])
@@ -72,9 +72,9 @@ class GatewayCollector(Collector):
         yield from (counts, active)
 
     def _buses(self, document: Document) -> Iterator[Metric]:
-        frames = CounterMetricFamily("pdgw_can_frames", "Frames of a bus.", labels=["bus", "direction"])
-        errors = CounterMetricFamily("pdgw_can_send_errors", "Frames the bus did not take.", labels=["bus"])
-        healthy = GaugeMetricFamily("pdgw_can_bus_healthy", "The bus works.", labels=["bus"])
+        frames = CounterMetricFamily("pdgw_can_frames", "Frames on a bus.", labels=["bus", "direction"])
+        errors = CounterMetricFamily("pdgw_can_send_errors", "Frames that the bus did not accept.", labels=["bus"])
+        healthy = GaugeMetricFamily("pdgw_can_bus_healthy", "1 if the bus works.", labels=["bus"])
         load = GaugeMetricFamily("pdgw_can_bus_load_ratio", "Share of the bit rate in use.", labels=["bus", "kind"])
         for bus in document["buses"]:
             name, part = bus["name"], f"bus {bus['name']}"
@@ -89,20 +89,20 @@ class GatewayCollector(Collector):
 
 
 def _plc(document: Document) -> Iterator[Metric]:
-    yield _gauge("pdgw_plc_connected", "A PLC exchanges frames.", document["plc"]["connected"])
+    yield _gauge("pdgw_plc_connected", "1 if the PLC is connected.", document["plc"]["connected"])
     for name, metric, text in _LINK_COUNTERS:
         value = counter(document, "link", name)
         if value is not None:
             yield CounterMetricFamily(metric, text, value=value)
-    dropped = CounterMetricFamily("pdgw_frames_dropped", "Frames that were not used.", labels=["reason"])
+    dropped = CounterMetricFamily("pdgw_frames_dropped", "Frames that were rejected or ignored.", labels=["reason"])
     for reason in _DROPPED:
         value = counter(document, "link", reason)
         if value is not None:
             dropped.add_metric([reason], value)
     yield dropped
     for name, text in (
-        ("cycle", "From one step of the drive objects to the next."),
-        ("response", "From a frame of the PLC to its answer."),
+        ("cycle", "Time from one step of the drive objects to the next."),
+        ("response", "Time from a frame of the PLC to its answer."),
     ):
         yield _histogram(f"pdgw_{name}_seconds", text, document[f"{name}_times"])
 
@@ -115,10 +115,14 @@ def _histogram(name: str, text: str, times: Document) -> Metric:
 
 
 def _objects(document: Document) -> Iterator[Metric]:
-    state = GaugeMetricFamily("pdgw_axis_state", "1 for the state a drive object is in.", labels=["do", "state"])
-    blocked = GaugeMetricFamily("pdgw_object_blocked", "Why it does not obey.", labels=["do", "reason"])
-    online = GaugeMetricFamily("pdgw_node_online", "The device is on the bus.", labels=["do", "node"])
-    age = GaugeMetricFamily("pdgw_heartbeat_age_seconds", "Since it was heard.", labels=["bus", "node"])
+    state = GaugeMetricFamily("pdgw_axis_state", "1 for the state of a drive object.", labels=["do", "state"])
+    blocked = GaugeMetricFamily(
+        "pdgw_object_blocked", "Reason why the drive object is not in operation.", labels=["do", "reason"]
+    )
+    online = GaugeMetricFamily("pdgw_node_online", "1 if the device is on the bus.", labels=["do", "node"])
+    age = GaugeMetricFamily(
+        "pdgw_heartbeat_age_seconds", "Time since the last frame of the device.", labels=["bus", "node"]
+    )
     for item in (*document["axes"], *document["encoders"]):
         do_id, node = str(item["do_id"]), str(item["node_id"])
         for known in AxisState:
@@ -138,11 +142,13 @@ def _objects(document: Document) -> Iterator[Metric]:
 
 
 def _acyclic(document: Document) -> Iterator[Metric]:
-    aborts = CounterMetricFamily("pdgw_sdo_aborts", "SDO accesses the node refused.", labels=["bus", "node"])
+    aborts = CounterMetricFamily("pdgw_sdo_aborts", "SDO accesses that the node rejected.", labels=["bus", "node"])
     nodes = {(item["bus"], item["node_id"]) for item in (*document["axes"], *document["encoders"])}
     for bus, node in sorted(nodes):
         aborts.add_metric([bus, str(node)], counter(document, f"node {node} on {bus}", "sdo_aborts") or 0)
-    requests = CounterMetricFamily("pdgw_parameter_requests", "Of the parameter channel.", labels=["do", "result"])
+    requests = CounterMetricFamily(
+        "pdgw_parameter_requests", "Requests of the parameter channel.", labels=["do", "result"]
+    )
     for do_id in (0, *(item["do_id"] for item in (*document["axes"], *document["encoders"]))):
         for result in ("answered", "refused"):
             value = counter(document, f"parameters of DO {do_id}", result)

@@ -103,7 +103,7 @@ class Publisher:
         # paho is connected before it calls on_connect: what is said between would be said again as of an outage.
         self._client.on_pre_connect = lambda *_: self._ready.clear()
         self._client.on_connect = self._connected
-        self._client.on_connect_fail = lambda *_: log.warning("MQTT: %s:%d is not reached", config.host, config.port)
+        self._client.on_connect_fail = lambda *_: log.warning("MQTT: %s:%d cannot be reached", config.host, config.port)
 
     @property
     def _online_topic(self) -> str:

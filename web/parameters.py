@@ -42,7 +42,7 @@ class PageParameters:
     @contextmanager
     def _session(self, do_id: int) -> Iterator[Session]:
         if self._address is None:
-            raise GatewayError('transport type = "profinet": parameters are read by the controller, not by the page')
+            raise GatewayError('transport type = "profinet": only the controller can read parameters, the page cannot')
         with ParameterClient(self._address, do_id) as client:
             yield Session(client)
 

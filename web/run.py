@@ -24,7 +24,7 @@ def serve(config: GatewayConfig, parameters: Parameters, capture: Capture) -> No
     """
     status_port = config.transport.status_port
     if not status_port:
-        raise GatewayError("[transport] status_port = 0: the page needs the status port of the gateway")
+        raise GatewayError("[transport] status_port = 0: the page needs the status port; set another port")
     web = config.web
     token = None if web.token_file is None else Token(read_token(web.token_file))
     watch = Watch(config, StatusPort(status_port))

@@ -77,5 +77,5 @@ def support_archive(watch: Watch, capture: Callable[[float], bytes]) -> bytes:
         try:
             archive.writestr("capture.pcapng", capture(_CAPTURE_S))
         except GatewayError as error:
-            archive.writestr("capture.txt", f"There is no capture: {error}\n")
+            archive.writestr("capture.txt", f"No capture is included: {error}\n")
     return made.getvalue()

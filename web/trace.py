@@ -145,7 +145,7 @@ class Traces:
         """The ring that is written now, or was last."""
         path = self._status().get("trace")
         if not path:
-            raise GatewayError("the gateway has no flight recorder: [trace] enabled, and a directory in RAM")
+            raise GatewayError("the gateway has no flight recorder; set [trace] enabled and a directory in RAM")
         if self._reader is None or self._reader.path != Path(path) or self._reader.replaced:
             self._reader = RingReader(Path(path))  # an older one is closed when nobody reads it any more
         return self._reader
@@ -157,7 +157,7 @@ class Traces:
         for number, traced in enumerate(reader.layout.objects):
             if traced.do_id == do_id and do_id in items:
                 return number, items[do_id]
-        raise GatewayError(f"do_id {do_id}: the flight recorder has no such drive object")
+        raise GatewayError(f"do_id {do_id}: the flight recorder has no drive object with this number")
 
     def chosen(self, reader: RingReader, do_id: int, names: Sequence[str]) -> list[Curve]:
         """The curves with these names, or the usual ones; RequestError names one that does not exist."""
@@ -165,7 +165,7 @@ class Traces:
         found = curves(reader, number, item)
         unknown = [name for name in names if name not in found]
         if unknown:
-            raise RequestError("signals", f"signals {', '.join(unknown)}: allowed are {', '.join(found)}")
+            raise RequestError("signals", f"signals {', '.join(unknown)}: unknown, allowed: {', '.join(found)}")
         return [found[name] for name in names or usual(found, telegram(reader.layout.objects[number].telegram))]
 
     def history(self, do_id: int, seconds: float, names: Sequence[str], bins: int | None) -> Document:

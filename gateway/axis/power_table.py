@@ -165,8 +165,8 @@ ROWS: Final = (
     Row(ANY_PHASE, (D.FAULT,), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.DRIVE_FAULT, "the drive stops by itself"),
     # OFF2 wins over everything, and stays until the drive shows that it is off.
     Row(ANY_PHASE, (D.LOST,), COASTS, P.COAST, A.DISABLE_VOLTAGE, Reason.DRIVE_OFFLINE, "OFF2 of a lost drive"),
-    Row(ANY_PHASE, (D.UNKNOWN,), COASTS, P.COAST, A.DISABLE_VOLTAGE, Reason.DRIVE_UNKNOWN_STATE, "OFF2 all the same"),
-    Row(ANY_PHASE, UNREAD, COASTS, P.COAST, A.DISABLE_VOLTAGE, Reason.REFERENCE_INVALID, "OFF2 all the same"),
+    Row(ANY_PHASE, (D.UNKNOWN,), COASTS, P.COAST, A.DISABLE_VOLTAGE, Reason.DRIVE_UNKNOWN_STATE, "OFF2 in any case"),
+    Row(ANY_PHASE, UNREAD, COASTS, P.COAST, A.DISABLE_VOLTAGE, Reason.REFERENCE_INVALID, "OFF2 in any case"),
     Row(ANY_PHASE, OFF, COASTS, P.LOCKED, A.DISABLE_VOLTAGE, Reason.COAST_STOP, "OFF2 of a drive that is off"),
     Row(ANY_PHASE, ANY_DRIVE, COASTS, P.COAST, A.DISABLE_VOLTAGE, Reason.COAST_STOP, "OFF2"),
     Row((P.COAST,), (D.LOST,), ANY_WISH, None, A.DISABLE_VOLTAGE, Reason.DRIVE_OFFLINE, "OFF2 stays"),

@@ -63,5 +63,5 @@ def _sheet(item: AxisConfig | EncoderConfig) -> str:
         load(item.eds, item.node_id)
     except CanopenError as error:
         first, *more = error.allowed.splitlines()
-        return f"is not {first}" + (f" (and {len(more)} more, see pdgw eds check)" if more else "")
+        return f"is not {first}" + (f" (and {len(more)} more, see pdgw drives)" if more else "")
     return ""

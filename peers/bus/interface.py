@@ -47,12 +47,12 @@ def _join(channel: str) -> socket.socket:
         sock.send(JOIN)
         answer = sock.recv(64)
         if len(answer) != WELCOME.size:
-            raise OSError("something else answers there")
+            raise OSError("another program uses this port")
         sock.connect((address[0], WELCOME.unpack(answer)[1]))
     except OSError as error:
         sock.close()
         raise can.CanInitializationError(
-            f"no bus is served on {channel} ({error}); `pdgw sim bus --serve` opens one"
+            f"no bus on {channel} ({error}); start one with `pdgw sim bus --serve`"
         ) from error
     sock.setblocking(True)
     return sock

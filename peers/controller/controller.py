@@ -49,8 +49,8 @@ class Phase(enum.Enum):
     """Where the controller is on its way."""
 
     IDLE = "idle"
-    IDENTIFY = "asks who has the name"
-    ADDRESS = "gives the IP address"
+    IDENTIFY = "sends a DCP request for the name"
+    ADDRESS = "sets the IP address"
     CONNECT = "connects"
     WRITE = "writes parameters"
     PRM_END = "ends the parameterisation"
@@ -225,7 +225,7 @@ class IoController:
                 self.learned.ip = self._ip
                 self._connect(now)
             else:
-                self._end(f"the device refuses the IP address: {result.hex()}")
+                self._end(f"the device rejects the IP address: {result.hex()}")
 
     def _set_address(self, now: int) -> None:
         self.phase = Phase.ADDRESS

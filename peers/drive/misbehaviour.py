@@ -69,7 +69,7 @@ class LateStatus(_Disguise):
     """Bits of the Statusword arrive late, while positions and speeds are up to date."""
 
     name = "late-status"
-    delay_ms: int = parameter(60, 1, 10_000, "how old the bits are", "ms")
+    delay_ms: int = parameter(60, 1, 10_000, "age of the bits", "ms")
     bits: int = parameter(0xFFFF, 1, 0xFFFF, "which bits", HEX)
     _history: deque[tuple[int, int]] = field(init=False, repr=False, default_factory=deque)
 
@@ -177,7 +177,7 @@ class UnderVoltage(_Disguise):
     """The DC link collapses: fault 6, and 6079h shows the voltage that is left."""
 
     name = "under-voltage"
-    voltage: int = parameter(9000, 0, 48_000, "what is left, as 6079h shows it", "mV")
+    voltage: int = parameter(9000, 0, 48_000, "remaining voltage, as 6079h reports it", "mV")
     _before: int = field(init=False, repr=False, default=0)
 
     def begin(self) -> None:

@@ -268,19 +268,19 @@ SHAPES = MappingProxyType(
                 ),
             ),
             replace(
-                _rpm("fixed-pdo", "rpm; the PDOs CiA 402 pre-defines, which cannot be mapped anew", 4),
+                _rpm("fixed-pdo", "rpm; the predefined PDOs of CiA 402, which cannot be mapped", 4),
                 pdos=4,
                 fixed_pdos=_PREDEFINED,
             ),
             replace(_rpm("no-event-timer", "rpm; TPDOs without event timer (1800h/5)", 5), event_timer=False),
             replace(
-                _rpm("vl", "velocity mode (6042h, rpm) alone, as frequency converters have it", 6),
+                _rpm("vl", "velocity mode only (6042h, rpm), like frequency converters", 6),
                 modes=frozenset({Mode.VL_VELOCITY.value}),
                 lacks=_MANUFACTURER | _VL_LACKS,
                 has=_VL_OBJECTS,
             ),
             replace(
-                _rpm("csv", "cyclic synchronous velocity and homing alone, increments per second", 7),
+                _rpm("csv", "cyclic synchronous velocity and homing only, increments per second", 7),
                 velocity_per_rpm=_PER_SECOND,
                 acceleration_per_rpm_s=_PER_SECOND,
                 modes=frozenset({Mode.CYCLIC_VELOCITY.value, Mode.HOMING.value}),
@@ -291,7 +291,7 @@ SHAPES = MappingProxyType(
                 ),
             ),
             replace(
-                _rpm("csp", "cyclic synchronous position and homing alone, increments per second", 20),
+                _rpm("csp", "cyclic synchronous position and homing only, increments per second", 20),
                 velocity_per_rpm=_PER_SECOND,
                 acceleration_per_rpm_s=_PER_SECOND,
                 modes=frozenset({Mode.CYCLIC_POSITION.value, Mode.HOMING.value}),
@@ -315,25 +315,25 @@ SHAPES = MappingProxyType(
                 node_guarding=True,
             ),
             replace(
-                _rpm("rpdo-timeout", "rpm; nothing but the time-out of its RPDOs (1400h/5) guards its master", 12),
+                _rpm("rpdo-timeout", "rpm; monitors its master only by the timeout of its RPDOs (1400h/5)", 12),
                 lacks=_MANUFACTURER | {CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT},
                 time_out=True,
             ),
             replace(
-                _rpm("unguarded", "rpm; nothing guards its master", 13),
+                _rpm("unguarded", "rpm; does not monitor its master", 13),
                 lacks=_MANUFACTURER | {CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT},
             ),
             replace(
                 _rpm("no-abort-option", "rpm; heartbeats without 6007h: a lost master is a malfunction", 14),
                 lacks=_MANUFACTURER | {0x6007},
             ),
-            replace(_rpm("mode-late", "rpm; 6061h shows the mode in operation only", 15), mode_in_operation_only=True),
+            replace(_rpm("mode-late", "rpm; 6061h shows the mode only in operation", 15), mode_in_operation_only=True),
             replace(
-                _rpm("frozen", "rpm; takes 606Ch in a TPDO and sends it as 0", 16),
+                _rpm("frozen", "rpm; accepts 606Ch in a TPDO but sends 0", 16),
                 frozen=frozenset({"velocity_actual"}),
             ),
             replace(
-                _rpm("two-edges", "rpm; powers up in Fault, which two edges of Controlword 7 end", 18),
+                _rpm("two-edges", "rpm; powers up in Fault, which two edges of Controlword 7 reset", 18),
                 starts_in_fault=True,
                 fault_reset_edges=2,
             ),

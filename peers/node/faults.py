@@ -155,7 +155,7 @@ class FewPdos(Misbehaviour):
 
     name = "two-pdos"
     at_configuration = True
-    pdos: int = parameter(2, 0, 4, "how many RPDOs and TPDOs there are")
+    pdos: int = parameter(2, 0, 4, "number of RPDOs and TPDOs")
 
     def reading(self, entry: Entry, data: bytes) -> bytes:
         self.writing(entry, data)
@@ -192,7 +192,7 @@ class DuplicatedPdos(Misbehaviour):
     """Each PDO comes several times, in both directions (a node that repeats what was acknowledged too late)."""
 
     name = "duplicated-pdos"
-    copies: int = parameter(1, 1, 10, "how often each is repeated")
+    copies: int = parameter(1, 1, 10, "repetitions of each frame")
 
     def outgoing(self, can_id: int, data: bytes) -> bool:
         for _ in range(self.copies if self.node.is_pdo(can_id) else 0):
@@ -239,8 +239,8 @@ class EmcyBurst(Misbehaviour):
 
     name = "emcy-burst"
     code: int = parameter(0x5000, 1, 0xFFFF, "error code", HEX)
-    register: int = parameter(0x01, 0, 0xFF, "error register; 0: no error stands", HEX)
-    count: int = parameter(50, 1, 10_000, "how many messages")
+    register: int = parameter(0x01, 0, 0xFF, "error register; 0: no error", HEX)
+    count: int = parameter(50, 1, 10_000, "number of messages")
     period_ms: int = parameter(2, 1, 10_000, "time between two of them", "ms")
     _due: int = field(init=False, repr=False, default=0)
     _sent: int = field(init=False, repr=False, default=0)
@@ -263,9 +263,7 @@ class BusOff(Misbehaviour):
     """The node is bus-off: it neither sends nor receives; afterwards it reports EMCY 8140h."""
 
     name = "bus-off"
-    recovery_ms: int = parameter(
-        1000, 0, 3_600_000, "recovers by itself after; 0: only when the fault is removed", "ms"
-    )
+    recovery_ms: int = parameter(1000, 0, 3_600_000, "time until recovery; 0: only when the fault is removed", "ms")
     _since: int = field(init=False, repr=False, default=0)
     _off: bool = field(init=False, repr=False, default=True)
 

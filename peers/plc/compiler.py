@@ -54,7 +54,9 @@ _POSITIONER_ACTIONS: dict[str, Callable[[PositionerWords, Step], Program]] = {
 def _home(words: PositionerWords, wish: Home) -> Program:
     """Its method and speeds are the configuration's."""
     for name in sorted({"method", "velocity"} & wish.model_fields_set):
-        raise GatewayError(f"home.{name} is for telegram 9, here it is the configuration's")
+        raise GatewayError(
+            f"home.{name} is allowed only with telegram 9; with other telegrams the configuration sets it"
+        )
     return words.home(passive=wish.passive, negative=wish.negative)
 
 
@@ -231,7 +233,7 @@ class Compiler:
             bit = next((bit for bit in item.bits if bit.name == _SIGN_OF_LIFE), None)
             if bit is not None:
                 return partial(self._endpoint.count, axis, item.name, bit if counts else None)
-        raise GatewayError(f"not possible with telegram {half.telegram}, which has no sign of life")
+        raise GatewayError(f"not possible with telegram {half.telegram}: it has no sign of life")
 
     def _follow(self, axis: int, wish: Follow, within: int) -> Following:
         chosen = self._endpoint.telegrams[axis]
@@ -305,14 +307,14 @@ class Compiler:
                 self._setter(axis, dict.fromkeys(bits, 0)),
                 self._expectation(axis, {"G1_ZSW.ERROR": 0}, within, "measuring again"),
             ]
-        raise GatewayError("not possible with an encoder's telegram")
+        raise GatewayError("not possible with the telegram of an encoder")
 
     def _access(self, step: Step, axis: int, within: int) -> Access:
         wanted = step.write or step.read or {}
         targets = tuple(parse_target(name) for name in wanted)
         for name, target in zip(wanted, targets, strict=True):
             if target.elements is not None and len(target.elements) > 1:
-                raise GatewayError(f"parameter {name!r}: expected one element, each has a value of its own")
+                raise GatewayError(f"parameter {name!r}: expected one element; each element has its own value")
         prefix = f"{step.note}: " if step.note else ""
         checks = []
         for name, value in wanted.items():
@@ -396,11 +398,11 @@ class Compiler:
         except ProfidriveError as error:
             names = [bit.name for bit in item.fields(positioning=positioning)]
             hint = did_you_mean(bit_name, names)
-            raise GatewayError(f"{key}: no bit of {signal_name}{hint} (allowed: {', '.join(names)})") from error
+            raise GatewayError(f"{key}: not a bit of {signal_name}{hint} (allowed: {', '.join(names)})") from error
 
 
 def _speed_setpoint(chosen: Telegram) -> str:
     for item in chosen.setpoints.signals:
         if item.quantity is SignalQuantity.SPEED and item.percent(1) is not None:
             return item.name
-    raise GatewayError(f"not possible with telegram {chosen.number}, which has no speed setpoint")
+    raise GatewayError(f"not possible with telegram {chosen.number}: it has no speed setpoint")

@@ -121,14 +121,14 @@ class PlcEndpoint(Exchange):
             if others:
                 size = self._consumer.frame_size
                 return (
-                    f"{others} datagrams came, none of them a frame of {size} bytes as these telegrams have: does the gateway "
-                    "have others, or another number of axes?"
+                    f"received {others} datagrams, but none is a frame of {size} bytes as these telegrams need; "
+                    "does the gateway have other telegrams, or another number of axes?"
                 )
-            return f"no datagram of a gateway came: start one ({self._simulation()}) or give its address"
+            return f"no datagram from a gateway: start one ({self._simulation()}) or give its address"
         if self._last_counter is None:
             return "the gateway's frames have stopped"
         if self.actuals[axis] is None:
-            return "the gateway marks the values bad (IOPS BAD): the device is not ready, pdgw status says why"
+            return "the gateway marks the values as bad (IOPS BAD): the device is not ready, see pdgw status"
         return ""
 
     def _simulation(self) -> str:

@@ -115,7 +115,7 @@ class Keyboard:
         """The chosen axes and the keys they have, or what is being typed."""
         chosen = "all axes" if len(self._chosen) > 1 else f"axis {self._chosen[0]}"
         if self._typed is not None:
-            return f"{chosen}  {TYPE}{self._typed}_   (Enter does it, Esc does not)"
+            return f"{chosen}  {TYPE}{self._typed}_   (Enter runs it, Esc cancels it)"
         if self._choosing:
             letters = "  ".join(f"{letter}={word.name}" for letter, word in zip(BIT_LETTERS, self._bits, strict=False))
             return f"{chosen}, toggle:  {letters}"
@@ -183,7 +183,7 @@ class Keyboard:
                 self._do(axis, _Job(KEYS[key].text, partial(self._action, key, axis)), now)
             elif self.selected is not None or not any(key in keys for keys in self._available):
                 number = self._numbers[axis - 1]
-                self.tell(f"{KEYS[key].text}, axis {axis}: telegram {number} has no use for this key")
+                self.tell(f"{KEYS[key].text}, axis {axis}: telegram {number} does not use this key")
 
     def _type(self, key: str, now: int) -> None:
         line = self._typed or ""
@@ -205,7 +205,7 @@ class Keyboard:
             try:
                 action = parse_step(line)
                 for name in _OF_SCENARIOS & set(action):
-                    raise GatewayError(f"{name}: only in a scenario (pdgw sim plc FILE)")
+                    raise GatewayError(f"{name}: allowed only in a scenario (pdgw sim plc FILE)")
                 self._engine(axis, action)
             except GatewayError as error:
                 refusals.append(_WHERE.sub("", str(error)))
@@ -247,7 +247,7 @@ class Keyboard:
         elif int(key) <= len(self._numbers):
             self.selected = int(key)
         else:
-            self.tell(f"axis {key}: there are {len(self._numbers)}")
+            self.tell(f"axis {key}: does not exist, the number of axes is {len(self._numbers)}")
 
     def _action(self, key: str, axis: int) -> Action:
         name = self._changed_by_keys(axis)

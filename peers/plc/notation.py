@@ -61,7 +61,9 @@ def expected(references: References, item: Signal, wanted: Scalar) -> Callable[[
     if not item.is_float:
         return comparison(wanted, partial(raw_value, references, item))
     if "&" in str(wanted):
-        raise GatewayError(f"{item.name} = {wanted}: & is for words of bits, expected a number, <= 5 or 100 +- 2")
+        raise GatewayError(
+            f"{item.name} = {wanted}: & is allowed only for words of bits, expected a number, <= 5 or 100 +- 2"
+        )
     holds = comparison(wanted, lambda value: float_of(raw_value(references, item, value)))
     return lambda raw: holds(float_of(raw))
 
@@ -77,7 +79,7 @@ def raw_value(references: References, item: Signal, value: Scalar) -> int:
         reference = _reference(references, match[2])
         if abs(number) > _LARGEST * reference:
             most = f"{float(_LARGEST * reference):g} {match[2]}"
-            raise GatewayError(f"{item.name} = {text}: allowed is up to {most} in either direction (200 %)")
+            raise GatewayError(f"{item.name} = {text}: the maximum is {most} in either direction (200 %)")
         return _to_wire(item, number, reference)
     if item.is_float and re.fullmatch(r"-?\d{1,15}(?:\.\d{1,9})?", text):
         return float_pattern(float(text))
@@ -121,7 +123,7 @@ def _normalisation(item: Signal, reference: Fraction | int) -> Normalisation:
         return n2(reference, _I64)
     if item.type is DataType.N4:
         return n4(reference, _I64)
-    raise GatewayError(f"{item.name}: %, rpm and inc are for normalised signals only")
+    raise GatewayError(f"{item.name}: %, rpm and inc are allowed only for normalised signals")
 
 
 def _to_wire(item: Signal, number: Fraction, full: Fraction | int) -> int:

@@ -83,7 +83,7 @@ class PositionerWords:
 
     def _has(self, name: str, what: str) -> None:
         if name not in self._names:
-            raise GatewayError(f"{what} is not possible with telegram {self._number}, which has no {name}")
+            raise GatewayError(f"{what} is not possible with telegram {self._number}: it has no {name}")
 
     @property
     def _override(self) -> dict[str, int | str]:
@@ -116,7 +116,7 @@ class PositionerWords:
         self._has(f"MDI_TARPOS{self._form}", "mdi")
         if task.velocity is None and self._form:
             raise GatewayError(
-                f"mdi.velocity: missing, telegram {self._number} needs it in the gateway's unit of length"
+                f"mdi.velocity is missing: telegram {self._number} needs it in the gateway's unit of length"
             )
         values: dict[str, Scalar] = {
             **self._mode(not task.relative, task.direction == "positive", task.direction == "negative"),

@@ -159,8 +159,8 @@ class Step(_Model):
             else:
                 hint = did_you_mean(name, [*cls.model_fields, *telegrams_of()])
                 raise misplaced(
-                    f"{name}: unknown word{hint} (actions: {', '.join(ACTIONS)}; and every value and bit that the telegram "
-                    "sends, in lower case, like override, tracking: docs/plc-simulator.md)",
+                    f"{name}: unknown word{hint} (actions: {', '.join(ACTIONS)}; and every value and bit of the "
+                    "telegram in lower case, like override, tracking: docs/plc-simulator.md)",
                     name,
                 )
         if words:
@@ -181,7 +181,7 @@ class Step(_Model):
                 f"{len(given)} actions ({', '.join(given) or 'none'}), allowed exactly one of {', '.join(ACTIONS)}"
             )
         if self.refused is not None and self.write is None:
-            raise ValueError("refused: only a write has it")
+            raise ValueError("refused: allowed only with a write")
         return self
 
 

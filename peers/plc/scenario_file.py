@@ -24,7 +24,7 @@ class _Loader(yaml.SafeLoader):
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError("anchors and aliases (&name, *name) are not taken: write it out")
+            raise yaml.YAMLError("anchors and aliases (&name, *name) are not allowed")
         node: yaml.Node | None = super().compose_node(parent, index)
         return node
 

@@ -42,7 +42,7 @@ class SensorWords:
     def __init__(self, telegram: Telegram, sensor: int) -> None:
         self._control, self._status = f"G{sensor}_STW", f"G{sensor}_ZSW"
         if self._control not in telegram.setpoints.names:
-            raise GatewayError(f"not possible with telegram {telegram.number}, which has no {self._control}")
+            raise GatewayError(f"not possible with telegram {telegram.number}: it has no {self._control}")
 
     def _command(self, command: int, functions: Iterable[int], **bits: int) -> Program:
         """A command counts when it changes, so none stands before it."""

@@ -80,4 +80,4 @@ def word(name: str, number: int) -> Word:
     others = telegrams_of().get(name)
     if others:
         raise GatewayError(f"{name}: not in telegram {number}, only in {', '.join(map(str, others))}")
-    raise GatewayError(f"{name}: no word{did_you_mean(name, words)} (of telegram {number}: {', '.join(words)})")
+    raise GatewayError(f"{name}: unknown word{did_you_mean(name, words)} (of telegram {number}: {', '.join(words)})")

@@ -99,16 +99,16 @@ class DeviceConfig(_Section):
         for name in self.options:
             owner = "drive" if name in _DRIVE_OPTIONS else "encoder"
             if self.type != owner:
-                raise ValueError(f"{name} is for {owner}s, not allowed for a {self.type}")
+                raise ValueError(f"{name} is a key of {owner}s, not of a {self.type}")
         if self.type != "encoder":
             if self.like is not None and self.like not in SHAPES:
-                raise ValueError(f'like = "{self.like}" is no shape of a drive, allowed: {", ".join(SHAPES)}')
+                raise ValueError(f'like = "{self.like}" is not a shape of a drive, allowed: {", ".join(SHAPES)}')
             return self
         try:
             device = encoder_device(self.model or ROTARY.name, self.channels)
             if len(self.motion) > device.channels:
                 raise ValueError(
-                    f"motion: {len(self.motion)} are given, allowed at most {device.channels}, one a channel"
+                    f"motion: {len(self.motion)} values, allowed at most {device.channels}, one for each channel"
                 )
             for text in self.motion:
                 parse_motion(text, shafts=dict.fromkeys(range(1, 127), still()))
@@ -120,7 +120,7 @@ class DeviceConfig(_Section):
     def _faults_exist(self) -> DeviceConfig:
         kind = DEVICE_TYPES.get(self.type)
         if kind is None:
-            raise ValueError(f'type = "{self.type}" is not simulated, allowed: {", ".join(DEVICE_TYPES)}')
+            raise ValueError(f'type = "{self.type}" cannot be simulated, allowed: {", ".join(DEVICE_TYPES)}')
         seen: set[str] = set()
         for fault in self.fault:
             try:
@@ -145,7 +145,7 @@ class BusConfig(_Section):
         nodes = [device.node_id for device in self.device]
         for number, node in enumerate(nodes):
             if node in nodes[:number]:
-                raise misplaced(f"node_id: {node} is used twice, each must be different", "device", number, "node_id")
+                raise misplaced(f"node_id: {node} is used twice; each must be different", "device", number, "node_id")
         return self
 
 

@@ -94,7 +94,7 @@ class Console:
                 return f"node {node}: {', '.join(simulation.device(node).node.catalogue)}"
             case ["status"]:
                 return self._status(node)
-        return f"error: {' '.join(words)!r} is no command, allowed: {COMMANDS}"
+        return f"error: {' '.join(words)!r} is not a command, allowed: {COMMANDS}"
 
     def _status(self, node: int) -> str:
         status = self._simulation.status(node)

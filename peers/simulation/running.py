@@ -38,7 +38,7 @@ def run(simulation: Simulation, control: ControlConfig, title: str, *, attached:
         # Where the system gives a signal to another thread, and within a wait for the event, its handler would not get to work.
         while not quit_.is_set():
             if lost := simulation.look():
-                raise GatewayError(f"{title}: the bus is gone ({lost})")
+                raise GatewayError(f"{title}: the bus is lost ({lost})")
             time.sleep(_LOOK_S)
 
 
@@ -54,7 +54,7 @@ def run_nodes(
     of them is called.
     """
     if len(set(nodes)) != len(nodes):
-        raise GatewayError(f"--node-id: {nodes} names a node twice")
+        raise GatewayError(f"--node-id: {nodes} contains a node twice")
     simulation = Simulation()
     for node in nodes:
         simulation.add(kind, open_bus(*place), node, node, **options)

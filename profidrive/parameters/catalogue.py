@@ -80,7 +80,7 @@ _SPECS = (
         Pnu.ACTUAL_SIGNALS, "PZD actual value", "signal numbers of the actual value telegram", _U16, _DO, array=True
     ),
     ParameterSpec(Pnu.NODE_ADDRESS, "Node address", "CANopen node-ID", _U16, _DO),
-    ParameterSpec(Pnu.DEVICE_NAME, "Device name", "name of the device behind the DO", _TEXT, _DO),
+    ParameterSpec(Pnu.DEVICE_NAME, "Device name", "name of the device of the DO", _TEXT, _DO),
     ParameterSpec(Pnu.TELEGRAM, "Telegram", "telegram selection", _U16, _DO, writable=True, low=1, high=0xFFFF),
     ParameterSpec(
         Pnu.SIGNAL_LIST,

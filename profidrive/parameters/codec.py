@@ -202,7 +202,7 @@ class _Reader:
             raise RequestError(
                 f"No. of Values at offset {self.offset - 1}",
                 count,
-                "1 (error number) or 2 (with subindex) behind format 44h",
+                "1 (error number) or 2 (with subindex) after format 44h",
                 ParameterErrorNumber.NUMBER_OF_VALUES_INCONSISTENT,
                 self.data,
             )
@@ -217,7 +217,7 @@ class _Reader:
     def end(self) -> None:
         if self.offset != len(self.data):
             raise RequestError(
-                f"data behind the last value at offset {self.offset}",
+                f"data after the last value at offset {self.offset}",
                 f"{len(self.data) - self.offset} bytes",
                 "none",
                 ParameterErrorNumber.NUMBER_OF_VALUES_INCONSISTENT,

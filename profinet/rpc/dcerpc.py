@@ -162,7 +162,7 @@ def decode_packet(data: bytes) -> tuple[RpcHeader, bytes]:
     if authentication:
         raise ProfidriveError("RPC authentication", authentication, "0 (none)")
     if length > len(data) - HEADER_SIZE:
-        raise ProfidriveError("RPC body length", length, f"at most the {len(data) - HEADER_SIZE} bytes that came")
+        raise ProfidriveError("RPC body length", length, f"at most the {len(data) - HEADER_SIZE} received bytes")
 
     def uuid(value: bytes) -> UUID:
         return UUID(bytes_le=value) if little else UUID(bytes=value)

@@ -232,10 +232,10 @@ def decode_block(data: bytes) -> tuple[RecordBlock, bytes]:
     record = data[BLOCK_SIZE:]
     carries = block_type in {BlockType.WRITE_REQUEST, BlockType.READ_RESPONSE}
     if carries and record_length != len(record):
-        raise ProfidriveError("RecordDataLength", record_length, f"the {len(record)} bytes behind the block")
+        raise ProfidriveError("RecordDataLength", record_length, f"the {len(record)} bytes after the block")
     answers_multiple = block_type is BlockType.WRITE_RESPONSE and index == RECORD_MULTIPLE
     if not carries and record and not answers_multiple:
-        raise ProfidriveError("data behind the block", f"{len(record)} bytes", "none")
+        raise ProfidriveError("data after the block", f"{len(record)} bytes", "none")
     return block, record
 
 
@@ -283,5 +283,5 @@ def decode_arguments(body: bytes, *, little: bool) -> tuple[int, bytes]:
             "NDR array", f"length {length}, maximum {maximum}, offset {offset}, count {actual}", "counts that agree"
         )
     if length > len(arguments):
-        raise ProfidriveError("ArgsLength", length, f"at most the {len(arguments)} bytes that came")
+        raise ProfidriveError("ArgsLength", length, f"at most the {len(arguments)} received bytes")
     return first, arguments[:length]

@@ -262,7 +262,7 @@ def test_everything_that_has_to_be_corrected_is_named_with_its_line() -> None:
 @pytest.mark.parametrize(
     ("data", "reason"),
     [
-        (b"", "no object is described"),
+        (b"", "describes no object"),
         (b"PK\x03\x04\0\0\0\0\0\0binary", "binary data"),
         (b"\xff\xfeA", "cut or damaged"),
         (b"[1000]\nParameterName=x\nDataType=7\nAccessType=ro\n[1000x\nDataType=7", "ends with ]"),

@@ -55,8 +55,11 @@ def test_a_bus_whose_server_has_gone_is_released_once_and_silently(monkeypatch: 
     ("number", "text"),
     [
         (errno.ENETDOWN, "Network is down; bring it up: sudo ip link set can1 up type can bitrate 500000"),
-        (errno.EAFNOSUPPORT, "Address family not supported by protocol; load the kernel's CAN: sudo modprobe can-raw"),
-        (errno.ENODEV, "No such device; those there are: ip link show type can"),
+        (
+            errno.EAFNOSUPPORT,
+            "Address family not supported by protocol; load the kernel's CAN modules: sudo modprobe can-raw",
+        ),
+        (errno.ENODEV, "No such device; list the existing ones: ip link show type can"),
         (errno.EPERM, "Operation not permitted"),
     ],
 )
@@ -69,7 +72,7 @@ def test_an_interface_that_is_not_there_is_told_with_how_to_see_those_that_are(m
         raise OSError(errno.ENODEV, "No such device")
 
     monkeypatch.setattr(can, "Bus", missing)
-    with pytest.raises(CanopenError, match="No such device; those there are: ip link show type can"):
+    with pytest.raises(CanopenError, match="No such device; list the existing ones: ip link show type can"):
         open_bus("socketcan", "can7")
 
 

@@ -15,12 +15,12 @@ from pdgw.dsp402.planner import found_in_data_sheet, plan_pdos
 
 FOLDER = Path(__file__).parent / "eds"
 NODE = 5
-DEMAND = "speed within tolerance shows 0, a frozen ramp keeps the actual speed"
+DEMAND = "the bit for speed within tolerance is 0; a frozen ramp keeps the actual speed"
 NO_DEMAND = f"Velocity Demand Value 606Bh not available: {DEMAND}"
 PLANS = {
     "fixed-pdo": (
         "RPDO2 305h: Controlword 6040h, Target velocity 60FFh; its own mapping; its own COB-ID",
-        "TPDO2 285h: Velocity actual value 606Ch, Statusword 6041h; on change and by its event timer; its own mapping; "
+        "TPDO2 285h: Velocity actual value 606Ch, Statusword 6041h; on change and by event timer; its own mapping; "
         "its own COB-ID",
         NO_DEMAND,
     ),
@@ -32,18 +32,18 @@ PLANS = {
     ),
     "unmappable": (
         "RPDO1 205h: Controlword 6040h",
-        "TPDO1 185h: Statusword 6041h, Velocity actual value 606Ch; on change and by its event timer",
+        "TPDO1 185h: Statusword 6041h, Velocity actual value 606Ch; on change and by event timer",
         "written by SDO when they change: Target velocity 60FFh",
         NO_DEMAND,
     ),
     "own-cob-ids": (
         "RPDO1 32Ah: Target velocity 60FFh, Controlword 6040h; its own COB-ID",
-        "TPDO1 1AAh: Statusword 6041h, Velocity actual value 606Ch; on change and by its event timer; its own COB-ID",
+        "TPDO1 1AAh: Statusword 6041h, Velocity actual value 606Ch; on change and by event timer; its own COB-ID",
         NO_DEMAND,
     ),
     "vl": (
         "RPDO1 205h: vl target velocity 6042h, Controlword 6040h",
-        "TPDO1 185h: Statusword 6041h, vl velocity actual value 6044h; on change and by its event timer",
+        "TPDO1 185h: Statusword 6041h, vl velocity actual value 6044h; on change and by event timer",
         f"vl velocity demand 6043h not available in a PDO: {DEMAND}",
     ),
 }
@@ -69,5 +69,5 @@ def test_the_plan_of_telegram_1_is_what_the_data_sheet_allows(name: str) -> None
 @pytest.mark.parametrize("name", PLANS)
 def test_positioning_is_refused_with_the_object_that_is_missing(name: str) -> None:
     drive = _drive(name)
-    with pytest.raises(Dsp402Error, match="Target Position 607Ah: 'no object of this drive'"):
+    with pytest.raises(Dsp402Error, match="Target Position 607Ah: 'not an object of this drive'"):
         plan_pdos(LAYOUTS[Operation.POSITIONING], drive, NODE, found_in_data_sheet(drive), sync=False)

@@ -139,7 +139,7 @@ def test_a_node_that_does_not_answer_is_told_and_found_later(plant: Plant) -> No
     ("address", "value", "message"),
     [
         ((0x1000, 0), 0x0002_0196, "profile 406.*a drive"),
-        ((0x1018, 1), 0x1234, "vendor-ID 1018h/1.*00001234h.*as the EDS says"),
+        ((0x1018, 1), 0x1234, "vendor-ID 1018h/1.*00001234h.*as in the EDS"),
         ((0x1018, 2), 0x99, "product code 1018h/2"),
     ],
 )
@@ -355,7 +355,7 @@ def test_an_sdo_answer_that_does_not_end_does_not_hold_the_task(plant: Plant, mo
             receive(can_id, data, now)
 
     monkeypatch.setattr(drive.node, "receive", segments)
-    with pytest.raises(SdoCommunicationError, match="1008h/0 does not end"):
+    with pytest.raises(SdoCommunicationError, match="1008h/0 never ends"):
         site.result(client.submit(lambda drive: drive.read(0x1008)))
     assert site.result(client.submit(lambda drive: drive.read_number(0x1000))) == 0x0002_0192
 

@@ -157,7 +157,7 @@ def test_a_drive_of_an_unknown_vendor_needs_no_eds_and_says_what_its_scaling_lac
     assert client.drive_type is not None
     assert (client.drive_type.name, client.drive_type.family) == ("ENGEL HBI", "")
     assert {*client.drive_type.modes} == {Mode.POSITION, Mode.VELOCITY, Mode.TORQUE, Mode.HOMING}
-    assert "6094h alone does not tell the unit" in client.drive_type.scaling.refusal(Quantity.SPEED)
+    assert "6094h alone does not define the unit" in client.drive_type.scaling.refusal(Quantity.SPEED)
     assert 0x2003 not in client.dictionary
 
 
@@ -213,7 +213,7 @@ def test_a_drive_without_a_heartbeat_of_its_own_is_guarded_and_watched_by_its_tp
     client = plant.connect(heartbeat_ms=10)
     plant.online()
     assert client.guarding is not None
-    assert "told by its TPDOs alone" in client.guarding.text
+    assert "monitors the node by its TPDOs only" in client.guarding.text
     seen = plant.network.received
     site.wait_for(lambda: plant.network.received > seen + 10, "TPDOs for many heartbeat times")
     assert (client.status, client.generation) == (DriveStatus.ONLINE, 1)
@@ -377,4 +377,4 @@ def test_a_heartbeat_from_before_nmt_start_is_none(plant: Plant) -> None:
     drive.node.send = lambda can_id, data: send(can_id, stuck if can_id == 0x700 + NODE and data != b"\0" else data)
     client = plant.connect()
     site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
-    assert "none that says operational" in client.status_text
+    assert "no heartbeat with the state operational" in client.status_text

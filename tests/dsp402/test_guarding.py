@@ -60,7 +60,7 @@ def test_the_gateways_heartbeat_goes_first() -> None:
 def test_without_a_heartbeat_of_its_own_nobody_waits_for_one() -> None:
     found = Node(CONSUMER_HEARTBEAT, ABORT_OPTION).guarded()
     assert (found.heartbeat, found.refusal) == (False, "")
-    assert "TPDOs alone" in found.text
+    assert "TPDOs only" in found.text
     assert not Node(CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, ABORT_OPTION).guarded(heartbeat_ms=0).heartbeat
 
 

@@ -73,7 +73,7 @@ def test_a_value_of_a_family_travels_as_the_object_that_the_drive_s_own_family_h
 
 def test_a_drive_without_a_value_of_a_family_is_refused_by_the_name_of_the_value_alone() -> None:
     drive = described("rpm")
-    with pytest.raises(Dsp402Error, match=r"^Dynamic Speed Limit: 'no object of this drive'"):
+    with pytest.raises(Dsp402Error, match=r"^Dynamic Speed Limit: 'not an object of this drive'"):
         plan_pdos(LAYOUTS[Operation.TRANSPARENT], drive, NODE, found_in_data_sheet(drive), sync=False)
 
 
@@ -93,7 +93,7 @@ def test_a_plan_has_all_that_is_needed_once_or_names_the_object_that_is_missing(
     rpdos, tpdos = needed(operation)
     spare, optional = LAYOUTS[operation].cyclic_only, LAYOUTS[operation].optional.keys()
     if not all(drive.has(attribute) for attribute in (rpdos | tpdos) - optional):
-        with pytest.raises(Dsp402Error, match="no object of this drive"):
+        with pytest.raises(Dsp402Error, match="not an object of this drive"):
             plan(operation, drive=drive)
         return
     found = plan(operation, drive=drive)
@@ -110,10 +110,10 @@ def test_predefined_pdos_that_are_fixed_are_adopted_and_the_rest_goes_by_sdo() -
     found = plan(Operation.POSITIONING, drive=described("fixed-pdo"))
     assert found.lines == (
         "RPDO3 401h: Controlword 6040h, Target Position 607Ah; its own mapping; its own COB-ID",
-        "TPDO2 281h: Statusword 6041h, Modes of Operation Display 6061h; on change and by its event timer; its own mapping; "
+        "TPDO2 281h: Statusword 6041h, Modes of Operation Display 6061h; on change and by event timer; its own mapping; "
         "its own COB-ID",
-        "TPDO3 381h: Position Actual Value 6064h; on change and by its event timer; its own mapping; its own COB-ID",
-        "TPDO4 481h: Velocity Actual Value 606Ch; on change and by its event timer; its own mapping; its own COB-ID",
+        "TPDO3 381h: Position Actual Value 6064h; on change and by event timer; its own mapping; its own COB-ID",
+        "TPDO4 481h: Velocity Actual Value 606Ch; on change and by event timer; its own mapping; its own COB-ID",
         "written by SDO when they change: Modes of Operation 6060h, Profile velocity 6081h, Profile acceleration 6083h, "
         "Profile deceleration 6084h",
     )

@@ -146,7 +146,7 @@ def test_a_ratio_of_one_tells_nothing(index: int) -> None:
     [
         (None, "607Fh has no limit"),
         (0xFFFF_FFFF, "607Fh has no limit"),
-        (3000, "607Fh 3000 may be rpm"),
+        (3000, "607Fh 3000 may be in rpm"),
         (12_800_000, "607Fh 12800000 would be 187500 rpm"),
     ],
 )
@@ -187,12 +187,12 @@ def test_the_engel_factor_is_the_speed_of_one_unit() -> None:
 @pytest.mark.parametrize(
     ("answers", "said"),
     [
-        ({}, "no object of the drive and no overlay tells the velocity unit: velocity_unit settles it"),
-        (ratio(0x6094, 1, 2), "6094h alone does not tell the unit"),
-        ({(0x60A9, 0): 0x00AC_0300} | ENCODER, "60A9h = 00AC0300h is no unit known here"),
-        ({(0x608B, 0): 0, (0x608C, 0): 0x77}, "608Bh, 608Ch: 0, 77h is no unit known here"),
-        ({(0x60A9, 0): 0x00B5_0300}, "608Fh does not tell the increments of a revolution"),
-        ({(0x60A9, 0): 0xFD01_0300}, "no source tells the position units of a revolution"),
+        ({}, "neither an object of the drive nor an overlay defines the velocity unit: velocity_unit settles it"),
+        (ratio(0x6094, 1, 2), "6094h alone does not define the unit"),
+        ({(0x60A9, 0): 0x00AC_0300} | ENCODER, "60A9h = 00AC0300h is an unknown unit"),
+        ({(0x608B, 0): 0, (0x608C, 0): 0x77}, "608Bh, 608Ch: 0, 77h is an unknown unit"),
+        ({(0x60A9, 0): 0x00B5_0300}, "608Fh does not define the increments of a revolution"),
+        ({(0x60A9, 0): 0xFD01_0300}, "no source defines the position units of a revolution"),
         ({(0x60A9, 0): 0xFD01_0300, (0x60A8, 0): 0xFD01_0000}, "no feed constant 6092h"),
     ],
 )

@@ -163,7 +163,7 @@ def test_an_open_controller_of_others_turns_an_axis_by_the_gsdml_file(tmp_path: 
         pytest.skip("the extra controller is not installed")
     config = tmp_path / "gateway.toml"
     config.write_text(CONFIG.replace('station_name = "press-1"', 'station_name = "press-1"\nip = "192.168.0.2/24"'))
-    written = pdgw("gsdml", "write", str(config), "-o", str(tmp_path))
+    written = pdgw("map", str(config), "--gsdml", str(tmp_path))
     assert written.returncode == 0, written.stderr
     (gsdml,) = tmp_path.glob("GSDML-*.xml")
     script, example = Path(__file__).with_name("open_controller.py"), EXAMPLES / "open_controller.py"

@@ -170,7 +170,7 @@ def test_simulated_devices_obey_their_console_and_are_given_faults(tmp_path: Pat
         bad = pdgw("sim", "inject", "--port", str(control), "fault", "13")
         assert bad.returncode == 1
         assert "fault number: 13" in bad.stderr
-        assert "is no command" in pdgw("sim", "inject", "--port", str(control), "dance").stderr
+        assert "is not a command" in pdgw("sim", "inject", "--port", str(control), "dance").stderr
         assert process.stdin is not None
         process.stdin.write("quit\n")
         process.stdin.flush()

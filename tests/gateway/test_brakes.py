@@ -128,7 +128,7 @@ def test_a_drive_that_obeys_neither_controlword_nor_nmt_is_stopped_by_what_guard
             until(daemon, lambda: daemon.axes[0].withholds_heartbeat, "the next")
             stops = sent.frames.count((NMT, STOP))
             assert stops == 2, "again with the next brake, and not in every cycle"
-            with pytest.raises(GatewayError, match="no telegram can be selected"):
+            with pytest.raises(GatewayError, match="the telegram cannot be changed"):
                 daemon.change_telegram(daemon.axes[0], 2)
             seen = sent.within(150 * MS)
             usual = {HEARTBEAT, CONTROL} | ({SYNC} if guard.telegram == 105 else set())
@@ -151,7 +151,7 @@ def test_the_telegram_of_a_lost_drive_is_not_changed_before_it_is_found_without_
             world_of(daemon).gateway_port("world").connect(False)
             until(daemon, lambda: not item.good, "lost")
             world_of(daemon).loop.run_for(5 * SECOND)
-            with pytest.raises(GatewayError, match="no telegram can be selected"):
+            with pytest.raises(GatewayError, match="the telegram cannot be changed"):
                 daemon.change_telegram(item, 2)
             world_of(daemon).gateway_port("world").connect(True)
             until(daemon, lambda: item.good and drive.model.state is State.SWITCH_ON_DISABLED, "there again")

@@ -19,10 +19,10 @@ _EDGE = ("ds301/network.py", "ds301/loop.py", "gateway/daemon.py", "gateway/link
 def test_a_counter_reads_what_its_part_counts_now() -> None:
     counters = Counters()
     seen = [1]
-    counters.add("bus can0", "sent", "frames", "taken by the interface", lambda: seen[0])
+    counters.add("bus can0", "sent", "frames", "accepted by the interface", lambda: seen[0])
     seen[0] = 7
     assert counters.values() == [
-        {"part": "bus can0", "name": "sent", "value": 7, "unit": "frames", "meaning": "taken by the interface"}
+        {"part": "bus can0", "name": "sent", "value": 7, "unit": "frames", "meaning": "accepted by the interface"}
     ]
 
 

@@ -142,7 +142,7 @@ def _check(tmp_path: Path, axes: int, cycle_ms: float) -> tuple[int, str]:
 def test_config_check_prints_the_latest_time_of_every_frame(tmp_path: Path) -> None:
     status, output = _check(tmp_path, 2, 4)
     assert status == 0, output
-    assert "of 1000000 bit/s; each frame is sent at the latest after" in output
+    assert "of 1000000 bit/s; longest delay of each frame:" in output
     for name in ("RPDO1 1 (201h)", "RPDO1 2 (202h)", "TPDO1 2 (182h)", "heartbeat 2 (702h)", "heartbeat 127 (77Fh)"):
         assert f"  {name}: " in output
 

@@ -108,7 +108,7 @@ def test_a_shape_that_cannot_position_refuses_telegram_9_and_says_why(name: str,
 GUARDED = {
     "rpm": "the gateway's heartbeat (1016h, 300 ms), then quick stop (6007h = 3)",
     "node-guarding": "life guarding (100Ch, 100Dh, 300 ms), then quick stop (6007h = 3)",
-    "rpdo-timeout": "the time-out of its RPDO (1400h/5, 300 ms), then quick stop (6007h = 3)",
+    "rpdo-timeout": "the timeout of its RPDO (1400h/5, 300 ms), then quick stop (6007h = 3)",
     "no-abort-option": "the gateway's heartbeat (1016h, 300 ms), then its own reaction, by default a malfunction (no 6007h)",
 }
 
@@ -160,7 +160,7 @@ def test_an_object_that_is_taken_in_a_tpdo_and_never_sent_is_noticed_and_read_by
         plc.enable()
         plc.endpoint.set(0, {"NSOLL_A": QUARTER})
         plc.until(lambda: client.status.value == "lost", "lost")
-        assert "TPDO1 takes Velocity Actual Value 606Ch and does not send it: it shows 0" in client.status_text
+        assert "TPDO1 accepts Velocity Actual Value 606Ch but does not send it: it shows 0" in client.status_text
         plc.until(lambda: drive.model.ramp.speed == 0, "stopped")
         plc.endpoint.set(0, {"NSOLL_A": 0})
         plc.until(lambda: client.generation == 2, "online again")

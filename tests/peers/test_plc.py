@@ -168,7 +168,7 @@ def test_what_was_measured_is_written_as_what_was_wanted(
 
 def test_bad_iops_fails_an_expectation() -> None:
     engine, _ = play({"steps": [{"expect": {"ZSW1": 0}, "within": "4 ms"}]}, [None])
-    assert engine.results[0].measured.startswith("no valid actual values: no datagram of a gateway came: start one")
+    assert engine.results[0].measured.startswith("no valid actual values: no datagram from a gateway: start one")
 
 
 @pytest.mark.parametrize(
@@ -191,13 +191,11 @@ def test_the_gateway_to_start_is_one_that_can_be_started(numbers: list[int], sta
 def test_why_there_are_no_values_is_told_from_what_came() -> None:
     gateway = CyclicEndpoint([telegram(1)], cycle_ns=4_000_000)
     plc = PlcEndpoint([telegram(1)], 4_000_000)
-    assert plc.why_no_values(0).startswith(
-        "no datagram of a gateway came: start one (pdgw run --simulate --telegram 1)"
-    )
+    assert plc.why_no_values(0).startswith("no datagram from a gateway: start one (pdgw run --simulate --telegram 1)")
     plc.receive(bytes(CyclicEndpoint([telegram(1)] * 12, cycle_ns=4_000_000).build([(0, 0)] * 12, [True] * 12)))
-    assert plc.why_no_values(0).startswith("1 datagrams came, none of them a frame of 46 bytes")
+    assert plc.why_no_values(0).startswith("received 1 datagrams, but none is a frame of 46 bytes")
     plc.receive(bytes(gateway.build([(0, 0)], [False])), 1)
-    assert plc.why_no_values(0).startswith("the gateway marks the values bad (IOPS BAD)")
+    assert plc.why_no_values(0).startswith("the gateway marks the values as bad (IOPS BAD)")
     plc.receive(bytes(gateway.build([(0, 0)], [True])), 2)
     assert plc.why_no_values(0) == ""
     plc.poll(10_000_000_000)
@@ -206,7 +204,7 @@ def test_why_there_are_no_values_is_told_from_what_came() -> None:
 
 @pytest.mark.parametrize("value", ["99999 rpm", "-6001 rpm", "201 %"])
 def test_a_speed_no_telegram_can_carry_is_refused(value: str) -> None:
-    with pytest.raises(GatewayError, match=r"step 1 \(speed\): NSOLL_A = .*: allowed is up to .* in either direction"):
+    with pytest.raises(GatewayError, match=r"step 1 \(speed\): NSOLL_A = .*: the maximum is .* in either direction"):
         play({"steps": [{"speed": value}]}, [])
 
 
@@ -409,9 +407,9 @@ def test_the_scenarios_of_the_package_are_valid(path: Path) -> None:
         ("steps: [{read: {}}]", ["step 1", "read", "at least one"]),
         ("steps: [{read: {speed: 1}}]", ["step 1 (read)", "parameter 'speed'", "P922"]),
         ("steps: [{write: {'P947[0..7]': 1}}]", ["step 1 (write)", "P947[0..7]", "one element"]),
-        ("steps: [{enable: true, refused: 11}]", ["step 1", "refused", "only a write"]),
+        ("steps: [{enable: true, refused: 11}]", ["step 1", "refused", "allowed only with a write"]),
         ("steps: [{preset: absolute}]", ["step 1 (preset)", "'G1_STW' is not in the telegram"]),
-        ("telegrams: [81]\nsteps: [{off1: true}]", ["step 1 (off1)", "not possible with an encoder's telegram"]),
+        ("telegrams: [81]\nsteps: [{off1: true}]", ["step 1 (off1)", "not possible with the telegram of an encoder"]),
         ("steps: [{expect: {NIST_A: .nan}}]", ["step 1 (expect)", "NIST_A = 'nan'"]),
         ("when: 2001-99-99", ["not valid YAML", "month"]),
         ("[" * 3000, ["nested too deeply"]),

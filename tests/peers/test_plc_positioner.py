@@ -106,7 +106,7 @@ def test_bits_whose_edge_counts_stay_for_many_cycles() -> None:
     ("number", "step", "message"),
     [
         (9, {"mdi": {"to": 1}}, "not possible with telegram 9, only with 7, 110, 111"),
-        (7, {"mdi": {"to": 1}}, "mdi is not possible with telegram 7, which has no MDI_TARPOS"),
+        (7, {"mdi": {"to": 1}}, "mdi is not possible with telegram 7: it has no MDI_TARPOS"),
         (110, {"mdi": {"to": 1, "update": True}}, "update is not possible with telegram 110"),
         (110, {"setting_up": {"velocity": 1}}, "setting_up is not possible with telegram 110"),
         (7, {"set_reference": True}, "set_reference is not possible with telegram 7"),

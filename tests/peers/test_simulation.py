@@ -64,7 +64,7 @@ def test_the_example_is_valid_and_names_its_devices_and_faults() -> None:
     [
         ("", r"\[device\]: is missing"),
         (CAN, r"\[device\]: is missing"),
-        (CAN + '[[device]]\nnode_id = 1\ntype = "pump"\n', ':4: .*type = "pump" is not simulated, allowed: .*drive'),
+        (CAN + '[[device]]\nnode_id = 1\ntype = "pump"\n', ':4: .*type = "pump" cannot be simulated, allowed: .*drive'),
         (CAN + "[[device]]\nnode_id = 127\n", r":5: \[\[device\]\] number 1 node_id = 127"),
         (CAN + "[[device]]\nnode_id = 1\nnode = 2\n", "unknown key; did you mean node_id"),
         (CAN + "[[device]]\nnode_id = 1\n" * 2, "node_id: 1 is used twice"),
@@ -72,7 +72,7 @@ def test_the_example_is_valid_and_names_its_devices_and_faults() -> None:
         (CAN + '[[device]]\nnode_id = 1\n[[device.fault]]\nname = "slow-sdo"\ndelay_ms = 0\n', "delay_ms: 0 .* ms"),
         (CAN + '[[device]]\nnode_id = 1\n[[device.fault]]\nname = "slow-sdo"\ndelay = 1\n', "'delay' .*delay_ms"),
         (CAN + '[[device]]\nnode_id = 1\nfault = [{name = "reboot"}, {name = "reboot"}]\n', "reboot is given twice"),
-        (CAN + '[[device]]\nnode_id = 1\nmotion = "still"\n', "motion is for encoders, not allowed for a drive"),
+        (CAN + '[[device]]\nnode_id = 1\nmotion = "still"\n', "motion is a key of encoders, not of a drive"),
         (CAN + '[[device]]\nnode_id = 1\ntype = "encoder"\nmodel = "x"\n', "'x' .* rotary, linear, multi-sensor"),
         (CAN + '[[device]]\nnode_id = 1\ntype = "encoder"\nchannels = 2\n', r"channels of the rotary .* 1\.\.1"),
         (CAN + '[[device]]\nnode_id = 1\ntype = "encoder"\nmotion = "fly"\n', "'fly' .* speed=PER_SECOND"),
@@ -247,7 +247,7 @@ def test_devices_whose_bus_server_is_gone_say_so_and_end(kind: str, monkeypatch:
     with signals_put_back():
         result = pdgw("sim", kind, "--interface", INTERFACE, "--channel", served.channel)
     assert (result.returncode, result.stderr.count("\n")) == (1, 1)
-    assert f"{kind} 1 on {INTERFACE} {served.channel}: the bus is gone (" in result.stderr
+    assert f"{kind} 1 on {INTERFACE} {served.channel}: the bus is lost (" in result.stderr
 
 
 def test_a_device_on_an_interface_that_is_unplugged_knows_why_it_is_silent() -> None:

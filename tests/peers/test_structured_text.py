@@ -66,11 +66,11 @@ def test_expressions_have_the_values_of_the_standard(type_: str, expression: str
         ("x := w AND 1;", "WORD where INT"),
         ("b := x;", "INT where BOOL"),
         ("x := x + r;", "REAL where INT"),
-        ("b := w < w;", "< is not for a WORD"),
-        ("x := SHL(IN := x, N := 1);", "SHL is not for a INT"),
+        ("b := w < w;", "< does not accept a WORD"),
+        ("x := SHL(IN := x, N := 1);", "SHL does not accept a INT"),
         ("i := 5;", "cannot be assigned to"),
         ("k := 5;", "cannot be assigned to"),
-        ("x := Unknown(1);", "UNKNOWN: no such function"),
+        ("x := Unknown(1);", "UNKNOWN: unknown function"),
         ("x := 1; // comment", "'// comment' is not in the supported"),
         ("IF x THEN x := 1; END_IF;", "INT where BOOL"),
         ("t(IN := 1);", "integer literal 1 where BOOL"),
@@ -78,7 +78,7 @@ def test_expressions_have_the_values_of_the_standard(type_: str, expression: str
         ("x := a;", "ARRAY[0..1] OF INT where INT"),
         ("x := x.y;", "INT has no Y"),
         ("x := 1", "expected ;"),
-        ("CASE x OF 1: x := 2; 1: x := 3; END_CASE;", "CASE has 1 twice"),
+        ("CASE x OF 1: x := 2; 1: x := 3; END_CASE;", "CASE contains 1 twice"),
     ],
 )
 def test_what_breaks_a_rule_is_refused_with_its_line(text: str, said: str) -> None:

@@ -217,12 +217,12 @@ def test_the_command_writes_the_file_with_the_numbers_of_the_configuration(tmp_p
         '[can]\ninterface = "virtual"\n[transport]\ntype = "profinet"\ninterface = "eth1"\nvendor_id = 4660\ndevice_id = 22\n'
         "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n"
     )
-    result = CliRunner().invoke(app, ["gsdml", "write", str(config), "-o", str(tmp_path)])
+    result = CliRunner().invoke(app, ["map", str(config), "--gsdml", str(tmp_path)])
     assert result.exit_code == 0, result.output
     (file,) = tmp_path.glob("GSDML-V2.4-pdgw-profidrive-gateway-*.xml")
     device = next(ElementTree.parse(file).getroot().iter(NS + "DeviceIdentity"))
     assert (device.attrib["VendorID"], device.attrib["DeviceID"]) == ("0x1234", "0x0016")
-    refused = CliRunner().invoke(app, ["gsdml", "write", "-o", str(tmp_path / "nowhere")])
+    refused = CliRunner().invoke(app, ["map", "--gsdml", str(tmp_path / "nowhere")])
     assert refused.exit_code == 1
     assert "cannot be written" in str(refused.exception)
 
@@ -289,7 +289,7 @@ def test_system_redundancy_is_declared_only_where_it_is_configured(tmp_path: Pat
         '[can]\ninterface = "virtual"\nchannel = "x"\n[transport]\ntype = "profinet"\ninterface = "eth1"\nswitchover_ms = 300\n'
         "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\nsimulate = true\n"
     )
-    assert CliRunner().invoke(app, ["gsdml", "write", str(config), "-o", str(tmp_path)]).exit_code == 0
+    assert CliRunner().invoke(app, ["map", str(config), "--gsdml", str(tmp_path)]).exit_code == 0
     (file,) = tmp_path.glob("GSDML*.xml")
     root = ElementTree.fromstring(file.read_text(encoding="utf-8"))
     (redundancy,) = root.iter(NS + "SystemRedundancy")
@@ -313,18 +313,13 @@ def test_snmp_with_writing_is_declared_as_class_b(keys: str, conformance: str, p
         f'[can]\ninterface = "virtual"\n[transport]\ntype = "profinet"\ninterface = "eth1"\n{keys}\n'
         "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n"
     )
-    for command in (
-        ["gsdml", "write", str(config), "-o", str(tmp_path)],
-        ["map", str(config), "--gsdml", str(tmp_path)],
-    ):
-        assert CliRunner().invoke(app, command).exit_code == 0
-        (file,) = tmp_path.glob("GSDML*.xml")
-        root = ElementTree.parse(file).getroot()
-        (certification,) = root.iter(NS + "CertificationInfo")
-        assert certification.attrib["ConformanceClass"] == conformance
-        (interface,) = root.iter(NS + "InterfaceSubmoduleItem")
-        assert interface.attrib["SupportedProtocols"] == protocols
-        file.unlink()
+    assert CliRunner().invoke(app, ["map", str(config), "--gsdml", str(tmp_path)]).exit_code == 0
+    (file,) = tmp_path.glob("GSDML*.xml")
+    root = ElementTree.parse(file).getroot()
+    (certification,) = root.iter(NS + "CertificationInfo")
+    assert certification.attrib["ConformanceClass"] == conformance
+    (interface,) = root.iter(NS + "InterfaceSubmoduleItem")
+    assert interface.attrib["SupportedProtocols"] == protocols
 
 
 def test_what_engineering_tools_ask_of_this_version_beyond_the_schema_is_there() -> None:

@@ -144,7 +144,7 @@ def _object(spec: ObjectSpec, values: Mapping[tuple[int, int], int], unmappable:
 
 
 _RPM = {"velocity": Fraction(1), "ramp": Fraction(1), "units": ("rpm", "rpm/s")}
-_VL_UNIT = "the unit of 6042h is not the unit of 6081h"
+_VL_UNIT = "the unit of 6042h differs from the unit of 6081h"
 _NO_TASKS = {9: _VL_UNIT, 111: _VL_UNIT}
 _WORDS = "6040 6041 6060 6061 6064"
 _HOMING = "6098 6099 609A"

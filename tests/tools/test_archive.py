@@ -121,8 +121,8 @@ def test_what_cannot_be_done_is_told_before_anything_is_read(plant: Path, tmp_pa
     for options, match in (
         ({"parquet": out}, "name the signals"),
         ({"parquet": out, "signal": ["STW1"], "csv": "STW1"}, r"--csv: not with --parquet FOLDER"),
-        ({}, "several files become a data set"),
-        ({"jobs": 2}, "-j: several files at the same time become a data set"),
+        ({}, "several files need --parquet FOLDER"),
+        ({"jobs": 2}, "-j: allowed only with --parquet FOLDER"),
     ):
         with pytest.raises(GatewayError, match=match):
             decode([str(plant)], **options)  # type: ignore[arg-type]

@@ -13,7 +13,7 @@ from tests.support import buses
 from tests.support.cli import pdgw
 
 _QUICK = ("--listen-s", "0.05", "--timeout-ms", "200")
-_WHOLE = "nothing missing for telegrams: 1, 2, 3,"
+_WHOLE = "usable with telegrams: 1, 2, 3,"
 """Said of a drive that has answered everything in time."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -16,7 +17,7 @@ from typer.testing import CliRunner, Result
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools import commands
 from pdgw.tools.cli import app
-from pdgw.tools.command_table import COMMANDS, SIM_COMMANDS, Command, Entry, Group
+from pdgw.tools.command_table import COMMANDS, EXAMPLES, SIM_COMMANDS, Command, Entry, Group
 from pdgw.workshop import commands as workshop_commands
 from pdgw.workshop.__main__ import COMMANDS as WORKSHOP_COMMANDS
 from pdgw.workshop.__main__ import app as workshop
@@ -96,6 +97,24 @@ def test_the_help_shows_what_is_to_be_typed(name: str) -> None:
     output = invoke(name, "--help").output
     assert "Usage: " in output
     assert "<bool>" not in output
+
+
+PRODUCT = [
+    (name, command) for name, command in EVERY if name.partition(" ")[0] in COMMANDS and isinstance(command, Command)
+]
+
+
+def test_there_are_at_most_29_commands() -> None:
+    assert len(PRODUCT) <= 29
+
+
+@pytest.mark.parametrize(("name", "command"), PRODUCT, ids=[name for name, _ in PRODUCT])
+def test_the_help_of_a_command_ends_with_an_example_that_it_accepts(name: str, command: Any) -> None:
+    example = EXAMPLES[name]
+    assert f"Example: pdgw {example}" in " ".join(invoke(name, "--help").output.split())
+    words = shlex.split(example.partition(" >")[0])
+    assert words[: len(name.split())] == name.split()
+    command.make_context(name, words[len(name.split()) :], resilient_parsing=False)
 
 
 def test_every_module_of_a_command_is_in_the_table() -> None:

@@ -92,8 +92,8 @@ def test_an_object_missing_from_the_data_sheet_is_named_without_the_bus(tmp_path
     result = CliRunner().invoke(app, ["check", str(file)])
     assert result.exit_code == 0, result.output
     assert result.output.splitlines()[1:3] == [
-        "DO 1: Velocity Demand Value 606Bh not available: ramp completed and speed within tolerance show 0",
-        "DO 1: Current Actual Value 6078h not available: torque below its threshold shows 0",
+        "DO 1: Velocity Demand Value 606Bh not available: the bits for ramp completed and speed within tolerance are 0",
+        "DO 1: Current Actual Value 6078h not available: the bit for torque below its threshold is 0",
     ]
 
 
@@ -101,8 +101,8 @@ def test_an_object_missing_from_the_data_sheet_is_named_without_the_bus(tmp_path
     ("cycle_ms", "keys", "said"),
     [
         (8, "", ""),
-        (4, "", "needs real-time priority on a busy machine (docs/service.md); the log says if it is granted"),
-        (4, "[realtime]\npriority = 0\n", "docs/service.md); [realtime] priority = 0 asks for none"),
+        (4, "", "needs real-time priority on a busy machine (docs/service.md); the log shows whether it is granted"),
+        (4, "[realtime]\npriority = 0\n", "docs/service.md); [realtime] priority = 0 disables it"),
     ],
 )
 def test_a_cycle_below_8_ms_is_told_what_it_needs(tmp_path: Path, cycle_ms: int, keys: str, said: str) -> None:

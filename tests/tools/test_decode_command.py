@@ -242,7 +242,7 @@ def test_parquet_has_the_rows_of_the_table(capture: str, tmp_path: Path) -> None
         ({"eds": ["nowhere.eds"]}, "--eds nowhere.eds: not a file"),
         ({"config": Path("nowhere.toml")}, "nowhere.toml: cannot be read"),
         ({"hex_text": "00"}, "give one of"),
-        ({"direction": DirectionOption.ACTUAL}, "--direction: is for --hex"),
+        ({"direction": DirectionOption.ACTUAL}, "--direction: allowed only with --hex"),
     ],
 )
 def test_bad_options_are_told_by_name(options: dict[str, object], message: str, capture: str) -> None:

@@ -124,7 +124,7 @@ def test_what_the_plc_says_beside_its_story_is_shown(
     def run(demo: Demo) -> Outcome:
         for document in (
             {"note": "start-up", "time_s": 0.5},
-            {"told": "no datagram of a gateway came"},
+            {"told": "no datagram from a gateway"},
             {"result": {"passed": True}},
         ):
             demo.show(document)
@@ -132,7 +132,7 @@ def test_what_the_plc_says_beside_its_story_is_shown(
 
     monkeypatch.setattr(Demo, "run", run)
     demo(chapter=[Story("dsc")], out=tmp_path)
-    assert "start-up\nno datagram of a gateway came\n" in capsys.readouterr().out
+    assert "start-up\nno datagram from a gateway\n" in capsys.readouterr().out
 
 
 class Stories(Demo):
@@ -171,7 +171,5 @@ def test_evidence_that_cannot_be_written_is_named(tmp_path: Path, monkeypatch: p
 
 
 def test_another_story_needs_to_know_its_chapter(tmp_path: Path) -> None:
-    with pytest.raises(
-        GatewayError, match=r"--scenario: of one chapter, give --chapter too \(basics, positioner, dsc\)"
-    ):
+    with pytest.raises(GatewayError, match=r"--scenario: needs one --chapter too \(basics, positioner, dsc\)"):
         demo(chapter=[Story("basics"), Story("dsc")], out=tmp_path, scenario=tmp_path / "s.yaml")

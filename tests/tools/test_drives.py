@@ -12,11 +12,11 @@ from pdgw.ds301.eds import DeviceInfo, write_eds
 from pdgw.ds301.objects import Access, CanType, var
 from pdgw.dsp402.overlay import overlay_for, overlays
 from pdgw.peers.drive.device import EDS_PATH, drive_objects
-from pdgw.tools.commands.drives import app
+from pdgw.tools.cli import app
 
 
 def _run(*arguments: str) -> str:
-    result = CliRunner().invoke(app, list(arguments))
+    result = CliRunner().invoke(app, ["drives", *arguments])
     assert result.exit_code == 0, result.output
     return result.output
 
@@ -32,7 +32,7 @@ def _eds(
 
 
 def test_every_family_says_where_it_is_from() -> None:
-    document = json.loads(_run("list", "--json"))
+    document = json.loads(_run("--json"))
     assert {item["name"] for item in document} == {*overlays()}
     assert all(item["sources"] for item in document)
     for wanted in ("epos4", "epos2", "mcbl", "faulhaber", "tmcm", "elmo_gold", "elmo_simpliq", "akd", "lexium32"):
@@ -43,7 +43,7 @@ def test_every_family_says_where_it_is_from() -> None:
 
 @pytest.mark.parametrize("name", sorted(overlays()))
 def test_a_family_can_be_shown(name: str) -> None:
-    output = _run("show", name)
+    output = _run(name)
     assert overlays()[name].title in output
     assert "sources:" in output
 
@@ -72,24 +72,36 @@ def test_a_family_is_chosen_by_vendor_and_name(vendor_id: int, name: str, family
 def test_a_data_sheet_is_matched_and_what_it_lacks_is_told(tmp_path: Path) -> None:
     without = (0x6094, 0x60C5, 0x60C6)
     file = _eds(tmp_path, 0xFB, "EPOS4 50/15", (0x60A9, CanType.U32, 0x00B4_4700), without=without)
-    output = _run("match", file)
+    output = _run(file)
     assert "EPOS4 50/15: family epos4" in output
     assert "speed: 100 % = 3000 rpm = 60FFh 3000 (from 6080h, 60A9h = 00B44700h)" in output
     assert "telegram 9 needs more: the drive has no 60C5h: rated_acceleration_rpm_s settles it" in output.replace(
         "acceleration: ", ""
     )
-    document = json.loads(_run("match", "--json", file))
+    document = json.loads(_run("--json", file))[0]
     assert (document["family"], document["telegrams"]["1"]) == ("epos4", "")
     assert document["not_available"] == {}
 
 
 def test_an_object_a_data_sheet_lacks_is_named_with_its_telegrams(tmp_path: Path) -> None:
-    output = _run("match", _eds(tmp_path, 0xFB, "EPOS4 50/15", without=(0x60FD,)))
-    assert "telegrams 7, 110, 111, 112: Digital Inputs 60FDh not available: the limit switches show 0" in output
+    output = _run(_eds(tmp_path, 0xFB, "EPOS4 50/15", without=(0x60FD,)))
+    assert "telegrams 7, 110, 111, 112: Digital Inputs 60FDh not available: the limit switches are 0" in output
 
 
 def test_a_data_sheet_of_no_family_is_a_drive_that_tells_itself(tmp_path: Path) -> None:
-    output = _run("match", _eds(tmp_path, 0x77, "Nobody's"))
+    output = _run(_eds(tmp_path, 0x77, "Nobody's"))
     assert "no family" in output
-    assert "6094h alone does not tell the unit" in output
-    assert "family engel" in _run("match", str(EDS_PATH))
+    assert "6094h alone does not define the unit" in output
+    assert "family engel" in _run(str(EDS_PATH))
+
+
+def test_a_misspelt_family_is_rejected_with_the_similar_name() -> None:
+    result = CliRunner().invoke(app, ["drives", "epos5"])
+    assert result.exit_code == 1
+    assert str(result.exception).startswith("epos5: neither a file nor a family; did you mean epos4?")
+
+
+def test_a_file_is_checked_and_matched_by_one_command() -> None:
+    output = _run(str(EDS_PATH))
+    assert "usable" in output
+    assert "family engel" in output

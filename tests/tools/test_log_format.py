@@ -125,7 +125,7 @@ def test_a_step_of_the_clock_does_not_hold_counts_back(step_s: int) -> None:
         bundle.take(record("again", 100_000))
     assert texts(bundle.due(100_001 + step_s)) == [
         "again (once more)",
-        f"2 lines like this one left out, the last: EMCY {AT_ONCE + 1}",
+        f"2 similar lines omitted, the last: EMCY {AT_ONCE + 1}",
     ]
 
 
@@ -135,7 +135,7 @@ def test_a_storm_of_lines_without_an_event_is_limited_by_its_place_in_the_code()
     other = record("another place")
     other.lineno += 1
     assert texts(bundle.take(other)) == ["another place"]
-    assert texts(bundle.flush()) == ["950 lines like this one left out, the last: line 999"]
+    assert texts(bundle.flush()) == ["950 similar lines omitted, the last: line 999"]
 
 
 def test_what_was_repeated_at_the_end_is_in_the_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

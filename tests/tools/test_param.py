@@ -274,7 +274,7 @@ def test_a_file_of_another_telegram_is_not_written_by_mistake(server: tuple[str,
     refused = pdgw("param", "restore", str(file), "--yes", *option(server))
     assert refused.returncode == 1
     assert "DO 1 has telegram 1" in refused.stderr
-    assert "is of telegram 9: nothing was written" in refused.stderr
+    assert "was saved with telegram 9: nothing was written" in refused.stderr
     (now,) = json.loads(pdgw("param", "read", "P925", "--json", *option(server)).stdout)
     assert now["value"] != 7
 

@@ -139,7 +139,7 @@ def test_files_are_read_checked_and_decoded_and_what_does_not_work_says_so(
         ("replay", plc, can, "--config", configuration),
         ("eds", "check", str(next(Path(__file__).parents[2].glob("dsp406/eds/*.eds")))),
         ("sim", "bus", "--example"),
-        ("gsdml", "write", "--out", str(tmp_path)),
+        ("map", "--gsdml", str(tmp_path)),
         ("drives", "show", "epos4"),
         ("workshop", "conformance", "faults", "deaf"),
         ("workshop", "soak", "--hours", "0.001"),

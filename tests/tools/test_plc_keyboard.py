@@ -151,7 +151,7 @@ def test_digits_choose_the_axis_the_keys_are_for() -> None:
     desk.cycles(3)
     assert [item["NSOLL_A"] for item in desk.plc.setpoints] == [0x4000 // 5, -(0x4000 // 10)]
     desk.keys("9")
-    assert desk.told == ["axis 9: there are 2"]
+    assert desk.told == ["axis 9: does not exist, the number of axes is 2"]
 
 
 def test_only_keys_that_a_telegram_has_are_offered() -> None:
@@ -182,7 +182,7 @@ def test_the_reason_of_an_axis_is_shown_above_its_words() -> None:
     console = Console(width=100, record=True, file=io.StringIO())
     console.print(tables(snapshot(plc, "title"), ["", "ON ignored"]))
     lines = [line.strip() for line in console.export_text().splitlines()]
-    assert any(line.startswith("axis 1: no datagram of a gateway came: start one") for line in lines)
+    assert any(line.startswith("axis 1: no datagram from a gateway: start one") for line in lines)
     assert "axis 2: ON ignored" in lines
 
 

@@ -130,7 +130,7 @@ def test_a_gateway_that_is_not_there_is_told_while_the_scenario_waits(
         endpoint.build()
         output.show(None, "")
     said = capsys.readouterr().err
-    assert said.count("no datagram of a gateway came: start one") == (not answered and not draws)
+    assert said.count("no datagram from a gateway: start one") == (not answered and not draws)
 
 
 @pytest.mark.e2e
@@ -145,8 +145,8 @@ def test_a_scenario_writes_both_and_says_what_to_start_when_no_gateway_is_there(
     files += ["--json", str(tmp_path / "r.json")]
     result = pdgw("sim", "plc", str(path), "--gateway", "127.0.0.1:9", *files)
     assert result.returncode == 1
-    assert "the scenario has not reached a gateway: no datagram of a gateway came: start one" in result.stderr
+    assert "the scenario did not reach a gateway: no datagram from a gateway: start one" in result.stderr
     assert json.loads((tmp_path / "r.json").read_text())["passed"] is False
     suite = ElementTree.parse(tmp_path / "r.xml").getroot()[0]
     assert (suite.get("name"), suite.get("tests"), suite.get("failures")) == ("story", "2", "2")
-    assert "no datagram of a gateway came" in (tmp_path / "r.html").read_text()
+    assert "no datagram from a gateway" in (tmp_path / "r.html").read_text()

@@ -57,7 +57,7 @@ def test_a_can_recorder_on_a_full_disk_says_so_and_keeps_nothing(caplog: pytest.
     assert recorder.writer.waiting <= 1
     assert shown(counters, "can-log") >= 1000
     recorder.stop()
-    assert "No space left on device; nothing more is recorded" in caplog.text
+    assert "No space left on device; the recording has stopped" in caplog.text
 
 
 def test_a_can_recorder_that_is_too_slow_keeps_a_bounded_number_of_frames(

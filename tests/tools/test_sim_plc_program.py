@@ -40,7 +40,7 @@ def test_outputs_are_shown_until_the_program_is_finished(tmp_path: Path, capsys:
     path.write_text(PROGRAM)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as nobody:
         nobody.bind(("127.0.0.1", 0))
-        with pytest.raises(GatewayError, match="no frame of a gateway came"):
+        with pytest.raises(GatewayError, match="no frame from a gateway"):
             plc(st=[path], gateway=f"127.0.0.1:{nobody.getsockname()[1]}")
         assert nobody.recv(10) == b"\0\0"
     shown = [line.split(" s  ")[1] for line in capsys.readouterr().out.splitlines()]

@@ -69,12 +69,12 @@ def test_values_are_told_with_bits_and_percent(document: dict[str, Any]) -> None
 def test_only_counters_that_tell_of_trouble_are_shown_unless_asked_for(document: dict[str, Any]) -> None:
     counters = [
         {"part": "bus can", "name": "sent", "value": 5, "unit": "frames", "meaning": "taken"},
-        {"part": "bus can", "name": "bus_off", "value": 2, "unit": "messages", "meaning": "left the bus"},
+        {"part": "bus can", "name": "bus_off", "value": 2, "unit": "messages", "meaning": "went bus-off"},
         {"part": "bus can", "name": "lost", "value": 0, "unit": "times", "meaning": "went away"},
     ]
     changed = document | {"counters": counters}
     short = "\n".join(status_lines(changed))
-    assert "bus can bus_off: 2 messages (left the bus)" in short
+    assert "bus can bus_off: 2 messages (went bus-off)" in short
     assert "bus can sent" not in short
     assert "bus can lost" not in short
     assert "bus can lost: 0 times" in "\n".join(status_lines(changed, counters=True))

@@ -37,7 +37,7 @@ def changed(document: dict[str, Any], **keys: object) -> dict[str, Any]:
 def test_the_line_for_monitoring_is_no_other_form_of_the_status() -> None:
     done = pdgw("status", "--check", "--json", "--watch")
     assert done.returncode == 2
-    assert "prints one line, not with --json, --watch" in done.stderr
+    assert "prints one line, not allowed with --json, --watch" in done.stderr
 
 
 def test_a_gateway_that_is_well(document: dict[str, Any]) -> None:
@@ -108,6 +108,6 @@ def test_watch_ends_with_ctrl_c(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr("pdgw.tools.commands.status.time.sleep", pause)
     done = pdgw("status", "--watch", "--port", str(free_tcp_port()))
-    assert "asked again every second" in done.stdout
+    assert "retry every second" in done.stdout
     assert done.returncode == 130
     assert "Traceback" not in done.stderr

@@ -84,7 +84,7 @@ def test_axis_and_time_select(files: list[str], capsys: pytest.CaptureFixture[st
     timeline(files, config=config, axis=[7], begin="0.03", end="0.05")
     text = lines(capsys)
     assert all("axis 7" in line for line in text if line[:1] == " " and "->" in line and not line.startswith(" " * 13))
-    with pytest.raises(GatewayError, match="--axis 1: no axis of this recording"):
+    with pytest.raises(GatewayError, match="--axis 1: the recording has no such axis"):
         timeline(files, config=config, axis=[1])
 
 
@@ -105,7 +105,7 @@ def test_a_difference_is_shown_with_its_context_and_exit_status_1(
     text = lines(capsys)
     seconds = (moment - rig.frames.plc[0][0]) / 1e9
     assert text[1].startswith("axis 7 (telegram 1, node 5): ")
-    assert text[1].endswith(f"then at {seconds:.6f} s RPDO1 differ")
+    assert text[1].endswith(f"then RPDO1 differs at {seconds:.6f} s")
     assert text[2].startswith("  Target Velocity: recorded 77 (004Dh), today ")
     with pytest.raises(typer.Exit):
         replay(files, telegram=[1], node=NODES, as_json=True)
@@ -192,7 +192,7 @@ def test_what_cannot_be_used_is_one_error(files: list[str], tmp_path: Path) -> N
     empty = tmp_path / "empty.log"
     empty.write_text("")
     for given, match in (
-        ([can], "the telegrams cannot be told from the frames, give --telegram and --node, or --config"),
+        ([can], "the frames do not show the telegrams; give --telegram and --node, or --config"),
         ([plc, "-"], "read more than once"),
     ):
         with pytest.raises(GatewayError, match=match):
@@ -202,7 +202,7 @@ def test_what_cannot_be_used_is_one_error(files: list[str], tmp_path: Path) -> N
             replay(given, telegram=[1])
     with pytest.raises(CaptureError, match="is empty"):
         replay([plc, str(empty)], telegram=[1])
-    with pytest.raises(GatewayError, match="no drive telegram among the axes"):
+    with pytest.raises(GatewayError, match="the capture has no drive telegram"):
         replay(files, telegram=[81])
     for node, match in (("200", "node-ID 1..127"), ("2=5", "axis 2 is none of 1"), ("x", "expected NODE or AXIS=NODE")):
         with pytest.raises(GatewayError, match=match):

@@ -112,7 +112,7 @@ def test_only_the_last_seconds_are_saved_on_request(tmp_path: Path) -> None:
 
 
 def test_without_a_name_the_ring_of_the_gateway_that_runs_is_taken(tmp_path: Path) -> None:
-    with pytest.raises(GatewayError, match=r"no ring of a gateway.*none"):
+    with pytest.raises(GatewayError, match=r"no ring file of a gateway.*none"):
         chosen_ring(None, tmp_path)
     first = RingFile(tmp_path, LAYOUT, LIMIT)
     assert chosen_ring(None, tmp_path) == first.path
@@ -141,7 +141,7 @@ def test_a_capture_for_which_there_is_no_room_is_told(tmp_path: Path, monkeypatc
 
     with recorded(tmp_path) as (_, _, reader):
         monkeypatch.setattr(tempfile, "TemporaryDirectory", full)
-        with pytest.raises(GatewayError, match=r"no room for a temporary file \(No space left on device\)"):
+        with pytest.raises(GatewayError, match=r"not enough space for a temporary file \(No space left on device\)"):
             captured(reader.path, 1.0, "")
 
 

@@ -86,7 +86,7 @@ def test_an_unreachable_can_interface_ends_with_one_line_and_status_1(tmp_path: 
         ),
         (
             ("sim", "plc", "--interactive", "--profinet", "nowhere0", "--device-ip", "1.2.3.4.5"),
-            "--device-ip 1.2.3.4.5: allowed is an address with its prefix",
+            "--device-ip 1.2.3.4.5: expected an address with its prefix",
         ),
         (("sim", "plc", "--interactive", "--profinet", "nowhere0"), "interface nowhere0: does not exist"),
         (("sim", "drive", "--interface", "bogus"), "CAN interface"),
@@ -130,7 +130,7 @@ def test_devices_without_a_bus_are_refused_unless_one_is_opened_for_them(tmp_pat
     path.write_text("[[device]]\nnode_id = 1\n")
     result = pdgw("sim", "bus", str(path))
     assert result.returncode == 1
-    assert f"{path}: [can]: is missing: the bus of the devices; --serve opens one for them" in result.stderr
+    assert f"{path}: [can] is missing: it names the bus of the devices; --serve opens one for them" in result.stderr
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")

@@ -257,7 +257,7 @@ def test_views_fit_a_telephone_need_no_mouse_and_show_64_objects(shown: Shown) -
             ("axis/3", "Encoder 3"),
             ("plc", "What became of them"),
             ("buses", "worst case planned"),
-            ("parameters", "Nothing was read yet"),
+            ("parameters", "No parameter is read yet"),
             ("events", "PLC connected"),
             ("about", "Licences"),
         ):

@@ -142,7 +142,7 @@ def test_errors_have_text_and_field() -> None:
     answer = Asked()(host="evil")
     assert answer is not None
     assert json.loads(bytes(answer.body)) == {
-        "error": "not a name of this page; allowed: 127.0.0.1, [::1], localhost, more by [web] hosts",
+        "error": "not a name of this page; allowed: 127.0.0.1, [::1], localhost; add names with [web] hosts",
         "field": "host",
     }
 

@@ -25,14 +25,14 @@ from pdgw.tools.commissioning.axis_test import TURNS, AxisTest, Choices
 from pdgw.tools.service.child_processes import devices_beside
 from pdgw.tools.termination import INTERRUPTED
 
-app = typer.Typer(help="An axis that is brought into service.", no_args_is_help=True)
+app = typer.Typer(help="Commissioning of an axis.", no_args_is_help=True)
 
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 
 
 @app.callback()
 def group() -> None:
-    """An axis that is brought into service."""
+    """Commissioning of an axis."""
 
 
 @app.command("test")
@@ -40,7 +40,8 @@ def try_out(
     do_id: Annotated[int, typer.Argument(metavar="DO", min=1, max=254, help="Drive object of the axis.")],
     config: Annotated[Path, typer.Argument(help="Configuration file (TOML).")] = Path("gateway.toml"),
     percent: Annotated[
-        float, typer.Option(min=0.1, max=20, help="Speed, of 100 % of NSOLL; a quarter of it comes first.")
+        float,
+        typer.Option(min=0.1, max=20, help="Speed in percent of 100 % NSOLL; the test starts with a quarter of it."),
     ] = 2.0,
     turns: Annotated[float, typer.Option(min=0.1, max=100, help="Turns of the motor at that speed.")] = 2.0,
     backward: Annotated[bool, typer.Option("--backward", help="With a negative speed.")] = False,
@@ -65,13 +66,13 @@ def try_out(
         raise GatewayError(f"DO {do_id}: {outcome.doubt or 'the axis does not do what is commanded'}")
     if not outcome.witnessed or outcome.scaling is None:
         raise GatewayError(
-            f"DO {do_id}: not witnessed: drive and gateway agree, but nobody has seen the turns of the shaft"
+            f"DO {do_id}: not verified: drive and gateway agree, but no person has confirmed the turns of the shaft"
         )
     today = date.today().isoformat()
     kept = witnessed(today, outcome.serial_number, outcome.scaling)
     store = ParameterStore(loaded.store, typer.echo)
     store.update(lambda parameters: setattr(parameters.drive_object(do_id), "units_witnessed", kept))
-    typer.echo("the axis does what is commanded")
+    typer.echo("the axis follows its commands")
     if loaded.store is not None:
         typer.echo(
             f"units verified on {today}, drive with serial number {outcome.serial_number}: kept in {loaded.store}"
@@ -82,7 +83,7 @@ def _asking(loop: Loop) -> Callable[[str, Callable[[str], None]], None]:
     """Asks on the terminal while the gateway goes on; the end of the input is no confirmation."""
 
     def ask(wanted: str, answer: Callable[[str], None]) -> None:
-        typer.echo("Turns: " if wanted == TURNS else f"Type '{wanted}' to go on: ", nl=False)
+        typer.echo("Turns: " if wanted == TURNS else f"Type '{wanted}' to continue: ", nl=False)
 
         def read() -> None:
             line = sys.stdin.readline()

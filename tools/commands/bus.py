@@ -17,14 +17,14 @@ from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.configuration.file import load_config
 from pdgw.tools.bus_task import complete, opened
 
-app = typer.Typer(help="A CAN bus, before a gateway runs on it.", no_args_is_help=True)
+app = typer.Typer(help="CAN bus without a running gateway.", no_args_is_help=True)
 
 _PROFILES = {DRIVE_PROFILE: "drive", ENCODER_PROFILE: "encoder"}
 
 
 @app.callback()
 def group() -> None:
-    """A CAN bus, before a gateway runs on it."""
+    """CAN bus without a running gateway."""
 
 
 @app.command()
@@ -37,7 +37,7 @@ def scan(
     channel: Annotated[str, typer.Option(help="Channel of the interface.")] = "can0",
     bitrate: Annotated[int | None, typer.Option(help="Bit rate.")] = None,
     eds: Annotated[list[Path] | None, typer.Option(help="Data sheet, or a folder of them; repeat for several.")] = None,
-    listen_s: Annotated[float, typer.Option(min=0.0, max=60, help="Listen so long first.")] = 1.0,
+    listen_s: Annotated[float, typer.Option(min=0.0, max=60, help="Listen for this time first.")] = 1.0,
     timeout_ms: Annotated[int, typer.Option(min=10, max=60_000, help="A drive answers within this time.")] = 1000,
     as_json: Annotated[bool, typer.Option("--json", help="A JSON list, one object per bus.")] = False,
 ) -> None:
@@ -71,7 +71,9 @@ def scan(
 
 
 def _lines(bus: CanConfig, found: list[FoundNode]) -> Iterator[str]:
-    count = f"{len(found)} node{'' if len(found) == 1 else 's'}" if found else "no node was heard, none answered"
+    count = (
+        f"{len(found)} node{'' if len(found) == 1 else 's'}" if found else "no node found: no heartbeat and no answer"
+    )
     yield f"{bus.name} ({bus.interface} {bus.channel}): {count}"
     for node in found:
         yield ""
@@ -104,7 +106,7 @@ def _node_lines(node: FoundNode) -> Iterator[str]:
                 yield f"  {line}"
     fit = [str(number) for number, missing in node.lacks.items() if not missing]
     if node.lacks:
-        yield f"  nothing missing for telegrams: {', '.join(fit) or 'none'}"
+        yield f"  usable with telegrams: {', '.join(fit) or 'none'}"
     by_reason: dict[str, list[str]] = {}
     for number, missing in node.lacks.items():
         if missing:

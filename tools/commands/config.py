@@ -76,7 +76,9 @@ def _check_buses(config: GatewayConfig) -> bool:
 def _scheduling(config: GatewayConfig) -> str:
     """What a short cycle needs of the operating system."""
     asked = (
-        "[realtime] priority = 0 asks for none" if config.realtime.priority == 0 else "the log says if it is granted"
+        "[realtime] priority = 0 disables it"
+        if config.realtime.priority == 0
+        else "the log shows whether it is granted"
     )
     return f"a cycle below {NEEDED_BELOW_MS} ms needs real-time priority on a busy machine (docs/service.md); {asked}"
 
@@ -87,9 +89,7 @@ def _tell_bus(config: GatewayConfig, bus: CanConfig, plans: Mapping[int, PdoPlan
     frames = cyclic_frames(config.axes_of(bus), config.encoders_of(bus), cycle_ms, plans)
     load = check_load(bus.name, frames, bitrate)
     asked = " with these PDOs" if plans else ""
-    typer.echo(
-        f"bus {bus.name}: worst-case load {load:.0%} of {bitrate} bit/s{asked}; each frame is sent at the latest after"
-    )
+    typer.echo(f"bus {bus.name}: worst-case load {load:.0%} of {bitrate} bit/s{asked}; longest delay of each frame:")
     found = latest(frames, bitrate, cycle_ms)
     for item in found:
         typer.echo(f"  {item}")
@@ -141,7 +141,7 @@ def _ask(config: GatewayConfig, axis: AxisConfig) -> PdoPlan | None:
     settings = axis.settings_at(config.transport.cycle_time_ms)
     refusal = lacks(drive, axis.telegram, settings)
     if refusal:
-        typer.echo(f"  telegram {axis.telegram} is refused: {refusal}")
+        typer.echo(f"  telegram {axis.telegram} is rejected: {refusal}")
         for line in missing_lines(drive, axis.telegram, settings=settings):
             typer.echo(f"    {line}")
         return None

@@ -108,16 +108,18 @@ def decode(
     signal: Annotated[
         list[str] | None, typer.Option(help="Only these signals, objects or fields, comma separated.")
     ] = None,
-    count: Annotated[int | None, typer.Option("--count", "-n", min=1, help="Stop after so many packets.")] = None,
+    count: Annotated[
+        int | None, typer.Option("--count", "-n", min=1, help="Stop after this number of packets.")
+    ] = None,
 ) -> None:
-    """Decode a piece of data (--hex), a capture of either bus, or what is on a bus now."""
+    """Decode hexadecimal data (--hex), a capture of either bus, or the live frames of a bus."""
     if sum(source is not None for source in (files or None, hex_text, interface, can)) != 1:
         raise GatewayError("give one of: files (or -), --hex, --interface, --can")
     if hex_text is not None:
         _decode_hex(hex_text, telegram or [], direction, as_json=as_json, verbose=verbose)
         return
     if direction is not None:
-        raise GatewayError("--direction: is for --hex; the frames of a capture tell theirs by their FrameID")
+        raise GatewayError("--direction: allowed only with --hex; a capture contains the direction in its FrameIDs")
     signals = [name.strip() for text in signal or [] for name in text.split(",")]
     if files and parquet is not None and is_data_set(parquet):
         options = ArchiveOptions(
@@ -134,13 +136,13 @@ def decode(
         }
         for name, value in refused.items():
             if value:
-                raise GatewayError(f"{name}: not with --parquet FOLDER, which is a table of whole files")
+                raise GatewayError(f"{name}: not allowed with --parquet FOLDER, which is a table of whole files")
         _write_data_set(files, parquet, options, jobs)
         return
     if jobs is not None:
-        raise GatewayError("-j: several files at the same time become a data set, give --parquet FOLDER")
+        raise GatewayError("-j: allowed only with --parquet FOLDER, which makes a data set of several files")
     if files and (len(files) > 1 or Path(files[0]).is_dir()):
-        raise GatewayError("several files become a data set: give --parquet FOLDER and --signal, or one file")
+        raise GatewayError("several files need --parquet FOLDER and --signal; or give one file")
     file = files[0] if files else None
     embedded = configuration_in(Path(file)) if file is not None and config is None and not telegram else ""
     if embedded:
@@ -199,7 +201,7 @@ def _decode_hex(
     text: str, telegrams: Sequence[int], direction: DirectionOption | None, *, as_json: bool, verbose: bool
 ) -> None:
     if len(telegrams) > 1:
-        raise GatewayError("--hex: a piece of data is of one axis, give --telegram once")
+        raise GatewayError("--hex: the data belongs to one axis; give --telegram once")
     chosen = telegram_of(telegrams[0]) if telegrams else None
     data = parse_hex(sys.stdin.read() if text == "-" else text)
     document = recognise(data, chosen, Direction(direction.value) if direction else None)

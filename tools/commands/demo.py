@@ -74,13 +74,13 @@ def demo(
         typer.Option("--profinet", help="PLC and gateway over Ethernet frames, between network namespaces (Linux)."),
     ] = False,
     scenario: Annotated[
-        Path | None, typer.Option(help="Another story for the devices of one chapter.", show_default=False)
+        Path | None, typer.Option(help="Another scenario for the devices of one chapter.", show_default=False)
     ] = None,
 ) -> None:
-    """PLC, gateway and the bus of its drives as processes, chapter by chapter; every expectation with pass or fail."""
+    """Run a PLC, the gateway and simulated drives in chapters; report every expectation as pass or fail."""
     chosen = [CHAPTERS[item.value] for item in dict.fromkeys(chapter or Story)]
     if scenario is not None and len(chosen) > 1:
-        raise GatewayError(f"--scenario: of one chapter, give --chapter too ({', '.join(CHAPTERS)})")
+        raise GatewayError(f"--scenario: needs one --chapter too ({', '.join(CHAPTERS)})")
     if profinet and not namespaces.inside():
         namespaces.enter("pdgw")
     console = Console()
@@ -118,5 +118,5 @@ def _tell(console: Console, what: str, outcomes: list[Outcome], out: Path) -> No
     good = sum(item["passed"] for item in results)
     seconds = sum(outcome.report["duration_s"] for outcome in outcomes)
     console.print(
-        f"{what}: {good} of {len(results)} expectations passed in {seconds:.0f} s; evidence in {out}/", highlight=False
+        f"{what}: {good} of {len(results)} expectations passed in {seconds:.0f} s; results in {out}/", highlight=False
     )

@@ -1,9 +1,9 @@
-"""``pdgw drives``: the families of drives the package knows, and which one a data sheet belongs to."""
+"""``pdgw drives``: the known families of drives; the check of data sheets (EDS, DCF) with family and missing keys."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,21 +11,56 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from pdgw.ds301.connection_set import NODE_IDS
+from pdgw.ds301.eds_import import EdsImport
+from pdgw.ds301.eds_text import EdsError
 from pdgw.ds301.objects import Access, CanType
 from pdgw.dsp402.describe import described_by_sheet
-from pdgw.dsp402.drive import load_eds
 from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.objects import CONTROLWORD, STATUSWORD
 from pdgw.dsp402.overlay import Overlay, overlay, overlays
+from pdgw.explain import did_you_mean
 from pdgw.gateway.commissioning.telegram_check import lacks_by_telegram, missing_lines, not_available
+from pdgw.gateway.errors import GatewayError
+from pdgw.tools.output.data_sheets import import_document, imported, print_import, write_repaired
 
-app = typer.Typer(help="Families of drives.", no_args_is_help=True)
 
-
-@app.command("list")
-def list_families(
-    as_json: Annotated[bool, typer.Option("--json", help="A JSON list, one object per family.")] = False,
+def drives(
+    items: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[FAMILY | FILE]...", help="Families, or EDS and DCF files.", show_default=False),
+    ] = None,
+    node_id: Annotated[
+        int, typer.Option(min=NODE_IDS[0], max=NODE_IDS[-1], help="Node-ID for values of a file that depend on it.")
+    ] = 1,
+    write: Annotated[
+        Path | None,
+        typer.Option(metavar="OUT", help="Write the repaired file; only with one FILE.", show_default=False),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """List the families."""
+    """List the known drive families, show one, or check EDS and DCF files: repairs, family, and keys that telegrams need.
+
+    The exit status is 1 if a file cannot be used.
+    """
+    families = [name for name in items or () if name in overlays()]
+    files = [Path(name) for name in items or () if name not in overlays()]
+    if families and files:
+        raise GatewayError(f"{files[0]}: give either families or files")
+    if write is not None and len(files) != 1:
+        raise GatewayError(f"--write: allowed with one file, {len(files)} are given")
+    for file in files:
+        if not file.suffix and not file.exists():
+            raise GatewayError(f"{file}: neither a file nor a family{did_you_mean(str(file), overlays())}")
+    if files:
+        _check(files, node_id, write, as_json=as_json)
+    elif families:
+        _show([overlay(name) for name in families], as_json=as_json)
+    else:
+        _list(as_json=as_json)
+
+
+def _list(*, as_json: bool) -> None:
     if as_json:
         typer.echo(json.dumps([_document(item) for item in overlays().values()], indent=2))
         return
@@ -36,16 +71,16 @@ def list_families(
     Console().print(table)
 
 
-@app.command()
-def show(
-    family: Annotated[str, typer.Argument(help="Name of the family.")],
-    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
-) -> None:
-    """Show what is known about a family, where that is from and what is unverified."""
-    item = overlay(family)
+def _show(families: Sequence[Overlay], *, as_json: bool) -> None:
+    """Show what is known about families, its sources and what is unverified."""
     if as_json:
-        typer.echo(json.dumps(_document(item), indent=2))
+        typer.echo(json.dumps([_document(item) for item in families], indent=2))
         return
+    for item in families:
+        _print_family(item)
+
+
+def _print_family(item: Overlay) -> None:
     typer.echo(f"{item.name}: {item.title}")
     for title, lines in (("hints", item.hints), ("sources", item.sources), ("unverified", item.unverified)):
         if lines:
@@ -71,35 +106,61 @@ def show(
         typer.echo(f"homing methods: {', '.join(map(str, item.homing_methods))}")
 
 
-@app.command()
-def match(
-    eds: Annotated[Path, typer.Argument(help="EDS or DCF of a drive.")],
-    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
-) -> None:
-    """Tell the family of a drive from its data sheet, and what each telegram lacks with the values the data sheet has."""
-    drive = described_by_sheet(load_eds(eds, 1))
-    missing = lacks_by_telegram(drive)
-    without = {number: lines for number in missing if (lines := not_available(drive, number))}
+def _check(files: Sequence[Path], node_id: int, write: Path | None, *, as_json: bool) -> None:
+    """Import each file, name its family and what each telegram lacks with the values of the file."""
+    results = [(file, imported(file, node_id)) for file in files]
     if as_json:
-        document = {
-            "file": str(eds),
-            "name": drive.name,
-            "family": drive.family or None,
-            "modes": dict(drive.modes),
-            "homing_methods": list(drive.homing_methods),
-            "scaling": list(drive.scaling.lines),
-            "telegrams": dict(missing),
-            "keys": list(missing_lines(drive, *missing)),
-            "not_available": without,
-        }
-        typer.echo(json.dumps(document, indent=2))
-        return
-    _print_match(drive, missing, without)
+        documents = [import_document(file, result) | _match_document(result) for file, result in results]
+        typer.echo(json.dumps(documents, indent=2))
+    else:
+        console = Console()
+        for file, result in results:
+            print_import(console, file, result)
+            drive = _drive_of(result)
+            if drive is not None:
+                _print_match(drive)
+    if any(isinstance(result, EdsError) for _, result in results):
+        raise typer.Exit(1)
+    for _, result in results:
+        if write is not None and isinstance(result, EdsImport):
+            write_repaired(write, result.text)
 
 
-def _print_match(drive: DriveType, missing: Mapping[int, str], without: Mapping[int, Sequence[str]]) -> None:
+def _drive_of(result: EdsImport | EdsError) -> DriveType | None:
+    """The drive that a file describes; None for a file that cannot be used or of another device."""
+    if isinstance(result, EdsError) or not {CONTROLWORD[0], STATUSWORD[0]} <= set(result.dictionary):
+        return None
+    return described_by_sheet(result.dictionary)
+
+
+def _not_available(drive: DriveType, numbers: Iterable[int]) -> dict[int, Sequence[str]]:
+    """What the drive lacks for each telegram that runs without it."""
+    return {number: lines for number in numbers if (lines := not_available(drive, number))}
+
+
+def _match_document(result: EdsImport | EdsError) -> dict[str, Any]:
+    drive = _drive_of(result)
+    if drive is None:
+        return {}
+    missing = lacks_by_telegram(drive)
+    return {
+        "name": drive.name,
+        "family": drive.family or None,
+        "modes": dict(drive.modes),
+        "homing_methods": list(drive.homing_methods),
+        "scaling": list(drive.scaling.lines),
+        "telegrams": dict(missing),
+        "keys": list(missing_lines(drive, *missing)),
+        "not_available": _not_available(drive, missing),
+    }
+
+
+def _print_match(drive: DriveType) -> None:
+    missing = lacks_by_telegram(drive)
+    without = _not_available(drive, missing)
     typer.echo(
-        f"{drive.name}: " + (f"family {drive.family}" if drive.family else "no family, CiA 402 as it tells itself")
+        f"{drive.name}: "
+        + (f"family {drive.family}" if drive.family else "no family: a CiA 402 drive as its own objects describe it")
     )
     typer.echo(f"modes: {', '.join(f'{mode} {name}' for mode, name in drive.modes.items())}")
     rpdos, tpdos = len(drive.pdos.rpdos), len(drive.pdos.tpdos)
@@ -114,7 +175,7 @@ def _print_match(drive: DriveType, missing: Mapping[int, str], without: Mapping[
         typer.echo(f"telegram{'s' * (len(numbers) > 1)} {', '.join(numbers)}: {line}")
     lines = missing_lines(drive, *missing)
     if lines:
-        typer.echo("to paste into its [[axis]] and fill in, as far as the telegram needs it:")
+        typer.echo("paste into its [[axis]] and fill in the keys that the telegram needs:")
     for line in lines:
         typer.echo(f"  {line}")
     for line in overlay(drive.family).hints if drive.family else ():

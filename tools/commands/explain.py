@@ -35,9 +35,11 @@ def explain(
         typer.echo(line)
     if support is not None:
         _write(support, lines, fetch(port))
-        typer.echo(f"{support}: written, for the person who helps you")
+        typer.echo(f"{support}: written; send it to the person who helps you")
     else:
-        typer.echo("with both buses in one file, for the person who helps you: pdgw explain --support FILE.zip")
+        typer.echo(
+            "pdgw explain --support FILE.zip writes these lines and both buses to one file for the person who helps you"
+        )
 
 
 def explained_line(line: dict[str, Any]) -> str:

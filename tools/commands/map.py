@@ -14,11 +14,12 @@ import typer
 from rich.console import Console
 
 from pdgw.gateway.configuration.byte_map import FrameMap, Place, frame_maps
+from pdgw.gateway.configuration.environment import TransportConfig
 from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.frame import FRAME_ID_TO_CONTROLLER, FRAME_ID_TO_DEVICE
 from pdgw.profidrive.telegrams import Direction
-from pdgw.tools.commands.gsdml import write_gsdml
+from pdgw.tools.output.gsdml import write_gsdml
 from pdgw.tools.output.tables import plain_table
 from pdgw.tools.plc.code import siemens_scl, siemens_types, structured_text
 from pdgw.tools.plc.plcopen import plcopen_xml
@@ -60,7 +61,10 @@ Maps = tuple[FrameMap, FrameMap]
 
 
 def map_(
-    config: Annotated[Path, typer.Argument(help="Configuration file (TOML).")],
+    config: Annotated[
+        Path | None,
+        typer.Argument(help="Configuration file (TOML); only --gsdml works without it.", show_default=False),
+    ] = None,
     format_: Annotated[
         Format,
         typer.Option(
@@ -70,10 +74,16 @@ def map_(
     ] = Format.TEXT,
     out: Annotated[Path | None, typer.Option(help="Write here instead of standard output.")] = None,
     gsdml: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="PROFINET: write the device description into this folder too.")
+        Path | None,
+        typer.Option(metavar="DIR", help="PROFINET: also write the device description (GSDML) to this folder."),
     ] = None,
 ) -> None:
     """Print the byte map of a configuration: offset, length, signal, unit and 100 % of every value; or code for the PLC."""
+    if config is None:
+        if gsdml is None:
+            raise GatewayError("CONFIG is missing: give a configuration file; only --gsdml works without it")
+        typer.echo(str(write_gsdml(TransportConfig(), gsdml, "--gsdml")))
+        return
     loaded = load_config(config)
     maps = frame_maps(loaded)
     profinet = loaded.transport.type == "profinet"
@@ -107,7 +117,7 @@ def _udp_text(maps: Maps, width: int | None) -> str:
         )
         for found in maps
     ]
-    return _tables(tables, width, "Bytes behind the last IOCS up to the CycleCounter are 0.")
+    return _tables(tables, width, "All bytes between the last IOCS and the CycleCounter are 0.")
 
 
 def _profinet_text(maps: Maps, width: int | None) -> str:
@@ -124,7 +134,7 @@ def _profinet_text(maps: Maps, width: int | None) -> str:
         )
         for found in maps
     ]
-    return _tables(tables, width, "IOPS, IOCS and the place in the frame are the PROFINET driver's business.")
+    return _tables(tables, width, ("The PROFINET driver of the PLC handles IOPS, IOCS and the position in the frame."))
 
 
 def _tables(tables: Sequence[tuple[str, Sequence[tuple[str, int, Place]]]], width: int | None, remark: str) -> str:

@@ -29,7 +29,7 @@ from pdgw.profinet.rpc.records import NIL
 from pdgw.tools.address import parse_address
 from pdgw.tools.output.tables import plain_table
 
-app = typer.Typer(help="Parameters of a gateway or any PROFIdrive device.", no_args_is_help=True)
+app = typer.Typer(help="Parameters of a gateway or of another PROFIdrive device.", no_args_is_help=True)
 
 GATEWAY = typer.Option("--gateway", help="HOST:PORT of the record channel.")
 DO = typer.Option("--do", min=0, max=254, help="DO-ID; 0 is the device.")
@@ -312,8 +312,9 @@ def restore_(
         telegrams = other_telegram(pairs)
         if telegrams is not None and not change_telegram:
             raise GatewayError(
-                f"DO {do_id} has telegram {telegrams[0]}, {file} is of telegram {telegrams[1]}: nothing was written; "
-                "is it the file of another axis? --change-telegram writes it all the same"
+                f"DO {do_id} has telegram {telegrams[0]}, but {file} was saved with telegram {telegrams[1]}: "
+                "nothing was written; check that it is the file of this axis; --change-telegram writes it "
+                "anyway"
             )
         if not yes and not typer.confirm(f"write {len(pairs)} settings to DO {do_id}?"):
             raise typer.Exit(1)

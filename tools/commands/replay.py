@@ -26,7 +26,7 @@ def replay(
     ] = TOLERANCE_NS / MS,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
 ) -> None:
-    """Feed a recording through today's gateway; exit status 1 where it would have sent something else."""
+    """Run a recording through this version of the gateway; exit status 1 if it sends something else."""
     loaded = load(files, known_from(config, telegram or [], node or [], files, station), nanoseconds(offset), tell)
     outcomes = loaded.replay(tolerance_ns=round(tolerance * MS), first_only=True)
     write_lines(_document(loaded, outcomes) if as_json else _text(loaded, outcomes))
@@ -73,11 +73,15 @@ def _text(loaded: Loaded, outcomes: Sequence[AxisReplay]) -> Iterator[str]:
         if not outcome.differences:
             equal = f"{outcome.compared} of {len(outcome.steps)} steps compared, all equal"
             yield (
-                f"{who}: {equal}" if outcome.compared else f"{who}: nothing to compare: neither configured nor OFF seen"
+                f"{who}: {equal}"
+                if outcome.compared
+                else (
+                    f"{who}: nothing to compare: the recording contains neither a configuration of the node nor an OFF"
+                )
             )
         for difference in outcome.differences:
             seconds = (difference.time_ns - loaded.recording.begin_ns) / SECOND
-            yield f"{who}: {outcome.compared} steps equal, then at {seconds:.6f} s {difference.what} differ"
+            yield f"{who}: {outcome.compared} steps equal, then {difference.what} differs at {seconds:.6f} s"
             yield from _values(difference)
 
 

@@ -86,7 +86,8 @@ def run(
     acyclic_port: Annotated[int | None, typer.Option(help="UDP port of the parameter channel.")] = None,
     cycle_time_ms: Annotated[float | None, typer.Option(help="Cycle time in milliseconds.")] = None,
     watchdog_factor: Annotated[
-        int | None, typer.Option(help="The PLC is lost after so many cycles without a frame; 250 with --simulate.")
+        int | None,
+        typer.Option(help="Cycles without a frame until the PLC is lost; 250 with --simulate."),
     ] = None,
     status_port: Annotated[int | None, typer.Option(help="Loopback TCP port of `pdgw status`, 0 for none.")] = None,
     can_log: Annotated[Path | None, typer.Option(help="Record all CAN frames here (candump format).")] = None,
@@ -105,7 +106,7 @@ def run(
         LogFormat, typer.Option(help="Text with dates, JSON, or as the journal wants it where standard error is one.")
     ] = LogFormat.AUTO,
 ) -> None:
-    """Run the gateway until SIGINT, SIGTERM or SIGQUIT; the drives are stopped and disabled first.
+    """Run the gateway until SIGINT, SIGTERM or SIGQUIT; it stops and disables the drives before it ends.
 
     SIGHUP opens the log file again.
     """

@@ -72,7 +72,7 @@ def bus(
             place = CanConfig(interface=INTERFACE, channel=served.channel)
             typer.echo(f'[can]\ninterface = "{INTERFACE}"\nchannel = "{served.channel}"\n')
         if place is None:
-            raise GatewayError(f"{file}: [can]: is missing: the bus of the devices; --serve opens one for them")
+            raise GatewayError(f"{file}: [can] is missing: it names the bus of the devices; --serve opens one for them")
         simulation = Simulation()
         devices = config.device if config is not None else ()
         for device in devices:
@@ -86,7 +86,7 @@ def inject(
     command: Annotated[list[str], typer.Argument(help=COMMANDS + " (@N: only node N).")],
     port: Annotated[int, typer.Option(min=1, max=65535, help="The simulator's --control-port.")],
 ) -> None:
-    """Give running simulated devices a command: `pdgw sim inject --port 5000 fault slow-sdo delay_ms=100`."""
+    """Send a command to running simulated devices, for example a fault."""
     try:
         with socket.create_connection(("127.0.0.1", port), timeout=5) as connection:
             connection.sendall(" ".join(command).encode() + b"\n")

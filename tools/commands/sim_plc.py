@@ -65,7 +65,10 @@ class _DriveLink:
 
     def __call__(self, command: str) -> None:
         if self._port is None:
-            raise GatewayError(f"the scenario tells the drive {command!r}: give --drive-port, its --control-port")
+            raise GatewayError(
+                f"the scenario sends the drive the command {command!r}: give --drive-port, the "
+                "--control-port of the simulator"
+            )
         try:
             with socket.create_connection(("127.0.0.1", self._port), timeout=5) as connection:
                 connection.sendall(command.encode() + b"\n")
@@ -92,7 +95,7 @@ def plc(
         int | None, typer.Option(min=1, max=32, help="With --interactive: number of axes, 1 without it.")
     ] = None,
     cycle_ms: Annotated[float, typer.Option(min=0.5, max=512, help="Cycle time.")] = 4,
-    interactive: Annotated[bool, typer.Option("--interactive", help="Obey the keyboard.")] = False,
+    interactive: Annotated[bool, typer.Option("--interactive", help="Control the axes with the keyboard.")] = False,
     pcap: Annotated[Path | None, typer.Option(callback=to_be_written, help="Record both directions here.")] = None,
     trace: Annotated[Path | None, typer.Option(callback=to_be_written, help="Write sampled values here (CSV).")] = None,
     as_json: Annotated[
@@ -127,7 +130,7 @@ def plc(
         bool, typer.Option("--snapshots", help="With --progress: also what the PLC sees, ten times a second.")
     ] = False,
 ) -> None:
-    """Play a scenario (exit status 1 when an expectation fails), obey the keyboard, or run a Structured Text program."""
+    """Simulate a PLC with a scenario (exit status 1 if an expectation fails), the keyboard, or a Structured Text program."""
     address = parse_address(gateway, CYCLIC_PORT)
     if interactive + (scenario is not None) + bool(st) != 1:
         raise GatewayError("give either a scenario file, --interactive or --st")
@@ -156,7 +159,7 @@ def plc(
         client = PlcClient(address, endpoint, cycle_ns, pcap, acyclic_port)
     else:
         if pcap is not None:
-            raise GatewayError("--pcap: not with --profinet, record the interface instead (dumpcap, tcpdump)")
+            raise GatewayError("--pcap: not allowed with --profinet; record the interface instead (dumpcap, tcpdump)")
         client = _connected(profinet, name, device_ip, endpoint, cycle_ns)
     engine = Engine(chosen, endpoint) if chosen else None
     output = Output(endpoint, _SILENCE_NS // cycle_ns, as_lines=progress, snapshots=snapshots)
@@ -209,7 +212,7 @@ def _run_program(files: list[Path], address: Address, cycle_ns: int, pcap: Path 
     finally:
         client.close()
     if not client.endpoint.counters["received"]:
-        raise GatewayError("no frame of a gateway came")
+        raise GatewayError("no frame from a gateway")
 
 
 def _close(client: PlcRunner, trace: Path | None) -> GatewayError | None:
@@ -251,7 +254,7 @@ def _connected(interface: str, name: str, device_ip: str, endpoint: PlcEndpoint,
         address = IPv4Interface(device_ip)
     except ValueError as error:
         raise GatewayError(
-            f"--device-ip {device_ip}: allowed is an address with its prefix, like 192.168.0.2/24"
+            f"--device-ip {device_ip}: expected an address with its prefix, like 192.168.0.2/24"
         ) from error
     try:
         check_name(name)
@@ -289,7 +292,7 @@ def _finish(engine: Engine, as_json: Path | None, begin_s: float, *, progress: b
     if not progress:
         Console().print(results_table(engine.results))
     if not reached:
-        raise GatewayError(f"the scenario has not reached a gateway: {endpoint.why_no_values(0)}")
+        raise GatewayError(f"the scenario did not reach a gateway: {endpoint.why_no_values(0)}")
     if not engine.passed:
         raise typer.Exit(1)
 

@@ -38,7 +38,7 @@ def status(
         ),
     ] = False,
 ) -> None:
-    """Show why axes are not in operation, and one line for each axis: pdgw status; everything about one: pdgw status 1."""
+    """Show why axes are not in operation and one line for each axis; with an axis number, all details of that axis."""
     if check:
         others = {
             "AXIS": do_id is not None,
@@ -48,7 +48,7 @@ def status(
             "--watch": watch,
         }
         if given := [option for option, value in others.items() if value]:
-            raise typer.BadParameter(f"prints one line, not with {', '.join(given)}", param_hint="--check")
+            raise typer.BadParameter(f"prints one line, not allowed with {', '.join(given)}", param_hint="--check")
         _check(port)
     elif watch:
         _watch(port, do_id, as_json=as_json, counters=counters, faults=faults)
@@ -97,7 +97,7 @@ def _watch(port: int, do_id: int | None, *, as_json: bool, counters: bool, fault
                 document = _document(port, faults=faults)
                 text = "\n".join(_lines(document, do_id, console.width, counters=counters, faults=faults))
             except GatewayError as error:
-                document, text = {"error": str(error)}, f"{error}; asked again every second"
+                document, text = {"error": str(error)}, f"{error}; retry every second"
             if as_json:
                 typer.echo(json.dumps(document))
             elif console.is_terminal:

@@ -51,14 +51,14 @@ def timeline(
         ),
     ] = None,
 ) -> None:
-    """Merge captures of both buses: what the PLC asked, what became of it, how long it took, and why not."""
+    """Merge captures of both buses: each command of the PLC with its result, its duration and the reason if it had no effect."""
     opening = look_ahead(
         files, known_from(config, telegram or [], node or [], files, station), nanoseconds(offset), tell
     )
     chosen = frozenset(axis or ())
     unknown = chosen - {item.do_id for item in opening.known.settings.axes}
     if unknown:
-        raise GatewayError(f"--axis {min(unknown)}: no axis of this recording")
+        raise GatewayError(f"--axis {min(unknown)}: the recording has no such axis")
     part = Part(
         moment(begin, "--from", opening.begin_ns) if begin is not None else None,
         moment(end, "--to", opening.begin_ns) if end is not None else None,

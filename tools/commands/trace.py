@@ -26,7 +26,9 @@ app = typer.Typer(help="The flight recorder: the last minutes of both buses.", n
 
 Ring = Annotated[
     str | None,
-    typer.Option("--ring", metavar="NAME|PATH", help="Which one, see `pdgw trace list`.", show_default=False),
+    typer.Option(
+        "--ring", metavar="NAME|PATH", help="Ring of which gateway, see `pdgw trace list`.", show_default=False
+    ),
 ]
 
 
@@ -39,7 +41,7 @@ def trace() -> None:
 def save_(
     file: Annotated[Path, typer.Argument(help="The pcapng file to write.")],
     ring: Ring = None,
-    last: Annotated[float | None, typer.Option(min=0.001, help="Only the last so many seconds.")] = None,
+    last: Annotated[float | None, typer.Option(min=0.001, help="Only the last SECONDS.")] = None,
 ) -> None:
     """Write both buses and the configuration as pcapng, for Wireshark, `pdgw timeline` and `pdgw replay`."""
     with RingReader(chosen_ring(ring)) as reader:
@@ -60,7 +62,7 @@ def list_() -> None:
         except GatewayError as error:
             typer.echo(str(error))
     if not rings():
-        typer.echo(f"no rings in {run_directory() or 'a run directory, this machine has none'}")
+        typer.echo(f"no ring files in {run_directory() or 'a run directory, this machine has none'}")
 
 
 def _line(reader: RingReader) -> str:
@@ -77,15 +79,16 @@ def _line(reader: RingReader) -> str:
 def watch(
     ring: Ring = None,
     on: Annotated[
-        list[Trigger] | None, typer.Option("--on", help="Of what; without it of both.", show_default=False)
+        list[Trigger] | None,
+        typer.Option("--on", help="Trigger; repeat for several [default: both].", show_default=False),
     ] = None,
     to: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Where files go, without it the state directory.", show_default=False),
+        typer.Option(metavar="DIR", help="Folder of the files [default: the state directory].", show_default=False),
     ] = None,
     before: Annotated[int, typer.Option(min=0, help="Seconds before.")] = 10,
     after: Annotated[int, typer.Option(min=0, help="Seconds after.")] = 5,
-    files: Annotated[int, typer.Option(min=1, help="So many files, the oldest go.")] = 20,
+    files: Annotated[int, typer.Option(min=1, help="Number of files; the oldest are deleted.")] = 20,
     attached: Annotated[bool, typer.Option("--attached", hidden=True)] = False,
 ) -> None:
     """Keep a file of what was before and after each fault, or each stop the PLC did not ask for."""
@@ -95,7 +98,7 @@ def watch(
     logging.basicConfig(format="%(message)s", level=logging.INFO)
     if not attached:
         path = chosen_ring(ring)
-        typer.echo(f"watching {path}, files go to {directory}")
+        typer.echo(f"watching {path}, files are written to {directory}")
         follow(path, choice, sleeping)
         return
     # Of a gateway that tells the path on standard input and closes it when it is gone. Only that ends it: it is still there when
@@ -110,7 +113,7 @@ def kept_directory() -> Path:
     """Where kept files go that are told no other place; GatewayError when there is no home directory either."""
     state = state_directory()
     if state is None:
-        raise GatewayError("--to: give a directory, there is no state directory")
+        raise GatewayError("--to is missing: this machine has no state directory")
     return state / "traces"
 
 

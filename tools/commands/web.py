@@ -41,7 +41,7 @@ def web(
         bool, typer.Option("--attached", hidden=True, help="End with standard input: with the process that started it.")
     ] = False,
 ) -> None:
-    """Show a running gateway to browsers, Prometheus and MQTT until SIGINT or SIGTERM; it changes nothing."""
+    """Serve the status of a running gateway to browsers, Prometheus and MQTT; read-only."""
     _stand_back()
     if attached:
         if hasattr(os, "sched_setaffinity"):  # the processors the gateway has chosen are its own

@@ -116,7 +116,7 @@ def configuration(config: GatewayConfig, do_id: int) -> GatewayConfig:
     """The axis alone with telegram 1, reached by this process only; GatewayError when there is no such axis."""
     axis = next((item for item in config.axis if item.do_id == do_id), None)
     if axis is None:
-        raise GatewayError(f"DO {do_id}: is no axis, allowed: {[item.do_id for item in config.axis]}")
+        raise GatewayError(f"DO {do_id}: not an axis, allowed: {[item.do_id for item in config.axis]}")
     alone = axis.model_copy(update={"telegram": TELEGRAM, "g1": None, "can": None, "sync": False})
     transport = TransportConfig(
         cyclic_port=0,
@@ -183,9 +183,7 @@ class AxisTest:
             self._watch_for_plc()
             self._loop.sleep(_LISTEN_NS)
             if self._stranger:
-                raise GatewayError(
-                    f"a PLC sends frames from {self._stranger}: allowed is none, switch it off or unplug it"
-                )
+                raise GatewayError(f"a PLC sends frames from {self._stranger}: switch it off or unplug it")
             daemon = self._daemon = Daemon(self.config, self._platform)
             self._axis = daemon.axes[0]
             daemon.start()
@@ -221,7 +219,7 @@ class AxisTest:
         if self.outcome.passed:
             self._judge(drive, self._hold(drive, self._choices.percent))
         else:
-            self._tell("it is not turned faster")
+            self._tell("the test does not turn it faster")
         self._command(_ON)
         self._wait(self._stands, _SETTLING_NS, "standstill")
         turns = self._show_way(drive)
@@ -237,7 +235,7 @@ class AxisTest:
         if transport.type != "udp":
             return  # a gateway that serves a PROFINET controller is heard on the CAN bus
         port = self._platform.open_udp(
-            str(transport.listen), transport.cyclic_port, "cyclic port, is a gateway running?"
+            str(transport.listen), transport.cyclic_port, "cyclic port; is a gateway running?"
         )
         self._ports.append(port)
 
@@ -272,17 +270,17 @@ class AxisTest:
     def _announce(self, drive: DriveType) -> None:
         full = rpm(drive, drive.scaling.reference(Quantity.SPEED)) * self._choices.percent / 100
         self._tell(
-            f"It will turn at {float(full * _CREEP):g} rpm of the motor, and if that is as it should be at {float(full):g} rpm "
-            f"({float(self._choices.percent):g} %) for {float(self._choices.turns):g} turns."
+            f"It will turn at {float(full * _CREEP):g} rpm of the motor. If that is correct, it will turn at "
+            f"{float(full):g} rpm ({float(self._choices.percent):g} %) for {float(self._choices.turns):g} turns."
         )
-        self._tell("Brake, coupling and machine have to be such that it may; somebody has to be at the emergency stop.")
+        self._tell("Make sure that brake, coupling and machine allow this. Somebody must be at the emergency stop.")
 
     def _await_confirmation(self) -> None:
         typed: list[str] = []
         self._confirm(self._wanted, typed.append)
-        self._wait(lambda: typed, _TYPING_NS, "something was typed")
+        self._wait(lambda: typed, _TYPING_NS, "an input")
         if typed[0].strip() != self._wanted:
-            raise DoubtError(f"not confirmed: {typed[0].strip()!r} is not {self._wanted!r}")
+            raise DoubtError(f"not confirmed: the input {typed[0].strip()!r} is not {self._wanted!r}")
 
     # -- the PLC's part -------------------------------------------------------------------------------------------------
 
@@ -325,7 +323,7 @@ class AxisTest:
         ignored = any(record.number == FaultNumber.STOP_IGNORED for record in self._axis.faults)
         if ignored or self._axis.powered:
             self.outcome.passed = False
-            self._tell("THE DRIVE DID NOT STOP WHEN IT WAS TOLD: use the emergency stop")
+            self._tell("THE DRIVE DOES NOT STOP: USE THE EMERGENCY STOP")
 
     # -- while it moves -------------------------------------------------------------------------------------------------
 
@@ -394,7 +392,7 @@ class AxisTest:
         self._loop.sleep(_CYCLE_NS)
         self._undisturbed()
         if not self._shows(_ENABLED):
-            raise DoubtError(f"the drive is not in operation any more: {self._why()}")
+            raise DoubtError(f"the drive has left operation: {self._why()}")
         target, velocity = self._axis.outputs.command.target_velocity, self._axis.drive.feedback.velocity_actual
         now = self._loop.now()
         self._commanded += abs(rpm(drive, target)) * (now - self._watched_at) / (SECONDS_PER_MINUTE * SECOND)
@@ -402,7 +400,7 @@ class AxisTest:
         seen = f"606Ch is {velocity} with 60FFh {target}"
         slack = max(self._still, Fraction(abs(target), 4))
         if velocity * self._direction < -slack:
-            raise DoubtError(f"it turns the wrong way: {seen}")
+            raise DoubtError(f"it turns in the wrong direction: {seen}")
         if abs(velocity) > 2 * abs(target) and abs(velocity) > 2 * slack:
             raise DoubtError(f"it runs away: {seen}")
 
@@ -441,9 +439,9 @@ class AxisTest:
             turns = Fraction(moved) / counts * self._direction
             if not -_MARGIN <= turns <= self._commanded * _TOO_FAR + _MARGIN:
                 raise DoubtError(
-                    f"6064h moved by {moved} = {float(Fraction(moved) / counts):.2f} turns, "
-                    f"commanded were {float(self._commanded * self._direction):.2f} so far: "
-                    "wrong direction, wrong units, or it runs away"
+                    f"6064h moved by {moved} = {float(Fraction(moved) / counts):.2f} turns, commanded were "
+                    f"{float(self._commanded * self._direction):.2f} so far: wrong direction, wrong units, or "
+                    "runaway"
                 )
         return self._way
 
@@ -478,12 +476,10 @@ class AxisTest:
         """Drive and gateway agree also where both have the wrong resolution: only a person sees the shaft."""
         outcome, typed = self.outcome, list[str]()
         outcome.scaling, outcome.serial_number = drive.scaling, self._axis.drive.serial_number
-        self._tell(
-            "Only a person sees whether the shaft did it. How many turns did the mark on the shaft of the motor make?"
-        )
+        self._tell("Only a person can check the shaft. How many turns did the mark on the motor shaft make?")
         self._confirm(TURNS, typed.append)
         try:
-            self._wait(lambda: typed, _TYPING_NS, "something was typed")
+            self._wait(lambda: typed, _TYPING_NS, "an input")
         except InterruptError:
             raise
         except DoubtError as error:
@@ -493,7 +489,7 @@ class AxisTest:
         outcome.witnessed = seen and not wrong
         outcome.passed = not wrong
         if not outcome.witnessed:
-            self._tell(wrong or "not witnessed: no number of turns")
+            self._tell(wrong or "not verified: the number of turns is missing")
 
 
 def _turns_over(drive: DriveType) -> tuple[int, ...]:

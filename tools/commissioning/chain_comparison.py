@@ -63,12 +63,12 @@ def judge(drive: DriveType, held: Measurement) -> Judgement:
     ]
     moved, counts = held.moved, drive.scaling.counts_per_revolution
     if moved is None:
-        lines.append("position   none (6064h): the speed is the drive's word alone, compare a mark on the shaft")
+        lines.append("position   none (6064h): only the drive reports the speed; compare it with a mark on the shaft")
         return Judgement(passed, tuple(lines), speed, None)
     way = f"position   6064h {moved:+d} in {float(held.seconds):.2f} s"
     if counts is None:
         would = moved / (commanded * held.seconds / SECONDS_PER_MINUTE)
-        lines.append(f"{way}: counts_per_revolution is not known, {float(would):.0f} would fit the commanded speed")
+        lines.append(f"{way}: counts_per_revolution is unknown, {float(would):.0f} would match the commanded speed")
         return Judgement(passed, tuple(lines), speed, None)
     seen = moved / counts / held.seconds * SECONDS_PER_MINUTE
     factor = seen / commanded
@@ -77,9 +77,9 @@ def judge(drive: DriveType, held: Measurement) -> Judgement:
     if abs(factor - 1) > max(_TOLERANCE, _UNCERTAIN_S / held.seconds + 2 / expected):
         passed = False
         lines.append(
-            "speed and position do not fit: velocity_unit, counts_per_revolution or gear is not the drive's. Look at the "
-            f"shaft: if it turned at {_g(commanded)} rpm, one revolution is {_g(counts * abs(factor))} of 6064h; "
-            f"if at {_g(seen)} rpm, one unit of 60FFh is {_g(seen / held.target)} rpm"
+            "speed and position do not match: velocity_unit, counts_per_revolution or gear is wrong. Measure "
+            f"the shaft: if it turned at {_g(commanded)} rpm, one revolution is {_g(counts * abs(factor))} of "
+            f"6064h; if at {_g(seen)} rpm, one unit of 60FFh is {_g(seen / held.target)} rpm"
         )
     return Judgement(passed, tuple(lines), speed, factor)
 
@@ -93,8 +93,8 @@ def judge_turns(typed: str, turns: Fraction) -> tuple[bool, str]:
     if abs(abs(seen) - turns) <= max(_SEEN_TURNS, _SEEN_SHARE * turns):
         return True, ""
     return True, (
-        f"the mark made {_g(seen)} turns, commanded were {_g(turns)}: velocity_unit, counts_per_revolution, gear or 608Fh is "
-        f"wrong by {_g(abs(seen) / turns)}"
+        f"the mark made {_g(seen)} turns, commanded were {_g(turns)}: velocity_unit, counts_per_revolution, "
+        f"gear or 608Fh is wrong by a factor of {_g(abs(seen) / turns)}"
     )
 
 

@@ -48,7 +48,8 @@ def missing() -> str:
     if probe.returncode:
         said = probe.stderr.strip()
         return (
-            f"the kernel does not allow network namespaces here ({said}); root may, or sysctl user.max_user_namespaces"
+            f"the kernel does not allow network namespaces ({said}); run as root, or set sysctl "
+            "user.max_user_namespaces"
         )
     return ""
 
@@ -62,7 +63,7 @@ def enter(program: str) -> NoReturn:
     """Begin the present command of ``python -m PROGRAM`` anew in a namespace; GatewayError where that is not possible."""
     why = missing()
     if why:
-        raise GatewayError(f"a network of virtual interfaces is not possible: {why}")
+        raise GatewayError(f"the demo cannot create a network of virtual interfaces: {why}")
     os.environ[_MARK] = "1"
     os.execvp("unshare", [*_unshare(), sys.executable, "-m", program, *sys.argv[1:]])
 
@@ -97,7 +98,7 @@ class VethPair:
         end = time.monotonic() + _PATIENCE_S
         while os.readlink(f"/proc/{self._holder.pid}/ns/net") == own:
             if time.monotonic() > end or self._holder.poll() is not None:
-                raise GatewayError("a second network namespace cannot be made")
+                raise GatewayError("cannot create a second network namespace")
             time.sleep(0.01)
         for command in (
             ["ip", "link", "set", "lo", "up"],

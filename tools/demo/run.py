@@ -153,7 +153,7 @@ class Demo:
             watchdog.cancel()
         self._check_others()
         if expired.is_set():
-            raise GatewayError(f"the story took longer than {STORY_LIMIT_S} s; logs are in {self.out}")
+            raise GatewayError(f"the demo took longer than {STORY_LIMIT_S} s; its logs are in {self.out}")
         if plc.returncode not in {0, 1} or not (self.out / "plc.json").exists():
             raise GatewayError(f"the PLC simulator ended with status {plc.returncode}: {self._tail('plc')}")
 

@@ -106,7 +106,7 @@ class Report:
         if self.checks:
             kind = "bad" if self.failed else "good"
             good = len(self.checks) - self.failed
-            yield f'<p class="{kind}">{good} of {len(self.checks)} as they must be</p>'
+            yield f'<p class="{kind}">{good} of {len(self.checks)} passed</p>'
         yield from _table(("", ""), [(name, value) for name, value in self._facts.items()])
         for heading, chosen in (
             ("Failed", [check for check in self.checks if not check.passed]),

@@ -75,7 +75,7 @@ def status_lines(document: dict[str, Any], width: int = 80, *, counters: bool = 
     if plc.get("layout"):
         yield from _folded(plc["layout"], width, 5, "  -> ")
     if document.get("store"):
-        yield from _folded(f"parameters kept in {document['store']}", width, 4, "")
+        yield from _folded(f"parameters are stored in {document['store']}", width, 4, "")
     for bus in document["buses"]:
         yield f"bus {bus['name']}: {'healthy' if bus['healthy'] else 'LOST'}"
         if bus.get("sync"):
@@ -159,7 +159,7 @@ def _sync(sync: dict[str, Any], width: int) -> Iterator[str]:
 
 def _object(item: dict[str, Any], kind: str, width: int) -> Iterator[str]:
     age = item["heard_age_ms"]
-    heard = "" if age is None else f", heard {age:g} ms ago"
+    heard = "" if age is None else f", last heard {age:g} ms ago"
     head = f"{item['label']}, node {item['node_id']} {item['drive']}{heard}, telegram {item['telegram']}"
     shown = item["drive_state"] if kind == "axis" else f"sensor {item['sensor_state']}"
     yield from _folded(f"{head} ({shown})", width, 4, "")
@@ -176,8 +176,8 @@ def _object(item: dict[str, Any], kind: str, width: int) -> Iterator[str]:
         parts = [_value(signal(name), raw, positioning) for name, raw in values.items()]
         yield from _folded(",  ".join(parts), width, 12, f"  {title:<9} ")
     if not item["iops_good"]:
-        yield "  its values are marked bad (IOPS)"
-    guarding = [f"when the gateway dies it is stopped by: {item['guarding']}"] if item.get("guarding") else []
+        yield "  its values are marked as bad (IOPS)"
+    guarding = [f"if the gateway dies, it is stopped by: {item['guarding']}"] if item.get("guarding") else []
     witnessed = [item["units_witnessed"]] if item.get("units_witnessed") else []
     for line in (*item.get("scaling", ()), *witnessed, *item.get("pdos", ()), *guarding):
         yield from _folded(line, width, 4, "  ")

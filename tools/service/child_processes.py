@@ -133,4 +133,4 @@ def _channel(bus: CanConfig, process: subprocess.Popen[str]) -> str:
             channel = line.removeprefix(_CHANNEL).strip().strip('"')
         if _READY in line:
             return channel
-    raise GatewayError(f"simulated devices of bus {bus.name}: could not be started, see above")
+    raise GatewayError(f"simulated devices of bus {bus.name}: start failed, see above")

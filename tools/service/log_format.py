@@ -128,7 +128,7 @@ def _left_out(kind: _Kind) -> list[logging.LogRecord]:
         return []
     last, count = kind.dropped[-1], kind.count
     kind.dropped, kind.count = [], 0
-    text = f"{count} lines like this one left out, the last: {last.getMessage()}"
+    text = f"{count} similar lines omitted, the last: {last.getMessage()}"
     return [logging.makeLogRecord(last.__dict__ | {"msg": text, "args": None})]
 
 

@@ -184,7 +184,11 @@ class RunLog:
     def count_in(self, counters: Counters) -> None:
         """Show what was lost."""
         counters.add(
-            "log", "lost", "lines", "not written: the disk is full, nobody reads, or too many", lambda: self.lost
+            "log",
+            "lost",
+            "lines",
+            "not written: the disk is full, the pipe has no reader, or too many lines",
+            lambda: self.lost,
         )
 
     @property

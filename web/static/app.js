@@ -69,7 +69,7 @@ function draw() {
   main.classList.toggle("old", state.connection !== "live" || (state.status?.stale ?? false));
   if (state.connection === "login") render(login(() => stream.open()), main);
   else if (state.status?.axes) render((state.route.view === "axis" ? axis : VIEWS[state.route.view])(state, draw), main);
-  else render(html`<p>${state.status ? "The gateway does not answer." : "Asking the gateway ..."}</p>`, main);
+  else render(html`<p>${state.status ? "The gateway does not answer." : "Reading the status ..."}</p>`, main);
 }
 
 function go() {

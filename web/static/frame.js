@@ -42,7 +42,7 @@ export function banners(state) {
   const { status } = state;
   const shown = [];
   if (state.connection === "lost" || state.connection === "full") {
-    const why = state.connection === "full" ? "Too many pages are open, or it was closed." : `This page lost its connection at ${clock(state.lostAt)}.`;
+    const why = state.connection === "full" ? "Too many pages are open, or the server closed this one." : `This page lost its connection at ${clock(state.lostAt)}.`;
     shown.push(alert(`${why} Values below are old. Trying again.`));
   } else if (state.connection === "live" && status?.stale) {
     const since = status.answered ? clock(status.answered * 1000) : "this page was opened";
@@ -56,7 +56,7 @@ export function banners(state) {
     for (const bus of status.buses) {
       if (!bus.healthy) shown.push(html`<p class="banner bad" role="alert">Bus ${bus.name} is lost.</p>`);
     }
-    if (status.simulated) shown.push(note("Simulated devices: nothing real moves."));
+    if (status.simulated) shown.push(note("Simulated devices: no real machine moves."));
   }
   return shown;
 }

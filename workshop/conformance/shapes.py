@@ -50,7 +50,7 @@ _FREE_RANGE = 1 << 30
 _LIMITED_RANGE = 500_000
 _OFF = 0x047E
 
-_LACKS = "no object of this drive"
+_LACKS = "not an object of this drive"
 _OF_THE_ENGEL_LIKE = ("engel", "synchronous")
 REFUSALS: Mapping[tuple[str, int], str] = {
     **{(name, 100): _LACKS for name in SHAPES if name not in _OF_THE_ENGEL_LIKE},

@@ -154,7 +154,7 @@ class Compiler:
     def _new_name(self) -> str:
         name = self._name()
         if name in self.structures or name in self.units or name in ELEMENTARY or name in FUNCTIONS:
-            raise self._error(f"{name} is declared already")
+            raise self._error(f"{name} is already declared")
         return name
 
     def _program_unit(self, kind: str) -> None:
@@ -192,11 +192,11 @@ class Compiler:
         if self._accept(":="):
             start = self._fitting(self._expression(), type_).constant
             if start is None:
-                raise self._error("an initial value has to be a constant")
+                raise self._error("an initial value must be a constant")
         self._expect(";")
         for name in names:
             if name in into or name in self.units:
-                raise self._error(f"{name} is declared already")
+                raise self._error(f"{name} is already declared")
             into[name] = Variable(type_, section, start, constant)
 
     def _type(self) -> Type:
@@ -215,7 +215,7 @@ class Compiler:
             return Elementary("STRING", Kind.STRING, length)
         found = ELEMENTARY.get(name) or self.structures.get(name) or self.units.get(name)
         if found is None or (isinstance(found, Unit) and found.kind != "FUNCTION_BLOCK"):
-            raise self._error(f"{name}: no such type so far")
+            raise self._error(f"{name}: unknown type (it must be declared before its use)")
         return found
 
     def _integer(self) -> int:
@@ -307,7 +307,7 @@ class Compiler:
             body = self._case_body()
             for value in values:
                 if value in branches:
-                    raise self._error(f"CASE has {value} twice")
+                    raise self._error(f"CASE contains {value} twice")
                 branches[value] = body
         otherwise = self._statements("END_CASE") if self._accept("ELSE") else _nothing
         self._expect("END_CASE")
@@ -391,7 +391,7 @@ class Compiler:
             if self._expect(":=", "=>") == ":=":
                 given = self._fitting(self._expression(), variable.type)
                 if variable.section == "VAR_OUTPUT":
-                    raise self._error(f"{name} is an output: => instead of :=")
+                    raise self._error(f"{name} is an output: write => instead of :=")
                 references.discard(name)
                 by_reference = variable.section == "VAR_IN_OUT"
                 if by_reference and isinstance(variable.type, Elementary):
@@ -400,7 +400,7 @@ class Compiler:
             else:
                 target = self._path(self._name())
                 if variable.section != "VAR_OUTPUT" or target.type != variable.type or target.place is None:
-                    raise self._error(f"{name} does not go into a {target.type.name}")
+                    raise self._error(f"{name} cannot be assigned to a {target.type.name}")
                 after.append((name, target.place))
             if self._token.key != ")":
                 self._expect(",")
@@ -438,7 +438,7 @@ class Compiler:
             return self._standard(name, arguments)
         unit = self.units.get(name)
         if unit is None or unit.result is None:
-            raise self._error(f"{name}: no such function")
+            raise self._error(f"{name}: unknown function")
         given = {
             key: self._fitting(item, unit.variables[key].type).value
             for key, item in self._bound(arguments, tuple(unit.section("VAR_INPUT")), name).items()
@@ -470,7 +470,7 @@ class Compiler:
             next(bound[key].type for key in rule.parameters if key in rule.like),
         )
         if not isinstance(type_, Elementary) or type_.kind not in rule.kinds:
-            raise self._error(f"{name} is not for a {type_.name}")
+            raise self._error(f"{name} does not accept a {type_.name}")
         values = [
             self._fitting(bound[key], type_ if key in rule.like else ELEMENTARY[rule.others[key]]).value
             for key in rule.parameters
@@ -511,7 +511,7 @@ class Compiler:
         right = self._fitting(right, left.type)
         type_ = left.type
         if not isinstance(type_, Elementary) or not _fits(type_.kind, sign, level):
-            raise self._error(f"{sign} is not for a {type_.name}")
+            raise self._error(f"{sign} does not accept a {type_.name}")
         does, a, b, line = _LEVELS[level][sign], left.value, right.value, self._token.line
         if level < _LOGIC:
             return Expression(type_, lambda variables: does(a(variables), b(variables)))
@@ -537,7 +537,7 @@ class Compiler:
             return given._replace(value=lambda _: constant, constant=constant)
         allowed = {Kind.BOOL, Kind.BITS} if sign == "NOT" else {Kind.SIGNED, Kind.REAL}
         if not isinstance(type_, Elementary) or type_.kind not in allowed:
-            raise self._error(f"{sign} is not for a {type_.name}")
+            raise self._error(f"{sign} does not accept a {type_.name}")
         if sign == "-":
             return Expression(type_, lambda variables: type_.cut(-value(variables)))
         if type_.kind is Kind.BOOL:
@@ -561,7 +561,7 @@ class Compiler:
             base = int(heads.pop()) if heads and heads[-1].isdigit() else 10
             literal = _literal(INTEGER_LITERAL, int(digits, base))
             if heads and heads[0] not in ELEMENTARY:
-                raise self._error(f"{heads[0]}# is no type")
+                raise self._error(f"{heads[0]}# is not a type")
             return self._fitting(literal, ELEMENTARY[heads[0]]) if heads else literal
         if token.kind == "real":
             return _literal(REAL_LITERAL, float(token.text.replace("_", "")))
@@ -606,7 +606,7 @@ class Compiler:
         index = self._expression()
         self._expect("]")
         if not isinstance(of.type, Array):
-            raise self._error(f"{of.type.name} is no array")
+            raise self._error(f"{of.type.name} is not an array")
         if index.type is INTEGER_LITERAL:
             index = self._fitting(index, ELEMENTARY["DINT"])
         low, high, whole, line = of.type.low, of.type.high, of.value, self._token.line
@@ -614,7 +614,7 @@ class Compiler:
         def place(variables: Variables) -> int:
             number = index.value(variables)
             if not low <= number <= high:
-                raise StructuredTextError(f"{line}: index {number} is not in {low}..{high}")
+                raise StructuredTextError(f"{line}: index {number} is outside {low}..{high}")
             return int(number - low)
 
         return Expression(

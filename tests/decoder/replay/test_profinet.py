@@ -124,7 +124,9 @@ def test_the_timeline_tells_of_relationships_stops_and_losses(recorded: tuple[Pl
     assert has("relationship of plc-1 and press-1 parameterised again: cyclic data is not valid") == 1
     assert has("provider stop") == 1
     assert has("no frame of the PLC for", "lost after 12 ms") == 1
-    assert has("axis 1", "PLC lost: the drive is being stopped") == 4, "in STOP, in silence, after Release and PrmBegin"
+    assert has("axis 1", "PLC lost: the gateway stops the drive") == 4, (
+        "in STOP, in silence, after Release and PrmBegin"
+    )
     assert has("axis 1", "diagnosis, slot 1.1, Communication error to the higher-level control system appears") == 2
     assert has("axis 2", "diagnosis, slot 2.1, Communication error to the higher-level control system appears") == 2
     assert has("STW1", "047Eh -> 047Fh", "-> obeyed") == 5

@@ -88,7 +88,7 @@ def test_a_drive_without_a_current_is_operated_without_it() -> None:
     plan = plan_pdos(LAYOUTS[Operation.VELOCITY_WITH_LOAD], lacking, 1, found, sync=False)
     carried = [pdo.pdo.attributes for pdo in plan.tpdos]
     assert carried == [("statusword", "velocity_actual"), ("velocity_demand",)]
-    assert plan.notes == ("Current Actual Value 6078h not available: current, torque and power show 0",)
+    assert plan.notes == ("Current Actual Value 6078h not available: current, torque and power are 0",)
 
 
 def test_through_the_gateway() -> None:

@@ -45,10 +45,10 @@ def test_a_fixed_stop_is_refused_without_the_actual_current() -> None:
     choices = PositionerConfig.model_validate(SIMULATED | {"clamping_torque": 100}).choices(())
     settings = AxisSettings(positioner=choices)
     assert lacks(_drive((1, 3)), 111, settings) == ""
-    assert "current_actual: 'no object of this drive'" in lacks(_drive((1, 3), "current_actual"), 111, settings)
+    assert "current_actual: 'not an object of this drive'" in lacks(_drive((1, 3), "current_actual"), 111, settings)
     assert lacks(_drive((1, 3), "current_actual"), 111) == "", "without a fixed stop nothing needs it"
 
 
 @pytest.mark.parametrize("missing", ["profile_velocity", "profile_acceleration", "target_position", "velocity_actual"])
 def test_what_motion_needs_is_never_optional(missing: str) -> None:
-    assert "no object of this drive" in lacks(_drive((1, 3), missing), 9)
+    assert "not an object of this drive" in lacks(_drive((1, 3), missing), 9)

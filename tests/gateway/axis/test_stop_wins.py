@@ -1,4 +1,4 @@
-"""Stops that must win: a telegram of zeros, a PLC that takes its control away, OFF2 and OFF3 the drive did not get."""
+"""Stops that must win: a telegram of zeros, a PLC that accepts its control away, OFF2 and OFF3 the drive did not get."""
 
 from __future__ import annotations
 

@@ -98,7 +98,7 @@ def test_what_a_shape_lacks_is_what_the_axis_machine_refuses(site: Site, name: s
     [
         ("engel", "is the gateway's heartbeat (1016h, 300 ms), then quick stop (6007h = 3)"),
         ("node-guarding", "is life guarding (100Ch, 100Dh, 300 ms)"),
-        ("rpdo-timeout", "is the time-out of its RPDO (1400h/5,"),
+        ("rpdo-timeout", "is the timeout of its RPDO (1400h/5,"),
         ("unguarded", "is nothing; pdgw run rejects it; set allow_unguarded = true"),
     ],
 )

@@ -307,8 +307,8 @@ def test_a_data_sheet_of_another_kind_of_device_is_refused_in_the_words_of_the_s
     encoder = ENCODER.format(2, 7) + f'eds = "{EDS_PATH}"\n'
     path.write_text(BASE.replace("simulate = true", f'eds = "{eds_path(ROTARY)}"') + encoder)
     drive, other = references_wrong(load_config(path), path)
-    assert drive.endswith("is not the data sheet of a drive, with object 6040h")
-    assert other.endswith("is not the data sheet of an encoder, with object 6004h or 6020h")
+    assert drive.endswith("is not a data sheet of a drive with object 6040h")
+    assert other.endswith("is not a data sheet of an encoder with object 6004h or 6020h")
 
 
 def test_an_interface_whose_driver_is_not_installed_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -316,11 +316,11 @@ def test_telegram_4_with_another_node_s_encoder_as_g2() -> None:
         (encoder(1, 81) + encoder(2, 81), "node_id and channel"),
         (encoder(1, 81) + encoder(1, 81, node=21), "do_id: 1 is used twice"),
         (encoder(1, 81, node=4) + axis(4), "node_id on bus can: 4 is used twice"),
-        (axis(1, telegram_number=3, more="simulate = true\ng1 = 5"), "g1 = 5 is no do_id of an [[encoder]]"),
+        (axis(1, telegram_number=3, more="simulate = true\ng1 = 5"), "g1 = 5 is not the do_id of an [[encoder]]"),
         (
             encoder(1, 81, more='model = "multi-sensor"')
             + encoder(2, 81, more='model = "multi-sensor"\nchannel = 2\nsync = true'),
-            "belongs to the device",
+            "applies to the whole device",
         ),
         (encoder(1, 81, more="reference_speed = 0"), "reference_speed"),
         ("", "at least one"),

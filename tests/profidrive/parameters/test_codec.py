@@ -281,7 +281,7 @@ def test_the_longest_value_area_is_taken_and_a_longer_one_refused() -> None:
             "03 02 01 01 10 00 03 9A 00 00 42 02 00 09",
             "values at offset 12: 'end of data at offset 14' is not allowed, expected 2 more",
         ),
-        ("01 01 00 01 10 01 10 18 00 03 00", "data behind the last value at offset 10: '1 bytes'"),
+        ("01 01 00 01 10 01 10 18 00 03 00", "data after the last value at offset 10: '1 bytes'"),
     ],
 )
 def test_a_bad_request_tells_where_it_is_wrong(text: str, message: str) -> None:

@@ -46,7 +46,7 @@ def damaged(data: bytes, at: int, value: int) -> bytes:
         (damaged(WRITE, 5, 1), "BlockVersion"),
         (WRITE[:-1], "RecordDataLength"),
         (WRITE + b"d", "RecordDataLength"),
-        (READ + b"d", "data behind the block"),
+        (READ + b"d", "data after the block"),
     ],
     ids=["short", "type", "length", "major", "minor", "data missing", "data too much", "data of a read"],
 )

@@ -47,7 +47,7 @@ function words(item, title, signals, values) {
   const known = signals.filter((signal) => values && signal.name in values);
   return html`<section><h3>${title}</h3>${values
     ? known.map((signal) => word(item, signal, values[signal.name]))
-    : html`<p>Nothing valid yet.</p>`}</section>`;
+    : html`<p>No valid data yet.</p>`}</section>`;
 }
 
 function follow(item, draw) {
@@ -85,8 +85,8 @@ function facts(item) {
     ["Speed", speed(item)],
     ["Position", position(item)],
     ["Device", `node ${item.node_id} on ${item.bus}: ${item.drive}${item.drive_text ? `, ${item.drive_text}` : ""}`],
-    ["Its state", item.drive_state ?? item.sensor_state ?? DASH],
-    ["Heard", item.heard_age_ms === null ? DASH : withUnit(number(item.heard_age_ms, 0), "ms ago")],
+    ["Device state", item.drive_state ?? item.sensor_state ?? DASH],
+    ["Last frame", item.heard_age_ms === null ? DASH : withUnit(number(item.heard_age_ms, 0), "ms ago")],
     ["Telegram", item.telegram],
   ];
   return html`<dl class="facts">${rows.map(([name, value]) => html`<div><dt>${name}</dt><dd data-live>${value}</dd></div>`)}</dl>`;
@@ -95,13 +95,13 @@ function facts(item) {
 export function axis(state, draw) {
   const items = [...state.status.axes, ...state.status.encoders];
   const item = items.find((known) => known.do_id === state.route.argument);
-  if (!item) return html`<h2>Axis ${state.route.argument}</h2><p>There is none. <a href="#/axes">All axes</a></p>`;
+  if (!item) return html`<h2>Axis ${state.route.argument}</h2><p>The gateway has no drive object with this number. <a href="#/axes">All axes</a></p>`;
   follow(item, draw);
   return html`<p class="back"><a href="#/axes">All axes</a></p>
     <h2>${objectName(item)}</h2>
     <p class="large">${stateWord(state, item)}</p>
     ${item.reason ? html`<p class="reason">${item.reason}</p>` : nothing}
-    <ol class="chain" data-chain aria-label="What has to hold before it obeys">${item.chain.map(link)}</ol>
+    <ol class="chain" data-chain aria-label="Chain of enables">${item.chain.map(link)}</ol>
     ${explain(item.do_id, draw)}
     ${held.trend.view(state)}
     ${facts(item)}
@@ -109,7 +109,7 @@ export function axis(state, draw) {
       ${words(item, "From the PLC", held.telegram?.setpoints ?? [], item.setpoints)}
       ${words(item, "To the PLC", held.telegram?.actuals ?? [], item.actuals)}
     </div>
-    ${item.iops_good ? nothing : html`<p>Its values are marked as bad (IOPS).</p>`}
+    ${item.iops_good ? nothing : html`<p>The PLC receives its values marked as bad (IOPS).</p>`}
     ${item.scaling?.length ? html`<details><summary>What 100 % is</summary><ul>${item.scaling.map((line) => html`<li>${line}</li>`)}</ul></details>` : nothing}
     <h3>Faults and warnings</h3>
     ${faultTable(item.faults.length ? (held.faults.length ? held.faults : item.faults) : [])}`;

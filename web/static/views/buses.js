@@ -26,7 +26,7 @@ function one(status, bus) {
       <div><dt>Load, measured</dt><dd data-live>${percent(bus.load_measured, 1)}</dd></div>
     </dl>
     <div class="scroll"><table>
-      <thead><tr><th>Node</th><th>State</th><th class="number">Last heard</th><th>Is</th></tr></thead>
+      <thead><tr><th>Node</th><th>State</th><th class="number">Last frame</th><th>Used by</th></tr></thead>
       <tbody>${nodes(status, bus).map((node) => html`<tr>
         <td>${node.node_id}</td>
         <td>${node.drive === "online" ? "●" : "■"} ${node.drive}${node.drive_text ? html` <small>${node.drive_text}</small>` : nothing}</td>

@@ -22,7 +22,7 @@ export function events(state, draw) {
       await navigator.clipboard.writeText([head, ...shown.map(line)].join("\n"));
       held.copied = `${shown.length} lines copied`;
     } catch {
-      held.copied = "not copied: the browser does not allow it here; the support file in About has them";
+      held.copied = "not copied: the browser does not allow it; the support file in About contains these lines";
     }
     draw();
   };

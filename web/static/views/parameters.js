@@ -54,7 +54,7 @@ export function parameters(state, draw) {
       <thead><tr><th>DO</th><th>Parameter</th><th>Name</th><th class="number">Value</th><th>Unit</th><th>Says</th></tr></thead>
       <tbody>${held.rows.map((row) => html`<tr><td>${row.doId}</td><td>${row.parameter}</td><td>${row.name}</td>
         <td class="number">${row.value ?? ""}</td><td>${row.unit}</td><td class=${row.error ? "bad" : ""}>${row.meaning}</td></tr>`)}</tbody>
-    </table></div>` : html`<p>Nothing was read yet. Parameters of the profile are written P922, objects of the drive 6041h or 1018h.1.</p>`}
+    </table></div>` : html`<p>No parameter is read yet. Enter a profile parameter as P922, an object of the drive as 6041h or 1018h.1.</p>`}
     ${held.names.length ? html`<h3>What ${objectName(items.find((item) => item.do_id === held.doId) ?? {})} has</h3>
       <ul class="names">${held.names.map((item) => html`<li><button type="button" class="plain" ?disabled=${held.busy} @click=${() => read(draw, item.pnu)}>${item.pnu}</button> ${item.name}</li>`)}</ul>` : nothing}`;
 }

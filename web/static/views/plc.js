@@ -23,13 +23,13 @@ export function plc(state) {
   };
   const rows = [
     ["Connected", link.connected ? "yes" : "no"],
-    ["PLC", link.peer ? (link.peer.join?.(":") ?? link.peer) : "nobody yet"],
+    ["PLC", link.peer ? (link.peer.join?.(":") ?? link.peer) : "not connected yet"],
     ["Transport", link.type],
     ["Cycle, configured", withUnit(link.cycle_ms, "ms")],
     ["Cycle, measured", html`mean ${mean(cycles)}, p99 ${below(cycles, 0.99)}`],
-    ["Answer after", html`mean ${mean(responses)}, p99 ${below(responses, 0.99)}`],
+    ["Answer time", html`mean ${mean(responses)}, p99 ${below(responses, 0.99)}`],
     ["Watchdog", link.watchdog_ms ? withUnit(number(link.watchdog_ms, 0), "ms") : "the controller's"],
-    ["Watchdog expired", withUnit(integer(count("watchdog_expiries")), "times")],
+    ["Watchdog timeouts", withUnit(integer(count("watchdog_expiries")), "times")],
   ];
   const slugs = counters.filter((item) => item.part === "link" && item.unit === "frames");
   const usual = ["accepted", "sent", "unconfirmed"]; // each connect has unconfirmed frames

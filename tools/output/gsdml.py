@@ -1,47 +1,19 @@
-"""``pdgw gsdml``: the device description for engineering tools."""
+"""The device description for engineering tools (GSDML), written to a file."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, ENCODER_TELEGRAM_NUMBERS
 from pdgw.gateway.configuration.environment import TransportConfig
-from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.profinet.identity import PRODUCT, RELEASED, VENDOR_NAME, profinet_identity
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.gsdml import GsdmlWriter, Snmp, file_name
 from pdgw.profinet.model import ObjectKind
 
-app = typer.Typer(help="The device description for engineering tools (GSDML).", no_args_is_help=True)
-
 TELEGRAMS = {ObjectKind.AXIS: DRIVE_TELEGRAM_NUMBERS, ObjectKind.ENCODER: ENCODER_TELEGRAM_NUMBERS}
 _NO_MAC = bytes(6)
-
-
-@app.callback()
-def gsdml() -> None:
-    """The device description for engineering tools (GSDML)."""
-
-
-@app.command()
-def write(
-    config: Annotated[
-        Path | None,
-        typer.Argument(
-            help="Configuration file with vendor_id, device_id, snmp_community and switchover_ms.", show_default=False
-        ),
-    ] = None,
-    output: Annotated[
-        Path, typer.Option("--out", "-o", "--output", metavar="DIR", help="Where the file goes.")
-    ] = Path(),
-) -> None:
-    """Write the GSDML file with every telegram; its name is what engineering tools insist on."""
-    transport = TransportConfig() if config is None else load_config(config).transport
-    typer.echo(str(write_gsdml(transport, output, "--out")))
 
 
 def write_gsdml(transport: TransportConfig, folder: Path, option: str) -> Path:

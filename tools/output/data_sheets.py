@@ -1,0 +1,64 @@
+"""The import of data sheets (EDS, DCF) as text and as JSON: repairs, and the lines that prevent the import."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from pdgw.ds301.eds_import import EdsImport, import_eds
+from pdgw.ds301.eds_text import EdsError
+from pdgw.gateway.errors import GatewayError
+
+
+def imported(file: Path, node_id: int) -> EdsImport | EdsError:
+    """Import a file; an EdsError is a result, not an exception."""
+    try:
+        return import_eds(file, node_id)
+    except EdsError as error:
+        return error
+
+
+def write_repaired(path: Path, text: str) -> None:
+    """Write the repaired text of a file; GatewayError when that fails."""
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise GatewayError(f"--write: {path}: {error.strerror}") from error
+
+
+def import_document(file: Path, result: EdsImport | EdsError) -> dict[str, Any]:
+    """Return the result of an import for JSON."""
+    if isinstance(result, EdsError):
+        problems = [asdict(problem) for problem in result.problems]
+        return {"file": str(file), "usable": False, "objects": 0, "repairs": [], "problems": problems}
+    repairs = [asdict(repair) for repair in result.repairs]
+    return {"file": str(file), "usable": True, "objects": len(result.dictionary), "repairs": repairs, "problems": []}
+
+
+def print_import(console: Console, file: Path, result: EdsImport | EdsError) -> None:
+    """Print the result of an import with one row for each line of the file that is repaired or wrong."""
+    name = escape(str(file))
+    if isinstance(result, EdsError):
+        console.print(f"[red]{name}: rejected[/red], {len(result.problems)} lines to correct", highlight=False)
+        rows = [(item.line, item.section, item.key, item.found, item.reason) for item in result.problems]
+        console.print(_table("reason", rows))
+        return
+    console.print(
+        f"[green]{name}: usable[/green], {len(result.dictionary)} objects, {len(result.repairs)} repairs",
+        highlight=False,
+    )
+    if result.repairs:
+        rows = [(item.line, item.section, item.key, item.found, item.used or "(omitted)") for item in result.repairs]
+        console.print(_table("used", rows))
+
+
+def _table(last: str, rows: list[tuple[int, str, str, str, str]]) -> Table:
+    table = Table("line", "section", "key", "found", last, box=None)
+    for line, *texts in rows:
+        table.add_row(str(line or "-"), *(escape(text) for text in texts))
+    return table
