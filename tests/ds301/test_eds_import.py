@@ -265,8 +265,8 @@ def test_everything_that_has_to_be_corrected_is_named_with_its_line() -> None:
         (b"", "describes no object"),
         (b"PK\x03\x04\0\0\0\0\0\0binary", "binary data"),
         (b"\xff\xfeA", "cut or damaged"),
-        (b"[1000]\nParameterName=x\nDataType=7\nAccessType=ro\n[1000x\nDataType=7", "ends with ]"),
-        pytest.param(bytes(5 << 20), "at most 4194304 bytes", id="large"),
+        (b"[1000]\nParameterName=x\nDataType=7\nAccessType=ro\n[1000x\nDataType=7", "must end with ]"),
+        pytest.param(bytes(5 << 20), "allowed: 4194304 bytes", id="large"),
         pytest.param(
             b"".join(
                 b"[%04X]\nObjectType=8\nDataType=7\nCompactSubObj=254\n" % index for index in range(0x2000, 0x2100)

@@ -344,7 +344,7 @@ def test_a_drive_without_heartbeat_never_becomes_online(plant: Plant) -> None:
     drive.do(lambda node: node.misbehave("heartbeat-stops"))
     client = plant.connect()
     site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
-    assert re.search("heartbeat of node 4.*says operational.*1 s of NMT start", client.status_text)
+    assert re.search("heartbeat of node 4.*with the state operational.*1 s of NMT start", client.status_text)
     assert client.generation == 0
     site.wait_for(lambda: drive.node.state is NmtState.PRE_OPERATIONAL, "obeys and sends no PDOs")
 

@@ -253,7 +253,7 @@ def test_accelerations_are_those_of_the_drives_limits_or_of_the_keys() -> None:
     assert "acceleration_unit settles it" in find_scaling({}, UnitKeys(rated_acceleration=Fraction(1))).refusal(
         Quantity.ACCELERATION
     )
-    assert "no reference" in find_scaling({(0x60C5, 0): 0xFFFF_FFFF}).refusal(Quantity.ACCELERATION)
+    assert "not usable as a reference" in find_scaling({(0x60C5, 0): 0xFFFF_FFFF}).refusal(Quantity.ACCELERATION)
 
 
 @pytest.mark.parametrize("limits", [{}, ratio(0x607B, 0, 0), ratio(0x607B, *INT32)])

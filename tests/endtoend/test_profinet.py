@@ -122,9 +122,7 @@ def test_the_demo_plays_over_ethernet_frames_and_its_capture_tells_everything(tm
 def test_where_the_kernel_forbids_namespaces_the_demo_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(namespaces, "_unshare", lambda: ["sh", "-c", "echo unshare: not permitted >&2; exit 1"])
     monkeypatch.setattr(namespaces.shutil, "which", lambda tool: tool)
-    with pytest.raises(
-        GatewayError, match=r"the kernel does not allow network namespaces here .unshare: not permitted"
-    ):
+    with pytest.raises(GatewayError, match=r"the kernel does not allow network namespaces .unshare: not permitted"):
         namespaces.enter("pdgw")
     monkeypatch.setattr(namespaces.shutil, "which", lambda tool: None)
     with pytest.raises(GatewayError, match="unshare, nsenter, ip not found; install util-linux and iproute2"):

@@ -95,7 +95,7 @@ def test_what_breaks_a_rule_is_refused_with_its_line(text: str, said: str) -> No
     ("text", "said"),
     [
         ("x := 1 / x;", "line 2: "),
-        ("a[x + 5] := 1;", "line 2: index 5 is not in 0..1"),
+        ("a[x + 5] := 1;", "line 2: index 5 is outside 0..1"),
         ("WHILE TRUE DO x := x + 1; END_WHILE;", "line 2: the loop does not end"),
     ],
 )

@@ -120,7 +120,7 @@ def test_what_cannot_be_done_is_told_before_anything_is_read(plant: Path, tmp_pa
     assert not is_data_set(tmp_path / "one.parquet")
     for options, match in (
         ({"parquet": out}, "name the signals"),
-        ({"parquet": out, "signal": ["STW1"], "csv": "STW1"}, r"--csv: not with --parquet FOLDER"),
+        ({"parquet": out, "signal": ["STW1"], "csv": "STW1"}, r"--csv: not allowed with --parquet FOLDER"),
         ({}, "several files need --parquet FOLDER"),
         ({"jobs": 2}, "-j: allowed only with --parquet FOLDER"),
     ):

@@ -130,7 +130,7 @@ def test_without_a_number_of_turns_nothing_is_witnessed(turns: str | None, passe
     site = Site(turns=turns)
     outcome = site.run()
     assert (outcome.passed, outcome.witnessed) == (passed, witnessed)
-    assert any(line.startswith("not witnessed") for line in site.lines) is not witnessed
+    assert any(line.startswith("not verified") for line in site.lines) is not witnessed
     assert site.asked == ["turn 1", TURNS]
     assert site.stands_without_power(), "while the person counts"
 

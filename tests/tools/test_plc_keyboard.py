@@ -228,7 +228,7 @@ def test_a_typed_word_is_a_step_of_a_scenario() -> None:
         ("mdi {too: 4}", "mdi.too: unknown key; did you mean to?"),
         ("override 50 rpm rpm", "OVERRIDE = '50 rpm rpm': expected"),
         ("mdi {", "not valid YAML"),
-        ("mute true", "mute: only in a scenario"),
+        ("mute true", "mute: allowed only in a scenario"),
     ],
 )
 def test_a_typed_word_that_is_none_is_told_with_what_was_meant(line: str, text: str) -> None:

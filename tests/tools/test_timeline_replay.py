@@ -197,7 +197,7 @@ def test_what_cannot_be_used_is_one_error(files: list[str], tmp_path: Path) -> N
     ):
         with pytest.raises(GatewayError, match=match):
             timeline(given)
-    for given, match in (([plc], "no CAN frames: a replay compares"), ([can], "no cyclic frames: a replay compares")):
+    for given, match in (([plc], "no CAN frames; a replay compares"), ([can], "no cyclic frames; a replay compares")):
         with pytest.raises(GatewayError, match=match):
             replay(given, telegram=[1])
     with pytest.raises(CaptureError, match="is empty"):
