@@ -54,12 +54,12 @@ COMPILED = (
     "gateway/trace/writer.py",
     "profidrive/frame.py",
     "profidrive/normalisation.py",
-    "profinet/cmdev.py",
-    "profinet/cpm.py",
+    "profinet/alarms/diagnosis.py",
+    "profinet/connection/cmdev.py",
+    "profinet/connection/cpm.py",
+    "profinet/connection/ppm.py",
     "profinet/device.py",
-    "profinet/diagnosis.py",
     "profinet/ethernet.py",
-    "profinet/ppm.py",
 )
 """Patterns of what every cycle runs through. Traps: an enum with an ``__init__``, a class derived from an untyped library's
 (``ds301/on_canopen.py``), an interpreted class derived from a compiled one, a value of another type than declared, ``...`` as a

@@ -11,6 +11,7 @@ from typing import Final
 from uuid import UUID
 
 from pdgw.profidrive.errors import ProfidriveError
+from pdgw.profinet.alarms.diagnosis import AlarmSource, Diagnosis
 from pdgw.profinet.blocks.connect import (
     ADVANCED_STARTUP,
     AR_NUMBERS,
@@ -21,8 +22,8 @@ from pdgw.profinet.blocks.connect import (
     IocrBlockRes,
 )
 from pdgw.profinet.blocks.control import ANSWERS, COMMANDS, ControlBlock, ControlCommand, PrmEndReq, ReleaseReq
-from pdgw.profinet.cmdev import AbortCode, Address, ApplicationRelation, CyclicCounters, Event, Output
-from pdgw.profinet.connect import (
+from pdgw.profinet.connection.cmdev import AbortCode, Address, ApplicationRelation, CyclicCounters, Event, Output
+from pdgw.profinet.connection.connect import (
     AR_UNKNOWN,
     ARGS_LENGTH,
     NO_AR_FREE,
@@ -34,10 +35,9 @@ from pdgw.profinet.connect import (
     plan,
     refuse_call,
 )
-from pdgw.profinet.device_records import Access, DeviceRecords, LogItem
-from pdgw.profinet.diagnosis import AlarmSource, Diagnosis
+from pdgw.profinet.connection.redundancy import ArSet
 from pdgw.profinet.model import DeviceModel
-from pdgw.profinet.redundancy import ArSet
+from pdgw.profinet.records.device_records import Access, DeviceRecords, LogItem
 from pdgw.profinet.rpc import dcerpc, epm
 from pdgw.profinet.rpc.dcerpc import RejectStatus, RpcHeader
 from pdgw.profinet.rpc.epm import EndpointMapper

@@ -15,15 +15,17 @@ from typing import Final
 from uuid import UUID
 
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profinet import dcp, ethernet, lldp, physical_device
-from pdgw.profinet.apmx import ALARM_FRAME_IDS
+from pdgw.profinet import ethernet
+from pdgw.profinet.alarms.apmx import ALARM_FRAME_IDS
+from pdgw.profinet.alarms.diagnosis import NO_SUBTYPE, Diagnosis
 from pdgw.profinet.blocks.alarm import Severity
 from pdgw.profinet.cm import ContextManager
-from pdgw.profinet.cmdev import Address, ApplicationRelation, Ended, Event
-from pdgw.profinet.dcp import DcpResponder, Flash, IpSet, NameSet, ResetToFactory
-from pdgw.profinet.diagnosis import NO_SUBTYPE, Diagnosis
+from pdgw.profinet.connection.cmdev import Address, ApplicationRelation, Ended, Event
+from pdgw.profinet.discovery import dcp, lldp
+from pdgw.profinet.discovery.dcp import DcpResponder, Flash, IpSet, NameSet, ResetToFactory
 from pdgw.profinet.model import DeviceModel, Subslot
-from pdgw.profinet.physical_device import PORT, PortFault
+from pdgw.profinet.records import physical_device
+from pdgw.profinet.records.physical_device import PORT, PortFault
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.dcerpc import PacketType
 from pdgw.profinet.rpc.records import PnioStatus

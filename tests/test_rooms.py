@@ -21,6 +21,8 @@ _PACKAGES: list[str] = tomllib.loads((ROOT / "pyproject.toml").read_text(encodin
 PRODUCT = ("profidrive", "profinet", "ds301", "dsp402", "dsp406", "gateway")
 
 _FIELD = "profidrive profinet ds301 dsp402 dsp406"
+_PROFINET = "profinet.ethernet profinet.model profinet.station profinet.wire"
+"""Modules of ``profinet`` below its sub-packages."""
 _LOW = "gateway.errors gateway.format_version gateway.reasons gateway.identity gateway.platform gateway.store"
 """Modules of ``gateway`` below its sub-packages."""
 _ALL = f"{_FIELD} gateway decoder client recording web peers tools"
@@ -30,8 +32,13 @@ ROWS = {
     "profidrive": "",
     "profidrive.parameters": "profidrive",
     "profinet": "profidrive",
-    "profinet.blocks": "profinet",
-    "profinet.rpc": "profinet profidrive",
+    "profinet.rpc": "profinet.wire profidrive",
+    "profinet.blocks": "profinet.rpc profinet.wire profidrive",
+    "profinet.alarms": f"profinet.blocks {_PROFINET} profidrive",
+    "profinet.connection": f"profinet.alarms profinet.blocks profinet.rpc {_PROFINET} profidrive",
+    "profinet.discovery": f"{_PROFINET} profidrive",
+    "profinet.records": "profinet.connection profinet.discovery profinet.alarms profinet.blocks profinet.rpc "
+    f"{_PROFINET} profidrive",
     "ds301": "",
     "dsp402": "ds301",
     "dsp406": "ds301",

@@ -47,7 +47,7 @@ from pdgw.profidrive.sensor_format import SensorFormat, encode_sensor_format
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import TELEGRAMS, telegram, word_positions
 from pdgw.profinet import model
-from pdgw.profinet.device_records import Index
+from pdgw.profinet.records.device_records import Index
 from pdgw.profinet.rpc import identification
 from pdgw.profinet.rpc.records import RECORD_GLOBAL, RECORD_LOCAL, RECORD_MULTIPLE
 from pdgw.tools.demo.chapters import CHAPTERS
@@ -338,7 +338,7 @@ def names_of_tests(*names: str) -> set[str]:
 def test_each_case_of_the_tester_in_the_document_has_its_test_and_each_of_class_a_its_row() -> None:
     link = "gateway/links/profinet"
     class_a = names_of_tests(f"{link}/test_class_a.py", "profinet/test_class_a_relationship.py")
-    named = class_a | names_of_tests(f"{link}/test_snmp.py", "profinet/test_snmp.py")
+    named = class_a | names_of_tests(f"{link}/test_snmp.py", "profinet/discovery/test_snmp.py")
     told = [name for row in rows("profinet.md", "case of the tester") for name in re.findall(r"`(test_\w+)`", row[1])]
     assert len(told) >= 20
     assert [name for name in told if not any(test.startswith(name) for test in named)] == []

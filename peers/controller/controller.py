@@ -16,8 +16,9 @@ from pdgw.durations import SECOND
 from pdgw.peers.controller.project import INPUT_FRAME_ID, Project
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import HEADER, IOPS_GOOD, STATUS_PRIMARY, TRAILER
-from pdgw.profinet import apmx, dcp, ethernet
-from pdgw.profinet.apmx import PDU, PduType
+from pdgw.profinet import ethernet
+from pdgw.profinet.alarms import apmx
+from pdgw.profinet.alarms.apmx import PDU, PduType
 from pdgw.profinet.blocks.alarm import ACKS, NOTIFICATIONS, AlarmNotification, Priority
 from pdgw.profinet.blocks.connect import (
     AlarmCrBlockRes,
@@ -27,10 +28,11 @@ from pdgw.profinet.blocks.connect import (
     ModuleDiffBlock,
 )
 from pdgw.profinet.blocks.control import ApplicationReadyReq, ApplicationReadyRes, ControlCommand, PrmEndReq, ReleaseReq
-from pdgw.profinet.cmdev import Address
-from pdgw.profinet.cpm import Consumer
+from pdgw.profinet.connection.cmdev import Address
+from pdgw.profinet.connection.cpm import Consumer
+from pdgw.profinet.connection.ppm import Provider
+from pdgw.profinet.discovery import dcp
 from pdgw.profinet.model import Subslot
-from pdgw.profinet.ppm import Provider
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.client import RecordCall, RecordCaller, RecordResult
 from pdgw.profinet.rpc.dcerpc import Flags, PacketType, RpcHeader

@@ -31,7 +31,7 @@ from pdgw.profinet.blocks.connect import (
     SrInfoBlock,
     SubmoduleDirection,
 )
-from pdgw.profinet.connect import CyclicPlan, DataObject
+from pdgw.profinet.connection.connect import CyclicPlan, DataObject
 from pdgw.profinet.model import Module, Submodule, Subslot
 from pdgw.profinet.wire import Block
 

@@ -10,7 +10,7 @@ import pytest
 
 from pdgw.durations import MS
 from pdgw.peers.controller.controller import Phase
-from pdgw.profinet.cmdev import Event
+from pdgw.profinet.connection.cmdev import Event
 from pdgw.profinet.model import API_PROFIDRIVE
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from tests.fuzz.amount import INPUTS, SEED, damage

@@ -18,13 +18,13 @@ from scapy.layers.l2 import Ether
 from pdgw.durations import MS, SECOND
 from pdgw.profinet.blocks.alarm import MessageClass
 from pdgw.profinet.blocks.connect import ArBlockReq
-from pdgw.profinet.device_records import Index
 from pdgw.profinet.model import API_PROFIDRIVE
+from pdgw.profinet.records.device_records import Index
 from pdgw.profinet.rpc import dcerpc, epm
 from pdgw.profinet.rpc.dcerpc import PacketType, RpcHeader
 from pdgw.profinet.rpc.records import BlockType, Operation, RecordBlock, encode_block
+from tests.profinet.records.test_records import read
 from tests.profinet.rpc.test_epm import lookup
-from tests.profinet.test_records import read
 from tests.support.connect import AR_UUID, INITIATOR, SOURCE, Caller, blocks, change
 from tests.support.profinet import DEVICE_MAC, PLC_MAC, Wire, project
 

@@ -18,8 +18,8 @@ from scapy.utils import wrpcap
 from pdgw.durations import MS
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.blocks.alarm import MessageClass
-from pdgw.profinet.device_records import Index
 from pdgw.profinet.model import API_PROFIDRIVE, ObjectKind, object_module
+from pdgw.profinet.records.device_records import Index
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.client import RecordCaller, RecordResult
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT

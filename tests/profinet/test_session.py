@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pdgw.durations import MS
 from pdgw.peers.controller.controller import Phase
-from pdgw.profinet.cmdev import AbortCode
+from pdgw.profinet.connection.cmdev import AbortCode
 from pdgw.profinet.device import Connected, Disconnected
 from pdgw.profinet.rpc.dcerpc import PacketType
 from tests.support.profinet import Wire, project

@@ -12,7 +12,7 @@ from pdgw.durations import MS
 from pdgw.peers.controller.controller import IoController, Phase
 from pdgw.peers.controller.project import Project
 from pdgw.profidrive.telegrams import telegram
-from pdgw.profinet.cpm import Consumer
+from pdgw.profinet.connection.cpm import Consumer
 from pdgw.profinet.device import DeviceEvent, ProfinetDevice
 from pdgw.profinet.model import DeviceModel, Module, ObjectKind, drive_model
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT

@@ -36,7 +36,7 @@ from pdgw.profidrive.parameters.codec import (
     decode_response,
 )
 from pdgw.profidrive.parameters.pnu import Pnu
-from pdgw.profinet.device_records import Index
+from pdgw.profinet.records.device_records import Index
 from pdgw.profinet.rpc import epm
 from pdgw.profinet.rpc.dcerpc import (
     CONTROLLER_INTERFACE,

@@ -13,7 +13,6 @@ from typing import Any, Final
 from uuid import UUID
 
 from pdgw.decoder.frames.fields import Document
-from pdgw.profinet import io_data
 from pdgw.profinet.blocks import alarm, connect, control, port, records
 from pdgw.profinet.blocks.alarm import (
     MESSAGE_CLASS_TEXTS,
@@ -30,8 +29,9 @@ from pdgw.profinet.blocks.connect import REFUSED_BLOCKS, REQUESTS
 from pdgw.profinet.blocks.control import ControlBlock, ReleaseReq
 from pdgw.profinet.blocks.port import PortData
 from pdgw.profinet.blocks.records import MultipleBlock
-from pdgw.profinet.io_data import OutputData
 from pdgw.profinet.model import INTERFACE_SUBSLOT
+from pdgw.profinet.records import io_data
+from pdgw.profinet.records.io_data import OutputData
 from pdgw.profinet.rpc.identification import INDEX as IM_INDEX
 from pdgw.profinet.rpc.identification import TEXT_FIELDS
 from pdgw.profinet.rpc.records import PNIO, PnioStatus

@@ -23,7 +23,7 @@ from pdgw.profinet.blocks.connect import (
     IocrType,
     SrInfoBlock,
 )
-from pdgw.profinet.connect import CyclicPlan, DataObject
+from pdgw.profinet.connection.connect import CyclicPlan, DataObject
 from pdgw.profinet.model import API_PROFIDRIVE
 
 Place = tuple[int, int]

@@ -18,9 +18,9 @@ from pdgw.gateway.links.cyclic import Verdict
 from pdgw.gateway.links.udp import Address
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.telegrams import Direction, telegram
-from pdgw.profinet import cpm
-from pdgw.profinet.cpm import Consumer
-from pdgw.profinet.redundancy import ArSet
+from pdgw.profinet.connection import cpm
+from pdgw.profinet.connection.cpm import Consumer
+from pdgw.profinet.connection.redundancy import ArSet
 
 _VERDICTS: Final = {
     cpm.Verdict.ACCEPTED: Verdict.ACCEPTED,
@@ -48,7 +48,7 @@ class _Member:
 class ProfinetEndpoint:
     """``setpoints[i]`` are the raw values of axis i, None while it has no valid PLC. Times are those of the capture.
 
-    Of two relationships of system redundancy the frames of the one that leads count, by the rules of ``profinet.redundancy``.
+    Of two relationships of system redundancy the frames of the one that leads count: see ``profinet.connection.redundancy``.
     Controllers are known by their MAC addresses.
     """
 

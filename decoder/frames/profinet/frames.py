@@ -19,11 +19,11 @@ from pdgw.decoder.frames.profinet.stations import StationNames
 from pdgw.decoder.frames.records import OtherRecord, Record
 from pdgw.durations import SECOND
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profinet import dcp, lldp
-from pdgw.profinet.apmx import ALARM_FRAME_IDS, PDU, PduType
+from pdgw.profinet.alarms.apmx import ALARM_FRAME_IDS, PDU, PduType
 from pdgw.profinet.blocks.alarm import NOTIFICATIONS, AlarmType, Priority
-from pdgw.profinet.cmdev import AbortCode
-from pdgw.profinet.dcp import Option, Service, ServiceType, SetError
+from pdgw.profinet.connection.cmdev import AbortCode
+from pdgw.profinet.discovery import dcp, lldp
+from pdgw.profinet.discovery.dcp import Option, Service, ServiceType, SetError
 from pdgw.profinet.rpc.records import PnioStatus
 from pdgw.profinet.station import IpSuite
 from pdgw.profinet.wire import HEADER

@@ -26,7 +26,8 @@ from pdgw.gateway.links.packet_filter import (
 )
 from pdgw.gateway.links.profinet.ethtool import read_medium
 from pdgw.gateway.links.udp import Address
-from pdgw.profinet import dcp, ethernet
+from pdgw.profinet import ethernet
+from pdgw.profinet.discovery import dcp
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.station import IpSuite, Medium
 

@@ -37,11 +37,11 @@ from pdgw.gateway.trace.layout import FramePlaces
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.telegrams import Telegram
 from pdgw.profinet.blocks.alarm import MessageClass
-from pdgw.profinet.cmdev import ApplicationRelation, Event
-from pdgw.profinet.cpm import Consumer, Verdict
+from pdgw.profinet.connection.cmdev import ApplicationRelation, Event
+from pdgw.profinet.connection.cpm import Consumer, Verdict
+from pdgw.profinet.connection.ppm import Provider
 from pdgw.profinet.device import Connected, DeviceEvent, Disconnected, ProfinetDevice
 from pdgw.profinet.model import ACCESS_POINT_SUBSLOT, TELEGRAM_SUBSLOT
-from pdgw.profinet.ppm import Provider
 from pdgw.profinet.rpc.server import NoRecords, RecordHandler
 from pdgw.profinet.station import Station
 

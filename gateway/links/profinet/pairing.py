@@ -11,7 +11,7 @@ from typing import Final
 
 from pdgw.durations import MS
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
-from pdgw.profinet.ppm import Provider
+from pdgw.profinet.connection.ppm import Provider
 
 LONGEST_NS: Final = 8 * MS
 """Frames of longer cycles are not paired: they wake the process seldom, and an alarm or a frame out of its time, which waits

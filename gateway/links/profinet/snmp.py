@@ -10,8 +10,8 @@ from typing import Final
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.profinet.link import ProfinetLink
-from pdgw.profinet import mib
-from pdgw.profinet.snmp import REQUEST_MAX, Agent, Oid, Variable, Writing
+from pdgw.profinet.discovery import mib
+from pdgw.profinet.discovery.snmp import REQUEST_MAX, Agent, Oid, Variable, Writing
 
 log = logging.getLogger("gateway")
 

@@ -10,8 +10,8 @@ from pdgw.gateway.configuration.environment import TransportConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
 from pdgw.gateway.store import DeviceParameters, ParameterStore
-from pdgw.profinet.dcp import Flash, IpSet, NameSet, ResetToFactory
 from pdgw.profinet.device import Refused
+from pdgw.profinet.discovery.dcp import Flash, IpSet, NameSet, ResetToFactory
 from pdgw.profinet.station import IpSuite
 
 log = logging.getLogger("gateway")

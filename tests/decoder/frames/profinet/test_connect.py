@@ -35,7 +35,7 @@ from pdgw.profidrive.telegrams import Direction, telegram
 from pdgw.profinet.model import API_PROFIDRIVE, DAP_SLOT, ObjectKind, access_module, object_module
 from pdgw.profinet.rpc.dcerpc import Flags, PacketType, RpcHeader, encode_packet, object_uuid
 from pdgw.profinet.rpc.records import Operation, encode_arguments
-from tests.profinet.test_connect import CASES
+from tests.profinet.connection.test_connect import CASES
 from tests.support import captures, tshark
 from tests.support.connect import Caller, Change, blocks
 

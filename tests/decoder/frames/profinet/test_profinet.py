@@ -23,9 +23,9 @@ from pdgw.decoder.frames.records import AcyclicRecord, CyclicRecord, LinkType, O
 from pdgw.durations import MS
 from pdgw.profidrive.telegrams import Direction
 from pdgw.profinet.blocks.alarm import MessageClass
-from pdgw.profinet.cmdev import Event
-from pdgw.profinet.device_records import Index
+from pdgw.profinet.connection.cmdev import Event
 from pdgw.profinet.model import INTERFACE_SUBSLOT, PORT_SUBSLOT
+from pdgw.profinet.records.device_records import Index
 from pdgw.profinet.rpc.records import BlockType, RecordBlock
 from pdgw.profinet.wire import VERSION_SIZE
 from tests.profinet.test_readers import session

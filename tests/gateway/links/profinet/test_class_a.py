@@ -15,7 +15,7 @@ from scapy.contrib.pnio_dcp import ProfinetDCP
 from scapy.layers.l2 import Ether
 
 from pdgw.durations import MS, SECOND
-from pdgw.profinet import lldp
+from pdgw.profinet.discovery import lldp
 from pdgw.profinet.station import Identity, IpSuite, Station
 from tests.gateway.links.profinet.test_link import Rig
 from tests.support.dcp import ALIAS, GET, IDENTIFY, MULTICAST, NAME, PERMANENT, SET, TEMPORARY, dcp_frame, encoded

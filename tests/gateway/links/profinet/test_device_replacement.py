@@ -9,7 +9,7 @@ from scapy.layers.l2 import Ether
 
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
-from pdgw.profinet import lldp
+from pdgw.profinet.discovery import lldp
 from pdgw.profinet.station import Identity, Station
 from tests.support.daemon import axis, drive_of
 from tests.support.dcp import ALIAS, IDENTIFY, MULTICAST, NAME, PERMANENT, SET, dcp_frame, encoded

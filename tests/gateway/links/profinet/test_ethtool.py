@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from pdgw.gateway.links.profinet.ethtool import medium_of, read_medium
-from pdgw.profinet import lldp
+from pdgw.profinet.discovery import lldp
 from pdgw.profinet.station import Medium, Station
 from tests.support import tshark, tshark_frames
 from tests.support.profinet import IDENTITY

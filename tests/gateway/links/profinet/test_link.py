@@ -26,9 +26,10 @@ from pdgw.peers.controller.controller import IoController, Phase
 from pdgw.peers.controller.project import Project
 from pdgw.profidrive.frame import IOPS_BAD, IOPS_GOOD
 from pdgw.profidrive.telegrams import telegram
-from pdgw.profinet import dcp, ethernet, lldp
+from pdgw.profinet import ethernet
 from pdgw.profinet.blocks.alarm import AlarmType, MessageClass
-from pdgw.profinet.cmdev import State
+from pdgw.profinet.connection.cmdev import State
+from pdgw.profinet.discovery import dcp, lldp
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.station import Identity, IpSuite, Station
 from pdgw.tools.output.status_text import _station

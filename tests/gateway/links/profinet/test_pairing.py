@@ -15,12 +15,12 @@ from pdgw.ds301.virtual_loop import VirtualLoop
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.links.profinet.pairing import Pairing
 from pdgw.profidrive.telegrams import telegram
-from pdgw.profinet import lldp
-from pdgw.profinet.connect import IocrType
-from pdgw.profinet.ppm import Provider
+from pdgw.profinet.connection.connect import IocrType
+from pdgw.profinet.connection.ppm import Provider
+from pdgw.profinet.discovery import lldp
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from tests.gateway.links.profinet.test_link import AXIS, Rig, cyclic
-from tests.profinet.test_cyclic import PLACES
+from tests.profinet.connection.test_cyclic import PLACES
 from tests.support.ethernet import FakeEthernet
 from tests.support.profinet import DEVICE_MAC, PLC_IP, PLC_MAC, project
 

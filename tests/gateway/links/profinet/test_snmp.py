@@ -12,7 +12,7 @@ from scapy.layers.snmp import SNMP, SNMPget, SNMPset, SNMPvarbind
 from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.profinet.snmp import SnmpService
-from pdgw.profinet.dcp import ResetToFactory
+from pdgw.profinet.discovery.dcp import ResetToFactory
 from tests.support.daemon import axis
 from tests.support.profinet_daemon import configuration, plant
 

@@ -13,11 +13,13 @@ from pdgw.dsp402.states import State
 from pdgw.durations import MS
 from pdgw.peers.controller.controller import Phase
 from pdgw.profidrive.frame import STATUS_NORMAL, STATUS_PRIMARY, STATUS_RUN
-from pdgw.profinet import apmx, dcp, ethernet
-from pdgw.profinet.apmx import PduType
+from pdgw.profinet import ethernet
+from pdgw.profinet.alarms import apmx
+from pdgw.profinet.alarms.apmx import PduType
 from pdgw.profinet.blocks.alarm import Priority
-from pdgw.profinet.cmdev import AbortCode
-from pdgw.profinet.cpm import STATUS_IGNORE
+from pdgw.profinet.connection.cmdev import AbortCode
+from pdgw.profinet.connection.cpm import STATUS_IGNORE
+from pdgw.profinet.discovery import dcp
 from pdgw.profinet.station import IpSuite
 from tests.support.daemon import axis, drive_of
 from tests.support.profinet import DEVICE_MAC, PLC_MAC

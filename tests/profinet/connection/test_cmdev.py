@@ -11,12 +11,14 @@ import pytest
 
 from pdgw.durations import MS
 from pdgw.peers.controller.controller import Phase
-from pdgw.profinet import apmx, cmdev
-from pdgw.profinet.apmx import PduType
+from pdgw.profinet.alarms import apmx
+from pdgw.profinet.alarms.apmx import PduType
+from pdgw.profinet.alarms.diagnosis import AlarmSource, Diagnosis
 from pdgw.profinet.blocks.alarm import Priority
 from pdgw.profinet.blocks.connect import IocrType, ModuleDiffBlock
 from pdgw.profinet.blocks.control import ApplicationReadyRes, ControlCommand, PrmBeginReq, PrmEndReq, ReleaseReq
-from pdgw.profinet.cmdev import (
+from pdgw.profinet.connection import cmdev
+from pdgw.profinet.connection.cmdev import (
     ABORTS,
     READY_ATTEMPTS,
     READY_INTERVAL_NS,
@@ -27,9 +29,8 @@ from pdgw.profinet.cmdev import (
     Event,
     State,
 )
-from pdgw.profinet.connect import plan
+from pdgw.profinet.connection.connect import plan
 from pdgw.profinet.device import Disconnected
-from pdgw.profinet.diagnosis import AlarmSource, Diagnosis
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.dcerpc import PacketType, RpcHeader
 from pdgw.profinet.rpc.records import Operation, PnioStatus, encode_arguments

@@ -14,7 +14,7 @@ from scapy.layers.l2 import Ether
 
 from pdgw.durations import SECOND
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profinet import lldp
+from pdgw.profinet.discovery import lldp
 from pdgw.profinet.station import Identity, IpSuite, Station
 from tests.support import tshark, tshark_frames
 from tests.support.profinet import Wire

@@ -10,14 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.durations import MS, SECOND
-from pdgw.profinet import ethernet, lldp
+from pdgw.profinet import ethernet
 from pdgw.profinet.blocks.port import PortDataAdjust, PortDataCheck
-from pdgw.profinet.cmdev import Event
-from pdgw.profinet.device_records import Index
-from pdgw.profinet.physical_device import INTERFACE, PORT, WRITABLE, PortFault, check
+from pdgw.profinet.connection.cmdev import Event
+from pdgw.profinet.discovery import lldp
+from pdgw.profinet.records.device_records import Index
+from pdgw.profinet.records.physical_device import INTERFACE, PORT, WRITABLE, PortFault, check
 from pdgw.profinet.station import Identity, Medium, Station
 from pdgw.profinet.wire import WireError
-from tests.profinet.test_records import read, write
+from tests.profinet.records.test_records import read, write
 from tests.support import tshark, tshark_frames
 from tests.support.profinet import INTERFACE_ADJUST, PLC_MAC, PORT_ADJUST, PORT_CHECK, Wire, project
 

@@ -12,8 +12,8 @@ from pdgw.durations import MS
 from pdgw.profidrive.frame import STATUS_NO_PROBLEM, STATUS_NORMAL, STATUS_STOP
 from pdgw.profinet import ethernet
 from pdgw.profinet.blocks.connect import HOLD_MAX_NS, IocrType
-from pdgw.profinet.cpm import STATUS_IGNORE, Consumer, Verdict
-from pdgw.profinet.ppm import Provider
+from pdgw.profinet.connection.cpm import STATUS_IGNORE, Consumer, Verdict
+from pdgw.profinet.connection.ppm import Provider
 from tests.support.connect import Caller, blocks
 from tests.support.profinet import DEVICE_MAC, PLC_MAC, Wire, project
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from pdgw.profinet import lldp
-from pdgw.profinet.snmp import Kind, Oid, Variable
+from pdgw.profinet.discovery import lldp
+from pdgw.profinet.discovery.snmp import Kind, Oid, Variable
 from pdgw.profinet.station import Neighbour, Station
 
 _SYSTEM: Final[Oid] = (1, 3, 6, 1, 2, 1, 1)

@@ -15,9 +15,9 @@ from pdgw.peers.controller.controller import IoController, Phase
 from pdgw.peers.controller.project import Redundancy
 from pdgw.profidrive.frame import STATUS_DATA_VALID, STATUS_PRIMARY
 from pdgw.profinet.blocks.alarm import AlarmType, MessageClass
-from pdgw.profinet.cmdev import AbortCode, Event, State
+from pdgw.profinet.connection.cmdev import AbortCode, Event, State
+from pdgw.profinet.connection.redundancy import STATUS_REDUNDANCY, ArSet
 from pdgw.profinet.device import Connected, Disconnected
-from pdgw.profinet.redundancy import STATUS_REDUNDANCY, ArSet
 from pdgw.profinet.rpc.records import PnioStatus
 from pdgw.profinet.station import Identity, Station
 from tests.support import tshark_frames

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 from uuid import UUID
 
-from pdgw.profinet import io_data, physical_device
 from pdgw.profinet.blocks.alarm import Severity
 from pdgw.profinet.blocks.connect import LT_RT
 from pdgw.profinet.blocks.records import (
@@ -39,15 +38,16 @@ from pdgw.profinet.model import (
     DeviceModel,
     Subslot,
 )
-from pdgw.profinet.physical_device import PortIndex
+from pdgw.profinet.records import io_data, physical_device
+from pdgw.profinet.records.physical_device import PortIndex
 from pdgw.profinet.rpc import identification
 from pdgw.profinet.rpc.records import NIL, PARAMETER_RECORDS, AccessError, RecordBlock, RecordRefused, UnknownArUuid
 from pdgw.profinet.rpc.server import RecordHandler
 from pdgw.profinet.wire import WireError
 
 if TYPE_CHECKING:
-    from pdgw.profinet.cmdev import ApplicationRelation
-    from pdgw.profinet.diagnosis import Diagnosis
+    from pdgw.profinet.alarms.diagnosis import Diagnosis
+    from pdgw.profinet.connection.cmdev import ApplicationRelation
     from pdgw.profinet.station import Station
 
 _STORED_MAX = 1024

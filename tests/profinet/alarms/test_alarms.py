@@ -7,8 +7,9 @@ import dataclasses
 import pytest
 
 from pdgw.durations import MS
-from pdgw.profinet import apmx
-from pdgw.profinet.apmx import PDU, TABLE, AlarmMachine, AlarmRelation, Event, PduType, State
+from pdgw.profinet.alarms import apmx
+from pdgw.profinet.alarms.apmx import PDU, TABLE, AlarmMachine, AlarmRelation, Event, PduType, State
+from pdgw.profinet.alarms.diagnosis import AlarmSource, Diagnosis, Notification
 from pdgw.profinet.blocks.alarm import (
     ACKS,
     AR_DIAGNOSIS,
@@ -20,9 +21,8 @@ from pdgw.profinet.blocks.alarm import (
     Priority,
     Severity,
 )
-from pdgw.profinet.cmdev import AbortCode
+from pdgw.profinet.connection.cmdev import AbortCode
 from pdgw.profinet.device import Disconnected
-from pdgw.profinet.diagnosis import AlarmSource, Diagnosis, Notification
 from tests.support.profinet import DEVICE_MAC, PLC_MAC, Wire, model, project
 
 POINT = (1, 1)

@@ -27,7 +27,7 @@ from pdgw.profinet.blocks.connect import (
     ModuleState,
     RtClass,
 )
-from pdgw.profinet.connect import DataObject, plan
+from pdgw.profinet.connection.connect import DataObject, plan
 from pdgw.profinet.device import Refused
 from pdgw.profinet.model import DeviceModel, Module, ObjectKind, Submodule, Subslot, object_module
 from pdgw.profinet.rpc import dcerpc

@@ -19,9 +19,9 @@ from pdgw.profinet.blocks.records import (
     PortStatistic,
     RealIdentification,
 )
-from pdgw.profinet.cmdev import AbortCode, Event
-from pdgw.profinet.device_records import Index
+from pdgw.profinet.connection.cmdev import AbortCode, Event
 from pdgw.profinet.model import API_PROFIDRIVE
+from pdgw.profinet.records.device_records import Index
 from pdgw.profinet.rpc.client import RecordResult
 from pdgw.profinet.rpc.records import (
     NIL,

@@ -14,8 +14,9 @@ from scapy.layers.l2 import Ether
 
 from pdgw.durations import MS
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profinet import dcp, ethernet
-from pdgw.profinet.dcp import DcpResponder, Flash, IpSet, NameSet, Option, ResetToFactory, Service, SetError
+from pdgw.profinet import ethernet
+from pdgw.profinet.discovery import dcp
+from pdgw.profinet.discovery.dcp import DcpResponder, Flash, IpSet, NameSet, Option, ResetToFactory, Service, SetError
 from pdgw.profinet.station import Identity, IpSuite, Neighbour, Station, check_name
 from tests.support import tshark, tshark_frames
 

@@ -15,15 +15,15 @@ from pdgw.durations import MS, SECOND
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import HEADER
 from pdgw.profinet import ethernet
-from pdgw.profinet.apmx import AlarmMachine, AlarmRelation
+from pdgw.profinet.alarms.apmx import AlarmMachine, AlarmRelation
+from pdgw.profinet.alarms.diagnosis import AlarmSource
 from pdgw.profinet.blocks.alarm import Priority
 from pdgw.profinet.blocks.connect import ArType
 from pdgw.profinet.blocks.control import ApplicationReadyReq, ApplicationReadyRes, ControlCommand
-from pdgw.profinet.connect import ConnectPlan
-from pdgw.profinet.cpm import Consumer, Verdict
-from pdgw.profinet.diagnosis import AlarmSource
+from pdgw.profinet.connection.connect import ConnectPlan
+from pdgw.profinet.connection.cpm import Consumer, Verdict
+from pdgw.profinet.connection.ppm import Provider
 from pdgw.profinet.model import Subslot
-from pdgw.profinet.ppm import Provider
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.dcerpc import Flags, PacketType, RpcHeader
 from pdgw.profinet.rpc.records import PnioStatus, decode_arguments, encode_arguments

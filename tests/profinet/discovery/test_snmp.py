@@ -13,8 +13,8 @@ from scapy.contrib import lldp as scapy_lldp
 from scapy.layers.l2 import Ether
 from scapy.layers.snmp import SNMP, SNMPbulk, SNMPget, SNMPnext, SNMPset, SNMPvarbind
 
-from pdgw.profinet import lldp, mib
-from pdgw.profinet.snmp import REQUEST_MAX, Agent, Kind, Variable, Writing
+from pdgw.profinet.discovery import lldp, mib
+from pdgw.profinet.discovery.snmp import REQUEST_MAX, Agent, Kind, Variable, Writing
 from pdgw.profinet.station import Medium, Neighbour, Station
 from tests.support import tshark, tshark_frames
 from tests.support.profinet import DEVICE_IP, IDENTITY, PLC_IP, PLC_MAC

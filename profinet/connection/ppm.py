@@ -18,9 +18,9 @@ from pdgw.profidrive.frame import (
     TRAILER,
 )
 from pdgw.profinet import ethernet
-from pdgw.profinet.connect import CyclicPlan
+from pdgw.profinet.connection.connect import CyclicPlan
+from pdgw.profinet.connection.redundancy import STATUS_REDUNDANCY
 from pdgw.profinet.model import Subslot
-from pdgw.profinet.redundancy import STATUS_REDUNDANCY
 
 _COUNTER_MASK = 0xFFFF
 _ROLE = STATUS_PRIMARY | STATUS_REDUNDANCY | STATUS_DATA_VALID

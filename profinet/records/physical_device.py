@@ -10,7 +10,6 @@ import enum
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Final
 
-from pdgw.profinet import lldp
 from pdgw.profinet.blocks.port import (
     NO_LLDP,
     STANDARD_LLDP,
@@ -25,6 +24,7 @@ from pdgw.profinet.blocks.port import (
     PortDataCheck,
 )
 from pdgw.profinet.blocks.records import InterfaceDataReal, MultipleBlock, Peer, PortDataReal, PortStatistic
+from pdgw.profinet.discovery import lldp
 from pdgw.profinet.model import API_DEFAULT, DAP_SLOT, INTERFACE_SUBSLOT, PORT_SUBSLOT, Subslot
 from pdgw.profinet.wire import Block
 

@@ -16,7 +16,7 @@ from pdgw.profidrive.frame import (
     TRAILER,
     is_newer,
 )
-from pdgw.profinet.connect import CyclicPlan
+from pdgw.profinet.connection.connect import CyclicPlan
 from pdgw.profinet.model import Subslot
 
 STATUS_IGNORE = 0x80

@@ -1,0 +1,1 @@
+"""One application relationship: what its Connect asks, its state machine, cyclic data, system redundancy."""
