@@ -254,7 +254,49 @@ def test_position_block_runs_a_traversing_block(number: int) -> None:
         assert turns(drive) == pytest.approx(2, abs=0.01)
         execute(plc, BlockNumber=4)
         plc.until(lambda block: block["ABORTED"], "there is no such block")
-        assert plc.block["REASON"] == Reason.TASK_TARGET_RANGE.code
+        assert plc.block["REASON"] == Reason.TASK_BLOCK_UNKNOWN.code
+
+
+def test_block_of_telegram_7_jogs_cancels_and_recovers() -> None:
+    config = config_of(7, "[[axis.block]]\nnumber = 3\nposition = 900000\nvelocity = 6000\n")
+    with running(config) as daemon:
+        plc, drive = TextPlc(daemon, program(config)), drive_of(daemon)
+        plc.enable()
+        plc.set(ModePos=7, Jog2=True)
+        plc.exchange(100)
+        assert rpm(drive) == pytest.approx(300, abs=5)
+        plc.set(Jog2=False)
+        plc.exchange(250)
+        assert rpm(drive) == 0
+        run(plc, ModePos=4)
+        execute(plc, ModePos=6, BlockNumber=3)
+        plc.exchange(250)
+        assert rpm(drive) == pytest.approx(600, abs=5)
+        plc.set(Cancel=True)
+        plc.exchange(250)
+        plc.set(Cancel=False)
+        plc.until(lambda block: not block["BUSY"], "cancelled")
+        assert (plc.block["ABORTED"], rpm(drive)) == (True, 0)
+        execute(plc)
+        plc.exchange(250)
+        drive.node.model.inject(5)
+        plc.until(lambda block: block["ERROR"], "fault")
+        plc.exchange(250)
+        assert (plc.block["ABORTED"], rpm(drive), plc.block["REASON"]) == (True, 0, Reason.DRIVE_FAULT.code)
+        drive.node.model.clear()
+        plc.set(AckError=True)
+        plc.until(lambda block: not block["ERROR"], "acknowledged")
+        plc.set(AckError=False, Enable=False)
+        plc.enable()
+        plc.exchange(250)
+        assert rpm(drive) == 0, "Execute was TRUE all the time"
+        execute(plc)
+        plc.exchange(250)
+        assert rpm(drive) == pytest.approx(600, abs=5)
+        plc.set(Enable=False)
+        plc.until(lambda block: not block["ENABLED"], "off")
+        plc.exchange(250)
+        assert rpm(drive) == 0
 
 
 @pytest.mark.parametrize("number", ENCODERS)
@@ -278,7 +320,16 @@ def test_encoder_block_shows_position_and_presets(number: int) -> None:
         plc.set(Park=True)
         plc.until(lambda block: block["PARKED"], "parked")
         assert (plc.block["VALID"], plc.block["REASON"]) == (False, Reason.SENSOR_PARKED.code)
-        assert encoder
+        plc.set(Park=False)
+        plc.until(lambda block: block["VALID"], "in operation again")
+        encoder.node.model.inject("position-error")
+        plc.until(lambda block: block["ERROR"], "fault")
+        assert (plc.block["VALID"], plc.block["REASON"]) == (False, Reason.SENSOR_ERROR.code)
+        encoder.node.model.clear()
+        plc.exchange(100)
+        assert plc.block["ERROR"], "a fault stays until it is acknowledged"
+        plc.set(AckError=True)
+        plc.until(lambda block: block["VALID"], "acknowledged")
 
 
 def test_block_of_telegram_100_enables_turns_and_recovers() -> None:
@@ -291,6 +342,16 @@ def test_block_of_telegram_100_enables_turns_and_recovers() -> None:
         plc.block["WANTED"]["PROFILE_ACCELERATION"] = plc.block["WANTED"]["PROFILE_DECELERATION"] = 100
         plc.exchange(500)
         assert rpm(drive) == pytest.approx(200, abs=5)
+        plc.set(QuickStop=True)
+        plc.exchange(500)
+        plc.set(QuickStop=False)
+        plc.exchange(250)
+        assert (rpm(drive), plc.block["REASON"]) == (0, Reason.NEEDS_OFF.code)
+        plc.set(Enable=False)
+        plc.exchange(250)
+        plc.set(Enable=True)
+        plc.exchange(500)
+        assert rpm(drive) == pytest.approx(200, abs=5)
         drive.node.model.inject(5)
         plc.until(lambda block: block["ERROR"], "fault")
         plc.exchange(250)
@@ -299,3 +360,11 @@ def test_block_of_telegram_100_enables_turns_and_recovers() -> None:
         plc.until(lambda block: not block["ERROR"], "reset")
         plc.exchange(250)
         assert (rpm(drive), plc.block["REASON"]) == (0, Reason.NEEDS_OFF.code)
+        plc.set(AckError=False, Enable=False)
+        plc.exchange(250)
+        plc.set(Enable=True)
+        plc.exchange(500)
+        assert rpm(drive) == pytest.approx(200, abs=5)
+        plc.set(Enable=False)
+        plc.exchange(500)
+        assert (rpm(drive), plc.block["ENABLED"]) == (0, False)

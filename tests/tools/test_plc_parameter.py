@@ -1,4 +1,4 @@
-"""The blocks of the parameter channel: their requests are those of the codec, and they read its responses."""
+"""The blocks of the parameter channel: each byte, then a program that reads and writes parameters of a gateway."""
 
 from __future__ import annotations
 
@@ -6,8 +6,14 @@ from typing import Any
 
 import pytest
 
+from pdgw.client.udp import ParameterClient
+from pdgw.gateway.daemon import Daemon
+from pdgw.peers.drive.family import DRIVE_FAULTS
 from pdgw.peers.plc.structured_text.compiler import Compiler
+from pdgw.profidrive.parameters.errors import ParameterErrorNumber
 from pdgw.tools.plc.library import template
+from tests.support.daemon import client, drive_of, record_server, running
+from tests.support.structured_text import TextPlc, config_of, program
 
 BLOCKS = Compiler(lambda: 0, template("parameter")).units
 
@@ -78,3 +84,93 @@ def test_the_number_of_a_request_changes_and_is_never_0() -> None:
         seen.append(values["REQUESTNUMBER"])
     assert seen[:2] == [1, 2]
     assert seen[254:256] == [255, 1]
+
+
+VARIABLES = """\
+    request : PDGW_ParameterRequest;
+    response : PDGW_ParameterResponse;
+    step : INT;
+    asks : BOOL; (* the instruction for records is at work *)
+    record : ARRAY[0..15] OF BYTE;
+    length : INT;
+    answered : BOOL;
+    fault : DWORD;
+    deceleration : DWORD;
+    refusal : UINT;
+    finished : BOOL;
+"""
+STORY = """\
+    drive(Actual := read.axis_1, Good := read.good_1, ReferenceSpeed := 3000.0);
+    IF asks AND answered THEN
+        asks := FALSE;
+        answered := FALSE;
+        response(Bytes := record, Length := length, RequestNumber := request.RequestNumber);
+        IF response.Valid THEN
+            CASE step OF
+                1: fault := response.Value;
+                3: deceleration := response.Value;
+                4: refusal := response.ErrorNumber;
+            END_CASE;
+            finished := step = 4;
+        ELSE
+            step := step - 1; (* not the answer to this request: once more *)
+        END_IF;
+    END_IF;
+    IF (drive.Error OR step > 0) AND NOT asks AND NOT finished THEN
+        step := step + 1;
+        CASE step OF
+            1: (* P945, the newest fault *)
+                request(DoId := 16#01, Number := 945, IsArray := TRUE);
+            2: (* 6085h, quick-stop deceleration *)
+                request(DoId := 16#01, Number := 16#6085, IsArray := FALSE, Write := TRUE,
+                        Format := 16#43, Size := 4, Value := 16#00000FA0);
+            3:
+                request(DoId := 16#01, Number := 16#6085, Write := FALSE);
+            4: (* 6041h, the Statusword, cannot be written *)
+                request(DoId := 16#01, Number := 16#6041, Write := TRUE, Format := 16#42, Size := 2, Value := 16#00000000);
+        END_CASE;
+        record := request.Bytes;
+        length := request.Length;
+        asks := TRUE;
+    END_IF;
+"""
+
+
+class RecordPlc(TextPlc):
+    """A PLC with an instruction that writes and reads a record, as WRREC and RDREC do, beside the cyclic frames."""
+
+    def __init__(self, daemon: Daemon, text: str, records: ParameterClient) -> None:
+        super().__init__(daemon, text)
+        self._records = records
+        self.log: list[tuple[str, str]] = []
+        """Requests and their answers, in hex."""
+
+    def run(self) -> None:
+        """Until the program has finished."""
+        variables = self.controller.variables
+        for _ in range(1000):
+            self.exchange()
+            if variables["FINISHED"]:
+                return
+            if variables["ASKS"] and not variables["ANSWERED"]:
+                request = bytes(variables["RECORD"][: variables["LENGTH"]])
+                answer = self._records.exchange(request)
+                self.log.append((request.hex(" "), answer.hex(" ")))
+                variables["RECORD"][:] = [*answer, *bytes(16)][:16]
+                variables["LENGTH"], variables["ANSWERED"] = len(answer), True
+        raise AssertionError(variables["STEP"])
+
+
+def test_a_program_reads_a_fault_and_writes_a_parameter() -> None:
+    config = config_of(1)
+    with running(config) as daemon, client(daemon, record_server(daemon).address, 1) as records:
+        plc, drive = RecordPlc(daemon, program(config, STORY, VARIABLES), records), drive_of(daemon)
+        plc.until(lambda block: block["GOOD"], "values")
+        drive.node.model.inject(5)
+        plc.run()
+        variables = plc.controller.variables
+        assert variables["FAULT"] == DRIVE_FAULTS[5].error_code, "P945"
+        assert (variables["DECELERATION"], drive.node.read(0x6085)) == (4000, 4000)
+        assert variables["REFUSAL"] == ParameterErrorNumber.VALUE_CANNOT_BE_CHANGED
+        assert [request[:2] for request, _ in plc.log] == ["01", "02", "03", "04"]
+        assert plc.block["GOOD"], "the frames went on"

@@ -136,6 +136,7 @@ def filled(name: str, telegram: Telegram, values: Values) -> str:
         "known": known.get(kind_of(telegram), "TRUE"),
         "sign of life": _SIGN_OF_LIFE.replace("{word}", life) if life else "",
         "modes": ", ".join(f"{mode} {MODES[mode]}" for mode in modes),
+        "refusal": _refusal(mdi, tasks),
         "task_mode": _any("ModePos", tasks),
         "mdi_mode": _any("ModePos", mdi),
         "mode bits": f"{sum(1 << mode for mode in _commanded(telegram)):04X}",
@@ -145,6 +146,14 @@ def filled(name: str, telegram: Telegram, values: Values) -> str:
         ),
     }
     return _Filling(telegram, {**own, **values}, {flag for flag, on in flags.items() if on}).fill(template(name))
+
+
+def _refusal(mdi: Sequence[int], tasks: Sequence[int]) -> str:
+    """Why the gateway does not acknowledge a task: an unknown block, or a target that is not allowed."""
+    block, target = Reason.TASK_BLOCK_UNKNOWN.code, Reason.TASK_TARGET_RANGE.code
+    if mdi and 6 in tasks:
+        return f"SEL(G := mode_active = 6, IN0 := {target}, IN1 := {block})"
+    return str(target if mdi else block)
 
 
 def _any(variable: str, numbers: Sequence[int]) -> str:
