@@ -197,7 +197,8 @@ def run_case(name: str, number: int, seed: int = 0) -> Outcome:
     site = _Site(name, number, seed)
     site.daemon.start()
     try:
-        site.exchange(lambda: site.axis.drive.generation or site.refusal, _ONLINE_NS)
+        # The PLC waits: a drive is brought up without it, and a slow one needs minutes.
+        site.loop.until(lambda: site.axis.drive.generation or site.refusal, "the drive", _ONLINE_NS)
         site.exchange(lambda: site.refusal, _SETTLED_NS)
         moved = False
         # What is found out while it turns stops the drive once.
