@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.sources import statements
+
 ROOT = Path(__file__).parents[1]
 SETUP = ast.parse((ROOT / "setup.py").read_text(encoding="utf-8"))
 OTHER_LIBRARIES = {"can", "canopen", "greenlet", "scapy", "pydantic", "typer", "rich"}
@@ -65,16 +67,15 @@ def test_nothing_interpreted_derives_from_something_compiled() -> None:
         text = path.read_text(encoding="utf-8")
         if not modules.intersection(re.findall(r"\bfrom ([\w.]+) import\b", text)) or "class " not in text:
             continue
-        tree = ast.parse(text)
         compiled_names = {
             alias.asname or alias.name
-            for item in ast.walk(tree)
+            for item in statements(path)
             if isinstance(item, ast.ImportFrom) and item.module in modules
             for alias in item.names
         }
         derived += [
             f"{name}: {item.name}"
-            for item in ast.walk(tree)
+            for item in statements(path)
             if isinstance(item, ast.ClassDef) and compiled_names & {_named(base) for base in item.bases}
         ]
     assert derived == []

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from pdgw.profidrive.signals import SIGNALS
+from tests.support.sources import statements
 
 ROOT = Path(__file__).parent.parent
 _PACKAGES: list[str] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"][
@@ -103,7 +104,7 @@ def imports(file: Path) -> frozenset[str]:
 
 
 def _imports(file: Path) -> Iterator[str]:
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    for node in statements(file):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import canopen
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pdgw.ds301.eds_import import import_eds
@@ -91,6 +91,7 @@ def test_mutations_of_a_small_sheet(changes: list[tuple[str, int, str]]) -> None
     check(mutated(SMALL, changes).encode("utf-8", "surrogatepass"))
 
 
+@settings(max_examples=settings().max_examples * 4 // 10)
 @given(st.lists(mutations, min_size=1, max_size=30))
 def test_mutations_of_the_whole_sheet(changes: list[tuple[str, int, str]]) -> None:
     check(mutated(LINES, changes).encode("utf-8", "surrogatepass"))

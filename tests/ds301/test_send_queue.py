@@ -91,6 +91,9 @@ def control_id(axes: Axes, node_id: int) -> int:
 PLACES = [1, 2, 10, 16]
 NODES = [1, 20, 127]
 TELEGRAMS = [1, 9, 100, 111]
+CASES = [(nodes, number, places) for nodes in NODES[:-1] for number in TELEGRAMS for places in PLACES]
+CASES += [(NODES[-1], number, places) for number, places in zip(TELEGRAMS, PLACES, strict=True)]
+"""Of the longest bus each telegram and each number of places once."""
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -118,9 +121,7 @@ def assert_turns(nodes: int, number: int, places: int) -> None:
         assert longest <= bound, f"node {node_id} waits {longest / MS} ms, bound {bound / MS} ms"
 
 
-@pytest.mark.parametrize("places", PLACES)
-@pytest.mark.parametrize("number", TELEGRAMS)
-@pytest.mark.parametrize("nodes", NODES)
+@pytest.mark.parametrize(("nodes", "number", "places"), CASES)
 def test_every_axis_has_its_turn_within_one_round_of_the_bus(nodes: int, number: int, places: int) -> None:
     assert_turns(nodes, number, places)
 
@@ -130,9 +131,7 @@ def test_every_axis_has_its_turn_for_any_number_of_nodes() -> None:
         assert_turns(nodes, 1, PLACES[nodes % len(PLACES)])
 
 
-@pytest.mark.parametrize("places", PLACES)
-@pytest.mark.parametrize("number", TELEGRAMS)
-@pytest.mark.parametrize("nodes", NODES)
+@pytest.mark.parametrize(("nodes", "number", "places"), CASES)
 def test_a_stop_waits_for_frames_of_the_interface_and_its_own_data_only(nodes: int, number: int, places: int) -> None:
     axes = Axes(nodes, number, places)
     for count in range(1, 4):

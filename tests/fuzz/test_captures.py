@@ -12,7 +12,7 @@ from typing import Any
 
 import can
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pdgw.decoder.capture.source import Source, source_of_stream
@@ -118,6 +118,7 @@ def test_any_packet_of_any_link_layer_is_a_record(packets: list[tuple[int, bytes
 
 
 @pytest.mark.parametrize("ending", [".pcap", ".pcapng", ".log"])
+@settings(max_examples=settings().max_examples * 4 // 10)
 @given(data=st.data())
 def test_the_command_ends_with_one_error_and_prints_what_came_before(ending: str, data: st.DataObject) -> None:
     content = data.draw(mutated(original(ending)))

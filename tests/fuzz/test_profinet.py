@@ -18,8 +18,8 @@ from tests.support.profinet import DEVICE_MAC, PLC_IP, PLC_MAC, Wire
 
 STRANGER_MAC = bytes.fromhex("020000000099")
 AXIS = (1, 2)
-COUNT = max(INPUTS, 50_000)
-"""Of each of the two tests: 100,000 together where nothing else is asked for."""
+COUNT = max(INPUTS, 20_000)
+"""Of each of the two tests; `make fuzz` asks for more."""
 WATCHED = 8_000
 """Inputs at the end during which the memory is watched, which takes time."""
 LEAK = 100_000

@@ -108,15 +108,20 @@ def switch_over(rig: Rig, before: str, word: int) -> None:
     old = rig.values["STW1"]
     operated = rig.state is State.OPERATION_ENABLED
     goes_on = take_over(rig, word)
-    controlwords = len(rig.controlwords)
-    rig.step(250)
-    if goes_on and word == old:
+    if goes_on and (operated or word == old):
         return
-    enables = [item for item in rig.controlwords[controlwords:] if item & 0xF == 0xF]
+    controlwords = len(rig.controlwords)
     if not operated:
+        rig.step(100)
+        enables = [item for item in rig.controlwords[controlwords:] if item & 0xF == 0xF]
         assert not enables, "no Enable Operation"
         assert rig.state is not State.OPERATION_ENABLED
-    elif not goes_on:
+    else:
+        for _ in range(250):
+            rig.step()
+            if rig.state in AWAY:
+                break
+        rig.step(20)
         assert rig.state in AWAY, "stopped"
         step(rig, OFF, 50)
         step(rig, ON, 50)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pdgw.dsp402.states import State
@@ -247,6 +247,7 @@ def test_no_start_and_no_task_from_an_old_frame_and_no_silent_drop(
     play(plc, phases, rng, network(rng, *late, lost, CYCLE))
 
 
+@settings(max_examples=settings().max_examples // 2)
 @given(
     seed=st.integers(0, 1 << 30),
     counter=st.integers(0, 65535),

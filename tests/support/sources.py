@@ -1,0 +1,21 @@
+"""Sources as syntax trees, for tests of imports and classes."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+_BLOCKS = ("body", "orelse", "finalbody", "handlers", "cases")
+
+
+def statements(file: Path) -> Iterator[ast.AST]:
+    """Every statement of a file, wherever in it; expressions, most of a tree, are not walked."""
+    return _within(ast.parse(file.read_text(encoding="utf-8")))
+
+
+def _within(node: ast.AST) -> Iterator[ast.AST]:
+    for block in _BLOCKS:
+        for child in getattr(node, block, ()):
+            yield child
+            yield from _within(child)
