@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from pdgw.dsp402.states import State
 from pdgw.gateway.daemon import Daemon
 from pdgw.profidrive.telegrams import TELEGRAMS
 from pdgw.tools.plc.motion import STATES, has_axis
@@ -89,7 +90,8 @@ class Axis(TextPlc):
 
     def on(self) -> None:
         self.at("power")["ENABLE"] = False
-        self.exchange(500)
+        self.until(lambda _: self.drive.node.model.state is State.READY_TO_SWITCH_ON, "ready")
+        self.exchange(5)
         self.at("power")["ENABLE"] = True
         self.until(lambda _: self.at("power")["STATUS"], "power")
         self.exchange(2)

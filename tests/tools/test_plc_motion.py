@@ -42,17 +42,18 @@ def fault_and_reset(axis: Axis, moving: str) -> None:
     axis.drive.node.model.clear()
     axis.start("reset")
     axis.until(lambda _: axis.at("reset")["DONE"], "reset")
-    axis.exchange(500)
+    axis.exchange(150)
     assert (axis.state, axis.rpm, axis.drive.node.model.state is State.OPERATION_ENABLED) == ("Disabled", 0, False)
     axis.on()
-    axis.exchange(250)
+    axis.exchange(100)
     assert axis.rpm == 0, "what was commanded before is forgotten"
 
 
 @pytest.mark.parametrize("number", VELOCITIES)
 def test_an_axis_moves_with_a_velocity_halts_stops_and_resets(number: int) -> None:
     with axis_with(number) as axis:
-        axis.exchange(500)
+        axis.until(lambda _: axis.drive.node.model.state is State.READY_TO_SWITCH_ON, "ready")
+        axis.exchange(5)
         assert axis.state == "Disabled"
         axis.start("turn", Velocity=600.0)
         axis.ends("turn", "ERROR")
@@ -80,7 +81,7 @@ def test_an_axis_moves_with_a_velocity_halts_stops_and_resets(number: int) -> No
         axis.start("turn")
         axis.ends("turn", "ERROR")
         axis.at("stopping")["EXECUTE"] = False
-        axis.exchange(250)
+        axis.exchange(50)
         assert (axis.state, axis.rpm) == ("Standstill", 0)
         axis.start("turn", Velocity=600.0)
         axis.exchange(100)
