@@ -122,7 +122,7 @@ class Interlock:
         """STW1.3 was 1 during the present stop: its fall to 0 ends that."""
         self._disabled_at = -COMMAND_SHOWN_NS
         self.enabled_at = -COMMAND_SHOWN_NS
-        """When operation was commanded last, but for the cycles of steady operation."""
+        """When operation was commanded last to a drive that did not show it."""
         self._enabling = False
         """The last Controlword was Enable Operation."""
         self._off_seen = False
@@ -239,7 +239,7 @@ class Interlock:
         if reason is _PLC_LOST and not self.plc_was_there:
             reason = Reason.NO_PLC
         self.reason = reason
-        if action in _ENABLES:
+        if action in _ENABLES and drive not in _IN_OPERATION:
             self.enabled_at = now
         if not self._enabling:
             self._disabled_at = now

@@ -188,7 +188,7 @@ class Inputs:
 
     ASIDE: ClassVar[frozenset[str]] = frozenset({"now"})
     PASSING: ClassVar[frozenset[str]] = frozenset(
-        {"fault_code", "drive_ok", "node_stopped", "set_point_refused", "setpoints", "warning_code"}
+        {"fault_code", "fresh", "drive_ok", "node_stopped", "set_point_refused", "setpoints", "warning_code"}
     )
 
     __slots__ = (

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
+from typing import TypeVar
 
 from pdgw.ds301.eds import write_eds
 from pdgw.ds301.eds_import import import_eds
@@ -25,7 +26,9 @@ from pdgw.workshop.walk.monitor import Expected, Monitor
 from pdgw.workshop.walk.plc import RAW, frames, is_central
 from pdgw.workshop.walk.recovery import recovery
 from pdgw.workshop.walk.search import Result, walk
+from pdgw.workshop.walk.values import Plc
 
+Walked = TypeVar("Walked", bound=Transducer)
 TICK_NS = 200 * MS
 """One step of the walk. The ages that make a difference (200, 300, 500 ms) are one to three steps: a moment inside each time, at
 its end and behind it is there, and no more states than that."""
@@ -67,20 +70,32 @@ class Case:
 
     def run(self, *, first_only: bool = False) -> Result:
         """Walk to the fixpoint, then bring the axis back from every state; ``first_only``: up to the first violation."""
-        number = self.number
-        tasks = number in TASK_TELEGRAM_NUMBERS
-        mode = Mode.POSITION.value if tasks else Mode.VELOCITY.value
-        plc = frames(number, full=self.full)
-        inputs = product(plc, anything(mode, tasks=tasks, full=self.full))
-        machine = Transducer(number, self._settings(), drive(), self.tick_ns, inputs)
+        number, machine = self.number, self.machine(Transducer)
+        plc = self._frames()
         expected = Expected(
-            self.on_plc_loss, self.resume, self.hold, raw=number == RAW, tasks=tasks, own_ramp=is_central(number)
+            self.on_plc_loss, self.resume, self.hold, raw=number == RAW, tasks=self._tasks, own_ramp=is_central(number)
         )
         result = walk(machine, Monitor(expected), first_only=first_only)
         if not result.violations:
             off, acknowledge, on = (next(item for item in plc if item.word & 0x8F == word) for word in (0xE, 0x8E, 0xF))
-            result.stuck = recovery(machine, range(len(machine)), mode, off, acknowledge, on)
+            result.stuck = recovery(machine, range(len(machine)), self._mode, off, acknowledge, on)
         return result
+
+    def machine(self, kind: Callable[..., Walked]) -> Walked:
+        """The axis machine, with all inputs; ``kind``: Transducer, or what is made from it."""
+        inputs = product(self._frames(), anything(self._mode, tasks=self._tasks, full=self.full))
+        return kind(self.number, self._settings(), drive(), self.tick_ns, inputs)
+
+    @property
+    def _tasks(self) -> bool:
+        return self.number in TASK_TELEGRAM_NUMBERS
+
+    @property
+    def _mode(self) -> int:
+        return (Mode.POSITION if self._tasks else Mode.VELOCITY).value
+
+    def _frames(self) -> list[Plc]:
+        return frames(self.number, full=self.full)
 
     def _settings(self) -> AxisSettings:
         return AxisSettings(
