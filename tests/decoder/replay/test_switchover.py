@@ -9,11 +9,12 @@ import pytest
 
 from pdgw.decoder.timeline.text import entry_lines
 from pdgw.durations import MS
+from pdgw.gateway.reasons import Reason
 from pdgw.recording.recordings import followed, known_from, load, look_ahead
 from tests.support.profinet_daemon import OFF, ON
 from tests.support.twin_controllers import HOLD_MS, OTHER_SPEED, SPEED, WAYS, Twins, die, hand_over, release, twins
 
-_LOST = "PLC lost: the drive is being stopped"
+_LOST = Reason.PLC_LOST.value
 
 
 def lines(pair: Twins, folder: Path) -> list[str]:
@@ -49,7 +50,7 @@ def test_after_a_switchover_the_frames_of_the_new_leader_count(tmp_path: Path, w
     assert count(found, "controller plc-1 leads") == count(found, "controller plc-2 leads") == 1
     assert count(found, _LOST) == count(found, "no frame of the PLC") == count(found, "missing") == 0
     assert count(found, "not primary") == (way is hand_over), "plc-1 stopped leading"
-    assert count(found, "STW1", "047Fh -> 047Eh", "OFF1 ramp stop") == 1
+    assert count(found, "STW1", "047Fh -> 047Eh", Reason.RAMP_STOP.value) == 1
 
 
 def test_a_switchover_too_late_is_a_loss_of_the_plc(tmp_path: Path) -> None:
