@@ -266,9 +266,12 @@ class Compiler:
         container, place = target.place
 
         def assign(variables: Variables) -> None:
+            container(variables)[place(variables)] = value(variables)
+
+        def assign_copy(variables: Variables) -> None:
             container(variables)[place(variables)] = copied(value(variables))
 
-        return assign
+        return assign if isinstance(target.type, Elementary) else assign_copy
 
     def _if(self) -> Execute:
         branches: list[tuple[Evaluate, Execute]] = []

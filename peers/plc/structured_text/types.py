@@ -9,7 +9,7 @@ from __future__ import annotations
 import enum
 import struct
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 Value = Any
@@ -34,21 +34,25 @@ class Elementary:
     name: str
     kind: Kind
     bits: int = 0
+    cut: Callable[[Value], Value] = field(init=False, repr=False, compare=False)
+    """A value as this type holds it: it wraps, a REAL is rounded to 32 bits."""
 
     @property
     def initial(self) -> Value:
         return {Kind.BOOL: False, Kind.REAL: 0.0, Kind.STRING: ""}.get(self.kind, 0)
 
-    def cut(self, value: Value) -> Value:
-        """A value as this type holds it: it wraps, a REAL is rounded to 32 bits."""
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cut", self._cutting())
+
+    def _cutting(self) -> Callable[[Value], Value]:
+        mask, half = (1 << self.bits) - 1, 1 << self.bits >> 1
         if self.kind in {Kind.BITS, Kind.UNSIGNED}:
-            return value & ((1 << self.bits) - 1)
+            return lambda value: value & mask
         if self.kind is Kind.SIGNED:
-            half = 1 << (self.bits - 1)
-            return (value + half) % (2 * half) - half
+            return lambda value: (value + half & mask) - half
         if self.kind is Kind.REAL and self.bits == 32:
-            return struct.unpack("<f", struct.pack("<f", value))[0]
-        return value[: self.bits] if self.kind is Kind.STRING else value
+            return lambda value: struct.unpack("<f", struct.pack("<f", value))[0]
+        return (lambda value: value[: self.bits]) if self.kind is Kind.STRING else lambda value: value
 
     def holds(self, value: Value) -> bool:
         """A literal is in range."""
@@ -152,4 +156,6 @@ def copied(value: Value) -> Value:
     """A structure or an array is copied where it is assigned."""
     if isinstance(value, dict):
         return {key: copied(item) for key, item in value.items()}
-    return [copied(item) for item in value] if isinstance(value, list) else value
+    if not isinstance(value, list):
+        return value
+    return [copied(item) for item in value] if value and isinstance(value[0], dict | list) else value.copy()
