@@ -18,8 +18,8 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from pdgw.gateway.service.build import COMPILED, kind
 from pdgw.recording import background_writer
-from pdgw.workshop.bench.build import COMPILED, build
 from tests.support.buses import PATIENCE_S
 from tests.support.logs import log_put_back
 
@@ -102,7 +102,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, bool, bool]:
 @pytest.hookimpl(tryfirst=True)
 def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
     """Compiled classes have no place where a defect could be planted: such a test is played on the sources, by a process."""
-    if pyfuncitem.get_closest_marker("planted") is None or build() != COMPILED:
+    if pyfuncitem.get_closest_marker("planted") is None or kind() != COMPILED:
         return None
     global _marked  # noqa: PLW0603
     _marked = True

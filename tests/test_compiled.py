@@ -87,7 +87,7 @@ def _named(base: ast.expr) -> str:
 
 
 def test_the_build_under_test_is_the_one_asked_for() -> None:
-    from pdgw.workshop.bench.build import build  # noqa: PLC0415
+    from pdgw.gateway.service.build import kind  # noqa: PLC0415
 
     asked = any("compiled" in Path(entry).parts for entry in sys.path)
-    assert build() == ("compiled" if asked else "pure Python")
+    assert kind() == ("compiled" if asked else "pure Python")

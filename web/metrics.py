@@ -48,8 +48,8 @@ class GatewayCollector(Collector):
         yield _gauge("pdgw_up", "1 if the gateway answers.", document is not None)
         if document is None:
             return
-        build = GaugeMetricFamily("pdgw_build_info", "Version of the gateway.", labels=["version"])
-        build.add_metric([document["version"]], 1)
+        build = GaugeMetricFamily("pdgw_build_info", "Version of the gateway.", labels=["version", "build"])
+        build.add_metric([document["version"], document.get("build", "unknown").lower().replace(" ", "_")], 1)
         yield build
         yield _gauge("pdgw_uptime_seconds", "Time since the gateway started.", document["uptime_s"])
         yield _gauge("pdgw_simulated", "1 if at least one device is simulated.", document["simulated"])

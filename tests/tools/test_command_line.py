@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import subprocess
 import sys
+import sysconfig
 from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
@@ -15,6 +16,7 @@ from typer.core import TyperOption
 from typer.testing import CliRunner, Result
 
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.links import cyclic
 from pdgw.tools import commands
 from pdgw.tools.cli import app
 from pdgw.tools.command_table import COMMANDS, EXAMPLES, SIM_COMMANDS, Command, Entry, Group
@@ -123,9 +125,14 @@ def test_every_module_of_a_command_is_in_the_table() -> None:
     assert modules == {entry.target.partition(":")[0] for _, entry in ENTRIES}
 
 
-def test_version_is_that_of_the_installed_package() -> None:
+def test_version_is_that_of_the_installed_package_and_names_the_build() -> None:
     result = CliRunner().invoke(app, ["--version"])
-    assert (result.exit_code, result.output) == (0, f"pdgw {version('profidrive-gateway')}\n")
+    optimised = "PGO" if "--enable-optimizations" in sysconfig.get_config_var("CONFIG_ARGS") else "not PGO"
+    build = "compiled" if cyclic.__file__.endswith(".so") else "pure Python"
+    expected = (
+        f"{version('profidrive-gateway')}, {build}, CPython {'.'.join(map(str, sys.version_info[:3]))}, {optimised}"
+    )
+    assert (result.exit_code, result.output) == (0, f"pdgw {expected}\n")
 
 
 @pytest.mark.parametrize("arguments", [["-h"], ["status", "-h"], ["sim", "inject", "-h"], ["param", "read", "-h"]])

@@ -16,7 +16,6 @@ from typing import Annotated
 import typer
 from pydantic import ValidationError
 
-from pdgw import __version__
 from pdgw.explain import Problem, problems
 from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.config import GatewayConfig
@@ -25,6 +24,7 @@ from pdgw.gateway.configuration.example import SIMULATED_ENCODER_TELEGRAM, simul
 from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service import realtime
+from pdgw.gateway.service.build import build_text
 from pdgw.tools.commands.simulation_options import only_with, telegrams_of_axes
 from pdgw.tools.service.child_processes import devices_beside, keeper_beside, page_beside
 from pdgw.tools.service.log_format import LogFormat
@@ -139,7 +139,7 @@ def run(
         scheduling = realtime.apply(chosen.realtime, chosen.transport.cycle_time_ms)
         run_log = RunLog(log_level, log_file, log_format)
         at_end.callback(run_log.stop)
-        log.info("pdgw %s, %s", __version__, config or "simulated devices")
+        log.info("pdgw %s; %s", build_text(), config or "simulated devices")
         for level, text in scheduling:
             log.log(level, "%s", text)
         recorder = CanRecorder(can_log) if can_log is not None else None

@@ -5,22 +5,12 @@ from __future__ import annotations
 import os
 import platform
 from datetime import UTC, datetime
-from importlib import import_module
 from importlib.metadata import version
 
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.service.build import interpreter, kind
 
-_HOT = "pdgw.gateway.links.cyclic"
-"""A module that every compiled build has compiled."""
-COMPILED = "compiled"
-"""What ``build`` says of a build with compiled modules."""
 _PRIORITY = 10
-
-
-def build() -> str:
-    """``compiled`` or ``pure Python``."""
-    file = import_module(_HOT).__file__ or ""
-    return "pure Python" if file.endswith(".py") else COMPILED
 
 
 def machine() -> dict[str, object]:
@@ -28,8 +18,8 @@ def machine() -> dict[str, object]:
     return {
         "date": datetime.now(UTC).date().isoformat(),
         "version": version("profidrive-gateway"),
-        "build": build(),
-        "python": platform.python_version(),
+        "build": kind(),
+        "python": interpreter(),
         "system": f"{platform.system()} {platform.release()}",
         "processor": platform.machine(),
         "cores": os.cpu_count(),

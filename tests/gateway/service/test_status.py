@@ -12,6 +12,7 @@ from pdgw.gateway.axis.values import gateway_fault
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.objects.fault_buffer import FaultLog
 from pdgw.gateway.reasons import AxisState, FaultNumber, Reason
+from pdgw.gateway.service.build import build_text
 from pdgw.gateway.service.cycle_times import Histogram
 from pdgw.gateway.service.status import answered, axis_status, encoder_status, snapshot
 from pdgw.tools.output.status_text import status_lines
@@ -112,6 +113,7 @@ def test_what_is_sent_in_parts_is_the_snapshot() -> None:
         document = snapshot(daemon)
         assert (document["schema"], document["simulated"], document["name"]) == (1, True, "pdgw")
         assert [item["do_id"] for item in document["axes"]] == [1, 3]
+        assert f"{document['version']}, {document['build']}, {document['python']}" == build_text()
 
 
 def test_every_key_of_the_document_is_told() -> None:
