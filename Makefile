@@ -93,10 +93,10 @@ limit-cycles: $(STAMP)
 soak: $(STAMP)
 	$(BIN)/python -m pdgw.workshop soak --hours 24 --axes 2
 
-# Each planted defect and the virtual time until the soak finds it: the last table of the document.
+# Each planted defect and the virtual time until the soak finds it.
 planted: $(STAMP)
-	sed -i '/^| what is broken/,$$d' docs/soak.md
-	$(BIN)/python -m pdgw.workshop soak --planted --seed 1 >> docs/soak.md
+	sed -i '/^| what is broken/,$$d' docs/planted-defects.md
+	$(BIN)/python -m pdgw.workshop soak --planted --seed 1 >> docs/planted-defects.md
 
 # Every state that a PLC, a loss and a lying drive can bring an axis to, with the choices of ``selected``.
 walk: $(STAMP)

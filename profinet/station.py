@@ -28,7 +28,7 @@ def check_name(name: str) -> None:
     if _ADDRESS.fullmatch(name):
         raise ProfidriveError("station name", name, "no IP address")
     if _PORT.fullmatch(labels[0]):
-        raise ProfidriveError("station name", name, "a first label that is no port name (port-001)")
+        raise ProfidriveError("station name", name, "a first label other than a port name (port-001)")
 
 
 @dataclass(frozen=True, slots=True)

@@ -230,7 +230,7 @@ def test_the_exit_codes_of_a_check_are_those_it_ends_with() -> None:
 
 
 def test_the_chapters_of_the_demo_are_told() -> None:
-    assert [name for row in rows("demo.md", "chapter | story") for name in named(row[0])] == list(CHAPTERS)
+    assert [name for row in rows("demo.md", "chapter | contents") for name in named(row[0])] == list(CHAPTERS)
 
 
 def test_the_telegrams_of_each_application_class_are_told() -> None:

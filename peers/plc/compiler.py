@@ -286,7 +286,7 @@ class Compiler:
             for word, status in _ENABLING:
                 program.append(self._setter(axis, {"Controlword": word}))
                 program.append(
-                    self._expectation(axis, {"Statusword": status}, within, f"Controlword {word:02X}h obeyed")
+                    self._expectation(axis, {"Statusword": status}, within, f"Controlword {word:02X}h executed")
                 )
             return program
         raise GatewayError("not possible with telegram 100")

@@ -273,7 +273,7 @@ class AxisTest:
             f"It will turn at {float(full * _CREEP):g} rpm of the motor. If that is correct, it will turn at "
             f"{float(full):g} rpm ({float(self._choices.percent):g} %) for {float(self._choices.turns):g} turns."
         )
-        self._tell("Make sure that brake, coupling and machine allow this. Somebody must be at the emergency stop.")
+        self._tell("Make sure that brake, coupling and machine allow this. A person must be at the emergency stop.")
 
     def _await_confirmation(self) -> None:
         typed: list[str] = []
@@ -440,7 +440,7 @@ class AxisTest:
             if not -_MARGIN <= turns <= self._commanded * _TOO_FAR + _MARGIN:
                 raise DoubtError(
                     f"6064h moved by {moved} = {float(Fraction(moved) / counts):.2f} turns, commanded were "
-                    f"{float(self._commanded * self._direction):.2f} so far: wrong direction, wrong units, or "
+                    f"{float(self._commanded * self._direction):.2f} until now: wrong direction, wrong units, or "
                     "runaway"
                 )
         return self._way

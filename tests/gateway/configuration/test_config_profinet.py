@@ -30,7 +30,7 @@ LABELS = "allowed: labels of 1..63 of a-z, 0-9, inner hyphens, with dots between
         (PROFINET + 'station_name = "Press_1"', f"station_name = 'Press_1': {LABELS}"),
         ('station_name = ""', 'station_name: may be empty with type = "profinet" only'),
         (PROFINET + 'station_name = "."', f"station_name = '.': {LABELS}"),
-        (PROFINET + 'station_name = "port-001.press"', "allowed: a first label that is no port name (port-001)"),
+        (PROFINET + 'station_name = "port-001.press"', "allowed: a first label other than a port name (port-001)"),
         (PROFINET + 'station_name = "10.0.0.1"', "station_name = '10.0.0.1': allowed: no IP address"),
         (PROFINET + f'station_name = "{"a." * 120}a"', "allowed: at most 240"),
     ],

@@ -1,0 +1,170 @@
+"""The language of everything a person reads: no word of the list in ``tests/language.toml``.
+
+Read are the help of every command, the texts of messages, the texts of the web page, and the documents. Words in code, names and
+keys are not read.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import pytest
+
+from pdgw.tools.command_table import COMMANDS, SIM_COMMANDS
+
+ROOT: Final = Path(__file__).parents[1]
+_DATA: Final = tomllib.loads((ROOT / "tests/language.toml").read_text("utf-8"))
+RULES: Final = [(re.compile(rf"\b(?:{rule['pattern']})\b", re.IGNORECASE), rule["instead"]) for rule in _DATA["rule"]]
+EXCEPTIONS: Final = _DATA["exception"]
+PACKAGES: Final = (
+    *("client", "decoder", "ds301", "dsp402", "dsp406", "gateway", "pdgw"),
+    *("peers", "profidrive", "profinet", "recording", "tools", "web"),
+)
+_WORDS: Final = 3
+"""A literal with fewer words is a name or a key."""
+
+
+def without_code(text: str) -> str:
+    """A text without code between backticks, quoted values and placeholders."""
+    return re.sub(r"`[^`]*`|\{[^{}]*\}|%[sdgr]", "x", text)
+
+
+def found_in(text: str) -> list[str]:
+    """What a text has of the list, each with what to write instead."""
+    plain = without_code(text)
+    return [
+        f"{match[0]!r} (write: {instead})"
+        for rule, instead in RULES
+        for match in rule.finditer(plain)
+        if not any(
+            item["text"] in text and re.fullmatch(item["pattern"], match[0], re.IGNORECASE) for item in EXCEPTIONS
+        )
+    ]
+
+
+def literals(source: str) -> Iterator[tuple[int, str]]:
+    """The texts of a module with at least three words, by line; docstrings are left out."""
+    tree = ast.parse(source)
+    skipped: set[int] = set()
+    for node in ast.walk(tree):
+        for statement in getattr(node, "body", ()) if isinstance(getattr(node, "body", None), list) else ():
+            if isinstance(statement, ast.Expr):
+                skipped.add(id(statement.value))
+        if isinstance(node, ast.JoinedStr):
+            skipped |= {id(part) for part in ast.walk(node) if part is not node}
+    for node in ast.walk(tree):
+        if id(node) in skipped:
+            continue
+        if isinstance(node, ast.JoinedStr):
+            parts = [part.value if isinstance(part, ast.Constant) else "x" for part in node.values]
+            text = "".join(map(str, parts))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            text = node.value
+        else:
+            continue
+        if len(re.findall(r"[A-Za-z]{2,}", text)) >= _WORDS and " " in text.strip():
+            yield node.lineno, text
+
+
+def helps(command: Any) -> Iterator[str]:
+    """The help of a command, its options and the commands below it."""
+    yield command.help or ""
+    yield from (str(getattr(item, "help", None) or "") for item in command.params)
+    for item in getattr(command, "commands", {}).values():
+        yield from helps(item)
+
+
+def page_texts(source: str) -> Iterator[tuple[int, str]]:
+    """The texts of a script or page: between tags, in attributes for people, and quoted literals with words."""
+    for number, line in enumerate(source.splitlines(), 1):
+        code = re.sub(r"^\s*//.*|\s//\s.*", "", line)
+        for text in re.findall(r">([^<>]+)<|\"([^\"]*)\"|`([^`]*)`", code):
+            for part in text:
+                plain = re.sub(r"\$\{[^}]*\}|<[^>]*>|class=\S+", " ", part)
+                if len(re.findall(r"[A-Za-z]{2,}", plain)) > 1 and not re.search(r"[=;{}]", plain):
+                    yield number, plain.strip()
+
+
+def prose(document: str) -> Iterator[tuple[int, str]]:
+    """The lines of a document without its blocks of code."""
+    fenced = False
+    for number, line in enumerate(document.splitlines(), 1):
+        if line.lstrip().startswith("```"):
+            fenced = not fenced
+        elif not fenced and not line.startswith("    "):
+            yield number, re.sub(r"\]\([^)]*\)", "]", line)
+
+
+@pytest.mark.parametrize("name", [*COMMANDS, *(f"sim {name}" for name in SIM_COMMANDS)])
+def test_the_help_has_no_word_of_the_list(name: str) -> None:
+    own = name.removeprefix("sim ")
+    entry = COMMANDS[own] if own == name else SIM_COMMANDS[own]
+    wrong = {text: found for text in helps(entry.load(own)) if (found := found_in(text))}
+    assert not wrong
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_messages_have_no_word_of_the_list(package: str) -> None:
+    wrong = [
+        f"{path.relative_to(ROOT)}:{line}: {found}: {text[:90]}"
+        for path in sorted((ROOT / package).rglob("*.py"))
+        for line, text in literals(path.read_text("utf-8"))
+        if (found := found_in(text))
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_the_page_has_no_word_of_the_list() -> None:
+    folder = ROOT / "web/static"
+    wrong = [
+        f"{path.relative_to(ROOT)}:{line}: {found}: {text[:90]}"
+        for path in sorted([*folder.glob("*.html"), *folder.glob("*.js"), *(folder / "views").glob("*.js")])
+        for line, text in page_texts(path.read_text("utf-8"))
+        if (found := found_in(text))
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+NOT_READ: Final = {item["name"]: item["reason"] for item in _DATA["document"]}
+DOCUMENTS: Final = [
+    name
+    for name in ("README.md", "CHANGELOG.md", *sorted(str(p.relative_to(ROOT)) for p in (ROOT / "docs").rglob("*.md")))
+    if name not in NOT_READ
+]
+
+
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_the_documents_have_no_word_of_the_list(name: str) -> None:
+    wrong = [
+        f"{name}:{line}: {found}: {text[:90]}"
+        for line, text in prose((ROOT / name).read_text("utf-8"))
+        if (found := found_in(text))
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_the_gate_finds_a_word_of_the_list_in_each_kind_of_text() -> None:
+    assert found_in("the drive obeys the PLC")
+    assert not found_in("set `stand_by` and {told}")
+    assert [text for _, text in literals('x = f"the axis {told} stands there"')] == ["the axis x stands there"]
+    assert [text for _, text in page_texts("html`<p>Nobody is here.</p>`")] == ["Nobody is here."]
+    assert [text for _, text in prose("a\n```\ntold\n```\n[b](told.md)")] == ["a", "[b]"]
+
+
+@pytest.mark.parametrize("item", EXCEPTIONS, ids=lambda item: str(item["text"])[:40])
+def test_every_exception_has_a_reason_and_is_needed(item: dict[str, str]) -> None:
+    assert item["reason"]
+    messages = [
+        text
+        for package in PACKAGES
+        for path in (ROOT / package).rglob("*.py")
+        for _, text in literals(path.read_text("utf-8"))
+    ]
+    documents = [text for name in DOCUMENTS for _, text in prose((ROOT / name).read_text("utf-8"))]
+    pattern = re.compile(rf"\b(?:{item['pattern']})\b", re.IGNORECASE)
+    assert any(item["text"] in text and pattern.search(without_code(text)) for text in [*messages, *documents])
