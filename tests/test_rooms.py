@@ -27,7 +27,7 @@ _PROFINET = "profinet.ethernet profinet.model profinet.station profinet.wire"
 _LOW = "gateway.errors gateway.format_version gateway.reasons gateway.identity gateway.platform gateway.store"
 """Modules of ``gateway`` below its sub-packages."""
 _ALL = f"{_FIELD} gateway decoder client recording web peers tools"
-FOR_ALL = {"explain", "durations"}
+FOR_ALL = {"explain", "extras", "durations"}
 """Modules of ``pdgw`` that every package may import."""
 ROWS = {
     "profidrive": "",

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pdgw.durations import MS, SECOND
+from pdgw.extras import missing
 from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.example import SIMULATED_WATCHDOG_FACTOR
@@ -181,7 +182,7 @@ def plot(points: Sequence[Point], picture: Path) -> None:
         mpl.use("Agg")
         from matplotlib import pyplot  # noqa: PLC0415
     except ImportError as error:
-        raise GatewayError("the picture needs matplotlib: pip install 'profidrive-gateway[plot]'") from error
+        raise GatewayError(missing("matplotlib", "the picture")) from error
     figure, (errors, steps) = pyplot.subplots(1, 2, figsize=(13, 5), constrained_layout=True)
     colours = dict(
         zip(sorted({item.cycle_ms for item in points}), ("#4c78a8", "#f58518", "#54a24b", "#b279a2"), strict=False)

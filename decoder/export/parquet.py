@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from pdgw.decoder.view.columns import Row
 from pdgw.decoder.view.names import Names
+from pdgw.extras import missing
 from pdgw.gateway.errors import GatewayError
 
 _ROWS_AT_ONCE: Final = 1 << 16
@@ -21,7 +22,7 @@ class ParquetTable:
             import pyarrow  # noqa: PLC0415
             from pyarrow import parquet  # noqa: PLC0415
         except ImportError as error:
-            raise GatewayError("--parquet needs pyarrow: pip install 'profidrive-gateway[parquet]'") from error
+            raise GatewayError(missing("pyarrow", "--parquet")) from error
         self.rows = 0
         self._arrow: Any = pyarrow
         kinds = [pyarrow.string() if names.is_text(title) else pyarrow.float64() for title in titles]

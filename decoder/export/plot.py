@@ -13,6 +13,7 @@ from pdgw.decoder.view.columns import Columns
 from pdgw.decoder.view.names import Names
 from pdgw.dsp402.states import STATE_OF_STATUS, State
 from pdgw.durations import SECOND
+from pdgw.extras import missing
 from pdgw.gateway.axis.supervision.drive_events import FAULTY
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.signals import CATALOGUE
@@ -143,7 +144,7 @@ class PlotWriter:
         try:
             import matplotlib as mpl  # noqa: PLC0415
         except ImportError as error:
-            raise GatewayError("--plot needs matplotlib: pip install 'profidrive-gateway[plot]'") from error
+            raise GatewayError(missing("matplotlib", "--plot")) from error
         mpl.use("Agg")
         if not titles:
             raise GatewayError("--plot: name the signals to draw, like --signal NSOLL_A --signal NIST_A")

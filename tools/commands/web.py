@@ -14,6 +14,7 @@ import typer
 from pydantic import ValidationError
 
 from pdgw.explain import problems
+from pdgw.extras import EXTRA_OF, missing
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.configuration.web import WebConfig
@@ -24,8 +25,6 @@ from pdgw.tools.service.run_log import LogLevel, RunLog
 from pdgw.web.parameters import PageParameters
 
 _NICE = 10
-_EXTRAS = {"starlette": "web", "uvicorn": "web", "prometheus_client": "web", "paho": "mqtt"}
-"""Packages of the page, and the extra each belongs to."""
 _ANYWHERE = "0.0.0.0"
 
 
@@ -59,10 +58,9 @@ def web(
             serve(chosen, PageParameters(_record_channel(chosen)), captured)
         except ModuleNotFoundError as error:
             package = (error.name or "").partition(".")[0]
-            if package not in _EXTRAS:
+            if package not in EXTRA_OF:
                 raise
-            extra = _EXTRAS[package]
-            raise GatewayError(f"this needs {package}: pip install 'profidrive-gateway[{extra}]'") from error
+            raise GatewayError(missing(package)) from error
 
 
 def _stand_back() -> None:

@@ -12,6 +12,7 @@ from pdgw.decoder.capture.source import open_source
 from pdgw.decoder.frames.engine import Decoder
 from pdgw.decoder.frames.records import ProcessData
 from pdgw.durations import MS, SECOND
+from pdgw.extras import missing
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.signals import SIGNALS
@@ -101,7 +102,7 @@ def plot(
         mpl.use("Agg")
         from matplotlib import pyplot  # noqa: PLC0415
     except ImportError as error:
-        raise GatewayError("the picture needs matplotlib: pip install 'profidrive-gateway[plot]'") from error
+        raise GatewayError(missing("matplotlib", "the picture")) from error
     seen = _seen(capture, config, begin_s)
     figure, places = pyplot.subplots(
         len(chapter.panels),

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from pdgw.durations import SECOND
+from pdgw.extras import missing
 from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import parse_config
@@ -128,7 +129,7 @@ def take(folder: Path) -> None:
     try:
         from playwright.sync_api import sync_playwright  # noqa: PLC0415 (of an extra)
     except ModuleNotFoundError as error:
-        raise GatewayError("the pictures need playwright: pip install 'profidrive-gateway[browser]'") from error
+        raise GatewayError(missing("playwright", "the command")) from error
     chromium = shutil.which("chromium")
     if chromium is None:
         raise GatewayError("the pictures need Chromium: apt-get install chromium")

@@ -1,0 +1,99 @@
+"""Dependencies: each optional import names its extra when it is missing, and the page about dependencies lists them all."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+from pdgw.extras import EXTRA_OF, missing
+from pdgw.web.support import PACKAGE, licence
+from pdgw.workshop.sbom import closure
+from tests.test_package import PROJECT, ROOMS, ROOT
+
+CORE = {"can", "canopen", "greenlet", "pydantic", "pydantic_core", "typer", "click", "rich", "yaml", "pdgw"}
+"""What every installation can import beside the standard library."""
+WITH_ANOTHER = {"h11"}
+"""What a package of an extra always brings along: uvicorn needs h11."""
+BY_WEB_COMMAND = "web"
+"""The package that ``pdgw web`` imports in a ``try``, and nothing else does."""
+EXTRAS = PROJECT["project"]["optional-dependencies"]
+TEXT = (ROOT / "docs" / "dependencies.md").read_text(encoding="utf-8")
+
+
+def imports(path: Path) -> Iterator[tuple[str, bool]]:
+    """The top-level packages that a module imports, and whether it does so in a ``try``."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tried = {id(below) for item in ast.walk(tree) if isinstance(item, ast.Try) for below in ast.walk(item)}
+    for item in ast.walk(tree):
+        names = [alias.name for alias in item.names] if isinstance(item, ast.Import) else []
+        if isinstance(item, ast.ImportFrom) and item.module:
+            names = [item.module]
+        for name in names:
+            yield name.partition(".")[0], id(item) in tried
+
+
+def optional() -> set[tuple[str, str, bool]]:
+    """Each import of a package that a plain installation does not have: file, package, whether in a ``try``."""
+    return {
+        (path.relative_to(ROOT).as_posix(), package, tried)
+        for room in set(ROOMS) - {"workshop"}
+        for path in (ROOT / room).rglob("*.py")
+        for package, tried in imports(path)
+        if package not in CORE | WITH_ANOTHER | sys.stdlib_module_names
+    }
+
+
+def test_each_optional_import_is_in_the_table_and_can_name_its_extra() -> None:
+    found = optional()
+    assert {package for _, package, _ in found} == EXTRA_OF.keys() - {"playwright"}
+    assert [item for item in found if not item[2] and not item[0].startswith(f"{BY_WEB_COMMAND}/")] == [
+        ("decoder/export/plot.py", "matplotlib", False)  # its second import, after the one in a ``try``
+    ]
+
+
+def test_each_extra_of_the_table_installs_its_package() -> None:
+    for package, extra in EXTRA_OF.items():
+        names = {Requirement(text).name.partition("-")[0] for text in EXTRAS[extra]}
+        assert package in names, (package, extra)
+        assert missing(package).endswith(f"pip install 'profidrive-gateway[{extra}]'")
+
+
+def test_scapy_layers_without_scapy_name_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    name = "pdgw.profidrive.scapy_layers"
+    monkeypatch.delitem(sys.modules, name, raising=False)
+    monkeypatch.setitem(sys.modules, "scapy.contrib.pnio", None)
+    with pytest.raises(ImportError, match=re.escape("this needs scapy: pip install 'profidrive-gateway[scapy]'")):
+        __import__(name)
+
+
+# -- the page ---------------------------------------------------------------------------------------------------------
+
+
+def rows(heading: str) -> dict[str, list[str]]:
+    """The cells of the table below a heading, by the package in the first one."""
+    part = TEXT.partition(f"## {heading}\n")[2].partition("\n## ")[0]
+    lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in part.splitlines() if line[:1] == "|"]
+    return {cells[0].strip("`"): cells[1:] for cells in lines[2:]}
+
+
+def test_the_page_lists_every_dependency_of_a_plain_installation_with_its_licence() -> None:
+    needed = closure()
+    direct, others = rows("Required packages"), rows("Packages that these need")
+    assert sorted(direct) == needed[PACKAGE]
+    assert direct.keys() | others.keys() == needed.keys() - {PACKAGE}
+    assert not direct.keys() & others.keys()
+    for name, cells in (direct | others).items():
+        assert cells[0] == licence(name)["licence"], name
+
+
+def test_the_page_lists_every_package_of_the_extras() -> None:
+    listed = {(name, cells[0].strip("`")) for name, cells in rows("Packages of extras").items()}
+    (everything,) = (Requirement(text).extras for text in EXTRAS["all"])
+    asked = {(Requirement(text).name, extra) for extra in everything for text in EXTRAS[extra]}
+    assert listed == {item for item in asked if item != ("pyarrow", "archive")}  # one row for both of its extras
