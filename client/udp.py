@@ -33,7 +33,7 @@ from pdgw.profinet.rpc.records import NIL, RECORD_GLOBAL, RECORD_LOCAL, AccessEr
 _ATTEMPTS = 5
 _REPEAT_S = 0.4
 _POLL_S = 0.002
-_LONGEST_POLL_S = 0.05
+_LONGEST_POLL_S = 0.008
 _DATAGRAM = 2048
 
 

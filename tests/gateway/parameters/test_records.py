@@ -12,15 +12,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pdgw.durations import MS
 from pdgw.gateway.configuration.environment import ParametersConfig
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.parameters.manager import ParameterManager
 from pdgw.gateway.parameters.records import CallerRecords, Records
 from pdgw.gateway.store import ParameterStore
+from pdgw.profidrive.parameters.codec import ParameterAddress
 from pdgw.profinet.rpc import identification
 from pdgw.profinet.rpc.records import NIL, RECORD_GLOBAL, AccessError, BlockType, RecordBlock, RecordRefused
-from tests.support.daemon import axis, configuration
+from tests.support.daemon import axis, configuration, drive_of, serving
 
 HERE = ("127.0.0.1", 40000)
 READ_P965 = bytes.fromhex("02 01 00 01 10 00 03 C5 00 00")
@@ -192,3 +194,16 @@ def test_an_im_record_of_a_wrong_length_is_refused_as_such(number: int) -> None:
         refused = refusal(lambda: caller.write(block(BlockType.WRITE_REQUEST, index), data))  # noqa: B023
         assert refused == AccessError.WRITE_LENGTH
     caller.write(block(BlockType.WRITE_REQUEST, index), right)
+
+
+@pytest.mark.parametrize("delay_ms", [11, 23, 35, 60, 80])
+def test_an_answer_is_fetched_within_10_ms_of_being_ready(delay_ms: int) -> None:
+    with serving(configuration(axis(1))) as (daemon, client):
+        elapsed = []
+        for delay in (1, delay_ms):
+            drive_of(daemon).do(lambda node, delay=delay: node.misbehave("slow-sdo", delay_ms=delay))
+            began = daemon.loop.now()
+            client.request([ParameterAddress(0x6041, 0, 1)])
+            elapsed.append(daemon.loop.now() - began)
+        fast, slow = elapsed
+        assert slow - fast <= (delay_ms + 10) * MS
