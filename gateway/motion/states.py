@@ -101,7 +101,7 @@ _TASK = (*_ENDS, _REFUSED, _REPLACED_BY_MDI, _REPLACED_BY_SETTING_UP)
 
 TRANSITIONS: Mapping[State, tuple[Transition, ...]] = MappingProxyType(
     {
-        State.OFF: (Transition(Event.OPERATING, State.IDLE),),
+        State.OFF: (Transition(Event.OPERATING, State.IDLE, Action.CLEAR),),
         State.IDLE: (
             _LOST,
             Transition(Event.REJECTED, State.IDLE, Action.CLEAR),

@@ -424,3 +424,12 @@ def test_nothing_goes_on_when_operation_returns_and_standing_bits_are_no_edge() 
     stands = rig.position
     rig.step(100, target=1)
     assert (rig.position, rig.outcome.state) == (stands, State.IDLE)
+
+
+def test_reason_of_a_refused_task_ends_when_operation_begins_anew() -> None:
+    rig = PositionerRig()
+    rig.step(**{**ABSOLUTE, "velocity": 0, "activate": True})
+    assert rig.outcome.reason is Reason.TASK_SPEED_ZERO
+    rig.step(operating=False)
+    rig.step(3, operating=True)
+    assert rig.outcome.reason is None
