@@ -106,6 +106,7 @@ docs: $(STAMP)
 	$(BIN)/python -m pdgw.workshop.walk --short --figures docs/walk.txt
 	$(BIN)/python -m pdgw.workshop.documents.tables
 	$(BIN)/python -m pdgw.workshop.documents.plc_blocks
+	$(BIN)/python -m pdgw.workshop.documents.plc_timing
 	$(BIN)/python -c "from tests.support import statements; statements.write()"
 	$(BIN)/python -c "from tests.support import situations; situations.write()"
 	$(BIN)/python -m pdgw.peers.drive.eds

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pdgw.workshop.documents.plc_blocks import BLOCKS_PATH, TIMING_PATH, generate_blocks, generate_timing
+from pdgw.workshop.documents.plc_blocks import BLOCKS_PATH, generate_blocks
+from pdgw.workshop.documents.plc_timing import FOLDER, PICTURES, pictures
 from pdgw.workshop.documents.tables import (
     MISBEHAVIOUR_PATH,
     PATH,
@@ -31,5 +32,8 @@ def test_tables_of_the_plc_blocks_are_up_to_date() -> None:
     assert (DOCS / BLOCKS_PATH.name).read_text(encoding="utf-8") == generate_blocks(), "run: make docs"
 
 
-def test_timing_diagram_of_the_positioning_block_is_up_to_date() -> None:
-    assert (DOCS / TIMING_PATH.name).read_text(encoding="utf-8") == generate_timing(), "run: make docs"
+def test_timing_diagrams_of_the_plc_blocks_are_up_to_date() -> None:
+    drawn = pictures()
+    assert {name.removesuffix(".svg") for name in drawn} == PICTURES.keys()
+    stored = {path.name: path.read_text(encoding="utf-8") for path in (DOCS / FOLDER).iterdir()}
+    assert stored == drawn, "run: make docs"
