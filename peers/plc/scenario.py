@@ -103,7 +103,7 @@ class Step(_Model):
     home_end: _Flag = None
     """end of the homing, or of a passive one that waits"""
     set_reference: _Flag = None
-    """the reference point is where the axis stands"""
+    """set the reference point at the current position"""
     reject: _Flag = None
     """reject the task: ramp"""
     intermediate_stop: _Flag = None

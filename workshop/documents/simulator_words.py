@@ -30,10 +30,10 @@ _INTRODUCTION = """\
 
 Generated from the declarations by `make docs`; do not edit.
 
-`pdgw sim plc SCENARIO` plays steps; `pdgw sim plc --interactive --telegram 111` obeys the keyboard, where `:` takes the same
-steps. A scenario is YAML: `telegrams` (one for each axis), `references` (`speed_rpm`, `position`, `increments`: what 100 % and a
-revolution are) and `steps`. A step has one action or words of the telegram, and where needed `axis` (from 1), `note`, `within`
-(how long is waited, `3 s`):
+`pdgw sim plc SCENARIO` runs the steps of a file. `pdgw sim plc --interactive --telegram 111` reads the keyboard; after `:`
+you can type the same steps. A scenario is YAML: `telegrams` (one for each axis), `references` (`speed_rpm`, `position`,
+`increments`: what 100 % and a revolution are) and `steps`. A step has one action or words of the telegram,
+and where needed `axis` (from 1), `note`, `within` (how long it waits, `3 s`):
 
     steps:
       - {enable: true, within: 10 s}
