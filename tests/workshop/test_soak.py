@@ -38,7 +38,7 @@ SLOW_TO_COME = {"slow-sdo", "slow-boot", "unguarded"}
 @pytest.mark.parametrize("seed", range(3))
 def test_short_soak_of_drawn_axes_finds_nothing(seed: int) -> None:
     life = Life(next(parts(seed)))
-    life.play(30 * SECOND)
+    life.play(20 * SECOND)
     assert life.starts >= 4, "a life without starts proves nothing"
 
 
@@ -57,7 +57,7 @@ def test_one_seed_is_one_run_bit_for_bit_and_another_is_another() -> None:
             lambda now, source, target, data: everything.update(f"{now} {source} {target} ".encode() + bytes(data))
         )
         life.bus.taps.append(lambda now, member, can_id, data: everything.update(f"{now} {can_id} ".encode() + data))
-        life.play(15 * SECOND)
+        life.play(8 * SECOND)
         return life.trace.lines, everything.hexdigest()
 
     assert lived(3) == lived(3)
