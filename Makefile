@@ -123,13 +123,14 @@ site: $(STAMP)
 	$(BIN)/mkdocs build --strict
 
 $(STAMP): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; v < (3, 11) and sys.exit("needs Python 3.11 or newer, this is %d.%d" % v)'
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[plot,web,mqtt,dev]'
 	@# As an installation that is not editable does: every start is quicker by what compiling took.
 	$(BIN)/python -m compileall -q $(ROOMS) pdgw
 	@# mypy does not know setuptools' mapping of the rooms to one package: the same tree, as links.
 	@mkdir -p $(VENV)/rooms/pdgw
-	@ln -sfn $(addprefix $(CURDIR)/,$(ROOMS)) $(CURDIR)/pdgw/*.py $(CURDIR)/pdgw/py.typed $(VENV)/rooms/pdgw
+	@cd $(VENV)/rooms/pdgw && ln -sfn $(addprefix ../../../,$(ROOMS) pdgw/*.py pdgw/py.typed) .
 	@touch $@
 
 # Source distribution, wheel, bill of materials and checksums of the last commit, built twice and compared.

@@ -8,6 +8,11 @@ from __future__ import annotations
 
 import os
 import shutil
+import sys
+
+if sys.version_info[:2] < (3, 11):  # noqa: UP036 (before tomllib, which 3.10 does not have)
+    sys.exit("needs Python 3.11 or newer, this is {}.{}".format(*sys.version_info[:2]))
+
 import tomllib
 from pathlib import Path
 from typing import Any

@@ -21,6 +21,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.format_version import at_most
 from pdgw.profidrive.parameters.catalogue import OBJECT_PNUS
 from pdgw.profidrive.parameters.codec import Values
+from pdgw.profidrive.parameters.errors import ParameterErrorNumber
 from pdgw.profidrive.parameters.pnu import Pnu
 
 FORMAT_VERSION = 1
@@ -48,6 +49,9 @@ _PROCESS = {
 """Demands of the moment."""
 _LAST = (Pnu.TELEGRAM, Pnu.OPERATION_PRIORITY)
 """Another telegram makes the gateway configure the drive anew; with the priority taken away nothing after it can be written."""
+
+_TYPE_FIELDS = 2
+"""Manufacturer and drive unit type come first in P964; version, date and number of axes may differ."""
 
 Pair = tuple["DumpedElement", Element]
 """A setting of the file, and what the device has."""
@@ -142,6 +146,17 @@ def _is_setting(element: Element, *, array: bool) -> bool:
     return not (pnu in OBJECT_PNUS and array and element.subindex == 0)
 
 
+def other_origin(session: Session, dump: Dump) -> str:
+    """Name the origin of a file that was saved from another drive object or another type of device; empty for a match."""
+    if dump.do_id != session.client.do_id:
+        return f"DO {dump.do_id}"
+    found = session.read([Target(Pnu.DRIVE_UNIT)])
+    unit = tuple(element.value for element in found if isinstance(element.value, int))
+    if dump.unit and unit and unit[:_TYPE_FIELDS] != dump.unit[:_TYPE_FIELDS]:
+        return f"another device (P964 {dump.unit[0]}, {dump.unit[1]} instead of {unit[0]}, {unit[1]})"
+    return ""
+
+
 def difference(session: Session, dump: Dump, progress: Progress | None = None) -> list[Pair]:
     """The settings of the file that the device has otherwise (or not at all), in the order in which they are to be written.
 
@@ -151,6 +166,12 @@ def difference(session: Session, dump: Dump, progress: Progress | None = None) -
     present = session.read([element.target for element in settings], progress)
     if len(present) != len(settings):
         raise GatewayError("the device has other elements than the file: it is another device")
+    silent = [found for found in present if found.error == ParameterErrorNumber.NOT_EXECUTABLE_IN_STATE]
+    if silent:
+        raise GatewayError(
+            f"DO {session.client.do_id}: {len(silent)} of {len(present)} settings cannot be read "
+            f"({silent[0].error_text}); check that the device is online (pdgw status)"
+        )
     if present and all(found.failed for found in present):
         raise GatewayError(f"DO {session.client.do_id} has none of the settings in the file: {present[0].error_text}")
     pairs = [

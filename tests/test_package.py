@@ -36,6 +36,18 @@ def packages_in(folder: str) -> set[str]:
     return {".".join([ROOMS[folder], *path.parts]) for path in inside}
 
 
+def test_an_older_python_is_rejected_with_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By make and by pip, which runs setup.py before it reads ``requires-python`` of a folder."""
+    (check,) = re.findall(r"@\$\(PYTHON\) -c '(.+)'", (ROOT / "Makefile").read_text(encoding="utf-8"))
+    monkeypatch.setattr(sys, "version_info", (3, 10, 13, "final", 0))
+    message = "needs Python 3.11 or newer, this is 3.10"
+    with pytest.raises(SystemExit, match=message):
+        exec(check, {})
+    with pytest.raises(SystemExit, match=message):
+        runpy.run_path(str(ROOT / "setup.py"))
+    assert PROJECT["project"]["requires-python"] == ">=3.11"
+
+
 def test_the_list_of_packages_is_complete() -> None:
     found = {name for folder in ROOMS for name in packages_in(folder)}
     assert set(SETUPTOOLS["packages"]) == found

@@ -151,8 +151,8 @@ class TransportConfig(Section):
         if self.type == "profinet" and self.interface is None:
             raise misplaced('interface is missing: type = "profinet" needs it, for example "eth1"', "type")
         if self.type != "profinet":
-            if not self.station_name:
-                raise misplaced('station_name: may be empty with type = "profinet" only', "station_name")
+            if "station_name" in self.model_fields_set:
+                raise misplaced('station_name: allowed only with type = "profinet"', "station_name")
             for key in ("interface", "ip", "router", "snmp_community", "snmp_write_community", "switchover_ms"):
                 if getattr(self, key) is not None:
                     raise misplaced(f'{key}: allowed only with type = "profinet"', key)

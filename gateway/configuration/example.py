@@ -59,11 +59,11 @@ cycle_time_ms = {USUAL_CYCLE_MS}            # 0.25 to 512
 watchdog_factor = {WATCHDOG_FACTOR}          # number of cycles without a frame after which the PLC is lost
 # parameter_timeout_ms = 2000  # longest time until a parameter request is answered
 # ar_uuid = "00000000-0000-0000-0000-000000000000"   # of the static application relationship
-# station_name = "pdgw"      # P61000; of "profinet" until DCP gives another name, "" for none until then
 # peer = "192.168.0.10"      # accept only this PLC; without it the first sender (allowed only with listen = "127.0.0.1")
 # direct = false             # true: only cables and switches connect the PLC, so that no old frame can arrive (docs/plc.md)
 # A PROFINET IO device on Ethernet instead (docs/profinet.md):
 # type = "profinet"
+# station_name = "pdgw"      # "profinet": name until DCP sets another one, "" for none; P61000
 # interface = "eth1"
 # ip = "192.168.0.2/24"      # without it the controller sets the address by DCP
 # router = "192.168.0.1"

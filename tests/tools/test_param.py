@@ -9,11 +9,12 @@ from collections.abc import Iterator, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import cast
+from unittest.mock import Mock
 
 import pytest
 
 from pdgw.client.address import Target, parse_target, parse_type, parse_value
-from pdgw.client.dump import Dump, DumpedElement, Restored, difference, other_telegram, read_all, restore
+from pdgw.client.dump import Dump, DumpedElement, Restored, difference, other_origin, other_telegram, read_all, restore
 from pdgw.client.identify import read_identification
 from pdgw.client.names import full_name
 from pdgw.client.session import Element, Session, meaning
@@ -208,7 +209,7 @@ def test_a_restore_into_a_drive_object_that_does_not_exist_is_refused_before_it_
 ) -> None:
     file = tmp_path / "drive.json"
     assert pdgw("param", "dump", str(file), *option(server)).returncode == 0
-    done = pdgw("param", "restore", str(file), "--do", "9", *option(server), text="y\n")
+    done = pdgw("param", "restore", str(file), "--other", "--do", "9", *option(server), text="y\n")
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr == "error: DO 9 has none of the settings in the file: 19h: axis or DO does not exist\n"
 
@@ -253,6 +254,38 @@ def test_telegram_and_priority_are_written_when_all_else_was_taken() -> None:
     assert not restore(session, pairs).failed
     assert device.order == [925, 930, 922, 927]
     assert device.values == {922: 9, 925: 6, 927: 0, 930: 3}
+
+
+@pytest.mark.parametrize(
+    ("do_id", "unit", "origin"),
+    [
+        (1, (42, 7, 100, 2026, 101, 1), ""),
+        (1, (42, 7, 200, 2027, 101, 2), ""),
+        (1, (), ""),
+        (2, (42, 7, 100, 2026, 101, 1), "DO 2"),
+        (1, (42, 8, 100, 2026, 101, 1), "another device (P964 42, 8 instead of 42, 7)"),
+        (1, (43, 7, 100, 2026, 101, 1), "another device (P964 43, 7 instead of 42, 7)"),
+    ],
+)
+def test_a_file_of_another_drive_object_or_device_type_is_recognised(
+    do_id: int, unit: tuple[int, ...], origin: str
+) -> None:
+    session = Mock()
+    session.client.do_id = 1
+    session.read.return_value = [
+        Element(964, place, DataType.UNSIGNED16, value) for place, value in enumerate((42, 7, 100, 2026, 101, 1))
+    ]
+    assert other_origin(session, Dump(do_id=do_id, unit=unit, parameters=())) == origin
+
+
+def test_the_settings_of_an_offline_drive_are_one_line() -> None:
+    session = Mock()
+    session.client.do_id = 1
+    session.read.return_value = [Element(0x6085 + n, 0, None, None, 0x11) for n in range(2)]
+    with pytest.raises(
+        GatewayError, match=r"^DO 1: 2 of 2 settings cannot be read \(11h: .*\); check that the device is online"
+    ):
+        difference(session, dumped(P24709=1, P24710=2))
 
 
 def test_a_restore_of_which_something_is_refused_changes_nothing() -> None:

@@ -17,7 +17,7 @@ from rich.progress import Progress as ProgressBar
 from rich.text import Text
 
 from pdgw.client.address import parse_target, parse_type, parse_value
-from pdgw.client.dump import Dump, difference, other_telegram, read_all, restore
+from pdgw.client.dump import Dump, difference, other_origin, other_telegram, read_all, restore
 from pdgw.client.identify import read_identification
 from pdgw.client.names import full_name
 from pdgw.client.session import Element, Progress, Session, address_text, meaning
@@ -131,7 +131,7 @@ def read(
     do_id: Annotated[int, DO] = 1,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Read parameters; an array without subindex is read whole."""
+    """Read parameters; without a subindex, all elements of an array."""
     targets = [parse_target(text) for text in parameters]
     with _session(gateway, do_id) as session:
         with _progress("reading") as progress:
@@ -147,10 +147,12 @@ def write(
     ],
     gateway: Annotated[str, GATEWAY] = _DEFAULT,
     do_id: Annotated[int, DO] = 1,
-    type_name: Annotated[str | None, typer.Option("--type", help="Data type; else the device's own.")] = None,
+    type_name: Annotated[
+        str | None, typer.Option("--type", help="Data type [default: the type that the device reports].")
+    ] = None,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Write parameters, in one request as far as they fit."""
+    """Write parameters; as many as possible in one request."""
     if len(assignments) % 2:
         raise GatewayError(f"{assignments[-1]!r}: a value is missing; expected PARAMETER VALUE pairs")
     pairs = [(parse_target(name), value) for name, value in zip(assignments[::2], assignments[1::2], strict=True)]
@@ -170,7 +172,7 @@ def list_(
     do_id: Annotated[int, DO] = 1,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """List every parameter the device has (P980 ff)."""
+    """List all parameters of the device (P980 ff)."""
     with _session(gateway, do_id) as session, _progress("reading descriptions") as progress:
         pnus = session.pnus()
         descriptions = session.describe(pnus, progress)
@@ -247,7 +249,7 @@ def describe(
 
 @app.command()
 def identify(gateway: Annotated[str, GATEWAY] = _DEFAULT, as_json: Annotated[bool, JSON] = False) -> None:
-    """Show what the device says it is: vendor, order, serial number, revisions and tags (I&M0 to I&M4)."""
+    """Show vendor, order number, serial number, revisions and tags of the device (I&M0 to I&M4)."""
     with _client(gateway, 0) as client:
         fields = read_identification(client)
     if as_json:
@@ -271,10 +273,12 @@ def dump(
     saved.save(file)
     settings = sum(element.setting for element in saved.parameters)
     Console().print(f"{file}: {len(saved.parameters)} elements, {settings} of them settings")
+    by_error: dict[str, list[str]] = {}
     for element in failed:
-        Console(stderr=True).print(
-            f"not read: {address_text(element.pnu, element.subindex)}: {element.error_text}", highlight=False
-        )
+        by_error.setdefault(element.error_text, []).append(address_text(element.pnu, element.subindex))
+    for text, addresses in by_error.items():
+        more = f" and {len(addresses) - 1} more" if len(addresses) > 1 else ""
+        Console(stderr=True).print(f"not read: {addresses[0]}{more}: {text}", highlight=False)
 
 
 @app.command("restore")
@@ -286,16 +290,26 @@ def restore_(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show the differences.")] = False,
     change_telegram: Annotated[
         bool,
-        typer.Option("--change-telegram", help="Also when the file is of another telegram (P922), which is set last."),
+        typer.Option(
+            "--change-telegram", help="Restore even if the file was saved with another telegram; P922 is written last."
+        ),
+    ] = False,
+    other: Annotated[
+        bool, typer.Option("--other", help="Restore even if the file was saved from another drive object or device.")
     ] = False,
     partial: Annotated[
-        bool, typer.Option("--partial", help="Keep what could be written when something else is refused.")
+        bool, typer.Option("--partial", help="Keep the settings that were written when the device rejects another one.")
     ] = False,
 ) -> None:
-    """Write the settings of a file that the device has otherwise, all or none; the differences are shown first."""
+    """Show the differences between a file and the device, then write all differing settings or none."""
     saved = Dump.load(file)
     console = Console()
     with _session(gateway, do_id) as session:
+        origin = "" if other else other_origin(session, saved)
+        if origin:
+            raise GatewayError(
+                f"{file} was saved from {origin}, not from DO {do_id}: nothing was written; --other writes it anyway"
+            )
         with _progress("comparing") as progress:
             pairs = difference(session, saved, progress)
         if not pairs:

@@ -22,6 +22,7 @@ from pdgw.profidrive.frame import (
     FRAME_ID_TO_CONTROLLER,
     FRAME_ID_TO_DEVICE,
     HEADER,
+    IOPS_BAD,
     IOPS_GOOD,
     STATUS_DATA_VALID,
     STATUS_RUN,
@@ -355,7 +356,7 @@ class CyclicDecoder:
 
         The first frames of a connection have them BAD and tell nothing: later ones are looked at, too.
         """
-        if direction in self._seen:
+        if direction in self._seen or self._has_bad_object(direction, data[HEADER.size : -TRAILER.size]):
             return
         self._doubted[direction] += 1
         found = infer(data[HEADER.size : -TRAILER.size], direction) if data[-2] & _LIVE == _LIVE else []
@@ -369,6 +370,21 @@ class CyclicDecoder:
             self._notify(
                 f"the {what} do not fit the given telegram {asked}: their length is the length of telegram {shown}"
             )
+
+    def _has_bad_object(self, direction: Direction, c_sdu: bytes) -> bool:
+        """Return whether the given telegrams explain all status bytes and an IOPS is BAD: nothing can be inferred then."""
+        place, iops = 0, bytearray()
+        for axis in self.axes:
+            place += telegram(axis.telegram).half(direction).size
+            iops += c_sdu[place : place + 1]
+            place += 1
+        iocs = c_sdu[place : place + len(self.axes)]
+        return (
+            IOPS_BAD in iops
+            and set(iops) <= {IOPS_GOOD, IOPS_BAD}
+            and iocs == bytes([IOPS_GOOD] * len(self.axes))
+            and not any(c_sdu[place + len(self.axes) :])
+        )
 
     def _infer(self, direction: Direction, data: bytes) -> None:
         """Narrow the telegrams down by a live frame of a direction that was not looked at yet."""

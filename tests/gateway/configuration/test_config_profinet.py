@@ -28,7 +28,7 @@ LABELS = "allowed: labels of 1..63 of a-z, 0-9, inner hyphens, with dots between
         (PROFINET + 'ip = "192.168.0.255/24"', "ip = 192.168.0.255/24: allowed: a host's address below 224.0.0.0"),
         (PROFINET + 'ip = "127.0.0.1/8"', "ip = 127.0.0.1/8: allowed: a host's address below 224.0.0.0"),
         (PROFINET + 'station_name = "Press_1"', f"station_name = 'Press_1': {LABELS}"),
-        ('station_name = ""', 'station_name: may be empty with type = "profinet" only'),
+        ('station_name = "press"', 'station_name: allowed only with type = "profinet"'),
         (PROFINET + 'station_name = "."', f"station_name = '.': {LABELS}"),
         (PROFINET + 'station_name = "port-001.press"', "allowed: a first label other than a port name (port-001)"),
         (PROFINET + 'station_name = "10.0.0.1"', "station_name = '10.0.0.1': allowed: no IP address"),

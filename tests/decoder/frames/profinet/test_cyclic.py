@@ -119,6 +119,19 @@ def test_a_wrong_telegram_is_told_when_the_first_frames_have_nothing_good_yet() 
     ]
 
 
+@pytest.mark.parametrize("offline", [0, 1])
+def test_given_telegrams_are_not_doubted_while_an_axis_is_offline(offline: int) -> None:
+    """An IOPS BAD in the place of a status byte makes other telegrams fit: 1 and 9 with axis 1 offline."""
+    numbers = [1, 9]
+    cyclic, notices = decoder(given_axes(numbers))
+    data = bytearray(zeros(numbers, Direction.ACTUAL))
+    data[CSduLayout([telegram(n) for n in numbers], Direction.ACTUAL).iops[offline]] = IOPS_BAD
+    for _ in range(50):
+        record = decode(cyclic, bytes(data))
+    assert [unit.layout.telegram for unit in record.units] == numbers
+    assert not notices
+
+
 def test_several_axes_are_told_apart() -> None:
     cyclic, _ = decoder()
     decode(cyclic, zeros([1, 9, 100], Direction.SETPOINT))
