@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web client recording peers tools workshop
 
-.PHONY: demo demo-profinet test test-paused tour test-can lint format bench measured fuzz limit-cycles soak planted docs screenshots site compiled test-compiled bench-compiled release clean
+.PHONY: demo demo-profinet test test-paused tour test-can lint format bench measured fuzz limit-cycles soak planted docs screenshots site compiled test-compiled bench-compiled pins release clean
 
 demo: $(STAMP)
 	$(BIN)/pdgw demo
@@ -133,10 +133,19 @@ $(STAMP): pyproject.toml constraints.txt
 	@cd $(VENV)/rooms/pdgw && ln -sfn $(addprefix ../../../,$(ROOMS) pdgw/*.py pdgw/py.typed) .
 	@touch $@
 
-# Source distribution, wheel, bill of materials and checksums of the last commit, built twice and compared.
+# The versions of constraints.txt with the hashes of their files, for every platform: what a gateway needs, and what a developer needs.
+PIN := $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
+	--custom-compile-command "make pins" --constraints constraints.txt pyproject.toml
+pins: $(STAMP)
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[pins]'
+	$(PIN) --extra web --extra mqtt --output-file pins/runtime.txt
+	$(PIN) $(addprefix --extra ,web mqtt plot dev archive controller browser) --output-file pins/development.txt
+
+# Source distribution, wheel, bill of materials, pins and checksums of the last commit, built twice and compared, then installed.
 release: $(STAMP)
 	rm -rf build/release
 	$(BIN)/python -m pdgw.workshop.release build/release
+	$(BIN)/python -m pdgw.workshop.installation build/release
 
 clean:
 	rm -rf $(VENV) .can-vm demo-out build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -20,6 +20,7 @@ CORE = {"can", "canopen", "greenlet", "pydantic", "pydantic_core", "typer", "cli
 """What every installation can import beside the standard library."""
 WITH_ANOTHER = {"h11"}
 """What a package of an extra always brings along: uvicorn needs h11."""
+NOT_OPTIONAL = CORE | WITH_ANOTHER | sys.stdlib_module_names
 BY_WEB_COMMAND = "web"
 """The package that ``pdgw web`` imports in a ``try``, and nothing else does."""
 EXTRAS = PROJECT["project"]["optional-dependencies"]
@@ -28,7 +29,11 @@ TEXT = (ROOT / "docs" / "dependencies.md").read_text(encoding="utf-8")
 
 def imports(path: Path) -> Iterator[tuple[str, bool]]:
     """The top-level packages that a module imports, and whether it does so in a ``try``."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    text = path.read_text(encoding="utf-8")
+    words = set(re.findall(r"^ *(?:from|import) (\w+)", text, re.MULTILINE))
+    if not words - NOT_OPTIONAL:
+        return
+    tree = ast.parse(text)
     tried = {id(below) for item in ast.walk(tree) if isinstance(item, ast.Try) for below in ast.walk(item)}
     for item in ast.walk(tree):
         names = [alias.name for alias in item.names] if isinstance(item, ast.Import) else []
@@ -45,7 +50,7 @@ def optional() -> set[tuple[str, str, bool]]:
         for room in set(ROOMS) - {"workshop"}
         for path in (ROOT / room).rglob("*.py")
         for package, tried in imports(path)
-        if package not in CORE | WITH_ANOTHER | sys.stdlib_module_names
+        if package not in NOT_OPTIONAL
     }
 
 

@@ -1,4 +1,4 @@
-"""``python -m pdgw.workshop.release FOLDER``: source distribution, wheel, bill of materials and checksums of the last commit.
+"""``python -m pdgw.workshop.release FOLDER``: sources, wheel, bill of materials, pins and checksums of the last commit.
 
 Everything is built twice: the wheel from the commit, then from the source distribution of the first time in another folder. A
 release whose files differ by a byte is not written. Times are those of SOURCE_DATE_EPOCH, else of the commit.
@@ -23,6 +23,9 @@ from pathlib import Path
 from pdgw.workshop.sbom import ROOT, document
 
 _INFO = "PKG-INFO"
+PINS = "requirements.txt"
+"""In a release: pins/runtime.txt, the packages that it needs with the hashes of their files."""
+SUMS = "SHA256SUMS"
 
 
 class ReleaseError(Exception):
@@ -65,9 +68,9 @@ def release(folder: Path) -> list[Path]:
     version = files[0].name.removesuffix(".tar.gz").rpartition("-")[2]
     bill = folder / f"{files[0].name.removesuffix('.tar.gz')}.cdx.json"
     bill.write_text(json.dumps(document(version, epoch), indent=1) + "\n", encoding="utf-8")
-    shutil.copyfile(ROOT / "CHANGELOG.md", folder / "CHANGELOG.md")
-    files += [bill, folder / "CHANGELOG.md"]
-    sums = folder / "SHA256SUMS"
+    copied = {"CHANGELOG.md": ROOT / "CHANGELOG.md", PINS: ROOT / "pins" / "runtime.txt"}
+    files += [bill, *(Path(shutil.copyfile(path, folder / name)) for name, path in copied.items())]
+    sums = folder / SUMS
     sums.write_text("".join(f"{digest(path)}  {path.name}\n" for path in files), encoding="utf-8")
     return [*files, sums]
 

@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from pdgw.workshop import release
+from pdgw.workshop.installation import verify
 from pdgw.workshop.release import ReleaseError, source_distribution, sources, unpack
 from pdgw.workshop.sbom import PACKAGE, document
 from tests.support.written_tables import ROOT
@@ -80,6 +81,8 @@ def test_a_release_has_checksums_of_all_its_files(tmp_path: Path, monkeypatch: p
     release.release(tmp_path)
     listed = dict(reversed(line.split("  ")) for line in (tmp_path / "SHA256SUMS").read_text().splitlines())
     assert listed.keys() == {path.name for path in tmp_path.iterdir()} - {"SHA256SUMS"}
+    assert release.PINS in listed
+    verify(tmp_path)
     for name, told in listed.items():
         assert hashlib.sha256((tmp_path / name).read_bytes()).hexdigest() == told
     with pytest.raises(ReleaseError, match="has files"):
