@@ -6,6 +6,7 @@ Errors the user can act on end as one line and exit status 1; ``--debug`` shows 
 from __future__ import annotations
 
 import errno
+import io
 import os
 import sys
 from collections.abc import Mapping
@@ -68,6 +69,7 @@ app = command_line(
 def main(commands: typer.Typer | None = None) -> None:
     """Run a command line, that of ``pdgw`` by default; errors the user can act on are one line."""
     _open_missing_streams()
+    _replace_unknown_characters()
     try:
         try:
             (commands or app)()
@@ -94,6 +96,13 @@ def _open_missing_streams() -> None:
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115 (until the end)
+
+
+def _replace_unknown_characters() -> None:
+    """Print ? for a character that the code page of the output does not have, such as a line of a table on cp1252."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and not stream.encoding.lower().startswith("utf"):
+            stream.reconfigure(errors="replace")
 
 
 def _forget_output() -> None:

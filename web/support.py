@@ -31,11 +31,18 @@ def public_config(config: GatewayConfig) -> str:
     return _SECRET.sub(r'\1"..."', config_text(config))
 
 
+RUN_TIME_EXTRAS = {"web", "mqtt", "plot", "parquet"}
+"""Extras that the gateway and its commands import; the others serve development, tests and examples."""
+
+
 @lru_cache(maxsize=1)
 def licences() -> list[dict[str, str]]:
-    """Every package this one may use, and the files of others that the page consists of."""
+    """Return every package that the gateway can use at run time, and the files of others on the page."""
     found = {PACKAGE: licence(PACKAGE)}
     for requirement in requires(PACKAGE) or ():
+        extra = re.search(r"extra == ['\"](\w+)['\"]", requirement)
+        if extra and extra[1] not in RUN_TIME_EXTRAS:
+            continue
         name = re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
         if name not in found:
             found[name] = licence(name)

@@ -84,6 +84,9 @@ class CanConfig(BaseModel):
         return dict(self.model_extra or {})
 
 
+DEFAULT_STATION_NAME = "pdgw"
+
+
 def _is_station_name(text: str) -> str:
     try:
         if text:
@@ -125,7 +128,7 @@ class TransportConfig(Section):
     """A parameter request is answered within this time; what the drive has not answered by then fails."""
     ar_uuid: UUID = NIL
     """Of the static application relationship."""
-    station_name: Annotated[str, AfterValidator(_is_station_name)] = "pdgw"
+    station_name: Annotated[str, AfterValidator(_is_station_name)] = DEFAULT_STATION_NAME
     """P61000; of ``profinet`` the name until DCP gives another one, "" for none: a controller may name the device then."""
 
     @property
@@ -151,7 +154,7 @@ class TransportConfig(Section):
         if self.type == "profinet" and self.interface is None:
             raise misplaced('interface is missing: type = "profinet" needs it, for example "eth1"', "type")
         if self.type != "profinet":
-            if "station_name" in self.model_fields_set:
+            if self.station_name != DEFAULT_STATION_NAME:
                 raise misplaced('station_name: allowed only with type = "profinet"', "station_name")
             for key in ("interface", "ip", "router", "snmp_community", "snmp_write_community", "switchover_ms"):
                 if getattr(self, key) is not None:

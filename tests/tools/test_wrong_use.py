@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import socket
 from contextlib import redirect_stdout
 from pathlib import Path
@@ -9,6 +11,8 @@ from pathlib import Path
 import pytest
 
 from pdgw.ds301.counters import Counters
+from pdgw.gateway.configuration.example import simulated
+from pdgw.gateway.configuration.file import config_text
 from pdgw.tools.cli import main
 from pdgw.tools.commands import run
 from tests.support.cli import pdgw, workshop
@@ -131,6 +135,23 @@ def test_devices_without_a_bus_are_refused_unless_one_is_opened_for_them(tmp_pat
     result = pdgw("sim", "bus", str(path))
     assert result.returncode == 1
     assert f"{path}: [can] is missing: it names the bus of the devices; --serve opens one for them" in result.stderr
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "cp1251", "cp437", "latin-1", "ascii"])
+@pytest.mark.parametrize(
+    "arguments", [("--help",), ("map", "x.toml"), ("drives",), ("drives", "epos4"), ("config", "example")]
+)
+def test_no_command_ends_by_a_character_that_the_code_page_does_not_have(
+    arguments: tuple[str, ...], encoding: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("x.toml").write_text(config_text(simulated([1])))
+    monkeypatch.setattr("sys.argv", ["pdgw", *arguments])
+    printed = io.TextIOWrapper(io.BytesIO(), encoding=encoding)
+    with redirect_stdout(printed), contextlib.suppress(SystemExit):
+        main()
+    printed.flush()
+    assert len(printed.buffer.getvalue()) > 100  # type: ignore[attr-defined]
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
