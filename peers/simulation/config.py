@@ -99,7 +99,7 @@ class DeviceConfig(_Section):
         for name in self.options:
             owner = "drive" if name in _DRIVE_OPTIONS else "encoder"
             if self.type != owner:
-                raise ValueError(f"{name} is a key of {owner}s, not of a {self.type}")
+                raise ValueError(f'{name}: allowed only with type = "{owner}", not with type = "{self.type}"')
         if self.type != "encoder":
             if self.like is not None and self.like not in SHAPES:
                 raise ValueError(f'like = "{self.like}" is not a shape of a drive, allowed: {", ".join(SHAPES)}')

@@ -38,5 +38,5 @@ def test_texts_that_are_no_parameter_and_a_channel_that_is_not_there_are_told() 
     with pytest.raises(RequestError, match="not understood, expected for example") as wrong:
         PageParameters(("127.0.0.1", 9)).read(1, "speed")
     assert (wrong.value.status, wrong.value.field) == (400, "pnu")
-    with pytest.raises(GatewayError, match="by the controller"):
+    with pytest.raises(GatewayError, match="only the controller can read parameters"):
         PageParameters(None).read(1, "P922")
