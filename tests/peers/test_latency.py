@@ -173,7 +173,9 @@ def test_bus_file_sets_latency_of_a_drive() -> None:
     assert made.model.latency == Latency(15, 25)
 
 
-@pytest.mark.parametrize(("kind", "command", "told"), [("drive", 101, "100"), ("encoder", 15, "allowed only with type")])
+@pytest.mark.parametrize(
+    ("kind", "command", "told"), [("drive", 101, "100"), ("encoder", 15, "allowed only with type")]
+)
 def test_bus_file_with_wrong_latency_is_rejected(kind: str, command: int, told: str) -> None:
     with pytest.raises(GatewayError, match=told):
         parse_bus(BUS_FILE.format(kind=kind, command=command))

@@ -72,7 +72,7 @@ def test_the_example_is_valid_and_names_its_devices_and_faults() -> None:
         (CAN + '[[device]]\nnode_id = 1\n[[device.fault]]\nname = "slow-sdo"\ndelay_ms = 0\n', "delay_ms: 0 .* ms"),
         (CAN + '[[device]]\nnode_id = 1\n[[device.fault]]\nname = "slow-sdo"\ndelay = 1\n', "'delay' .*delay_ms"),
         (CAN + '[[device]]\nnode_id = 1\nfault = [{name = "reboot"}, {name = "reboot"}]\n', "reboot is given twice"),
-        (CAN + '[[device]]\nnode_id = 1\nmotion = "still"\n', "motion is a key of encoders, not of a drive"),
+        (CAN + '[[device]]\nnode_id = 1\nmotion = "still"\n', 'motion: allowed only with type = "encoder"'),
         (CAN + '[[device]]\nnode_id = 1\ntype = "encoder"\nmodel = "x"\n', "'x' .* rotary, linear, multi-sensor"),
         (CAN + '[[device]]\nnode_id = 1\ntype = "encoder"\nchannels = 2\n', r"channels of the rotary .* 1\.\.1"),
         (CAN + '[[device]]\nnode_id = 1\ntype = "encoder"\nmotion = "fly"\n', "'fly' .* speed=PER_SECOND"),
