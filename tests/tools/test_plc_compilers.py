@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
+from functools import cache
 from pathlib import Path
+from typing import cast
 
 import pytest
 
@@ -13,15 +16,39 @@ from pdgw.profidrive.telegrams import TELEGRAMS
 from tests.support.structured_text import config_of, program
 
 IEC2C = shutil.which("iec2c")
+EXAMPLES = Path(__file__).parents[2] / "examples"
 LIBRARY = os.environ.get("MATIEC_LIBRARY", "/usr/share/matiec/lib")
+
+
+UNIT = re.compile(r"^(TYPE|FUNCTION_BLOCK|FUNCTION|PROGRAM) .*?^(?:END_STRUCT; )?END_\1$", re.DOTALL | re.MULTILINE)
+
+
+@cache
+def complaint_of_blark(unit: str) -> Exception | None:
+    """Blark reads some 70 lines a second, so that a unit of several telegrams is read once."""
+    if "PDGW_TEST_PLC" not in os.environ:
+        pytest.skip("blark needs two minutes for all telegrams: make test-plc")
+    parse = pytest.importorskip("blark.parse", reason="no blark (pip install 'profidrive-gateway[plc]')")
+    return cast("Exception | None", parse.parse_source_code(unit).exception)
+
+
+def complaints_of_blark(text: str) -> list[Exception | None]:
+    return [found for unit in UNIT.finditer(text) if (found := complaint_of_blark(unit[0])) is not None]
 
 
 @pytest.mark.parametrize("number", TELEGRAMS)
 def test_blark_reads_the_code_of_every_telegram(number: int) -> None:
-    parse = pytest.importorskip("blark.parse", reason="no blark (pip install 'profidrive-gateway[plc]')")
-    found = parse.parse_source_code(program(config_of(number)))
-    found = list(found) if not hasattr(found, "exception") else [found]
-    assert [item.exception for item in found] == [None] * len(found)
+    text = program(config_of(number))
+    assert "".join(UNIT.sub("", text).split()).count("END_") == 0, "units that are not read"
+    assert complaints_of_blark(text) == []
+
+
+def test_blark_reads_the_program_of_the_examples() -> None:
+    assert complaints_of_blark((EXAMPLES / "axis_story.st").read_text()) == []
+
+
+def test_blark_refuses_a_damaged_unit() -> None:
+    assert complaints_of_blark("FUNCTION_BLOCK Damaged\nVAR\n    a : INT\nEND_VAR\nEND_FUNCTION_BLOCK")
 
 
 @pytest.mark.skipif(IEC2C is None, reason="no iec2c of matiec in the path (with MATIEC_LIBRARY, its folder lib)")
