@@ -365,7 +365,10 @@ MACHINE_CLOCK: Final[Callable[[], int]] = (
     if hasattr(time, "CLOCK_BOOTTIME") and hasattr(time, "clock_gettime_ns")
     else time.monotonic_ns
 )
-"""Nanoseconds that also pass while the machine is suspended: what was heard before is old afterwards, and drives are stopped."""
+"""Nanoseconds of a clock that also runs while the machine is suspended.
+
+After a suspend all received data is old, and the gateway stops the drives.
+"""
 
 
 class SystemLoop(Loop):

@@ -116,7 +116,7 @@ class _Events:
         self.note(now, values, number if values is None else max(number, self._believed))
 
     def _doubt_from(self, number: int) -> None:
-        """What was not believed before this frame is replaced by another order: it is never certain."""
+        """Mark the orders that are unconfirmed before frame ``number`` as never confirmed: another order replaces them."""
         for place in reversed(range(len(self._found))):
             item = self._found[place]
             if item.certain is None or item.certain < number:

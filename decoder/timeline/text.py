@@ -11,7 +11,7 @@ from pdgw.durations import MS, SECOND
 
 _INDENT = " " * 24
 _SERIES_NS = 10 * SECOND
-"""A repetition belongs to the series of the one before for so long."""
+"""Longest time between two equal events that are shown as one line with a count."""
 
 
 def entry_lines(entry: TimelineEntry, zero_ns: int, *, verbose: bool = False) -> Iterator[str]:
