@@ -164,7 +164,7 @@ def test_scl_marks_variables_and_quotes_types(config: GatewayConfig) -> None:
         '    axis_1 : "PDGW_T1_SET";\n',
         "END_VAR\nBEGIN\n",
         "    #frame[4] := WORD_TO_BYTE(SHR(IN := INT_TO_WORD(#axis_1.NSOLL_A), N := 8));\n",
-        "    #result := DPRD_DAT(LADDR := #hw_1, RECORD => #axis_1_actual);\n",
+        "    #result := DPRD_DAT(LADDR := #hw_1, RECORD => #axis_1_actual);\n    #good_1 := #result = 0;\n",
     ):
         assert line in text, line
 

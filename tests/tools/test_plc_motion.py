@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import re
+import textwrap
 from pathlib import Path
 
 import pytest
 
 from pdgw.dsp402.states import State
+from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.reasons import Reason
 from pdgw.tools.plc.code import structured_text
 from tests.support.daemon import drive_of, running
 from tests.support.motion_blocks import AXES, POSITIONS, VELOCITIES, Axis, axis_with
 from tests.support.structured_text import TextPlc, config_of
 
-EXAMPLE = (Path(__file__).parents[2] / "examples" / "axis_story.st").read_text()
+EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLE = (EXAMPLES / "axis_story.st").read_text()
 OF_9 = (
     ("PDGW_Axis_T111", "PDGW_Axis_T9"),
     # 100 % of the position are 500000 of 4096 counts in a revolution, 100 % of the speed 3000 rpm.
@@ -241,3 +245,17 @@ def test_the_program_of_the_examples_tells_its_story(number: int) -> None:
         jog = turns[11] - turns[8]
         assert jog == pytest.approx(-1 if number == 9 else 5, abs=0.5 if number == 111 else 0.01)
         assert model.state is not State.OPERATION_ENABLED
+
+
+def test_the_program_of_the_document_homes_and_moves_three_revolutions() -> None:
+    document = (EXAMPLES.parent / "docs" / "plc.md").read_text(encoding="utf-8")
+    text = textwrap.dedent(re.search(r"^ +PROGRAM Main$.*?END_PROGRAM$", document, re.DOTALL | re.MULTILINE)[0])
+    config = load_config(EXAMPLES / "axis_story.toml")
+    with running(config) as daemon:
+        plc, model = TextPlc(daemon, structured_text(config) + text), drive_of(daemon).node.model
+        variables = plc.controller.variables
+        plc.until(lambda block: variables["READ"]["GOOD_1"] and not variables["REASON"], "no reason")
+        variables["START"] = True
+        plc.until(lambda block: variables["MOVE"]["DONE"], "the move")
+        plc.exchange(100)
+        assert model.position_actual / 4096 == pytest.approx(3, abs=0.01)

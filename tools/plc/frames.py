@@ -177,10 +177,14 @@ def profinet_block(maps: tuple[FrameMap, FrameMap]) -> Iterator[str]:
     inputs = [f"hw_{axis.do_id} : HW_IO; {comment('hardware identifier of the submodule')}" for axis in sending.axes]
     inputs += [f"axis_{axis.do_id}_set : {type_of(axis.half)};" for axis in sending.axes]
     outputs = [f"axis_{axis.do_id}_actual : {type_of(axis.half)};" for axis in receiving.axes]
+    outputs += [
+        f"good_{axis.do_id} : BOOL; {comment('the values are valid: DPRD_DAT had no error')}" for axis in receiving.axes
+    ]
     body = []
     for axis in sending.axes:
         number = axis.do_id
         body.append(f"result := DPRD_DAT(LADDR := hw_{number}, RECORD => axis_{number}_actual);")
+        body.append(f"good_{number} := result = 0;")
         body.append(f"result := DPWR_DAT(LADDR := hw_{number}, RECORD := axis_{number}_set);")
     sections = [("VAR_INPUT", inputs), ("VAR_OUTPUT", outputs), ("VAR_TEMP", ["result : INT;"])]
     yield from block("PDGW_Profinet", sections, body)
