@@ -350,6 +350,13 @@ class DriveModel:
         """When the image may change by itself; None while nothing moves and nothing was changed."""
         return self._late_status.next_change if self._resting and not self.disguises else self._time + MS
 
+    def cruises(self, ticks: int) -> bool:
+        """Whether nothing but the position will have changed after so many ticks."""
+        if not self._even or self.disguises or self._late_status.next_change is not None:
+            return False
+        position = self.machine_position + ticks * increments_per_second(self.ramp.speed) * TICK
+        return self._inputs_at(position) == self.digital_inputs and self.machine.within_stops(position)
+
     def turned(self, now: int) -> float:
         """Increments of the machine at ``now``, the part of a tick in it."""
         self.advance(now)

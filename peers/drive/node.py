@@ -37,6 +37,10 @@ _WITHOUT = {
     0x6007: 1,
 }
 """What a drive without an object does: no limit, its own rating, the profile's default."""
+_STEADY = frozenset(
+    {"statusword", "modes_of_operation_display", "velocity_actual", "velocity_demand", "current_actual"}
+)
+"""Values of the image that do not change while the axis turns at constant speed."""
 
 
 class SimulatedDriveNode(SimulatedNode):
@@ -85,6 +89,9 @@ class SimulatedDriveNode(SimulatedNode):
 
     def next_change(self, now: int) -> int | None:
         return self.model.next_change()
+
+    def steady(self, pdo: Pdo, ticks: int) -> bool:
+        return _STEADY.issuperset(pdo.attributes) and self.model.cruises(ticks)
 
     def apply(self, pdo: Pdo, data: bytes) -> None:
         if time_out := int(self.values.get((pdo.communication_index, EVENT_TIMER), 0)):

@@ -75,6 +75,10 @@ class Device:
         """When the image may change by itself after ``now``, None: not before something is received or commanded."""
         return None
 
+    def steady(self, pdo: Pdo, ticks: int) -> bool:
+        """Whether no value of a TPDO changes by itself for so many milliseconds, although the image does."""
+        return False
+
     def on_touched(self) -> None:
         """Something was received or commanded from outside; ``on_poll`` follows."""
 

@@ -29,7 +29,7 @@ from pdgw.peers.node.device import Device
 
 NEVER = 1 << 62
 _TRANSMISSION_SYNC_MAX = SYNC_TYPES[-1]
-_UNSEEN_NS = 10 * MS
+_UNSEEN_MS = 10
 """So often a device looks after itself while no TPDO would tell of a change."""
 
 
@@ -111,13 +111,17 @@ class NodePdos:
                 if tpdo.event_ns:
                     due = tpdo.due if tpdo.due > free else free
                     soonest = min(soonest, due)
-                if tpdo.on_change and free < told:
+                if tpdo.on_change and free < told and not self._unchanged(tpdo):
                     told = free
         change = self.node.next_change(now)
         if change is not None:
-            seen = change + _UNSEEN_NS if told == NEVER else max(change, told)
+            seen = change + _UNSEEN_MS * MS if told == NEVER else max(change, told)
             soonest = min(soonest, seen)
         return soonest
+
+    def _unchanged(self, tpdo: _Tpdo) -> bool:
+        """Nothing of it changes before the device looks after itself."""
+        return self.node.steady(tpdo.pdo, _UNSEEN_MS + 1) and self.node.packed(tpdo.pdo) == tpdo.last
 
     def check(self, entry: Entry, value: int) -> None:
         """Mapping only changes while the PDO is invalid and its count is 0 (CiA 301 chapter 7.5.2.36)."""

@@ -75,11 +75,13 @@ class Life:
         return self
 
 
-def drive(send: Send, latency: Latency = NO_LATENCY) -> SimulatedDriveNode:
+def drive(
+    send: Send, latency: Latency = NO_LATENCY, operation: Operation = Operation.POSITIONING
+) -> SimulatedDriveNode:
     node = SimulatedDriveNode(NODE, send, machine=SMALL, latency=latency)
     available = [index for index in node.indices if 0x1400 <= index < 0x1A00]
     node.start(0)
-    for step in pdo_steps(LAYOUTS[Operation.POSITIONING], NODE, available, sync=False, event_ms=20, inhibit_us=3000):
+    for step in pdo_steps(LAYOUTS[operation], NODE, available, sync=False, event_ms=20, inhibit_us=3000):
         node.set_data(step.index, step.subindex, step.data, check_writable=True)
     node.set_data(0x1017, 0, (25).to_bytes(2, "little"))
     node.set_data(0x1016, 1, struct.pack("<I", 127 << 16 | 90))
@@ -99,11 +101,11 @@ def frame(can_id: int, data: bytes) -> Callable[[SimulatedNode], None]:
     return lambda node: node.receive(can_id, data, node.now)
 
 
-def command(**values: int) -> list[tuple[int, bytes]]:
+def command(operation: Operation = Operation.POSITIONING, **values: int) -> list[tuple[int, bytes]]:
     image = DriveCommand()
     for name, value in values.items():
         setattr(image, name, value)
-    rpdos = sorted(LAYOUTS[Operation.POSITIONING].rpdos, key=lambda pdo: -pdo.number)
+    rpdos = sorted(LAYOUTS[operation].rpdos, key=lambda pdo: -pdo.number)
     return [(pdo.cob_id(NODE), pdo.pack(image)) for pdo in rpdos]
 
 
@@ -153,6 +155,25 @@ def test_a_drive_sends_the_same_frames(moves: list[list[Event]], others: list[li
     polled = Life(partial(drive, latency=latency), list(events), 1000).polled()
     woken = Life(partial(drive, latency=latency), list(events), 1000).woken()
     assert woken.frames == polled.frames
+
+
+@settings(max_examples=40)
+@given(st.lists(st.tuples(moments, words, st.sampled_from([0, 200, 1000, -600])), max_size=4), latencies)
+def test_a_drive_that_shows_no_position_sends_the_same_frames(
+    moves: list[tuple[int, int, int]], latency: Latency
+) -> None:
+    """At constant speed it is woken for what its PDOs show alone; limit switches and stops are met all the same."""
+
+    def moved(when: int, word: int, speed: int) -> list[Event]:
+        return [(when, frame(*item)) for item in command(Operation.VELOCITY, controlword=word, target_velocity=speed)]
+
+    begin: list[Event] = [(1, frame(0, bytes((NmtCommand.START, NODE)))), (1, write(0x6060, 0, b"\x03"))]
+    begin += [event for word in (6, 7, 15) for event in moved(1, word, 1000)]
+    events = [*begin, *(event for move in moves for event in moved(*move))]
+    make = partial(drive, latency=latency, operation=Operation.VELOCITY)
+    polled, woken = Life(make, list(events), 1000).polled(), Life(make, list(events), 1000).woken()
+    assert woken.frames == polled.frames
+    assert moves or woken.polls < 400
 
 
 @given(device_events)
