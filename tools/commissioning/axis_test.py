@@ -483,7 +483,7 @@ class AxisTest:
         except InterruptError:
             raise
         except DoubtError as error:
-            self._tell(f"not witnessed: {error}")
+            self._tell(f"not verified: {error}")
             return
         seen, wrong = judge_turns(typed[0], turns)
         outcome.witnessed = seen and not wrong
