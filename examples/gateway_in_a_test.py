@@ -5,7 +5,7 @@ as it is.
 """
 
 import pdgw
-from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 
 CONFIG = """
 [can]

@@ -20,7 +20,7 @@ from rich.text import Text
 from pdgw.gateway.configuration.defaults import STATUS_PORT
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status_client import fetch
-from pdgw.peers.plc.view import tables
+from pdgw.peers.plc.exchange.view import tables
 from pdgw.tools.keys import read_keys, single_keys
 
 _TOLD = 5

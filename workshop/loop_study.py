@@ -19,8 +19,8 @@ from pdgw.gateway.configuration.example import SIMULATED_WATCHDOG_FACTOR
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
-from pdgw.peers.plc.cycling import CyclingPlc
-from pdgw.peers.plc.position_loop import PositionLoop
+from pdgw.peers.plc.exchange.cycling import CyclingPlc
+from pdgw.peers.plc.exchange.position_loop import PositionLoop
 from pdgw.peers.world import World
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram

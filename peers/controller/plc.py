@@ -12,8 +12,8 @@ from pdgw.peers.controller.controller import Phase
 from pdgw.peers.controller.project import Project
 from pdgw.peers.controller.running import RunningController
 from pdgw.peers.plc.client import PlcRunner
-from pdgw.peers.plc.endpoint import PlcEndpoint
-from pdgw.peers.plc.parameters import ParameterAccess, ParameterWorker
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.parameters import ParameterAccess, ParameterWorker
 from pdgw.profidrive.frame import STATUS_NORMAL, STATUS_STOP
 from pdgw.profidrive.telegrams import ApplicationMode, Telegram
 from pdgw.profinet.blocks.connect import TICK_NS

@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING, Any
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.udp import Address
-from pdgw.peers.plc.endpoint import Exchange
 from pdgw.peers.plc.engine import Engine
-from pdgw.peers.plc.parameters import ParameterAccess, ParameterWorker
+from pdgw.peers.plc.exchange.endpoint import Exchange
+from pdgw.peers.plc.exchange.parameters import ParameterAccess, ParameterWorker
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profidrive.signals import SignalQuantity
 from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 
 if TYPE_CHECKING:
-    from pdgw.peers.plc.capture import Capture
+    from pdgw.peers.plc.exchange.capture import Capture
 
 TRACE_COLUMNS = ("time_s", "axis", "telegram", "control", "status", "setpoint", "actual")
 _TRACE_NS = 10 * MS
@@ -150,7 +150,7 @@ class PlcClient(PlcRunner):
         self._capture: Capture | None = None
         self._record: Callable[[bool, bytes], None] | None = None
         if pcap is not None:
-            from pdgw.peers.plc.capture import Capture  # noqa: PLC0415 (scapy starts slowly)
+            from pdgw.peers.plc.exchange.capture import Capture  # noqa: PLC0415 (scapy starts slowly)
 
             self._capture = Capture(pcap)
             self._record = self._capture.conversation(self._socket.getsockname(), (gateway[0], CYCLIC_PORT))

@@ -12,13 +12,13 @@ from pdgw.client.session import Element
 from pdgw.explain import did_you_mean
 from pdgw.gateway.axis.telegrams import POSITIONER_TELEGRAM_NUMBERS, SPEED_TELEGRAM_NUMBERS
 from pdgw.gateway.errors import GatewayError
-from pdgw.peers.plc.endpoint import PlcEndpoint
-from pdgw.peers.plc.following import Follow, Following, can_follow
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.following import Follow, Following, can_follow
+from pdgw.peers.plc.exchange.parameters import ParameterAccess
+from pdgw.peers.plc.exchange.positioner import Ask, PositionerWords, Program, Wait
+from pdgw.peers.plc.exchange.sensor import SensorWords
 from pdgw.peers.plc.notation import comparison, expected, integer, raw_value, written
-from pdgw.peers.plc.parameters import ParameterAccess
-from pdgw.peers.plc.positioner import Ask, PositionerWords, Program, Wait
 from pdgw.peers.plc.scenario import Home, Move, References, Scalar, Step
-from pdgw.peers.plc.sensor import SensorWords
 from pdgw.peers.plc.vocabulary import word
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.signals import SignalQuantity

@@ -8,10 +8,10 @@ from pdgw.client.session import Element
 from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.compiler import Access, Compiler, Expectation, Primitive
-from pdgw.peers.plc.endpoint import PlcEndpoint
-from pdgw.peers.plc.following import Following
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.following import Following
+from pdgw.peers.plc.exchange.parameters import ParameterAccess
 from pdgw.peers.plc.notation import parse_time
-from pdgw.peers.plc.parameters import ParameterAccess
 from pdgw.peers.plc.scenario import Scenario, Step
 from pdgw.profidrive.errors import ProfidriveError
 

@@ -10,8 +10,8 @@ from functools import partial
 from typing import Final
 
 from pdgw.gateway.errors import GatewayError
-from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.engine import Engine
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.keys import (
     ALL,
     BIT_LETTERS,

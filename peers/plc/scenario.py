@@ -14,9 +14,9 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from pdgw.explain import did_you_mean, misplaced
-from pdgw.peers.plc.following import Follow
-from pdgw.peers.plc.positioner import Mdi, SettingUp
-from pdgw.peers.plc.sensor import Measuring, Reading
+from pdgw.peers.plc.exchange.following import Follow
+from pdgw.peers.plc.exchange.positioner import Mdi, SettingUp
+from pdgw.peers.plc.exchange.sensor import Measuring, Reading
 from pdgw.peers.plc.vocabulary import telegrams_of
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.codec import MAX_PARAMETERS

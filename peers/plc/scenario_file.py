@@ -13,8 +13,8 @@ from pdgw.durations import MS
 from pdgw.explain import Problem, problems
 from pdgw.gateway.configuration.toml_file import check_depth, read_text
 from pdgw.gateway.errors import GatewayError
-from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.engine import Engine
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.scenario import Scenario
 from pdgw.profidrive.telegrams import telegram
 

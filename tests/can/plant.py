@@ -12,7 +12,7 @@ from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.links.udp import UdpSocket
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import ENGEL, Shape, SimulatedDrive
-from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 from tests.can.unhurried import UnhurriedPlatform
 from tests.support.buses import PATIENCE_S

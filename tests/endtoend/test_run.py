@@ -17,7 +17,7 @@ import can
 import pytest
 
 from pdgw.gateway.service.status_client import fetch
-from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 from pdgw.recording.recorder import CAPTURE
 from pdgw.tools.commands.replay import replay

@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 
 from pdgw.gateway.service.status_client import fetch
-from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 from tests.support.buses import PATIENCE_S
 from tests.support.processes import PATIENT, free_tcp_port, free_udp_port, running

@@ -16,7 +16,7 @@ from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.states import State
 from pdgw.durations import MS
 from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
-from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.parameters.codec import (
     Attribute,
     ParameterAddress,

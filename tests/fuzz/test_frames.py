@@ -11,7 +11,7 @@ from pdgw.dsp402.states import state_of
 from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.links.sequence import SEQUENCE_FRAMES
 from pdgw.peers.drive import SimulatedDriveNode
-from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import RtFrame
 from pdgw.profidrive.telegrams import Direction, Telegram

@@ -20,12 +20,12 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.links.sequence import SEQUENCE_FRAMES
 from pdgw.peers.controller.plc import ProfinetPlc
-from pdgw.peers.plc.capture import Capture
 from pdgw.peers.plc.client import PlcClient
-from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.engine import Engine
+from pdgw.peers.plc.exchange.capture import Capture
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.parameters import ParameterAccess, ParameterWorker
 from pdgw.peers.plc.notation import parse_time
-from pdgw.peers.plc.parameters import ParameterAccess, ParameterWorker
 from pdgw.peers.plc.scenario import Scenario
 from pdgw.peers.plc.scenario_file import load_scenario
 from pdgw.profidrive.datatypes import DataType

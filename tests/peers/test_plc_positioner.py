@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from pdgw.gateway.errors import GatewayError
-from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.engine import Engine
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.scenario import Scenario
 from pdgw.profidrive.telegrams import telegram
 

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from pdgw.gateway.errors import GatewayError
-from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.engine import Engine
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.keyboard import Keyboard
 from pdgw.peers.plc.scenario_file import parse_step, scenario_of
 from pdgw.peers.plc.vocabulary import words_of

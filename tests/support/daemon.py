@@ -20,7 +20,7 @@ from pdgw.gateway.parameters.acyclic import AcyclicServer
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.encoder import SimulatedEncoder
-from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.world import World, WorldChannel
 from pdgw.profidrive.telegrams import telegram
 

@@ -17,7 +17,7 @@ from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.durations import MS
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.links.cyclic import CyclicEndpoint
-from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.frame import ETHERTYPE
 from pdgw.recording.recordings import Known, Loaded, Opening, load, look_ahead
 from tests.support import captures

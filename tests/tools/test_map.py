@@ -13,7 +13,7 @@ from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.cyclic import CyclicEndpoint
-from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.structured_text.compiler import Compiler
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.commands.map import Format, map_

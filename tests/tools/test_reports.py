@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.errors import GatewayError
-from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.commands.sim_plc import Output
 from pdgw.tools.output.reports import Check, Report, figures

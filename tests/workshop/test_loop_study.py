@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pdgw.gateway.errors import GatewayError
-from pdgw.peers.plc.position_loop import PositionLoop
+from pdgw.peers.plc.exchange.position_loop import PositionLoop
 from pdgw.workshop.loop_study import point
 from tests.support.cli import workshop
 

@@ -22,13 +22,13 @@ from pdgw.gateway.configuration.toml_file import read_text
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.udp import Address
 from pdgw.peers.plc.client import PlcClient, PlcRunner
-from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.engine import Engine, Result
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.view import snapshot
 from pdgw.peers.plc.keyboard import Keyboard
 from pdgw.peers.plc.scenario_file import load_scenario
 from pdgw.peers.plc.structured_text.controller import Controller
 from pdgw.peers.plc.structured_text.endpoint import ProgramEndpoint
-from pdgw.peers.plc.view import snapshot
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profidrive.telegrams import telegram as telegram_of

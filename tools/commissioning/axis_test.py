@@ -25,7 +25,7 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.platform import DatagramPort, Platform
 from pdgw.gateway.reasons import FaultNumber
-from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.commissioning.chain_comparison import Measurement, judge, judge_turns, rpm

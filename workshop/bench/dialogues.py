@@ -6,7 +6,7 @@ import struct
 import time
 
 from pdgw.gateway.errors import GatewayError
-from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, STATUS_NORMAL, TRAILER, CSduLayout
 from pdgw.profidrive.telegrams import Direction, telegram
 from pdgw.workshop.bench.schedule import Peer, run

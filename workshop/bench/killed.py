@@ -25,7 +25,7 @@ from pdgw.gateway.links.udp import UdpSocket
 from pdgw.peers.bus import INTERFACE, ServedBus
 from pdgw.peers.drive import DriveModel, SimulatedDrive
 from pdgw.peers.node.host import simulation_thread
-from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.demo.links import free_ports
 from pdgw.workshop.bench.stops import NODE, OFF, ON, SPEED, Stop

@@ -24,7 +24,7 @@ from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.udp import Address
 from pdgw.peers.drive import SimulatedDrive
-from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.world import World
 from pdgw.peers.world.can_bus import Member
 from pdgw.profidrive.telegrams import telegram

@@ -16,7 +16,7 @@ from pdgw.gateway.axis.values import Configured
 from pdgw.gateway.configuration.example import simulated
 from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.gateway.links.sequence import SEQUENCE_FRAMES
-from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 from pdgw.workshop.bench.measure import nanoseconds_per_call
 

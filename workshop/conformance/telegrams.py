@@ -17,8 +17,8 @@ from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.example import simulated
 from pdgw.gateway.daemon import Daemon
 from pdgw.peers.drive import SimulatedDrive
-from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.engine import Engine
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.scenario import Scenario
 from pdgw.peers.simulation.console import Console
 from pdgw.peers.world import World

@@ -24,7 +24,7 @@ from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status import explanation, fault_status, snapshot
 from pdgw.gateway.trace.recorder import FlightRecorder
-from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.world import World
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram

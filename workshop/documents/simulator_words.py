@@ -12,8 +12,8 @@ import yaml
 from pdgw.durations import MS
 from pdgw.gateway.configuration.defaults import USUAL_CYCLE_MS
 from pdgw.gateway.errors import GatewayError
-from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.engine import Engine
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.keyboard import Keyboard
 from pdgw.peers.plc.keys import ALL, BITS, EXIT, KEYS, LIST, TYPE, shown
 from pdgw.peers.plc.scenario import ACTIONS, Step, examples

@@ -20,7 +20,7 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.links.udp import Address
 from pdgw.peers.drive import LINEAR_AXIS, ROTARY_AXIS, shape
 from pdgw.peers.node.faults import WrongIdentity
-from pdgw.peers.plc.cycling import CyclingPlc
+from pdgw.peers.plc.exchange.cycling import CyclingPlc
 from pdgw.peers.world import Conditions, Member, SimulatedCan, World
 from pdgw.profidrive.frame import IOPS_GOOD, STATUS_RUN, CSduLayout, RtFrame, is_newer
 from pdgw.profidrive.telegrams import Direction, telegram

@@ -12,7 +12,7 @@ from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.node import GATEWAY_NODE_ID
 from pdgw.durations import MS
 from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
-from pdgw.peers.plc.cycling import CyclingPlc
+from pdgw.peers.plc.exchange.cycling import CyclingPlc
 from pdgw.peers.world import Conditions
 
 if TYPE_CHECKING:

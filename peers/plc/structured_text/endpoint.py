@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pdgw.peers.plc.endpoint import Exchange
+from pdgw.peers.plc.exchange.endpoint import Exchange
 from pdgw.peers.plc.structured_text.controller import Controller
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from pdgw.gateway.configuration.example import simulated
-from pdgw.peers.plc.endpoint import PlcEndpoint
 from pdgw.peers.plc.engine import Engine
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.scenario_file import load_scenario
 from pdgw.profidrive.telegrams import telegram
 from tests.support.rig import Rig

@@ -15,7 +15,7 @@ from pdgw.durations import MS
 from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.links.sequence import SEQUENCE_FRAMES
 from pdgw.gateway.links.udp import UdpSocket, arrival
-from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive import frame as rt
 from pdgw.profidrive.telegrams import Direction, telegram
 

@@ -9,7 +9,7 @@ from pdgw.ds301.counters import Counters
 from pdgw.durations import MS
 from pdgw.gateway.configuration.environment import TransportConfig
 from pdgw.gateway.links.link import UdpLink
-from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 
 CYCLE = 4 * MS

@@ -10,7 +10,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf, telegram
 

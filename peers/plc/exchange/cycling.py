@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pdgw.ds301.loop import Loop, Timer
 from pdgw.gateway.links.udp import Address
 from pdgw.gateway.platform import DatagramPort
-from pdgw.peers.plc.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import Telegram
 
 

@@ -11,7 +11,7 @@ from typing import Annotated, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from pdgw.gateway.errors import GatewayError
-from pdgw.peers.plc.positioner import PULSE_NS, Ask, Program, Wait
+from pdgw.peers.plc.exchange.positioner import PULSE_NS, Ask, Program, Wait
 from pdgw.profidrive.telegrams import Telegram
 
 _FUNCTIONS: Final = (1, 2, 3, 4)

@@ -13,7 +13,7 @@ from typing import Annotated, Final
 from pydantic import BaseModel, ConfigDict, Field
 
 from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
-from pdgw.peers.plc.position_loop import PositionLoop
+from pdgw.peers.plc.exchange.position_loop import PositionLoop
 from pdgw.profidrive.telegrams import Telegram
 
 POSITION: Final = "G1_XIST1"
