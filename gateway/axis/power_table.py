@@ -2,7 +2,7 @@
 
 (phase, what the drive shows, what is asked) -> (phase, action). The rows are read from the top, the first that fits counts; docs
 print them, tests walk them. What they have to keep: no start without an OFF and then an ON after any doubt, and a stop in doubt.
-Source: docs/translation.md "States", "Standard telegrams" 3-4 and "Loss and doubt"; the manufacturer's guide 5.1.
+Source: docs/translation.md "States", "Standard telegrams" 3-4 and "Losses"; the manufacturer's guide 5.1.
 PROFIdrive's OFF1 ramps down before power goes off, DSP402's Shutdown does not: the ramp stop lives here. A telegram that carries
 the Controlword itself (100) has its own phase for operation, PASS, and shares everything else.
 """

@@ -56,7 +56,7 @@ def test_what_the_gateway_does(case: Case, results: dict[str, Result]) -> None:
 @pytest.mark.parametrize(
     ("title", "commands"),
     [
-        # docs/translation.md "Loss and doubt": quick stop, then NMT stop when it does not answer, then configuration again.
+        # docs/translation.md "Losses": quick stop, then NMT stop when it does not answer, then configuration again.
         ("heartbeat-stops turning", ["CW 0002h", "NMT stop", "NMT enter pre operational"]),
         ("bus-off turning", ["CW 0002h", "NMT stop", "NMT enter pre operational"]),
         ("lost-pdos every=1 turning", ["CW 0002h", "NMT enter pre operational"]),

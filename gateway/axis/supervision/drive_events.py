@@ -1,6 +1,6 @@
 """What is told of a device's own doings: once, under its number, and without losing the first cause.
 
-Source: docs/translation.md "Loss and doubt", docs/parameter-channel.md "Fault buffer".
+Source: docs/translation.md "Losses", docs/parameter-channel.md "Fault buffer".
 """
 
 from __future__ import annotations
