@@ -114,8 +114,17 @@ def test_what_is_started_are_commands_of_this_package() -> None:
 def test_the_image_asks_for_extras_that_exist() -> None:
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     asked = re.findall(r"(?:\.|profidrive-gateway)\[([a-z,]+)\]", (ROOT / "deploy" / "Containerfile").read_text())
-    assert len(asked) == 2
+    assert asked == ["web,mqtt"]
     assert {name for names in asked for name in names.split(",")} <= extras.keys()
+
+
+def test_the_image_is_built_from_a_digest_and_from_pins_with_hashes() -> None:
+    text = (ROOT / "deploy" / "Containerfile").read_text(encoding="utf-8")
+    (base,) = re.findall(r"^ARG PYTHON=(\S+)$", text, re.MULTILINE)
+    assert re.fullmatch(r"docker\.io/library/python:3\.11\.\d+-slim-bookworm@sha256:[0-9a-f]{64}", base)
+    assert re.findall(r"^FROM (\S+)", text, re.MULTILINE) == ["${PYTHON}", "${PYTHON}"]
+    (pins,) = re.findall(r"--require-hashes -r (\S+)", text)
+    assert (ROOT / pins).is_file()
 
 
 @pytest.mark.skipif(shutil.which("logrotate") is None, reason="logrotate is not installed")

@@ -91,6 +91,7 @@ ROWS = {
     "workshop.bench": _ALL,
     "workshop.commands": f"{_ALL} workshop",
     "workshop.conformance": f"{_FIELD} gateway peers",
+    "workshop.debian": f"{_ALL} workshop.release workshop.installation workshop.sbom",
     "workshop.documents": f"{_ALL} workshop.conformance",
     "workshop.soak": f"{_FIELD} gateway client peers",
     "workshop.walk": f"{_FIELD} gateway peers",

@@ -1,0 +1,177 @@
+"""``python -m pdgw.workshop.debian.build RELEASE FOLDER``: the Debian package of a release, with dpkg-deb.
+
+The package has a Python environment of its own in /opt/pdgw: Debian's packages of the dependencies are older than the gateway
+allows. Their files are those of the pins, checked by their hashes. It needs Debian's Python of the version that builds it. The
+same release gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from pdgw.gateway.configuration.example import example
+from pdgw.workshop.debian.man import pages
+from pdgw.workshop.installation import verify
+from pdgw.workshop.release import PINS, ReleaseError
+from pdgw.workshop.sbom import ROOT
+
+NAME = "profidrive-gateway"
+DEPLOY = ROOT / "deploy"
+SCRIPTS = ("postinst", "prerm", "postrm")
+CONFIGURATION = "etc/pdgw/gateway.toml"
+LOG_ROTATION = "etc/logrotate.d/profidrive-gateway"
+CONFFILES = (CONFIGURATION, LOG_ROTATION)
+_PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
+_NEXT_PYTHON = f"{sys.version_info.major}.{sys.version_info.minor + 1}"
+
+
+def main() -> int:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="build", description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("release", type=Path, help="the files of `make release`")
+    parser.add_argument("folder", type=Path, help="where the package is written")
+    parser.add_argument("--revision", default="1", help="the Debian revision behind the version")
+    given = parser.parse_args()
+    try:
+        verify(given.release)
+        (wheel,) = given.release.glob("*.whl")
+        with tempfile.TemporaryDirectory() as name:
+            tree = Path(name) / "tree"
+            version = wheel.name.split("-")[1]
+            environment(tree, wheel, given.release / PINS)
+            contents(tree, version)
+            print(package(tree, f"{version}-{given.revision}", given.folder))
+    except ReleaseError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def environment(tree: Path, wheel: Path, pins: Path) -> None:
+    """/opt/pdgw: Debian's Python with the pinned packages and the gateway."""
+    top = tree / "opt" / "pdgw"
+    packages = top / "lib" / f"python{_PYTHON}" / "site-packages"
+    packages.mkdir(parents=True)
+    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-compile"]
+    for arguments in (["--require-hashes", "--requirement", str(pins)], ["--no-deps", "--no-index", str(wheel)]):
+        done = subprocess.run(
+            [*pip, "--upgrade", "--target", str(packages), *arguments], check=False, capture_output=True, text=True
+        )
+        if done.returncode:
+            raise ReleaseError(f"pip: {(done.stderr or done.stdout).strip()}")
+    shutil.rmtree(packages / "bin", ignore_errors=True)  # for the Python that built it
+    for name in ("direct_url.json", "RECORD"):  # paths of this machine
+        for path in packages.glob(f"*.dist-info/{name}"):
+            path.unlink()
+
+
+def contents(tree: Path, version: str) -> None:
+    """Everything of the package but the packages of Python."""
+    top = tree / "opt" / "pdgw"
+    (top / "bin").mkdir(parents=True)
+    (top / "bin" / "python3").symlink_to(f"/usr/bin/python{_PYTHON}")
+    _write(top / "pyvenv.cfg", f"home = /usr/bin\ninclude-system-site-packages = false\nversion = {_PYTHON}\n")
+    start = "#!/opt/pdgw/bin/python3\nfrom pdgw.__main__ import run\n\nraise SystemExit(run())\n"
+    _write(top / "bin" / "pdgw", start, 0o755)
+    (tree / "usr" / "bin").mkdir(parents=True)
+    (tree / "usr" / "bin" / "pdgw").symlink_to("/opt/pdgw/bin/pdgw")
+    units = DEPLOY / "systemd"
+    for path in units.glob("*@.service"):
+        _copy(path, tree / "usr/lib/systemd/system" / path.name)
+    _copy(units / "pdgw.conf", tree / "usr/lib/sysusers.d/pdgw.conf")
+    documents = tree / "usr/share/doc" / NAME
+    for name in ("realtime.conf", "raw-sockets.conf", "80-can.network"):
+        _copy(units / name, documents / "systemd" / name)
+    _copy(ROOT / "LICENSE", documents / "copyright")
+    _write_compressed(documents / "changelog.gz", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"))
+    _copy(DEPLOY / "logrotate" / "pdgw", tree / LOG_ROTATION)
+    _write(tree / CONFIGURATION, example())
+    for name, text in pages(version).items():
+        _write_compressed(tree / "usr/share/man/man1" / f"{name}.gz", text)
+
+
+def package(tree: Path, version: str, folder: Path) -> Path:
+    """Build the package; ReleaseError without dpkg-deb or when it refuses."""
+    if shutil.which("dpkg-deb") is None:
+        raise ReleaseError("dpkg-deb: not found, needed: Debian's package dpkg")
+    control = tree / "DEBIAN"
+    control.mkdir()
+    files = [
+        path for path in tree.rglob("*") if path.is_file() and not path.is_symlink() and control not in path.parents
+    ]
+    native = any(path.suffix == ".so" for path in files)
+    asked = ["dpkg", "--print-architecture"]
+    machine = subprocess.run(asked, check=True, capture_output=True, text=True).stdout.strip() if native else "all"
+    size = sum(path.stat().st_size for path in files) // 1024
+    _write(control / "control", _control(version, machine, size))
+    _write(control / "conffiles", "".join(f"/{name}\n" for name in CONFFILES))
+    for name in SCRIPTS:
+        _copy(DEPLOY / "debian" / name, control / name, 0o755)
+    for path in tree.rglob("*"):
+        if path.is_dir():
+            path.chmod(0o755)
+        elif not path.is_symlink():
+            path.chmod(0o755 if path.stat().st_mode & 0o100 else 0o644)
+    folder.mkdir(parents=True, exist_ok=True)
+    made = folder / f"{NAME}_{version}_{machine}.deb"
+    epoch = os.environ.get("SOURCE_DATE_EPOCH") or _commit_time()
+    done = subprocess.run(
+        ["dpkg-deb", "--root-owner-group", "-Zxz", "-z6", "--build", str(tree), str(made)],
+        env=os.environ | {"SOURCE_DATE_EPOCH": epoch},
+        check=False,
+        capture_output=True,
+        text=True,
+    )
+    if done.returncode:
+        raise ReleaseError(f"dpkg-deb: {done.stderr.strip()}")
+    return made
+
+
+def _control(version: str, machine: str, size_kib: int) -> str:
+    return f"""Package: {NAME}
+Version: {version}
+Architecture: {machine}
+Maintainer: profidrive-gateway <profidrive-gateway@invalid>
+Section: net
+Priority: optional
+Installed-Size: {size_kib}
+Depends: python3 (>= {_PYTHON}), python3 (<< {_NEXT_PYTHON}), systemd | systemd-standalone-sysusers
+Recommends: logrotate, iproute2
+Description: PROFIdrive-to-CANopen gateway
+ A PLC commands CiA 402 drives and CiA 406 encoders with PROFIdrive telegrams
+ over UDP or PROFINET. The package contains the gateway, its web page and the
+ tools of the command pdgw. No gateway is started by the installation.
+"""
+
+
+def _commit_time() -> str:
+    asked = ["git", "log", "-1", "--format=%ct"]
+    return subprocess.run(asked, cwd=ROOT, check=True, capture_output=True, text=True).stdout.strip()
+
+
+def _write(path: Path, text: str, mode: int = 0o644) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+    path.chmod(mode)
+
+
+def _write_compressed(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(gzip.compress(text.encode(), mtime=0))
+
+
+def _copy(source: Path, target: Path, mode: int = 0o644) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(source, target)
+    target.chmod(mode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
