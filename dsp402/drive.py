@@ -53,7 +53,7 @@ from pdgw.dsp402.objects import (
     STATUSWORD,
 )
 from pdgw.dsp402.pdo import interpolated
-from pdgw.dsp402.pdo_value_check import Witness
+from pdgw.dsp402.pdo_value_check import PdoValueCheck
 from pdgw.dsp402.settings import DriveSettings
 from pdgw.dsp402.states import Command, ControlBit, FaultReset, State, state_of
 from pdgw.dsp402.unit_watch import UnitWatch
@@ -75,7 +75,7 @@ _LIMITS_AND_RAMPS: Final = frozenset(
     }
 )
 """Objects that also act on a drive whose RPDOs do not carry them."""
-_WITNESS_NS: Final = SECOND
+_VALUE_CHECK_NS: Final = SECOND
 """So often is a TPDO that does not change compared with its objects."""
 _INTERPOLATED: Final = (
     "traversing tasks: no profile position mode (6502h); the gateway calculates a position for each SYNC (mode 8)"
@@ -160,8 +160,8 @@ class DriveClient(NodeClient[DriveSettings]):
         """A mode that 6061h has not shown yet; no speed is sent meanwhile."""
         self._mode_wrong = ""
         self._operating_since = -1
-        self._witness = Witness(())
-        self._witness_due = 0
+        self._value_check = PdoValueCheck(())
+        self._value_check_due = 0
         self._dropped = ""
         self._units = UnitWatch({})
         self._motion_asked = False
@@ -407,8 +407,8 @@ class DriveClient(NodeClient[DriveSettings]):
         self._data_senders = [_Sender(item.pdo, item.cob_id) for item in data]
         self._acyclic_rpdos = [_Values(pdo) for pdo in plan.written]
         self._starts_early = control.pdo.attributes[-1] != CONTROL_ATTRIBUTE
-        self._witness = Witness(item.pdo for item in plan.tpdos)
-        self._witness_due = self.loop.now() + _WITNESS_NS
+        self._value_check = PdoValueCheck(item.pdo for item in plan.tpdos)
+        self._value_check_due = self.loop.now() + _VALUE_CHECK_NS
         self._dropped = ""
         self._set_point_sent = self.set_point_refused = False
         self._held_since = -1
@@ -512,7 +512,7 @@ class DriveClient(NodeClient[DriveSettings]):
             self._mode_wrong = f"6061h shows {shown} for {MODE_CONFIRM_NS / SECOND:g} s in operation, not {mode}"
 
     def _has_work(self, now: int) -> bool:
-        if self._acyclic_rpdos or self._mode_awaited is not None or (self._motion_asked and self._witness.doubtful):
+        if self._acyclic_rpdos or self._mode_awaited is not None or (self._motion_asked and self._value_check.doubtful):
             return True
         if self._units.is_due(now, moves=self._motion_asked):
             return True
@@ -528,23 +528,23 @@ class DriveClient(NodeClient[DriveSettings]):
         """
         for slot in self._slots:
             if slot.data is not None:
-                self._witness.see(slot.pdo, slot.data, slot.time)
-        if now < self._witness_due:
+                self._value_check.see(slot.pdo, slot.data, slot.time)
+        if now < self._value_check_due:
             return
-        for doubt in self._witness.doubts:
+        for doubt in self._value_check.doubts:
             entry = doubt.entry
             try:
                 held = self.read(*entry.address)
             except SdoAbortedError:
-                self._witness.trust(doubt)
+                self._value_check.trust(doubt)
                 continue
-            if self._witness.compare(doubt, held, now):
+            if self._value_check.compare(doubt, held, now):
                 self._mapping.drop(entry.address)
                 shown, there = (int.from_bytes(data, "little") for data in (doubt.first, held))
                 self._dropped = (
                     f"{doubt.pdo} accepts {entry} but does not send it: it shows {shown}, the object contains {there}"
                 )
-        self._witness_due = now + (self._timeout_ns if self._witness.contradicted else _WITNESS_NS)
+        self._value_check_due = now + (self._timeout_ns if self._value_check.contradicted else _VALUE_CHECK_NS)
 
     def _exchange_acyclic(self, now: int) -> None:
         """Objects for which the drive has no PDO: written when they change, read every 100 ms."""

@@ -36,7 +36,7 @@ class Doubt:
         return data[self.begin : self.begin + self.entry.type.bits // 8]
 
 
-class Witness:
+class PdoValueCheck:
     """Of one drive, from one start to the next; for the objects of ``MOTION``."""
 
     def __init__(self, pdos: Iterable[Pdo]) -> None:

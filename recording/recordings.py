@@ -29,7 +29,7 @@ from pdgw.decoder.frames.records import BusKind, Record
 from pdgw.decoder.replay.recording import Collector, Recording
 from pdgw.decoder.replay.replay import Replayer
 from pdgw.decoder.replay.result import AxisReplay
-from pdgw.decoder.timeline.builder import HOLD_NS, Follower
+from pdgw.decoder.timeline.builder import HOLD_NS, TimelineBuilder
 from pdgw.decoder.timeline.clocks import ONE_CLOCK, Clocks
 from pdgw.decoder.timeline.entries import Entry
 from pdgw.decoder.timeline.lookahead import Lookahead, is_of
@@ -254,7 +254,7 @@ def followed(opening: Opening, part: Part = ..., *, packets: bool) -> Iterator[E
 
 def followed(opening: Opening, part: Part = Part(), *, packets: bool = False) -> Iterator[Entry | Record]:
     """The timeline of a part, in the order of time; with ``packets`` every packet of that time too."""
-    follower = Follower(
+    builder = TimelineBuilder(
         opening.known.settings.axes,
         opening.known.choices,
         cycle_ns=opening.cycle_ns,
@@ -280,12 +280,12 @@ def followed(opening: Opening, part: Part = Part(), *, packets: bool = False) ->
             break
         if packets and part.has(record.time_ns, 0):
             waiting.append(record)
-        entries = follower.add(record)
+        entries = builder.add(record)
         if entries:
             yield from given(entries)
-        if waiting and follower.horizon_ns is not None:
-            yield from before(follower.horizon_ns)
-    yield from given(follower.finish())
+        if waiting and builder.horizon_ns is not None:
+            yield from before(builder.horizon_ns)
+    yield from given(builder.finish())
     yield from before(None)
 
 

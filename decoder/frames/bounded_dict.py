@@ -13,7 +13,7 @@ K = TypeVar("K", bound=Hashable)
 V = TypeVar("V")
 
 
-class Recent(Generic[K, V]):
+class BoundedDict(Generic[K, V]):
     """The newest entries; a capture of any length fills no memory with what is never answered."""
 
     def __init__(self) -> None:

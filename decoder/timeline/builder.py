@@ -5,10 +5,10 @@ answers, and over PROFINET, whose IOCS do not tell, the watchdog decides. An ent
 come (``HOLD_NS`` of recorded time), then it is given out and forgotten. Without I/O; one clock
 (``decoder.timeline.lookahead`` finds the offset).
 
-    >>> follower = Follower(axes, settings, cycle_ns=4_000_000)
+    >>> builder = TimelineBuilder(axes, settings, cycle_ns=4_000_000)
     >>> for record in records:
-    ...     entries = follower.add(record)
-    >>> entries = follower.finish()
+    ...     entries = builder.add(record)
+    >>> entries = builder.finish()
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _VERDICTS = {Verdict.STALE: AnomalyKind.STALE, Verdict.PROVIDER_STOP: AnomalyKin
 _NOTHING: Final[tuple[Entry, ...]] = ()
 
 
-class Follower:
+class TimelineBuilder:
     """Both buses of one gateway.
 
     ``axes``: in the order of the frame, with their node-IDs; ``settings``: the choices of the user by DO-ID, defaults are assumed

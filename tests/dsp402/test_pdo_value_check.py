@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pdgw.dsp402.pdo import LAYOUTS, Operation
-from pdgw.dsp402.pdo_value_check import CONTRADICTIONS, Witness
+from pdgw.dsp402.pdo_value_check import CONTRADICTIONS, PdoValueCheck
 
 PDO = LAYOUTS[Operation.VELOCITY].tpdos[0]
 SHOWN, HELD = bytes(4), b"\1\0\0\0"
@@ -12,29 +12,29 @@ FRAME = b"\x37\x02" + SHOWN
 
 
 def test_an_object_that_holds_another_value_than_each_newer_frame_is_found_out() -> None:
-    witness = Witness([PDO])
+    check = PdoValueCheck([PDO])
     for time in range(CONTRADICTIONS):
-        witness.see(PDO, FRAME, 10 * time)
-        (doubt,) = witness.doubts
-        assert witness.compare(doubt, HELD, 10 * time + 5) == (time == CONTRADICTIONS - 1)
+        check.see(PDO, FRAME, 10 * time)
+        (doubt,) = check.doubts
+        assert check.compare(doubt, HELD, 10 * time + 5) == (time == CONTRADICTIONS - 1)
 
 
 def test_without_a_newer_frame_nothing_is_learned() -> None:
-    witness = Witness([PDO])
-    witness.see(PDO, FRAME, 0)
-    (doubt,) = witness.doubts
-    assert not any(witness.compare(doubt, HELD, time) for time in range(1, 10))
-    witness.see(PDO, b"\x37\x02" + HELD, 20)
-    assert not list(witness.doubts)
+    check = PdoValueCheck([PDO])
+    check.see(PDO, FRAME, 0)
+    (doubt,) = check.doubts
+    assert not any(check.compare(doubt, HELD, time) for time in range(1, 10))
+    check.see(PDO, b"\x37\x02" + HELD, 20)
+    assert not list(check.doubts)
 
 
 def test_an_object_that_agrees_once_begins_anew() -> None:
-    witness = Witness([PDO])
+    check = PdoValueCheck([PDO])
     for time, held in enumerate((HELD, HELD, SHOWN, HELD, HELD)):
-        witness.see(PDO, FRAME, 10 * time)
-        (doubt,) = witness.doubts
-        assert not witness.compare(doubt, held, 10 * time + 5)
-        assert witness.contradicted == (held == HELD)
+        check.see(PDO, FRAME, 10 * time)
+        (doubt,) = check.doubts
+        assert not check.compare(doubt, held, 10 * time + 5)
+        assert check.contradicted == (held == HELD)
 
 
 BOTH = LAYOUTS[Operation.TRANSPARENT].tpdos[1]
@@ -42,37 +42,37 @@ BOTH = LAYOUTS[Operation.TRANSPARENT].tpdos[1]
 
 
 def test_each_object_of_a_pdo_has_its_own_place() -> None:
-    witness = Witness([BOTH])
-    witness.see(BOTH, bytes(8), 0)
-    witness.see(BOTH, bytes(4) + HELD, 1)
-    (doubt,) = witness.doubts
+    check = PdoValueCheck([BOTH])
+    check.see(BOTH, bytes(8), 0)
+    check.see(BOTH, bytes(4) + HELD, 1)
+    (doubt,) = check.doubts
     assert doubt.entry.attribute == "position_actual", "the other one has changed"
-    witness.see(BOTH, HELD + HELD, 2)
-    assert not witness.doubtful
+    check.see(BOTH, HELD + HELD, 2)
+    assert not check.doubtful
 
 
 def test_one_of_two_objects_that_is_contradicted_is_looked_at_again_sooner() -> None:
-    witness = Witness([BOTH])
-    witness.see(BOTH, bytes(8), 0)
-    position, velocity = witness.doubts
-    witness.compare(position, SHOWN, 1)
-    witness.compare(velocity, HELD, 1)
-    assert witness.contradicted
+    check = PdoValueCheck([BOTH])
+    check.see(BOTH, bytes(8), 0)
+    position, velocity = check.doubts
+    check.compare(position, SHOWN, 1)
+    check.compare(velocity, HELD, 1)
+    assert check.contradicted
 
 
 def test_a_frame_of_another_pdo_says_nothing() -> None:
-    witness = Witness([PDO, BOTH])
-    witness.see(PDO, FRAME, 0)
-    (doubt,) = witness.doubts
+    check = PdoValueCheck([PDO, BOTH])
+    check.see(PDO, FRAME, 0)
+    (doubt,) = check.doubts
     assert doubt.pdo is PDO, "nothing came of the others"
     for time in range(1, 10):
-        witness.see(BOTH, bytes(8), 10 * time)
-        assert not witness.compare(doubt, HELD, 10 * time + 5)
+        check.see(BOTH, bytes(8), 10 * time)
+        assert not check.compare(doubt, HELD, 10 * time + 5)
 
 
 def test_an_object_that_cannot_be_asked_for_is_trusted() -> None:
-    witness = Witness([PDO])
-    witness.see(PDO, FRAME, 0)
-    (doubt,) = witness.doubts
-    witness.trust(doubt)
-    assert not witness.doubtful
+    check = PdoValueCheck([PDO])
+    check.see(PDO, FRAME, 0)
+    (doubt,) = check.doubts
+    check.trust(doubt)
+    assert not check.doubtful

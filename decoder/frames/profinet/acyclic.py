@@ -11,7 +11,7 @@ from collections.abc import Callable, Hashable
 from typing import Final
 from uuid import UUID
 
-from pdgw.decoder.frames.bounded_dict import Recent
+from pdgw.decoder.frames.bounded_dict import BoundedDict
 from pdgw.decoder.frames.fields import Document, parameter_text
 from pdgw.decoder.frames.profinet.blocks import IM_INDEXES, documents, named, place_text, status_text
 from pdgw.decoder.frames.profinet.calls import OPERATIONS, RelationCalls
@@ -98,9 +98,9 @@ class AcyclicDecoder:
     ) -> None:
         self._observe = observe
         self.relations = RelationCalls(connect, names or StationNames())
-        self._calls: Recent[tuple[UUID, int], int] = Recent()
-        self._bodies: Recent[tuple[UUID, int, bool], Reassembly] = Recent()
-        self._requests: Recent[tuple[Hashable, int, int], tuple[int, Request]] = Recent()
+        self._calls: BoundedDict[tuple[UUID, int], int] = BoundedDict()
+        self._bodies: BoundedDict[tuple[UUID, int, bool], Reassembly] = BoundedDict()
+        self._requests: BoundedDict[tuple[Hashable, int, int], tuple[int, Request]] = BoundedDict()
 
     def decode(self, number: int, time_ns: int, channel: str, data: bytes, peers: frozenset[bytes]) -> Record:
         """The record of one UDP payload; ``peers`` are the two addresses."""

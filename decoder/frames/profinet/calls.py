@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Final
 from uuid import UUID
 
-from pdgw.decoder.frames.bounded_dict import Recent
+from pdgw.decoder.frames.bounded_dict import BoundedDict
 from pdgw.decoder.frames.fields import Document
 from pdgw.decoder.frames.profinet.blocks import documents, named, split
 from pdgw.decoder.frames.profinet.connect import Connection, read_request, read_response
@@ -39,8 +39,8 @@ class RelationCalls:
     def __init__(self, connect: Callable[[Connection], bool], names: StationNames) -> None:
         self._connect = connect
         self._names = names
-        self._asked: Recent[tuple[UUID, int], Connection] = Recent()
-        self._granted: Recent[UUID, Connection] = Recent()
+        self._asked: BoundedDict[tuple[UUID, int], Connection] = BoundedDict()
+        self._granted: BoundedDict[UUID, Connection] = BoundedDict()
 
     def between(self, addresses: bytes) -> Connection | None:
         """The relationship of frames with this destination and source."""

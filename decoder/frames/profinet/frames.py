@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from pdgw.decoder.frames.bounded_dict import Recent
+from pdgw.decoder.frames.bounded_dict import BoundedDict
 from pdgw.decoder.frames.fields import Document
 from pdgw.decoder.frames.profinet.blocks import DIAGNOSES, diagnoses, documents, place_text
 from pdgw.decoder.frames.profinet.calls import Base
@@ -61,8 +61,8 @@ class FrameDecoder:
     def __init__(self, names: StationNames, between: Callable[[bytes], Connection | None]) -> None:
         self._names = names
         self._between = between
-        self._asked: Recent[tuple[bytes, int], int] = Recent()
-        self._sent: Recent[tuple[Priority, bytes, int], int] = Recent()
+        self._asked: BoundedDict[tuple[bytes, int], int] = BoundedDict()
+        self._sent: BoundedDict[tuple[Priority, bytes, int], int] = BoundedDict()
 
     def real_time(self, base: Base, frame_id: int, addresses: bytes) -> Record:
         """A frame from its FrameID on, one of ``FRAME_IDS``. ``addresses``: destination and source, empty where not known."""

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from pdgw.decoder.timeline.axis import AGREEMENT_NS, DROPPED, NOT_JUDGED
-from pdgw.decoder.timeline.builder import HOLD_NS, Follower
+from pdgw.decoder.timeline.builder import HOLD_NS, TimelineBuilder
 from pdgw.decoder.timeline.entries import AnomalyKind, Event, ReasonChange, WordKind
 from pdgw.decoder.timeline.words import Decision, Words
 from pdgw.dsp402.states import State
@@ -290,13 +290,13 @@ def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
     opening = rig.open(tmp_path)
     records = list(opening.records())
     length = records[-1].time_ns - records[0].time_ns + CYCLE_NS
-    follower = Follower(opening.known.settings.axes, opening.known.choices, cycle_ns=CYCLE_NS)
+    builder = TimelineBuilder(opening.known.settings.axes, opening.known.choices, cycle_ns=CYCLE_NS)
     sizes = []
     tracemalloc.start()
     try:
         for _ in range(12):
             for record in records:
-                for entry in follower.add(record):
+                for entry in builder.add(record):
                     assert entry.time_ns <= record.time_ns - HOLD_NS
                 record.time_ns += length
             sizes.append(tracemalloc.get_traced_memory()[0])
