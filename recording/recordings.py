@@ -133,7 +133,8 @@ def _with_nodes(axes: list[Axis], nodes: Sequence[str]) -> list[Axis]:
         do_id = int(match[1]) if match[1] else position + 1
         found = [i for i, axis in enumerate(axes) if axis.do_id == do_id]
         if not found:
-            raise GatewayError(f"--node {text}: unknown axis, expected one of {do_id}")
+            known = ", ".join(str(axis.do_id) for axis in axes)
+            raise GatewayError(f"--node {text}: there is no axis {do_id}, expected one of {known}")
         axes[found[0]] = replace(axes[found[0]], node=int(match[2]))
     return axes
 

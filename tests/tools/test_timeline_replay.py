@@ -204,7 +204,11 @@ def test_what_cannot_be_used_is_one_error(files: list[str], tmp_path: Path) -> N
         replay([plc, str(empty)], telegram=[1])
     with pytest.raises(GatewayError, match="the capture has no drive telegram"):
         replay(files, telegram=[81])
-    for node, match in (("200", "node-ID 1..127"), ("2=5", "axis 2 is none of 1"), ("x", "expected NODE or AXIS=NODE")):
+    for node, match in (
+        ("200", "node-ID 1..127"),
+        ("2=5", "there is no axis 2, expected one of 1"),
+        ("x", "expected NODE or AXIS=NODE"),
+    ):
         with pytest.raises(GatewayError, match=match):
             replay(files, telegram=[1], node=[node])
     with pytest.raises(GatewayError, match="--node: give --telegram"):

@@ -133,11 +133,11 @@ def test_homing_behind_a_reference_point_never_shows_the_old_offset_on_the_new_z
     if late:
         pass_on, waits = rig.stepper.step, [rig.feedback.position_actual]
 
-        def later(setpoints: object, feedback: DriveFeedback, *rest: object) -> Sequence[int]:
+        def later(setpoints: object, feedback: DriveFeedback, *rest: object, fresh: bool = True) -> Sequence[int]:
             shown = copy(feedback)
             waits.append(feedback.position_actual)
             shown.position_actual = waits.pop(0)
-            return pass_on(setpoints, shown, *rest)  # type: ignore[arg-type]
+            return pass_on(setpoints, shown, *rest, fresh=fresh)  # type: ignore[arg-type]
 
         rig.stepper.step = later  # type: ignore[method-assign]
     rig.values["STW1"] |= 0x0800
