@@ -24,6 +24,7 @@ from pdgw.gateway.objects.happenings import around_the_last_stop
 from pdgw.gateway.service.build import interpreter, kind
 from pdgw.gateway.service.causes import CAUSE_KEYS, causes
 from pdgw.gateway.service.confirmed_units import witness_text
+from pdgw.profidrive.signals import signal
 
 log = logging.getLogger("gateway")
 
@@ -131,6 +132,14 @@ def axis_status(axis: Axis) -> dict[str, Any]:
     }
 
 
+def _encoder_speed(encoder: EncoderObject) -> float | None:
+    """The speed that the PLC gets (NIST_A or NIST_B) in the unit of the configuration: 6030h ends at 16 bits."""
+    for name, raw in encoder.telegram.actuals.as_dict(encoder.actuals).items():
+        if name.startswith("NIST_"):
+            return round((signal(name).percent(raw) or 0.0) / 100 * float(encoder.config.reference_speed), 3)
+    return None
+
+
 def encoder_status(encoder: EncoderObject) -> dict[str, Any]:
     """One encoder channel as plain data."""
     source = encoder.input
@@ -140,6 +149,8 @@ def encoder_status(encoder: EncoderObject) -> dict[str, Any]:
         "rated_speed_unit": encoder.config.speed_unit,
         "sensor_state": encoder.machine.channel.sensor.state.value,
         "velocity": source.speed,
+        "speed": _encoder_speed(encoder),
+        "speed_unit": encoder.config.speed_unit,
         "position": source.position if source.valid else None,
         "alarms": source.alarms,
         "warnings": source.warnings,

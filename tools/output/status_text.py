@@ -93,6 +93,8 @@ def _row(item: dict[str, Any]) -> str:
     parts = [f"node {item['node_id']} {item['drive']}", f"telegram {item['telegram']}"]
     if item.get("speed_rpm") is not None:
         parts.append(f"{item['speed_rpm']:g} rpm")
+    elif item.get("speed") is not None:
+        parts.append(f"{item['speed']:g} {item['speed_unit']}")
     if item["position"] is not None:
         parts.append(f"position {item['position']}")
     active = item["cause"]

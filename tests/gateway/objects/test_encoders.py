@@ -12,11 +12,12 @@ from pdgw.gateway.axis.telegrams import drive_layout
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.service.status import snapshot
+from pdgw.gateway.service.status import encoder_status, snapshot
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.profidrive.signals import signal
+from pdgw.tools.output.status_text import status_lines
 from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, encoder_of, serving, until
 from tests.support.sensor_format import decode_sensor_format
 
@@ -49,6 +50,10 @@ def test_telegram_83_shows_position_and_speed_of_a_turning_encoder() -> None:
         plc.until(lambda: has(plc, "G1_ZSW", STATUS["ABSOLUTE_VALID"]), "absolute value")
         expected = (1 << 30) // 50
         plc.until(lambda: abs(plc.value("NIST_B") - expected) < expected // 10, "60 rpm")
+        shown = encoder_status(daemon.encoders[0])
+        assert shown["speed"] == pytest.approx(plc.value("NIST_B") / 2**30 * 3000, rel=0.05)
+        assert shown["speed_unit"] == "rpm"
+        assert any(line.startswith("encoder 1") and " rpm" in line for line in status_lines(snapshot(daemon), 200))
         first = plc.value("G1_XIST1")
         plc.until(lambda: (plc.value("G1_XIST1") - first) & 0xFFFFFFFF > 1000, "it turns")
         assert not has(plc, "ZSW2_ENC", 0x0008)

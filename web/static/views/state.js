@@ -16,6 +16,7 @@ export const objectName = (item) => `${"channel" in item ? "Encoder" : "Axis"} $
 
 export function speed(item) {
   if (item.speed_rpm !== null && item.speed_rpm !== undefined) return withUnit(number(item.speed_rpm), "rpm");
+  if (item.speed !== null && item.speed !== undefined) return withUnit(number(item.speed), item.speed_unit);
   return item.velocity === null || item.velocity === undefined ? DASH : withUnit(integer(item.velocity), "units");
 }
 
