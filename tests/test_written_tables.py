@@ -335,7 +335,7 @@ def names_of_tests(*names: str) -> set[str]:
     }
 
 
-def test_each_case_of_the_tester_in_the_document_has_its_test_and_each_of_class_a_its_row() -> None:
+def test_cases_of_the_tester_and_tests_of_class_a_match() -> None:
     link = "gateway/links/profinet"
     class_a = names_of_tests(f"{link}/test_class_a.py", "profinet/test_class_a_relationship.py")
     named = class_a | names_of_tests(f"{link}/test_snmp.py", "profinet/discovery/test_snmp.py")

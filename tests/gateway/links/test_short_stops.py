@@ -67,7 +67,7 @@ def test_a_stop_acts_with_its_first_frame_and_ends_with_the_third_without(number
     assert [line.send(ON), line.send(ON), line.send(ON)] == [word, word, ON]
 
 
-def test_halt_of_telegram_100_acts_with_its_first_frame_and_ends_with_the_third_without() -> None:
+def test_halt_of_telegram_100_acts_with_its_first_frame() -> None:
     """Bit 8 of the Controlword, which stops where it is 1."""
     halt = ON | HALT
     line = Line(100)

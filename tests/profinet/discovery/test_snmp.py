@@ -71,7 +71,7 @@ def test_topology_is_readable_by_its_published_object_identifiers() -> None:
     assert read(f"{interface}.6.1") == [IDENTITY.mac]
 
 
-def test_topology_shows_a_neighbour_without_profinet_with_its_own_kinds_of_identification() -> None:
+def test_topology_shows_a_neighbour_without_profinet_by_its_own_ids() -> None:
     """An office switch: its address as chassis, the interface's name as port, and where it is managed."""
     chassis, source = "02:00:00:00:00:70", "02:00:00:00:00:77"
     frame = (
