@@ -7,9 +7,11 @@ from typing import Any
 
 import pytest
 
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.following import Follow, Following
 from pdgw.peers.plc.keyboard import Keyboard
 from pdgw.peers.plc.scenario_file import parse_step, scenario_of
 from pdgw.peers.plc.vocabulary import words_of
@@ -209,6 +211,19 @@ def test_an_axis_follows_a_sine(number: int, wish: dict[str, Any]) -> None:
         {"follow": {"by": 4096, **wish}, "within": "20 s"},
         {"expect": {"NIST_B": "0 +- 2 %"}},
     )
+
+
+def test_follow_begins_anew_where_an_axis_stopped() -> None:
+    """The axis was stopped far away, for example by DSC without new frames: its next period begins at its position."""
+    following = Following(Follow(by=4096, error=400), 1, 60 * SECOND, increments=4096, rpm=3000, dsc=True)
+    errors = []
+    for cycle in range(1001):
+        wanted = following.step(cycle * 4 * MS, {"G1_XIST1": 30_000 if cycle else 0})
+        assert wanted is not None
+        errors.append(wanted["XERR"])
+    assert max(map(abs, errors[:500])) > 25_000
+    assert errors[501] == 0
+    assert max(map(abs, errors[501:])) <= 4096
 
 
 def test_an_axis_that_does_not_follow_closely_enough_fails_with_its_error() -> None:

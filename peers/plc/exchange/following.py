@@ -1,7 +1,8 @@
 """``follow``: the PLC closes the position loop and lets an axis follow a sine, as long as it takes to follow it well.
 
 The controller is ``position_loop``. The target swings from where the axis stands forward and back, begins and ends each period at
-rest, and does not run on while the PLC itself was held up. Left out: a load.
+rest, and does not run on while the PLC itself was held up. If the axis is stopped and stays far from the target, the next period
+begins at its position. Left out: a load.
 """
 
 from __future__ import annotations
@@ -89,6 +90,8 @@ class Following:
         if self._turn >= 1:
             self._turn -= 1
             self._seen.append(self._worst)
+            if self._worst > self._wish.by:
+                self._base = actuals[POSITION]
             self._worst = 0.0
             if self.passed:
                 return None
