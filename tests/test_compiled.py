@@ -51,6 +51,11 @@ def test_a_compiled_module_is_there_and_has_none_of_the_traps(name: str) -> None
         if isinstance(item, ast.ClassDef):
             derived = {ast.unparse(base).partition(".")[0] for base in item.bases} & of_libraries
             assert not derived, f"{item.name}: a class of an interpreted library cannot be a compiled one's base"
+        if isinstance(item, ast.ClassDef) and "dataclass" in "".join(map(ast.unparse, item.decorator_list)):
+            of_class = [part for part in item.body if isinstance(part, ast.AnnAssign)]
+            assert not any("ClassVar" in ast.unparse(part.annotation) for part in of_class), (
+                f"{item.name}: a compiled dataclass takes a ClassVar for a field; a base class may have it"
+            )
         if isinstance(item, ast.ClassDef) and any("enum" in ast.unparse(base).lower() for base in item.bases):
             methods = {method.name for method in item.body if isinstance(method, ast.FunctionDef)}
             assert "__init__" not in methods, f"{item.name}: an enum with an __init__ does not compile"

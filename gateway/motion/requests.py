@@ -20,8 +20,16 @@ FULL = N2_100_PERCENT
 """100 % of an N2 fraction."""
 
 
+class _OfAsked:
+    """What a checkpoint treats apart in ``Asked``: a compiled dataclass takes a class variable for a field."""
+
+    __slots__ = ()
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"*"})
+    """Made from each frame; what outlives one, the adapter tells (``Adapter.kept``)."""
+
+
 @dataclass(slots=True, eq=False)
-class Asked:
+class Asked(_OfAsked):
     """What the PLC asks for, bit for bit by its meaning."""
 
     operating: bool = False
@@ -62,9 +70,6 @@ class Asked:
     controls: tuple[int, ...] = ()
     """The control words that all bits but ``operating`` and ``to_fixed_stop`` are from: while they are the same, the bits are."""
 
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"*"})
-    """Made from each frame; what outlives one, the adapter tells (``Adapter.kept``)."""
-
     def forget(self) -> None:
         """Nothing is asked."""
         for item in fields(self):
@@ -79,8 +84,16 @@ class HomingResult(enum.Enum):
     FAILED = "failed"
 
 
+class _OfSeen:
+    """What a checkpoint treats apart in ``Seen``: a compiled dataclass takes a class variable for a field."""
+
+    __slots__ = ()
+    SERIALS: ClassVar[frozenset[str]] = frozenset({"given", "taken", "executing"})
+    PASSING: ClassVar[frozenset[str]] = frozenset({"standstill", "reached", "internal_limit", "torque_at_limit"})
+
+
 @dataclass(slots=True, eq=False)
-class Seen:
+class Seen(_OfSeen):
     """What the axis does.
 
     A motion is *given* once its set-point was handed to the drive, *taken* once the drive acknowledged it, and *executing* once
@@ -104,9 +117,6 @@ class Seen:
     probe_refused: bool = False
     """The drive does not carry out the probe that was armed."""
 
-    SERIALS: ClassVar[frozenset[str]] = frozenset({"given", "taken", "executing"})
-    PASSING: ClassVar[frozenset[str]] = frozenset({"standstill", "reached", "internal_limit", "torque_at_limit"})
-
 
 class MotionKind(enum.Enum):
     """What an executor has to do."""
@@ -118,8 +128,15 @@ class MotionKind(enum.Enum):
     HOMING = "homing"
 
 
+class _OfMotion:
+    """What a checkpoint treats apart in ``Motion``: a compiled dataclass takes a class variable for a field."""
+
+    __slots__ = ()
+    SERIALS: ClassVar[frozenset[str]] = frozenset({"serial"})
+
+
 @dataclass(slots=True, eq=False)
-class Motion:
+class Motion(_OfMotion):
     """The motion wished. A new ``serial`` is a new set-point; the same one is never given twice, only the newest waits."""
 
     kind: MotionKind = MotionKind.STAND
@@ -138,11 +155,29 @@ class Motion:
     torque: int | None = None
     """Torque limit in 1/1000 of the rated torque, None for the axis' own."""
 
-    SERIALS: ClassVar[frozenset[str]] = frozenset({"serial"})
+
+class _OfOutcome:
+    """What a checkpoint treats apart in ``Outcome``: a compiled dataclass takes a class variable for a field."""
+
+    __slots__ = ()
+    PASSING: ClassVar[frozenset[str]] = frozenset(
+        {
+            "at_minus",
+            "at_plus",
+            "block",
+            "homing",
+            "negative_limit",
+            "position",
+            "positive_limit",
+            "reached",
+            "reason",
+            "standing",
+        }
+    )
 
 
 @dataclass(slots=True, eq=False)
-class Outcome:
+class Outcome(_OfOutcome):
     """One step's result, reused: the motion, and what telegrams show of it."""
 
     motion: Motion = field(default_factory=Motion)
@@ -171,21 +206,6 @@ class Outcome:
     """Stands until a reject or the next task."""
     reason: Reason | None = None
     """Why nothing moves just now."""
-
-    PASSING: ClassVar[frozenset[str]] = frozenset(
-        {
-            "at_minus",
-            "at_plus",
-            "block",
-            "homing",
-            "negative_limit",
-            "position",
-            "positive_limit",
-            "reached",
-            "reason",
-            "standing",
-        }
-    )
 
 
 @dataclass(frozen=True, slots=True)
