@@ -5,7 +5,6 @@ as it is.
 """
 
 import pdgw
-from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 
 CONFIG = """
 [can]
@@ -20,7 +19,6 @@ telegram = 1
 simulate = true
 """
 OFF, ON = 0x047E, 0x047F
-CYCLE_NS = 4_000_000
 
 
 def test_a_drive_turns_and_stops_when_the_plc_falls_silent() -> None:
@@ -30,18 +28,9 @@ def test_a_drive_turns_and_stops_when_the_plc_falls_silent() -> None:
     gateway = pdgw.build_gateway(config, world)
     gateway.start()
 
-    plc = PlcEndpoint([pdgw.telegram(1)], CYCLE_NS)
-    port = world.network.open("plc", 0, "PLC")
-    port.start(lambda: plc.receive(port.receive()[0]))
-
-    def exchange(seconds: float, **setpoints: int) -> None:
-        plc.set(0, setpoints)
-        for _ in range(round(seconds * 1e9) // CYCLE_NS):
-            port.send(plc.build(world.loop.now()), gateway.address)
-            world.loop.run_for(CYCLE_NS)
-
-    exchange(2, STW1=OFF)
-    exchange(2, STW1=ON, NSOLL_A=0x1000)
+    plc = pdgw.Plc(world, gateway)
+    plc.exchange(2, STW1=OFF)
+    plc.exchange(2, STW1=ON, NSOLL_A=0x1000)
     assert plc.actuals[0]["ZSW1"] & 0x4F == 0x07, "operation enabled"
     assert abs(plc.actuals[0]["NIST_A"] - 0x1000) < 0x20
 

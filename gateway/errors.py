@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pdgw.errors import PdgwError
 
-class GatewayError(Exception):
+
+class GatewayError(PdgwError):
     """A fault of the gateway or its configuration, told in one line a user can act on."""

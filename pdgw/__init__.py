@@ -12,24 +12,33 @@ if TYPE_CHECKING:
     from pdgw.client.reading import read_parameters
     from pdgw.decoder.capture.reading import read_records
     from pdgw.decoder.frames.recognise import recognise
+    from pdgw.decoder.frames.records import Record
     from pdgw.ds301.eds_import import import_eds
     from pdgw.ds301.errors import CanopenError
+    from pdgw.errors import PdgwError
     from pdgw.gateway.assembly import build_gateway
+    from pdgw.gateway.configuration.config import GatewayConfig
     from pdgw.gateway.configuration.file import load_config, parse_config
     from pdgw.gateway.daemon import Daemon
     from pdgw.gateway.errors import GatewayError
-    from pdgw.peers.world import World
+    from pdgw.peers.world import Plc, World
     from pdgw.profidrive.errors import ProfidriveError
-    from pdgw.profidrive.signals import signal
-    from pdgw.profidrive.telegrams import telegram
+    from pdgw.profidrive.signals import Signal, signal
+    from pdgw.profidrive.telegrams import Telegram, telegram
 
     __version__: str
 
 __all__ = [
     "CanopenError",
     "Daemon",
+    "GatewayConfig",
     "GatewayError",
+    "PdgwError",
+    "Plc",
     "ProfidriveError",
+    "Record",
+    "Signal",
+    "Telegram",
     "World",
     "__version__",
     "build_gateway",
@@ -46,8 +55,14 @@ __all__ = [
 _ROOMS = {
     "CanopenError": "ds301.errors",
     "Daemon": "gateway.daemon",
+    "GatewayConfig": "gateway.configuration.config",
     "GatewayError": "gateway.errors",
+    "PdgwError": "errors",
+    "Plc": "peers.world",
     "ProfidriveError": "profidrive.errors",
+    "Record": "decoder.frames.records",
+    "Signal": "profidrive.signals",
+    "Telegram": "profidrive.telegrams",
     "World": "peers.world",
     "build_gateway": "gateway.assembly",
     "import_eds": "ds301.eds_import",

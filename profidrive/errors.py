@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
+from pdgw.errors import ValueNotAllowedError
 
-class ProfidriveError(ValueError):
+
+class ProfidriveError(ValueNotAllowedError, ValueError):
     """Bad PROFIdrive data: names the field, the offending value and what would have been allowed."""
-
-    def __init__(self, field: str, value: object, allowed: str) -> None:
-        self.field = field
-        self.value = value
-        self.allowed = allowed
-        super().__init__(f"{field}: {value!r} is not allowed, expected {allowed}")

@@ -106,6 +106,16 @@ def test_every_name_of_the_front_door_is_there_and_documented(name: str) -> None
     assert f"`{name}" in (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
 
 
+def test_each_error_of_the_front_door_has_the_base_of_all() -> None:
+    errors = [getattr(pdgw, name) for name in pdgw.__all__ if name.endswith("Error")]
+    assert len(errors) == 4
+    assert all(issubclass(item, pdgw.PdgwError) for item in errors)
+    with pytest.raises(pdgw.PdgwError, match=r"telegram.*expected"):
+        pdgw.telegram(999)
+    with pytest.raises(pdgw.PdgwError):
+        pdgw.parse_config("[can]")
+
+
 @pytest.mark.parametrize("module", ["__init__", "__main__"])
 def test_nothing_is_loaded_before_an_interruption_is_one_without_a_traceback(module: str) -> None:
     tree = ast.parse((ROOT / "pdgw" / f"{module}.py").read_text(encoding="utf-8"))
@@ -135,8 +145,8 @@ def test_the_front_door_gives_the_things_themselves() -> None:
     assert pdgw.__version__ == version("profidrive-gateway")
     assert pdgw.telegram(1).setpoints.names == ("STW1", "NSOLL_A")
     assert (pdgw.GatewayError, pdgw.CanopenError, pdgw.ProfidriveError) == (GatewayError, CanopenError, ProfidriveError)
-    with pytest.raises(AttributeError, match="Telegram"):
-        pdgw.Telegram  # type: ignore[attr-defined]  # noqa: B018
+    with pytest.raises(AttributeError, match="Unknown"):
+        pdgw.Unknown  # type: ignore[attr-defined]  # noqa: B018
 
 
 # -- examples ---------------------------------------------------------------------------------------------------------

@@ -27,7 +27,7 @@ _PROFINET = "profinet.ethernet profinet.model profinet.station profinet.wire"
 _LOW = "gateway.errors gateway.format_version gateway.reasons gateway.identity gateway.platform gateway.store"
 """Modules of ``gateway`` below its sub-packages."""
 _ALL = f"{_FIELD} gateway decoder client recording web peers tools"
-FOR_ALL = {"explain", "extras", "durations"}
+FOR_ALL = {"explain", "extras", "durations", "errors"}
 """Modules of ``pdgw`` that every package may import."""
 ROWS = {
     "profidrive": "",
@@ -79,7 +79,7 @@ ROWS = {
     "peers.controller": f"{_FIELD} gateway peers.plc",
     "peers.plc.structured_text": f"{_FIELD} gateway peers.plc.exchange",
     "peers.simulation": f"{_FIELD} gateway peers.bus peers.drive peers.encoder peers.node",
-    "peers.world": f"{_FIELD} gateway client peers.drive peers.encoder peers.simulation",
+    "peers.world": f"{_FIELD} gateway client peers.plc.exchange peers.drive peers.encoder peers.simulation",
     "tools": _ALL,
     "tools.commands": _ALL,
     "tools.commissioning": f"{_FIELD} gateway peers",
@@ -205,7 +205,7 @@ def test_what_pydantic_finds_wrong_is_worded_in_one_place() -> None:
         assert ".errors()" not in text, file
 
 
-@pytest.mark.parametrize("module", ["explain", "durations"])
+@pytest.mark.parametrize("module", ["explain", "durations", "errors"])
 def test_what_every_room_may_import_belongs_to_none(module: str) -> None:
     assert not [name for name in imports(ROOT / "pdgw" / f"{module}.py") if name.startswith("pdgw")]
 

@@ -2,7 +2,17 @@
 
 from pdgw.peers.world.can_bus import Member, SimulatedCan
 from pdgw.peers.world.channel import WorldChannel
+from pdgw.peers.world.plc import Plc
 from pdgw.peers.world.udp import Conditions, SimulatedNetwork, SimulatedUdpPort
 from pdgw.peers.world.world import World
 
-__all__ = ["Conditions", "Member", "SimulatedCan", "SimulatedNetwork", "SimulatedUdpPort", "World", "WorldChannel"]
+__all__ = [
+    "Conditions",
+    "Member",
+    "Plc",
+    "SimulatedCan",
+    "SimulatedNetwork",
+    "SimulatedUdpPort",
+    "World",
+    "WorldChannel",
+]
