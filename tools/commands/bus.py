@@ -31,14 +31,14 @@ def group() -> None:
 def scan(
     config: Annotated[
         Path | None,
-        typer.Argument(help="Configuration: its buses are scanned, its nodes compared.", show_default=False),
+        typer.Argument(help="Configuration; its buses are scanned and compared with its nodes.", show_default=False),
     ] = None,
     interface: Annotated[str, typer.Option(help="python-can interface, without a configuration.")] = "socketcan",
     channel: Annotated[str, typer.Option(help="Channel of the interface.")] = "can0",
     bitrate: Annotated[int | None, typer.Option(help="Bit rate.")] = None,
     eds: Annotated[list[Path] | None, typer.Option(help="Data sheet, or a folder of them; repeat for several.")] = None,
     listen_s: Annotated[float, typer.Option(min=0.0, max=60, help="Listen for this time first.")] = 1.0,
-    timeout_ms: Annotated[int, typer.Option(min=10, max=60_000, help="A drive answers within this time.")] = 1000,
+    timeout_ms: Annotated[int, typer.Option(min=10, max=60_000, help="Timeout for the answer of a drive.")] = 1000,
     as_json: Annotated[bool, typer.Option("--json", help="A JSON list, one object per bus.")] = False,
 ) -> None:
     """List the nodes on a bus, what they are and what each telegram lacks with them; nothing is written to them."""

@@ -35,7 +35,7 @@ def check(
     file: Annotated[Path, typer.Argument(help="Configuration file (TOML).")],
     bus: Annotated[
         bool,
-        typer.Option("--bus", help="Also ask the drives on the bus for units and PDOs; nothing is written to them."),
+        typer.Option("--bus", help="Also read units and PDOs from the drives on the bus; read-only."),
     ] = False,
 ) -> None:
     """Validate a file; exit status 1 and one line for each thing that is wrong."""

@@ -73,7 +73,7 @@ def decode(
     interface: Annotated[str | None, typer.Option(help="Listen on a network interface (root).")] = None,
     can: Annotated[str | None, typer.Option(help="Listen on a python-can bus, like socketcan:can0@500000.")] = None,
     telegram: Annotated[
-        list[int] | None, typer.Option(help="Telegram of the data; repeat for each axis. Without it inferred.")
+        list[int] | None, typer.Option(help="Telegram of the data; repeat for each axis [default: inferred].")
     ] = None,
     config: Annotated[Path | None, typer.Option(help="The gateway's configuration: axes, nodes, ports, EDS.")] = None,
     eds: Annotated[list[str] | None, typer.Option(help="EDS or DCF of the nodes, or NODE=FILE.")] = None,
@@ -90,13 +90,19 @@ def decode(
     ] = None,
     jobs: Annotated[
         int | None,
-        typer.Option("--jobs", "-j", min=1, help="Files at the same time, with --parquet FOLDER [cores]."),
+        typer.Option(
+            "--jobs", "-j", min=1, help="Number of files at the same time, with --parquet FOLDER [default: cores]."
+        ),
     ] = None,
     plot: Annotated[Path | None, typer.Option(callback=to_be_written, help="Picture of --signal over time.")] = None,
-    stats: Annotated[bool, typer.Option("--stats", help="Rates, jitter, counter gaps, bus load instead.")] = False,
-    bitrate: Annotated[int | None, typer.Option(min=1, help="For the bus load, bit/s [1000000].")] = None,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="The full tree with every bit.")] = False,
-    changes_only: Annotated[bool, typer.Option("--changes-only", help="Only what changed.")] = False,
+    stats: Annotated[
+        bool, typer.Option("--stats", help="Show rates, jitter, counter gaps and bus load instead.")
+    ] = False,
+    bitrate: Annotated[
+        int | None, typer.Option(min=1, help="Bit rate for the bus load, bit/s [default: 1000000].")
+    ] = None,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Show the full tree with every bit.")] = False,
+    changes_only: Annotated[bool, typer.Option("--changes-only", help="Show only changes.")] = False,
     filter_text: Annotated[
         str | None, typer.Option("--filter", help="Expression, like 'stw1.on == 0 and axis == 1'.")
     ] = None,
@@ -192,7 +198,7 @@ def _write_data_set(files: Sequence[str], root: Path, options: ArchiveOptions, j
     damaged = sum(bool(part.error) for part in parts)
     rows = sum(part.rows for part in parts)
     bad = f", {damaged} damaged" if damaged else ""
-    typer.echo(f"{root}: {rows} rows of {len(parts)} files{bad} in {time.monotonic() - begin:.1f} s")
+    typer.echo(f"{root}: {rows} rows from {len(parts)} files{bad} in {time.monotonic() - begin:.1f} s")
     if damaged:
         raise typer.Exit(1)
 

@@ -22,7 +22,7 @@ def replay(
     offset: Offset = None,
     station: Station = "",
     tolerance: Annotated[
-        float, typer.Option(min=0, max=10_000, help="How far recorded times may be off, milliseconds.")
+        float, typer.Option(min=0, max=10_000, help="Tolerance of recorded times, in milliseconds.")
     ] = TOLERANCE_NS / MS,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
 ) -> None:

@@ -34,7 +34,7 @@ def drive(
     ] = None,
     like: Annotated[str, typer.Option(help=f"Shape of the drive: {', '.join(SHAPES)}.")] = ENGEL.name,
     axis: Annotated[
-        str, typer.Option(help="What it moves: rotary, a shaft, or linear, a slide with limit switches.")
+        str, typer.Option(help="Axis: rotary (a shaft) or linear (a slide with limit switches).")
     ] = "rotary",
     control_port: ControlPort = 0,
 ) -> None:
@@ -47,14 +47,12 @@ def bus(
     file: Annotated[Path | None, typer.Argument(help="Description of the bus (TOML).", show_default=False)] = None,
     serve: Annotated[
         bool,
-        typer.Option("--serve", help="Open a bus that other processes reach, for the devices of FILE or without any."),
+        typer.Option("--serve", help="Open a bus for other processes, with the devices of FILE or without devices."),
     ] = False,
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Loopback UDP port of --serve, 0 for a free one.")
     ] = DEFAULT_PORT,
-    attached: Annotated[
-        bool, typer.Option("--attached", hidden=True, help="End with standard input: with the process that started it.")
-    ] = False,
+    attached: Annotated[bool, typer.Option("--attached", hidden=True, help="End when standard input closes.")] = False,
     example_: Annotated[bool, typer.Option("--example", help="Print a commented example of the file.")] = False,
 ) -> None:
     """Run the simulated devices of FILE with their faults until SIGINT, SIGTERM or `quit`; --serve opens the bus too."""

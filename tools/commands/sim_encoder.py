@@ -26,7 +26,7 @@ def encoder(
     ] = None,
     motion: Annotated[
         list[str] | None,
-        typer.Option(help=f"{MOTIONS}; repeat for further channels. Revolutions, linear: mm."),
+        typer.Option(help=f"{MOTIONS}; repeat for further channels. In revolutions, for linear encoders in mm."),
     ] = None,
     control_port: ControlPort = 0,
 ) -> None:

@@ -87,19 +87,23 @@ def plc(
     telegram: Annotated[
         list[int] | None,
         typer.Option(
-            help="With --interactive: telegram of the axes, 1 without it; repeat to give one for each.",
+            help="With --interactive: telegram of the axes; repeat to give one for each [default: 1].",
             show_default=False,
         ),
     ] = None,
     axes: Annotated[
-        int | None, typer.Option(min=1, max=32, help="With --interactive: number of axes, 1 without it.")
+        int | None, typer.Option(min=1, max=32, help="With --interactive: number of axes [default: 1].")
     ] = None,
     cycle_ms: Annotated[float, typer.Option(min=0.5, max=512, help="Cycle time.")] = 4,
     interactive: Annotated[bool, typer.Option("--interactive", help="Control the axes with the keyboard.")] = False,
-    pcap: Annotated[Path | None, typer.Option(callback=to_be_written, help="Record both directions here.")] = None,
-    trace: Annotated[Path | None, typer.Option(callback=to_be_written, help="Write sampled values here (CSV).")] = None,
+    pcap: Annotated[
+        Path | None, typer.Option(callback=to_be_written, help="Record both directions to this file.")
+    ] = None,
+    trace: Annotated[
+        Path | None, typer.Option(callback=to_be_written, help="Write sampled values to this CSV file.")
+    ] = None,
     as_json: Annotated[
-        Path | None, typer.Option("--json", callback=to_be_written, help="Write the results here.")
+        Path | None, typer.Option("--json", callback=to_be_written, help="Write the results to this file.")
     ] = None,
     junit: JUnitFile = None,
     html: HtmlFile = None,
@@ -123,11 +127,12 @@ def plc(
     ] = None,
     name: Annotated[str, typer.Option(metavar="STATION", help="With --profinet: name of the station.")] = "pdgw",
     device_ip: Annotated[
-        str, typer.Option(metavar="IP/PREFIX", help="With --profinet: the address the station is given.")
+        str, typer.Option(metavar="IP/PREFIX", help="With --profinet: IP address to set in the station.")
     ] = "192.168.0.2/24",
     progress: Annotated[bool, typer.Option("--progress", help="Print one JSON line per step and expectation.")] = False,
     snapshots: Annotated[
-        bool, typer.Option("--snapshots", help="With --progress: also what the PLC sees, ten times a second.")
+        bool,
+        typer.Option("--snapshots", help="With --progress: also the actual values of the PLC, ten times a second."),
     ] = False,
 ) -> None:
     """Simulate a PLC with a scenario (exit status 1 if an expectation fails), the keyboard, or a Structured Text program."""

@@ -24,13 +24,13 @@ _PERIOD_S = 1.0
 
 def status(
     do_id: Annotated[
-        int | None, typer.Argument(metavar="[AXIS]", min=1, max=254, help="Everything about this axis or encoder.")
+        int | None, typer.Argument(metavar="[AXIS]", min=1, max=254, help="Show all details of this axis or encoder.")
     ] = None,
     port: Annotated[int, typer.Option(min=1, max=65535, help="The daemon's status port.")] = STATUS_PORT,
     as_json: Annotated[bool, typer.Option("--json", help="Print the whole snapshot as JSON.")] = False,
-    counters: Annotated[bool, typer.Option("--counters", help="All counters, with their meanings.")] = False,
-    faults: Annotated[bool, typer.Option("--faults", help="All faults that are kept, not only the newest.")] = False,
-    watch: Annotated[bool, typer.Option("--watch", help="Again every second, until Ctrl-C.")] = False,
+    counters: Annotated[bool, typer.Option("--counters", help="Show all counters with their meanings.")] = False,
+    faults: Annotated[bool, typer.Option("--faults", help="Show all stored faults, not only the newest.")] = False,
+    watch: Annotated[bool, typer.Option("--watch", help="Repeat every second until Ctrl-C.")] = False,
     check: Annotated[
         bool,
         typer.Option(

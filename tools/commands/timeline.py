@@ -40,15 +40,13 @@ def timeline(
     station: Station = "",
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object for each entry.")] = False,
     verbose: Annotated[
-        bool, typer.Option("--verbose", "-v", help="Every packet and every passing reason too.")
+        bool, typer.Option("--verbose", "-v", help="Also show every packet and every temporary reason.")
     ] = False,
     begin: Annotated[str | None, typer.Option("--from", help="Seconds since the first frame, or an ISO time.")] = None,
     end: Annotated[str | None, typer.Option("--to", help="As --from.")] = None,
     html: Annotated[
         Path | None,
-        typer.Option(
-            callback=to_be_written, help="A page instead: curves, words on hover, the timeline of a mark on click."
-        ),
+        typer.Option(callback=to_be_written, help="Write an HTML page with curves and the timeline."),
     ] = None,
 ) -> None:
     """Merge captures of both buses: each command of the PLC with its result, its duration and the reason if it had no effect."""

@@ -31,14 +31,12 @@ _ANYWHERE = "0.0.0.0"
 def web(
     config: Annotated[Path, typer.Argument(help="The configuration file of the gateway.", show_default=False)],
     listen: Annotated[str | None, typer.Option(help="ADDRESS:PORT of the page, instead of [web] listen.")] = None,
-    log_level: Annotated[LogLevel, typer.Option(help="What is logged.")] = LogLevel.INFO,
-    log_file: Annotated[Path | None, typer.Option(help="Log here instead of standard error.")] = None,
+    log_level: Annotated[LogLevel, typer.Option(help="Log level.")] = LogLevel.INFO,
+    log_file: Annotated[Path | None, typer.Option(help="Log file [default: standard error].")] = None,
     log_format: Annotated[
-        LogFormat, typer.Option(help="Text with dates, JSON, or as the journal wants it where standard error is one.")
+        LogFormat, typer.Option(help="Text with dates, JSON, or journal prefixes if standard error is the journal.")
     ] = LogFormat.AUTO,
-    attached: Annotated[
-        bool, typer.Option("--attached", hidden=True, help="End with standard input: with the process that started it.")
-    ] = False,
+    attached: Annotated[bool, typer.Option("--attached", hidden=True, help="End when standard input closes.")] = False,
 ) -> None:
     """Serve the status of a running gateway to browsers, Prometheus and MQTT; read-only."""
     _stand_back()
