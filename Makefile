@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web client recording peers tools workshop
 
-.PHONY: demo demo-profinet test test-paused tour test-can test-plc lint format bench measured fuzz limit-cycles soak planted docs screenshots site compiled test-compiled bench-compiled pins release deb test-deb clean
+.PHONY: demo demo-profinet test test-paused tour test-can test-plc lint format bench measured fuzz limit-cycles soak planted walk walk-all docs screenshots site compiled test-compiled bench-compiled pins release deb test-deb clean
 
 demo: $(STAMP)
 	$(BIN)/pdgw demo
@@ -111,9 +111,12 @@ planted: $(STAMP)
 	sed -i '/^| what is broken/,$$d' docs/planted-defects.md
 	$(BIN)/python -m pdgw.workshop soak --planted --seed 1 >> docs/planted-defects.md
 
-# Every state that a PLC, a loss and a lying drive can bring an axis to, with the choices of ``selected``.
+# Every state that a PLC, a loss and a lying drive can bring an axis to: the cases of ``selected`` in minutes, all in hours.
 walk: $(STAMP)
 	$(BIN)/python -m pdgw.workshop.walk
+
+walk-all: $(STAMP)
+	$(BIN)/python -m pdgw.workshop.walk --all
 
 docs: $(STAMP)
 	$(BIN)/python -m pdgw.workshop.walk --short --figures docs/walk.txt

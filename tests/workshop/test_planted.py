@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import pytest
 
 from pdgw.gateway.axis import interlock, power_table
+from pdgw.gateway.axis.adapters.positioning import PositioningAdapter
+from pdgw.gateway.axis.demand_report import Demand
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.interlock import Interlock
+from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.power_table import (
     CELLS,
     ENABLES,
@@ -74,6 +77,17 @@ def speed_stands_in_a_stop(patch: Patch) -> None:
     patch.setattr(SpeedExecutor, "step", wrong)
 
 
+def standing_task_bit_starts(patch: Patch) -> None:
+    read = PositioningAdapter.read
+
+    def wrong(self: PositioningAdapter, setpoints: Sequence[int] | None, demand: Demand) -> None:
+        read(self, setpoints, demand)
+        if setpoints is not None and demand.activate:
+            demand.task = self._task(setpoints)
+
+    patch.setattr(PositioningAdapter, "read", wrong)
+
+
 PLANTED: dict[str, tuple[Case, Callable[[Patch], None]]] = {
     "forgotten OFF": (
         DEFAULT,
@@ -109,6 +123,11 @@ PLANTED: dict[str, tuple[Case, Callable[[Patch], None]]] = {
     "restart forgotten": (DEFAULT, lambda patch: patch.setattr(Interlock, "restarted", lambda _: None)),
     "speed stands in a stop": (DEFAULT, speed_stands_in_a_stop),
     "operation shown in a stop": (DEFAULT, each_cell(lambda cell: replace(cell, operating=True))),
+    "OFF2 and OFF3 after a loss ignored": (
+        RAMP,
+        lambda patch: patch.setattr(AxisMachine, "_stop_without_plc", lambda _: None),
+    ),
+    "standing task bit starts": (Case(9), standing_task_bit_starts),
     "refusal without reason": (DEFAULT, each_cell(lambda cell: replace(cell, reason=None))),
 }
 

@@ -403,7 +403,7 @@ def generate_power_table() -> str:
             "The tests walk the whole axis machine with this table from its start to the fixpoint: every class of control word,",
             "every state a drive can show at any moment, its loss and its restart. A monitor that does not know the table checks",
             "each step; from every state the axis must come back to operation with a drive that is late. `make walk` walks more",
-            "choices and telegrams.\n",
+            "choices, DSC and traversing tasks; `make walk-all` walks all choices with all telegrams, in hours.\n",
             "```text",
             _WALK_PATH.read_text(encoding="utf-8") + "```\n",
         )

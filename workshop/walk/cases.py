@@ -107,6 +107,7 @@ class Case:
             dsc=DscChoices(DscForm.SPEED, following_window=4096),
             positioner=PositionerChoices(
                 lu_per_revolution=4096,
+                lu_per_unit=1000,
                 max_velocity=30_000,
                 max_acceleration=1000,
                 max_deceleration=1000,
@@ -123,7 +124,7 @@ def short() -> Iterator[Case]:
 
 
 def selected() -> Iterator[Case]:
-    """In CI: each reaction to a loss and each choice once."""
+    """In CI: each reaction to a loss and each choice once; DSC, and traversing tasks."""
     quick_stop, ramp, coast = PlcLossReaction.QUICK_STOP, PlcLossReaction.RAMP, PlcLossReaction.COAST
     yield Case(1, quick_stop)
     yield Case(1, quick_stop, resume=True, hold=True)
@@ -131,6 +132,8 @@ def selected() -> Iterator[Case]:
     yield Case(1, coast, hold=True)
     yield Case(RAW, quick_stop)
     yield Case(RAW, ramp)
+    yield Case(5)
+    yield Case(9)
 
 
 def full() -> Iterator[Case]:

@@ -12,7 +12,14 @@ from typing import NamedTuple
 
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.settings import PlcLossReaction
-from pdgw.workshop.walk.plc import ACKNOWLEDGE, ACTIVATE, CONTROL, ENABLES_SETPOINT
+from pdgw.workshop.walk.plc import (
+    ACKNOWLEDGE,
+    CONTROL,
+    DO_NOT_REJECT,
+    ENABLES_SETPOINT,
+    FUNCTIONS,
+    NO_INTERMEDIATE_STOP,
+)
 from pdgw.workshop.walk.values import Output, Plc, Shown
 
 _POWER = 0xF
@@ -97,12 +104,14 @@ class Memory(NamedTuple):
     """STW1.7 was 0 in this connection."""
     reset: bool = False
     """The last Controlword had Fault Reset."""
-    active: bool = False
-    """STW1.6 was 1."""
+    active: int = 0
+    """The bits of STW1 that start a motion by their edge."""
     edge: bool = False
-    """It rose in operation, and no task was started since."""
+    """One of them rose in operation, and no motion was started since; or the motion it started is interrupted."""
     started: bool = False
-    """The last Controlword had New Set-point."""
+    """The last command moved: New Set-point, or a speed."""
+    given: bool = False
+    """A motion was started in the present operation, and not rejected: it goes on after an intermediate stop."""
     quick_stop: bool = False
     """The last Controlword was Quick Stop."""
     armed: bool = False
@@ -194,13 +203,17 @@ class Monitor:
             broken.append(Rule.GUARD)
         if cw & _RESET and not memory.reset and not (asked.reset and (memory.idle or expected.raw)):
             broken.append(Rule.RESET)
-        active = asked.connected and plc.word & ACTIVATE != 0
-        edge = starts = False
+        active = plc.word & FUNCTIONS if asked.connected and expected.tasks else 0
+        edge = starts = given = False
         if expected.tasks:
-            starts = cw & _NEW_SETPOINT != 0
-            edge = commanded and operates and (memory.edge or (active and not memory.active and memory.connected))
+            starts = cw & _NEW_SETPOINT != 0 or output.velocity != 0
+            given = commanded and operates and memory.given and plc.word & DO_NOT_REJECT != 0
+            interrupted = given and not plc.word & NO_INTERMEDIATE_STOP
+            rises = active & ~memory.active != 0 and memory.connected
+            edge = commanded and operates and (memory.edge or rises or interrupted)
             if starts and not (commanded and (memory.started or edge)):
                 broken.append(Rule.TASK)
+            given = given or (edge and starts)
             edge = edge and not (starts and not memory.started)
         elif output.velocity and not commanded and not (expected.own_ramp and ramp) and not expected.raw:
             broken.append(Rule.MOTION)
@@ -218,9 +231,10 @@ class Monitor:
             operates,
             asked.connected and (not asked.reset or memory.idle),
             cw & _RESET != 0,
-            active and expected.tasks,
+            active,
             edge,
             starts,
+            given,
             quick_stop,
             (ramp or quick_stop) and armed,
         )

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from pdgw.gateway.axis.telegrams import CENTRAL_TELEGRAM_NUMBERS, DSC_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
+from struct import pack
+
+from pdgw.gateway.axis.telegrams import (
+    CENTRAL_TELEGRAM_NUMBERS,
+    DSC_TELEGRAM_NUMBERS,
+    POSITIONER_TELEGRAM_NUMBERS,
+    TASK_TELEGRAM_NUMBERS,
+)
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram
 from pdgw.workshop.walk.values import Plc
@@ -13,10 +20,14 @@ ACKNOWLEDGE = STW1.bit("FAULT_ACKNOWLEDGE").mask
 ENABLES_SETPOINT = (
     STW1.bit("ENABLE_RAMP_GENERATOR").mask | STW1.bit("UNFREEZE_RAMP_GENERATOR").mask | STW1.bit("ENABLE_SETPOINT").mask
 )
-READY_FOR_TASKS = (
-    STW1.bit("DO_NOT_REJECT", positioning=True).mask | STW1.bit("NO_INTERMEDIATE_STOP", positioning=True).mask
-)
 ACTIVATE = STW1.bit("ACTIVATE_TASK", positioning=True).mask
+HOME = STW1.bit("START_HOMING", positioning=True).mask
+JOG = STW1.bit("JOG_1_ON", positioning=True).mask
+FUNCTIONS = ACTIVATE | HOME | JOG
+"""Bits whose rising edge starts a motion."""
+DO_NOT_REJECT = STW1.bit("DO_NOT_REJECT", positioning=True).mask
+NO_INTERMEDIATE_STOP = STW1.bit("NO_INTERMEDIATE_STOP", positioning=True).mask
+READY_FOR_TASKS = DO_NOT_REJECT | NO_INTERMEDIATE_STOP
 OFF1, OFF2, OFF3, ON, ENABLE = 0b1110, 0b1101, 0b1011, 0b0111, 0b1111
 OFF1_DISABLED, OFF3_DISABLED = 0b0110, 0b0011
 """Bits 0-3 of STW1."""
@@ -35,18 +46,26 @@ _VALUES = {
     "NSOLL_B": 0x2000 << 16,
     "XERR": 1000,
     "KPC": 1000,
-    "SATZANW": 0x8000,
     "POS_STW1": signal("POS_STW1").bit("MDI").mask | signal("POS_STW1").bit("ABSOLUTE").mask,
     "MDI_TARPOS": 1000,
     "MDI_VELOCITY": 1000,
     "MDI_ACC": 0x4000,
     "MDI_DEC": 0x4000,
     "MDI_MOD": signal("MDI_MOD").bit("ABSOLUTE").mask,
+    "MDI_TARPOS_F": int.from_bytes(pack(">f", 1000.0), "big"),
+    "MDI_VELOCITY_F": int.from_bytes(pack(">f", 1000.0), "big"),
+    "MDI_ACC_F": int.from_bytes(pack(">f", 100.0), "big"),
+    "MDI_DEC_F": int.from_bytes(pack(">f", 100.0), "big"),
     "OVERRIDE": 0x4000,
     "Target Velocity": 1500,
     "Modes of Operation": 3,
 }
 """Setpoints that stand; the others are 0."""
+_MDI, _HOMING_METHOD = 0x8000, 35
+_OF_TELEGRAM = {
+    9: {"SATZANW": _MDI | _HOMING_METHOD, "MDI_TARPOS": 0x1000_0000, "MDI_VELOCITY": 0x2000_0000},
+}
+"""Those of telegram 9 are fractions of a reference; SATZANW of the others selects traversing block 0."""
 RAW = 100
 """The telegram that carries the Controlword itself."""
 LOST = Plc("no PLC", None)
@@ -55,7 +74,8 @@ LOST = Plc("no PLC", None)
 def frames(number: int, *, full: bool) -> list[Plc]:
     """What a PLC can send in one cycle; ``full``: also what differs only by Disable Operation, or by bits that do not count."""
     names = telegram(number).setpoints.names
-    values = tuple(_VALUES.get(name, 0) for name in names[1:])
+    chosen = _VALUES | _OF_TELEGRAM.get(number, {})
+    values = tuple(chosen.get(name, 0) for name in names[1:])
 
     def frame(name: str, word: int) -> Plc:
         return Plc(f"{name} {word:04X}", (word, *values), word)
@@ -70,7 +90,16 @@ def frames(number: int, *, full: bool) -> list[Plc]:
         words |= {f"{_NAMES[bits]} without control": bits | standing for bits in without}
         words["zeros"] = 0
     if tasks:
-        words["task"] = ENABLE | standing | control | ACTIVATE
+        enable = ENABLE | standing | control
+        words |= {
+            "task": enable | ACTIVATE,
+            "intermediate stop": enable & ~NO_INTERMEDIATE_STOP,
+            "reject": enable & ~DO_NOT_REJECT,
+        }
+        if full:
+            words["homing"] = enable | HOME
+        if full and number in POSITIONER_TELEGRAM_NUMBERS:
+            words["jog"] = enable | JOG
     made = [frame(name, word) for name, word in words.items()]
     if number in DSC_TELEGRAM_NUMBERS:
         made.append(
