@@ -31,7 +31,7 @@ _ALIKE = re.compile(r"\bpress\.toml\b")
 HERE = {
     "pdgw --help": "PROFIdrive-to-CANopen gateway",
     "pdgw --version": "pdgw ",
-    "pdgw config check gateway.toml": "gateway.toml: ok, 1 axes",
+    "pdgw config check gateway.toml": "gateway.toml: ok, 1 axis",
     "pdgw config example": "[[axis]]",
     'pdgw decode plant.pcap --filter \'kind == "alarm" or kind == "dcp"\'': "",
     "pdgw decode plant.pcap --station press-1 --signal NSOLL_A,NIST_A --plot speed.png": "",

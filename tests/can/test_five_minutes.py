@@ -93,7 +93,7 @@ def test_the_five_minutes_of_the_readme_turn_a_drive(
         forked(*command("pdgw sim plc"), "--cycle-ms", str(_CYCLE_MS), log=Path("plc.log")) as plc,
     ):
         everybody = drive, gateway, plc
-        assert "gateway.toml: ok, 1 axes on can (socketcan can0)" in said(*command("pdgw config check"))
+        assert "gateway.toml: ok, 1 axis on can (socketcan can0)" in said(*command("pdgw config check"))
         wait_for(lambda: axis()[0] == "Switch On Disabled", "the drive is online", *everybody)
         wait_for(lambda: "e=enable" in plc.text, "the PLC's keys", *everybody)
         for key, shown in (("e", ("Operation Enabled", 0)), ("+", ("Operation Enabled", 600))):

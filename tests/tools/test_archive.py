@@ -80,7 +80,7 @@ def test_every_file_is_a_part(plant: Path, tmp_path: Path, capsys: pytest.Captur
     assert {row["axis"] for row in found} == {1}
     setpoints = [row["NSOLL_A"] for row in found if row["NSOLL_A"] is not None and row["file"] == found[0]["file"]]
     assert setpoints == [pytest.approx(i * 100 * 100 / 16384) for i in range(4)]
-    assert f"{out}: 24 rows of 3 files in " in capsys.readouterr().out
+    assert f"{out}: 24 rows from 3 files in " in capsys.readouterr().out
 
 
 def test_a_part_is_written_anew_and_never_half(plant: Path, tmp_path: Path) -> None:
@@ -111,7 +111,7 @@ def test_a_damaged_file_keeps_what_is_before_the_damage_and_is_told(
     assert left.value.exit_code == 1
     told = capsys.readouterr()
     assert [line.split(": ")[0] for line in told.err.splitlines()] == ["error", "error"]
-    assert "16 rows of 3 files, 2 damaged" in told.out
+    assert "16 rows from 3 files, 2 damaged" in told.out
 
 
 def test_what_cannot_be_done_is_told_before_anything_is_read(plant: Path, tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ import pytest
 from typer.core import TyperOption
 from typer.testing import CliRunner, Result
 
+from pdgw.explain import counted
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links import cyclic
 from pdgw.tools import commands
@@ -202,3 +203,9 @@ def test_a_port_that_is_none_is_told(arguments: list[str], told: str) -> None:
 def test_the_shell_completes_commands_and_options(words: str, found: str) -> None:
     asked = {"COMP_WORDS": words, "COMP_CWORD": str(len(words.split()) - 1), "_PDGW_COMPLETE": "complete_bash"}
     assert CliRunner().invoke(app, [], env=asked, prog_name="pdgw").output.split() == [found]
+
+
+@pytest.mark.parametrize(("number", "text"), [(0, "0 axes"), (1, "1 axis"), (2, "2 axes")])
+def test_a_number_and_its_noun_agree(number: int, text: str) -> None:
+    assert counted(number, "axis", "axes") == text
+    assert counted(number, "row") == f"{number} row{'' if number == 1 else 's'}"

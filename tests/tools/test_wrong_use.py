@@ -121,7 +121,7 @@ def test_config_example_and_check(tmp_path: Path) -> None:
     path.write_text(pdgw("config", "example").stdout)
     good = pdgw("config", "check", str(path))
     assert good.returncode == 0
-    assert "ok, 1 axes" in good.stdout
+    assert "ok, 1 axis" in good.stdout
     path.write_text(path.read_text().replace("telegram = 1", "telegram = 113"))
     bad = pdgw("config", "check", str(path))
     assert bad.returncode == 1

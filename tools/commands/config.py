@@ -11,6 +11,7 @@ import typer
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.load import DEFAULT_BITRATE, check_load
 from pdgw.ds301.plan import PdoPlan
+from pdgw.explain import counted
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.configuration.bus_load import check_cycle, cyclic_frames, latest
 from pdgw.gateway.configuration.check import references_wrong
@@ -45,7 +46,9 @@ def check(
         raise GatewayError("\n".join(wrong))
     _start(config)
     buses = ", ".join(f"{bus.name} ({bus.interface} {bus.channel or ''})".replace(" )", ")") for bus in config.can)
-    objects = f"{len(config.axis)} axes" + (f" and {len(config.encoder)} encoders" if config.encoder else "")
+    objects = counted(len(config.axis), "axis", "axes") + (
+        f" and {counted(len(config.encoder), 'encoder')}" if config.encoder else ""
+    )
     typer.echo(f"{file}: ok, {objects} on {buses}, cycle {config.transport.cycle_time_ms:g} ms")
     refused = False
     if bus:

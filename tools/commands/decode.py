@@ -39,6 +39,7 @@ from pdgw.decoder.view.render import one_line, tree
 from pdgw.decoder.view.selection import Selection
 from pdgw.ds301.load import DEFAULT_BITRATE
 from pdgw.durations import SECOND
+from pdgw.explain import counted
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.telegrams import Direction
 from pdgw.profidrive.telegrams import telegram as telegram_of
@@ -198,7 +199,9 @@ def _write_data_set(files: Sequence[str], root: Path, options: ArchiveOptions, j
     damaged = sum(bool(part.error) for part in parts)
     rows = sum(part.rows for part in parts)
     bad = f", {damaged} damaged" if damaged else ""
-    typer.echo(f"{root}: {rows} rows from {len(parts)} files{bad} in {time.monotonic() - begin:.1f} s")
+    typer.echo(
+        f"{root}: {counted(rows, 'row')} from {counted(len(parts), 'file')}{bad} in {time.monotonic() - begin:.1f} s"
+    )
     if damaged:
         raise typer.Exit(1)
 

@@ -22,6 +22,7 @@ from pdgw.client.identify import read_identification
 from pdgw.client.names import full_name
 from pdgw.client.session import Element, Progress, Session, address_text, meaning
 from pdgw.client.udp import ParameterClient
+from pdgw.explain import counted
 from pdgw.gateway.errors import GatewayError
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.rpc.identification import PROFILE_ID
@@ -272,7 +273,7 @@ def dump(
         saved, failed = read_all(session, progress)
     saved.save(file)
     settings = sum(element.setting for element in saved.parameters)
-    Console().print(f"{file}: {len(saved.parameters)} elements, {settings} of them settings")
+    Console().print(f"{file}: {counted(len(saved.parameters), 'element')}, {settings} of them settings")
     by_error: dict[str, list[str]] = {}
     for element in failed:
         by_error.setdefault(element.error_text, []).append(address_text(element.pnu, element.subindex))
@@ -330,7 +331,7 @@ def restore_(
                 "nothing was written; check that it is the file of this axis; --change-telegram writes it "
                 "anyway"
             )
-        if not yes and not typer.confirm(f"write {len(pairs)} settings to DO {do_id}?"):
+        if not yes and not typer.confirm(f"write {counted(len(pairs), 'setting')} to DO {do_id}?"):
             raise typer.Exit(1)
         with _progress("writing") as progress:
             outcome = restore(session, pairs, progress, partial=partial)

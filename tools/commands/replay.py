@@ -10,6 +10,7 @@ import typer
 
 from pdgw.decoder.replay.result import AxisReplay, Difference
 from pdgw.durations import MS, SECOND
+from pdgw.explain import counted
 from pdgw.recording.recordings import TOLERANCE_NS, Loaded, known_from, load, nanoseconds, tell, write_lines
 from pdgw.tools.commands.recording_options import Config, Files, Nodes, Offset, Station, Telegrams
 
@@ -81,7 +82,7 @@ def _text(loaded: Loaded, outcomes: Sequence[AxisReplay]) -> Iterator[str]:
             )
         for difference in outcome.differences:
             seconds = (difference.time_ns - loaded.recording.begin_ns) / SECOND
-            yield f"{who}: {outcome.compared} steps equal, then {difference.what} differs at {seconds:.6f} s"
+            yield f"{who}: {counted(outcome.compared, 'step')} equal, then {difference.what} differs at {seconds:.6f} s"
             yield from _values(difference)
 
 

@@ -14,6 +14,7 @@ from typing import Annotated
 import typer
 
 from pdgw.durations import SECOND
+from pdgw.explain import counted
 from pdgw.gateway.configuration.environment import Trigger
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.store import state_directory
@@ -49,7 +50,7 @@ def save_(
         begin = None if last is None or not newest else newest[0].time_ns - int(last * SECOND)
         count = save(reader, file, begin)
         state = "running" if is_alive(reader) else "ended" if reader.ended else "killed"
-        typer.echo(f"{file}: {count} packets of {reader.path.name} ({state})")
+        typer.echo(f"{file}: {counted(count, 'packet')} of {reader.path.name} ({state})")
 
 
 @app.command("list")

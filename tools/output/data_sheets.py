@@ -12,6 +12,7 @@ from rich.table import Table
 
 from pdgw.ds301.eds_import import EdsImport, import_eds
 from pdgw.ds301.eds_text import EdsError
+from pdgw.explain import counted
 from pdgw.gateway.errors import GatewayError
 
 
@@ -44,12 +45,15 @@ def print_import(console: Console, file: Path, result: EdsImport | EdsError) -> 
     """Print the result of an import with one row for each line of the file that is repaired or wrong."""
     name = escape(str(file))
     if isinstance(result, EdsError):
-        console.print(f"[red]{name}: rejected[/red], {len(result.problems)} lines to correct", highlight=False)
+        console.print(
+            f"[red]{name}: rejected[/red], {counted(len(result.problems), 'line')} to correct", highlight=False
+        )
         rows = [(item.line, item.section, item.key, item.found, item.reason) for item in result.problems]
         console.print(_table("reason", rows))
         return
     console.print(
-        f"[green]{name}: usable[/green], {len(result.dictionary)} objects, {len(result.repairs)} repairs",
+        f"[green]{name}: usable[/green], {counted(len(result.dictionary), 'object')}, "
+        f"{counted(len(result.repairs), 'repair')}",
         highlight=False,
     )
     if result.repairs:
