@@ -6,6 +6,7 @@ import json
 import shutil
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -31,6 +32,14 @@ def status(
     counters: Annotated[bool, typer.Option("--counters", help="Show all counters with their meanings.")] = False,
     faults: Annotated[bool, typer.Option("--faults", help="Show all stored faults, not only the newest.")] = False,
     watch: Annotated[bool, typer.Option("--watch", help="Repeat every second until Ctrl-C.")] = False,
+    fleet: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="INVENTORY",
+            help="Show one table by cause for all gateways of this Ansible inventory (YAML); exit status as with --check.",
+            show_default=False,
+        ),
+    ] = None,
     check: Annotated[
         bool,
         typer.Option(
@@ -39,16 +48,22 @@ def status(
     ] = False,
 ) -> None:
     """Show why axes are not in operation and one line for each axis; with an axis number, all details of that axis."""
-    if check:
+    if check or fleet is not None:
         others = {
             "AXIS": do_id is not None,
-            "--json": as_json,
+            "--json": as_json and check,
             "--counters": counters,
             "--faults": faults,
             "--watch": watch,
+            "--check": check and fleet is not None,
+            "--port": port != STATUS_PORT and fleet is not None,
         }
         if given := [option for option, value in others.items() if value]:
-            raise typer.BadParameter(f"prints one line, not allowed with {', '.join(given)}", param_hint="--check")
+            option, printed = ("--check", "line") if fleet is None else ("--fleet", "table")
+            raise typer.BadParameter(f"prints one {printed}, not allowed with {', '.join(given)}", param_hint=option)
+    if fleet is not None:
+        _fleet(fleet, as_json=as_json)
+    elif check:
         _check(port)
     elif watch:
         _watch(port, do_id, as_json=as_json, counters=counters, faults=faults)
@@ -86,6 +101,23 @@ def _check(port: int) -> None:
         health, line = Health.UNKNOWN, f"{Health.UNKNOWN.name} - {error}"
     typer.echo(line)
     raise typer.Exit(health)
+
+
+def _fleet(inventory: Path, *, as_json: bool) -> None:
+    # YAML and threads, which no other form of the command needs.
+    from pdgw.tools.output.fleet_table import lines, rows, worst  # noqa: PLC0415
+    from pdgw.tools.service.fleet import ask_all, places  # noqa: PLC0415
+
+    answers = ask_all(places(inventory))
+    table = rows(
+        {answer.name: answer.document for answer in answers}, {answer.name: answer.error for answer in answers}
+    )
+    if as_json:
+        typer.echo(json.dumps([row._asdict() | {"health": row.health.name} for row in table], indent=2))
+    else:
+        for line in lines(table, [answer.name for answer in answers], shutil.get_terminal_size().columns):
+            typer.echo(line)
+    raise typer.Exit(worst(table))
 
 
 def _watch(port: int, do_id: int | None, *, as_json: bool, counters: bool, faults: bool) -> None:
