@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import tracemalloc
 from collections.abc import Callable
 from dataclasses import dataclass
 from ipaddress import IPv4Address
@@ -33,6 +35,7 @@ from pdgw.profinet.discovery import dcp, lldp
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.station import Identity, IpSuite, Station
 from pdgw.tools.output.status_text import _station
+from tests.fuzz.test_profinet import LEAK
 from tests.support.ethernet import FakeEthernet
 from tests.support.profinet import DEVICE_IP, DEVICE_MAC, PLC_IP, PLC_MAC
 
@@ -456,6 +459,53 @@ def test_a_flood_of_dcp_and_calls_delays_no_frame(rig: Rig) -> None:
     assert rig.link.connected
     assert rig.link.setpoints[0] == (0x047F, 0x2000)
     assert rig.link.watchdog_expiries == 0
+
+
+@pytest.mark.parametrize("source", [PLC_MAC, bytes.fromhex("020000000099")], ids=["controller", "unknown"])
+def test_a_storm_of_alarms_delays_no_frame_and_fills_nothing(rig: Rig, source: bytes) -> None:
+    rig.connect()
+    rig.plc.set_output(AXIS, bytes.fromhex("047f2000"))
+    seen: list[bytes] = []
+    arrive = rig.port.arrive
+
+    def listening(address: Any, data: bytes) -> None:
+        seen.extend([data] if address is None else [])
+        arrive(address, data)
+
+    rig.port.arrive = listening  # type: ignore[method-assign]
+    rig.link.device.set_diagnosis((1, 1), MessageClass.MAINS)
+    rig.run(100 * MS)
+    alarms = [data for data in seen if b"\xfe\x01" in (data[14:16], data[18:20])]
+    assert len(alarms) == 2, "ACK, and DATA with the AlarmAck"
+    storm = [frame[:6] + source + frame[12:] for frame in alarms]
+    storm += [frame[:-1] for frame in storm] + [frame[:24] + b"\x12" + frame[25:] for frame in storm]
+    quiet = rig.cycles
+    rig.run(200 * MS)
+    quiet = rig.cycles - quiet
+
+    def half(ms: int) -> None:
+        for _ in range(2 * ms):
+            rig.port.real_time.extend(storm * 4)
+            rig.port.on_real_time()
+            rig.run(MS // 2)
+
+    half(100)
+    tracemalloc.start()
+    seen.clear()
+    gc.collect()
+    before, cycles = tracemalloc.get_traced_memory()[0], rig.cycles
+    rig.link.device.set_diagnosis((1, 2), MessageClass.MAINS)
+    half(200)
+    seen, answered = [], [data for data in seen if b"\xfe\x01" in (data[14:16], data[18:20])]
+    gc.collect()
+    grown = tracemalloc.get_traced_memory()[0] - before
+    tracemalloc.stop()
+    assert len(answered) >= 2, "the alarm of the device is acknowledged meanwhile"
+    assert rig.link.connected
+    assert rig.link.setpoints[0] == (0x047F, 0x2000)
+    assert rig.link.watchdog_expiries == 0
+    assert abs(rig.cycles - cycles - quiet) <= 1
+    assert grown < LEAK
 
 
 # -- the filters in the kernel, by a small interpreter ----------------------------------------------------------------
