@@ -107,8 +107,8 @@ PRODUCT = [
 ]
 
 
-def test_there_are_at_most_29_commands() -> None:
-    assert len(PRODUCT) <= 29
+def test_there_are_at_most_27_commands() -> None:
+    assert len(PRODUCT) <= 27
 
 
 @pytest.mark.parametrize(("name", "command"), PRODUCT, ids=[name for name, _ in PRODUCT])
