@@ -45,8 +45,6 @@ class TaskKilled(BaseException):
 class Timer:
     """A call at a time; ``cancel`` takes it back, ``postpone`` moves it."""
 
-    __slots__ = ("action", "when")
-
     def __init__(self, when: int, action: Callable[[], None]) -> None:
         self.when = when
         self.action: Callable[[], None] | None = action
@@ -62,8 +60,6 @@ class Timer:
 
 class Task:
     """Straight code on a loop, made by ``Loop.spawn``. ``error`` is the exception it ended with, None for a normal end."""
-
-    __slots__ = ("_greenlet", "_kill", "_loop", "_parked", "done", "error", "name")
 
     def __init__(self, loop: Loop, function: Callable[[], None], name: str) -> None:
         self.name = name
@@ -294,8 +290,6 @@ class Loop(abc.ABC):
 
 class Event:
     """Something tasks wait for. ``set`` and ``clear`` are for anybody on the loop's thread."""
-
-    __slots__ = ("_loop", "_set", "_waiting")
 
     def __init__(self, loop: Loop) -> None:
         self._loop = loop

@@ -71,8 +71,6 @@ class NodeEvent:
 class TpdoSlot:
     """The newest frame of one TPDO and the image its values go to, in the next cycle."""
 
-    __slots__ = ("cob_id", "data", "errors", "image", "pdo", "taken", "time", "unpack_into", "watched")
-
     def __init__(self, pdo: Pdo, image: object, cob_id: int, *, watched: bool) -> None:
         self.pdo = pdo
         self.unpack_into = pdo.unpack_into

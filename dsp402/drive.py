@@ -92,8 +92,6 @@ _OFF: Final = (State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED, State.REA
 class _Sender:
     """What was last sent of one RPDO."""
 
-    __slots__ = ("cob_id", "last", "pdo", "time")
-
     def __init__(self, pdo: Pdo, cob_id: int) -> None:
         self.pdo = pdo
         self.cob_id = cob_id
@@ -103,8 +101,6 @@ class _Sender:
 
 class _Values:
     """The values of an RPDO the drive does not have: set in the cycle, written by SDO in the node's task."""
-
-    __slots__ = ("error", "pdo", "refused", "retry_at", "wanted", "written")
 
     def __init__(self, pdo: Pdo) -> None:
         self.pdo = pdo

@@ -214,8 +214,6 @@ class FaultReset:
     ``step`` is the Controlword to send; it is called in every cycle with the time (monotonic nanoseconds).
     """
 
-    __slots__ = ("_asked", "_edges", "_high", "_left", "_until")
-
     def __init__(self, edges: int) -> None:
         self._edges = edges
         self._asked = self._high = False

@@ -24,8 +24,6 @@ _PERCENTILE = 99
 class Spread:
     """Times in nanoseconds: the 99th percentile of the newest 1024, and the worst there ever was."""
 
-    __slots__ = ("_newest", "worst")
-
     def __init__(self) -> None:
         self._newest: deque[int] = deque(maxlen=_KEPT)
         self.worst = 0

@@ -179,27 +179,6 @@ class SensorInterface:
     same count in 64 bit, but a preset and the end of parking set it to the position.
     """
 
-    __slots__ = (
-        "_answer",
-        "_count",
-        "_jump",
-        "_jump_until",
-        "_last",
-        "_moved",
-        "_parked_until",
-        "_position",
-        "_previous",
-        "_range",
-        "_refused",
-        "_shift",
-        "error",
-        "measuring",
-        "preset_request",
-        "preset_supported",
-        "preset_value",
-        "state",
-    )
-
     def __init__(self, total_range: int, *, preset_supported: bool = True) -> None:
         """``total_range``: number of different position values (1..2^64), where the position wraps."""
         self.set_total_range(total_range)
@@ -388,8 +367,6 @@ class SensorInterface:
 
 class EncoderControl:
     """STW2_ENC to ZSW2_ENC: control by PLC, latched fault with its acknowledge, warning, sign of life."""
-
-    __slots__ = ("_acknowledge_armed", "acknowledged", "fault", "has_control", "sign_of_life")
 
     def __init__(self, sign_of_life: SignOfLife) -> None:
         self.sign_of_life = sign_of_life

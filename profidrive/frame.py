@@ -90,8 +90,6 @@ class CSduLayout:
     count from the first byte of the frame (the FrameID), so that a codec can work on the whole datagram.
     """
 
-    __slots__ = ("direction", "frame_size", "halves", "iocs", "iops", "offsets", "trailer", "used")
-
     def __init__(self, telegrams: Sequence[Telegram], direction: Direction) -> None:
         if not telegrams:
             raise ProfidriveError("axes of a frame", 0, "at least one axis")

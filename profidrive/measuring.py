@@ -54,8 +54,6 @@ class Search:
 class Measuring:
     """One sensor; ``step`` once per cycle. While ``wanted`` is not None the owner has to look and to call ``found``."""
 
-    __slots__ = ("_command", "_read", "_values", "on_the_fly", "trouble", "value", "wanted")
-
     def __init__(self) -> None:
         self.wanted: Search | None = None
         self.on_the_fly = False

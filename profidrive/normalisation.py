@@ -17,8 +17,6 @@ class Normalisation:
     away from zero, so that a value written and read back is itself (true while reference < full_scale / 2).
     """
 
-    __slots__ = ("_den", "_num", "reference", "value_max", "value_min", "wire_max", "wire_min")
-
     def __init__(
         self,
         reference: Fraction | int,

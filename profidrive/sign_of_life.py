@@ -27,8 +27,6 @@ class SignOfLife:
     due after so many cycles. ``failed`` is True while more failures than tolerated came in succession.
     """
 
-    __slots__ = ("_last", "_own", "due", "failures", "tolerated")
-
     def __init__(self, tolerated: int) -> None:
         """``tolerated`` is P925: failures in succession that are accepted, 0..65534, or 65535 for no monitoring."""
         if not 0 <= tolerated <= MONITORING_OFF:

@@ -17,8 +17,6 @@ class ByteSource(Protocol):
 class Window:
     """``data[at:]`` is what was read and not yet used; ``base`` the offset of ``data`` in the stream."""
 
-    __slots__ = ("_source", "at", "base", "data", "ended")
-
     def __init__(self, source: ByteSource) -> None:
         self._source = source
         self.data = b""

@@ -95,8 +95,6 @@ class _Inputs(NamedTuple):
 class _Choice:
     """A step with the state before it and the choices not tried yet."""
 
-    __slots__ = ("best", "checkpoint", "inputs", "state", "tried")
-
     def __init__(self, checkpoint: Checkpoint, state: _State, inputs: Iterator[_Inputs]) -> None:
         self.checkpoint = checkpoint
         self.state = state

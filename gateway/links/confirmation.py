@@ -63,20 +63,6 @@ _SIGN_OF_LIFE = "SIGN_OF_LIFE"
 class Orders:
     """The control words of a telegram as one value: all that can start something. A sign of life is no order."""
 
-    __slots__ = (
-        "_halt",
-        "_off2_opens",
-        "_place",
-        "_power",
-        "_stops",
-        "_task",
-        "_words",
-        "discarding",
-        "lives",
-        "mask",
-        "read",
-    )
-
     def __init__(self, half: TelegramHalf) -> None:
         mask = [0] * len(half.signals)
         words: list[tuple[int, int]] = []
@@ -174,8 +160,6 @@ class Orders:
 
 class Confirmation:
     """The order of one drive object: in force at once, or when it stood in enough frames."""
-
-    __slots__ = ("_dropped", "_early", "_newest", "_repeats", "_waits", "dropped", "lives", "mask", "orders", "read")
 
     def __init__(self, half: TelegramHalf) -> None:
         self.orders = Orders(half)

@@ -51,19 +51,6 @@ class _Run:
     old frames up to that time.
     """
 
-    __slots__ = (
-        "command",
-        "counter",
-        "credit",
-        "first",
-        "frames",
-        "old_until",
-        "repeats",
-        "source",
-        "started_at",
-        "time",
-    )
-
     def __init__(
         self, source: Hashable, counter: int, time: int, credit: int, command: Hashable, started_at: int
     ) -> None:

@@ -81,8 +81,6 @@ class MessageWord:
     ``torque``: the drive has 6078h; without it the bit that is made from it is 0.
     """
 
-    __slots__ = ("_speed_2", "_speed_3", "_tolerance", "_torque")
-
     def __init__(self, reference: int, *, torque: bool = True) -> None:
         self._tolerance = reference * TOLERANCE_PERCENT // 100
         self._torque = _TORQUE_THRESHOLD if torque else 0  # no value is below it

@@ -33,8 +33,6 @@ def way(start: int, target: int, modulo: int, direction: Direction, window: int)
 class Ring:
     """The position of one axis: ``low`` is the first the drive shows, ``size`` how many there are."""
 
-    __slots__ = ("_base", "_known", "_low", "_raw", "_size")
-
     def __init__(self, low: int, size: int) -> None:
         self._low = low
         self._size = size

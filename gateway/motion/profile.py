@@ -29,8 +29,6 @@ def next_speed(speed: int, wanted: int, acceleration: int, deceleration: int) ->
 class Profile:
     """Where an axis has to be, and how fast it has to be there. Each method but ``stand`` is one cycle."""
 
-    __slots__ = ("position", "speed")
-
     def __init__(self) -> None:
         self.position = 0
         self.speed = 0

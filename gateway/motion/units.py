@@ -43,8 +43,6 @@ class LengthUnits:
     and MDI_DEC. GatewayError for a value that is not above 0.
     """
 
-    __slots__ = ("_acceleration", "_deceleration", "_position", "_velocity")
-
     def __init__(self, lu_per_revolution: int, max_acceleration: int, max_deceleration: int, drive: DriveUnits) -> None:
         for name, value in (
             ("lu_per_revolution", lu_per_revolution),

@@ -18,8 +18,6 @@ IN_ORDER: Final = platform.machine().lower() in {"x86_64", "amd64", "i386", "i48
 class Fence:
     """Calls separate what is stored or loaded before from what is after. Of one thread."""
 
-    __slots__ = ("_lock",)
-
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._lock.acquire()

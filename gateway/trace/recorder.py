@@ -222,8 +222,6 @@ def _traced(item: DriveObject) -> TracedObject:
 class _Source:
     """Where the values of a drive object are, from cycle to cycle the same objects."""
 
-    __slots__ = ("command", "faults", "feedback", "inputs", "outputs")
-
     def __init__(self, item: DriveObject) -> None:
         self.outputs = item.outputs
         self.faults = item.fault_log

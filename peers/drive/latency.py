@@ -50,8 +50,6 @@ NO_LATENCY: Final = Latency()
 class DelayLine:
     """A value that is shown late. Times are those of the drive, in nanoseconds."""
 
-    __slots__ = ("_last", "_shown", "_waiting")
-
     def __init__(self) -> None:
         self._waiting: deque[tuple[int, int]] = deque()
         self._last = self._shown = -1

@@ -33,8 +33,6 @@ def rpm_of(increments: float) -> float:
 class Ramp:
     """The speed setpoint on its way: linear by acceleration, or sine-squared by ramp time."""
 
-    __slots__ = ("_elapsed", "_from", "_time", "speed", "target")
-
     def __init__(self) -> None:
         self.speed = 0.0
         self._from = self.target = 0.0

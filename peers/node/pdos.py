@@ -41,21 +41,6 @@ def _communication(index: int) -> int:
 class _Tpdo:
     """A transmit PDO in force and when it was sent."""
 
-    __slots__ = (
-        "cob_id",
-        "due",
-        "event_ns",
-        "held",
-        "inhibit_ns",
-        "last",
-        "last_time",
-        "on_change",
-        "pdo",
-        "remote",
-        "sync_count",
-        "type",
-    )
-
     def __init__(self, pdo: Pdo, cob_id: int, type_: int, inhibit_ns: int, event_ns: int) -> None:
         self.pdo = pdo
         self.cob_id = cob_id & STANDARD_ID

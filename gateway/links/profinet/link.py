@@ -62,8 +62,6 @@ class Served(Diagnosed, Protocol):
 class _Places:
     """Where input data and IOPS of each drive object lie in the frames of one provider, and the IOPS it has."""
 
-    __slots__ = ("data", "good")
-
     def __init__(self, provider: Provider, objects: int) -> None:
         self.data = [provider.place((slot, TELEGRAM_SUBSLOT)) for slot in range(1, objects + 1)]
         self.good: list[bool | None] = [None] * objects
