@@ -226,9 +226,12 @@ class Compiler:
 
     # -- statements ---------------------------------------------------------------------------------------------------
 
-    def _statements(self, *ends: str) -> Execute:
+    def _statements(self, *ends: str, labelled: bool = False) -> Execute:
+        """Up to one of ``ends``; ``labelled``: or to the next label of a CASE, an integer where a statement would begin."""
         found: list[Execute] = []
-        while self._token.key not in ends:
+        while not (
+            self._token.key in ends or (labelled and (self._token.kind == "integer" or self._token.text == "-"))
+        ):
             if self._token.kind == "end":
                 raise self._error(f"expected {' or '.join(ends)}")
             if not self._accept(";"):
@@ -307,7 +310,7 @@ class Compiler:
             while self._accept(","):
                 values.append(self._integer())
             self._expect(":")
-            body = self._case_body()
+            body = self._statements("ELSE", "END_CASE", labelled=True)
             for value in values:
                 if value in branches:
                     raise self._error(f"CASE contains {value} twice")
@@ -316,19 +319,6 @@ class Compiler:
         self._expect("END_CASE")
         self._expect(";")
         return lambda variables: branches.get(selector.value(variables), otherwise)(variables)
-
-    def _case_body(self) -> Execute:
-        """Up to the next label: an integer where a statement would begin."""
-        found: list[Execute] = []
-        while self._token.key not in {"ELSE", "END_CASE"} and self._token.kind != "integer" and self._token.text != "-":
-            if not self._accept(";"):
-                found.append(self._statement())
-
-        def execute(variables: Variables) -> None:
-            for statement in found:
-                statement(variables)
-
-        return execute
 
     def _for(self) -> Execute:
         counter = self._path(self._name())
