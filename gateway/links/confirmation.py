@@ -166,7 +166,7 @@ class Confirmation:
         self.read = self.orders.read
         self.mask = self.orders.mask
         self.lives = self.orders.lives
-        self.dropped = 0
+        self.orders_dropped = 0
         """Orders that were replaced before they were confirmed."""
         self._newest: tuple[int, ...] | None = None
         self._repeats = 0
@@ -229,12 +229,12 @@ class Confirmation:
         """The newest order was replaced before it was confirmed."""
         self._waits = False
         if self._newest is not None and in_force is not None:
-            self.dropped += 1
+            self.orders_dropped += 1
             self._note_dropped(self._newest, self.orders.changed(self._newest, in_force))
 
     def _withdraw(self, in_force: tuple[int, ...]) -> None:
         """A stop ended before it was confirmed: the task is discarded, and the PLC may not know."""
-        self.dropped += 1
+        self.orders_dropped += 1
         self._note_dropped(in_force, self.orders.power_bits(self._early))
         self._early = 0
 

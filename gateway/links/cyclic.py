@@ -177,7 +177,7 @@ class CyclicEndpoint:
     @property
     def orders_dropped(self) -> int:
         """Changes of control words that stood in too few frames to be told from old frames."""
-        return self._dropped_before + sum(item.dropped for item in self._confirmations)
+        return self._dropped_before + sum(item.orders_dropped for item in self._confirmations)
 
     def receive(self, data: bytes, source: Address, now: int, received_at: int | None = None) -> Verdict:
         """Take a datagram; on ACCEPTED (and on PROVIDER_STOP, then None) the setpoints are updated.
