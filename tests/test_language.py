@@ -10,6 +10,7 @@ import ast
 import re
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -108,14 +109,25 @@ def test_the_help_has_no_word_of_the_list(name: str) -> None:
     assert not wrong
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_the_messages_have_no_word_of_the_list(package: str) -> None:
-    wrong = [
-        f"{path.relative_to(ROOT)}:{line}: {found}: {text[:90]}"
+@cache
+def messages(package: str) -> list[tuple[str, str]]:
+    """The texts of a package, each with its place."""
+    return [
+        (f"{path.relative_to(ROOT)}:{line}", text)
         for path in sorted((ROOT / package).rglob("*.py"))
         for line, text in literals(path.read_text("utf-8"))
-        if (found := found_in(text))
     ]
+
+
+@cache
+def prose_of(name: str) -> list[tuple[int, str]]:
+    """The lines of a document."""
+    return list(prose((ROOT / name).read_text("utf-8")))
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_messages_have_no_word_of_the_list(package: str) -> None:
+    wrong = [f"{place}: {found}: {text[:90]}" for place, text in messages(package) if (found := found_in(text))]
     assert not wrong, "\n".join(wrong)
 
 
@@ -140,11 +152,7 @@ DOCUMENTS: Final = [
 
 @pytest.mark.parametrize("name", DOCUMENTS)
 def test_the_documents_have_no_word_of_the_list(name: str) -> None:
-    wrong = [
-        f"{name}:{line}: {found}: {text[:90]}"
-        for line, text in prose((ROOT / name).read_text("utf-8"))
-        if (found := found_in(text))
-    ]
+    wrong = [f"{name}:{line}: {found}: {text[:90]}" for line, text in prose_of(name) if (found := found_in(text))]
     assert not wrong, "\n".join(wrong)
 
 
@@ -156,15 +164,10 @@ def test_the_gate_finds_a_word_of_the_list_in_each_kind_of_text() -> None:
     assert [text for _, text in prose("a\n```\ntold\n```\n[b](told.md)")] == ["a", "[b]"]
 
 
-@pytest.mark.parametrize("item", EXCEPTIONS, ids=lambda item: str(item["text"])[:40])
-def test_every_exception_has_a_reason_and_is_needed(item: dict[str, str]) -> None:
-    assert item["reason"]
-    messages = [
-        text
-        for package in PACKAGES
-        for path in (ROOT / package).rglob("*.py")
-        for _, text in literals(path.read_text("utf-8"))
-    ]
-    documents = [text for name in DOCUMENTS for _, text in prose((ROOT / name).read_text("utf-8"))]
-    pattern = re.compile(rf"\b(?:{item['pattern']})\b", re.IGNORECASE)
-    assert any(item["text"] in text and pattern.search(without_code(text)) for text in [*messages, *documents])
+def test_every_exception_has_a_reason_and_is_needed() -> None:
+    texts = [text for package in PACKAGES for _, text in messages(package)]
+    texts += [text for name in DOCUMENTS for _, text in prose_of(name)]
+    for item in EXCEPTIONS:
+        pattern = re.compile(rf"\b(?:{item['pattern']})\b", re.IGNORECASE)
+        assert item["reason"], item
+        assert any(item["text"] in text and pattern.search(without_code(text)) for text in texts), item
