@@ -13,7 +13,7 @@ from tests.test_documents import DOCUMENTS
 DOCS = Path(__file__).parents[1] / "docs"
 MEASURED = sorted((DOCS / "measured").iterdir())
 _HEAD = re.compile(
-    r"\d{4}-\d\d-\d\d, pdgw \d+\.\d+\.\d+\S*, .*(?:pure Python|compiled).*, Python 3\.\d+\S*, .+, \d+ cores, "
+    r"\d{4}-\d\d-\d\d, pdgw \d+\.\d+\.\d+\S*, .*(?:pure Python|compiled).*, C?Python 3\.\d+\S*, .+, \d+ cores, "
     r"(?:usual|real-time) priority.*"
 )
 _FIGURE = re.compile(r"\d (?:us|MiB)\b|\d times (?:the echo|faster)|\d(?:\.\d)? x as|% of a core")

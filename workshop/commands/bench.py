@@ -420,7 +420,7 @@ def _document(row: Row) -> dict[str, Any]:
 def _print_machine(console: Console, realtime: bool = False) -> None:
     facts = machine()
     priority = "real-time" if realtime else "usual"
-    build = f"{facts['date']}, pdgw {facts['version']}, {facts['build']}, Python {facts['python']}"
+    build = f"{facts['date']}, pdgw {facts['version']}, {facts['build']}, {facts['python']}"
     system = f"{facts['system']} {facts['processor']}, {facts['cores']} cores, {priority} priority"
     console.print(f"{build}, {system}", highlight=False)
 
