@@ -14,7 +14,8 @@ from pdgw.workshop.debian.build import CONFFILES, DEPLOY, SCRIPTS, contents, pac
 from pdgw.workshop.debian.man import escaped, pages
 from tests.support.buses import PATIENCE_S
 
-EPOCH = "1800000000"
+EPOCH = "1700000000"
+"""Before any file was written: dpkg-deb changes later times only."""
 needs_dpkg = pytest.mark.skipif(shutil.which("dpkg-deb") is None, reason="dpkg-deb is not installed")
 
 
