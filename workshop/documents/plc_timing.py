@@ -126,6 +126,11 @@ END_PROGRAM""",
             self.exchange(1)
         raise AssertionError(f"{block}.{output} stays FALSE")
 
+    def begin(self) -> None:
+        """Begin the picture here, with three cycles of rest."""
+        self.samples.clear()
+        self.exchange(3)
+
     def stop(self) -> None:
         self.gateway.stop()
         self.world.loop.until(self.gateway.stopped.is_set, "the end of the gateway")
@@ -144,8 +149,7 @@ def _speed() -> Iterator[tuple[str, Samples]]:
         1, _outputs("Enable", "Enabled", "Speed", "InSpeed", "ActSpeed", "Reason"), ", ReferenceSpeed := 3000.0"
     )
     bench.until("drive", "Ready")
-    bench.samples.clear()
-    bench.exchange(3)
+    bench.begin()
     bench.exchange(25, Enable=True)
     bench.exchange(60, Speed=600.0)
     bench.exchange(60, Enable=False)
@@ -167,8 +171,7 @@ def _position() -> Iterator[tuple[str, Samples]]:
     bench.exchange(100, Enable=True)
     bench.exchange(100, ModePos=4, Execute=True)
     bench.exchange(20, Execute=False)
-    bench.samples.clear()
-    bench.exchange(3)
+    bench.begin()
     bench.exchange(60, ModePos=2, Position=6000.0, Velocity=6000.0, Execute=True)
     bench.exchange(30, Execute=False)
     bench.stop()
@@ -179,8 +182,7 @@ def _encoder() -> Iterator[tuple[str, Samples]]:
     bench = _telegram_bench(81, _outputs("Enable", "Valid", "Preset", "PresetDone", "Reason"))
     bench.until("drive", "Good")
     bench.exchange(100)
-    bench.samples.clear()
-    bench.exchange(3)
+    bench.begin()
     bench.exchange(40, Enable=True)
     bench.exchange(50, Preset=True)
     bench.exchange(20, Preset=False)
@@ -192,8 +194,7 @@ def _transparent() -> Iterator[tuple[str, Samples]]:
     bench = _telegram_bench(100, _outputs("Enable", "Enabled", "Error", "AckError", "Reason"))
     bench.until("drive", "Good")
     bench.exchange(100)
-    bench.samples.clear()
-    bench.exchange(3)
+    bench.begin()
     bench.exchange(40, Enable=True)
     bench.drive.node.model.inject(5)
     bench.exchange(60)
