@@ -13,7 +13,7 @@ READABLE: Final = 0x001
 WRITABLE: Final = 0x004
 """Of a descriptor that is ready: bits of its state. Any other bit, an error or the peer's end, is for who reads."""
 NO_DESCRIPTOR: Final = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
-"""What ``accept`` fails with when the system has nothing for another connection: the one that waits goes on being readable."""
+"""Errors of ``accept`` when the system has no resources for another connection. The port stays readable meanwhile."""
 _AT_ONCE: Final = 64
 """Descriptors told of in one call; the kernel goes on with the others in the next one."""
 

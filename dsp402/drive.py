@@ -81,7 +81,8 @@ _INTERPOLATED: Final = (
     "traversing tasks: no profile position mode (6502h); the gateway calculates a position for each SYNC (mode 8)"
 )
 _SDO_STEP: Final = 5
-"""Positions by SDO are compared over so many times the time of an answer: the drive took them somewhere within it."""
+"""A step between two positions by SDO is at least so many times as long as an answer takes. When within the time of an answer
+the drive read its position is not known."""
 _RETRY_VALUE_NS: Final = 1000 * MS
 """So long after a failed SDO write the same value is tried again."""
 _NEW_SETPOINT: Final = ControlBit.NEW_SETPOINT

@@ -306,7 +306,7 @@ class _Exchange:
         return not isinstance(endpoint, ProfinetEndpoint) or endpoint.follows(record.layout.controller)
 
     def _receive(self, record: CyclicRecord) -> Verdict:
-        """What becomes of a frame of the PLC; another controller may lead with it."""
+        """Take a frame of the PLC. With it another of two redundant controllers may become the primary one."""
         now, endpoint, source = record.time_ns, self._endpoint, (record.layout.controller.hex(), 0)
         if not isinstance(endpoint, ProfinetEndpoint):
             return endpoint.receive(record.data, source, now, now)

@@ -25,7 +25,7 @@ class _OfAsked:
 
     __slots__ = ()
     ASIDE: ClassVar[frozenset[str]] = frozenset({"*"})
-    """Made from each frame; what outlives one, the adapter tells (``Adapter.kept``)."""
+    """Made anew from each frame. ``Adapter.kept`` lists the values that an adapter keeps from one frame to the next."""
 
 
 @dataclass(slots=True, eq=False)

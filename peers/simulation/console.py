@@ -114,13 +114,13 @@ def _pair(text: str) -> tuple[str, int]:
 
 
 class PatientServer(socketserver.ThreadingTCPServer):
-    """A thread for each connection. When no file descriptor is left for one it pauses: the port goes on being readable."""
+    """A thread for each connection. If no file descriptor is left for a new one, it pauses, because the port stays readable."""
 
     allow_reuse_address = True
     daemon_threads = True
 
     def get_request(self) -> tuple[Any, Any]:
-        """The next connection; socketserver goes on when it cannot be had."""
+        """The next connection. If accepting it fails, socketserver continues with the next one."""
         try:
             return super().get_request()
         except OSError as error:
