@@ -100,6 +100,10 @@ def test_conformance_writes_both(tmp_path: Path) -> None:
     (configuration,) = (item.get("value", "") for item in suite.iter("property") if item.get("name") == "configuration")
     assert configuration in cells((tmp_path / "r.html").read_text())
     assert "slow-sdo" in " ".join(cells((tmp_path / "r.html").read_text()))
+    seconds = [float(case.get("time", "0")) for case in suite.iter("testcase")]
+    assert sum(seconds) > 0, "a CI system sorts by what took long"
+    assert float(suite.get("time", "0")) == pytest.approx(sum(seconds), abs=(len(seconds) + 1) * 0.001)
+    assert 'eds = "engel.eds"' in configuration, "every machine has the data sheets elsewhere"
     with pytest.raises(GatewayError, match=r"--junit .*cannot be written"):
         REPORT.write(tmp_path / "no" / "r.xml", None)
 

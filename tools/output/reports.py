@@ -35,7 +35,10 @@ _STYLE = (
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One thing that was checked. ``detail``: what was seen; ``failures``: what is wrong with it, none when it passed."""
+    """One thing that was checked.
+
+    ``detail``: what was seen; ``failures``: what is wrong with it, none when it passed; ``seconds``: what it took.
+    """
 
     group: str
     name: str
@@ -115,7 +118,7 @@ class Report:
             if chosen:
                 yield f"<h2>{heading}</h2>"
                 rows = [(c.group, c.name, "; ".join(c.failures) or c.detail, f"{c.seconds:.3f} s") for c in chosen]
-                yield from _table(("", "check", "seen", "after"), rows)
+                yield from _table(("", "check", "seen", "took"), rows)
         if self.configuration:
             yield f"<h2>Configuration</h2><pre>{html.escape(self.configuration)}</pre>"
         yield "</body></html>"

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from time import perf_counter
+from typing import Annotated, TypeVar
 
 import typer
 from rich.console import Console
@@ -25,6 +27,9 @@ from pdgw.workshop.conformance.telegrams import CASES as BITS
 from pdgw.workshop.conformance.telegrams import Outcome, run_walk
 from pdgw.workshop.conformance.telegrams import run_case as run_bits
 from pdgw.workshop.conformance.tested import text_of
+
+Case = TypeVar("Case")
+Found = TypeVar("Found")
 
 app = typer.Typer(help="Conformance tests of the gateway.", no_args_is_help=True)
 
@@ -47,8 +52,10 @@ def faults(
         if name not in known:
             raise GatewayError(f"fault {name!r} does not exist, allowed: {', '.join(known)}")
     with quiet("gateway", "canopen"):
-        results = [run_case(case) for case in CASES if not only or case.fault in only]
-    _finish("faults", results, [_check(result) for result in results], matrix(results), as_json, junit, html)
+        timed = list(_timed(run_case, (case for case in CASES if not only or case.fault in only)))
+    results = [result for result, _ in timed]
+    checks = [replace(_check(result), seconds=seconds) for result, seconds in timed]
+    _finish("faults", results, checks, matrix(results), as_json, junit, html)
 
 
 @app.command("telegrams")
@@ -64,16 +71,18 @@ def telegrams(
         if number not in known:
             raise GatewayError(f"telegram {number} has no cases, allowed: {', '.join(map(str, known))}")
     with quiet("gateway", "canopen"):
-        outcomes = [run_bits(case) for case in BITS if not only or case.telegram in only]
-        for number in NUMBERS:
-            if not only or number in only:
-                outcomes += run_walk(walk(number))
+        timed = list(_timed(run_bits, (case for case in BITS if not only or case.telegram in only)))
+        walks = [walk(number) for number in NUMBERS if not only or number in only]
+        for found, seconds in _timed(run_walk, walks):
+            timed += [(outcome, seconds / len(found)) for outcome in found]
+    outcomes = [outcome for outcome, _ in timed]
     table = Table("telegram", "word and bit", "done", "seen by the PLC", "on CAN", "")
     for item in outcomes:
         case = item.case
         name = f"{case.word}.{case.bit}"
         table.add_row(str(case.telegram), name, case.did, item.seen_by_plc, item.seen_on_can, _verdict(item))
-    _finish("telegrams", outcomes, [_check_bits(item) for item in outcomes], table, as_json, junit, html)
+    checks = [replace(_check_bits(item), seconds=seconds) for item, seconds in timed]
+    _finish("telegrams", outcomes, checks, table, as_json, junit, html)
 
 
 @app.command("shapes")
@@ -88,16 +97,26 @@ def shapes(
     for name in only or ():
         shape(name)
     with quiet("gateway", "canopen"):
-        fields = [run_shape(name, number, seed) for name in only or SHAPES for number in TELEGRAMS]
+        cases = [(name, number) for name in only or SHAPES for number in TELEGRAMS]
+        timed = list(_timed(lambda case: run_shape(*case, seed), cases))
+    fields = [item for item, _ in timed]
     checks = [
-        Check(item.shape, f"telegram {item.telegram}", item.text, (item.failure,) if item.failure else ())
-        for item in fields
+        Check(item.shape, f"telegram {item.telegram}", item.text, (item.failure,) if item.failure else (), seconds)
+        for item, seconds in timed
     ]
     table = Table("shape", "telegram", "latency: command, status (ms)", "what it did", "")
     for item in fields:
         latency = f"{item.latency.command_ms}, {item.latency.status_ms}"
         table.add_row(item.shape, str(item.telegram), latency, item.text, _verdict(item))
     _finish("shapes", fields, checks, table, as_json, junit, html)
+
+
+def _timed(run: Callable[[Case], Found], cases: Iterable[Case]) -> Iterator[tuple[Found, float]]:
+    """What each case gave, with the seconds that it took."""
+    for case in cases:
+        began = perf_counter()
+        found = run(case)
+        yield found, perf_counter() - began
 
 
 def _verdict(item: Result | Outcome | Field) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 from pdgw.ds301.communication import DEVICE_NAME
 from pdgw.gateway.configuration.config import GatewayConfig
@@ -17,12 +18,14 @@ class Tested:
 
     devices: str
     configuration: str
-    """TOML, without what is as by default."""
+    """TOML, without what is as by default; data sheets by their file names, since every machine has them elsewhere."""
 
     @classmethod
     def of(cls, config: GatewayConfig, nodes: Iterable[SimulatedNode]) -> Tested:
         """A gateway with this configuration and these simulated nodes."""
-        return cls(", ".join(map(_name, nodes)), config_text(config).strip())
+        axes = [axis.model_copy(update={"eds": Path(axis.eds.name)}) if axis.eds else axis for axis in config.axis]
+        text = config_text(config.model_copy(update={"axis": tuple(axes)}))
+        return cls(", ".join(map(_name, nodes)), text.strip())
 
 
 def _name(node: SimulatedNode) -> str:
