@@ -21,18 +21,18 @@ from setuptools import setup
 from setuptools.command.build_py import build_py
 
 COMPILED = (
-    "ds301/can_frame.py",
-    "ds301/client.py",
-    "ds301/configuring.py",
-    "ds301/inquiry.py",
-    "ds301/loop.py",
-    "ds301/network.py",
-    "ds301/node.py",
+    "ds301/bus/can_frame.py",
+    "ds301/node/client.py",
+    "ds301/node/configuring.py",
+    "ds301/node/inquiry.py",
+    "ds301/loop/loop.py",
+    "ds301/bus/network.py",
+    "ds301/node/node.py",
     "ds301/pdo.py",
-    "ds301/port.py",
-    "ds301/readiness.py",
-    "ds301/sdo.py",
-    "ds301/virtual_loop.py",
+    "ds301/bus/port.py",
+    "ds301/loop/readiness.py",
+    "ds301/node/sdo.py",
+    "ds301/loop/virtual_loop.py",
     "dsp402/drive.py",
     "dsp402/images.py",
     "dsp402/pdo.py",
@@ -67,8 +67,8 @@ COMPILED = (
     "profinet/ethernet.py",
 )
 """Patterns of what every cycle runs through. Traps: an enum with an ``__init__``, a class derived from an untyped library's
-(``ds301/on_canopen.py``), an interpreted class derived from a compiled one, a value of another type than declared, ``...`` as a
-default, a constant tuple of floats. A constant is ``Final``, or it is looked up by its name in every cycle."""
+(``ds301/bus/on_canopen.py``), an interpreted class derived from a compiled one, a value of another type than declared, ``...`` as
+a default, a constant tuple of floats. A constant is ``Final``, or it is looked up by its name in every cycle."""
 TREE = Path("build/mypyc")
 WANTED = os.environ.get("PDGW_COMPILED") == "1"
 

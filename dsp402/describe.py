@@ -12,7 +12,7 @@ from typing import Final
 import canopen
 from canopen.objectdictionary import ODVariable
 
-from pdgw.ds301.can_frame import EXTENDED_ID
+from pdgw.ds301.bus.can_frame import EXTENDED_ID
 from pdgw.ds301.communication import IDENTITY_PRODUCT, IDENTITY_VENDOR
 from pdgw.ds301.configuration import EVENT_TIMER
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectAddress

@@ -1,6 +1,6 @@
 """The drive client: brings one CiA 402 drive into operation on a bus and keeps watching it.
 
-The cyclic side (``refresh``, ``send``) never blocks; what every node needs is in ``ds301.client``, this adds the RPDOs, the
+The cyclic side (``refresh``, ``send``) never blocks; what every node needs is in ``ds301.node.client``, this adds the RPDOs, the
 guarding of the gateway by the drive, mode of operation and references. A set-point starts nothing before its data is in the
 drive (docs/translation.md "PDO layouts"), which takes SDO writes where the drive has too few RPDOs.
 """
@@ -17,7 +17,7 @@ import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.aborts import NOT_THERE, abort_text
-from pdgw.ds301.client import NodeClient
+from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import (
     DEVICE_TYPE,
     IDENTITY_PRODUCT,
@@ -27,12 +27,12 @@ from pdgw.ds301.communication import (
     profile_of,
 )
 from pdgw.ds301.configuration import SdoStep
-from pdgw.ds301.data_sheet import load_dictionary
-from pdgw.ds301.network import CanNetwork
-from pdgw.ds301.node import NodeEvent, NodeStatus
+from pdgw.ds301.eds.data_sheet import load_dictionary
+from pdgw.ds301.node.client import NodeClient
+from pdgw.ds301.node.node import NodeEvent, NodeStatus
+from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
-from pdgw.ds301.plan import PdoPlan
 from pdgw.dsp402.configuration import interpolation_steps
 from pdgw.dsp402.describe import OPTIONAL_OBJECTS, describe, questions, signed
 from pdgw.dsp402.drive_type import DriveType

@@ -12,7 +12,7 @@ import canopen
 from canopen.objectdictionary import ODArray, ODRecord, ODVariable
 
 from pdgw.ds301.communication import DEVICE_NAME, IDENTITY_PRODUCT, IDENTITY_VENDOR, communication_objects, pdo_objects
-from pdgw.ds301.eds_import import import_eds
+from pdgw.ds301.eds.importer import import_eds
 from pdgw.ds301.objects import Entry, ObjectAddress, ObjectKind, ObjectSpec
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.describe import OPTIONAL_OBJECTS, PROFILE_AREA, answers_of_defaults, describe, questions, signed

@@ -11,9 +11,9 @@ from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.configuration import EVENT_TIMER, TRANSMISSION_TYPE, SdoStep
+from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.objects import ObjectAddress
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection, PdoLayout, is_communication_parameter, pdo_of
-from pdgw.ds301.plan import PdoPlan
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.planner import Findings, Key, plan_pdos
 

@@ -12,11 +12,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from pdgw.ds301.can_frame import STANDARD_ID
+from pdgw.ds301.bus.can_frame import STANDARD_ID
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, EVENT_TIMER, EVERY_SYNC, SYNC_TYPES
+from pdgw.ds301.node.plan import Pace, PdoPlan, PlannedPdo
 from pdgw.ds301.objects import CanType, Entry, ObjectAddress
 from pdgw.ds301.pdo import PDO_BYTES, Pdo, PdoDirection, PdoLayout
-from pdgw.ds301.plan import Pace, PdoPlan, PlannedPdo
 from pdgw.dsp402.drive_type import DriveType, PdoSlot
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.objects import CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE

@@ -6,7 +6,7 @@ import canopen
 from canopen.sdo import SdoCommunicationError
 
 from pdgw.ds301.communication import IDENTITY_PRODUCT, IDENTITY_VENDOR
-from pdgw.ds301.inquiry import Inquiry
+from pdgw.ds301.node.inquiry import Inquiry
 from pdgw.dsp402.describe import describe, questions, signed, variable
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from pdgw.ds301.node import NodeSettings
+from pdgw.ds301.node.node import NodeSettings
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.guarding import Wanted
 from pdgw.dsp402.modes import Mode

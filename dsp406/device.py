@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pdgw.ds301.communication import communication_objects, pdo_objects
 from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, EVERY_SYNC
-from pdgw.ds301.eds import DeviceInfo, write_eds
+from pdgw.ds301.eds.writer import DeviceInfo, write_eds
 from pdgw.ds301.objects import ObjectSpec
 from pdgw.ds301.pdo import Pdo, PdoDirection
 from pdgw.dsp406.kinds import DEVICES, EncoderDevice

@@ -1,6 +1,6 @@
 """The encoder client: brings one CiA 406 encoder into operation on a bus and keeps watching it.
 
-What every node needs is in ``ds301.client``; this adds the encoder's PDOs, cyclic timer, parameters and diagnostics.
+What every node needs is in ``ds301.node.client``; this adds the encoder's PDOs, cyclic timer, parameters and diagnostics.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from typing import Any, Final
 import canopen
 from canopen.sdo import SdoAbortedError
 
-from pdgw.ds301.client import NodeClient
+from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import DEVICE_TYPE, ERROR_REGISTER, PRODUCER_HEARTBEAT
 from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, SdoStep
-from pdgw.ds301.data_sheet import load_dictionary
+from pdgw.ds301.eds.data_sheet import load_dictionary
 from pdgw.ds301.emcy import emcy_text
-from pdgw.ds301.network import CanNetwork
-from pdgw.ds301.node import NodeEvent, NodeSettings
+from pdgw.ds301.node.client import NodeClient
+from pdgw.ds301.node.node import NodeEvent, NodeSettings
+from pdgw.ds301.node.plan import PdoPlan, plan_steps, straight_plan
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
-from pdgw.ds301.plan import PdoPlan, plan_steps, straight_plan
 from pdgw.dsp406.device import eds_path
 from pdgw.dsp406.errors import Dsp406Error
 from pdgw.dsp406.faults import ENCODER_EMCY

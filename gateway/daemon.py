@@ -14,11 +14,11 @@ from contextlib import ExitStack
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
-from pdgw.ds301.client import NodeClient
-from pdgw.ds301.load import DEFAULT_BITRATE, bus_load, sdo_gap_ns
-from pdgw.ds301.loop import Event, Loop, Timer
-from pdgw.ds301.network import CanNetwork
-from pdgw.ds301.node import GATEWAY_NODE_ID
+from pdgw.ds301.bus.load import DEFAULT_BITRATE, bus_load, sdo_gap_ns
+from pdgw.ds301.bus.network import CanNetwork
+from pdgw.ds301.loop.loop import Event, Loop, Timer
+from pdgw.ds301.node.client import NodeClient
+from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.bus_load import HEARTBEATS, cyclic_frames
 from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.connection_set import ERROR_CONTROL
-from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.durations import MS
 

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.bus.network import CanNetwork
 from pdgw.durations import MS, US
 from pdgw.gateway.axis.executors.dsc import DscExecutor
 from pdgw.gateway.motion.dsc import KPC_PER_UNIT, DscForm

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from pdgw.decoder.capture.reading import read_records
     from pdgw.decoder.frames.recognise import recognise
     from pdgw.decoder.frames.records import Record
-    from pdgw.ds301.eds_import import import_eds
+    from pdgw.ds301.eds.importer import import_eds
     from pdgw.ds301.errors import CanopenError
     from pdgw.errors import PdgwError
     from pdgw.gateway.assembly import build_gateway
@@ -65,7 +65,7 @@ _ROOMS = {
     "Telegram": "profidrive.telegrams",
     "World": "peers.world",
     "build_gateway": "gateway.assembly",
-    "import_eds": "ds301.eds_import",
+    "import_eds": "ds301.eds.importer",
     "load_config": "gateway.configuration.file",
     "parse_config": "gateway.configuration.file",
     "read_parameters": "client.reading",

@@ -12,8 +12,8 @@ import can
 
 from pdgw.decoder.capture.pcapng_file import PcapngWriter, can_packet, udp_packet
 from pdgw.decoder.frames.records import LinkType
-from pdgw.ds301.can_frame import ERROR, EXTENDED, REMOTE
-from pdgw.ds301.loop import Loop
+from pdgw.ds301.bus.can_frame import ERROR, EXTENDED, REMOTE
+from pdgw.ds301.loop.loop import Loop
 from pdgw.durations import SECOND
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import config_text

@@ -24,6 +24,11 @@ PRODUCT = ("profidrive", "profinet", "ds301", "dsp402", "dsp406", "gateway")
 _FIELD = "profidrive profinet ds301 dsp402 dsp406"
 _PROFINET = "profinet.ethernet profinet.model profinet.station profinet.wire"
 """Modules of ``profinet`` below its sub-packages."""
+_DS301 = (
+    "ds301.aborts ds301.communication ds301.configuration ds301.connection_set ds301.counters ds301.emcy ds301.errors "
+    "ds301.nmt ds301.objects ds301.pdo"
+)
+"""Modules of ``ds301`` below its sub-packages."""
 _LOW = "gateway.errors gateway.format_version gateway.reasons gateway.identity gateway.platform gateway.store"
 """Modules of ``gateway`` below its sub-packages."""
 _ALL = f"{_FIELD} gateway decoder client recording web peers tools"
@@ -41,6 +46,10 @@ ROWS = {
     "profinet.records": "profinet.connection profinet.discovery profinet.alarms profinet.blocks profinet.rpc "
     f"{_PROFINET} profidrive",
     "ds301": "",
+    "ds301.loop": "ds301.counters",
+    "ds301.bus": f"{_DS301} ds301.loop",
+    "ds301.eds": _DS301,
+    "ds301.node": f"{_DS301} ds301.loop ds301.bus",
     "dsp402": "ds301",
     "dsp406": "ds301",
     "gateway": _FIELD,

@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TypeVar
 
-from pdgw.ds301.jobs import settle
-from pdgw.ds301.loop import Loop
-from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.bus.network import CanNetwork
+from pdgw.ds301.loop.jobs import settle
+from pdgw.ds301.loop.loop import Loop
 from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.platform import Platform, SystemPlatform
 from pdgw.tools.log_level import quiet

@@ -9,7 +9,7 @@ import time
 from collections import Counter
 from typing import Protocol
 
-from pdgw.ds301.load import DEFAULT_BITRATE, bus_load, frame_bits
+from pdgw.ds301.bus.load import DEFAULT_BITRATE, bus_load, frame_bits
 from pdgw.durations import MS_PER_SECOND
 from pdgw.gateway.configuration.bus_load import cyclic_frames
 from pdgw.gateway.configuration.config import GatewayConfig

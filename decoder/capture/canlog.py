@@ -16,7 +16,7 @@ from pdgw.decoder.capture.errors import CaptureError
 from pdgw.decoder.capture.stream import ByteSource, Window
 from pdgw.decoder.frames.engine import CanPacket
 from pdgw.decoder.frames.link import CanFrame
-from pdgw.ds301.can_frame import ERROR, EXTENDED_ID, STANDARD_ID
+from pdgw.ds301.bus.can_frame import ERROR, EXTENDED_ID, STANDARD_ID
 from pdgw.durations import SECOND, US
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pdgw.decoder.frames.canopen.decoder import Dictionary
-from pdgw.ds301.eds_values import UNICODE_STRING
+from pdgw.ds301.eds.values import UNICODE_STRING
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import Access, CanType, Entry
 from pdgw.gateway.errors import GatewayError
@@ -48,7 +48,7 @@ def dictionary_of(files: Mapping[int, Path], default: Path | None = None) -> Dic
         path = files.get(node_id, default)
         if path is None:
             return None
-        from pdgw.ds301.eds_import import import_eds  # noqa: PLC0415 (slow to load, and needed with an EDS only)
+        from pdgw.ds301.eds.importer import import_eds  # noqa: PLC0415 (slow to load, and needed with an EDS only)
 
         try:
             return entries(import_eds(path, node_id).dictionary)

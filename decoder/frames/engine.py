@@ -23,7 +23,7 @@ from pdgw.decoder.frames.profinet.cyclic import Axis, CyclicDecoder, given_axes
 from pdgw.decoder.frames.profinet.frames import FRAME_IDS, FrameDecoder
 from pdgw.decoder.frames.profinet.stations import StationNames
 from pdgw.decoder.frames.records import LinkType, OtherRecord, Record
-from pdgw.ds301.can_frame import STANDARD_ID
+from pdgw.ds301.bus.can_frame import STANDARD_ID
 from pdgw.profidrive.frame import CYCLIC_PORT, ETHERTYPE
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 

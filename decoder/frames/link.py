@@ -11,7 +11,7 @@ import struct
 from typing import NamedTuple
 
 from pdgw.decoder.frames.records import LinkType
-from pdgw.ds301.can_frame import ERROR, EXTENDED, EXTENDED_ID, REMOTE, STANDARD_ID
+from pdgw.ds301.bus.can_frame import ERROR, EXTENDED, EXTENDED_ID, REMOTE, STANDARD_ID
 from pdgw.profidrive.frame import ETHERTYPE
 from pdgw.profinet.ethernet import ETHERTYPE_LLDP
 

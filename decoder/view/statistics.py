@@ -1,7 +1,7 @@
 """What a capture amounts to: rates, jitter, gaps of the cycle counter, bus load by identifier.
 
 Constant memory: means and deviations are kept, not the times. Bus load counts data frames without and with the most stuff bits
-possible (``ds301.load``); the truth lies between.
+possible (``ds301.bus.load``); the truth lies between.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pdgw.decoder.frames.canopen.records import CanRecord, PdoRecord
 from pdgw.decoder.frames.fields import Document
 from pdgw.decoder.frames.records import CyclicRecord, Record
-from pdgw.ds301.load import frame_bits
+from pdgw.ds301.bus.load import frame_bits
 from pdgw.durations import SECOND, US
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, is_newer
 from pdgw.profidrive.telegrams import Direction

@@ -15,14 +15,14 @@ import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.aborts import Abort
+from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import DEVICE_NAME, DEVICE_TYPE, IDENTITY, SYNC_PERIOD, profile_of
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, NODE_IDS, SDO_REQUEST, SDO_RESPONSE
-from pdgw.ds301.data_sheet import load_dictionary
-from pdgw.ds301.inquiry import Inquiry
-from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.eds.data_sheet import load_dictionary
 from pdgw.ds301.nmt import NmtState
-from pdgw.ds301.node import GATEWAY_NODE_ID
+from pdgw.ds301.node.inquiry import Inquiry
+from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error

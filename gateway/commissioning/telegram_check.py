@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.pdo import PdoLayout
-from pdgw.ds301.plan import PdoPlan
 from pdgw.dsp402 import planner
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error

@@ -10,13 +10,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from pdgw.ds301.bus.load import CyclicFrames, bus_load, sdo_gap_ns
+from pdgw.ds301.bus.response_time import response_times
 from pdgw.ds301.connection_set import ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE, SYNC
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.load import CyclicFrames, bus_load, sdo_gap_ns
-from pdgw.ds301.node import GATEWAY_NODE_ID
+from pdgw.ds301.node.node import GATEWAY_NODE_ID
+from pdgw.ds301.node.plan import PdoPlan, straight_plan
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.ds301.plan import PdoPlan, straight_plan
-from pdgw.ds301.response_time import response_times
 from pdgw.dsp402.objects import CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE
 from pdgw.durations import MS, MS_PER_SECOND, SECOND, US
 

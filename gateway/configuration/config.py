@@ -15,9 +15,9 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from pdgw.ds301.bus.load import DEFAULT_BITRATE, check_load
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.load import DEFAULT_BITRATE, check_load
-from pdgw.ds301.node import GATEWAY_NODE_ID
+from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.mechanics import unit_object
 from pdgw.dsp402.overlay import overlay

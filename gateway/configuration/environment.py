@@ -11,7 +11,7 @@ from uuid import UUID
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model_validator
 
-from pdgw.ds301.node import NodeSettings
+from pdgw.ds301.node.node import NodeSettings
 from pdgw.explain import misplaced
 from pdgw.gateway import identity
 from pdgw.gateway.configuration.defaults import STATUS_PORT, USUAL_CYCLE_MS, WATCHDOG_FACTOR, WATCHDOG_FACTOR_MAX

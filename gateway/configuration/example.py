@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from pydantic import ValidationError
 
-from pdgw.ds301.load import DEFAULT_BITRATE
+from pdgw.ds301.bus.load import DEFAULT_BITRATE
 from pdgw.explain import problems
 from pdgw.gateway import identity
 from pdgw.gateway.axis.telegrams import (

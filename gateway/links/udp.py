@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-from pdgw.ds301.loop import Loop
+from pdgw.ds301.loop.loop import Loop
 from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links import packet_filter

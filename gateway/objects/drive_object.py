@@ -13,12 +13,12 @@ from collections.abc import Sequence
 from concurrent.futures import Future
 from typing import Any, ClassVar
 
-from pdgw.ds301.client import NodeClient
+from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT
 from pdgw.ds301.connection_set import NMT
-from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand
-from pdgw.ds301.node import NodeEvent, NodeStatus
+from pdgw.ds301.node.client import NodeClient
+from pdgw.ds301.node.node import NodeEvent, NodeStatus
 from pdgw.gateway.axis.values import (
     FaultRecord,
     News,

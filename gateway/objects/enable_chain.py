@@ -11,7 +11,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from pdgw.ds301.emcy import emcy_remedy
-from pdgw.ds301.node import NodeStatus
+from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.states import State, StatusBit, state_of
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.demand_report import Demand, PowerWish

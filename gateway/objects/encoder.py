@@ -11,9 +11,9 @@ from concurrent.futures import Future
 from fractions import Fraction
 from typing import Any, ClassVar
 
-from pdgw.ds301.client import NodeClient
-from pdgw.ds301.network import CanNetwork
-from pdgw.ds301.node import NodeEvent
+from pdgw.ds301.bus.network import CanNetwork
+from pdgw.ds301.node.client import NodeClient
+from pdgw.ds301.node.node import NodeEvent
 from pdgw.dsp406.encoder import EncoderClient
 from pdgw.dsp406.images import PARAMETER_OBJECTS, EncoderParameters
 from pdgw.dsp406.objects import CYCLIC_TIMER, PRESET, PRESET_MULTI_SENSOR, PROFILE

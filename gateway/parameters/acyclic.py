@@ -7,7 +7,7 @@ from functools import partial
 from ipaddress import IPv4Network
 from typing import TYPE_CHECKING
 
-from pdgw.ds301.loop import Event, Task
+from pdgw.ds301.loop.loop import Event, Task
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.links.udp import Address
 from pdgw.gateway.parameters.manager import ParameterManager

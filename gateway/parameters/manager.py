@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import deque
 from concurrent.futures import Future
 
-from pdgw.ds301.loop import Event, Loop
+from pdgw.ds301.loop.loop import Event, Loop
 from pdgw.durations import MS
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.parameters.objects import request_deadline, request_host

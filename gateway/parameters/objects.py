@@ -17,8 +17,8 @@ import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.aborts import Abort
-from pdgw.ds301.client import NodeClient
 from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.objects import CanType
 from pdgw.durations import MS
 from pdgw.gateway.objects.drive_object import DriveObject

@@ -9,10 +9,10 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
+from pdgw.ds301.bus.load import DEFAULT_BITRATE
 from pdgw.ds301.communication import LOAD_SIGNATURE, RESTORE_PARAMETERS, SAVE_SIGNATURE, STORE_PARAMETERS
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.load import DEFAULT_BITRATE
-from pdgw.ds301.node import GATEWAY_NODE_ID
+from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp406.objects import (
     ALARMS,

@@ -10,8 +10,8 @@ from datetime import datetime
 from typing import Any
 
 from pdgw import __version__
-from pdgw.ds301.loop import Event, Task, Timer
-from pdgw.ds301.readiness import NO_DESCRIPTOR
+from pdgw.ds301.loop.loop import Event, Task, Timer
+from pdgw.ds301.loop.readiness import NO_DESCRIPTOR
 from pdgw.dsp402.states import state_of
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon

@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple, Self, TypeVar
 
-from pdgw.ds301.loop import MACHINE_CLOCK
+from pdgw.ds301.loop.loop import MACHINE_CLOCK
 from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace.layout import (

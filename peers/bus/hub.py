@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
-from pdgw.ds301.can_frame import CAN_FRAME
+from pdgw.ds301.bus.can_frame import CAN_FRAME
 from pdgw.gateway.errors import GatewayError
 
 log = logging.getLogger("peers")

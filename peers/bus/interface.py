@@ -18,7 +18,7 @@ from typing import Any
 import can
 from can.interfaces.socketcan import SocketcanBus, constants
 
-from pdgw.ds301.can_frame import CAN_FRAME, ERROR, EXTENDED, REMOTE, unpack_frame
+from pdgw.ds301.bus.can_frame import CAN_FRAME, ERROR, EXTENDED, REMOTE, unpack_frame
 from pdgw.peers.bus.hub import JOIN, LEAVE, LOOK, WELCOME
 
 INTERFACE = "pdgw-bus"

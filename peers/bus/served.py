@@ -6,16 +6,16 @@ import socket
 from collections.abc import Callable
 from typing import Self
 
-from pdgw.ds301.can_frame import pack_frame, unpack_frame
-from pdgw.ds301.loop import Loop
-from pdgw.ds301.port import Receiver as FrameReceiver
-from pdgw.ds301.port import deliver
+from pdgw.ds301.bus.can_frame import pack_frame, unpack_frame
+from pdgw.ds301.bus.port import Receiver as FrameReceiver
+from pdgw.ds301.bus.port import deliver
+from pdgw.ds301.loop.loop import Loop
 from pdgw.peers.bus.hub import Hub
 from pdgw.peers.node.host import simulation_thread
 
 
 class HubPort:
-    """A member in the hub's own thread: a ``ds301.port.CanPort``."""
+    """A member in the hub's own thread: a ``ds301.bus.port.CanPort``."""
 
     def __init__(self, hub: Hub) -> None:
         self._hub = hub

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from ipaddress import IPv4Address, IPv4Interface
 
-from pdgw.ds301.loop import SystemLoop
+from pdgw.ds301.loop.loop import SystemLoop
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.links.profinet.ethernet import RawEthernet
 from pdgw.peers.controller.controller import IoController

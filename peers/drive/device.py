@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 from pdgw.ds301.communication import communication_objects, pdo_objects
-from pdgw.ds301.eds import DeviceInfo
+from pdgw.ds301.eds.writer import DeviceInfo
 from pdgw.ds301.objects import Catalogue, Entry, ObjectSpec
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.objects import DRIVE_OBJECTS

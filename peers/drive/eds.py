@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pdgw.ds301.eds import write_eds
+from pdgw.ds301.eds.writer import write_eds
 from pdgw.peers.drive.device import EDS_PATH, INFO, drive_objects
 
 if __name__ == "__main__":

@@ -6,15 +6,15 @@ from collections import deque
 
 import can
 
+from pdgw.ds301.bus.port import CanPort
 from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR
 from pdgw.ds301.configuration import EVENT_TIMER
 from pdgw.ds301.connection_set import ERROR_CONTROL
 from pdgw.ds301.emcy import COMMUNICATION_ERROR, HEARTBEAT_ERROR
-from pdgw.ds301.loop import Loop
+from pdgw.ds301.loop.loop import Loop
 from pdgw.ds301.nmt import GUARD_TOGGLE, NmtState
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo
-from pdgw.ds301.port import CanPort
 from pdgw.dsp402 import touch_probe
 from pdgw.durations import MS
 from pdgw.peers.drive.latency import NO_LATENCY, Latency

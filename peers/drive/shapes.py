@@ -20,7 +20,7 @@ from pdgw.ds301.communication import (
     communication_objects,
     pdo_objects,
 )
-from pdgw.ds301.eds import DeviceInfo
+from pdgw.ds301.eds.writer import DeviceInfo
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectSpec, array, var
 from pdgw.ds301.pdo import Pdo, PdoDirection

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
-from pdgw.ds301.can_frame import STANDARD_ID
+from pdgw.ds301.bus.can_frame import STANDARD_ID
 from pdgw.dsp406.errors import Dsp406Error
 from pdgw.durations import SECOND
 

@@ -9,10 +9,10 @@ from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301 import communication as com
 from pdgw.ds301.aborts import Abort
+from pdgw.ds301.bus.port import CanPort
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE
-from pdgw.ds301.loop import Loop
+from pdgw.ds301.loop.loop import Loop
 from pdgw.ds301.objects import Entry
-from pdgw.ds301.port import CanPort
 from pdgw.dsp406.device import encoder_objects
 from pdgw.dsp406.errors import Dsp406Error
 from pdgw.dsp406.kinds import ROTARY, EncoderDevice

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import TypeVar
 
-from pdgw.ds301.jobs import settle
-from pdgw.ds301.loop import SystemLoop
+from pdgw.ds301.loop.jobs import settle
+from pdgw.ds301.loop.loop import SystemLoop
 
 log = logging.getLogger("peers")
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
-from pdgw.ds301.can_frame import STANDARD_ID
+from pdgw.ds301.bus.can_frame import STANDARD_ID
 from pdgw.ds301.configuration import EVENT_DRIVEN, SYNC_TYPES
 from pdgw.ds301.emcy import COMMUNICATION_ERROR, PDO_LENGTH_ERROR
 from pdgw.ds301.errors import CanopenError

@@ -11,8 +11,8 @@ from typing import Generic, Self, TypeVar
 
 import can
 
-from pdgw.ds301.loop import Loop, Timer
-from pdgw.ds301.port import CanPort, PortBusyError, PortLostError, open_port
+from pdgw.ds301.bus.port import CanPort, PortBusyError, PortLostError, open_port
+from pdgw.ds301.loop.loop import Loop, Timer
 from pdgw.peers.node.host import simulation_thread
 from pdgw.peers.node.node import SendFunction, SimulatedNode
 

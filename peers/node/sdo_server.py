@@ -13,7 +13,7 @@ from typing import Any
 from canopen.sdo import SdoAbortedError, SdoServer
 
 from pdgw.ds301.aborts import Abort
-from pdgw.ds301.sdo import SEGMENT_SIZE
+from pdgw.ds301.node.sdo import SEGMENT_SIZE
 
 _INITIATE, _END, _ACKNOWLEDGE, _START = range(4)
 _RESPONSE = 0xC0

@@ -12,7 +12,7 @@ from typing import Literal
 import can
 from pydantic import ValidationError
 
-from pdgw.ds301.port import CanPort
+from pdgw.ds301.bus.port import CanPort
 from pdgw.explain import problems
 from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
 from pdgw.gateway.configuration.encoder import EncoderConfig

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.readiness import NO_DESCRIPTOR
+from pdgw.ds301.loop.readiness import NO_DESCRIPTOR
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive.family import DRIVE_FAULTS
 from pdgw.peers.simulation.devices import Simulation

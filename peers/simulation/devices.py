@@ -12,9 +12,9 @@ from typing import Any, Protocol
 
 import can
 
+from pdgw.ds301.bus.port import CanPort
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.loop import Loop
-from pdgw.ds301.port import CanPort
+from pdgw.ds301.loop.loop import Loop
 from pdgw.dsp402.states import state_of
 from pdgw.dsp406.kinds import DEVICES, ROTARY, EncoderDevice
 from pdgw.dsp406.registers import Alarm, Warnings, names

@@ -8,7 +8,7 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 
-from pdgw.ds301.bus import open_bus
+from pdgw.ds301.bus.bus import open_bus
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.simulation.config import ControlConfig
 from pdgw.peers.simulation.console import COMMANDS, Console, read_standard_input, serve

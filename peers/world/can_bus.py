@@ -1,6 +1,6 @@
 """A CAN bus in virtual time: arbitration by identifier, bit times, errors, bus-off, cut and short circuits.
 
-Source: Bosch CAN 2.0A (arbitration, fault confinement). Frames take their worst-case bit times (``ds301.load``) unless told
+Source: Bosch CAN 2.0A (arbitration, fault confinement). Frames take their worst-case bit times (``ds301.bus.load``) unless told
 otherwise. A member has a queue of frames, as SocketCAN has; its oldest one takes part in the arbitration. Left out:
 error-passive timing, overload frames.
 """
@@ -12,10 +12,10 @@ from collections.abc import Callable
 from random import Random
 from typing import Final
 
-from pdgw.ds301.can_frame import EXTENDED, EXTENDED_ID, REMOTE, STANDARD_ID
-from pdgw.ds301.load import frame_bits
-from pdgw.ds301.loop import Loop, Timer
-from pdgw.ds301.port import PortBusyError, PortLostError, Receiver, deliver
+from pdgw.ds301.bus.can_frame import EXTENDED, EXTENDED_ID, REMOTE, STANDARD_ID
+from pdgw.ds301.bus.load import frame_bits
+from pdgw.ds301.bus.port import PortBusyError, PortLostError, Receiver, deliver
+from pdgw.ds301.loop.loop import Loop, Timer
 from pdgw.durations import MS, SECOND
 from pdgw.peers.world.stuffing import bits_on_the_wire
 
@@ -34,7 +34,7 @@ Tap = Callable[[int, "Member", int, bytes], None]
 
 
 class Member:
-    """One controller on the bus: a ``ds301.port.CanPort``.
+    """One controller on the bus: a ``ds301.bus.port.CanPort``.
 
     ``places``: frames it queues, that on the wire among them. ``restart_ns``: how long it stays bus-off, None for ever.
     """

@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 from collections import deque
 
-from pdgw.ds301.loop import Event
+from pdgw.ds301.loop.loop import Event
 from pdgw.durations import SECOND
 from pdgw.gateway.links.udp import Address
 from pdgw.peers.world.world import World

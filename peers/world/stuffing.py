@@ -1,6 +1,6 @@
 """The bits of a CAN frame on the wire, stuff bits counted from its contents.
 
-Source: Bosch CAN 2.0A chapters 3 (frame, CRC) and 5 (bit stuffing). Apart from ``ds301.load``, which takes the worst case.
+Source: Bosch CAN 2.0A chapters 3 (frame, CRC) and 5 (bit stuffing). Apart from ``ds301.bus.load``, which takes the worst case.
 """
 
 from __future__ import annotations

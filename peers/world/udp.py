@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from random import Random
 
-from pdgw.ds301.loop import Loop
+from pdgw.ds301.loop.loop import Loop
 from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.udp import Address

@@ -5,9 +5,9 @@ from __future__ import annotations
 from random import Random
 from typing import Any
 
+from pdgw.ds301.bus.load import DEFAULT_BITRATE
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.load import DEFAULT_BITRATE
-from pdgw.ds301.virtual_loop import VirtualLoop
+from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.durations import SECOND
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.environment import CanConfig

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pdgw.ds301.bus import open_bus
+from pdgw.ds301.bus.bus import open_bus
 from pdgw.gateway.commissioning.scan import Scan
 from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.configuration.file import parse_config

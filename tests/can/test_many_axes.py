@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.ds301.bus import open_bus
-from pdgw.ds301.loop import SystemLoop
-from pdgw.ds301.network import CanNetwork
-from pdgw.ds301.plan import straight_plan
-from pdgw.ds301.port import open_port
+from pdgw.ds301.bus.bus import open_bus
+from pdgw.ds301.bus.network import CanNetwork
+from pdgw.ds301.bus.port import open_port
+from pdgw.ds301.loop.loop import SystemLoop
+from pdgw.ds301.node.plan import straight_plan
 from pdgw.dsp402.drive import DriveClient
 from pdgw.dsp402.images import DriveCommand
 from pdgw.dsp402.settings import DriveSettings

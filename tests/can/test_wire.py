@@ -8,10 +8,10 @@ import threading
 import can
 import pytest
 
-from pdgw.ds301.bus import open_bus
+from pdgw.ds301.bus.bus import open_bus
 from pdgw.ds301.connection_set import EMCY
+from pdgw.ds301.loop.readiness import EpollReadiness
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.ds301.readiness import EpollReadiness
 from tests.can import interfaces
 from tests.can.interfaces import Wire
 from tests.can.plant import INHIBITED, OFF, ON, OPERATION, Plant, axis_table, can_table

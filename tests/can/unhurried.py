@@ -9,8 +9,8 @@ from __future__ import annotations
 import time
 from typing import Final
 
-from pdgw.ds301.loop import SystemLoop
-from pdgw.ds301.readiness import best_readiness
+from pdgw.ds301.loop.loop import SystemLoop
+from pdgw.ds301.loop.readiness import best_readiness
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.platform import SystemPlatform
 

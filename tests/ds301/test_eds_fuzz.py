@@ -6,8 +6,8 @@ import canopen
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pdgw.ds301.eds_import import import_eds
-from pdgw.ds301.eds_text import EdsError
+from pdgw.ds301.eds.importer import import_eds
+from pdgw.ds301.eds.text import EdsError
 from pdgw.peers.drive.device import EDS_PATH
 
 NODE = 5

@@ -9,8 +9,8 @@ from typing import Any
 import canopen
 import pytest
 
-from pdgw.ds301.eds_import import import_eds
-from pdgw.ds301.eds_text import EdsError, Repair
+from pdgw.ds301.eds.importer import import_eds
+from pdgw.ds301.eds.text import EdsError, Repair
 from pdgw.ds301.errors import CanopenError
 from pdgw.peers.drive.device import EDS_PATH
 

@@ -13,9 +13,9 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from pdgw.ds301.loop import Event, Loop, Mailbox, SystemLoop
-from pdgw.ds301.readiness import Readiness, SelectReadiness, best_readiness
-from pdgw.ds301.virtual_loop import VirtualLoop
+from pdgw.ds301.loop.loop import Event, Loop, Mailbox, SystemLoop
+from pdgw.ds301.loop.readiness import Readiness, SelectReadiness, best_readiness
+from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.durations import MS, SECOND
 
 

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.ds301.bus import open_bus
+from pdgw.ds301.bus.bus import open_bus
+from pdgw.ds301.bus.network import CanNetwork
+from pdgw.ds301.bus.port import CanPort, PortBusyError, PortLostError, Receiver, open_port
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.network import CanNetwork
-from pdgw.ds301.port import CanPort, PortBusyError, PortLostError, Receiver, open_port
-from pdgw.ds301.virtual_loop import VirtualLoop
+from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.durations import MS, SECOND
 from tests.support import buses
 

@@ -9,11 +9,11 @@ from unittest.mock import patch
 
 import pytest
 
+from pdgw.ds301.bus.load import frame_bits
+from pdgw.ds301.bus.network import CanNetwork
+from pdgw.ds301.bus.send_queue import FrameQueue, SendQueue
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SYNC
-from pdgw.ds301.load import frame_bits
-from pdgw.ds301.network import CanNetwork
-from pdgw.ds301.plan import PdoPlan, straight_plan
-from pdgw.ds301.send_queue import FrameQueue, SendQueue
+from pdgw.ds301.node.plan import PdoPlan, straight_plan
 from pdgw.dsp402.drive import DriveClient
 from pdgw.dsp402.generic import generic_dictionary
 from pdgw.dsp402.images import DriveCommand

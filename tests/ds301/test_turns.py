@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from pdgw.ds301.bus.load import frame_bits, sdo_gap_ns
+from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.connection_set import SDO_REQUEST
-from pdgw.ds301.load import frame_bits, sdo_gap_ns
-from pdgw.ds301.loop import Task
-from pdgw.ds301.network import CanNetwork
-from pdgw.ds301.turns import Turns
-from pdgw.ds301.virtual_loop import VirtualLoop
+from pdgw.ds301.loop.loop import Task
+from pdgw.ds301.loop.turns import Turns
+from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.peers.world import World

@@ -11,10 +11,10 @@ import pytest
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.aborts import Abort
-from pdgw.ds301.bus import open_bus
+from pdgw.ds301.bus.bus import open_bus
 from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.loop import Event
+from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
@@ -341,7 +341,7 @@ def test_values_that_cannot_be_read_any_more_are_a_loss(plant: Plant) -> None:
 
 
 def test_an_sdo_answer_that_does_not_end_does_not_hold_the_task(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pdgw.ds301.sdo._LONGEST_UPLOAD", 100)
+    monkeypatch.setattr("pdgw.ds301.node.sdo._LONGEST_UPLOAD", 100)
     drive = plant.power_on()
     client = plant.connect()
     plant.online()

@@ -9,9 +9,9 @@ from contextlib import contextmanager
 import can
 import pytest
 
-from pdgw.ds301.loop import Event
+from pdgw.ds301.bus.port import PortBusyError
+from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.pdo import Pdo
-from pdgw.ds301.port import PortBusyError
 from pdgw.dsp402.drive import DriveClient
 from pdgw.dsp402.images import DriveCommand
 from pdgw.dsp402.pdo import LAYOUTS, Operation

@@ -11,7 +11,7 @@ import pytest
 from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
-from pdgw.ds301.loop import Event
+from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import Entry
 from pdgw.dsp402.drive import DriveClient, DriveStatus

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE
+from pdgw.ds301.node.plan import Pace, PdoPlan, plan_steps
 from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
-from pdgw.ds301.plan import Pace, PdoPlan, plan_steps
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.pdo import LAYOUTS, Operation

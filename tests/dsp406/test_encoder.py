@@ -10,11 +10,11 @@ import pytest
 from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
-from pdgw.ds301.eds import write_eds
-from pdgw.ds301.loop import Event
-from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.bus.network import CanNetwork
+from pdgw.ds301.eds.writer import write_eds
+from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.nmt import NmtCommand, NmtState
-from pdgw.ds301.node import NodeStatus
+from pdgw.ds301.node.node import NodeStatus
 from pdgw.ds301.objects import Entry
 from pdgw.dsp406.device import device_info, eds_path, encoder_objects
 from pdgw.dsp406.encoder import EncoderClient, EncoderEvent, EncoderSettings, load_eds

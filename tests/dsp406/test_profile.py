@@ -6,7 +6,7 @@ import canopen
 import pytest
 from canopen.objectdictionary import ODVariable
 
-from pdgw.ds301.eds import write_eds
+from pdgw.ds301.eds.writer import write_eds
 from pdgw.ds301.objects import Access, CanType, Catalogue, ObjectKind
 from pdgw.dsp406.device import device_info, eds_path, encoder_objects
 from pdgw.dsp406.errors import Dsp406Error

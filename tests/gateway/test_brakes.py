@@ -11,7 +11,7 @@ from canopen.sdo import SdoAbortedError
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SYNC
 from pdgw.ds301.nmt import NmtCommand
-from pdgw.ds301.node import GATEWAY_NODE_ID
+from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.ds301.objects import Entry
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pdgw.ds301.node import NodeStatus
+from pdgw.ds301.node.node import NodeStatus
 from pdgw.durations import MS, SECOND
 from tests.support.limit_cycle import Site
 

@@ -6,7 +6,7 @@ from collections import Counter
 
 import pytest
 
-from pdgw.ds301.load import frame_bits
+from pdgw.ds301.bus.load import frame_bits
 from pdgw.dsp402.states import Command
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon

@@ -13,7 +13,7 @@ from pdgw.gateway.service.status import snapshot
 from tests.support.daemon import axis, configuration
 
 _ROOT = Path(__file__).parents[2]
-_EDGE = ("ds301/network.py", "ds301/loop.py", "gateway/daemon.py", "gateway/links", "gateway/links/profinet")
+_EDGE = ("ds301/bus/network.py", "ds301/loop/loop.py", "gateway/daemon.py", "gateway/links", "gateway/links/profinet")
 
 
 def test_a_counter_reads_what_its_part_counts_now() -> None:

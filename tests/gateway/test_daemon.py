@@ -10,7 +10,7 @@ import pytest
 
 from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.loop import SystemLoop
+from pdgw.ds301.loop.loop import SystemLoop
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND

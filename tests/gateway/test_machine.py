@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.ds301.loop import MACHINE_CLOCK, SystemLoop
+from pdgw.ds301.loop.loop import MACHINE_CLOCK, SystemLoop
 from pdgw.durations import SECOND
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon

@@ -7,7 +7,7 @@ import pytest
 from pdgw.ds301.communication import PRODUCER_HEARTBEAT
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT
 from pdgw.ds301.nmt import NmtCommand
-from pdgw.ds301.node import GATEWAY_NODE_ID
+from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.assembly import build_gateway

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
+from pdgw.ds301.bus.load import CyclicFrames, frame_bits
+from pdgw.ds301.bus.response_time import response_times
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.load import CyclicFrames, frame_bits
-from pdgw.ds301.response_time import response_times
 from pdgw.durations import MS
 from pdgw.gateway.configuration.bus_load import check_cycle, cyclic_frames, latest
 from pdgw.gateway.daemon import Daemon

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from pdgw.ds301.client import NodeClient
+from pdgw.ds301.node.client import NodeClient
 from pdgw.gateway.daemon import Daemon
 from tests.support.daemon import axis, configuration, drive_of, running, until
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.ds301.aborts import Abort
-from pdgw.ds301.eds import write_eds
+from pdgw.ds301.eds.writer import write_eds
 from pdgw.ds301.nmt import NmtState
 from pdgw.dsp402.images import FEEDBACK_NAMES, DriveCommand, attributes
 from pdgw.dsp402.objects import DRIVE_OBJECTS

@@ -11,7 +11,7 @@ from canopen.sdo import SdoClient
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.communication import communication_objects, pdo_objects
-from pdgw.ds301.eds import DeviceInfo, write_eds
+from pdgw.ds301.eds.writer import DeviceInfo, write_eds
 from pdgw.ds301.nmt import NmtState
 from pdgw.ds301.objects import Access, CanType, ObjectSpec, var
 from pdgw.durations import MS

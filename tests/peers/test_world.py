@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from pdgw.ds301.can_frame import EXTENDED, REMOTE
+from pdgw.ds301.bus.can_frame import EXTENDED, REMOTE
+from pdgw.ds301.bus.load import frame_bits
+from pdgw.ds301.bus.port import PortBusyError, PortLostError
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.load import frame_bits
-from pdgw.ds301.port import PortBusyError, PortLostError
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.errors import GatewayError

@@ -9,10 +9,10 @@ from contextlib import contextmanager
 
 import can
 
-from pdgw.ds301.bus import open_bus
-from pdgw.ds301.loop import Loop, SystemLoop
-from pdgw.ds301.network import CanNetwork
-from pdgw.ds301.port import open_port
+from pdgw.ds301.bus.bus import open_bus
+from pdgw.ds301.bus.network import CanNetwork
+from pdgw.ds301.bus.port import open_port
+from pdgw.ds301.loop.loop import Loop, SystemLoop
 from pdgw.durations import MS
 
 _numbers = itertools.count()

@@ -19,7 +19,7 @@ import canopen.pdo.base
 import canopen.profiles.p402
 import canopen.sdo.client
 
-from pdgw.ds301.can_frame import REMOTE
+from pdgw.ds301.bus.can_frame import REMOTE
 from pdgw.durations import SECOND
 from pdgw.peers.world import World
 
@@ -70,7 +70,7 @@ class _Condition:
 
 
 class Master(canopen.Network):  # type: ignore[misc]
-    """canopen's network with its end on a bus of the world; a ``ds301.port.Receiver``."""
+    """canopen's network with its end on a bus of the world; a ``ds301.bus.port.Receiver``."""
 
     def __init__(self, world: World, channel: str) -> None:
         super().__init__()

@@ -12,7 +12,7 @@ from fractions import Fraction
 from functools import cache
 
 from pdgw.ds301.communication import CONSUMER_HEARTBEAT, GUARD_TIME, LIFE_TIME_FACTOR, PRODUCER_HEARTBEAT, SYNC_PERIOD
-from pdgw.ds301.eds import DeviceInfo, write_eds
+from pdgw.ds301.eds.writer import DeviceInfo, write_eds
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectSpec, var
 from pdgw.ds301.pdo import Pdo, PdoDirection
 from pdgw.dsp402.generic import generic_objects

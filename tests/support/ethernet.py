@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 
-from pdgw.ds301.loop import Loop
+from pdgw.ds301.loop.loop import Loop
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.udp import Address
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from pdgw.ds301.configuration import SdoStep
+from pdgw.ds301.node.plan import plan_steps, straight_plan
 from pdgw.ds301.pdo import PdoLayout
-from pdgw.ds301.plan import plan_steps, straight_plan
 from pdgw.dsp402.pdo import LAYOUTS, Operation, with_objects
 from pdgw.peers.drive.family import FAMILY
 

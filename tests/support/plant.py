@@ -6,7 +6,7 @@ from pathlib import Path
 
 import can
 
-from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.bus.network import CanNetwork
 from pdgw.dsp402.drive import DriveClient, DriveEvent, DriveStatus
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo import LAYOUTS, Operation

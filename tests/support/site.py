@@ -7,7 +7,7 @@ from concurrent.futures import Future
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.bus.network import CanNetwork
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.peers.drive import SimulatedDrive

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from pdgw.ds301.eds import DeviceInfo, write_eds
+from pdgw.ds301.eds.writer import DeviceInfo, write_eds
 from pdgw.ds301.objects import Access, CanType, var
 from pdgw.dsp402.overlay import overlay_for, overlays
 from pdgw.peers.drive.device import EDS_PATH, drive_objects

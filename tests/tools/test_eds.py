@@ -7,7 +7,7 @@ from pathlib import Path
 
 from typer.testing import CliRunner
 
-from pdgw.ds301.eds_import import import_eds
+from pdgw.ds301.eds.importer import import_eds
 from pdgw.tools.cli import app
 
 NODE = 5

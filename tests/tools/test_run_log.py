@@ -18,9 +18,9 @@ from typing import Any, cast
 import can
 import pytest
 
-from pdgw.ds301.client import NodeClient
 from pdgw.ds301.connection_set import EMCY
 from pdgw.ds301.counters import Counters
+from pdgw.ds301.node.client import NodeClient
 from pdgw.recording import background_writer
 from pdgw.tools.service.run_log import CanRecorder, LogLevel, RunLog, on_signals
 from tests.support.buses import PATIENCE_S

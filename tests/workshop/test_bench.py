@@ -13,7 +13,7 @@ from typing import TypeVar
 import pytest
 from typer.testing import CliRunner
 
-from pdgw.ds301.can_frame import pack_frame, unpack_frame
+from pdgw.ds301.bus.can_frame import pack_frame, unpack_frame
 from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.gateway.configuration.file import parse_config

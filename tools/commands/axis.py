@@ -14,7 +14,7 @@ from typing import Annotated
 
 import typer
 
-from pdgw.ds301.loop import Loop
+from pdgw.ds301.loop.loop import Loop
 from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.platform import SystemPlatform

@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
+from pdgw.ds301.bus.load import DEFAULT_BITRATE, check_load
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.load import DEFAULT_BITRATE, check_load
-from pdgw.ds301.plan import PdoPlan
+from pdgw.ds301.node.plan import PdoPlan
 from pdgw.explain import counted
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.configuration.bus_load import check_cycle, cyclic_frames, latest
@@ -123,7 +123,7 @@ def _tell_not_available(axis: AxisConfig, settings: AxisSettings) -> None:
 
 def _ask(config: GatewayConfig, axis: AxisConfig) -> PdoPlan | None:
     """Print what 100 % is for an axis and its PDOs; None when its telegram cannot be run with that."""
-    from pdgw.ds301.inquiry import Inquiry  # noqa: PLC0415 - a check of the file alone needs no CAN
+    from pdgw.ds301.node.inquiry import Inquiry  # noqa: PLC0415 - a check of the file alone needs no CAN
     from pdgw.dsp402.drive import load_eds  # noqa: PLC0415
     from pdgw.dsp402.probe import probe  # noqa: PLC0415
     from pdgw.gateway.commissioning.telegram_check import lacks, missing_lines, planned  # noqa: PLC0415

@@ -37,7 +37,7 @@ from pdgw.decoder.view.changes import Changes
 from pdgw.decoder.view.filter import Filter
 from pdgw.decoder.view.render import one_line, tree
 from pdgw.decoder.view.selection import Selection
-from pdgw.ds301.load import DEFAULT_BITRATE
+from pdgw.ds301.bus.load import DEFAULT_BITRATE
 from pdgw.durations import SECOND
 from pdgw.explain import counted
 from pdgw.gateway.errors import GatewayError

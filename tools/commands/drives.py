@@ -12,8 +12,8 @@ from rich.console import Console
 from rich.table import Table
 
 from pdgw.ds301.connection_set import NODE_IDS
-from pdgw.ds301.eds_import import EdsImport
-from pdgw.ds301.eds_text import EdsError
+from pdgw.ds301.eds.importer import EdsImport
+from pdgw.ds301.eds.text import EdsError
 from pdgw.ds301.objects import Access, CanType
 from pdgw.dsp402.describe import described_by_sheet
 from pdgw.dsp402.drive_type import DriveType

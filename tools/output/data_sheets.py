@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from pdgw.ds301.eds_import import EdsImport, import_eds
-from pdgw.ds301.eds_text import EdsError
+from pdgw.ds301.eds.importer import EdsImport, import_eds
+from pdgw.ds301.eds.text import EdsError
 from pdgw.explain import counted
 from pdgw.gateway.errors import GatewayError
 

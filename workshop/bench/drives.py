@@ -16,7 +16,7 @@ import sys
 import time
 from collections.abc import Sequence
 
-from pdgw.ds301.can_frame import CAN_FRAME, pack_frame, unpack_frame
+from pdgw.ds301.bus.can_frame import CAN_FRAME, pack_frame, unpack_frame
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.images import DriveCommand, DriveFeedback

@@ -15,9 +15,9 @@ from typing import Any
 
 import can
 
-from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.nmt import NmtCommand
-from pdgw.ds301.node import GATEWAY_NODE_ID
+from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
 from pdgw.gateway.configuration.encoder import EncoderConfig

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from pdgw.ds301.node import NodeStatus
+from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State
 from pdgw.durations import MS, SECOND

@@ -10,7 +10,7 @@ from random import Random
 from typing import Final
 
 from pdgw.ds301.connection_set import EMCY
-from pdgw.ds301.node import NodeStatus
+from pdgw.ds301.node.node import NodeStatus
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND

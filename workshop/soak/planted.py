@@ -9,7 +9,7 @@ from itertools import takewhile
 from typing import Any, Final
 from unittest.mock import patch
 
-from pdgw.ds301.client import NodeClient
+from pdgw.ds301.node.client import NodeClient
 from pdgw.dsp402.states import STATE_OF_STATUS, State
 from pdgw.durations import SECOND
 from pdgw.gateway.axis import interlock

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT
 from pdgw.ds301.nmt import NmtCommand, NmtState
-from pdgw.ds301.node import GATEWAY_NODE_ID
+from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.durations import MS
 from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
 from pdgw.peers.plc.exchange.cycling import CyclingPlc

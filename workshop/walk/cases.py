@@ -8,8 +8,8 @@ from functools import cache
 from itertools import product
 from typing import TypeVar
 
-from pdgw.ds301.eds import write_eds
-from pdgw.ds301.eds_import import import_eds
+from pdgw.ds301.eds.importer import import_eds
+from pdgw.ds301.eds.writer import write_eds
 from pdgw.dsp402.describe import answers_of_defaults, describe
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.modes import Mode

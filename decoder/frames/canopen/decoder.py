@@ -38,7 +38,7 @@ from pdgw.decoder.frames.link import CanFrame
 from pdgw.decoder.frames.profinet.cyclic import Axis
 from pdgw.decoder.frames.records import Record
 from pdgw.ds301.aborts import abort_text
-from pdgw.ds301.can_frame import STANDARD_ID
+from pdgw.ds301.bus.can_frame import STANDARD_ID
 from pdgw.ds301.communication import DEVICE_NAME, DEVICE_TYPE, IDENTITY_PRODUCT, IDENTITY_VENDOR
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE, SYNC, TIME
 from pdgw.ds301.emcy import emcy_text, error_register_text

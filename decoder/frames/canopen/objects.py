@@ -15,7 +15,7 @@ from typing import Final
 from pdgw.decoder.frames.canopen.records import PdoLayout
 from pdgw.decoder.frames.fields import Field, Raw, entry_field
 from pdgw.decoder.frames.records import ProcessDataLayout
-from pdgw.ds301.can_frame import EXTENDED_ID
+from pdgw.ds301.bus.can_frame import EXTENDED_ID
 from pdgw.ds301.communication import EMCY_COB_ID, SYNC_COB_ID, TIME_COB_ID, profile_of
 from pdgw.ds301.objects import CanType, Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, is_communication_parameter, is_mapping_parameter

@@ -8,7 +8,7 @@ from __future__ import annotations
 from types import MappingProxyType
 from typing import Final, Protocol
 
-from pdgw.ds301.node import NodeStatus
+from pdgw.ds301.node.node import NodeStatus
 from pdgw.gateway.objects.fault_buffer import FaultLog
 from pdgw.gateway.reasons import GATEWAY_FAULTS, FaultNumber
 from pdgw.profinet.blocks.alarm import MessageClass

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, Protocol, TypeVar
 
-from pdgw.ds301.loop import Loop
+from pdgw.ds301.loop.loop import Loop
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.packet_filter import (
     JUMP_EQUAL,

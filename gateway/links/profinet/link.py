@@ -19,7 +19,7 @@ from typing import Final, Protocol
 from uuid import UUID
 
 from pdgw.ds301.counters import Counters
-from pdgw.ds301.loop import Loop, Mailbox, Task, Timer
+from pdgw.ds301.loop.loop import Loop, Mailbox, Task, Timer
 from pdgw.durations import MS
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 
-from pdgw.ds301.loop import Loop
+from pdgw.ds301.loop.loop import Loop
 from pdgw.durations import MS
 from pdgw.gateway.configuration.environment import TransportConfig
 from pdgw.gateway.errors import GatewayError

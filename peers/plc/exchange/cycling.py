@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from pdgw.ds301.loop import Loop, Timer
+from pdgw.ds301.loop.loop import Loop, Timer
 from pdgw.gateway.links.udp import Address
 from pdgw.gateway.platform import DatagramPort
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint

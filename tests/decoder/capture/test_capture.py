@@ -26,7 +26,7 @@ from pdgw.decoder.capture.pcap import MAX_PACKET, read_capture
 from pdgw.decoder.capture.source import open_source
 from pdgw.decoder.frames.engine import CanPacket, Decoder, Packet
 from pdgw.decoder.frames.records import CyclicRecord
-from pdgw.ds301.bus import open_bus
+from pdgw.ds301.bus.bus import open_bus
 from pdgw.durations import MS
 from pdgw.profidrive.scapy_layers import cyclic_frame
 from pdgw.profidrive.telegrams import Direction

@@ -18,7 +18,7 @@ from pdgw.decoder.view.filter import Filter
 from pdgw.decoder.view.names import RECORD_NAMES, Names
 from pdgw.decoder.view.selection import Selection
 from pdgw.decoder.view.statistics import Statistics
-from pdgw.ds301.load import frame_bits
+from pdgw.ds301.bus.load import frame_bits
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import STATUS_NORMAL
 from pdgw.profidrive.telegrams import Direction, telegram

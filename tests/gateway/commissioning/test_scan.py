@@ -8,10 +8,10 @@ from pathlib import Path
 import can
 import pytest
 
+from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, SYNC_PERIOD
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.network import CanNetwork
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.overlay import Overlay, QuirkKeys
 from pdgw.durations import MS

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.ds301.loop import SystemLoop
+from pdgw.ds301.loop.loop import SystemLoop
 from pdgw.durations import MS
 from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.links.sequence import SEQUENCE_FRAMES

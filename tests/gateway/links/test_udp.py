@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from pdgw.ds301.loop import SystemLoop
+from pdgw.ds301.loop.loop import SystemLoop
 from pdgw.gateway.links.udp import Address, UdpSocket
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from pdgw.ds301.virtual_loop import VirtualLoop
+from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.dsp402.drive import DriveEvent, DriveStatus
 from pdgw.gateway.axis.values import News, SdoAnswer, SdoWrite
 from pdgw.gateway.configuration.config import AxisConfig

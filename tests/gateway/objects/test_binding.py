@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from pdgw.ds301.virtual_loop import VirtualLoop
+from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.dsp402.drive import DriveEvent, DriveStatus
 from pdgw.gateway.configuration.config import AxisConfig
 from pdgw.gateway.configuration.positioner import SIMULATED, PositionerConfig

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from pdgw.ds301.node import NodeStatus
+from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.states import State
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.objects.enable_chain import AXIS_CHAIN, ENCODER_CHAIN, ChainLink

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.ds301.loop import Event
+from pdgw.ds301.loop.loop import Event
 from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.store import ParameterStore

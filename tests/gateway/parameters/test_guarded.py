@@ -11,8 +11,8 @@ import pytest
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.client.udp import ParameterClient
-from pdgw.ds301.jobs import settle
-from pdgw.ds301.virtual_loop import VirtualLoop
+from pdgw.ds301.loop.jobs import settle
+from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.gateway.parameters.guarded import GUARDED, Check, guard_of
 from pdgw.gateway.parameters.objects import ObjectAccess
 from pdgw.profidrive.datatypes import DataType

@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import pytest
 
-from pdgw.ds301.loop import SystemLoop
+from pdgw.ds301.loop.loop import SystemLoop
 from pdgw.durations import SECOND
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.service import status as status_module

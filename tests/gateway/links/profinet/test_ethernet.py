@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from pdgw.ds301.loop import SystemLoop
+from pdgw.ds301.loop.loop import SystemLoop
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.profinet.ethernet import RawEthernet
 

@@ -14,8 +14,8 @@ from uuid import UUID
 
 import pytest
 
-from pdgw.ds301.node import NodeStatus
-from pdgw.ds301.virtual_loop import VirtualLoop
+from pdgw.ds301.loop.virtual_loop import VirtualLoop
+from pdgw.ds301.node.node import NodeStatus
 from pdgw.durations import MS
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError

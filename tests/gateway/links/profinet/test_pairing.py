@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.ds301.virtual_loop import VirtualLoop
+from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.links.profinet.pairing import Pairing
 from pdgw.profidrive.telegrams import telegram

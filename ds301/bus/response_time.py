@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from pdgw.ds301.load import CyclicFrames, frame_bits
+from pdgw.ds301.bus.load import CyclicFrames, frame_bits
 from pdgw.durations import SECOND
 
 _LONGEST_NS: Final = SECOND

@@ -17,19 +17,19 @@ from typing import Any, ClassVar, Final, Generic, Self, TypeVar
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
+from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import DEVICE_TYPE
 from pdgw.ds301.configuration import SdoStep
-from pdgw.ds301.configuring import ConfiguringAccess
 from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, NMT
 from pdgw.ds301.emcy import emcy_text
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.jobs import Jobs
-from pdgw.ds301.loop import Event, Task
-from pdgw.ds301.network import CanNetwork
+from pdgw.ds301.loop.jobs import Jobs
+from pdgw.ds301.loop.loop import Event, Task
 from pdgw.ds301.nmt import GUARD_TOGGLE, HEARTBEAT_STATE, NMT_STATES, NmtCommand, NmtState
-from pdgw.ds301.node import NodeEvent, NodeSettings, NodeStatus, TpdoSlot
+from pdgw.ds301.node.configuring import ConfiguringAccess
+from pdgw.ds301.node.node import NodeEvent, NodeSettings, NodeStatus, TpdoSlot
+from pdgw.ds301.node.plan import Pace, PdoPlan, plan_steps, straight_plan
 from pdgw.ds301.pdo import Pdo, PdoLayout
-from pdgw.ds301.plan import Pace, PdoPlan, plan_steps, straight_plan
 from pdgw.durations import MS, SECOND
 
 log = logging.getLogger("gateway")

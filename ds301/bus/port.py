@@ -18,8 +18,8 @@ from typing import Final, Protocol
 import can
 from can.interfaces.socketcan import SocketcanBus
 
-from pdgw.ds301.bus import system_text
-from pdgw.ds301.can_frame import (
+from pdgw.ds301.bus.bus import system_text
+from pdgw.ds301.bus.can_frame import (
     CAN_FRAME,
     ERROR,
     ERROR_BUS_OFF,
@@ -28,7 +28,7 @@ from pdgw.ds301.can_frame import (
     FD_FRAME_SIZE,
     REMOTE,
 )
-from pdgw.ds301.loop import Loop, Timer
+from pdgw.ds301.loop.loop import Loop, Timer
 from pdgw.durations import US
 
 _AT_ONCE: Final = 64

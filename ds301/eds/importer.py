@@ -22,9 +22,8 @@ import canopen
 from canopen.objectdictionary import ODArray, ODRecord, ODVariable, eds
 
 from pdgw.ds301.connection_set import NODE_IDS
-from pdgw.ds301.eds import MANDATORY
-from pdgw.ds301.eds_objects import ObjectSections, ObjectWriter, Texts, check_count
-from pdgw.ds301.eds_text import (
+from pdgw.ds301.eds.objects import ObjectSections, ObjectWriter, Texts, check_count
+from pdgw.ds301.eds.text import (
     MAX_SIZE,
     EdsError,
     Item,
@@ -35,7 +34,8 @@ from pdgw.ds301.eds_text import (
     decode,
     parse,
 )
-from pdgw.ds301.eds_values import ValueRefused, is_plain, number
+from pdgw.ds301.eds.values import ValueRefused, is_plain, number
+from pdgw.ds301.eds.writer import MANDATORY
 from pdgw.ds301.objects import COMMUNICATION_AREA, MANUFACTURER_AREA
 from pdgw.ds301.pdo import PDOS_MAX, PdoDirection
 

@@ -1,7 +1,7 @@
 """One loop, any clock: readiness, timers and tasks of one thread.
 
 Everything of the gateway runs on one ``Loop``: cyclic exchange, CAN reception, SDO work, parameter requests. A ``SystemLoop``
-has the machine's clock and file descriptors, a ``VirtualLoop`` (``ds301.virtual_loop``) a clock of its own that jumps to the next
+has the machine's clock and file descriptors, a ``VirtualLoop`` a clock of its own that jumps to the next
 timer, so that the same code plays a day in minutes and the same run twice. Times are monotonic nanoseconds.
 
 A ``Task`` is a greenlet: straight code that waits for events. Priority is explicit: file descriptors in the order of their
@@ -27,7 +27,7 @@ from typing import Final, Generic, TypeVar
 import greenlet
 
 from pdgw.ds301.counters import Counters
-from pdgw.ds301.readiness import WRITABLE, Readiness, best_readiness
+from pdgw.ds301.loop.readiness import WRITABLE, Readiness, best_readiness
 from pdgw.durations import SECOND
 
 log = logging.getLogger("gateway")

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import canopen
 
-from pdgw.ds301.eds_import import import_eds
-from pdgw.ds301.eds_text import EdsError
+from pdgw.ds301.eds.importer import import_eds
+from pdgw.ds301.eds.text import EdsError
 from pdgw.ds301.errors import CanopenError
 
 log = logging.getLogger("gateway")

@@ -24,10 +24,10 @@ from canopen.sdo.constants import (
 )
 
 from pdgw.ds301.aborts import Abort, abort_text
+from pdgw.ds301.bus.on_canopen import SdoClient
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.loop import Loop
+from pdgw.ds301.loop.loop import Loop
 from pdgw.ds301.objects import CanType
-from pdgw.ds301.on_canopen import SdoClient
 from pdgw.durations import SECOND
 
 log = logging.getLogger("gateway")

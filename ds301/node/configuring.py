@@ -14,9 +14,9 @@ from pdgw.ds301.aborts import Abort, abort_text
 from pdgw.ds301.communication import IDENTITY, profile_of
 from pdgw.ds301.configuration import SdoStep, is_taken
 from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.node.plan import PdoPlan
+from pdgw.ds301.node.sdo import SdoAccess
 from pdgw.ds301.pdo import Pdo, is_communication_parameter
-from pdgw.ds301.plan import PdoPlan
-from pdgw.ds301.sdo import SdoAccess
 
 
 class ConfiguringAccess(SdoAccess):

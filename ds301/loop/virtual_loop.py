@@ -6,8 +6,8 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import TypeVar
 
-from pdgw.ds301.jobs import settle
-from pdgw.ds301.loop import Loop
+from pdgw.ds301.loop.jobs import settle
+from pdgw.ds301.loop.loop import Loop
 from pdgw.durations import SECOND
 
 T = TypeVar("T")

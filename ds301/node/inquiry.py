@@ -11,8 +11,8 @@ import canopen
 from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import NOT_THERE
-from pdgw.ds301.network import CanNetwork
-from pdgw.ds301.sdo import SdoAccess
+from pdgw.ds301.bus.network import CanNetwork
+from pdgw.ds301.node.sdo import SdoAccess
 
 
 class Inquiry(SdoAccess):

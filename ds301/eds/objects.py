@@ -10,8 +10,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from pdgw.ds301.communication import PREDEFINED_ERROR_FIELD
-from pdgw.ds301.eds_text import Item, Report, Section
-from pdgw.ds301.eds_values import (
+from pdgw.ds301.eds.text import Item, Report, Section
+from pdgw.ds301.eds.values import (
     BOOLEAN,
     DATA_TYPES,
     DOMAIN,

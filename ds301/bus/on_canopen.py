@@ -14,7 +14,7 @@ from canopen.sdo.constants import (
 
 from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.connection_set import SDO_REQUEST, SDO_RESPONSE
-from pdgw.ds301.loop import Loop, Mailbox
+from pdgw.ds301.loop.loop import Loop, Mailbox
 
 _COMMAND = 0xE0
 _BEGINS = (REQUEST_DOWNLOAD, REQUEST_UPLOAD)

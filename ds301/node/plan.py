@@ -10,9 +10,9 @@ import enum
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 
+from pdgw.ds301.bus.load import CyclicFrames
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, EVERY_SYNC, SdoStep, disable_pdo, map_pdo
-from pdgw.ds301.load import CyclicFrames
-from pdgw.ds301.node import GATEWAY_NODE_ID
+from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo, PdoDirection, PdoLayout
 

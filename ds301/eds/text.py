@@ -1,7 +1,7 @@
 """EDS/DCF files as sections and entries with their line numbers, from whatever bytes a real file consists of.
 
 Source: CiA 306 V1.3 (an INI file in ASCII). What an INI reader does not see is no repair: case of names, blanks and tabs
-around them, line ends, comment lines. Left out: the meaning of the sections, see ``ds301.eds_import``.
+around them, line ends, comment lines. Left out: the meaning of the sections, see ``ds301.eds.importer``.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import codecs
 import re
 from dataclasses import dataclass, field
 
-from pdgw.ds301.eds_values import same_value
+from pdgw.ds301.eds.values import same_value
 from pdgw.ds301.errors import CanopenError
 
 MAX_SIZE = 4 << 20

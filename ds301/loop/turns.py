@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from pdgw.ds301.loop import Event, Loop
+from pdgw.ds301.loop.loop import Event, Loop
 
 
 class Turns:

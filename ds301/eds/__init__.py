@@ -1,0 +1,1 @@
+"""Electronic data sheets: reading EDS and DCF files with repairs, and writing them."""
