@@ -1,6 +1,6 @@
 """What has to be written to a drive before it may operate, beside its PDOs (``ds301.configuration``): the guarding.
 
-Source: docs/translation.md "Loss and doubt".
+Source: docs/translation.md "Losses".
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The client of one CANopen node: brings it into operation on a bus and keeps watching it.
 
-Source: CiA DS 301 (NMT, heartbeat, EMCY, SDO, PDO), docs/translation.md "Loss and doubt". The cyclic side (``refresh``) never
+Source: CiA DS 301 (NMT, heartbeat, EMCY, SDO, PDO), docs/translation.md "Losses". The cyclic side (``refresh``) never
 waits; identity check, PDO configuration and user SDO jobs run in the node's own task on the loop. A device profile derives
 from ``NodeClient`` and adds its images and what it configures.
 """

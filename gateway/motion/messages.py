@@ -1,6 +1,6 @@
 """Torque reduction and the message word of the drive telegrams: MOMRED and MELDW from and to values of CiA 402.
 
-Source: drive manuals (one source for the bits of MELDW, none for the scaling of MOMRED: docs/telegrams.md "Motion").
+Source: drive manuals (one source for the bits of MELDW, none for the scaling of MOMRED: docs/telegrams.md "Sources").
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Length units (LU) of the positioner to the drive's units and back, in exact integer arithmetic.
 
-Source: the units of telegrams 110 and 111 (docs/telegrams.md "Motion"). Positions are INTEGER32 in LU, speeds in 1000 LU/min,
+Source: the units of telegrams 110 and 111 (docs/telegrams.md "Sources"). Positions are INTEGER32 in LU, speeds in 1000 LU/min,
 accelerations N2 fractions of the axis' maxima, the override N2 with 4000h = 100 %.
 """
 

@@ -1,6 +1,6 @@
 """Every fault a simulated drive can be given, against an axis of the gateway: is it stopped, told, and not started again?
 
-Source: docs/translation.md "Loss and doubt". What has to hold in every case: nothing enters Operation Enabled again before the
+Source: docs/translation.md "Losses". What has to hold in every case: nothing enters Operation Enabled again before the
 PLC has given a new OFF and ON, and with these it does.
 """
 

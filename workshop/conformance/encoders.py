@@ -1,6 +1,6 @@
 """Every fault a simulated encoder can be given, against the gateway: is its position marked, told, and back by itself?
 
-Source: docs/dsp406-encoder.md, docs/translation.md "Loss and doubt". What has to hold in every case: no position is shown as good
+Source: docs/dsp406-encoder.md, docs/translation.md "Losses". What has to hold in every case: no position is shown as good
 that is older than the time-outs allow, and what was shown as an error stays until the PLC acknowledges it. The shaft turns
 evenly, so that each position tells when it was true. ``Device.SENSOR``: the same encoder as G1 of a drive's telegram 3.
 """

@@ -1,6 +1,6 @@
 """The whole matrix of ``conformance faults``: every fault a simulated device can be given, against the gateway.
 
-Source: docs/translation.md "Loss and doubt". ``run_case`` runs one case in a world of its own, in virtual time.
+Source: docs/translation.md "Losses". ``run_case`` runs one case in a world of its own, in virtual time.
 """
 
 from __future__ import annotations

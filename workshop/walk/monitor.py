@@ -1,7 +1,7 @@
 """What must never happen to an axis, checked on every step. Imports nothing of the power table or the interlock.
 
 Source: PROFIdrive profile 4.1 (state machine of the drive, OFF1 to OFF3), docs/translation.md "States", "Standard telegrams" and
-"Loss and doubt", docs/safety.md.
+"Losses", docs/safety.md.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Telegrams 7, 110 and 111: STW1 and the positioner's words, ZSW1 and what a positioner shows.
 
-Source: docs/motion.md, docs/telegrams.md "Motion". Telegram 7 has blocks alone, 110 spreads over SATZANW, POS_STW and MDI_MOD
+Source: docs/motion.md, docs/telegrams.md "Sources". Telegram 7 has blocks alone, 110 spreads over SATZANW, POS_STW and MDI_MOD
 what 111 has in POS_STW1 and POS_STW2. Left out: USER, the reference cam, ZSW1.14 and .15 (accelerates, decelerates): 0.
 """
 
