@@ -43,7 +43,7 @@ class Trouble(enum.Enum):
     REFUSED = "not carried out by the device"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Search:
     """What the device has to look for; another object for each activation. ``functions``: a mask, bit 0 is function 1."""
 

@@ -368,14 +368,15 @@ class Replayer:
     def _answer_sdo(self, now: int) -> None:
         """The machine's SDO writes were answered when the recorded ones were: the step after that has the answer."""
         state, request = self._state, self._machine.outputs.writes
-        if request is not None and state.asked is request and state.done_at is not None and state.done_at <= now:
+        if request is not None and state.asked == request and state.done_at is not None and state.done_at <= now:
+            state.asked = None  # what the machine asks for behind the answer is a new request
             self._machine.inputs.news.append(SdoAnswer(request, state.done_error))
 
     def _find_sdo(self, now: int) -> Difference | None:
         """When the writes that the machine asks for since this step were answered, or what was written instead."""
         state, request = self._state, self._machine.outputs.writes
         wrong = None
-        if request is not None and state.asked is not request:
+        if request is not None and state.asked != request:
             state.done_at, state.done_error, wrong = self._find_writes(request, now)
         state.asked = request
         return wrong

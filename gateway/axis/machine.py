@@ -396,7 +396,7 @@ class AxisMachine:
                     self.executor.restarted()
                 self._set_drive(item.drive_type, item.homing_method)
             elif isinstance(item, SdoAnswer):
-                if notes.writes is item.writes:
+                if notes.writes == item.writes:
                     notes.writes = None
                     self.executor.sdo_done(item.error)
             elif isinstance(item, PresetAnswer):

@@ -69,7 +69,11 @@ class Configured:
 
 @dataclass(frozen=True, slots=True)
 class SdoAnswer:
-    """The writes of ``Outputs.writes`` are done (``error`` None) or failed; an answer to withdrawn ones counts for nothing."""
+    """The writes of ``Outputs.writes`` are done (``error`` None) or failed; an answer to other writes counts for nothing.
+
+    An axis compares their values: a restored machine may have an equal request instead of the same object, and whichever of
+    two equal requests was carried out, the device has the values.
+    """
 
     writes: tuple[SdoWrite, ...]
     error: str | None
@@ -91,9 +95,12 @@ class FaultRead:
     code: int
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class ProbeWish:
-    """Positions to be latched by the drive's touch probe. ``edges``: 0 to 3 as ``dsp402.touch_probe`` counts them."""
+    """Positions to be latched by the drive's touch probe. ``edges``: 0 to 3 as ``dsp402.touch_probe`` counts them.
+
+    No two wishes are equal: a position that was latched for an earlier one is no answer to a later one.
+    """
 
     edges: tuple[int, ...]
     zero_pulse: bool = False

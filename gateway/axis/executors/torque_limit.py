@@ -52,7 +52,7 @@ class TorqueLimit:
     def follow(self, torque: int | None) -> None:
         """The limit that is wanted, in 1/1000 of the rated torque; None: the drive's own. Behind all that may write."""
         notes, wanted = self._notes, self._limit(torque)
-        if self._writes is not None and notes.writes is not self._writes:
+        if self._writes is not None and notes.writes != self._writes:
             self._writes = None  # homing has taken the place: once more behind it
         if wanted == self._held or wanted == self._refused or notes.writes is not None:
             return
