@@ -10,8 +10,8 @@ from pdgw.client.address import Target
 from pdgw.client.udp import ParameterClient
 from pdgw.ds301.communication import IDENTITY
 from pdgw.ds301.objects import Entry
+from pdgw.dsp402.identification.overlay import all_families, entries_of, families_of, with_units
 from pdgw.dsp402.objects import DRIVE_OBJECTS, STATUSWORD, known_objects
-from pdgw.dsp402.overlay import all_families, entries_of, families_of, with_units
 from pdgw.dsp402.states import state_of
 from pdgw.dsp406.objects import PROFILE
 from pdgw.gateway.errors import GatewayError

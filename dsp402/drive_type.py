@@ -1,9 +1,9 @@
 """What kind of drive stands behind an axis, as one frozen value: objects with their limits, scaling, modes, homing methods,
 PDO capabilities, faults and quirks.
 
-Source: CiA 402 (objects, 6502h, 60E3h), CiA 301 (PDO parameters). Made by ``dsp402.describe`` from the data sheet, what the
-device itself answers, the configuration and the overlay of its family (``dsp402.overlay``). Executors take everything that
-differs between drives from here; what is not known is refused by name, never assumed.
+Source: CiA 402 (objects, 6502h, 60E3h), CiA 301 (PDO parameters). Made by ``dsp402.identification.describe`` from the data sheet,
+what the device itself answers, the configuration and the overlay of its family (``dsp402.identification.overlay``). Executors
+take everything that differs between drives from here; what is not known is refused by name, never assumed.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectSpec, array, var
+from pdgw.dsp402.identification.overlay import entries_of
 from pdgw.dsp402.indices import (
     ACCELERATION_DIMENSION,
     ACCELERATION_FACTOR,
@@ -36,7 +37,6 @@ from pdgw.dsp402.indices import (
     VL_TARGET_VELOCITY,
 )
 from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.dsp402.overlay import entries_of
 
 _RW, _RO = Access.RW, Access.RO
 _I8, _I16, _I32 = CanType.I8, CanType.I16, CanType.I32

@@ -29,6 +29,11 @@ _DS301 = (
     "ds301.nmt ds301.objects ds301.pdo"
 )
 """Modules of ``ds301`` below its sub-packages."""
+_DSP402 = (
+    "dsp402.drive_type dsp402.errors dsp402.faults dsp402.indices dsp402.modes dsp402.objects dsp402.optional_objects "
+    "dsp402.states"
+)
+"""Modules of ``dsp402`` below its sub-packages."""
 _LOW = "gateway.errors gateway.format_version gateway.reasons gateway.identity gateway.platform gateway.store"
 """Modules of ``gateway`` below its sub-packages."""
 _ALL = f"{_FIELD} gateway decoder client recording web peers tools"
@@ -51,6 +56,10 @@ ROWS = {
     "ds301.eds": _DS301,
     "ds301.node": f"{_DS301} ds301.loop ds301.bus",
     "dsp402": "ds301",
+    "dsp402.units": f"ds301 {_DSP402}",
+    "dsp402.pdo": f"ds301 {_DSP402}",
+    "dsp402.identification": f"ds301 {_DSP402} dsp402.units dsp402.pdo",
+    "dsp402.drive": f"ds301 {_DSP402} dsp402.units dsp402.pdo dsp402.identification",
     "dsp406": "ds301",
     "gateway": _FIELD,
     "gateway.motion": "profidrive gateway.errors gateway.reasons",

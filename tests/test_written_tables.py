@@ -12,9 +12,9 @@ from pdgw.decoder.frames.canopen.records import CanRecord
 from pdgw.decoder.frames.profinet.records import RelationRecord
 from pdgw.decoder.frames.records import Record
 from pdgw.ds301.pdo import Pdo
+from pdgw.dsp402.drive.settings import DriveSettings
+from pdgw.dsp402.identification.overlay import Match, Overlay, Units
 from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.dsp402.overlay import Match, Overlay, Units
-from pdgw.dsp402.settings import DriveSettings
 from pdgw.dsp402.states import STATUS_PATTERNS
 from pdgw.durations import MS, MS_PER_SECOND, US
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES

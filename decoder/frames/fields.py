@@ -11,8 +11,8 @@ from functools import cache
 from typing import Any
 
 from pdgw.ds301.objects import Entry
+from pdgw.dsp402.identification.overlay import all_families, modes_of, overlay
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.overlay import all_families, modes_of, overlay
 from pdgw.dsp402.states import Command, ControlBit, StatusBit, state_of
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
 from pdgw.profidrive.signals import Signal
@@ -173,7 +173,7 @@ def half_fields(half: TelegramHalf) -> tuple[Field, ...]:
 
 
 def entry_field(entry: Entry, families: tuple[str, ...]) -> Field:
-    """An object of a drive that is of one of these families (``dsp402.overlay.families_of``)."""
+    """An object of a drive that is of one of these families (``dsp402.identification.overlay.families_of``)."""
     bits, explain = _words(families).get(entry.name, ((), None))
     return Field(
         entry.name,

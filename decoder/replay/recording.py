@@ -35,9 +35,9 @@ from pdgw.decoder.replay.recorded import (
 from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.pdo import Pdo, PdoDirection
-from pdgw.dsp402 import touch_probe
+from pdgw.dsp402.drive import touch_probe
 from pdgw.dsp402.drive_type import DriveType
-from pdgw.dsp402.generic import recorded_answer, recorded_drive_type, recorded_families
+from pdgw.dsp402.identification.generic import recorded_answer, recorded_drive_type, recorded_families
 from pdgw.dsp402.objects import HOMING_METHOD
 from pdgw.dsp402.optional_objects import image_entry
 from pdgw.gateway.axis.settings import AxisSettings

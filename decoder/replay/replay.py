@@ -35,7 +35,7 @@ from pdgw.decoder.replay.result import AxisReplay, Difference, Step
 from pdgw.decoder.replay.rpdos import Place, RpdoComparison
 from pdgw.decoder.replay.touch_probe import Found, find_answer
 from pdgw.ds301.objects import Entry
-from pdgw.dsp402.images import FEEDBACK_NAMES, DriveFeedback
+from pdgw.dsp402.drive.images import FEEDBACK_NAMES, DriveFeedback
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.checkpoint import Checkpoint, Checkpoints

@@ -9,8 +9,8 @@ from typing import Final
 from pdgw.decoder.replay.recorded import AxisRecording, Sent
 from pdgw.decoder.replay.result import Difference
 from pdgw.ds301.pdo import Pdo
-from pdgw.dsp402.images import DriveCommand
-from pdgw.dsp402.settings import DriveSettings
+from pdgw.dsp402.drive.images import DriveCommand
+from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.durations import MS
 
 REFRESH_NS: Final = DriveSettings(node_id=1).rpdo_refresh_ms * MS

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from pdgw.decoder.replay.recorded import ProbeTransfer
-from pdgw.dsp402 import touch_probe
+from pdgw.dsp402.drive import touch_probe
 from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish
 from pdgw.gateway.objects.touch_probe import dropped, refused
 

@@ -22,8 +22,8 @@ from pdgw.decoder.timeline.words import Decision, Words
 from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.dsp402.generic import recorded_answer, recorded_drive_type, recorded_families
-from pdgw.dsp402.images import DriveFeedback
+from pdgw.dsp402.drive.images import DriveFeedback
+from pdgw.dsp402.identification.generic import recorded_answer, recorded_drive_type, recorded_families
 from pdgw.dsp402.modes import MODE_CONFIRM_NS
 from pdgw.dsp402.objects import CONTROLWORD, HOMING_METHOD, MODE, MODE_DISPLAY, STATUSWORD
 from pdgw.dsp402.optional_objects import image_entry

@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 from pdgw.decoder.frames.fields import entry_field, half_fields
 from pdgw.decoder.timeline.drive_object import Put
 from pdgw.decoder.timeline.entries import Edge, WordKind
+from pdgw.dsp402.identification.overlay import all_families
 from pdgw.dsp402.objects import CONTROL_ATTRIBUTE, DRIVE_OBJECTS, STATUS_ATTRIBUTE
-from pdgw.dsp402.overlay import all_families
 from pdgw.profidrive.telegrams import Telegram
 
 _WAITING: Final = 8

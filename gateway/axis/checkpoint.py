@@ -22,7 +22,7 @@ from functools import cache
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from pdgw.dsp402.images import DriveFeedback
+from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Outputs

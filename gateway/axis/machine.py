@@ -9,8 +9,8 @@ from collections.abc import Callable
 from typing import Final
 
 from pdgw.ds301.errors import CanopenError
+from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveType, Quantity
-from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.claims import claims

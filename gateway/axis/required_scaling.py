@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from pdgw.dsp402.drive_type import Quantity, Scaling
-from pdgw.dsp402.unit_keys import KEY_LINES
+from pdgw.dsp402.units.unit_keys import KEY_LINES
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.signals import Signal, SignalQuantity
 from pdgw.profidrive.telegrams import Telegram

@@ -6,7 +6,7 @@ import enum
 from dataclasses import dataclass
 
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.pdo import LAYOUTS, Operation, PdoLayout, with_second_position, without_position
+from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation, PdoLayout, with_second_position, without_position
 from pdgw.gateway.axis.adapters.base import Adapter
 from pdgw.gateway.axis.adapters.positioner import BlockAdapter, FloatAdapter, SelectionAdapter, WideAdapter
 from pdgw.gateway.axis.adapters.positioning import PositioningAdapter

@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
+from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.drive_type import DriveType
-from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
 from pdgw.gateway.reasons import GATEWAY_FAULTS, FaultNumber, OrderDoubt, Reason
 
@@ -97,7 +97,7 @@ class FaultRead:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProbeWish:
-    """Positions to be latched by the drive's touch probe. ``edges``: 0 to 3 as ``dsp402.touch_probe`` counts them.
+    """Positions to be latched by the drive's touch probe. ``edges``: 0 to 3 as ``dsp402.drive.touch_probe`` counts them.
 
     No two wishes are equal: a position that was latched for an earlier one is no answer to a later one.
     """

@@ -24,12 +24,12 @@ from pdgw.ds301.nmt import NmtState
 from pdgw.ds301.node.inquiry import Inquiry
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.ds301.pdo import PdoDirection
+from pdgw.dsp402.drive.guarding import guard
+from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.guarding import guard
+from pdgw.dsp402.identification.probe import probe
 from pdgw.dsp402.objects import DRIVE_PROFILE
-from pdgw.dsp402.probe import probe
-from pdgw.dsp402.settings import DriveSettings
 from pdgw.dsp406.kinds import ENCODER_PROFILE, EncoderType
 from pdgw.dsp406.objects import POSITION, POSITION_MULTI_SENSOR
 from pdgw.durations import MS, SECOND

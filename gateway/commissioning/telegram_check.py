@@ -6,13 +6,13 @@ from collections.abc import Mapping
 
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.pdo import PdoLayout
-from pdgw.dsp402 import planner
+from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.modes import MODE_NAMES, Mode
-from pdgw.dsp402.pdo import interpolated
-from pdgw.dsp402.planner import found_in_data_sheet, plan_pdos
+from pdgw.dsp402.pdo import planner
+from pdgw.dsp402.pdo.layouts import interpolated
+from pdgw.dsp402.pdo.planner import found_in_data_sheet, plan_pdos
 from pdgw.durations import MS
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings

@@ -54,7 +54,7 @@ def _sheets(section: str, items: Sequence[AxisConfig | EncoderConfig]) -> Iterat
 
 def _sheet(item: AxisConfig | EncoderConfig) -> str:
     """Why a data sheet cannot be used, in the words of ``pdgw run``; empty when it can."""
-    from pdgw.dsp402.drive import load_eds as load_drive  # noqa: PLC0415 (slow to load)
+    from pdgw.dsp402.drive.client import load_eds as load_drive  # noqa: PLC0415 (slow to load)
     from pdgw.dsp406.encoder import load_eds as load_encoder  # noqa: PLC0415
 
     assert item.eds is not None

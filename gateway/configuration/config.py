@@ -18,12 +18,12 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from pdgw.ds301.bus.load import DEFAULT_BITRATE, check_load
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
+from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.mechanics import unit_object
-from pdgw.dsp402.overlay import overlay
-from pdgw.dsp402.pdo import PdoLayout
-from pdgw.dsp402.settings import DriveSettings
-from pdgw.dsp402.unit_keys import UnitKeys, check_unit_keys
+from pdgw.dsp402.identification.overlay import overlay
+from pdgw.dsp402.pdo.layouts import PdoLayout
+from pdgw.dsp402.units.mechanics import unit_object
+from pdgw.dsp402.units.unit_keys import UnitKeys, check_unit_keys
 from pdgw.durations import MS, US, US_PER_MS
 from pdgw.explain import misplaced
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction, SecondSensor, SetpointEnable

@@ -14,12 +14,12 @@ from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import NodeEvent
-from pdgw.dsp402.drive import DriveClient, DriveStatus
+from pdgw.dsp402.drive.client import DriveClient, DriveStatus
 from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp402.indices import ABORT_OPTION
 from pdgw.dsp402.objects import CONTROLWORD, DRIVE_OBJECTS, ERROR_CODE, HOMING_METHOD, MODE
-from pdgw.dsp402.scaling import SCALING_OBJECTS
 from pdgw.dsp402.states import StatusBit, operates, state_of
+from pdgw.dsp402.units.scaling import SCALING_OBJECTS
 from pdgw.durations import MS
 from pdgw.gateway.axis.demand_report import SHOWN_FAULT
 from pdgw.gateway.axis.executors.positioner import PositionerExecutor

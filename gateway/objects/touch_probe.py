@@ -13,8 +13,8 @@ from typing import Final
 from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import NOT_THERE, abort_text
-from pdgw.dsp402 import touch_probe
-from pdgw.dsp402.drive import DriveClient
+from pdgw.dsp402.drive import touch_probe
+from pdgw.dsp402.drive.client import DriveClient
 from pdgw.durations import MS
 from pdgw.gateway.axis.values import News, ProbeAnswer, ProbeWish
 

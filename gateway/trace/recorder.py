@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from pdgw.dsp402.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.durations import SECOND, US
 from pdgw.gateway.axis.encoder_machine import EncoderInputs
 from pdgw.gateway.axis.values import Inputs

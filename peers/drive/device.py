@@ -12,9 +12,9 @@ from pdgw.ds301.communication import communication_objects, pdo_objects
 from pdgw.ds301.eds.writer import DeviceInfo
 from pdgw.ds301.objects import Catalogue, Entry, ObjectSpec
 from pdgw.ds301.pdo import PdoDirection
+from pdgw.dsp402.identification.overlay import with_units
 from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.dsp402.overlay import with_units
-from pdgw.dsp402.pdo import pdo
+from pdgw.dsp402.pdo.layouts import pdo
 from pdgw.peers.drive.family import FAMILY
 
 _sheet, _vendor = FAMILY.eds_path, FAMILY.match.vendor_id

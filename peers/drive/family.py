@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from pdgw.dsp402.identification.overlay import overlay
 from pdgw.dsp402.modes import STANDARD_HOMING_METHODS
-from pdgw.dsp402.overlay import overlay
 
 FAMILY = overlay("engel")
 FAMILY_MODES = FAMILY.modes

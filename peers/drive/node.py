@@ -15,7 +15,7 @@ from pdgw.ds301.loop.loop import Loop
 from pdgw.ds301.nmt import GUARD_TOGGLE, NmtState
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo
-from pdgw.dsp402 import touch_probe
+from pdgw.dsp402.drive import touch_probe
 from pdgw.durations import MS
 from pdgw.peers.drive.latency import NO_LATENCY, Latency
 from pdgw.peers.drive.machine import Machine

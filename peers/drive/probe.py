@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from pdgw.dsp402 import touch_probe
+from pdgw.dsp402.drive import touch_probe
 from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
 
 if TYPE_CHECKING:

@@ -24,9 +24,9 @@ from pdgw.ds301.eds.writer import DeviceInfo
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectSpec, array, var
 from pdgw.ds301.pdo import Pdo, PdoDirection
-from pdgw.dsp402 import touch_probe
+from pdgw.dsp402.drive import touch_probe
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.pdo import pdo
+from pdgw.dsp402.pdo.layouts import pdo
 from pdgw.durations import SECONDS_PER_MINUTE
 from pdgw.peers.drive.device import DRIVE_TYPE, INFO, OBJECTS, REVISION, drive_objects
 from pdgw.peers.drive.family import FAMILY, FAMILY_MODES

@@ -15,9 +15,9 @@ from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.bus.port import open_port
 from pdgw.ds301.loop.loop import SystemLoop
 from pdgw.ds301.node.plan import straight_plan
-from pdgw.dsp402.drive import DriveClient
-from pdgw.dsp402.images import DriveCommand
-from pdgw.dsp402.settings import DriveSettings
+from pdgw.dsp402.drive.client import DriveClient
+from pdgw.dsp402.drive.images import DriveCommand
+from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.states import Command
 from pdgw.durations import MS
 from pdgw.gateway.axis.telegrams import drive_layout

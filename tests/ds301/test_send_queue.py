@@ -14,10 +14,10 @@ from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.bus.send_queue import FrameQueue, SendQueue
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SYNC
 from pdgw.ds301.node.plan import PdoPlan, straight_plan
-from pdgw.dsp402.drive import DriveClient
-from pdgw.dsp402.generic import generic_dictionary
-from pdgw.dsp402.images import DriveCommand
-from pdgw.dsp402.settings import DriveSettings
+from pdgw.dsp402.drive.client import DriveClient
+from pdgw.dsp402.drive.images import DriveCommand
+from pdgw.dsp402.drive.settings import DriveSettings
+from pdgw.dsp402.identification.generic import generic_dictionary
 from pdgw.dsp402.states import Command
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.telegrams import drive_layout
@@ -100,7 +100,7 @@ CASES += [(NODES[-1], number, places) for number, places in zip(TELEGRAMS, PLACE
 def one_dictionary() -> Iterator[None]:
     """Hundreds of clients share the object dictionary: making it takes longer than what is tested."""
     shared = generic_dictionary()
-    with patch("pdgw.dsp402.drive.generic_dictionary", lambda: shared):
+    with patch("pdgw.dsp402.drive.client.generic_dictionary", lambda: shared):
         yield
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
-from pdgw.dsp402.configuration import guard_steps
+from pdgw.dsp402.drive.configuration import guard_steps
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.pdo import LAYOUTS, Operation
+from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from tests.support.mapping import pdo_steps
 
 FOUR = [direction.communication_index + n for direction in PdoDirection for n in range(4)]

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.dsp402.describe import answers_of_defaults, describe
-from pdgw.dsp402.drive import load_eds
+from pdgw.dsp402.drive.client import load_eds
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.pdo import LAYOUTS, Operation
-from pdgw.dsp402.planner import found_in_data_sheet, plan_pdos
+from pdgw.dsp402.identification.describe import answers_of_defaults, describe
+from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
+from pdgw.dsp402.pdo.planner import found_in_data_sheet, plan_pdos
 
 FOLDER = Path(__file__).parent / "eds"
 NODE = 5

@@ -18,13 +18,13 @@ from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
-from pdgw.dsp402.drive import DriveStatus, load_eds
+from pdgw.dsp402.drive.client import DriveStatus, load_eds
+from pdgw.dsp402.drive.images import DriveCommand
+from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.images import DriveCommand
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.dsp402.pdo import LAYOUTS, Operation
-from pdgw.dsp402.settings import DriveSettings
+from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.durations import MS
 from pdgw.peers.drive import SimulatedDriveNode
 from pdgw.peers.drive.device import EDS_PATH

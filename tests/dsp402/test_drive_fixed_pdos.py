@@ -9,9 +9,9 @@ from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.dsp402.drive import DriveStatus
-from pdgw.dsp402.images import DriveCommand
-from pdgw.dsp402.pdo import Operation
+from pdgw.dsp402.drive.client import DriveStatus
+from pdgw.dsp402.drive.images import DriveCommand
+from pdgw.dsp402.pdo.layouts import Operation
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
 from tests.support import site
 from tests.support.mapping import engel_layout, pdo_steps

@@ -12,9 +12,9 @@ import pytest
 from pdgw.ds301.bus.port import PortBusyError
 from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.pdo import Pdo
-from pdgw.dsp402.drive import DriveClient
-from pdgw.dsp402.images import DriveCommand
-from pdgw.dsp402.pdo import LAYOUTS, Operation
+from pdgw.dsp402.drive.client import DriveClient
+from pdgw.dsp402.drive.images import DriveCommand
+from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.dsp402.states import ControlBit
 from pdgw.durations import MS
 from tests.support import site

@@ -14,14 +14,14 @@ from pdgw.ds301.aborts import Abort
 from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import Entry
-from pdgw.dsp402.drive import DriveClient, DriveStatus
+from pdgw.dsp402.drive.client import DriveClient, DriveStatus
+from pdgw.dsp402.drive.images import DriveCommand
+from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.drive_type import Quantity
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.images import DriveCommand
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.pdo import LAYOUTS, Operation
-from pdgw.dsp402.settings import DriveSettings
-from pdgw.dsp402.unit_keys import UnitKeys
+from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
+from pdgw.dsp402.units.unit_keys import UnitKeys
 from pdgw.durations import MS, SECOND
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
 from pdgw.peers.node.node import Value

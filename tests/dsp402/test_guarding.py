@@ -8,7 +8,7 @@ from canopen.sdo import SdoAbortedError
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.communication import CONSUMER_HEARTBEAT, GUARD_TIME, LIFE_TIME_FACTOR, PRODUCER_HEARTBEAT
 from pdgw.ds301.configuration import EVENT_TIMER, SdoStep
-from pdgw.dsp402.guarding import Guarding, Wanted, guard
+from pdgw.dsp402.drive.guarding import Guarding, Wanted, guard
 from pdgw.dsp402.indices import ABORT_OPTION
 
 RPDO = 0x1400

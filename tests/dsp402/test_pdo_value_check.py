@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from pdgw.dsp402.pdo import LAYOUTS, Operation
-from pdgw.dsp402.pdo_value_check import CONTRADICTIONS, PdoValueCheck
+from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
+from pdgw.dsp402.pdo.value_check import CONTRADICTIONS, PdoValueCheck
 
 PDO = LAYOUTS[Operation.VELOCITY].tpdos[0]
 SHOWN, HELD = bytes(4), b"\1\0\0\0"

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from pdgw.dsp402.drive_type import Quantity
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.scaling import find_scaling
-from pdgw.dsp402.unit_keys import FamilyUnits, UnitKeys
+from pdgw.dsp402.units.scaling import find_scaling
+from pdgw.dsp402.units.unit_keys import FamilyUnits, UnitKeys
 from pdgw.profidrive.datatypes import N2_100_PERCENT, n2, n4
 
 SPEED = Quantity.SPEED

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from pdgw.ds301.configuration import map_pdo
-from pdgw.dsp402.pdo import LAYOUTS, Operation
+from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.peers.drive import SimulatedDriveNode
 from pdgw.peers.encoder import Motion, SimulatedEncoderNode
 from pdgw.peers.encoder.motion import Follower

@@ -115,7 +115,7 @@ def _told_to_stop(daemon: Daemon, plc: Plc) -> Sent:
 def test_a_drive_that_obeys_neither_controlword_nor_nmt_is_stopped_by_what_guards_the_gateway(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pdgw.dsp402.describe.overlay_for", lambda *_: KNOWN_TO_STOP)
+    monkeypatch.setattr("pdgw.dsp402.identification.describe.overlay_for", lambda *_: KNOWN_TO_STOP)
     guard = GUARDS[name]
     with running(configuration(axis(1, telegram_number=guard.telegram, more=guard.more))) as daemon:
         drive, plc = _turning(daemon, guard)

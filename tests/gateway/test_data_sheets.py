@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from pdgw.ds301.eds.importer import import_eds
-from pdgw.dsp402.describe import described_by_sheet
 from pdgw.dsp402.drive_type import DriveType, Quantity
+from pdgw.dsp402.identification.describe import described_by_sheet
 from pdgw.gateway.commissioning.telegram_check import lacks, not_available
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.peers.drive import SimulatedDrive

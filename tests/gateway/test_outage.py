@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.dsp402.settings import DriveSettings
+from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.states import Command, State
 from pdgw.durations import MS, SECOND
 from pdgw.peers.world import World

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from pdgw.client.session import Session
-from pdgw.dsp402.images import DriveCommand, DriveFeedback
-from pdgw.dsp402.overlay import Overlay, QuirkKeys
+from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.identification.overlay import Overlay, QuirkKeys
 from pdgw.dsp402.states import State
 from pdgw.durations import MS
 from pdgw.gateway.axis.demand_report import Demand, Report
@@ -208,7 +208,7 @@ def test_a_drive_that_powers_up_in_fault_and_needs_two_edges_is_acknowledged_by_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     family = Overlay(name="test", title="test", sources=("this test",), quirks=QuirkKeys(fault_reset_edges=2))
-    monkeypatch.setattr("pdgw.dsp402.describe.overlay_for", lambda *_: family)
+    monkeypatch.setattr("pdgw.dsp402.identification.describe.overlay_for", lambda *_: family)
     with running(configuration(axis(1, more=""))) as daemon:
         drive = _drive(daemon, "two-edges")
         until(daemon, lambda: daemon.axes[0].drive.generation, "online")

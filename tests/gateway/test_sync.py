@@ -11,8 +11,8 @@ from pdgw.ds301.aborts import Abort
 from pdgw.ds301.communication import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, SYNC_PERIOD
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.connection_set import SYNC
-from pdgw.dsp402.guarding import Wanted, guard
-from pdgw.dsp402.overlay import Overlay, QuirkKeys
+from pdgw.dsp402.drive.guarding import Wanted, guard
+from pdgw.dsp402.identification.overlay import Overlay, QuirkKeys
 from pdgw.dsp402.states import State
 from pdgw.durations import MS
 from pdgw.gateway.daemon import Daemon
@@ -132,7 +132,7 @@ def turning(daemon: Daemon) -> tuple[SimulatedDrive, Plc]:
 
 
 def test_a_drive_whose_family_is_known_to_stop_without_sync_needs_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pdgw.dsp402.describe.overlay_for", lambda *_: KNOWN_TO_STOP)
+    monkeypatch.setattr("pdgw.dsp402.identification.describe.overlay_for", lambda *_: KNOWN_TO_STOP)
     with running(configuration(axis(1, telegram_number=105, more=SPEED_KEYS))) as daemon:
         drive, plc = turning(daemon)
         (status,) = snapshot(daemon)["axes"]
@@ -159,7 +159,7 @@ def test_a_drive_whose_family_is_known_to_stop_without_sync_needs_nothing_else(m
 def test_the_loss_of_sync_guards_nothing_where_it_is_not_known_to(
     number: int, kind: Shape, family: Overlay | None, holds_period: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pdgw.dsp402.describe.overlay_for", lambda *_: family)
+    monkeypatch.setattr("pdgw.dsp402.identification.describe.overlay_for", lambda *_: family)
     with running(configuration(axis(1, telegram_number=number, more=SPEED_KEYS))) as daemon:
         drive = unguarded(daemon, kind)
         if not holds_period:
@@ -182,7 +182,7 @@ def test_the_loss_of_sync_guards_where_the_drive_holds_the_period_that_was_writt
 
 
 def test_sync_is_withheld_from_a_deaf_drive_that_nothing_else_stops(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pdgw.dsp402.describe.overlay_for", lambda *_: KNOWN_TO_STOP)
+    monkeypatch.setattr("pdgw.dsp402.identification.describe.overlay_for", lambda *_: KNOWN_TO_STOP)
     with running(configuration(axis(1, telegram_number=105, more=SPEED_KEYS))) as daemon:
         drive, plc = turning(daemon)
         receive = drive.node.receive

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pdgw.ds301.nmt import NmtCommand
-from pdgw.dsp402.images import DriveCommand
+from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.pdo import LAYOUTS, Operation
+from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.durations import MS
 from pdgw.peers.drive import Machine, SimulatedDriveNode
 from pdgw.peers.drive.latency import NO_LATENCY, Latency

@@ -11,9 +11,9 @@ from canopen.sdo import SdoAbortedError, SdoServer
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.objects import CanType, Entry
-from pdgw.dsp402.drive import DriveClient, DriveStatus
-from pdgw.dsp402.pdo import LAYOUTS, Operation
-from pdgw.dsp402.settings import DriveSettings
+from pdgw.dsp402.drive.client import DriveClient, DriveStatus
+from pdgw.dsp402.drive.settings import DriveSettings
+from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.peers.drive import SimulatedDriveNode
 from pdgw.peers.node.sdo_server import BlockSdoServer
 from tests.support import site

@@ -15,9 +15,9 @@ from pdgw.ds301.communication import CONSUMER_HEARTBEAT, GUARD_TIME, LIFE_TIME_F
 from pdgw.ds301.eds.writer import DeviceInfo, write_eds
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectSpec, var
 from pdgw.ds301.pdo import Pdo, PdoDirection
-from pdgw.dsp402.generic import generic_objects
+from pdgw.dsp402.identification.generic import generic_objects
 from pdgw.dsp402.modes import SUPPORTED_MODES
-from pdgw.dsp402.pdo import pdo
+from pdgw.dsp402.pdo.layouts import pdo
 from pdgw.peers.drive.device import OBJECTS, REVISION
 from pdgw.peers.drive.shapes import Shape
 

@@ -10,8 +10,8 @@ import canopen
 from pdgw.ds301.communication import IDENTITY_PRODUCT, IDENTITY_VENDOR
 from pdgw.ds301.eds.importer import import_eds
 from pdgw.ds301.eds.writer import write_eds
-from pdgw.dsp402.describe import OPTIONAL_OBJECTS, answers_of_defaults, describe, questions
 from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.identification.describe import OPTIONAL_OBJECTS, answers_of_defaults, describe, questions
 from pdgw.dsp402.indices import SUPPORTED_DRIVE_MODES
 from pdgw.peers.drive import shape
 from pdgw.peers.drive.device import EDS_PATH

@@ -7,7 +7,7 @@ from collections.abc import Collection
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.node.plan import plan_steps, straight_plan
 from pdgw.ds301.pdo import PdoLayout
-from pdgw.dsp402.pdo import LAYOUTS, Operation, with_objects
+from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation, with_objects
 from pdgw.peers.drive.family import FAMILY
 
 

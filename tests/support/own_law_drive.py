@@ -13,7 +13,7 @@ from pdgw.ds301.communication import communication_objects, pdo_objects
 from pdgw.ds301.nmt import NmtState
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectSpec, array, var
 from pdgw.ds301.pdo import Pdo, PdoDirection
-from pdgw.dsp402.pdo import pdo
+from pdgw.dsp402.pdo.layouts import pdo
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit, next_state
 from pdgw.durations import MS
 from pdgw.peers.node.node import SendFunction, SimulatedNode, Value

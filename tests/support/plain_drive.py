@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pdgw.dsp402.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit, next_state
 
 

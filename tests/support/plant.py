@@ -7,10 +7,10 @@ from pathlib import Path
 import can
 
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.dsp402.drive import DriveClient, DriveEvent, DriveStatus
+from pdgw.dsp402.drive.client import DriveClient, DriveEvent, DriveStatus
+from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.pdo import LAYOUTS, Operation
-from pdgw.dsp402.settings import DriveSettings
+from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.drive.device import EDS_PATH
 from tests.support import site

@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 from pdgw.ds301.communication import SYNC_PERIOD
 from pdgw.ds301.connection_set import SYNC
 from pdgw.ds301.nmt import NmtCommand
-from pdgw.dsp402.images import DriveFeedback
+from pdgw.dsp402.drive.images import DriveFeedback
+from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.dsp402.pdo import interpolated, with_objects
-from pdgw.dsp402.settings import DriveSettings
+from pdgw.dsp402.pdo.layouts import interpolated, with_objects
 from pdgw.dsp402.states import State
 from pdgw.durations import MS
 from pdgw.gateway.axis.settings import AxisSettings

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from pdgw.dsp402.drive.images import FEEDBACK_NAMES, DriveCommand, DriveFeedback
 from pdgw.dsp402.drive_type import DriveType
-from pdgw.dsp402.images import FEEDBACK_NAMES, DriveCommand, DriveFeedback
 from pdgw.gateway.axis.adapters.base import POWER_BITS, WISHES
 from pdgw.gateway.axis.checkpoint import Checkpoints
 from pdgw.gateway.axis.demand_report import PowerWish

@@ -111,8 +111,8 @@ def _start(config: GatewayConfig) -> None:
 
 def _tell_not_available(axis: AxisConfig, settings: AxisSettings) -> None:
     """One line for each object that the telegram can do without and that is not in the data sheet."""
-    from pdgw.dsp402.describe import described_by_sheet  # noqa: PLC0415 - slow to load
-    from pdgw.dsp402.drive import load_eds  # noqa: PLC0415
+    from pdgw.dsp402.drive.client import load_eds  # noqa: PLC0415
+    from pdgw.dsp402.identification.describe import described_by_sheet  # noqa: PLC0415 - slow to load
     from pdgw.gateway.commissioning.telegram_check import not_available  # noqa: PLC0415
 
     if axis.eds is not None:
@@ -124,8 +124,8 @@ def _tell_not_available(axis: AxisConfig, settings: AxisSettings) -> None:
 def _ask(config: GatewayConfig, axis: AxisConfig) -> PdoPlan | None:
     """Print what 100 % is for an axis and its PDOs; None when its telegram cannot be run with that."""
     from pdgw.ds301.node.inquiry import Inquiry  # noqa: PLC0415 - a check of the file alone needs no CAN
-    from pdgw.dsp402.drive import load_eds  # noqa: PLC0415
-    from pdgw.dsp402.probe import probe  # noqa: PLC0415
+    from pdgw.dsp402.drive.client import load_eds  # noqa: PLC0415
+    from pdgw.dsp402.identification.probe import probe  # noqa: PLC0415
     from pdgw.gateway.commissioning.telegram_check import lacks, missing_lines, planned  # noqa: PLC0415
     from pdgw.tools.bus_task import complete, opened  # noqa: PLC0415
 

@@ -15,10 +15,10 @@ from pdgw.ds301.connection_set import NODE_IDS
 from pdgw.ds301.eds.importer import EdsImport
 from pdgw.ds301.eds.text import EdsError
 from pdgw.ds301.objects import Access, CanType
-from pdgw.dsp402.describe import described_by_sheet
 from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.identification.describe import described_by_sheet
+from pdgw.dsp402.identification.overlay import Overlay, overlay, overlays
 from pdgw.dsp402.objects import CONTROLWORD, STATUSWORD
-from pdgw.dsp402.overlay import Overlay, overlay, overlays
 from pdgw.explain import did_you_mean
 from pdgw.gateway.commissioning.telegram_check import lacks_by_telegram, missing_lines, not_available
 from pdgw.gateway.errors import GatewayError

@@ -1,6 +1,6 @@
 """Captures of both buses for measuring: cyclic frames of telegram 1 over UDP, and the drives' PDOs.
 
-Source: draft-ietf-opsawg-pcapng; the frames are those of ``profidrive.frame`` and ``dsp402.pdo``.
+Source: draft-ietf-opsawg-pcapng; the frames are those of ``profidrive.frame`` and ``dsp402.pdo.layouts``.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import BinaryIO
 from pdgw.decoder.capture.pcapng_file import udp_packet
 from pdgw.decoder.frames.records import LinkType
 from pdgw.ds301.pdo import Pdo
-from pdgw.dsp402.pdo import LAYOUTS, Operation
+from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.durations import MS, SECOND
 from pdgw.profidrive.frame import (
     CYCLIC_PORT,

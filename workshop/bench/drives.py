@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from pdgw.ds301.bus.can_frame import CAN_FRAME, pack_frame, unpack_frame
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.pdo import Pdo
-from pdgw.dsp402.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.indices import POSITION_ACTUAL
 from pdgw.durations import MS, SECOND
 from pdgw.peers.bus import Hub

@@ -16,7 +16,7 @@ from random import Random
 from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.dsp402.settings import DriveSettings
+from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.states import Command, State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.assembly import build_gateway

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from pdgw.ds301.pdo import Pdo
-from pdgw.dsp402.generic import recorded_drive_type
-from pdgw.dsp402.images import DriveFeedback
-from pdgw.dsp402.pdo import PdoLayout
+from pdgw.dsp402.drive.images import DriveFeedback
+from pdgw.dsp402.identification.generic import recorded_drive_type
+from pdgw.dsp402.pdo.layouts import PdoLayout
 from pdgw.durations import MS
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.telegrams import drive_layout

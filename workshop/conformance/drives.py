@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import can
 
-from pdgw.dsp402.drive import DriveStatus
+from pdgw.dsp402.drive.client import DriveStatus
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State, state_of
 from pdgw.gateway.axis.supervision.drive_events import POWERED

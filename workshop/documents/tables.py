@@ -12,7 +12,7 @@ from pathlib import Path
 from pdgw.ds301.aborts import ABORT_TEXTS, abort_text
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.dsp402.pdo import LAYOUTS, with_objects
+from pdgw.dsp402.pdo.layouts import LAYOUTS, with_objects
 from pdgw.dsp402.states import COMMAND_TRANSITIONS, STATUS_PATTERNS
 from pdgw.dsp406.faults import ENCODER_EMCY
 from pdgw.dsp406.kinds import EncoderType

@@ -10,8 +10,8 @@ from typing import TypeVar
 
 from pdgw.ds301.eds.importer import import_eds
 from pdgw.ds301.eds.writer import write_eds
-from pdgw.dsp402.describe import answers_of_defaults, describe
 from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.identification.describe import answers_of_defaults, describe
 from pdgw.dsp402.modes import Mode
 from pdgw.durations import MS
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable
 
+from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveType
-from pdgw.dsp402.images import DriveFeedback
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.checkpoint import Checkpoint, Checkpoints
 from pdgw.gateway.axis.machine import AxisMachine

@@ -45,8 +45,8 @@ from pdgw.ds301.emcy import emcy_text, error_register_text
 from pdgw.ds301.nmt import HEARTBEAT_STATE, NmtCommand, NmtState
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, PDO_PARAMETERS, PDOS_MAX, PdoDirection, is_mapping_parameter, pdo_of
-from pdgw.dsp402.overlay import entries_of, families_of
-from pdgw.dsp402.pdo import with_objects
+from pdgw.dsp402.identification.overlay import entries_of, families_of
+from pdgw.dsp402.pdo.layouts import with_objects
 from pdgw.durations import MS
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 

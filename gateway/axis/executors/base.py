@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from fractions import Fraction
 from typing import ClassVar
 
+from pdgw.dsp402.drive.images import DEMAND_UNKNOWN, DriveCommand, DriveFeedback
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.images import DEMAND_UNKNOWN, DriveCommand, DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.demand_report import Demand, Report
 from pdgw.gateway.axis.power_table import Action

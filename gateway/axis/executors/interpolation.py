@@ -15,9 +15,9 @@ from types import MappingProxyType
 from typing import Final, Protocol
 
 from pdgw.ds301.objects import CanType, Entry
+from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.modes import MODE_NAMES, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, State, StatusBit

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final
 
-from pdgw.dsp402.images import DriveFeedback
+from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp406.faults import MEMORY_ERROR
 from pdgw.dsp406.images import EncoderParameters
 from pdgw.dsp406.objects import PRESET, PRESET_MULTI_SENSOR

@@ -5,9 +5,9 @@ Source: docs/motion.md "MELDW and MOMRED". 6072h is the limit the drive had at s
 
 from __future__ import annotations
 
+from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.demand_report import STATE_MASK
 from pdgw.gateway.axis.executors.base import AxisCycle, Troubles

@@ -12,7 +12,7 @@ import pytest
 from pdgw.decoder.replay.plc_inputs import Frame, receive_frames
 from pdgw.decoder.replay.recorded import AxisRecording
 from pdgw.decoder.replay.replay import Replayer
-from pdgw.dsp402.images import DriveCommand, DriveFeedback, attributes
+from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback, attributes
 from pdgw.durations import MS
 from pdgw.gateway.axis.settings import AxisSettings, SetpointEnable
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from pdgw.dsp402.images import DEMAND_UNKNOWN
+from pdgw.dsp402.drive.images import DEMAND_UNKNOWN
 from pdgw.gateway.axis.settings import SetpointEnable
 from pdgw.gateway.motion.dsc import DscChoices, DscForm
 from pdgw.gateway.reasons import Reason

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from pdgw.dsp402.images import DriveFeedback
+from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State
 from pdgw.durations import MS
 from pdgw.gateway.axis.demand_report import PowerWish

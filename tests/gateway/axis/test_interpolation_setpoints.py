@@ -12,8 +12,8 @@ from itertools import pairwise
 
 import pytest
 
+from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit
 from pdgw.gateway.axis.demand_report import Demand, Report

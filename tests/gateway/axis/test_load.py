@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.dsp402.pdo import LAYOUTS, Operation
-from pdgw.dsp402.planner import found_in_data_sheet, plan_pdos
+from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
+from pdgw.dsp402.pdo.planner import found_in_data_sheet, plan_pdos
 from pdgw.gateway.axis.values import NodeNotice, Notice
 from pdgw.gateway.motion.messages import namur_word
 from pdgw.profidrive.signals import signal

@@ -9,8 +9,8 @@ from fractions import Fraction
 
 import pytest
 
+from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import Quantity, Reference
-from pdgw.dsp402.images import DriveFeedback
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State
 from pdgw.gateway.axis.machine import AxisMachine

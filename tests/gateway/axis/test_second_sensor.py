@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from pdgw.dsp402.images import DriveFeedback
+from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.gateway.axis.executors.sensor import EncoderReferences
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings, SecondSensor

@@ -13,7 +13,7 @@ from pdgw.ds301.communication import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, SYN
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.dsp402.overlay import Overlay, QuirkKeys
+from pdgw.dsp402.identification.overlay import Overlay, QuirkKeys
 from pdgw.durations import MS
 from pdgw.gateway.commissioning.scan import Expected, FoundNode, Scan, Sheet, expected_on, load_sheets
 from pdgw.gateway.commissioning.telegram_check import lacks
@@ -130,7 +130,7 @@ _DSC = 'dsc = "speed"\nfollowing_window = 4096'
 def test_the_loss_of_sync_counts_where_the_configured_telegram_has_it_and_the_family_is_known_to_stop(
     site: Site, monkeypatch: pytest.MonkeyPatch, telegram: int, more: str, has_period: bool, told: str
 ) -> None:
-    monkeypatch.setattr("pdgw.dsp402.describe.overlay_for", lambda *_: KNOWN_TO_STOP)
+    monkeypatch.setattr("pdgw.dsp402.identification.describe.overlay_for", lambda *_: KNOWN_TO_STOP)
     lacks = SYNCHRONOUS.lacks | {CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT}
     node = site.world.drive(BUS, 1, shape=replace(SYNCHRONOUS, lacks=lacks)).node
     if not has_period:

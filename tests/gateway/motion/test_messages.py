@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.dsp402.images import DEMAND_UNKNOWN
+from pdgw.dsp402.drive.images import DEMAND_UNKNOWN
 from pdgw.gateway.motion.messages import MessageWord, reduced_torque
 from pdgw.profidrive.signals import signal
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
-from pdgw.dsp402.drive import DriveEvent, DriveStatus
+from pdgw.dsp402.drive.client import DriveEvent, DriveStatus
 from pdgw.gateway.axis.values import News, SdoAnswer, SdoWrite
 from pdgw.gateway.configuration.config import AxisConfig
 from pdgw.gateway.errors import GatewayError

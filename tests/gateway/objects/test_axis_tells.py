@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
-from pdgw.dsp402.drive import DriveEvent, DriveStatus
+from pdgw.dsp402.drive.client import DriveEvent, DriveStatus
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
 from pdgw.durations import MS
 from pdgw.gateway.configuration.config import AxisConfig

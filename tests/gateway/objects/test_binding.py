@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
-from pdgw.dsp402.drive import DriveEvent, DriveStatus
+from pdgw.dsp402.drive.client import DriveEvent, DriveStatus
 from pdgw.gateway.configuration.config import AxisConfig
 from pdgw.gateway.configuration.positioner import SIMULATED, PositionerConfig
 from pdgw.gateway.objects.axis import Axis

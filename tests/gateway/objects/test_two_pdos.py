@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from pdgw.dsp402.drive import DriveStatus
+from pdgw.dsp402.drive.client import DriveStatus
 from pdgw.gateway.configuration.config import AxisConfig
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.reasons import Reason

@@ -20,7 +20,7 @@ from pdgw.decoder.frames.records import Record
 from pdgw.ds301.configuration import map_pdo
 from pdgw.ds301.objects import CanType, Entry
 from pdgw.ds301.pdo import COB_ID_INVALID
-from pdgw.dsp402.pdo import Operation
+from pdgw.dsp402.pdo.layouts import Operation
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, drive_layout
 from pdgw.peers.drive.device import EDS_PATH, PRODUCT_CODE, VENDOR_ID
 from tests.support.mapping import engel_layout

@@ -18,6 +18,7 @@ from pdgw.ds301.configuration import EVENT_TIMER
 from pdgw.ds301.objects import Access, CanType, Entry, ObjectAddress
 from pdgw.ds301.pdo import PDOS_MAX, PdoDirection
 from pdgw.dsp402.drive_type import DriveType, PdoCapabilities, PdoSlot, Quirks
+from pdgw.dsp402.identification.overlay import Overlay, overlay, overlay_for, units_of
 from pdgw.dsp402.indices import (
     POSITION_WINDOW,
     SUPPORTED_DRIVE_MODES,
@@ -30,10 +31,9 @@ from pdgw.dsp402.indices import (
 from pdgw.dsp402.modes import MODE_NAMES, STANDARD_HOMING_METHODS, SUPPORTED_MODES, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS, FAMILY_VALUES, MAX_TORQUE
 from pdgw.dsp402.optional_objects import VL_ENTRIES
-from pdgw.dsp402.overlay import Overlay, overlay, overlay_for, units_of
-from pdgw.dsp402.pdo import LAYOUTS
-from pdgw.dsp402.scaling import SCALING_OBJECTS, find_scaling
-from pdgw.dsp402.unit_keys import UnitKeys
+from pdgw.dsp402.pdo.layouts import LAYOUTS
+from pdgw.dsp402.units.scaling import SCALING_OBJECTS, find_scaling
+from pdgw.dsp402.units.unit_keys import UnitKeys
 
 _NO_WINDOW = 0xFFFF_FFFF
 """6067h of a drive that does not use it."""

@@ -20,7 +20,7 @@ from pdgw.ds301.pdo import PDO_BYTES, Pdo, PdoDirection, PdoLayout
 from pdgw.dsp402.drive_type import DriveType, PdoSlot
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.objects import CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE
-from pdgw.dsp402.pdo import without
+from pdgw.dsp402.pdo.layouts import without
 
 Key = tuple[PdoDirection, int]
 """Direction and number of a PDO."""

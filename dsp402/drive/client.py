@@ -33,15 +33,15 @@ from pdgw.ds301.node.node import NodeEvent, NodeStatus
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
-from pdgw.dsp402.configuration import interpolation_steps
-from pdgw.dsp402.describe import OPTIONAL_OBJECTS, describe, questions, signed
+from pdgw.dsp402.drive.configuration import interpolation_steps
+from pdgw.dsp402.drive.guarding import Guarding, guard
+from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.generic import dictionary_of, generic_dictionary
-from pdgw.dsp402.guarding import Guarding, guard
-from pdgw.dsp402.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.identification.describe import OPTIONAL_OBJECTS, describe, questions, signed
+from pdgw.dsp402.identification.generic import dictionary_of, generic_dictionary
 from pdgw.dsp402.indices import INTERPOLATION_TIME, POSITION_ACTUAL
-from pdgw.dsp402.mapping import DriveMapping
 from pdgw.dsp402.modes import MODE_CONFIRM_NS, Mode
 from pdgw.dsp402.objects import (
     CONTROL_ATTRIBUTE,
@@ -52,11 +52,11 @@ from pdgw.dsp402.objects import (
     MODE_DISPLAY,
     STATUSWORD,
 )
-from pdgw.dsp402.pdo import interpolated
-from pdgw.dsp402.pdo_value_check import PdoValueCheck
-from pdgw.dsp402.settings import DriveSettings
+from pdgw.dsp402.pdo.layouts import interpolated
+from pdgw.dsp402.pdo.mapping import DriveMapping
+from pdgw.dsp402.pdo.value_check import PdoValueCheck
 from pdgw.dsp402.states import Command, ControlBit, FaultReset, State, state_of
-from pdgw.dsp402.unit_watch import UnitWatch
+from pdgw.dsp402.units.unit_watch import UnitWatch
 from pdgw.durations import MS, SECOND, US_PER_MS
 
 DriveStatus = NodeStatus

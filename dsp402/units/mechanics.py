@@ -30,8 +30,8 @@ from pdgw.dsp402.indices import (
     VELOCITY_FACTOR,
     VELOCITY_NOTATION,
 )
-from pdgw.dsp402.unit_keys import FamilyUnits, UnitKeys
-from pdgw.dsp402.units import Kind, Unit, dimension_unit, parse_unit, si_unit
+from pdgw.dsp402.units.unit_keys import FamilyUnits, UnitKeys
+from pdgw.dsp402.units.units import Kind, Unit, dimension_unit, parse_unit, si_unit
 from pdgw.durations import SECONDS_PER_MINUTE
 
 Answers = Mapping[ObjectAddress, int]

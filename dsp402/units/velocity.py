@@ -21,8 +21,8 @@ from pdgw.dsp402.indices import (
     VL_SETPOINT_FACTOR,
     VL_TARGET_VELOCITY,
 )
-from pdgw.dsp402.mechanics import Found, Known, Mechanics, Unknown, amount
-from pdgw.dsp402.units import Unit, parse_unit
+from pdgw.dsp402.units.mechanics import Found, Known, Mechanics, Unknown, amount
+from pdgw.dsp402.units.units import Unit, parse_unit
 from pdgw.durations import SECONDS_PER_MINUTE
 
 VL_FACTORS = (VL_SETPOINT_FACTOR, VL_DIMENSION_FACTOR)

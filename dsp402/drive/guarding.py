@@ -16,7 +16,7 @@ from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR, SYNC_PERIOD
 from pdgw.ds301.configuration import EVENT_TIMER, SdoStep
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import CanType
-from pdgw.dsp402.configuration import guard_steps
+from pdgw.dsp402.drive.configuration import guard_steps
 
 _REACTIONS = {0: "nothing", 1: "malfunction", 2: "disable voltage", 3: "quick stop"}
 """Values of 6007h."""

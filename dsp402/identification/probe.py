@@ -7,11 +7,11 @@ from canopen.sdo import SdoCommunicationError
 
 from pdgw.ds301.communication import IDENTITY_PRODUCT, IDENTITY_VENDOR
 from pdgw.ds301.node.inquiry import Inquiry
-from pdgw.dsp402.describe import describe, questions, signed, variable
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.generic import Read, dictionary_of
-from pdgw.dsp402.unit_keys import UnitKeys
+from pdgw.dsp402.identification.describe import describe, questions, signed, variable
+from pdgw.dsp402.identification.generic import Read, dictionary_of
+from pdgw.dsp402.units.unit_keys import UnitKeys
 
 
 def probe(

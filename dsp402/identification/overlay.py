@@ -22,12 +22,12 @@ from pdgw.ds301.objects import Access, CanType, Entry, ObjectKind, ObjectSpec, a
 from pdgw.dsp402.drive_type import Quirks, Turntable
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.faults import ChannelErrorType, DriveFault
-from pdgw.dsp402.unit_keys import FamilyUnits
-from pdgw.dsp402.units import parse_unit
+from pdgw.dsp402.units.unit_keys import FamilyUnits
+from pdgw.dsp402.units.units import parse_unit
 from pdgw.explain import Problem, problems
 
-FAMILIES = Path(__file__).parent / "families"
-_DATA_SHEETS = Path(__file__).parent / "eds"
+FAMILIES = Path(__file__).parents[1] / "families"
+_DATA_SHEETS = Path(__file__).parents[1] / "eds"
 _ADDRESS = re.compile(r"([0-9A-Fa-f]{4})h(?:/([0-9]{1,3}))?")
 _CHANNELS = {channel.text: channel for channel in ChannelErrorType}
 _TYPES = {item.name: item for item in CanType if item.char}

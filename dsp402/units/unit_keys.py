@@ -1,4 +1,4 @@
-"""What a configuration and the overlay of a family say about the units of a drive; ``dsp402.scaling`` makes its scaling of them.
+"""What a configuration and the overlay of a family say about the units of a drive; ``scaling`` makes its scaling of them.
 
 Source: docs/units.md.
 """
@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
-from pdgw.dsp402.units import parse_unit
+from pdgw.dsp402.units.units import parse_unit
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """What 100 % of a speed, an acceleration or a position is in a drive's own units, or why it is not known.
 
-``dsp402.velocity`` finds the unit of velocities, ``dsp402.mechanics`` what a revolution is. Exact rational arithmetic; nothing is
-assumed: what no source tells is refused with the key that settles it. Source: CiA 402, docs/units.md.
+``dsp402.units.velocity`` finds the unit of velocities, ``dsp402.units.mechanics`` what a revolution is. Exact rational
+arithmetic; nothing is assumed: what no source tells is refused with the key that settles it. Source: CiA 402, docs/units.md.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from pdgw.dsp402.indices import (
     VL_MIN_MAX,
     VL_TARGET_VELOCITY,
 )
-from pdgw.dsp402.mechanics import (
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.units.mechanics import (
     NO_LIMIT,
     NOTATIONS,
     SI_UNITS,
@@ -39,10 +40,9 @@ from pdgw.dsp402.mechanics import (
     Unknown,
     amount,
 )
-from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.dsp402.unit_keys import FamilyUnits, UnitKeys
-from pdgw.dsp402.units import Unit, parse_unit
-from pdgw.dsp402.velocity import VL_FACTORS, velocity
+from pdgw.dsp402.units.unit_keys import FamilyUnits, UnitKeys
+from pdgw.dsp402.units.units import Unit, parse_unit
+from pdgw.dsp402.units.velocity import VL_FACTORS, velocity
 from pdgw.durations import SECONDS_PER_MINUTE
 
 _RATIOS = (*UNIT_RATIOS, *VL_FACTORS, POSITION_RANGE_LIMIT, SOFTWARE_POSITION_LIMIT, VL_MIN_MAX)

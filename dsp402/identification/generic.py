@@ -15,11 +15,18 @@ from pdgw.ds301.communication import DEVICE_NAME, IDENTITY_PRODUCT, IDENTITY_VEN
 from pdgw.ds301.eds.importer import import_eds
 from pdgw.ds301.objects import Entry, ObjectAddress, ObjectKind, ObjectSpec
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.dsp402.describe import OPTIONAL_OBJECTS, PROFILE_AREA, answers_of_defaults, describe, questions, signed
 from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.identification.describe import (
+    OPTIONAL_OBJECTS,
+    PROFILE_AREA,
+    answers_of_defaults,
+    describe,
+    questions,
+    signed,
+)
+from pdgw.dsp402.identification.overlay import families_of, overlay, overlay_for, overlays
 from pdgw.dsp402.objects import DRIVE_OBJECTS, PDOS
 from pdgw.dsp402.optional_objects import FURTHER_OBJECTS
-from pdgw.dsp402.overlay import families_of, overlay, overlay_for, overlays
 
 Read = Callable[[int, int], bytes | None]
 """Reads an object of the device; None where the device does not have it."""

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Final
 
 from pdgw.ds301.node.node import NodeSettings
+from pdgw.dsp402.drive.guarding import Wanted
 from pdgw.dsp402.drive_type import DriveType
-from pdgw.dsp402.guarding import Wanted
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.unit_keys import UnitKeys
+from pdgw.dsp402.units.unit_keys import UnitKeys
 
 _CYCLIC_MODES: Final = (Mode.CYCLIC_POSITION, Mode.CYCLIC_VELOCITY)
 

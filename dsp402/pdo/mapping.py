@@ -15,7 +15,7 @@ from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.objects import ObjectAddress
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection, PdoLayout, is_communication_parameter, pdo_of
 from pdgw.dsp402.drive_type import DriveType
-from pdgw.dsp402.planner import Findings, Key, plan_pdos
+from pdgw.dsp402.pdo.planner import Findings, Key, plan_pdos
 
 ReadNumber = Callable[[int, int], int]
 _NOT_NOW = (Abort.CANNOT_STORE, Abort.CANNOT_STORE_LOCAL_CONTROL, Abort.CANNOT_STORE_DEVICE_STATE)
