@@ -20,8 +20,8 @@ from scapy.utils import rdpcap
 from pdgw.profidrive.scapy_layers import ProfidriveCyclic, bind
 from pdgw.tools.demo.chapters import CHAPTERS
 from tests.support import tshark
-from tests.support.buses import PATIENCE_S, wait_for
-from tests.support.processes import played_undisturbed, running
+from tests.support.buses import PATIENCE_S
+from tests.support.processes import played_undisturbed, running, wait_for_text
 
 pytestmark = pytest.mark.e2e
 
@@ -201,7 +201,7 @@ def told_a_part(out: Path) -> Iterator[tuple[subprocess.Popen[str], dict[str, in
     evidence.mkdir(parents=True)
     (evidence / "report.json").write_text('{"passed": true}')  # of an earlier one
     with running("demo", "--out", str(out), log=out / "demo.log") as demo:
-        wait_for(lambda: "telegram 1: enable" in (out / "demo.log").read_text(), "the story")
+        wait_for_text("telegram 1: enable", out / "demo.log", demo)
         started = children(demo.pid)
         assert len(started) == 3
         yield demo, started

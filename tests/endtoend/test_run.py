@@ -24,7 +24,7 @@ from pdgw.tools.commands.replay import replay
 from pdgw.tools.commands.timeline import timeline
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.cli import pdgw
-from tests.support.processes import COMMAND, free_tcp_port, free_udp_port, running
+from tests.support.processes import COMMAND, free_tcp_port, free_udp_port, running, wait_for_text
 
 pytestmark = pytest.mark.e2e
 CYCLE = 4_000_000
@@ -127,7 +127,7 @@ def test_no_signal_ends_the_gateway_without_the_stop_sequence_and_all_it_wrote_i
     with running("run", "--simulate", *options, log=tmp_path / "stderr") as process:
         LittlePlc(port, [1]).enable(0)
         process.send_signal(signal.SIGUSR1)
-        wait_for(lambda: "signal ignored" in log.read_text(), "SIGUSR1 is told")
+        wait_for_text("signal ignored", log, process)
         log.rename(moved)
         process.send_signal(signal.SIGHUP)
         wait_for(log.exists, "a new file")
@@ -162,9 +162,9 @@ def test_simulated_devices_obey_their_console_and_are_given_faults(tmp_path: Pat
     encoder = ["--node-id", "10", "--motion", "still=1.5", "--control-port", str(other)]
     with (
         running("sim", "drive", "--node-id", "3", "--control-port", str(control), log=log) as process,
-        running("sim", "encoder", *encoder, log=encoder_log),
+        running("sim", "encoder", *encoder, log=encoder_log) as turning,
     ):
-        wait_for(lambda: "commands:" in log.read_text(), "started")
+        wait_for_text("commands:", log, process)
         assert pdgw("sim", "inject", "--port", str(control), "fault", "7").stdout.strip() == "ok: fault 7, over-current"
         wait_for(lambda: "fault 7" in pdgw("sim", "inject", "--port", str(control), "status").stdout, "fault shown")
         bad = pdgw("sim", "inject", "--port", str(control), "fault", "13")
@@ -176,7 +176,7 @@ def test_simulated_devices_obey_their_console_and_are_given_faults(tmp_path: Pat
         process.stdin.flush()
         assert process.wait(PATIENCE_S) == 0
 
-        wait_for(lambda: "rotary encoder 10 on virtual" in encoder_log.read_text(), "running")
+        wait_for_text("rotary encoder 10 on virtual", encoder_log, turning)
         assert pdgw("sim", "inject", "--port", str(other), "fault", "temperature").stdout == "ok: temperature\n"
         answer = pdgw("sim", "inject", "--port", str(other), "status").stdout
         assert "node 10: encoder, NMT PRE_OPERATIONAL, model rotary, position [6144]" in answer

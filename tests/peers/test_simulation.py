@@ -26,7 +26,7 @@ from pdgw.peers.world import World
 from tests.peers.test_bus import serial_number_over
 from tests.support import buses
 from tests.support.cli import pdgw
-from tests.support.processes import free_tcp_port, running
+from tests.support.processes import free_tcp_port, running, wait_for_text
 
 CAN = '[can]\ninterface = "virtual"\nchannel = "x"\n'
 
@@ -189,7 +189,7 @@ def test_sim_bus_serves_the_devices_of_a_file_and_is_controlled_both_ways(tmp_pa
     inject = ("sim", "inject", "--port", str(port))
     log = tmp_path / "bus.log"
     with running("sim", "bus", str(path), "--serve", "--port", "0", log=log) as process:
-        buses.wait_for(lambda: "drive 1, drive 2, encoder 10 on pdgw-bus" in log.read_text(), "running")
+        wait_for_text("drive 1, drive 2, encoder 10 on pdgw-bus", log, process)
         # It prints the [can] table by which another process reaches its devices.
         bus = tomllib.loads(log.read_text().partition("drive 1")[0])["can"]
         assert bus["interface"] == INTERFACE

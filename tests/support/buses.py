@@ -31,11 +31,11 @@ def bus(name: str) -> can.BusABC:
     return open_bus("virtual", name)
 
 
-def wait_for(condition: Callable[[], object], what: str, seconds: float = PATIENCE_S) -> None:
-    """Until the condition holds."""
+def wait_for(condition: Callable[[], object], what: str | Callable[[], str], seconds: float = PATIENCE_S) -> None:
+    """Until the condition holds; ``what`` is told where it does not, as it is then where it is a function."""
     deadline = time.monotonic() + seconds
     while not condition():
-        assert time.monotonic() < deadline, f"not within {seconds} s: {what}"
+        assert time.monotonic() < deadline, f"not within {seconds} s: {what() if callable(what) else what}"
         play(2 * MS)
 
 

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from pdgw.tools.demo.links import free_ports
-from tests.support.buses import PATIENCE_S
+from tests.support.buses import PATIENCE_S, wait_for
 
 COMMAND = (sys.executable, "-m", "pdgw")
 PATIENT = "heartbeat_ms = 2000\ntpdo_event_ms = 2000\nsdo_timeout_ms = 5000\n"
@@ -20,6 +20,8 @@ PATIENT = "heartbeat_ms = 2000\ntpdo_event_ms = 2000\nsdo_timeout_ms = 5000\n"
 
 _LOSS = re.compile(r"ERROR +PLC lost|fault 101")
 _TRIES = 4
+_END_OF_A_LOG = 2000
+"""So many characters of each log stand in the message of a test that fails."""
 _PATIENCE_WITH_A_DEMO_S = 1800
 
 
@@ -70,3 +72,25 @@ def running(*arguments: str, log: Path) -> Iterator[subprocess.Popen[str]]:
                     process.wait(PATIENCE_S)
                 except subprocess.TimeoutExpired:
                     process.kill()
+
+
+def wait_for_text(text: str, log: Path, process: subprocess.Popen[str]) -> None:
+    """Until the log of a process that ``running`` started has the text.
+
+    AssertionError with the ends of all logs in its folder where the process ends without it, or is silent for too long.
+    """
+
+    def seen() -> bool:
+        status = process.poll()  # before the log is read: what was written until the end is there
+        found = text in log.read_text()
+        assert found or status is None, f"ended with status {status} without {text!r} in {_ends_of_logs(log.parent)}"
+        return found
+
+    wait_for(seen, lambda: f"{text!r} in {_ends_of_logs(log.parent)}")
+
+
+def _ends_of_logs(folder: Path) -> str:
+    ends = [
+        f"{path.relative_to(folder)}:\n{path.read_text()[-_END_OF_A_LOG:]}" for path in sorted(folder.rglob("*.log"))
+    ]
+    return "the logs:\n" + "\n".join(ends)
