@@ -37,6 +37,11 @@ _DSP402 = (
 _LOW = "gateway.errors gateway.format_version gateway.reasons gateway.identity gateway.platform gateway.store"
 """Modules of ``gateway`` below its sub-packages."""
 _ALL = f"{_FIELD} gateway decoder client recording web peers tools"
+_COMMAND_LINE = (
+    "tools.address tools.bus_task tools.command_table tools.keys tools.plc_window tools.termination "
+    "tools.commissioning tools.demo tools.output tools.plc tools.service"
+)
+"""What commands of ``pdgw`` have in common, and what they are made of."""
 FOR_ALL = {"explain", "extras", "durations", "errors"}
 """Modules of ``pdgw`` that every package may import."""
 ROWS = {
@@ -99,7 +104,11 @@ ROWS = {
     "peers.simulation": f"{_FIELD} gateway peers.bus peers.drive peers.encoder peers.node",
     "peers.world": f"{_FIELD} gateway client peers.plc.exchange peers.drive peers.encoder peers.simulation",
     "tools": _ALL,
-    "tools.commands": _ALL,
+    "tools.commands": "",
+    "tools.commands.capture": f"{_FIELD} gateway decoder recording peers {_COMMAND_LINE}",
+    "tools.commands.commissioning": f"{_FIELD} gateway peers {_COMMAND_LINE}",
+    "tools.commands.gateway": f"{_FIELD} gateway decoder client recording web peers tools.commands.simulation {_COMMAND_LINE}",
+    "tools.commands.simulation": f"{_FIELD} gateway peers {_COMMAND_LINE}",
     "tools.commissioning": f"{_FIELD} gateway peers",
     "tools.demo": f"{_FIELD} gateway decoder recording peers",
     "tools.output": f"{_FIELD} gateway",
@@ -205,7 +214,7 @@ def test_the_rooms_of_canopen_have_no_word_of_profidrive(room: str) -> None:
 
 
 def test_the_search_finds_what_is_there() -> None:
-    assert "pdgw.peers.simulation.running" in imports(ROOT / "tools" / "commands" / "sim_drive.py")
+    assert "pdgw.peers.simulation.running" in imports(ROOT / "tools" / "commands" / "simulation" / "drive.py")
 
 
 def test_what_pydantic_finds_wrong_is_worded_in_one_place() -> None:

@@ -96,44 +96,48 @@ def _add_examples(command: Any, name: str) -> None:
 
 COMMANDS: Mapping[str, Entry] = {
     "run": Entry(
-        "run:run", "Run the gateway until SIGINT, SIGTERM or SIGQUIT; it stops and disables the drives before it ends."
+        "gateway.run:run",
+        "Run the gateway until SIGINT, SIGTERM or SIGQUIT; it stops and disables the drives before it ends.",
     ),
-    "config": Entry("config:app", "Configuration files."),
-    "bus": Entry("bus:app", "CAN bus without a running gateway."),
-    "axis": Entry("axis:app", "Commissioning of an axis."),
+    "config": Entry("commissioning.config:app", "Configuration files."),
+    "bus": Entry("commissioning.bus:app", "CAN bus without a running gateway."),
+    "axis": Entry("commissioning.axis:app", "Commissioning of an axis."),
     "map": Entry(
-        "map:map_",
+        "commissioning.map:map_",
         "Print the byte map of a configuration: offset, length, signal, unit and 100 % of every value; or code for the PLC.",
     ),
     "status": Entry(
-        "status:status",
+        "gateway.status:status",
         "Show why axes are not in operation and one line for each axis; with an axis number, all details of that axis.",
     ),
-    "explain": Entry("explain:explain", "Show what happened around the last fault or stop, in at most ten lines."),
-    "trace": Entry("trace:app", "The flight recorder: the last minutes of both buses."),
+    "explain": Entry(
+        "gateway.explain:explain", "Show what happened around the last fault or stop, in at most ten lines."
+    ),
+    "trace": Entry("gateway.trace:app", "The flight recorder: the last minutes of both buses."),
     "web": Entry(
-        "web:web",
+        "gateway.web:web",
         "Serve the status of a running gateway to browsers, Prometheus and MQTT; read-only.",
     ),
-    "param": Entry("param:app", "Parameters of a gateway or of another PROFIdrive device."),
+    "param": Entry("gateway.param:app", "Parameters of a gateway or of another PROFIdrive device."),
     "decode": Entry(
-        "decode:decode", "Decode hexadecimal data (--hex), a capture of either bus, or the live frames of a bus."
+        "capture.decode:decode",
+        "Decode hexadecimal data (--hex), a capture of either bus, or the live frames of a bus.",
     ),
     "timeline": Entry(
-        "timeline:timeline",
+        "capture.timeline:timeline",
         "Merge captures of both buses: each command of the PLC with its result, its duration and the reason if it had no effect.",
     ),
     "replay": Entry(
-        "replay:replay",
+        "capture.replay:replay",
         "Run a recording through this version of the gateway; exit status 1 if it sends something else.",
     ),
     "drives": Entry(
-        "drives:drives",
+        "commissioning.drives:drives",
         "List the known drive families, show one, or check EDS and DCF files: repairs, family, and keys that telegrams need.",
     ),
-    "sim": Entry("sim:app", "Simulators: PLC, drives, encoders, a bus of devices."),
+    "sim": Entry("simulation.sim:app", "Simulators: PLC, drives, encoders, a bus of devices."),
     "demo": Entry(
-        "demo:demo",
+        "simulation.demo:demo",
         "Run a PLC, the gateway and simulated drives in chapters; report every expectation as pass or fail.",
     ),
 }
@@ -141,24 +145,24 @@ COMMANDS: Mapping[str, Entry] = {
 
 SIM_COMMANDS: Mapping[str, Entry] = {
     "plc": Entry(
-        "sim_plc:plc",
+        "simulation.plc:plc",
         "Simulate a PLC with a scenario (exit status 1 if an expectation fails), the keyboard, or a Structured Text program.",
     ),
     "drive": Entry(
-        "sim_drive:drive",
+        "simulation.drive:drive",
         "Run simulated drives until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`.",
     ),
     "encoder": Entry(
-        "sim_encoder:encoder",
+        "simulation.encoder:encoder",
         "Run simulated encoders until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`.",
     ),
     "bus": Entry(
-        "sim_drive:bus",
+        "simulation.drive:bus",
         "Run the simulated devices of FILE with their faults until SIGINT, SIGTERM or `quit`; "
         "--serve opens the bus too.",
     ),
     "inject": Entry(
-        "sim_drive:inject",
+        "simulation.drive:inject",
         "Send a command to running simulated devices, for example a fault.",
     ),
 }

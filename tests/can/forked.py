@@ -16,8 +16,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from pdgw.__main__ import run
-from pdgw.tools.commands import config, param, sim_drive, sim_plc, status
-from pdgw.tools.commands import run as daemon
+from pdgw.tools.commands.commissioning import config
+from pdgw.tools.commands.gateway import param, status
+from pdgw.tools.commands.gateway import run as daemon
+from pdgw.tools.commands.simulation import drive as sim_drive
+from pdgw.tools.commands.simulation import plc as sim_plc
 from tests.support.buses import PATIENCE_S
 
 LOADED = (config, param, sim_drive, sim_plc, status, daemon)

@@ -20,8 +20,8 @@ from pdgw.gateway.service.status_client import fetch
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 from pdgw.recording.recorder import CAPTURE
-from pdgw.tools.commands.replay import replay
-from pdgw.tools.commands.timeline import timeline
+from pdgw.tools.commands.capture.replay import replay
+from pdgw.tools.commands.capture.timeline import timeline
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.cli import pdgw
 from tests.support.processes import COMMAND, free_tcp_port, free_udp_port, running, wait_for_text

@@ -26,7 +26,7 @@ from pdgw.decoder.view.statistics import Statistics
 from pdgw.ds301.errors import CanopenError
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.tools.commands.decode import decode
+from pdgw.tools.commands.capture.decode import decode
 from tests.fuzz.test_frames import mutated
 from tests.support import captures
 

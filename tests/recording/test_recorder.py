@@ -16,7 +16,7 @@ from pdgw.gateway.configuration.file import config_text, parse_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.recording.recorder import CAPTURE, Captures, Recorder
 from pdgw.recording.recordings import CONFIGURATION, known_from
-from pdgw.tools.commands.decode import decode
+from pdgw.tools.commands.capture.decode import decode
 from tests.decoder.replay.test_replay import speed
 from tests.support import tshark
 

@@ -20,7 +20,7 @@ from pdgw.gateway.configuration.example import simulated
 from pdgw.gateway.configuration.file import config_text
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.tools.commands.decode import decode
+from pdgw.tools.commands.capture.decode import decode
 from tests.support import captures
 
 pyarrow = pytest.importorskip("pyarrow", reason="the extra archive is not installed")

@@ -26,7 +26,7 @@ from pdgw.workshop.__main__ import COMMANDS as WORKSHOP_COMMANDS
 from pdgw.workshop.__main__ import app as workshop
 
 ENTRIES = [*COMMANDS.items(), *SIM_COMMANDS.items(), *WORKSHOP_COMMANDS.items()]
-_HELPERS = {"__init__", "recording_options", "simulation_options"}
+_HELPERS = {"__init__", "options"}
 
 
 @pytest.mark.parametrize(("name", "entry"), ENTRIES, ids=[name for name, _ in ENTRIES])
@@ -122,7 +122,12 @@ def test_the_help_of_a_command_ends_with_an_example_that_it_accepts(name: str, c
 
 def test_every_module_of_a_command_is_in_the_table() -> None:
     folders = [Path(package.__path__[0]) for package in (commands, workshop_commands)]
-    modules = {path.stem for folder in folders for path in folder.glob("*.py")} - _HELPERS
+    modules = {
+        ".".join(path.relative_to(folder).with_suffix("").parts)
+        for folder in folders
+        for path in folder.rglob("*.py")
+        if path.stem not in _HELPERS
+    }
     assert modules == {entry.target.partition(":")[0] for _, entry in ENTRIES}
 
 

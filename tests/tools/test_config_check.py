@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from pdgw.peers.drive import SimulatedDrive
-from pdgw.tools.commands.config import app
+from pdgw.tools.commands.commissioning.config import app
 from tests.support import buses
 from tests.support.daemon import POSITIONER
 from tests.support.data_sheets import SHEETS

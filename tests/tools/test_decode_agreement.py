@@ -195,7 +195,7 @@ def test_signals_as_scapy_reads_them(tmp_path: Path) -> None:
 
 
 def test_the_table_of_a_capture_is_what_plain_struct_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from pdgw.tools.commands.decode import decode  # noqa: PLC0415
+    from pdgw.tools.commands.capture.decode import decode  # noqa: PLC0415
 
     path = tmp_path / "both.pcapng"
     packets = captures.both_buses()

@@ -19,7 +19,7 @@ from pdgw.decoder.frames.engine import Decoder, Settings, given_axes
 from pdgw.decoder.view.names import Names
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.tools.commands.decode import DirectionOption, decode
+from pdgw.tools.commands.capture.decode import DirectionOption, decode
 from tests.support import captures
 from tests.support.buses import PATIENCE_S
 from tests.support.captures import BEGIN_NS

@@ -14,7 +14,7 @@ from pdgw.peers.plc.scenario import Scenario
 from pdgw.peers.plc.scenario_file import load_scenario
 from pdgw.peers.simulation.config import parse_bus
 from pdgw.profidrive.signals import signal
-from pdgw.tools.commands.demo import Story, demo
+from pdgw.tools.commands.simulation.demo import Story, demo
 from pdgw.tools.demo.chapters import CHAPTERS
 from pdgw.tools.demo.links import OnLoopback
 from pdgw.tools.demo.run import Demo, Outcome

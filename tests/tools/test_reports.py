@@ -17,7 +17,7 @@ from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
-from pdgw.tools.commands.sim_plc import Output
+from pdgw.tools.commands.simulation.plc import Output
 from pdgw.tools.output.reports import Check, Report, figures
 from pdgw.workshop.commands.conformance import faults
 from tests.support.cli import pdgw

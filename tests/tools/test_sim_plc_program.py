@@ -11,7 +11,7 @@ from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.structured_text.controller import Controller
 from pdgw.peers.plc.structured_text.endpoint import ProgramEndpoint
-from pdgw.tools.commands.sim_plc import plc
+from pdgw.tools.commands.simulation.plc import plc
 from pdgw.tools.plc.code import structured_text
 
 PROGRAM = """PROGRAM Main

@@ -9,7 +9,7 @@ import pytest
 
 from pdgw.gateway.service.causes import causes
 from pdgw.gateway.service.status import snapshot
-from pdgw.tools.commands.status import status
+from pdgw.tools.commands.gateway.status import status
 from pdgw.tools.output.status_check import Health, check_line
 from tests.support.cli import pdgw
 from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running
@@ -94,7 +94,7 @@ def test_watch_asks_again_and_again(monkeypatch: pytest.MonkeyPatch, capsys: pyt
         if next(answers) == 2:
             raise EnoughError
 
-    monkeypatch.setattr("pdgw.tools.commands.status.time.sleep", pause)
+    monkeypatch.setattr("pdgw.tools.commands.gateway.status.time.sleep", pause)
     with pytest.raises(EnoughError):
         status(free_tcp_port(), watch=True, as_json=True)
     lines = capsys.readouterr().out.splitlines()
@@ -106,7 +106,7 @@ def test_watch_ends_with_ctrl_c(monkeypatch: pytest.MonkeyPatch) -> None:
     def pause(_: float) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("pdgw.tools.commands.status.time.sleep", pause)
+    monkeypatch.setattr("pdgw.tools.commands.gateway.status.time.sleep", pause)
     done = pdgw("status", "--watch", "--port", str(free_tcp_port()))
     assert "retry every second" in done.stdout
     assert done.returncode == 130

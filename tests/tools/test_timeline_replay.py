@@ -14,8 +14,8 @@ from pdgw.decoder.timeline.axis import NO_CONTROLWORD
 from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.recording.recordings import known_from
-from pdgw.tools.commands.replay import replay
-from pdgw.tools.commands.timeline import timeline
+from pdgw.tools.commands.capture.replay import replay
+from pdgw.tools.commands.capture.timeline import timeline
 from tests.decoder.replay.test_replay import speed
 from tests.support import captures
 from tests.support.cli import pdgw

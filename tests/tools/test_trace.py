@@ -25,7 +25,7 @@ from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.gateway.trace.writer import RingFile
 from pdgw.recording.trace_file import captured, chosen_ring, save
 from pdgw.recording.trace_keeper import Choice, Keeper, follow
-from pdgw.tools.commands.timeline import timeline
+from pdgw.tools.commands.capture.timeline import timeline
 from tests.support import profinet_daemon, tshark
 from tests.support.daemon import OFF, ON, Plc, axis, configuration, drive_of, world_of
 from tests.support.daemon import running as playing

@@ -14,7 +14,7 @@ from pdgw.ds301.counters import Counters
 from pdgw.gateway.configuration.example import simulated
 from pdgw.gateway.configuration.file import config_text
 from pdgw.tools.cli import main
-from pdgw.tools.commands import run
+from pdgw.tools.commands.gateway import run
 from tests.support.cli import pdgw, workshop
 from tests.support.processes import free_udp_port
 

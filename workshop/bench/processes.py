@@ -163,7 +163,7 @@ class Gateway:
 def environment() -> dict[str, str]:
     """Where a gateway starts as it does on a user's machine: with the byte code Python keeps of what it once imported."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-    subprocess.run([sys.executable, "-c", "import pdgw.tools.commands.run"], env=environment, check=True)
+    subprocess.run([sys.executable, "-c", "import pdgw.tools.commands.gateway.run"], env=environment, check=True)
     return environment
 
 

@@ -11,7 +11,7 @@ import pytest
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.objects.happenings import LINES, Happening, around_the_last_stop
 from pdgw.gateway.service.status import answered, explanation, snapshot
-from pdgw.tools.commands import explain as command
+from pdgw.tools.commands.gateway import explain as command
 from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running
 from tests.support.situations import settle
 

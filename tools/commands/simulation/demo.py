@@ -14,7 +14,7 @@ from rich.table import Table
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.engine import Result
-from pdgw.tools.commands.sim_plc import results_table
+from pdgw.tools.commands.simulation.plc import results_table
 from pdgw.tools.demo import namespaces
 from pdgw.tools.demo.chapters import CHAPTERS, Chapter
 from pdgw.tools.demo.links import OnEthernet, OnLoopback

@@ -26,7 +26,7 @@ from pdgw.recording.recordings import (
     write_lines,
     write_page,
 )
-from pdgw.tools.commands.recording_options import Config, Files, Nodes, Offset, Station, Telegrams
+from pdgw.tools.commands.capture.options import Config, Files, Nodes, Offset, Station, Telegrams
 from pdgw.tools.output.files import to_be_written
 
 

@@ -35,7 +35,7 @@ from pdgw.profidrive.telegrams import telegram as telegram_of
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.station import check_name
 from pdgw.tools.address import parse_address
-from pdgw.tools.commands.simulation_options import only_with, telegrams_of_axes
+from pdgw.tools.commands.simulation.options import only_with, telegrams_of_axes
 from pdgw.tools.keys import read_keys
 from pdgw.tools.output.files import to_be_written
 from pdgw.tools.output.reports import Check, HtmlFile, JUnitFile, Report

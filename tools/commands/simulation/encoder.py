@@ -10,7 +10,7 @@ from pdgw.dsp406.kinds import DEVICES, ROTARY
 from pdgw.peers.encoder.motion import MOTIONS
 from pdgw.peers.simulation.config import ControlConfig
 from pdgw.peers.simulation.running import run_nodes
-from pdgw.tools.commands.simulation_options import ControlPort
+from pdgw.tools.commands.simulation.options import ControlPort
 
 
 def encoder(

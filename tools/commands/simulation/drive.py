@@ -22,7 +22,7 @@ from pdgw.peers.simulation.configured_devices import add_device
 from pdgw.peers.simulation.console import COMMANDS
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.peers.simulation.running import run, run_nodes
-from pdgw.tools.commands.simulation_options import ControlPort
+from pdgw.tools.commands.simulation.options import ControlPort
 
 
 def drive(

@@ -25,7 +25,7 @@ from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service import realtime
 from pdgw.gateway.service.build import build_text
-from pdgw.tools.commands.simulation_options import only_with, telegrams_of_axes
+from pdgw.tools.commands.simulation.options import only_with, telegrams_of_axes
 from pdgw.tools.service.child_processes import devices_beside, keeper_beside, page_beside
 from pdgw.tools.service.log_format import LogFormat
 from pdgw.tools.service.run_log import CanRecorder, LogLevel, RunLog, on_signals

@@ -44,7 +44,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.telegrams import Direction
 from pdgw.profidrive.telegrams import telegram as telegram_of
 from pdgw.recording.progress import with_progress, with_progress_of
-from pdgw.tools.commands.recording_options import Station
+from pdgw.tools.commands.capture.options import Station
 from pdgw.tools.output.files import to_be_written
 
 _LATE_NS = 2 * SECOND

@@ -12,7 +12,7 @@ from pdgw.decoder.replay.result import AxisReplay, Difference
 from pdgw.durations import MS, SECOND
 from pdgw.explain import counted
 from pdgw.recording.recordings import TOLERANCE_NS, Loaded, known_from, load, nanoseconds, tell, write_lines
-from pdgw.tools.commands.recording_options import Config, Files, Nodes, Offset, Station, Telegrams
+from pdgw.tools.commands.capture.options import Config, Files, Nodes, Offset, Station, Telegrams
 
 
 def replay(

@@ -1,0 +1,1 @@
+"""Commands on captures and recordings of both buses."""
