@@ -16,10 +16,14 @@ import pytest
 
 from pdgw.gateway.reasons import Enable, Reason
 from pdgw.gateway.trace.recorder import FlightRecorder
+from pdgw.recording.recordings import Part, write_page
+from pdgw.tools.output.reports import Check, Report
+from tests.decoder.replay.test_replay import speed
 from tests.support.buses import PATIENCE_S
 from tests.support.daemon import Plc, axis, configuration, drive_of, running
 from tests.support.page import TOKEN, Page, ShownGateway, page
 from tests.support.processes import free_tcp_port
+from tests.support.recorded import RecordedRig
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -94,6 +98,14 @@ class Shown:
     def until(self, condition: Callable[[], object], what: str) -> None:
         self.plc.until(condition, what)
         self.show()
+
+
+def a_fault() -> RecordedRig:
+    """A recording of an axis that turned until its drive had a fault."""
+    rig = speed()
+    rig.node.model.inject(7)
+    rig.step(30)
+    return rig
 
 
 @pytest.fixture
@@ -248,7 +260,14 @@ def test_values_are_called_old_while_the_gateway_or_the_page_itself_does_not_ans
     tab.context.close()
 
 
-def test_views_fit_a_telephone_need_no_mouse_and_show_64_objects(shown: Shown) -> None:
+def test_views_and_pages_of_files_are_accessible_fit_a_telephone_and_need_no_mouse(
+    shown: Shown, tmp_path: Path
+) -> None:
+    files = [tmp_path / "trace.html", tmp_path / "passed.html", tmp_path / "failed.html"]
+    write_page(a_fault().open(tmp_path), Part(), files[0])
+    checks = (Check("axis 1", "ready", "ZSW1.READY = 1"), Check("axis 2", "speed", "NIST_A = 20", ("expected less",)))
+    for number, file in enumerate(files[1:], 1):
+        Report("a run", checks[:number], 'name = "line"').write(None, file)
     for scheme in ("light", "dark"):
         tab = shown.open(viewport=PHONE, color_scheme=scheme)
         for view, text in (
@@ -264,7 +283,12 @@ def test_views_fit_a_telephone_need_no_mouse_and_show_64_objects(shown: Shown) -
             shown.go(tab, f"#/{view}")
             reads(tab, "#main", text)
             assert tab.evaluate("document.documentElement.scrollWidth") <= PHONE["width"], f"{view} is too wide"
-            assert tab.evaluate(UNREADABLE) == [], f"{view}, {scheme}"
+            is_accessible(tab)
+        for file in files:
+            tab.goto(file.as_uri())
+            is_accessible(tab)
+            if file.name == "trace.html":
+                keys_work(tab)
     assert shown.noise == []
 
     # The keyboard reaches everything, and the first line stays visible.
@@ -303,26 +327,31 @@ def test_views_fit_a_telephone_need_no_mouse_and_show_64_objects(shown: Shown) -
     assert bottom <= tab.evaluate("innerHeight"), "one screen"
 
 
-UNREADABLE = """() => {
-  const rgb = text => (text.match(/[\\d.]+/g) ?? []).map(Number);
-  const light = ([r, g, b]) => [r, g, b].map(v => v / 255).map(v => v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)
-    .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
-  const ground = element => {
-    for (let e = element; e; e = e.parentElement) {
-      const colour = rgb(getComputedStyle(e).backgroundColor);
-      if (colour.length === 3 || colour[3] > 0) return colour;
-    }
-    return [255, 255, 255];
-  };
-  const found = [];
-  for (const element of document.querySelectorAll('body *')) {
-    const text = [...element.childNodes].filter(n => n.nodeType === 3).map(n => n.textContent.trim()).join('');
-    if (!text || !element.checkVisibility()) continue;
-    const [a, b] = [light(rgb(getComputedStyle(element).color)), light(ground(element))].sort((x, y) => y - x);
-    if ((a + 0.05) / (b + 0.05) < 4.5) found.push(`${text}: ${((a + 0.05) / (b + 0.05)).toFixed(2)}`);
-  }
-  return found;
-}"""
+def is_accessible(tab: Tab) -> None:
+    """Axe-core, an independent checker, finds nothing: contrast, names, roles, headings, keyboard."""
+    api = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe-core (extra `browser`)")
+    found = api.Axe().run(tab).response["violations"]
+    assert [(item["impact"], item["id"], item["nodes"][0]["html"]) for item in found] == [], tab.url
+
+
+def keys_work(tab: Tab) -> None:
+    """On a page with curves: every curve and the list of what happened can be reached and used."""
+    tab.locator("canvas").first.focus()
+    before = tab.locator("canvas").first.evaluate("e => e.toDataURL()")
+    for key in ("+", "+", "ArrowRight"):
+        tab.keyboard.press(key)
+    assert tab.locator("canvas").first.evaluate("e => e.toDataURL()") != before
+    tab.keyboard.press("Home")
+    assert tab.locator("canvas").first.evaluate("e => e.toDataURL()") == before
+    lines = tab.get_by_role("listbox", name="Timeline")
+    lines.focus()
+    chosen = lines.get_by_role("option", selected=True)
+    read = [chosen.inner_text()]
+    for key in ("ArrowDown", "ArrowDown", "ArrowUp"):
+        tab.keyboard.press(key)
+        read.append(chosen.inner_text())
+    assert read[3] == read[1]
+    assert len(set(read)) == 3
 
 
 def test_seven_tabs_are_live_for_hidden_ones_hold_no_connection(shown: Shown) -> None:

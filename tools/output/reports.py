@@ -27,9 +27,11 @@ HtmlFile = Annotated[
 _NOT_XML = re.compile("[^\\t\\n\\r\\x20-\\ud7ff\\ue000-\\ufffd\\U00010000-\\U0010ffff]")
 """Characters XML 1.0 cannot hold."""
 _STYLE = (
-    ":root{color-scheme:light dark}body{font:14px/1.4 system-ui,sans-serif;margin:1.5rem;max-width:75rem}"
+    ":root{color-scheme:light dark}body{background:Canvas;color:CanvasText}"
+    "body{font:14px/1.4 system-ui,sans-serif;margin:1.5rem;max-width:75rem}"
     "table{border-collapse:collapse}td,th{border-bottom:1px solid #8885;padding:.2rem .6rem;text-align:left;vertical-align:top}"
-    ".bad{color:#d33;font-weight:bold}.good{color:#2a9d8f}pre{background:#8881;padding:.6rem;overflow:auto}"
+    ".bad{color:#ad1820;font-weight:bold}.good{color:#12633a}pre{background:#8881;padding:.6rem;overflow:auto}"
+    "@media(prefers-color-scheme:dark){.bad{color:#ff948c}.good{color:#6bd49b}}"
 )
 
 
@@ -105,12 +107,12 @@ class Report:
     def _page(self) -> Iterator[str]:
         title = html.escape(self.title)
         yield '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        yield f"<title>{title}</title><style>{_STYLE}</style></head><body><h1>{title}</h1>"
+        yield f"<title>{title}</title><style>{_STYLE}</style></head><body><main><h1>{title}</h1>"
         if self.checks:
             kind = "bad" if self.failed else "good"
             good = len(self.checks) - self.failed
             yield f'<p class="{kind}">{good} of {len(self.checks)} passed</p>'
-        yield from _table(("", ""), [(name, value) for name, value in self._facts.items()])
+        yield from _table(("fact", "value"), [(name, value) for name, value in self._facts.items()])
         for heading, chosen in (
             ("Failed", [check for check in self.checks if not check.passed]),
             ("Passed", [check for check in self.checks if check.passed]),
@@ -118,10 +120,10 @@ class Report:
             if chosen:
                 yield f"<h2>{heading}</h2>"
                 rows = [(c.group, c.name, "; ".join(c.failures) or c.detail, f"{c.seconds:.3f} s") for c in chosen]
-                yield from _table(("", "check", "seen", "took"), rows)
+                yield from _table(("of", "check", "seen", "took"), rows)
         if self.configuration:
-            yield f"<h2>Configuration</h2><pre>{html.escape(self.configuration)}</pre>"
-        yield "</body></html>"
+            yield f'<h2>Configuration</h2><pre tabindex="0">{html.escape(self.configuration)}</pre>'
+        yield "</main></body></html>"
 
     def write(self, junit: Path | None, page: Path | None) -> None:
         """Both files, those that are wanted; GatewayError when one cannot be written."""
