@@ -83,7 +83,7 @@ ENCODER_FAULTS: MappingProxyType[str, EncoderFault] = MappingProxyType(
             EncoderFault("external", "A device outside the encoder has a fault.", 0x9000, 0x01),
             EncoderFault("device-specific", "An error that only the manufacturer can explain.", 0xFFFF, 0x81),
             EncoderFault(
-                SENSOR_DEFECT, ("A part of the sensor is defective; only the commissioning diagnostics detect it.")
+                SENSOR_DEFECT, "A part of the sensor is defective; only the commissioning diagnostics detect it."
             ),
             EncoderFault(
                 "frequency",

@@ -45,7 +45,7 @@ def encoder_layout(mappable: Collection[tuple[int, int]], channels: Sequence[int
             position = (POSITION, 0)
         if position not in mappable:
             raise Dsp406Error(
-                "encoder channel", channel, ("an encoder whose position (6004h, 6020h) can be mapped to a PDO")
+                "encoder channel", channel, "an encoder whose position (6004h, 6020h) can be mapped to a PDO"
             )
         further = [(index, channel) for index in _FURTHER if (index, channel) in mappable]
         tpdos.append(Pdo(PdoDirection.TPDO, number, tuple(entry(*item) for item in (position, *further))))

@@ -199,7 +199,7 @@ class Interface:
         known = [item.do_id for item in self._watch.config.objects]
         if do_id not in known:
             raise RequestError(
-                field, (f"drive object {do_id} does not exist, allowed: {', '.join(map(str, known))}"), 404
+                field, f"drive object {do_id} does not exist, allowed: {', '.join(map(str, known))}", 404
             )
         return do_id
 

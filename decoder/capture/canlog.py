@@ -113,7 +113,7 @@ def _other_forms(line: bytes, offset: int, name: str) -> tuple[bytes, bytes, byt
         data = bytes(int(length)) if remote else bytes.fromhex((digits or b"").decode())
         if len(data) != int(length):
             raise CaptureError(
-                name, offset, (f"{line[:_SHOWN]!r}: {len(data)} data bytes, but the line announces {int(length)}")
+                name, offset, f"{line[:_SHOWN]!r}: {len(data)} data bytes, but the line announces {int(length)}"
             )
         if b":" in (seconds or b""):
             seconds = _date(seconds, line, offset, name)

@@ -91,7 +91,7 @@ def _pcap(window: Window, name: str) -> Iterator[Packet]:
                 raise CaptureError(
                     name,
                     window.offset,
-                    (f"packet {number + 1} has {length} bytes according to its header, allowed: at most {MAX_PACKET}"),
+                    f"packet {number + 1} has {length} bytes according to its header, allowed: at most {MAX_PACKET}",
                 )
             if not window.need(_PCAP_RECORD + length):
                 missing = _PCAP_RECORD + length - window.left

@@ -86,7 +86,7 @@ def source_of_stream(name: str, suffix: str, stream: Any, size: int | None, clos
             return _messages(name, kind, stream, size, closing)
     if suffix in _BINARY_READERS or suffix in _TEXT_READERS:
         return _messages(name, suffix, stream, size, closing)
-    raise CaptureError(name, 0, (f"unknown format: the file begins with {head[:8].hex(' ')}; known formats: {FORMATS}"))
+    raise CaptureError(name, 0, f"unknown format: the file begins with {head[:8].hex(' ')}; known formats: {FORMATS}")
 
 
 def _position(stream: Any) -> Callable[[], int]:

@@ -487,9 +487,7 @@ class DriveClient(NodeClient[DriveSettings]):
             if mode in _SPEED_MODES and (late or (shown == _NO_MODE and self.loop.now() > deadline)):
                 # Some drives show a mode in operation only. No speed is sent before it is shown.
                 self._mode_awaited = mode
-                self._tell(
-                    "status", (f"6061h shows {shown}: mode {mode} is checked again when the operation is enabled")
-                )
+                self._tell("status", f"6061h shows {shown}: mode {mode} is checked again when the operation is enabled")
                 return
             if self.loop.now() > deadline:
                 raise Dsp402Error("6061h", shown, f"{mode} within {MODE_CONFIRM_NS / SECOND:g} s of 6060h")

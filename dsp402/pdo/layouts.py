@@ -73,9 +73,7 @@ _MESSAGES = {
     "velocity_demand": "the bits for ramp completed and speed within tolerance are 0",
     "current_actual": "the bit for torque below its threshold is 0",
 }
-_ONE_RAMP = {
-    "profile_deceleration": ("6083h contains the smaller of acceleration and deceleration, and applies to both")
-}
+_ONE_RAMP = {"profile_deceleration": "6083h contains the smaller of acceleration and deceleration, and applies to both"}
 
 LAYOUTS: dict[Operation, PdoLayout] = {
     # RPDO 1 carries the Controlword as its last object and is sent last: a drive that applies objects in the order of the mapping

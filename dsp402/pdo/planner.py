@@ -279,7 +279,7 @@ class _Direction:
         return Dsp402Error(
             "PDOs of the drive",
             f"no {self.direction.label} for {word}" + (f": fixed are {'; '.join(there)}" if there else ""),
-            (f"a PDO that can be mapped, or one whose mapping has {word.index:04X}h and only objects of the telegram"),
+            f"a PDO that can be mapped, or one whose mapping has {word.index:04X}h and only objects of the telegram",
         )
 
     # -- how it travels -----------------------------------------------------------------------------------------------------

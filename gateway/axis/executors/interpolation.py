@@ -127,7 +127,7 @@ class Interpolation:
             raise Dsp402Error("modulo_range", "607Bh wraps", "a drive without 607Bh, or with profile position (6502h)")
         if self._cycle_ns <= 0:
             raise Dsp402Error(
-                "cycle", f"{self._cycle_ns} ns", ("a time above 0: the gateway calculates a setpoint for each cycle")
+                "cycle", f"{self._cycle_ns} ns", "a time above 0: the gateway calculates a setpoint for each cycle"
             )
         scaling = drive.scaling
         counts = known(scaling.counts_per_revolution, "position units per revolution", "counts_per_revolution")

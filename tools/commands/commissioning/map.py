@@ -134,7 +134,7 @@ def _profinet_text(maps: Maps, width: int | None) -> str:
         )
         for found in maps
     ]
-    return _tables(tables, width, ("The PROFINET driver of the PLC handles IOPS, IOCS and the position in the frame."))
+    return _tables(tables, width, "The PROFINET driver of the PLC handles IOPS, IOCS and the position in the frame.")
 
 
 def _tables(tables: Sequence[tuple[str, Sequence[tuple[str, int, Place]]]], width: int | None, remark: str) -> str:
