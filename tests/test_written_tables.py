@@ -340,7 +340,8 @@ def test_cases_of_the_tester_and_tests_of_class_a_match() -> None:
     link = "gateway/links/profinet"
     class_a = names_of_tests(f"{link}/test_class_a.py", "profinet/test_class_a_relationship.py")
     named = class_a | names_of_tests(f"{link}/test_snmp.py", "profinet/discovery/test_snmp.py")
-    told = [name for row in rows("profinet.md", "case of the tester") for name in re.findall(r"`(test_\w+)`", row[1])]
+    cases = rows("../tests/support/tester_cases.md", "case of the tester")
+    told = [name for row in cases for name in re.findall(r"`(test_\w+)`", row[1])]
     assert len(told) >= 20
     assert [name for name in told if not any(test.startswith(name) for test in named)] == []
     assert [test for test in class_a if not test.startswith(tuple(told))] == []
