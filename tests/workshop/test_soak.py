@@ -18,6 +18,7 @@ from pdgw.gateway.axis.settings import ControlLost, PlcLossReaction
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.links.udp import Address
 from pdgw.peers.drive import SHAPES
+from pdgw.peers.world import Conditions
 from pdgw.profidrive.frame import CSduLayout
 from pdgw.profidrive.telegrams import Direction, telegram
 from pdgw.workshop.commands.soak import soak
@@ -106,19 +107,27 @@ def test_gateway_that_ended_starts_again_when_interface_is_plugged_in() -> None:
     assert life.daemon is not ended
 
 
-def test_frame_that_was_overtaken_is_no_reason_for_another_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The gateway drops it."""
+@pytest.mark.parametrize("delay_ms", [100, 250], ids=["counter old", "counter as if new"])
+@pytest.mark.parametrize(("place", "value"), [("iops", 0), ("STW1", 0x7D)], ids=["IOPS BAD", "OFF2"])
+def test_frame_that_was_overtaken_is_no_reason_for_another_off(
+    delay_ms: int, place: str, value: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The gateway drops it. By the rule of PROFINET a counter counts as new again when it is more than 128 ms old."""
     life = Life(next(parts(7, 1, [1])), keep_telegrams=True)
+    network, layout = life.world.network, CSduLayout([telegram(1)], Direction.SETPOINT)
     frames: list[tuple[Address, Address, bytes]] = []
-    life.world.network.arrivals.append(lambda _, source, target, data: frames.append((source, target, data)))
+    network.arrivals.append(lambda _, source, target, data: frames.append((source, target, data)))
     life.play(2 * SECOND)
     reasons: list[str] = []
     monkeypatch.setattr(SoakAxis, "doubt", lambda self, why, since=None: reasons.append(why))
-    source, target, data = [frame for frame in frames if frame[1] == life.daemon.address][-3]
-    bad = bytearray(data)
-    bad[CSduLayout([telegram(1)], Direction.SETPOINT).iops[0]] = 0
-    life.world.network.carry(bytes(bad), source, target)
-    life.play(life.loop.now() + 10 * MS)
+    source, target, data = [frame for frame in frames if frame[1] == life.daemon.address][-1]
+    late = bytearray(data)
+    late[layout.iops[0] if place == "iops" else layout.offsets[0] + 1] = value
+    network.conditions = Conditions(delay_ns=delay_ms * MS)
+    network.carry(bytes(late), source, target)
+    network.conditions = Conditions()
+    life.play(life.loop.now() + 300 * MS)
+    assert bytes(late) in [frame[2] for frame in frames]
     assert reasons == []
 
 

@@ -22,7 +22,7 @@ from pdgw.peers.drive import LINEAR_AXIS, ROTARY_AXIS, shape
 from pdgw.peers.node.faults import WrongIdentity
 from pdgw.peers.plc.exchange.cycling import CyclingPlc
 from pdgw.peers.world import Conditions, Member, SimulatedCan, World
-from pdgw.profidrive.frame import IOPS_GOOD, STATUS_RUN, CSduLayout, RtFrame, is_newer
+from pdgw.profidrive.frame import IOPS_GOOD, STATUS_RUN, CSduLayout
 from pdgw.profidrive.telegrams import Direction, telegram
 from pdgw.workshop.soak.engineer import HOST as ENGINEER_HOST
 from pdgw.workshop.soak.engineer import Engineer
@@ -52,6 +52,8 @@ _ACT_NS: Final = 4 * SECOND
 _SHORTEST_NS, _LONGEST_NS = 2 * MS, 3 * SECOND
 _CHAOS_S: Final = (5, 30)
 _TIMERS_MAX: Final = 2000
+_FRAMES_UNDER_WAY: Final = 1000
+"""More than the PLC sends in the longest delay."""
 _RUNNING_STATE: Final = 0x4F
 _IDENTITY: Final = f"drive: {WrongIdentity.name}"
 """Without a data sheet a gateway takes the identity that it finds first for the right one."""
@@ -89,9 +91,12 @@ class Life:
         self._quiet_since = self.begin
         self._arrived = self.begin
         self._newest: tuple[Address, int] | None = None
-        """Who sent the newest frame of the PLC, and its cycle counter."""
+        """Who sent the newest frame of the PLC that came, and when."""
+        self._sent: dict[bytes, int] = {}
+        """When the last frames of the PLC were sent."""
         self._runs = False
         self._violation: ViolationError | None = None
+        self.world.network.taps.append(self._on_sent)
         self.world.network.arrivals.append(self._on_arrival)
         self.bus.offered.append(self._on_offered)
         self.bus.taps.append(self._on_frame)
@@ -325,18 +330,26 @@ class Life:
         except ViolationError as violation:
             self._violation = violation
 
+    def _on_sent(self, now: int, source: Address, target: Address, data: bytes) -> None:
+        if target == self.daemon.address and source[0] == PLC_HOST:
+            sent = self._sent
+            sent[data] = now
+            if len(sent) > _FRAMES_UNDER_WAY:
+                del sent[next(iter(sent))]
+
     def _on_arrival(self, now: int, source: Address, target: Address, data: bytes) -> None:
         if target != self.daemon.address or source[0] != PLC_HOST or len(data) != self._layout.frame_size:
             return
         self._doubt_gap(now)
         self._arrived = now
-        counter = RtFrame.decode(data).cycle_counter
-        stale = self._newest is not None and source == self._newest[0] and not is_newer(counter, self._newest[1])
+        sent = self._sent.get(data, now)
+        stale = self._newest is not None and source == self._newest[0] and sent <= self._newest[1]
         if not stale:
-            self._newest = source, counter
+            self._newest = source, sent
         self._runs = bool(data[_STATUS_OFFSET] & STATUS_RUN)
         layout = self._layout
-        certain = self.world.network.conditions == _PLAIN and now - self._quiet_since > self._watchdog_ns
+        undisturbed = self.world.network.conditions == _PLAIN and now - self._quiet_since > self._watchdog_ns
+        certain = undisturbed and not stale
         for axis in self.axes:
             iops = layout.iops[axis.index]
             axis.good = self._runs and bool(data[iops] & IOPS_GOOD)

@@ -116,7 +116,7 @@ class SoakAxis:
     def asked(self, now: int, setpoints: bytes, *, certain: bool) -> None:
         """A frame of the PLC came to the gateway; ``setpoints``: those of this axis, the control word first.
 
-        ``certain``: the network neither loses nor delays, so that the gateway uses this frame.
+        ``certain``: the network neither loses nor delays, and no later frame came before, so that the gateway uses this frame.
         """
         if setpoints != self._asked:
             self._asked = setpoints
