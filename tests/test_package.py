@@ -19,7 +19,7 @@ import pdgw
 from pdgw.ds301.errors import CanopenError
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.workshop.bench.captures import write_capture
+from pdgw.workshop.bench.decoding.captures import write_capture
 from tests.support.daemon import axis, configuration, reached, serving
 
 ROOT = Path(__file__).parents[1]

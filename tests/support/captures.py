@@ -18,7 +18,7 @@ from pdgw.profinet.rpc.client import RecordCaller
 from pdgw.profinet.rpc.dcerpc import object_uuid
 from pdgw.profinet.rpc.records import RECORD_GLOBAL
 from pdgw.profinet.rpc.server import RecordServer
-from pdgw.workshop.bench.captures import block
+from pdgw.workshop.bench.decoding.captures import block
 
 BEGIN_NS = 1_700_000_000_123_456_000
 ETHERNET, SOCKETCAN = 1, 227

@@ -25,12 +25,13 @@ from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.profidrive.frame import RtFrame
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.rpc.server import RecordServer
-from pdgw.workshop.bench import command_line, flood, killed, processes, recording, settings, stops, storm
-from pdgw.workshop.bench.dialogues import SPEEDS, EchoDialogue, PlcDialogue, speed
-from pdgw.workshop.bench.drives import IdealDrives
-from pdgw.workshop.bench.measure import latency
+from pdgw.workshop.bench import command_line, flood, killed, recording, settings, stops, storm
+from pdgw.workshop.bench.measuring.dialogues import SPEEDS, EchoDialogue, PlcDialogue, speed
+from pdgw.workshop.bench.measuring.measure import latency
+from pdgw.workshop.bench.measuring.schedule import Peer
+from pdgw.workshop.bench.processes import processes
+from pdgw.workshop.bench.processes.drives import IdealDrives
 from pdgw.workshop.bench.rows import setpoints_to_can
-from pdgw.workshop.bench.schedule import Peer
 from pdgw.workshop.bench.translation import axis_cycle
 from pdgw.workshop.commands.bench import app
 from tests.fuzz.test_parameters import Memory

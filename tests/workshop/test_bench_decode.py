@@ -13,8 +13,8 @@ from pdgw.decoder.frames.engine import Decoder, Settings, given_axes
 from pdgw.decoder.frames.records import CyclicRecord
 from pdgw.decoder.timeline.entries import Anomaly, Edge, WordKind
 from pdgw.recording.recordings import followed, known_from, look_ahead
-from pdgw.workshop.bench import decoding, following
-from pdgw.workshop.bench.captures import AXES, write_capture, write_recording
+from pdgw.workshop.bench.decoding import decoding, following
+from pdgw.workshop.bench.decoding.captures import AXES, write_capture, write_recording
 
 
 def test_the_measured_capture_is_of_both_buses_and_every_packet_carries_values(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
-from pdgw.workshop.bench.profinet import (
+from pdgw.workshop.bench.profinet.profinet import (
     ECHO_BYTES,
     ECHO_PORT,
     FLOOR_FRAME_ID,

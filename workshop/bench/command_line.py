@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 from pdgw.durations import MS
-from pdgw.workshop.bench.processes import environment, running
+from pdgw.workshop.bench.processes.processes import environment, running
 
 _TRIES = 3
 _AXES, _PERIOD_NS = 4, 4 * MS

@@ -18,10 +18,10 @@ from uuid import UUID
 from pdgw.durations import MS, SECOND
 from pdgw.profinet.rpc.client import RecordCaller
 from pdgw.profinet.rpc.dcerpc import object_uuid
-from pdgw.workshop.bench.dialogues import PlcDialogue
-from pdgw.workshop.bench.measure import Latency, latency
-from pdgw.workshop.bench.processes import Background, Gateway, running
-from pdgw.workshop.bench.schedule import Peer, run
+from pdgw.workshop.bench.measuring.dialogues import PlcDialogue
+from pdgw.workshop.bench.measuring.measure import Latency, latency
+from pdgw.workshop.bench.measuring.schedule import Peer, run
+from pdgw.workshop.bench.processes.processes import Background, Gateway, running
 
 AXES = 4
 PERIOD_NS = 4 * MS

@@ -13,7 +13,7 @@ from pdgw.gateway.configuration.example import simulated
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.peers.world import World
-from pdgw.workshop.bench.measure import nanoseconds_per_call
+from pdgw.workshop.bench.measuring.measure import nanoseconds_per_call
 
 _AXES = (1, 32)
 _CYCLE_NS = MS

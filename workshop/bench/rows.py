@@ -15,10 +15,10 @@ from typing import Protocol
 
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
-from pdgw.workshop.bench.dialogues import SPEEDS, EchoDialogue, PlcDialogue
-from pdgw.workshop.bench.measure import Latency, latency
-from pdgw.workshop.bench.processes import USUAL_SCHEDULING, background, running
-from pdgw.workshop.bench.schedule import Peer, flat_out, run
+from pdgw.workshop.bench.measuring.dialogues import SPEEDS, EchoDialogue, PlcDialogue
+from pdgw.workshop.bench.measuring.measure import Latency, latency
+from pdgw.workshop.bench.measuring.schedule import Peer, flat_out, run
+from pdgw.workshop.bench.processes.processes import USUAL_SCHEDULING, background, running
 
 ROWS = (
     (1, MS),
@@ -82,7 +82,7 @@ def measure(axes: int, period_ns: int, seconds: float, more: str = USUAL_SCHEDUL
     plc = PlcDialogue(axes, period_ns)
     side_by_side = period_ns >= _SIDE_BY_SIDE_NS
     with ExitStack() as at_end:
-        port = int(at_end.enter_context(background("pdgw.workshop.bench.echo")).first_line)
+        port = int(at_end.enter_context(background("pdgw.workshop.bench.processes.echo")).first_line)
         echo = at_end.enter_context(closing(Peer(port, EchoDialogue(plc.size))))
         echo_per_s = flat_out(echo, seconds * _FLAT_OUT_SHARE)
         echo.begin()

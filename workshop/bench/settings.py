@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from pdgw.workshop.bench.processes import USUAL_SCHEDULING
+from pdgw.workshop.bench.processes.processes import USUAL_SCHEDULING
 from pdgw.workshop.bench.rows import Row, measure
 
 AS_SHIPPED = "as by default"

@@ -28,7 +28,7 @@ from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.world import World
 from pdgw.peers.world.can_bus import Member
 from pdgw.profidrive.telegrams import telegram
-from pdgw.workshop.bench.measure import percentile
+from pdgw.workshop.bench.measuring.measure import percentile
 
 CHANNEL, NODE = "stops", 1
 CONFIGURATION = f"""

@@ -16,11 +16,11 @@ from dataclasses import dataclass
 from pdgw.client.udp import ParameterClient
 from pdgw.durations import MS, SECOND
 from pdgw.profidrive.parameters.codec import ParameterAddress
-from pdgw.workshop.bench.dialogues import PlcDialogue
-from pdgw.workshop.bench.measure import Latency
-from pdgw.workshop.bench.phases import Phases
-from pdgw.workshop.bench.processes import Background, running
-from pdgw.workshop.bench.schedule import Peer
+from pdgw.workshop.bench.measuring.dialogues import PlcDialogue
+from pdgw.workshop.bench.measuring.measure import Latency
+from pdgw.workshop.bench.measuring.phases import Phases
+from pdgw.workshop.bench.measuring.schedule import Peer
+from pdgw.workshop.bench.processes.processes import Background, running
 
 AXES = 4
 PERIOD_NS = MS

@@ -18,7 +18,7 @@ from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.gateway.links.sequence import SEQUENCE_FRAMES
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
-from pdgw.workshop.bench.measure import nanoseconds_per_call
+from pdgw.workshop.bench.measuring.measure import nanoseconds_per_call
 
 GOALS_NS = {1: 10_000, 9: 20_000, 111: 12_000}
 """Goals of the project for one axis-cycle."""

@@ -24,11 +24,11 @@ from pathlib import Path
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.demo.links import free_ports
-from pdgw.workshop.bench.dialogues import PlcDialogue
-from pdgw.workshop.bench.measure import Latency
-from pdgw.workshop.bench.phases import Phases
-from pdgw.workshop.bench.processes import Background, running
-from pdgw.workshop.bench.schedule import Peer
+from pdgw.workshop.bench.measuring.dialogues import PlcDialogue
+from pdgw.workshop.bench.measuring.measure import Latency
+from pdgw.workshop.bench.measuring.phases import Phases
+from pdgw.workshop.bench.measuring.schedule import Peer
+from pdgw.workshop.bench.processes.processes import Background, running
 
 AXES = 8
 PERIOD_NS = MS

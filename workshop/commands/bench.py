@@ -21,22 +21,11 @@ from pdgw.durations import MS, US
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.demo import namespaces
 from pdgw.tools.output.reports import HtmlFile, JUnitFile, Report, figures
-from pdgw.workshop.bench import (
-    command_line,
-    decoding,
-    flood,
-    following,
-    killed,
-    profinet,
-    recording,
-    settings,
-    stops,
-    storm,
-    translation,
-    watching,
-)
-from pdgw.workshop.bench.build import machine, use_real_time_priority
-from pdgw.workshop.bench.measure import Latency
+from pdgw.workshop.bench import command_line, flood, killed, recording, settings, stops, storm, translation, watching
+from pdgw.workshop.bench.decoding import decoding, following
+from pdgw.workshop.bench.measuring.build import machine, use_real_time_priority
+from pdgw.workshop.bench.measuring.measure import Latency
+from pdgw.workshop.bench.profinet import profinet
 from pdgw.workshop.bench.rows import ROWS, Row, idle, measure
 from pdgw.workshop.bench.stops import Stop
 

@@ -23,8 +23,8 @@ from pdgw.profinet.model import DAP_SUBSLOT, TELEGRAM_SUBSLOT
 from pdgw.profinet.rpc.client import RecordResult
 from pdgw.profinet.rpc.identification import INDEX
 from pdgw.tools.demo.namespaces import ADDRESS_HERE, THERE
-from pdgw.workshop.bench.build import use_real_time_priority
-from pdgw.workshop.bench.profinet import ECHO_BYTES, ECHO_PORT, STATION
+from pdgw.workshop.bench.measuring.build import use_real_time_priority
+from pdgw.workshop.bench.profinet.profinet import ECHO_BYTES, ECHO_PORT, STATION
 
 _AXIS = (1, TELEGRAM_SUBSLOT)
 _ASK_S = 0.02

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pdgw.workshop.bench.captures import write_capture
+from pdgw.workshop.bench.decoding.captures import write_capture
 
 GOAL_SCAPY = 5.0
 """Goal: at least so many times as fast as scapy."""

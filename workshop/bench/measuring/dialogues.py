@@ -9,7 +9,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, STATUS_NORMAL, TRAILER, CSduLayout
 from pdgw.profidrive.telegrams import Direction, telegram
-from pdgw.workshop.bench.schedule import Peer, run
+from pdgw.workshop.bench.measuring.schedule import Peer, run
 
 _OFF, _ON = 0x047E, 0x047F
 _ZSW1_STATE, _READY_TO_SWITCH_ON, _OPERATION = 0x4F, 0x01, 0x07

@@ -20,7 +20,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status_client import fetch
 from pdgw.tools.demo.links import free_ports
-from pdgw.workshop.bench.drives import PER_BUS
+from pdgw.workshop.bench.processes.drives import PER_BUS
 
 _READY_S = 60.0
 _LOOK_S = 0.02
@@ -74,7 +74,7 @@ def background(module: str, *arguments: str) -> Iterator[Background]:
 
 
 class Drives:
-    """Ideal drives for so many axes, see ``workshop.bench.drives``."""
+    """Ideal drives for so many axes, see ``workshop.bench.processes.drives``."""
 
     def __init__(self, process: Background) -> None:
         self._process = process
@@ -178,7 +178,7 @@ def running(axes: int, period_ns: int, more: str = USUAL_SCHEDULING) -> Iterator
     ports = (cyclic, acyclic, status)
     with (
         tempfile.TemporaryDirectory() as directory,
-        background("pdgw.workshop.bench.drives", str(axes)) as process,
+        background("pdgw.workshop.bench.processes.drives", str(axes)) as process,
     ):
         drives = Drives(process)
         config, log = Path(directory) / "gateway.toml", Path(directory) / "gateway.log"

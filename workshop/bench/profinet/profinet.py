@@ -33,7 +33,7 @@ from pdgw.profidrive.frame import COUNTER_UNIT_NS, IOPS_GOOD
 from pdgw.profidrive.telegrams import Direction
 from pdgw.recording.ethernet_capture import EthernetCapture
 from pdgw.tools.demo.namespaces import HERE, VethPair
-from pdgw.workshop.bench.processes import USUAL_SCHEDULING
+from pdgw.workshop.bench.processes.processes import USUAL_SCHEDULING
 
 CYCLES_MS: Final = (1, 2, 4, 32)
 STATION: Final = "press-1"
@@ -157,7 +157,7 @@ def measure(cycle_ms: int, seconds: float, *, realtime: bool) -> ProfinetRow:
         bare = config.with_name("bare.toml")
         bare.write_text(config.read_text(encoding="utf-8").replace("simulate = true\n", ""), encoding="utf-8")
         controller = pair.command(
-            *(sys.executable, "-m", "pdgw.workshop.bench.profinet_controller"),
+            *(sys.executable, "-m", "pdgw.workshop.bench.profinet.controller"),
             *(str(cycle_ms), *map(str, holds), str(seconds), *as_asked),
         )
         echo = [sys.executable, "-P", str(_BESIDE / "echoes_only.py"), str(ECHO_PORT), *as_asked]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 
-from pdgw.workshop.bench.dialogues import PlcDialogue
-from pdgw.workshop.bench.measure import Latency, latency
-from pdgw.workshop.bench.schedule import Peer, run
+from pdgw.workshop.bench.measuring.dialogues import PlcDialogue
+from pdgw.workshop.bench.measuring.measure import Latency, latency
+from pdgw.workshop.bench.measuring.schedule import Peer, run
 
 
 class Phases:

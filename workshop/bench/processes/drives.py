@@ -1,9 +1,9 @@
 """Ideal drives in a process of their own: each RPDO of telegram 1 is answered at once with its TPDO, as prepared bytes.
 
-They tell each new NMT state at once. ``python -m pdgw.workshop.bench.drives AXES`` serves loopback buses with up to three drives
-each, prints their channels, and obeys its standard input: ``mark`` starts counting, ``report`` prints the counts as JSON, the end
-of input ends it. Everything else than RPDOs is the business of simulated drives; an SDO upload that one of them answered in one
-frame before is answered from memory.
+They tell each new NMT state at once. ``python -m pdgw.workshop.bench.processes.drives AXES`` serves loopback buses with up to
+three drives each, prints their channels, and obeys its standard input: ``mark`` starts counting, ``report`` prints the counts as
+JSON, the end of input ends it. Everything else than RPDOs is the business of simulated drives; an SDO upload that one of them
+answered in one frame before is answered from memory.
 """
 
 from __future__ import annotations

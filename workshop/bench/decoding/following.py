@@ -9,7 +9,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from pdgw.workshop.bench.captures import AXES, write_recording
+from pdgw.workshop.bench.decoding.captures import AXES, write_recording
 
 GOAL_FACTOR = 20.0
 """Goal: at least so many times as fast as the recording ran."""

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from pdgw.durations import SECOND
-from pdgw.workshop.bench.measure import Latency, latency
+from pdgw.workshop.bench.measuring.measure import Latency, latency
 
 
 class Dialogue(Protocol):

@@ -1,0 +1,1 @@
+"""The decoder and `pdgw timeline` on the same captures, beside other programs."""

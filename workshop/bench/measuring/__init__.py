@@ -1,0 +1,1 @@
+"""Measuring: schedules, phases, percentiles, and the build that was measured."""

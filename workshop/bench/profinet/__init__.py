@@ -1,0 +1,1 @@
+"""The PROFINET device over a pair of virtual Ethernet interfaces."""
