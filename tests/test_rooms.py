@@ -95,6 +95,7 @@ ROWS = {
     "peers": "",
     "peers.node": "ds301",
     "peers.drive": "ds301 dsp402 peers.node",
+    "peers.drive.model": "ds301 dsp402 peers.drive.device peers.drive.family",
     "peers.encoder": "ds301 dsp406 peers.node",
     "peers.bus": "ds301 gateway.errors peers.node",
     "peers.plc.exchange": f"{_FIELD} gateway client",

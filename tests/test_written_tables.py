@@ -30,7 +30,7 @@ from pdgw.gateway.parameters.profile import MAX_BLOCK
 from pdgw.gateway.reasons import Enable
 from pdgw.gateway.service.status import SCHEMA
 from pdgw.gateway.trace.layout import PEER_OFFSET, PEER_SIZE, WORD, Word
-from pdgw.peers.drive.shapes import FAMILY
+from pdgw.peers.drive.model.shapes import FAMILY
 from pdgw.profidrive.frame import (
     C_SDU_MIN,
     COUNTER_UNIT_NS,

@@ -18,7 +18,7 @@ from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.example import SIMULATED_WATCHDOG_FACTOR
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive import SimulatedDrive
-from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
+from pdgw.peers.drive.model.motion import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.plc.exchange.cycling import CyclingPlc
 from pdgw.peers.plc.exchange.position_loop import PositionLoop
 from pdgw.peers.world import World

@@ -1,10 +1,10 @@
 """A realistic CiA 402 drive: pure model in several shapes, CANopen node, and a node on any python-can bus."""
 
-from pdgw.peers.drive.latency import Latency
-from pdgw.peers.drive.machine import LINEAR_AXIS, MACHINES, ROTARY_AXIS, Machine
-from pdgw.peers.drive.model import DriveModel
+from pdgw.peers.drive.model.latency import Latency
+from pdgw.peers.drive.model.machine import LINEAR_AXIS, MACHINES, ROTARY_AXIS, Machine
+from pdgw.peers.drive.model.model import DriveModel
+from pdgw.peers.drive.model.shapes import ENGEL, SHAPES, Shape, shape
 from pdgw.peers.drive.node import SimulatedDrive, SimulatedDriveNode
-from pdgw.peers.drive.shapes import ENGEL, SHAPES, Shape, shape
 
 __all__ = [
     "ENGEL",

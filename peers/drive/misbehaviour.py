@@ -18,8 +18,8 @@ from pdgw.peers.node.faults import NODE_MISBEHAVIOURS, Reboot
 from pdgw.peers.node.misbehaviour import HEX, Misbehaviour, catalogue, parameter
 
 if TYPE_CHECKING:
-    from pdgw.peers.drive.machine import Machine
-    from pdgw.peers.drive.model import DriveModel
+    from pdgw.peers.drive.model.machine import Machine
+    from pdgw.peers.drive.model.model import DriveModel
 
 _STATE_BITS = 0x7F
 _UNDER_VOLTAGE = 6

@@ -17,12 +17,12 @@ from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.drive import touch_probe
 from pdgw.durations import MS
-from pdgw.peers.drive.latency import NO_LATENCY, Latency
-from pdgw.peers.drive.machine import Machine
 from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
-from pdgw.peers.drive.model import DriveModel
-from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
-from pdgw.peers.drive.shapes import ENGEL, Shape
+from pdgw.peers.drive.model.latency import NO_LATENCY, Latency
+from pdgw.peers.drive.model.machine import Machine
+from pdgw.peers.drive.model.model import DriveModel
+from pdgw.peers.drive.model.motion import INCREMENTS_PER_REVOLUTION
+from pdgw.peers.drive.model.shapes import ENGEL, Shape
 from pdgw.peers.node.device import Value
 from pdgw.peers.node.node import SendFunction, SimulatedNode
 from pdgw.peers.node.running import RunningNode

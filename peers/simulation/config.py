@@ -17,7 +17,7 @@ from pdgw.gateway.configuration.config import as_list
 from pdgw.gateway.configuration.environment import CanConfig, Integer, Port
 from pdgw.gateway.configuration.toml_file import parse_toml, read_text
 from pdgw.peers.drive import SHAPES
-from pdgw.peers.drive.latency import LATENCY_MAX_MS
+from pdgw.peers.drive.model.latency import LATENCY_MAX_MS
 from pdgw.peers.encoder.motion import parse_motion, still
 from pdgw.peers.node.misbehaviour import make
 from pdgw.peers.simulation.devices import DEVICE_TYPES, encoder_device
@@ -64,7 +64,7 @@ class DeviceConfig(_Section):
     axis: Literal["rotary", "linear"] | None = None
     """Of a drive: a shaft that turns for ever, or a slide with limit switches."""
     like: str | None = None
-    """Of a drive: the shape, see ``peers.drive.shapes``."""
+    """Of a drive: the shape, see ``peers.drive.model.shapes``."""
     sync_tolerance: Annotated[Integer, Field(ge=1, le=1000)] | None = None
     """Of a drive in a cyclic synchronous mode: so many periods without SYNC are a fault; without it the shape's."""
     command_latency_ms: _LatencyMs | None = None

@@ -19,7 +19,7 @@ from pdgw.gateway.configuration.encoder import EncoderConfig
 from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive import ENGEL
-from pdgw.peers.drive.shapes import SYNCHRONOUS, Shape
+from pdgw.peers.drive.model.shapes import SYNCHRONOUS, Shape
 from pdgw.peers.simulation.config import DeviceConfig
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.profidrive.telegrams import ApplicationMode, telegram

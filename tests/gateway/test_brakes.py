@@ -19,7 +19,7 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode, shape
-from pdgw.peers.drive.shapes import SYNCHRONOUS
+from pdgw.peers.drive.model.shapes import SYNCHRONOUS
 from pdgw.peers.node.node import Value
 from tests.gateway.test_sync import KNOWN_TO_STOP, SPEED_KEYS, unguarded
 from tests.support.daemon import Plc, axis, configuration, exchanging, running, until, world_of

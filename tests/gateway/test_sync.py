@@ -19,7 +19,7 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.service.status import snapshot
 from pdgw.gateway.sync import Spread
 from pdgw.peers.drive import SimulatedDrive, shape
-from pdgw.peers.drive.shapes import SYNCHRONOUS, Shape
+from pdgw.peers.drive.model.shapes import SYNCHRONOUS, Shape
 from pdgw.tools.output.status_text import status_lines
 from tests.support.daemon import Plc, axis, configuration, drive_of, exchanging, running, until, world_of
 

@@ -16,7 +16,7 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.durations import MS
 from pdgw.peers.drive import Machine, SimulatedDriveNode
-from pdgw.peers.drive.latency import NO_LATENCY, Latency
+from pdgw.peers.drive.model.latency import NO_LATENCY, Latency
 from pdgw.peers.encoder import SimulatedEncoderNode
 from pdgw.peers.encoder.motion import constant_speed, still
 from pdgw.peers.node.faults import NODE_MISBEHAVIOURS

@@ -13,7 +13,7 @@ from pdgw.dsp402.states import State, state_of
 from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive import Latency, SimulatedDrive
-from pdgw.peers.drive.latency import LATENCY_MAX_MS
+from pdgw.peers.drive.model.latency import LATENCY_MAX_MS
 from pdgw.peers.simulation.config import parse_bus
 from pdgw.peers.simulation.configured_devices import add_device
 from pdgw.peers.simulation.devices import Simulation

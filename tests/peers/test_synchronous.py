@@ -8,7 +8,7 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import Command, State, StatusBit
 from pdgw.durations import MS
 from pdgw.peers.drive import DriveModel
-from pdgw.peers.drive.shapes import SYNCHRONOUS
+from pdgw.peers.drive.model.shapes import SYNCHRONOUS
 
 PERIOD_MS = 4
 CYCLIC = (Mode.CYCLIC_POSITION, Mode.CYCLIC_VELOCITY, Mode.CYCLIC_TORQUE)

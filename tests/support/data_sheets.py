@@ -19,7 +19,7 @@ from pdgw.dsp402.identification.generic import generic_objects
 from pdgw.dsp402.modes import SUPPORTED_MODES
 from pdgw.dsp402.pdo.layouts import pdo
 from pdgw.peers.drive.device import OBJECTS, REVISION
-from pdgw.peers.drive.shapes import Shape
+from pdgw.peers.drive.model.shapes import Shape
 
 COUNTS = Fraction(4096, 60)
 """Increments per second of one rpm."""

@@ -19,8 +19,8 @@ from pdgw.gateway.axis.telegrams import Kind, drive_layout, drive_telegram, init
 from pdgw.gateway.motion.dsc import DscForm
 from pdgw.peers.drive import ENGEL, LINEAR_AXIS, Machine, SimulatedDriveNode
 from pdgw.peers.drive.family import FAMILY
-from pdgw.peers.drive.latency import NO_LATENCY, Latency
-from pdgw.peers.drive.shapes import SYNCHRONOUS, Shape
+from pdgw.peers.drive.model.latency import NO_LATENCY, Latency
+from pdgw.peers.drive.model.shapes import SYNCHRONOUS, Shape
 from tests.support.drive_types import References, described
 from tests.support.mapping import pdo_steps
 from tests.support.stepper import Stepper

@@ -13,7 +13,7 @@ from pdgw.durations import MS
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import Enable
 from pdgw.gateway.service.status import snapshot
-from pdgw.peers.drive.model import DriveModel
+from pdgw.peers.drive.model.model import DriveModel
 from pdgw.tools.output.status_check import check_line
 from pdgw.tools.output.status_text import cause_sentence, object_lines, status_lines
 from pdgw.web.metrics import exposition

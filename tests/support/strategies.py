@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hypothesis import strategies as st
 
-from pdgw.peers.drive.latency import LATENCY_MAX_MS, Latency
+from pdgw.peers.drive.model.latency import LATENCY_MAX_MS, Latency
 from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import TELEGRAMS, Direction, Telegram, TelegramHalf
 

@@ -22,7 +22,7 @@ from pdgw.gateway.service.confirmed_units import witness_text, witnessed
 from pdgw.gateway.service.status import snapshot
 from pdgw.gateway.store import ParameterStore
 from pdgw.peers.drive import ENGEL, Shape, SimulatedDrive, shape
-from pdgw.peers.drive.model import DriveModel
+from pdgw.peers.drive.model.model import DriveModel
 from pdgw.peers.world import World
 from pdgw.tools.bus_task import complete
 from pdgw.tools.commissioning.axis_test import TURNS, AxisTest, Choices, Outcome

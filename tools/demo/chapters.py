@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from pdgw.gateway.configuration.positioner import SIMULATED, SIMULATED_BLOCKS
-from pdgw.peers.drive.shapes import ENGEL, SYNCHRONOUS
+from pdgw.peers.drive.model.shapes import ENGEL, SYNCHRONOUS
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT
 
 _SCENARIOS = Path(__file__).parent.parent / "scenarios"

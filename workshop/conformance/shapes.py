@@ -16,7 +16,7 @@ from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.drive import SHAPES, Latency, SimulatedDrive, shape
-from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
+from pdgw.peers.drive.model.motion import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.world import World
 from pdgw.profidrive.telegrams import ApplicationMode, telegram

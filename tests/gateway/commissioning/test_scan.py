@@ -21,7 +21,7 @@ from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive import SHAPES
 from pdgw.peers.drive.device import EDS_PATH
-from pdgw.peers.drive.shapes import SYNCHRONOUS
+from pdgw.peers.drive.model.shapes import SYNCHRONOUS
 from pdgw.peers.world import World
 from tests.support.daemon import axis, configuration
 

@@ -11,7 +11,7 @@ from pdgw.gateway.configuration.config import AxisConfig
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive import SimulatedDrive
-from pdgw.peers.drive.position_modes import ProfilePosition
+from pdgw.peers.drive.model.position_modes import ProfilePosition
 from tests.support import site
 
 NODE = 5

@@ -24,7 +24,7 @@ from pdgw.dsp402.indices import POSITION_ACTUAL
 from pdgw.durations import MS, SECOND
 from pdgw.peers.bus import Hub
 from pdgw.peers.drive import SimulatedDriveNode
-from pdgw.peers.drive.motion import increments_per_second
+from pdgw.peers.drive.model.motion import increments_per_second
 
 PER_BUS = 3
 """Axes a 1 Mbit/s bus carries at 1 kHz: 70 % of it."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 from pdgw.dsp402.states import ControlBit, State, StatusBit
 
 if TYPE_CHECKING:
-    from pdgw.peers.drive.model import DriveModel
+    from pdgw.peers.drive.model.model import DriveModel
 
 
 class ModeOfOperation:

@@ -30,8 +30,8 @@ from pdgw.dsp402.pdo.layouts import pdo
 from pdgw.durations import SECONDS_PER_MINUTE
 from pdgw.peers.drive.device import DRIVE_TYPE, INFO, OBJECTS, REVISION, drive_objects
 from pdgw.peers.drive.family import FAMILY, FAMILY_MODES
-from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
-from pdgw.peers.drive.probe import POSITIONS
+from pdgw.peers.drive.model.motion import INCREMENTS_PER_REVOLUTION
+from pdgw.peers.drive.model.probe import POSITIONS
 
 _I16, _I32, _U8, _U16, _U32 = CanType.I16, CanType.I32, CanType.U8, CanType.U16, CanType.U32
 _RO, _RW = Access.RO, Access.RW

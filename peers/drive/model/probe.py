@@ -10,10 +10,10 @@ import math
 from typing import TYPE_CHECKING
 
 from pdgw.dsp402.drive import touch_probe
-from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
+from pdgw.peers.drive.model.motion import INCREMENTS_PER_REVOLUTION
 
 if TYPE_CHECKING:
-    from pdgw.peers.drive.model import DriveModel
+    from pdgw.peers.drive.model.model import DriveModel
 
 POSITIONS = ("touch_probe_1_rising", "touch_probe_1_falling", "touch_probe_2_rising", "touch_probe_2_falling")
 """Attributes of the image, by edge."""

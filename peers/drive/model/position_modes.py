@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 from pdgw.dsp402.indices import INTERPOLATION_TIME, MAX_ACCELERATION, MAX_DECELERATION, POSITION_RANGE_LIMIT
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.peers.drive.family import TURNTABLE
-from pdgw.peers.drive.mode_of_operation import ModeOfOperation, follows
-from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION, TICK, increments_per_second, rpm_of, speed_toward
+from pdgw.peers.drive.model.mode_of_operation import ModeOfOperation, follows
+from pdgw.peers.drive.model.motion import INCREMENTS_PER_REVOLUTION, TICK, increments_per_second, rpm_of, speed_toward
 
 if TYPE_CHECKING:
-    from pdgw.peers.drive.model import DriveModel
+    from pdgw.peers.drive.model.model import DriveModel
 
 
 @dataclass(slots=True)

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from pdgw.dsp402.modes import Mode
 from pdgw.peers.drive.family import CURRENT_CONTROL, SPEED_CONTROL, TURNTABLE
-from pdgw.peers.drive.homing import Homing
-from pdgw.peers.drive.mode_of_operation import ModeOfOperation
-from pdgw.peers.drive.position_modes import CyclicPosition, ProfilePosition, Turntable
-from pdgw.peers.drive.speed_modes import (
+from pdgw.peers.drive.model.homing import Homing
+from pdgw.peers.drive.model.mode_of_operation import ModeOfOperation
+from pdgw.peers.drive.model.position_modes import CyclicPosition, ProfilePosition, Turntable
+from pdgw.peers.drive.model.speed_modes import (
     CurrentControl,
     CyclicTorque,
     CyclicVelocity,

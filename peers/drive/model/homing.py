@@ -10,11 +10,11 @@ from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH as NEGATIVE_LIMIT
 from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.peers.drive.family import HOMING_METHODS
-from pdgw.peers.drive.mode_of_operation import ModeOfOperation
-from pdgw.peers.drive.motion import INCREMENTS_PER_REVOLUTION
+from pdgw.peers.drive.model.mode_of_operation import ModeOfOperation
+from pdgw.peers.drive.model.motion import INCREMENTS_PER_REVOLUTION
 
 if TYPE_CHECKING:
-    from pdgw.peers.drive.model import DriveModel
+    from pdgw.peers.drive.model.model import DriveModel
 
 
 class Homing(ModeOfOperation):

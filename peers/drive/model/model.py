@@ -34,12 +34,12 @@ from pdgw.dsp402.states import STATUS_OF, Command, ControlBit, State, StatusBit,
 from pdgw.durations import MS, SECOND, US
 from pdgw.peers.drive.device import OBJECTS
 from pdgw.peers.drive.family import DRIVE_FAULTS
-from pdgw.peers.drive.latency import NO_LATENCY, DelayLine
-from pdgw.peers.drive.machine import ROTARY_AXIS, Machine
-from pdgw.peers.drive.modes import MODES
-from pdgw.peers.drive.motion import COAST_DECELERATION, SECOND_ENCODER_STEPS, TICK, Ramp, increments_per_second
-from pdgw.peers.drive.probe import TouchProbe
-from pdgw.peers.drive.shapes import ENGEL, Shape
+from pdgw.peers.drive.model.latency import NO_LATENCY, DelayLine
+from pdgw.peers.drive.model.machine import ROTARY_AXIS, Machine
+from pdgw.peers.drive.model.modes import MODES
+from pdgw.peers.drive.model.motion import COAST_DECELERATION, SECOND_ENCODER_STEPS, TICK, Ramp, increments_per_second
+from pdgw.peers.drive.model.probe import TouchProbe
+from pdgw.peers.drive.model.shapes import ENGEL, Shape
 
 DI1 = 1 << 16
 _INT32_MAX = (1 << 31) - 1

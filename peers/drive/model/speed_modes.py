@@ -15,8 +15,8 @@ from pdgw.dsp402.indices import (
     VL_DECELERATION,
 )
 from pdgw.dsp402.states import StatusBit
-from pdgw.peers.drive.mode_of_operation import ModeOfOperation, follows
-from pdgw.peers.drive.motion import COAST_DECELERATION, TORQUE_ACCELERATION
+from pdgw.peers.drive.model.mode_of_operation import ModeOfOperation, follows
+from pdgw.peers.drive.model.motion import COAST_DECELERATION, TORQUE_ACCELERATION
 
 
 class _SpeedMode(ModeOfOperation):
