@@ -91,6 +91,8 @@ ROWS = {
     "decoder.export": f"{_FIELD} decoder.frames decoder.view decoder.capture decoder.timeline gateway",
     "client": f"{_FIELD} gateway",
     "web": f"{_FIELD} gateway decoder client",
+    "web.status": "ds301 gateway",
+    "web.server": "gateway web.stream",
     "recording": f"{_FIELD} gateway decoder",
     "peers": "",
     "peers.node": "ds301",

@@ -27,14 +27,14 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.web.declarations import states_document, telegram_document
 from pdgw.web.errors import RequestError
-from pdgw.web.guard import Guard, Token, allowed_hosts, refusal
-from pdgw.web.large import LargeAnswers
 from pdgw.web.metrics import CONTENT_TYPE, exposition
-from pdgw.web.places import Places
+from pdgw.web.server.guard import Guard, Token, allowed_hosts, refusal
+from pdgw.web.server.large import LargeAnswers
+from pdgw.web.server.places import Places
+from pdgw.web.status.watch import Watch
 from pdgw.web.stream import EventStream, Streams
 from pdgw.web.support import about_document, public_config, support_archive
 from pdgw.web.trace import BINS_MAX, SECONDS_MAX, Traces, csv_text
-from pdgw.web.watch import Watch
 
 STATIC = Path(__file__).parent / "static"
 READS_PER_S = 5

@@ -17,8 +17,8 @@ from prometheus_client.registry import Collector
 from pdgw.durations import MS_PER_SECOND
 from pdgw.gateway.links.cyclic import Verdict
 from pdgw.gateway.reasons import AxisState
-from pdgw.web.feed import Document
-from pdgw.web.watch import Watch, counter
+from pdgw.web.status.feed import Document
+from pdgw.web.status.watch import Watch, counter
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 

@@ -29,9 +29,9 @@ from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.defaults import STATUS_PORT
 from pdgw.gateway.configuration.web import MqttConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.web.events import Event
-from pdgw.web.feed import Document
-from pdgw.web.watch import Watch, log
+from pdgw.web.status.events import Event
+from pdgw.web.status.feed import Document
+from pdgw.web.status.watch import Watch, log
 
 _QOS = 1
 _KEEP_ALIVE_S = 15

@@ -11,10 +11,10 @@ from contextlib import contextmanager
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.web.app import Capture, Parameters, made_app
-from pdgw.web.guard import Token, read_token
-from pdgw.web.places import Places
-from pdgw.web.server import PageServer, listen, made_server
-from pdgw.web.watch import StatusPort, Watch, log
+from pdgw.web.server.guard import Token, read_token
+from pdgw.web.server.places import Places
+from pdgw.web.server.server import PageServer, listen, made_server
+from pdgw.web.status.watch import StatusPort, Watch, log
 
 
 def serve(config: GatewayConfig, parameters: Parameters, capture: Capture) -> None:

@@ -11,8 +11,8 @@ from collections.abc import AsyncIterator, Callable
 
 from starlette.types import Receive, Scope, Send
 
-from pdgw.web.events import EventLog
-from pdgw.web.feed import Feed
+from pdgw.web.status.events import EventLog
+from pdgw.web.status.feed import Feed
 
 STREAMS_MAX = 20
 _COMMENT_AFTER_S = 5.0

@@ -17,7 +17,7 @@ from pdgw import __version__
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import config_text
 from pdgw.gateway.errors import GatewayError
-from pdgw.web.watch import Watch
+from pdgw.web.status.watch import Watch
 
 VENDORED = Path(__file__).parent / "static" / "vendor" / "vendored.json"
 _CAPTURE_S = 30

@@ -22,7 +22,7 @@ from pdgw.gateway.trace.layout import TracedObject
 from pdgw.gateway.trace.reader import Cycle, RingReader
 from pdgw.profidrive.telegrams import Telegram, telegram
 from pdgw.web.errors import RequestError
-from pdgw.web.feed import Document
+from pdgw.web.status.feed import Document
 
 SECONDS_MAX = 600
 BINS_MAX = 5000

@@ -18,12 +18,12 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status import explanation, fault_status, snapshot
 from pdgw.recording.trace_file import captured
-from pdgw.web import feed
 from pdgw.web.errors import RequestError
-from pdgw.web.feed import Document
-from pdgw.web.guard import Token
 from pdgw.web.run import in_background
-from pdgw.web.watch import Watch
+from pdgw.web.server.guard import Token
+from pdgw.web.status import feed
+from pdgw.web.status.feed import Document
+from pdgw.web.status.watch import Watch
 from tests.support.buses import PATIENCE_S
 
 TOKEN = "a token of more than sixteen characters"

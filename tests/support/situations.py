@@ -18,7 +18,7 @@ from pdgw.tools.output.status_check import check_line
 from pdgw.tools.output.status_text import cause_sentence, object_lines, status_lines
 from pdgw.web.metrics import exposition
 from pdgw.web.mqtt import object_message
-from pdgw.web.watch import Watch
+from pdgw.web.status.watch import Watch
 from tests.support.daemon import OFF, ON, Plc, axis, configuration, drive_of, running, world_of
 from tests.support.page import ShownGateway, look
 

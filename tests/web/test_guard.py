@@ -14,8 +14,17 @@ from starlette.types import Receive, Scope, Send
 from pdgw.gateway.configuration.file import load_config, parse_config
 from pdgw.gateway.configuration.web import WebConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.web.guard import COOKIE, FAILURES_MAX, FAILURES_WITHIN_S, LOGIN_PATH, Guard, Token, allowed_hosts, read_token
-from pdgw.web.places import Places
+from pdgw.web.server.guard import (
+    COOKIE,
+    FAILURES_MAX,
+    FAILURES_WITHIN_S,
+    LOGIN_PATH,
+    Guard,
+    Token,
+    allowed_hosts,
+    read_token,
+)
+from pdgw.web.server.places import Places
 from tests.support.daemon import axis
 from tests.support.page import TOKEN
 

@@ -16,7 +16,7 @@ from pdgw.gateway.links.cyclic import Verdict
 from pdgw.gateway.reasons import AxisState, FaultNumber, Reason
 from pdgw.profidrive.parameters.codec import ParameterAddress
 from pdgw.web.metrics import exposition
-from pdgw.web.watch import Watch
+from pdgw.web.status.watch import Watch
 from tests.support.daemon import Plc, axis, configuration, drive_of, running, serving
 from tests.support.page import ShownGateway, look
 from tests.support.written_tables import named, rows

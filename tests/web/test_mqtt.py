@@ -20,7 +20,7 @@ from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.web import MqttConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.web.mqtt import MESSAGE_MAX, Publisher, made_client, object_message, topic_name
-from pdgw.web.watch import Watch
+from pdgw.web.status.watch import Watch
 from tests.support.buses import PATIENCE_S
 from tests.support.daemon import axis, configuration, running
 from tests.support.daemon import until as until_true

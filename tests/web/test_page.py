@@ -20,11 +20,11 @@ from pdgw.decoder.frames.records import LinkType
 from pdgw.gateway.reasons import Reason
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.web.app import READS_PER_S, Allowance, Interface
-from pdgw.web.events import KEPT, EventLog
-from pdgw.web.guard import HEADERS
-from pdgw.web.places import CONNECTIONS_MAX, Places
+from pdgw.web.server.guard import HEADERS
+from pdgw.web.server.places import CONNECTIONS_MAX, Places
+from pdgw.web.status.events import KEPT, EventLog
+from pdgw.web.status.watch import Watch
 from pdgw.web.stream import STREAMS_MAX
-from pdgw.web.watch import Watch
 from tests.support.buses import PATIENCE_S
 from tests.support.daemon import Plc, axis, configuration, drive_of, running
 from tests.support.page import TOKEN, Page, ShownGateway, ShownParameters, events_of, page, until

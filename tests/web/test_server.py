@@ -9,8 +9,8 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 from pdgw.gateway.configuration.web import WebConfig
-from pdgw.web.places import CONNECTIONS_MAX, Places
-from pdgw.web.server import made_server
+from pdgw.web.server.places import CONNECTIONS_MAX, Places
+from pdgw.web.server.server import made_server
 from pdgw.web.stream import Streams
 
 

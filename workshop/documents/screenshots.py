@@ -31,7 +31,7 @@ from pdgw.profidrive.telegrams import telegram
 from pdgw.recording.trace_file import captured
 from pdgw.web.parameters import PageParameters
 from pdgw.web.run import in_background
-from pdgw.web.watch import Watch
+from pdgw.web.status.watch import Watch
 
 _TELEGRAMS = (1, 9, 1, 83)
 _OFF, _ON = 0x047E, 0x047F

@@ -13,7 +13,7 @@ from pdgw.gateway.service.causes import causes
 from pdgw.gateway.service.status import snapshot
 from pdgw.tools.output.status_check import check_line
 from pdgw.tools.output.status_text import object_lines, status_lines
-from pdgw.web.events import EventLog
+from pdgw.web.status.events import EventLog
 from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running
 from tests.support.situations import settle
 

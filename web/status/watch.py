@@ -15,8 +15,8 @@ from pdgw.gateway.configuration.bus_load import cyclic_frames
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status_client import fetch, fetch_explanation, fetch_faults
-from pdgw.web.events import EventLog, changed_faults
-from pdgw.web.feed import ANSWER_WITHIN_S, Document, Feed
+from pdgw.web.status.events import EventLog, changed_faults
+from pdgw.web.status.feed import ANSWER_WITHIN_S, Document, Feed
 
 log = logging.getLogger("gateway")
 

@@ -20,7 +20,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from pdgw.gateway.configuration.web import WebConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.web.places import Places, sender
+from pdgw.web.server.places import Places, sender
 
 COOKIE = "pdgw_session"
 LOGIN_PATH = "/api/v1/login"

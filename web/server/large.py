@@ -9,7 +9,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from pdgw.web.guard import refusal
+from pdgw.web.server.guard import refusal
 
 AT_ONCE = 3
 PART = 64 * 1024

@@ -13,7 +13,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from pdgw.gateway.configuration.web import WebConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.web.places import CONNECTIONS_MAX, Places
+from pdgw.web.server.places import CONNECTIONS_MAX, Places
 from pdgw.web.stream import Streams
 
 _AT_ONCE = 1

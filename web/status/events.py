@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from itertools import islice
 
-from pdgw.web.feed import Document
+from pdgw.web.status.feed import Document
 
 KEPT = 1000
 REPEATS_AMONG = 200

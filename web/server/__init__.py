@@ -1,0 +1,1 @@
+"""The server of the page: its connections, who may ask, and large answers."""

@@ -1,0 +1,1 @@
+"""What the page knows of its gateway: status, events, fault counts, loads of the buses."""
