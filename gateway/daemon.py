@@ -22,7 +22,7 @@ from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.bus_load import HEARTBEATS, cyclic_frames
 from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
-from pdgw.gateway.configuration.environment import CanConfig
+from pdgw.gateway.configuration.tables.environment import CanConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.link import Link, UdpLink
 from pdgw.gateway.masters import LISTEN_NS, watch_for_masters

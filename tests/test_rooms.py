@@ -73,6 +73,7 @@ ROWS = {
     "gateway.axis.executors": "profidrive ds301 dsp402 dsp406 gateway.axis gateway.motion gateway.errors gateway.reasons",
     "gateway.axis.supervision": "profidrive ds301 dsp402 gateway.axis gateway.reasons",
     "gateway.configuration": f"{_FIELD} gateway.axis gateway.motion {_LOW}",
+    "gateway.configuration.tables": f"{_FIELD} gateway.axis gateway.motion {_LOW}",
     "gateway.objects": f"{_FIELD} gateway.axis gateway.motion gateway.configuration {_LOW}",
     "gateway.trace": f"{_FIELD} gateway.axis gateway.objects gateway.configuration gateway.daemon {_LOW}",
     "gateway.links": f"{_FIELD} gateway.trace gateway.configuration {_LOW}",

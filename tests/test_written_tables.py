@@ -21,9 +21,9 @@ from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_A
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import drive_layout
 from pdgw.gateway.configuration.config import AxisConfig
-from pdgw.gateway.configuration.defaults import STATUS_PORT, WATCHDOG_FACTOR
-from pdgw.gateway.configuration.environment import TraceConfig, TransportConfig
-from pdgw.gateway.configuration.web import WebConfig
+from pdgw.gateway.configuration.tables.defaults import STATUS_PORT, WATCHDOG_FACTOR
+from pdgw.gateway.configuration.tables.environment import TraceConfig, TransportConfig
+from pdgw.gateway.configuration.tables.web import WebConfig
 from pdgw.gateway.links.profinet.diagnosis import MESSAGE_CLASSES
 from pdgw.gateway.motion.blocks import BlockTask
 from pdgw.gateway.parameters.profile import MAX_BLOCK

@@ -17,7 +17,7 @@ from rich.console import Group, RenderableType
 from rich.live import Live
 from rich.text import Text
 
-from pdgw.gateway.configuration.defaults import STATUS_PORT
+from pdgw.gateway.configuration.tables.defaults import STATUS_PORT
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status_client import fetch
 from pdgw.peers.plc.exchange.view import tables

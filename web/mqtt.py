@@ -26,8 +26,8 @@ from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.configuration.defaults import STATUS_PORT
-from pdgw.gateway.configuration.web import MqttConfig
+from pdgw.gateway.configuration.tables.defaults import STATUS_PORT
+from pdgw.gateway.configuration.tables.web import MqttConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.web.status.events import Event
 from pdgw.web.status.feed import Document

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 from pdgw.decoder.replay.recorded import Answer, AxisRecording
 from pdgw.durations import MS
-from pdgw.gateway.configuration.defaults import USUAL_CYCLE_MS
+from pdgw.gateway.configuration.tables.defaults import USUAL_CYCLE_MS
 
 SILENT_CYCLES: Final = 1.5
 """Cycles without a frame after which the gateway steps by itself, and a loss of the PLC is its silence."""

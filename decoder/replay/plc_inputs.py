@@ -10,7 +10,7 @@ from pdgw.decoder.frames.profinet.connect import Connection
 from pdgw.decoder.frames.profinet.endpoint import ProfinetEndpoint
 from pdgw.decoder.frames.profinet.records import Change
 from pdgw.decoder.replay.recorded import Setpoints
-from pdgw.gateway.configuration.defaults import WATCHDOG_FACTOR
+from pdgw.gateway.configuration.tables.defaults import WATCHDOG_FACTOR
 from pdgw.gateway.links.confirmation import CONFIRMING_FRAMES, Orders
 from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.links.sequence import SEQUENCE_FRAMES

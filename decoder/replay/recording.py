@@ -42,7 +42,7 @@ from pdgw.dsp402.objects import HOMING_METHOD
 from pdgw.dsp402.optional_objects import image_entry
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Configured
-from pdgw.gateway.configuration.defaults import WATCHDOG_FACTOR
+from pdgw.gateway.configuration.tables.defaults import WATCHDOG_FACTOR
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Direction, telegram

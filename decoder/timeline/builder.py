@@ -33,7 +33,7 @@ from pdgw.ds301.pdo import PdoDirection
 from pdgw.durations import MS
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
-from pdgw.gateway.configuration.defaults import WATCHDOG_FACTOR, WATCHDOG_FACTOR_MAX
+from pdgw.gateway.configuration.tables.defaults import WATCHDOG_FACTOR, WATCHDOG_FACTOR_MAX
 from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.reasons import OrderDoubt
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, IOPS_GOOD, is_newer

@@ -37,7 +37,7 @@ from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
 from pdgw.gateway.commissioning.telegram_check import lacks, lacks_by_telegram
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.configuration.environment import CanConfig
+from pdgw.gateway.configuration.tables.environment import CanConfig
 from pdgw.gateway.errors import GatewayError
 
 _PAUSE_NS = 2 * MS

@@ -24,8 +24,8 @@ from pdgw.gateway.axis.telegrams import (
     drive_layout,
     initial_mode,
 )
-from pdgw.gateway.configuration.defaults import USUAL_CYCLE_MS
-from pdgw.gateway.configuration.positioner import SIMULATED, PositionerConfig
+from pdgw.gateway.configuration.tables.defaults import USUAL_CYCLE_MS
+from pdgw.gateway.configuration.tables.positioner import SIMULATED, PositionerConfig
 from pdgw.gateway.motion.dsc import DscChoices, DscForm
 
 _USUAL = AxisSettings(

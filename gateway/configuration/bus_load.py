@@ -22,7 +22,7 @@ from pdgw.durations import MS, MS_PER_SECOND, SECOND, US
 
 if TYPE_CHECKING:
     from pdgw.gateway.configuration.config import AxisConfig
-    from pdgw.gateway.configuration.encoder import EncoderConfig
+    from pdgw.gateway.configuration.tables.encoder import EncoderConfig
 
 _DRIVE_CYCLE_US = 1000
 """A drive updates its values once a millisecond."""

@@ -10,8 +10,8 @@ from pathlib import Path
 from pdgw.ds301.errors import CanopenError
 from pdgw.explain import Problem
 from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
-from pdgw.gateway.configuration.encoder import EncoderConfig
 from pdgw.gateway.configuration.file import SECTIONS
+from pdgw.gateway.configuration.tables.encoder import EncoderConfig
 from pdgw.gateway.configuration.toml_file import read_text, told
 
 

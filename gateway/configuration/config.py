@@ -1,8 +1,8 @@
 """The configuration file: TOML, validated by pydantic, with messages a user can act on.
 
-Keys of [can], [transport] and [[axis]] are fixed, others have defaults; encoders are in ``gateway.configuration.encoder``, what
-surrounds the drive objects in ``gateway.configuration.environment``, reading a file in ``gateway.configuration.file``. Left out:
-the PLC's own parameters, which live in the parameter store.
+Keys of [can], [transport] and [[axis]] are fixed, others have defaults; encoders are in ``gateway.configuration.tables.encoder``,
+what surrounds the drive objects in ``gateway.configuration.tables.environment``, reading a file in
+``gateway.configuration.file``. Left out: the PLC's own parameters, which live in the parameter store.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ from pdgw.gateway.axis.telegrams import (
     initial_mode,
 )
 from pdgw.gateway.configuration.bus_load import cyclic_frames
-from pdgw.gateway.configuration.encoder import EncoderConfig
-from pdgw.gateway.configuration.environment import (
+from pdgw.gateway.configuration.tables.encoder import EncoderConfig
+from pdgw.gateway.configuration.tables.environment import (
     Boolean,
     CanConfig,
     DisplayName,
@@ -53,8 +53,8 @@ from pdgw.gateway.configuration.environment import (
     TraceConfig,
     TransportConfig,
 )
-from pdgw.gateway.configuration.positioner import BlockConfig, PositionerConfig
-from pdgw.gateway.configuration.web import MqttConfig, WebConfig
+from pdgw.gateway.configuration.tables.positioner import BlockConfig, PositionerConfig
+from pdgw.gateway.configuration.tables.web import MqttConfig, WebConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.format_version import at_most
 from pdgw.gateway.motion.dsc import DELAY_CYCLES_MAX, FOLLOWING_WINDOW_MAX, JITTER_NS_MAX, DscChoices, DscForm, XerrSign

@@ -19,10 +19,10 @@ from pdgw.gateway.axis.telegrams import (
     SPEED_TELEGRAM_NUMBERS,
 )
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.configuration.defaults import USUAL_CYCLE_MS, WATCHDOG_FACTOR
-from pdgw.gateway.configuration.positioner import EXAMPLE as POSITIONER_EXAMPLE
-from pdgw.gateway.configuration.positioner import SIMULATED, SIMULATED_BLOCKS
-from pdgw.gateway.configuration.web import WebConfig
+from pdgw.gateway.configuration.tables.defaults import USUAL_CYCLE_MS, WATCHDOG_FACTOR
+from pdgw.gateway.configuration.tables.positioner import EXAMPLE as POSITIONER_EXAMPLE
+from pdgw.gateway.configuration.tables.positioner import SIMULATED, SIMULATED_BLOCKS
+from pdgw.gateway.configuration.tables.web import WebConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT

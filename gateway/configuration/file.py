@@ -12,16 +12,16 @@ from pydantic import BaseModel
 
 from pdgw.explain import Problem
 from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
-from pdgw.gateway.configuration.encoder import EncoderConfig
-from pdgw.gateway.configuration.environment import (
+from pdgw.gateway.configuration.tables.encoder import EncoderConfig
+from pdgw.gateway.configuration.tables.environment import (
     CanConfig,
     ParametersConfig,
     RealtimeConfig,
     TraceConfig,
     TransportConfig,
 )
+from pdgw.gateway.configuration.tables.web import MqttConfig, WebConfig
 from pdgw.gateway.configuration.toml_file import parse_toml, read_text, told, toml_text
-from pdgw.gateway.configuration.web import MqttConfig, WebConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.store import default_store
 

@@ -14,7 +14,7 @@ from typing import Final
 from pydantic import ValidationError
 
 from pdgw.explain import problems
-from pdgw.gateway.configuration.positioner import BlockConfig, PositionerConfig
+from pdgw.gateway.configuration.tables.positioner import BlockConfig, PositionerConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import HIGHEST_BLOCK, PERCENT_MAX, Block, BlockMode, BlockNext, BlockTask
 from pdgw.gateway.motion.requests import PositionerChoices

@@ -13,7 +13,7 @@ import struct
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from pdgw.gateway.configuration.defaults import WATCHDOG_FACTOR
+from pdgw.gateway.configuration.tables.defaults import WATCHDOG_FACTOR
 from pdgw.gateway.links.confirmation import Confirmation
 from pdgw.gateway.links.history import FrameHistory
 from pdgw.gateway.links.sequence import FrameSequence, NewerFrames, Order

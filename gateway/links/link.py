@@ -12,7 +12,7 @@ from typing import Final, Protocol
 
 from pdgw.ds301.counters import Counters
 from pdgw.durations import MS
-from pdgw.gateway.configuration.environment import TransportConfig
+from pdgw.gateway.configuration.tables.environment import TransportConfig
 from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.links.udp import Address
 from pdgw.gateway.platform import DatagramPort

@@ -31,7 +31,7 @@ from pdgw.gateway.axis.values import (
     gateway_fault,
 )
 from pdgw.gateway.configuration.config import AxisConfig
-from pdgw.gateway.configuration.encoder import EncoderConfig
+from pdgw.gateway.configuration.tables.encoder import EncoderConfig
 from pdgw.gateway.objects.enable_chain import Standing
 from pdgw.gateway.objects.fault_buffer import FaultLog, ToldFault
 from pdgw.gateway.objects.happenings import KEPT, Happening

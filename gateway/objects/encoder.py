@@ -22,7 +22,7 @@ from pdgw.gateway.axis.executors.sensor import EncoderReferences
 from pdgw.gateway.axis.settings import SensorSettings
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.values import Outputs, SdoWrite
-from pdgw.gateway.configuration.encoder import EncoderConfig
+from pdgw.gateway.configuration.tables.encoder import EncoderConfig
 from pdgw.gateway.objects.drive_object import OWNED, DriveObject
 from pdgw.gateway.objects.enable_chain import Standing, encoder_standing
 from pdgw.profidrive.sensor_format import SensorFormat

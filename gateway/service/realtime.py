@@ -13,7 +13,7 @@ import os
 from collections.abc import Callable
 from typing import Final
 
-from pdgw.gateway.configuration.environment import RealtimeConfig
+from pdgw.gateway.configuration.tables.environment import RealtimeConfig
 
 DEFAULT_PRIORITY: Final = 40
 """Below the threads of the kernel that serve network and CAN (50)."""

@@ -14,7 +14,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.dsp406.kinds import ROTARY
 from pdgw.explain import misplaced
 from pdgw.gateway.configuration.config import as_list
-from pdgw.gateway.configuration.environment import CanConfig, Integer, Port
+from pdgw.gateway.configuration.tables.environment import CanConfig, Integer, Port
 from pdgw.gateway.configuration.toml_file import parse_toml, read_text
 from pdgw.peers.drive import SHAPES
 from pdgw.peers.drive.model.latency import LATENCY_MAX_MS

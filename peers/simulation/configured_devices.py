@@ -15,8 +15,8 @@ from pydantic import ValidationError
 from pdgw.ds301.bus.port import CanPort
 from pdgw.explain import problems
 from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
-from pdgw.gateway.configuration.encoder import EncoderConfig
-from pdgw.gateway.configuration.environment import CanConfig
+from pdgw.gateway.configuration.tables.encoder import EncoderConfig
+from pdgw.gateway.configuration.tables.environment import CanConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive import ENGEL
 from pdgw.peers.drive.model.shapes import SYNCHRONOUS, Shape

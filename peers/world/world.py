@@ -10,7 +10,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.durations import SECOND
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.configuration.environment import CanConfig
+from pdgw.gateway.configuration.tables.environment import CanConfig
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.encoder import SimulatedEncoder
 from pdgw.peers.simulation.configured_devices import add_device, simulated_devices

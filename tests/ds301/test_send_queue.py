@@ -21,7 +21,7 @@ from pdgw.dsp402.identification.generic import generic_dictionary
 from pdgw.dsp402.states import Command
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.telegrams import drive_layout
-from pdgw.gateway.configuration.environment import CanConfig
+from pdgw.gateway.configuration.tables.environment import CanConfig
 from pdgw.peers.world import Member, World
 
 FRAME = frame_bits(8) * SECOND // 1_000_000

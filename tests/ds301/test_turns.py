@@ -9,7 +9,7 @@ from pdgw.ds301.loop.loop import Task
 from pdgw.ds301.loop.turns import Turns
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.configuration.environment import CanConfig
+from pdgw.gateway.configuration.tables.environment import CanConfig
 from pdgw.peers.world import World
 
 

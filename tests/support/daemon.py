@@ -13,7 +13,7 @@ from pdgw.durations import SECOND
 from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.configuration.positioner import SIMULATED
+from pdgw.gateway.configuration.tables.positioner import SIMULATED
 from pdgw.gateway.configuration.toml_file import toml_text
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.parameters.acyclic import AcyclicServer

@@ -13,7 +13,7 @@ from typing import Any
 from unittest.mock import patch
 
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.configuration.web import WebConfig
+from pdgw.gateway.configuration.tables.web import WebConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status import explanation, fault_status, snapshot

@@ -16,8 +16,8 @@ from pdgw.decoder.capture.source import open_source
 from pdgw.decoder.frames.engine import Packet
 from pdgw.decoder.frames.records import LinkType
 from pdgw.durations import SECOND
-from pdgw.gateway.configuration.environment import Trigger
 from pdgw.gateway.configuration.file import parse_config
+from pdgw.gateway.configuration.tables.environment import Trigger
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace.reader import RingReader

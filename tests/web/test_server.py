@@ -8,7 +8,7 @@ import socket
 from types import SimpleNamespace
 from typing import Any, cast
 
-from pdgw.gateway.configuration.web import WebConfig
+from pdgw.gateway.configuration.tables.web import WebConfig
 from pdgw.web.server.places import CONNECTIONS_MAX, Places
 from pdgw.web.server.server import made_server
 from pdgw.web.stream import Streams

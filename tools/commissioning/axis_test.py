@@ -20,7 +20,7 @@ from pdgw.dsp402.indices import POSITION_ACTUAL
 from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
 from pdgw.gateway.commissioning.telegram_check import lacks
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.configuration.environment import TransportConfig
+from pdgw.gateway.configuration.tables.environment import TransportConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.platform import DatagramPort, Platform

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from pdgw.gateway.configuration.positioner import SIMULATED, SIMULATED_BLOCKS
+from pdgw.gateway.configuration.tables.positioner import SIMULATED, SIMULATED_BLOCKS
 from pdgw.peers.drive.model.shapes import ENGEL, SYNCHRONOUS
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT
 

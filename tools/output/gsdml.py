@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, ENCODER_TELEGRAM_NUMBERS
-from pdgw.gateway.configuration.environment import TransportConfig
+from pdgw.gateway.configuration.tables.environment import TransportConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.profinet.identity import PRODUCT, RELEASED, VENDOR_NAME, profinet_identity
 from pdgw.profidrive.telegrams import telegram

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from pdgw.gateway.configuration.byte_map import FrameMap, counter_step, frame_maps
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.configuration.encoder import EncoderConfig
+from pdgw.gateway.configuration.tables.encoder import EncoderConfig
 from pdgw.gateway.motion.units import LU_PER_VELOCITY_UNIT
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.telegrams import telegram

@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.configuration.environment import CanConfig, TraceConfig
 from pdgw.gateway.configuration.file import config_text
+from pdgw.gateway.configuration.tables.environment import CanConfig, TraceConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service import realtime
 

@@ -18,7 +18,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from pdgw.gateway.configuration.web import WebConfig
+from pdgw.gateway.configuration.tables.web import WebConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.web.server.places import Places, sender
 

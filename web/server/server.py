@@ -11,7 +11,7 @@ import uvicorn
 from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from pdgw.gateway.configuration.web import WebConfig
+from pdgw.gateway.configuration.tables.web import WebConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.web.server.places import CONNECTIONS_MAX, Places
 from pdgw.web.stream import Streams

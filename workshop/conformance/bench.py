@@ -20,8 +20,8 @@ from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
-from pdgw.gateway.configuration.encoder import EncoderConfig
-from pdgw.gateway.configuration.environment import CanConfig, TransportConfig
+from pdgw.gateway.configuration.tables.encoder import EncoderConfig
+from pdgw.gateway.configuration.tables.environment import CanConfig, TransportConfig
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.node.running import RunningNode

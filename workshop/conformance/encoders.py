@@ -16,7 +16,7 @@ from pdgw.dsp402.states import State
 from pdgw.dsp406.faults import ENCODER_FAULTS
 from pdgw.dsp406.objects import OPERATING_PARAMETERS, RESOLUTION
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.configuration.encoder import EncoderConfig
+from pdgw.gateway.configuration.tables.encoder import EncoderConfig
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.encoder import EncoderNode, EncoderObject
 from pdgw.peers.encoder import SimulatedEncoder, SimulatedEncoderNode

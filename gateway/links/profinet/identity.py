@@ -7,8 +7,8 @@ from datetime import date
 
 from pdgw.gateway import identity
 from pdgw.gateway.configuration.config import AxisConfig
-from pdgw.gateway.configuration.encoder import EncoderConfig
-from pdgw.gateway.configuration.environment import TransportConfig
+from pdgw.gateway.configuration.tables.encoder import EncoderConfig
+from pdgw.gateway.configuration.tables.environment import TransportConfig
 from pdgw.profidrive.telegrams import Telegram
 from pdgw.profinet.model import DeviceModel, ObjectKind, drive_model
 from pdgw.profinet.station import Identity

@@ -6,7 +6,7 @@ import logging
 
 from pdgw.ds301.loop.loop import Loop
 from pdgw.durations import MS
-from pdgw.gateway.configuration.environment import TransportConfig
+from pdgw.gateway.configuration.tables.environment import TransportConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
 from pdgw.gateway.store import DeviceParameters, ParameterStore

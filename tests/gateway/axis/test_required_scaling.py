@@ -12,7 +12,7 @@ from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.gateway.axis.required_scaling import needed_quantities
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.commissioning.telegram_check import lacks
-from pdgw.gateway.configuration.positioner import SIMULATED, PositionerConfig
+from pdgw.gateway.configuration.tables.positioner import SIMULATED, PositionerConfig
 from pdgw.profidrive.telegrams import telegram
 from tests.support.drive_types import engel
 

@@ -17,7 +17,7 @@ from pdgw.dsp402.identification.overlay import Overlay, QuirkKeys
 from pdgw.durations import MS
 from pdgw.gateway.commissioning.scan import Expected, FoundNode, Scan, Sheet, expected_on, load_sheets
 from pdgw.gateway.commissioning.telegram_check import lacks
-from pdgw.gateway.configuration.environment import CanConfig
+from pdgw.gateway.configuration.tables.environment import CanConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive import SHAPES
 from pdgw.peers.drive.device import EDS_PATH

@@ -21,12 +21,12 @@ from pdgw.gateway.axis.settings import ControlLost, PlcLossReaction, SetpointEna
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.configuration.check import references_wrong
 from pdgw.gateway.configuration.config import AxisConfig
-from pdgw.gateway.configuration.encoder import EncoderConfig
-from pdgw.gateway.configuration.environment import TraceConfig, TransportConfig
 from pdgw.gateway.configuration.example import example, simulated
 from pdgw.gateway.configuration.file import load_config, parse_config
-from pdgw.gateway.configuration.positioner import BlockConfig, PositionerConfig
-from pdgw.gateway.configuration.web import MqttConfig, WebConfig
+from pdgw.gateway.configuration.tables.encoder import EncoderConfig
+from pdgw.gateway.configuration.tables.environment import TraceConfig, TransportConfig
+from pdgw.gateway.configuration.tables.positioner import BlockConfig, PositionerConfig
+from pdgw.gateway.configuration.tables.web import MqttConfig, WebConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive.device import EDS_PATH
 from pdgw.profidrive.telegrams import TELEGRAMS

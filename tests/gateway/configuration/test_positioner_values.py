@@ -8,8 +8,8 @@ import pytest
 
 from pdgw.client.udp import ParameterClient
 from pdgw.gateway.axis.executors.positioner import PositionerExecutor
-from pdgw.gateway.configuration.positioner import SIMULATED, BlockConfig, PositionerConfig
 from pdgw.gateway.configuration.positioner_values import BLOCK_ITEMS, ITEMS, LIMIT_KEYS, PositionerValues, row_of
+from pdgw.gateway.configuration.tables.positioner import SIMULATED, BlockConfig, PositionerConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTask

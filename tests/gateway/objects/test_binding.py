@@ -11,7 +11,7 @@ import pytest
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.dsp402.drive.client import DriveEvent, DriveStatus
 from pdgw.gateway.configuration.config import AxisConfig
-from pdgw.gateway.configuration.positioner import SIMULATED, PositionerConfig
+from pdgw.gateway.configuration.tables.positioner import SIMULATED, PositionerConfig
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.profidrive.datatypes import DataType

@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.durations import MS
-from pdgw.gateway.configuration.environment import ParametersConfig
 from pdgw.gateway.configuration.file import parse_config
+from pdgw.gateway.configuration.tables.environment import ParametersConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.parameters.manager import ParameterManager
 from pdgw.gateway.parameters.records import CallerRecords, Records

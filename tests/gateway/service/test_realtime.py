@@ -8,7 +8,7 @@ import threading
 
 import pytest
 
-from pdgw.gateway.configuration.environment import RealtimeConfig
+from pdgw.gateway.configuration.tables.environment import RealtimeConfig
 from pdgw.gateway.service import realtime
 from pdgw.gateway.service.realtime import DEFAULT_PRIORITY
 

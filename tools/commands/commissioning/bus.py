@@ -13,8 +13,8 @@ from pdgw.dsp402.objects import DRIVE_PROFILE
 from pdgw.dsp406.kinds import ENCODER_PROFILE
 from pdgw.durations import SECOND
 from pdgw.gateway.commissioning.scan import Expected, FoundNode, Scan, expected_on, load_sheets
-from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.configuration.file import load_config
+from pdgw.gateway.configuration.tables.environment import CanConfig
 from pdgw.tools.bus_task import complete, opened
 
 app = typer.Typer(help="CAN bus without a running gateway.", no_args_is_help=True)

@@ -16,9 +16,9 @@ from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.configuration.bus_load import check_cycle, cyclic_frames, latest
 from pdgw.gateway.configuration.check import references_wrong
 from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
-from pdgw.gateway.configuration.environment import CanConfig, TransportConfig
 from pdgw.gateway.configuration.example import example as example_text
 from pdgw.gateway.configuration.file import load_config
+from pdgw.gateway.configuration.tables.environment import CanConfig, TransportConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.realtime import NEEDED_BELOW_MS
 

@@ -14,8 +14,8 @@ import typer
 from rich.console import Console
 
 from pdgw.gateway.configuration.byte_map import FrameMap, Place, frame_maps
-from pdgw.gateway.configuration.environment import TransportConfig
 from pdgw.gateway.configuration.file import load_config
+from pdgw.gateway.configuration.tables.environment import TransportConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.frame import FRAME_ID_TO_CONTROLLER, FRAME_ID_TO_DEVICE
 from pdgw.profidrive.telegrams import Direction

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from pdgw.gateway.configuration.defaults import STATUS_PORT
+from pdgw.gateway.configuration.tables.defaults import STATUS_PORT
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status_client import fetch, fetch_explanation
 from pdgw.gateway.trace.reader import RingReader

@@ -19,9 +19,9 @@ from pydantic import ValidationError
 from pdgw.explain import Problem, problems
 from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.configuration.environment import CanConfig
 from pdgw.gateway.configuration.example import SIMULATED_ENCODER_TELEGRAM, simulated
 from pdgw.gateway.configuration.file import load_config
+from pdgw.gateway.configuration.tables.environment import CanConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service import realtime
 from pdgw.gateway.service.build import build_text

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from pdgw.gateway.configuration.defaults import STATUS_PORT
+from pdgw.gateway.configuration.tables.defaults import STATUS_PORT
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status_client import fetch, fetch_faults
 from pdgw.tools.output.status_check import Health, check_line

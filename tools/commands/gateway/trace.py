@@ -15,7 +15,7 @@ import typer
 
 from pdgw.durations import SECOND
 from pdgw.explain import counted
-from pdgw.gateway.configuration.environment import Trigger
+from pdgw.gateway.configuration.tables.environment import Trigger
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.store import state_directory
 from pdgw.gateway.trace.place import rings, run_directory

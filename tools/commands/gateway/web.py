@@ -17,7 +17,7 @@ from pdgw.explain import problems
 from pdgw.extras import EXTRA_OF, missing
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import load_config
-from pdgw.gateway.configuration.web import WebConfig
+from pdgw.gateway.configuration.tables.web import WebConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.recording.trace_file import captured
 from pdgw.tools.service.log_format import LogFormat

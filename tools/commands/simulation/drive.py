@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from pdgw.gateway.configuration.environment import CanConfig
+from pdgw.gateway.configuration.tables.environment import CanConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.platform import open_configured_bus
 from pdgw.peers.bus import DEFAULT_PORT, INTERFACE, ServedBus

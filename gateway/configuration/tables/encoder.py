@@ -13,7 +13,7 @@ from pdgw.dsp406.encoder import EncoderSettings
 from pdgw.dsp406.kinds import CHANNELS_MAX, DEVICES, LINEAR, MULTI_SENSOR, ROTARY, EncoderDevice, multi_sensor
 from pdgw.explain import misplaced
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
-from pdgw.gateway.configuration.environment import Boolean, DriveObjectSection, Integer
+from pdgw.gateway.configuration.tables.environment import Boolean, DriveObjectSection, Integer
 
 _SILENCE_MS = 100
 

@@ -9,7 +9,7 @@ from typing import Annotated
 from pydantic import AfterValidator, Field, Strict, model_validator
 
 from pdgw.explain import misplaced
-from pdgw.gateway.configuration.environment import Boolean, Integer, Section
+from pdgw.gateway.configuration.tables.environment import Boolean, Integer, Section
 
 WEB_PORT = 8420
 """TCP on loopback: the page, unless ``listen`` says otherwise."""

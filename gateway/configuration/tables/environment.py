@@ -14,7 +14,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model
 from pdgw.ds301.node.node import NodeSettings
 from pdgw.explain import misplaced
 from pdgw.gateway import identity
-from pdgw.gateway.configuration.defaults import STATUS_PORT, USUAL_CYCLE_MS, WATCHDOG_FACTOR, WATCHDOG_FACTOR_MAX
+from pdgw.gateway.configuration.tables.defaults import STATUS_PORT, USUAL_CYCLE_MS, WATCHDOG_FACTOR, WATCHDOG_FACTOR_MAX
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
