@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from pdgw.gateway.reasons import Reason
 from pdgw.workshop.documents.plc_blocks import BLOCKS_PATH, generate_blocks
 from pdgw.workshop.documents.plc_timing import FOLDER, PICTURES, pictures
+from pdgw.workshop.documents.screenshots import Story, configuration
 from pdgw.workshop.documents.tables import (
     MISBEHAVIOUR_PATH,
     PATH,
@@ -37,3 +39,13 @@ def test_timing_diagrams_of_the_plc_blocks_are_up_to_date() -> None:
     assert {name.removesuffix(".svg") for name in drawn} == PICTURES.keys()
     stored = {path.name: path.read_text(encoding="utf-8") for path in (DOCS / FOLDER).iterdir()}
     assert stored == drawn, "run: make docs"
+
+
+def test_the_story_of_the_pictures_has_an_axis_in_each_state_it_is_meant_to_show(tmp_path: Path) -> None:
+    story = Story(configuration(), tmp_path)
+    story.play()
+    try:
+        assert [item["state"] for item in story.status()["axes"]] == ["In operation", "Off", "Waits"]
+        assert story.status()["axes"][2]["reason_id"] == Reason.NO_CONTROL.name
+    finally:
+        story.end()

@@ -24,16 +24,15 @@ from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status import explanation, fault_status, snapshot
 from pdgw.gateway.trace.recorder import FlightRecorder
-from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
-from pdgw.peers.world import World
+from pdgw.peers.world import Plc, World
 from pdgw.profidrive.signals import signal
-from pdgw.profidrive.telegrams import telegram
 from pdgw.recording.trace_file import captured
 from pdgw.web.parameters import PageParameters
 from pdgw.web.run import in_background
 from pdgw.web.status.watch import Watch
 
-_TELEGRAMS = (1, 9, 1, 83)
+_AXES = {"spindle": 1, "slide": 9, "conveyor": 1}
+"""Names and telegrams."""
 _OFF, _ON = 0x047E, 0x047F
 _WITHOUT_CONTROL = 0x007F
 _SPEEDS = (20, 60, -30, 80, 45)
@@ -56,13 +55,13 @@ SHOTS = (
 def configuration() -> GatewayConfig:
     """Three axes and an encoder on the shaft of the first."""
     axes = "".join(
-        f"[[axis]]\ndo_id = {n}\nnode_id = {n}\ntelegram = {number}\nsimulate = true\n"
-        for n, number in enumerate(_TELEGRAMS[:-1], 1)
+        f'[[axis]]\nname = "{name}"\ndo_id = {n}\nnode_id = {n}\ntelegram = {number}\nsimulate = true\n'
+        for n, (name, number) in enumerate(_AXES.items(), 1)
     )
     return parse_config(
-        '[can]\ninterface = "virtual"\nchannel = "pictures"\nbitrate = 1000000\n[web]\nlisten = "127.0.0.1:0"\n'
-        f'[transport]\nstation_name = "press-line-3"\n{axes}'
-        f'[[encoder]]\ndo_id = 4\nnode_id = 4\ntelegram = {_TELEGRAMS[-1]}\nsimulate = true\nmotion = "shaft=1"\n'
+        'name = "press line 3"\n[can]\ninterface = "virtual"\nchannel = "pictures"\nbitrate = 1000000\n'
+        f'[web]\nlisten = "127.0.0.1:0"\n{axes}'
+        '[[encoder]]\ndo_id = 4\nnode_id = 4\ntelegram = 83\nsimulate = true\nmotion = "shaft=1"\n'
     )
 
 
@@ -74,26 +73,17 @@ class Story:
         self._world.simulate(config)
         self._daemon = build_gateway(config, self._world)
         self._daemon.services.append(FlightRecorder(self._daemon, directory, "pictures"))
-        self._plc = PlcEndpoint([telegram(number) for number in _TELEGRAMS], self._daemon.cycle_ns)
-        self._port = self._world.network.open("plc", 0, "PLC")
+        self._plc = Plc(self._world, self._daemon)
         self._daemon.start()
 
     def play(self) -> None:
         """From the start of the gateway until axis 1 has turned for a while."""
         for index, word in enumerate((_OFF, _OFF, _WITHOUT_CONTROL)):
             self._plc.set(index, {"STW1": word})
-        self._plc.set(3, {"STW2_ENC": signal("STW2_ENC").word("CONTROL_BY_PLC")})
-        self._exchange(3)
-        self._plc.set(0, {"STW1": _ON})
-        self._exchange(2)
+        self._plc.exchange(3, 3, STW2_ENC=signal("STW2_ENC").word("CONTROL_BY_PLC"))
+        self._plc.exchange(2, STW1=_ON)
         for percent in _SPEEDS:
-            self._plc.set(0, {"NSOLL_A": signal("NSOLL_A").raw(percent)})
-            self._exchange(3)
-
-    def _exchange(self, seconds: int) -> None:
-        for _ in range(seconds * SECOND // self._daemon.cycle_ns):
-            self._port.send(self._plc.build(self._world.loop.now()), self._daemon.address)
-            self._world.loop.run_for(self._daemon.cycle_ns)
+            self._plc.exchange(3, NSOLL_A=signal("NSOLL_A").raw(percent))
 
     def end(self) -> None:
         """Stop the drives."""
