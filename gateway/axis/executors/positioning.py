@@ -337,11 +337,12 @@ class PositioningExecutor(Executor):
         if cycle.demand.intermediate_stop:
             return self._interrupt(scaling)
         self._latch(scaling)
+        before = self._task
         self._handshake()
         finished = self._taken and self._pending is None
         if finished and cycle.feedback.statusword & _TARGET_REACHED:
             self.sub_state = SubState.IDLE
-        elif self._limit.step(self._pending is None, cycle):
+        elif self._limit.step(self._pending is None and self._task is before, cycle):
             self._at_limit = True
             return self._interrupt(scaling)
         return self._bits()
@@ -371,15 +372,14 @@ class PositioningExecutor(Executor):
             self._keep_newest()
             self.notes.reason = Reason.INTERMEDIATE_STOP
             return _HALT | self._bits()
-        if self._at_limit and demand.task is None:
+        self._latch(scaling)
+        task, new = self._task, self._pending
+        if self._at_limit and new is None:
             self.notes.reason = Reason.TASK_AT_LIMIT
             return _HALT | self._bits()
         # Halt and CW.4 fall in this Controlword, CW.4 rises in a later one: the two together are not allowed.
-        task = self._task
         self._forget_tasks()
-        self._latch(scaling)
-        if task is not None and self._pending is None:
-            self._pending = self._resumed(task)
+        self._pending = self._resumed(task) if new is None and task is not None else new
         self.sub_state = SubState.TASK
         return 0
 

@@ -408,3 +408,39 @@ def test_halt_stays_with_the_command_that_ends_the_ramp_of_an_off1() -> None:
     del rig.controlwords[:-1]
     rig.until(lambda _: not rig.stepper.command.controlword & HALT)
     assert [word & (HALT | 0xF) for word in rig.controlwords[1:]] == [HALT | 0xF, HALT | 0x6, 0x6]
+
+
+# -- A limit of the drive ---------------------------------------------------------------------------------------------
+
+AT_LIMIT = OPERATING | StatusBit.INTERNAL_LIMIT
+HALF_A_SECOND = 125
+"""Cycles."""
+
+
+def at_limit(cycles: int) -> Hand:
+    """A task that stands at a limit of the drive for so many cycles since it was given."""
+    hand = positioning().enable()
+    hand(ON | ACTIVATE, AT_LIMIT, MDI_TARPOS=POSITION.to_wire(5_000))
+    hand(ON, AT_LIMIT | TAKEN)
+    for _ in range(cycles - 1):
+        assert not hand(ON, AT_LIMIT) & HALT
+    return hand
+
+
+def test_a_task_that_replaces_one_at_a_limit_has_half_a_second_of_its_own() -> None:
+    hand = at_limit(HALF_A_SECOND - 5)
+    hand(ON | ACTIVATE, AT_LIMIT, MDI_TARPOS=POSITION.to_wire(-5_000))
+    assert hand.target == -5_000
+    assert not hand(ON, AT_LIMIT | TAKEN) & HALT
+    assert not any(hand(ON, AT_LIMIT) & HALT for _ in range(HALF_A_SECOND - 1))
+    assert hand(ON, AT_LIMIT) & HALT
+
+
+def test_a_task_with_speed_0_does_not_resume_the_task_that_a_limit_stopped() -> None:
+    hand = at_limit(HALF_A_SECOND)
+    assert hand(ON, AT_LIMIT) & HALT
+    assert hand(ON | ACTIVATE, MDI_VELOCITY=0) & HALT
+    assert all(hand(ON) & (HALT | NEW_SETPOINT) == HALT for _ in range(5))
+    assert hand.stepper.reason is Reason.TASK_AT_LIMIT
+    assert not hand(ON | ACTIVATE, MDI_VELOCITY=1 << 29) & HALT
+    assert hand(ON | ACTIVATE) & NEW_SETPOINT
