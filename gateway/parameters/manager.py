@@ -11,7 +11,7 @@ from concurrent.futures import Future
 from pdgw.ds301.loop.loop import Event, Loop
 from pdgw.durations import MS
 from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.parameters.objects import request_deadline, request_host
+from pdgw.gateway.parameters.objects import RequestContext
 from pdgw.gateway.parameters.profile import (
     MAX_BLOCK,
     AxisObject,
@@ -19,6 +19,7 @@ from pdgw.gateway.parameters.profile import (
     DeviceObject,
     EncoderChannelObject,
     NodeObject,
+    RequestedObject,
 )
 from pdgw.profidrive.parameters.codec import is_negative
 from pdgw.profidrive.parameters.model import answer
@@ -98,10 +99,10 @@ class _Worker:
     ) -> None:
         if not future.set_running_or_notify_cancel():
             return
-        request_deadline.set(self._loop.now() + self._timeout)
-        request_host.set(host)
+        context = RequestContext(host, self._loop.now() + self._timeout)
+        asked = None if drive_object is None else RequestedObject(drive_object, context)
         try:
-            response = answer(data, lambda _: drive_object, MAX_BLOCK)
+            response = answer(data, lambda _: asked, MAX_BLOCK)
         except Exception as error:  # of one request: whoever reads its answer is refused, the next is served
             self._loop.unexpected(self._ended, error)
             future.set_exception(error)

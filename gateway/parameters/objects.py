@@ -10,7 +10,7 @@ import logging
 import struct
 from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError
-from contextvars import ContextVar
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import canopen
@@ -31,10 +31,6 @@ from pdgw.profidrive.parameters.errors import ParameterRefused
 from pdgw.profidrive.parameters.model import converted
 
 log = logging.getLogger("gateway")
-request_deadline: ContextVar[int | None] = ContextVar("request_deadline", default=None)
-"""Monotonic nanoseconds at which the request that this task serves has to be answered; None: no limit."""
-request_host: ContextVar[str | None] = ContextVar("request_host", default=None)
-"""The address of whoever sent the request that is being served."""
 T = TypeVar("T")
 
 ABORT_ERRORS: dict[int, Number] = {
@@ -83,13 +79,23 @@ _NUMBERS_AS_OCTETS = {CanType.I64.code, CanType.U64.code}
 """Eight bytes have no format of their own: octets, most significant first as everything on this channel."""
 
 
+@dataclass(frozen=True, slots=True)
+class RequestContext:
+    """Who sent a parameter request, and how long the answer may take."""
+
+    host: str | None = None
+    """Address of the sender, where its transport has one."""
+    deadline: int | None = None
+    """Monotonic nanoseconds at which the request has to be answered; None: no limit."""
+
+
 def error_of_abort(code: int) -> Number:
     """The parameter error number of an SDO abort code."""
     return ABORT_ERRORS.get(code, Number.MANUFACTURER)
 
 
 class ObjectAccess:
-    """SDO access to the node of a drive object, within the time limit of the request that is being served.
+    """SDO access to the node of a drive object, within the time limit of a request.
 
     In a task; the cyclic exchange never waits for it.
     """
@@ -100,10 +106,9 @@ class ObjectAccess:
         self._interval = owner.config.sdo_interval_ms * MS
         self._next = 0
 
-    def run(self, job: Callable[[NodeClient[Any]], T], what: str) -> T:
+    def run(self, job: Callable[[NodeClient[Any]], T], what: str, deadline: int | None) -> T:
         """A job in the task of the drive's node; ParameterRefused with the error number of whatever went wrong."""
         loop = self._loop
-        deadline = request_deadline.get()
         if deadline is not None and loop.now() >= deadline:
             log.warning("DO %d: %s: the time of this request is over", self.owner.do_id, what)
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE)
@@ -131,11 +136,11 @@ class ObjectAccess:
         finally:
             self._next = loop.now() + self._interval
 
-    def read(self, index: int, subindex: int) -> bytes:
+    def read(self, index: int, subindex: int, context: RequestContext) -> bytes:
         """SDO upload."""
-        return self.run(lambda client: client.read(index, subindex), f"read {index:04X}h/{subindex}")
+        return self.run(lambda client: client.read(index, subindex), f"read {index:04X}h/{subindex}", context.deadline)
 
-    def write(self, index: int, subindex: int, data: bytes) -> None:
+    def write(self, index: int, subindex: int, data: bytes, context: RequestContext) -> None:
         """SDO download, refused while a guarded object would change under a powered axis; copies of the gateway follow.
 
         When a copy cannot be read anew the node is brought up again: its references are unknown until then.
@@ -170,7 +175,7 @@ class ObjectAccess:
                 if guard is not None or stale:
                     client.unhold(check=configures or stale)
 
-        self.run(job, what)
+        self.run(job, what, context.deadline)
         if reads_again:
             owner.references_changed()
 
@@ -184,13 +189,14 @@ class ObjectAccess:
 
 
 class ObjectParameter:
-    """One object of the drive."""
+    """One object of the drive, for one request."""
 
     texts: Sequence[str] = ()
 
-    def __init__(self, access: ObjectAccess, index: int) -> None:
+    def __init__(self, access: ObjectAccess, index: int, context: RequestContext) -> None:
         self._access = access
         self.index = index
+        self._context = context
 
     def read(self, subindex: int, elements: int) -> Values:
         parts = [self._read_one(subindex + n, elements > 1) for n in range(max(1, elements))]
@@ -206,7 +212,7 @@ class ObjectParameter:
     def _read_one(self, subindex: int, told: bool) -> Values:
         self._check_subindex(subindex, told)
         try:
-            data = self._access.read(self.index, subindex)
+            data = self._access.read(self.index, subindex, self._context)
         except ParameterRefused as refused:
             raise ParameterRefused(refused.number, subindex if told else None) from refused
         variable = self._access.variable(self.index, subindex)
@@ -234,7 +240,7 @@ class ObjectParameter:
     def _write_one(self, subindex: int, value: Values, *, told: bool) -> None:
         self._check_subindex(subindex, told)
         try:
-            self._access.write(self.index, subindex, self._download(subindex, value))
+            self._access.write(self.index, subindex, self._download(subindex, value), self._context)
         except ParameterRefused as refused:
             raise ParameterRefused(refused.number, subindex if told else None) from refused
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 from pdgw.ds301.bus.load import DEFAULT_BITRATE
 from pdgw.ds301.communication import LOAD_SIGNATURE, RESTORE_PARAMETERS, SAVE_SIGNATURE, STORE_PARAMETERS
@@ -35,7 +36,7 @@ from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import EMCY_WARNING_BIT
 from pdgw.gateway.parameters.fault_lists import fault_codes, fault_numbers, fault_texts
-from pdgw.gateway.parameters.objects import ObjectAccess, ObjectParameter, request_host
+from pdgw.gateway.parameters.objects import ObjectAccess, ObjectParameter, RequestContext
 from pdgw.gateway.parameters.positioner import PositionerParameters
 from pdgw.gateway.parameters.signals import signal_list
 from pdgw.gateway.reasons import FIRST_WARNING, GATEWAY_FAULTS
@@ -111,7 +112,7 @@ class BoundObject:
 
     def __init__(self, do_id: int) -> None:
         self.do_id = do_id
-        self._parameters: dict[int, Parameter] = {}
+        self._parameters: dict[int, Callable[[RequestContext], Parameter]] = {}
 
     def bind(
         self,
@@ -123,17 +124,25 @@ class BoundObject:
         data_type: DataType | None = None,
     ) -> None:
         """What stands behind a declared parameter; ``data_type`` where it is another than declared."""
-        self._parameters[pnu] = BoundParameter(PARAMETERS[pnu], get, set, data_type, texts)
+        parameter = BoundParameter(PARAMETERS[pnu], get, set, data_type, texts)
+        self._parameters[pnu] = lambda _: parameter
+
+    def bind_action(self, pnu: int, action: Callable[[RequestContext], None]) -> None:
+        """P970 and the like: writing 1 does ``action``, 0 nothing; 0 is read when it is done."""
+        self._parameters[pnu] = lambda context: BoundParameter(
+            PARAMETERS[pnu], lambda: 0, lambda value: action(context) if value else None
+        )
 
     def adopt(self, other: BoundObject) -> None:
         """Answer for the parameters of another object that this one does not have."""
         self._parameters = {**other._parameters, **self._parameters}
 
-    def parameter(self, pnu: int) -> Parameter:
+    def parameter(self, pnu: int, context: RequestContext) -> Parameter:
+        """The parameter as one request has it; ParameterRefused (impermissible PNU) where there is none."""
         if pnu in LIST_PNUS:
             self.bind_lists()  # which objects a node has may have been found out meanwhile
         try:
-            return self._parameters[pnu]
+            return self._parameters[pnu](context)
         except KeyError:
             raise ParameterRefused(Number.IMPERMISSIBLE_PNU) from None
 
@@ -155,6 +164,20 @@ class BoundObject:
         for place in range(lists):
             follower = LIST_PNUS[place + 1] if place + 1 < lists else 0
             self.bind(LIST_PNUS[place], _constant((*pnus[place * _LIST_SIZE : (place + 1) * _LIST_SIZE], follower)))
+
+
+@dataclass(frozen=True, slots=True)
+class RequestedObject:
+    """A drive object as one request sees it."""
+
+    drive_object: BoundObject
+    context: RequestContext
+
+    def parameter(self, pnu: int) -> Parameter:
+        return self.drive_object.parameter(pnu, self.context)
+
+    def check_writable(self, pnu: int) -> None:
+        self.drive_object.check_writable(pnu)
 
 
 def _constant(value: Sequence[int]) -> Getter:
@@ -190,10 +213,8 @@ class NodeObject(BoundObject):
     def _stored(self) -> DoParameters:
         return self.daemon.store.parameters.drive_object(self.do_id)
 
-    def parameter(self, pnu: int) -> Parameter:
-        if pnu in OBJECT_PNUS:
-            return ObjectParameter(self.access, pnu)
-        return super().parameter(pnu)
+    def parameter(self, pnu: int, context: RequestContext) -> Parameter:
+        return ObjectParameter(self.access, pnu, context) if pnu in OBJECT_PNUS else super().parameter(pnu, context)
 
     def check_writable(self, pnu: int) -> None:
         if pnu != Pnu.OPERATION_PRIORITY and not self._stored.operation_priority:
@@ -209,7 +230,11 @@ class NodeObject(BoundObject):
         self.bind(Pnu.ACTUAL_SIGNALS, lambda: [item.number for item in owner.telegram.actuals.signals])
         self.bind(Pnu.NODE_ADDRESS, lambda: owner.node_id)
         self.bind(Pnu.DEVICE_NAME, self._name)
-        self.bind(Pnu.TELEGRAM, lambda: owner.telegram.number, self._select_telegram)
+        self._parameters[Pnu.TELEGRAM] = lambda context: BoundParameter(
+            PARAMETERS[Pnu.TELEGRAM],
+            lambda: owner.telegram.number,
+            lambda number: self._select_telegram(number, context.host),
+        )
         self.bind(Pnu.SIGNAL_LIST, signal_list)
         masks = tuple(signal(name).bit("SIGN_OF_LIFE").mask for name in ("ZSW2", "STW2"))
         self.bind(Pnu.SIGN_OF_LIFE_BIT, lambda: masks)
@@ -226,8 +251,8 @@ class NodeObject(BoundObject):
         self.bind(Pnu.FAULT_SITUATIONS, lambda: log_.situations, self._clear_faults)
         self.bind(Pnu.WARNING_WORD, self._warnings, texts=lambda: _WARNING_TEXTS)
         self.bind(Pnu.BAUD_RATE, lambda: (bus.bitrate or DEFAULT_BITRATE) // 1000)
-        self.bind(Pnu.LOAD, lambda: 0, self._when_one(self.load))
-        self.bind(Pnu.SAVE, lambda: 0, self._when_one(self.save))
+        self.bind_action(Pnu.LOAD, self.load)
+        self.bind_action(Pnu.SAVE, self.save)
         self.bind(Pnu.RESET, lambda: self._reset_prepared, self._reset)
 
     @property
@@ -257,30 +282,30 @@ class NodeObject(BoundObject):
         self._setter("sign_of_life_tolerance")(failures)
         self.owner.set_sign_of_life_tolerance(failures)
 
-    def _select_telegram(self, number: int) -> None:
+    def _select_telegram(self, number: int, host: str | None) -> None:
         if number not in self.owner.telegram_numbers:
             raise ParameterRefused(Number.VALUE_IMPERMISSIBLE)
-        self._check_telegram_change(number)
+        self._check_telegram_change(number, host)
         before = self._stored.telegram
         self._store("telegram", number)
         try:
-            self._change_telegram(number)
+            self._change_telegram(number, host)
         except ParameterRefused:
             self._store("telegram", before)
             raise
 
-    def _check_telegram_change(self, number: int) -> None:
+    def _check_telegram_change(self, number: int, host: str | None) -> None:
         if number == self.owner.telegram.number:
             return
         try:
-            self.daemon.check_telegram_change(self.owner, request_host.get())
+            self.daemon.check_telegram_change(self.owner, host)
         except GatewayError as error:
             log.warning("DO %d: P922 := %d refused: %s", self.do_id, number, error)
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE) from error
 
-    def _change_telegram(self, number: int) -> None:
+    def _change_telegram(self, number: int, host: str | None) -> None:
         try:
-            self.daemon.change_telegram(self.owner, number, request_host.get())
+            self.daemon.change_telegram(self.owner, number, host)
         except (GatewayError, ProfidriveError, CanopenError) as error:
             log.warning("DO %d: P922 := %d refused: %s", self.do_id, number, error)
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE) from error
@@ -293,26 +318,21 @@ class NodeObject(BoundObject):
     def _warnings(self) -> int:
         return self.owner.fault_log.warnings(present=self.owner.warning)
 
-    @staticmethod
-    def _when_one(action: Callable[[], None]) -> Setter:
-        """P970 and the like: 1 starts, and 0 is read when it is done; 0 does nothing."""
-        return lambda value: action() if value else None
-
     def _standing(self) -> None:
         if self.owner.powered:
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE)
 
-    def load(self) -> None:
+    def load(self, context: RequestContext) -> None:
         """P970: the node's factory values (1011h) after a restart of it, the gateway's own as configured."""
         self._standing()
         configured = self.owner.config.telegram
-        self._check_telegram_change(configured)
+        self._check_telegram_change(configured, context.host)
         before = self._stored.model_copy()
         self._replace_stored(DoParameters())
         try:
-            self.access.write(RESTORE_PARAMETERS, 1, LOAD_SIGNATURE.to_bytes(4, "little"))
+            self.access.write(RESTORE_PARAMETERS, 1, LOAD_SIGNATURE.to_bytes(4, "little"), context)
             if self.owner.telegram.number != configured:
-                self._change_telegram(configured)
+                self._change_telegram(configured, context.host)
         except ParameterRefused:
             self._replace_stored(before)
             raise
@@ -322,9 +342,9 @@ class NodeObject(BoundObject):
     def _replace_stored(self, parameters: DoParameters) -> None:
         _store_is_saved(self.daemon, lambda stored: stored.objects.update({self.do_id: parameters}))
 
-    def save(self) -> None:
+    def save(self, context: RequestContext) -> None:
         """P971: 1010h of the node, and the gateway's store."""
-        self.access.write(STORE_PARAMETERS, 1, SAVE_SIGNATURE.to_bytes(4, "little"))
+        self.access.write(STORE_PARAMETERS, 1, SAVE_SIGNATURE.to_bytes(4, "little"), context)
         _store_is_saved(self.daemon, lambda _: None)
 
     def _reset(self, value: int) -> None:
@@ -364,16 +384,16 @@ class AxisObject(NodeObject):
         assert values is not None, "only for an axis with a positioner"
         return values
 
-    def parameter(self, pnu: int) -> Parameter:
+    def parameter(self, pnu: int, context: RequestContext) -> Parameter:
         found = None if self._positioner is None else self._positioner.parameter(pnu)
-        return super().parameter(pnu) if found is None else found
+        return super().parameter(pnu, context) if found is None else found
 
     def further_pnus(self) -> Iterable[int]:
         own = (*ITEMS, *BLOCK_ITEMS) if self._positioner is not None else ()
         return (*super().further_pnus(), *own)
 
-    def load(self) -> None:
-        super().load()
+    def load(self, context: RequestContext) -> None:
+        super().load(context)
         if self._positioner is not None:
             self.axis.choose_positioner(self._positioner.now.choices())
 
@@ -409,7 +429,9 @@ class EncoderChannelObject(NodeObject):
         self.bind(Pnu.SENSOR_FORMAT, lambda: encode_sensor_format([encoder.sensor_format]))
         self.bind(Pnu.REFERENCE_SPEED, lambda: float(encoder.config.reference_speed))
         self.bind(Pnu.PRESET_VALUE, lambda: encoder.preset_value, self._set_preset)
-        self.bind(Pnu.OPERATING_STATUS, self._operating_status)
+        self._parameters[Pnu.OPERATING_STATUS] = lambda context: BoundParameter(
+            PARAMETERS[Pnu.OPERATING_STATUS], lambda: self._operating_status(context)
+        )
         self.bind_lists()
 
     def _warnings(self) -> int:
@@ -419,12 +441,12 @@ class EncoderChannelObject(NodeObject):
     def _set_preset(self, value: int) -> None:
         self.encoder.preset_value = value
 
-    def _operating_status(self) -> Sequence[int]:
+    def _operating_status(self, context: RequestContext) -> Sequence[int]:
         """Read from the encoder; what it does not have is 0."""
         values = [_STATUS_HEADER]
         for index, subindex in _STATUS_OBJECTS:
             try:
-                raw = self.access.read(index, subindex)
+                raw = self.access.read(index, subindex, context)
             except ParameterRefused as refused:
                 if refused.number not in {Number.IMPERMISSIBLE_PNU, Number.FAULTY_SUBINDEX}:
                     raise
@@ -451,8 +473,8 @@ class DeviceObject(BoundObject):
         latency = int(config.transport.parameter_timeout_ms / 10)
         self.bind(Pnu.PARAMETER_ACCESS, lambda: (MAX_BLOCK, MAX_PARAMETERS, latency))
         self.bind(Pnu.DRIVE_OBJECT, lambda: (*_unit(daemon), 0, 0, 0))
-        self.bind(Pnu.LOAD_DEVICE, lambda: 0, lambda value: self._each(NodeObject.load) if value else None)
-        self.bind(Pnu.SAVE_DEVICE, lambda: 0, lambda value: self._each(NodeObject.save) if value else None)
+        self.bind_action(Pnu.LOAD_DEVICE, self._load_all)
+        self.bind_action(Pnu.SAVE_DEVICE, self._save_all)
         self.bind(Pnu.DRIVE_OBJECTS, lambda: [axis.do_id for axis in axes])
         self.bind(Pnu.STATION_NAME, config.transport.station_name.encode)
         self.bind(Pnu.STATION_IP, lambda: address)
@@ -479,14 +501,18 @@ class DeviceObject(BoundObject):
         self.bind(Pnu.STATION_GATEWAY, lambda: station.ip.gateway.packed)
         self.bind(Pnu.STATION_MASK, lambda: station.ip.mask.packed)
 
-    def _each(self, action: Callable[[NodeObject], None]) -> None:
+    def _load_all(self, context: RequestContext) -> None:
         for axis in self._axes:
-            action(axis)
+            axis.load(context)
 
-    def parameter(self, pnu: int) -> Parameter:
+    def _save_all(self, context: RequestContext) -> None:
+        for axis in self._axes:
+            axis.save(context)
+
+    def parameter(self, pnu: int, context: RequestContext) -> Parameter:
         if pnu in OBJECT_PNUS and len(self._axes) == 1:
-            return self._axes[0].parameter(pnu)
-        return super().parameter(pnu)
+            return self._axes[0].parameter(pnu, context)
+        return super().parameter(pnu, context)
 
     def check_writable(self, pnu: int) -> None:
         if len(self._axes) == 1:

@@ -14,7 +14,7 @@ from pdgw.client.udp import ParameterClient
 from pdgw.ds301.loop.jobs import settle
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.gateway.parameters.guarded import GUARDED, Check, guard_of
-from pdgw.gateway.parameters.objects import ObjectAccess
+from pdgw.gateway.parameters.objects import ObjectAccess, RequestContext
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
@@ -103,7 +103,7 @@ def stub(*, powered_later: bool = False) -> tuple[ObjectAccess, Client]:
 def test_an_axis_that_is_switched_on_while_the_write_waits_is_not_written_to() -> None:
     access, client = stub(powered_later=True)
     with pytest.raises(ParameterRefused) as refused:
-        access.write(0x6085, 0, bytes(4))
+        access.write(0x6085, 0, bytes(4), RequestContext())
     assert refused.value.number == Number.NOT_EXECUTABLE_IN_STATE
     assert client.log == []
 
@@ -121,7 +121,7 @@ def test_while_a_guarded_object_is_written_the_axis_is_held_and_checked_afterwar
     index: int, expected: list[object]
 ) -> None:
     access, client = stub()
-    access.write(index, 2, bytes(1))
+    access.write(index, 2, bytes(1), RequestContext())
     assert client.log == expected
 
 
@@ -142,7 +142,7 @@ def test_node_is_brought_up_again_when_its_references_may_have_changed_unread(
     else:
         access.owner.read_references = fail  # type: ignore[method-assign]
     with pytest.raises(ParameterRefused):
-        access.write(index, 2, bytes(1))
+        access.write(index, 2, bytes(1), RequestContext())
     refused = failed == "write" and isinstance(error, SdoAbortedError)
     done = [] if failed == "write" else [(index, 2)]
     ended = [] if refused and not guarded else ["unhold" if refused else "check"]
