@@ -50,6 +50,12 @@ def result(type_: str, expression: str, variables: str = "") -> Any:
         ("TIME", "T#1m2s + T#500ms", 62_500 * MS),
         ("STRING", "'it$'s'", "it's"),
         ("INT", "2 + 3 * 4 - (1 + 1)", 12),
+        ("INT", " + ".join(["INT#30000"] * 300), (30000 * 300 + 32768) % 65536 - 32768),
+        ("REAL", "x + 16777216.0 + 1.0 + 1.0", 16777216.0),
+        ("BOOL", " XOR ".join(["TRUE"] * 301), True),
+        ("BOOL", "1 = 2 = FALSE", True),
+        ("UINT", "UINT#3 - 5 + 1", 65535),
+        ("UINT", "(UINT#3 - 5) / 2", 32767),
     ],
 )
 def test_expressions_have_the_values_of_the_standard(type_: str, expression: str, expected: object) -> None:
@@ -79,6 +85,8 @@ def test_expressions_have_the_values_of_the_standard(type_: str, expression: str
         ("x := x.y;", "INT has no Y"),
         ("x := 1", "expected ;"),
         ("CASE x OF 1: x := 2; 1: x := 3; END_CASE;", "CASE contains 1 twice"),
+        ("EXIT;", "line 2: EXIT stands in no loop"),
+        ("x := " + "x * " * 150 + "x;", "the statements or parentheses of TRIAL are nested too deep"),
     ],
 )
 def test_what_breaks_a_rule_is_refused_with_its_line(text: str, said: str) -> None:
@@ -105,6 +113,43 @@ def test_what_fails_while_it_runs_is_told_with_its_line(text: str, said: str) ->
     with pytest.raises(StructuredTextError) as failed:
         unit.body(unit.initial)
     assert str(failed.value).startswith(said)
+
+
+def test_a_loop_is_left_by_the_innermost_exit_and_a_temporary_variable_begins_anew() -> None:
+    unit = Compiler(
+        lambda: 0,
+        """FUNCTION_BLOCK Trial
+VAR n : INT; k : INT; m : INT; END_VAR
+VAR_TEMP t : ARRAY[-1..1] OF INT; END_VAR
+    FOR k := 1 TO 3 DO
+        m := 0;
+        WHILE TRUE DO
+            m := m + 1;
+            IF m > k THEN EXIT; END_IF;
+            t[-1] := t[-1] + 1;
+        END_WHILE;
+    END_FOR;
+    n := t[-1];
+    CASE n OF
+    ELSE
+        m := -7;
+        RETURN;
+    END_CASE;
+    m := 0;
+END_FUNCTION_BLOCK""",
+    ).units["TRIAL"]
+    values = unit.initial
+    for _ in range(2):
+        unit.body(values)
+        assert (values["N"], values["K"], values["M"]) == (6, 3, -7)
+
+
+def test_what_fails_in_a_block_is_told_with_the_line_and_file_of_that_block() -> None:
+    inner = "FUNCTION Half : INT VAR_INPUT of : INT; END_VAR\n\nHalf := 100 /\n of;\nEND_FUNCTION"
+    outer = "FUNCTION_BLOCK Trial VAR x : INT; END_VAR\nx := Half(0);\nEND_FUNCTION_BLOCK"
+    unit = Compiler(lambda: 0, inner, outer, files=("inner.st", "outer.st")).units["TRIAL"]
+    with pytest.raises(StructuredTextError, match=r"^inner.st line 3: "):
+        unit.body(unit.initial)
 
 
 def test_statements_blocks_and_structures_run() -> None:

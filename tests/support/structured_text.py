@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 from pdgw.gateway.configuration.byte_map import frame_maps
@@ -55,12 +56,25 @@ END_PROGRAM
 """
 
 
+@cache
+def _compiled(text: str) -> Controller:
+    return Controller(text)
+
+
+def restarted(text: str) -> Controller:
+    """A controller with its first values; one text has one controller, which no two tests have at a time."""
+    controller = _compiled(text)
+    controller.now = 0
+    controller.variables = controller.program.initial
+    return controller
+
+
 class TextPlc:
     """``block`` has the inputs and outputs of the block under test, by names in upper case."""
 
     def __init__(self, daemon: Daemon, text: str) -> None:
         self.daemon = daemon
-        self.controller = Controller(text)
+        self.controller = restarted(text)
         self.loop = world_of(daemon).loop
         self.port = world_of(daemon).network.open("plc", 0, "PLC")
         self.port.start(self._take)

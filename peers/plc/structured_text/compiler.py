@@ -1,4 +1,6 @@
-"""Structured Text to functions of Python: one pass, every type checked, no conversion that the text does not ask for.
+"""Structured Text to Python: one pass, every type checked, no conversion that the text does not ask for.
+
+Each unit becomes one function of its variables, a dictionary named ``v`` in the text that is made for it.
 
 Supported: TYPE with STRUCT, PROGRAM, FUNCTION_BLOCK, FUNCTION; assignment, IF, CASE, FOR, WHILE, EXIT, RETURN, calls of blocks.
 Left out: global and directly represented variables, enumerations, pointers, REPEAT. A CONFIGURATION is skipped.
@@ -6,11 +8,13 @@ Left out: global and directly represented variables, enumerations, pointers, REP
 
 from __future__ import annotations
 
-import operator
+import math
 import re
-from collections.abc import Callable, Sequence
-from itertools import zip_longest
-from typing import NamedTuple
+import struct
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import count, zip_longest
+from typing import Any, Final, NamedTuple
 
 from pdgw.durations import MS, SECOND
 from pdgw.peers.plc.structured_text.functions import FUNCTIONS, blocks, conversion
@@ -33,50 +37,62 @@ from pdgw.peers.plc.structured_text.types import (
     copied,
 )
 
-Evaluate = Callable[[Variables], Value]
-Execute = Callable[[Variables], None]
 SECTIONS = ("VAR_INPUT", "VAR_OUTPUT", "VAR_IN_OUT", "VAR", "VAR_TEMP")
 _UNITS = ("PROGRAM", "FUNCTION_BLOCK", "FUNCTION")
 _TIME_UNITS = {"d": 86_400 * SECOND, "h": 3600 * SECOND, "m": 60 * SECOND, "s": SECOND, "ms": MS}
-_LEVELS: tuple[dict[str, Callable[[Value, Value], Value]], ...] = (
-    {"OR": operator.or_},
-    {"XOR": operator.xor},
-    {"AND": operator.and_, "&": operator.and_},
-    {"=": operator.eq, "<>": operator.ne},
-    {"<": operator.lt, ">": operator.gt, "<=": operator.le, ">=": operator.ge},
-    {"+": operator.add, "-": operator.sub},
-    {
-        "*": operator.mul,
-        "/": lambda a, b: a / b if isinstance(a, float) else _quotient(a, b),
-        "MOD": lambda a, b: a - b * _quotient(a, b),
-    },
+_LEVELS: Final[tuple[dict[str, str], ...]] = (
+    {"OR": "{} | {}"},
+    {"XOR": "{} ^ {}"},
+    {"AND": "{} & {}", "&": "{} & {}"},
+    {"=": "{} == {}", "<>": "{} != {}"},
+    {"<": "{} < {}", ">": "{} > {}", "<=": "{} <= {}", ">=": "{} >= {}"},
+    {"+": "{} + {}", "-": "{} - {}"},
+    {"*": "{} * {}", "/": "quotient({}, {})", "MOD": "remainder({}, {})"},
 )
-"""The operators from the weakest to the strongest."""
-_LOGIC, _COMPARISON = 3, 5
-"""Levels before these."""
+"""The operators from the weakest to the strongest, and what Python calculates for them."""
+_LOGIC, _COMPARISON, _SUM = 3, 5, 5
+"""The levels of logic and of comparisons end before these; that of sums."""
 _LOOPS_AT_MOST = 100_000
 
 
+_FAILURES = (ZeroDivisionError, OverflowError, ValueError, IndexError)
+_REAL = struct.Struct("<f")
+
+
 class Expression(NamedTuple):
-    """A value; ``place`` where it can be assigned to: what it is in, and its key or index there."""
+    """A value as text of Python. ``writable``: the same text can be assigned to."""
 
     type: Type
-    value: Evaluate
-    place: tuple[Evaluate, Evaluate] | None = None
+    code: str
+    writable: bool = False
     constant: Value = None
 
 
-class _ExitError(Exception):
-    """EXIT, inside of its loop."""
-
-
-class _ReturnError(Exception):
-    """RETURN, inside of its unit."""
-
-
-def _quotient(dividend: int, divisor: int) -> int:
-    """Towards zero, as the standard divides integers."""
+def _quotient(dividend: Any, divisor: Any) -> Any:
+    """Of integers towards zero, as the standard divides them."""
+    if isinstance(dividend, float):
+        return dividend / divisor
     return abs(dividend) // abs(divisor) * (1 if (dividend < 0) == (divisor < 0) else -1)
+
+
+def _place(index: int, low: int, high: int) -> int:
+    """Of an element in its list."""
+    if not low <= index <= high:
+        raise IndexError(f"index {index} is outside {low}..{high}")
+    return index - low
+
+
+_NAMES: Final[dict[str, Any]] = {
+    "quotient": _quotient,
+    "remainder": lambda dividend, divisor: dividend - divisor * _quotient(dividend, divisor),
+    "place": _place,
+    "real": lambda value: _REAL.unpack(_REAL.pack(value))[0],
+    "copied": copied,
+    "Failed": StructuredTextError,
+    "failures": _FAILURES,
+    **{f"standard_{name}": rule.does for name, rule in FUNCTIONS.items()},
+}
+"""What the text for Python calls, beside its own units."""
 
 
 def duration(text: str) -> int:
@@ -97,6 +113,11 @@ class Compiler:
         self._tokens.append(Token("end", "", self._tokens[-1].line if self._tokens else "line 1"))
         self._at = 0
         self._unit = Unit("", "", {})
+        self._names: dict[str, Any] = {**_NAMES, **{f"body_{name}": unit.body for name, unit in self.units.items()}}
+        self._lines: list[tuple[str, str]] = []
+        """The text of the present unit for Python, and the line that each of its lines is of."""
+        self._depth = self._loops = 0
+        self._numbers = count()
         while self._token.kind != "end":
             self._declaration()
 
@@ -167,20 +188,52 @@ class Compiler:
             constant = bool(self._accept("CONSTANT"))
             while not self._accept("END_VAR"):
                 self._variable(unit.variables, section, constant=constant)
-        body = self._statements(f"END_{kind}")
+        self._lines = []
+        self._emit("def body(v):")
+        with self._deeper(), self._guarded():
+            for key, item in unit.variables.items():
+                if item.section == "VAR_TEMP":
+                    self._emit(f"v[{key!r}] = v_{key}.initial")
+                    self._names[f"v_{key}"] = item.type
+            self._statements(f"END_{kind}")
         self._next()
-        temporary = {key: item for key, item in unit.variables.items() if item.section == "VAR_TEMP"}
-
-        def execute(variables: Variables) -> None:
-            for key, item in temporary.items():
-                variables[key] = item.type.initial
-            try:
-                body(variables)
-            except _ReturnError:
-                return
-
-        unit.body = execute
+        unit.body = self._names[f"body_{unit.name}"] = self._compiled()
+        if kind == "FUNCTION":
+            self._names[f"call_{unit.name}"] = _calling(unit)
         self.units[unit.name] = unit
+
+    def _emit(self, text: str, line: str = "") -> None:
+        """A line for Python; it is of the present token's line where no other one is given."""
+        self._lines.append((" " * self._depth + text, line or self._token.line))
+
+    @contextmanager
+    def _deeper(self) -> Iterator[None]:
+        """What is emitted belongs to the line before; it is ``pass`` where nothing is."""
+        before = len(self._lines)
+        self._depth += 1
+        yield
+        if len(self._lines) == before:
+            self._emit("pass")
+        self._depth -= 1
+
+    @contextmanager
+    def _guarded(self) -> Iterator[None]:
+        """What fails while it runs is told with the line of its statement."""
+        self._emit("try:")
+        with self._deeper():
+            yield
+        self._emit("except failures as error:")
+        self._emit(" raise Failed(f'{lines[error.__traceback__.tb_lineno]}: {error}') from error")
+
+    def _compiled(self) -> Callable[[Variables], None]:
+        """The function of the lines that were emitted."""
+        names = self._names | {"lines": ["", *(line for _, line in self._lines)]}
+        try:
+            exec("\n".join(text for text, _ in self._lines), names)
+        except (SyntaxError, RecursionError, MemoryError) as error:
+            raise self._error(f"the statements or parentheses of {self._unit.name} are nested too deep") from error
+        body: Callable[[Variables], None] = names["body"]
+        return body
 
     def _variable(self, into: dict[str, Variable], section: str, *, constant: bool = False) -> None:
         names = [self._name()]
@@ -226,154 +279,136 @@ class Compiler:
 
     # -- statements ---------------------------------------------------------------------------------------------------
 
-    def _statements(self, *ends: str, labelled: bool = False) -> Execute:
+    def _statements(self, *ends: str, labelled: bool = False) -> None:
         """Up to one of ``ends``; ``labelled``: or to the next label of a CASE, an integer where a statement would begin."""
-        found: list[Execute] = []
         while not (
             self._token.key in ends or (labelled and (self._token.kind == "integer" or self._token.text == "-"))
         ):
             if self._token.kind == "end":
                 raise self._error(f"expected {' or '.join(ends)}")
             if not self._accept(";"):
-                found.append(self._statement())
+                self._statement()
 
-        def execute(variables: Variables) -> None:
-            for statement in found:
-                statement(variables)
-
-        return execute
-
-    def _statement(self) -> Execute:
+    def _statement(self) -> None:
         key = self._accept("IF", "CASE", "FOR", "WHILE", "EXIT", "RETURN")
         if key == "IF":
-            return self._if()
-        if key == "CASE":
-            return self._case()
-        if key == "FOR":
-            return self._for()
-        if key == "WHILE":
-            return self._while()
-        if key:
+            self._if()
+        elif key == "CASE":
+            self._case()
+        elif key == "FOR":
+            self._for()
+        elif key == "WHILE":
+            self._while()
+        elif key:
+            if key == "EXIT" and not self._loops:
+                raise self._error("EXIT stands in no loop")
             self._expect(";")
-            return _raising(_ExitError if key == "EXIT" else _ReturnError)
+            self._emit("break" if key == "EXIT" else "return")
+        else:
+            self._assignment_or_call()
+
+    def _assignment_or_call(self) -> None:
+        line = self._token.line
         target = self._path(self._name())
         if isinstance(target.type, Unit):
-            call = self._call(target.type, target.value)
+            self._call(target.type, target.code)
             self._expect(";")
-            return call
+            return
         self._expect(":=")
-        value = self._fitting(self._expression(), target.type).value
+        value = self._fitting(self._expression(), target.type).code
         self._expect(";")
-        if target.place is None:
+        if not target.writable:
             raise self._error("cannot be assigned to")
-        container, place = target.place
+        self._emit(f"{target.code} = {_copy(target.type, value)}", line)
 
-        def assign(variables: Variables) -> None:
-            container(variables)[place(variables)] = value(variables)
-
-        def assign_copy(variables: Variables) -> None:
-            container(variables)[place(variables)] = copied(value(variables))
-
-        return assign if isinstance(target.type, Elementary) else assign_copy
-
-    def _if(self) -> Execute:
-        branches: list[tuple[Evaluate, Execute]] = []
+    def _if(self) -> None:
         key = "IF"
         while key in {"IF", "ELSIF"}:
-            condition = self._fitting(self._expression(), BOOL).value
+            word = "if" if key == "IF" else "elif"
+            self._emit(f"{word} {self._fitting(self._expression(), BOOL).code}:")
             self._expect("THEN")
-            branches.append((condition, self._statements("ELSIF", "ELSE", "END_IF")))
+            with self._deeper():
+                self._statements("ELSIF", "ELSE", "END_IF")
             key = self._next().key
-        otherwise = self._statements("END_IF") if key == "ELSE" else None
-        if otherwise is not None:
+        if key == "ELSE":
+            self._emit("else:")
+            with self._deeper():
+                self._statements("END_IF")
             self._next()
         self._expect(";")
 
-        def execute(variables: Variables) -> None:
-            for condition, body in branches:
-                if condition(variables):
-                    body(variables)
-                    return
-            if otherwise is not None:
-                otherwise(variables)
-
-        return execute
-
-    def _case(self) -> Execute:
+    def _case(self) -> None:
         selector = self._expression()
-        if not isinstance(selector.type, Elementary) or selector.type.kind not in {Kind.SIGNED, Kind.UNSIGNED}:
+        if not _is_whole(selector.type):
             raise self._error("CASE needs an integer")
         self._expect("OF")
-        branches: dict[int, Execute] = {}
+        chosen = f"n{next(self._numbers)}"
+        self._emit(f"{chosen} = {selector.code}")
+        known: set[int] = set()
+        word = "if"
         while self._token.key not in {"ELSE", "END_CASE"}:
             values = [self._integer()]
             while self._accept(","):
                 values.append(self._integer())
             self._expect(":")
-            body = self._statements("ELSE", "END_CASE", labelled=True)
             for value in values:
-                if value in branches:
+                if value in known:
                     raise self._error(f"CASE contains {value} twice")
-                branches[value] = body
-        otherwise = self._statements("END_CASE") if self._accept("ELSE") else _nothing
+                known.add(value)
+            self._emit(f"{word} {chosen} in {(*values,)}:")
+            word = "elif"
+            with self._deeper():
+                self._statements("ELSE", "END_CASE", labelled=True)
+        if self._accept("ELSE"):
+            self._emit("else:" if known else "if True:")
+            with self._deeper():
+                self._statements("END_CASE")
         self._expect("END_CASE")
         self._expect(";")
-        return lambda variables: branches.get(selector.value(variables), otherwise)(variables)
 
-    def _for(self) -> Execute:
+    def _for(self) -> None:
         counter = self._path(self._name())
         self._expect(":=")
-        first = self._fitting(self._expression(), counter.type).value
+        first = self._fitting(self._expression(), counter.type).code
         self._expect("TO")
-        last = self._fitting(self._expression(), counter.type).value
+        last = self._fitting(self._expression(), counter.type).code
         step = self._integer() if self._accept("BY") else 1
-        self._expect("DO")
-        body = self._statements("END_FOR")
-        self._next()
-        self._expect(";")
-        if counter.place is None or not step:
+        if not counter.writable or not step:
             raise self._error("FOR needs a variable and a step other than 0")
-        container, place = counter.place
-
-        def execute(variables: Variables) -> None:
-            end = last(variables)
-            number = first(variables)
-            while number <= end if step > 0 else number >= end:
-                container(variables)[place(variables)] = number
-                try:
-                    body(variables)
-                except _ExitError:
-                    return
-                number += step
-
-        return execute
-
-    def _while(self) -> Execute:
-        line = self._token.line
-        condition = self._fitting(self._expression(), BOOL).value
+        number, end = f"n{next(self._numbers)}", f"n{next(self._numbers)}"
+        self._emit(f"{end} = {last}")
+        self._emit(f"{number} = {first}")
+        self._emit(f"while {number} {'<=' if step > 0 else '>='} {end}:")
         self._expect("DO")
-        body = self._statements("END_WHILE")
+        with self._deeper():
+            self._emit(f"{counter.code} = {number}")
+            self._body_of_a_loop("END_FOR")
+            self._emit(f"{number} += {step}")
+
+    def _while(self) -> None:
+        line = self._token.line
+        self._emit(f"for _ in range({_LOOPS_AT_MOST}):")
+        with self._deeper():
+            self._emit(f"if not {self._fitting(self._expression(), BOOL).code}: break")
+            self._expect("DO")
+            self._body_of_a_loop("END_WHILE")
+        self._emit("else:")
+        self._emit(f" raise Failed({f'{line}: the loop does not end'!r})")
+
+    def _body_of_a_loop(self, end: str) -> None:
+        self._loops += 1
+        self._statements(end)
+        self._loops -= 1
         self._next()
         self._expect(";")
-
-        def execute(variables: Variables) -> None:
-            for _ in range(_LOOPS_AT_MOST):
-                if not condition(variables):
-                    return
-                try:
-                    body(variables)
-                except _ExitError:
-                    return
-            raise StructuredTextError(f"{line}: the loop does not end")
-
-        return execute
 
     # -- calls --------------------------------------------------------------------------------------------------------
 
-    def _call(self, unit: Unit, instance: Evaluate) -> Execute:
+    def _call(self, unit: Unit, instance: str) -> None:
         """A call of a block with named arguments: inputs, then the body, then outputs."""
-        before: list[tuple[str, Evaluate]] = []
-        after: list[tuple[str, tuple[Evaluate, Evaluate]]] = []
+        own = f"n{next(self._numbers)}"
+        self._emit(f"{own} = {instance}")
+        after: list[str] = []
         references = set(unit.section("VAR_IN_OUT"))
         self._expect("(")
         while not self._accept(")"):
@@ -389,26 +424,19 @@ class Compiler:
                 by_reference = variable.section == "VAR_IN_OUT"
                 if by_reference and isinstance(variable.type, Elementary):
                     raise self._error(f"{name}: VAR_IN_OUT is supported for structures and arrays only")
-                before.append((name, given.value if by_reference else _copying(given.value)))
+                self._emit(f"{own}[{name!r}] = {given.code if by_reference else _copy(given.type, given.code)}")
             else:
                 target = self._path(self._name())
-                if variable.section != "VAR_OUTPUT" or target.type != variable.type or target.place is None:
+                if variable.section != "VAR_OUTPUT" or target.type != variable.type or not target.writable:
                     raise self._error(f"{name} cannot be assigned to a {target.type.name}")
-                after.append((name, target.place))
+                after.append(f"{target.code} = {_copy(target.type, f'{own}[{name!r}]')}")
             if self._token.key != ")":
                 self._expect(",")
         if references:
             raise self._error(f"{unit.name} needs {', '.join(sorted(references))}")
-
-        def execute(variables: Variables) -> None:
-            own = instance(variables)
-            for name, value in before:
-                own[name] = value(variables)
-            unit.body(own)
-            for name, (container, place) in after:
-                container(variables)[place(variables)] = copied(own[name])
-
-        return execute
+        self._emit(f"body_{unit.name}({own})")
+        for text in after:
+            self._emit(text)
 
     def _function(self, name: str) -> Expression:
         """A call of a function, its arguments with or without names."""
@@ -425,25 +453,19 @@ class Compiler:
         change = conversion(name)
         if change is not None:
             source, target, does = change
-            value = self._fitting(self._bound(arguments, ("IN",), name)["IN"], source).value
-            return Expression(target, lambda variables: does(value(variables)))
+            self._names[f"standard_{name}"] = does
+            value = self._fitting(self._bound(arguments, ("IN",), name)["IN"], source).code
+            return Expression(target, f"standard_{name}({value})")
         if name in FUNCTIONS:
             return self._standard(name, arguments)
         unit = self.units.get(name)
         if unit is None or unit.result is None:
             raise self._error(f"{name}: unknown function")
-        given = {
-            key: self._fitting(item, unit.variables[key].type).value
+        given = ", ".join(
+            f"{key!r}: {self._fitting(item, unit.variables[key].type).code}"
             for key, item in self._bound(arguments, tuple(unit.section("VAR_INPUT")), name).items()
-        }
-
-        def call(variables: Variables) -> Value:
-            own = unit.initial
-            own.update({key: item(variables) for key, item in given.items()})
-            unit.body(own)
-            return own[unit.name]
-
-        return Expression(unit.result, call)
+        )
+        return Expression(unit.result, f"call_{name}({{{given}}})")
 
     def _bound(
         self, arguments: list[tuple[str, Expression]], names: tuple[str, ...], function: str
@@ -464,11 +486,11 @@ class Compiler:
         )
         if not isinstance(type_, Elementary) or type_.kind not in rule.kinds:
             raise self._error(f"{name} does not accept a {type_.name}")
-        values = [
-            self._fitting(bound[key], type_ if key in rule.like else ELEMENTARY[rule.others[key]]).value
+        values = ", ".join(
+            self._fitting(bound[key], type_ if key in rule.like else ELEMENTARY[rule.others[key]]).code
             for key in rule.parameters
-        ]
-        return Expression(type_, lambda variables: type_.cut(rule.does(*(value(variables) for value in values))))
+        )
+        return Expression(type_, _cut(type_, f"standard_{name}({values})"))
 
     # -- expressions --------------------------------------------------------------------------------------------------
 
@@ -484,58 +506,49 @@ class Compiler:
             if fits and given.constant is None:
                 return given._replace(type=type_)  # chosen among literals
             if fits and type_.holds(given.constant):
-                value = type_.cut(given.constant)
-                return Expression(type_, lambda _: value, None, value)
+                return _literal(type_, type_.cut(given.constant))
         shown = given.type.name if given.constant is None else f"{given.type.name} {given.constant}"
         raise self._error(f"{shown} where {type_.name} is expected: convert it")
 
     def _expression(self, level: int = 0) -> Expression:
         if level == len(_LEVELS):
             return self._unary()
-        left = self._expression(level + 1)
+        found = self._expression(level + 1)
+        chain = found.code
         while sign := self._accept(*_LEVELS[level]):
-            right = self._expression(level + 1)
-            left = self._binary(left, sign, right, level)
-        return left
+            found, code = self._binary(found._replace(code=chain), sign, self._expression(level + 1), level)
+            # A sum of integers is cut once, at its end: that is the same, and a long one has few parentheses.
+            uncut = level < _LOGIC or (level == _SUM and _is_whole(found.type))
+            chain = code if uncut else found.code
+        return found
 
-    def _binary(self, left: Expression, sign: str, right: Expression, level: int) -> Expression:
+    def _binary(self, left: Expression, sign: str, right: Expression, level: int) -> tuple[Expression, str]:
+        """The value, and its text before it is cut."""
         if left.type in {INTEGER_LITERAL, REAL_LITERAL}:
             left = self._fitting(left, right.type)
         right = self._fitting(right, left.type)
         type_ = left.type
         if not isinstance(type_, Elementary) or not _fits(type_.kind, sign, level):
             raise self._error(f"{sign} does not accept a {type_.name}")
-        does, a, b, line = _LEVELS[level][sign], left.value, right.value, self._token.line
+        code = _LEVELS[level][sign].format(left.code, right.code)
         if level < _LOGIC:
-            return Expression(type_, lambda variables: does(a(variables), b(variables)))
-        if level < _COMPARISON:
-            return Expression(BOOL, lambda variables: does(a(variables), b(variables)))
-
-        def calculate(variables: Variables) -> Value:
-            try:
-                return type_.cut(does(a(variables), b(variables)))
-            except (ZeroDivisionError, OverflowError, ValueError) as error:
-                raise StructuredTextError(f"{line}: {error}") from error
-
-        return Expression(type_, calculate)
+            return Expression(type_, f"({code})"), code
+        return Expression(BOOL, f"({code})") if level < _COMPARISON else Expression(type_, _cut(type_, code)), code
 
     def _unary(self) -> Expression:
         sign = self._accept("NOT", "-")
         if not sign:
             return self._primary()
         given = self._unary()
-        type_, value = given.type, given.value
+        type_ = given.type
         if sign == "-" and given.constant is not None:
-            constant = -given.constant
-            return given._replace(value=lambda _: constant, constant=constant)
+            return given._replace(code=_text(-given.constant), constant=-given.constant)
         allowed = {Kind.BOOL, Kind.BITS} if sign == "NOT" else {Kind.SIGNED, Kind.REAL}
         if not isinstance(type_, Elementary) or type_.kind not in allowed:
             raise self._error(f"{sign} does not accept a {type_.name}")
-        if sign == "-":
-            return Expression(type_, lambda variables: type_.cut(-value(variables)))
-        if type_.kind is Kind.BOOL:
-            return Expression(type_, lambda variables: not value(variables))
-        return Expression(type_, lambda variables: type_.cut(~value(variables)))
+        if sign == "NOT" and type_.kind is Kind.BOOL:
+            return Expression(type_, f"(not {given.code})")
+        return Expression(type_, _cut(type_, f"{'~' if sign == 'NOT' else '-'}{given.code}"))
 
     def _primary(self) -> Expression:
         if self._accept("("):
@@ -571,11 +584,7 @@ class Compiler:
         if variable is None:
             raise self._error(f"{name} is not declared in {self._unit.name}")
         writable = not variable.constant and variable.section != "VAR_INPUT"
-        found = Expression(
-            variable.type,
-            operator.itemgetter(name),
-            (lambda variables: variables, lambda _: name) if writable else None,
-        )
+        found = Expression(variable.type, f"v[{name!r}]", writable)
         while sign := self._accept(".", "["):
             found = self._field(found) if sign == "." else self._element(found)
         return found
@@ -589,11 +598,9 @@ class Compiler:
             }
         if name not in fields:
             raise self._error(f"{of.type.name} has no {name}")
-        whole = of.value
-        place: tuple[Evaluate, Evaluate] = (whole, lambda _: name)
         # Outputs of a block are its own; inputs of this block cannot be written either.
-        writable = of.place is not None and not (isinstance(of.type, Unit) and fields[name].section == "VAR_OUTPUT")
-        return Expression(fields[name].type, lambda variables: whole(variables)[name], place if writable else None)
+        writable = of.writable and not (isinstance(of.type, Unit) and fields[name].section == "VAR_OUTPUT")
+        return Expression(fields[name].type, f"{of.code}[{name!r}]", writable)
 
     def _element(self, of: Expression) -> Expression:
         index = self._expression()
@@ -602,23 +609,52 @@ class Compiler:
             raise self._error(f"{of.type.name} is not an array")
         if index.type is INTEGER_LITERAL:
             index = self._fitting(index, ELEMENTARY["DINT"])
-        low, high, whole, line = of.type.low, of.type.high, of.value, self._token.line
-
-        def place(variables: Variables) -> int:
-            number = index.value(variables)
-            if not low <= number <= high:
-                raise StructuredTextError(f"{line}: index {number} is outside {low}..{high}")
-            return int(number - low)
-
-        return Expression(
-            of.type.element,
-            lambda variables: whole(variables)[place(variables)],
-            (whole, place) if of.place is not None else None,
-        )
+        low, high = of.type.low, of.type.high
+        inside = index.constant is not None and low <= index.constant <= high
+        place = index.constant - low if inside else f"place({index.code}, {low}, {high})"
+        return Expression(of.type.element, f"{of.code}[{place}]", of.writable)
 
 
 def _literal(type_: Elementary, value: Value) -> Expression:
-    return Expression(type_, lambda _: value, None, value)
+    return Expression(type_, _text(value), False, value)
+
+
+def _text(value: Value) -> str:
+    """A constant for Python."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return f"float('{value}')"
+    return f"({value!r})"
+
+
+def _cut(type_: Elementary, code: str) -> str:
+    """A result as its type holds it: what ``type_.cut`` does, as text."""
+    mask, half = (1 << type_.bits) - 1, 1 << type_.bits >> 1
+    if type_.kind in {Kind.BITS, Kind.UNSIGNED}:
+        return f"({code} & {mask})"
+    if type_.kind is Kind.SIGNED:
+        return f"(({code} + {half} & {mask}) - {half})"
+    return f"real({code})" if type_.kind is Kind.REAL and type_.bits == 32 else f"({code})"
+
+
+def _copy(type_: Type, code: str) -> str:
+    """A structure or an array is copied where it is assigned."""
+    return code if isinstance(type_, Elementary) else f"copied({code})"
+
+
+def _calling(unit: Unit) -> Callable[[Variables], Value]:
+    """A function of its arguments by name: each call has variables of its own."""
+
+    def call(given: Variables) -> Value:
+        own = unit.initial
+        own.update(given)
+        unit.body(own)
+        return own[unit.name]
+
+    return call
+
+
+def _is_whole(type_: Type) -> bool:
+    return isinstance(type_, Elementary) and type_.kind in {Kind.SIGNED, Kind.UNSIGNED}
 
 
 def _fits(kind: Kind, sign: str, level: int) -> bool:
@@ -629,18 +665,3 @@ def _fits(kind: Kind, sign: str, level: int) -> bool:
     if kind is Kind.TIME:
         return sign in {"+", "-"}
     return kind in {Kind.SIGNED, Kind.UNSIGNED} or (kind is Kind.REAL and sign != "MOD")
-
-
-def _nothing(_: Variables) -> None:
-    """What CASE without ELSE does with any other value."""
-
-
-def _copying(value: Evaluate) -> Evaluate:
-    return lambda variables: copied(value(variables))
-
-
-def _raising(error: type[Exception]) -> Execute:
-    def execute(_: Variables) -> None:
-        raise error
-
-    return execute
