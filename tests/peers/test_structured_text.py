@@ -85,7 +85,7 @@ def test_expressions_have_the_values_of_the_standard(type_: str, expression: str
         ("x := x.y;", "INT has no Y"),
         ("x := 1", "expected ;"),
         ("CASE x OF 1: x := 2; 1: x := 3; END_CASE;", "CASE contains 1 twice"),
-        ("EXIT;", "line 2: EXIT stands in no loop"),
+        ("EXIT;", "line 2: EXIT must be inside a loop"),
         ("x := " + "x * " * 150 + "x;", "the statements or parentheses of TRIAL are nested too deep"),
     ],
 )

@@ -301,7 +301,7 @@ class Compiler:
             self._while()
         elif key:
             if key == "EXIT" and not self._loops:
-                raise self._error("EXIT stands in no loop")
+                raise self._error("EXIT must be inside a loop")
             self._expect(";")
             self._emit("break" if key == "EXIT" else "return")
         else:
