@@ -30,12 +30,12 @@ class Quote(NamedTuple):
 
 def _ratio(axes: int, cycle: str) -> str:
     """The p50 of the gateway over that of the echo, in a row of the exchange."""
-    return rf"│ {axes} +│ {cycle} +│ echo .*\n(?:│ +│ +│ (?:gateway|to CAN) .*\n)+│ +│ +│ ratio +│ ([\d.]+) "
+    return rf"│ {axes} +│ {cycle} +│ echo .*\n(?:│ +│ +│ (?:echo|gateway|to CAN).*\n)+│ +│ +│ ratio +│ ([\d.]+) "
 
 
 def _median(axes: int, cycle: str) -> str:
     """The p50 of the gateway in microseconds, in a row of the exchange."""
-    return rf"│ {axes} +│ {cycle} +│ echo .*\n│ +│ +│ gateway │ (\d+) us"
+    return rf"│ {axes} +│ {cycle} +│ echo .*\n│ +│ +│ gateway +│ (\d+) us"
 
 
 _SHARE = r"│ 1 ms +│ gateway +│ ([\d.]+) %"

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import io
 import json
+import re
 import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from pdgw.ds301.bus.can_frame import pack_frame, unpack_frame
 from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.nmt import NmtCommand
+from pdgw.durations import MS
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
@@ -27,12 +32,13 @@ from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.rpc.server import RecordServer
 from pdgw.workshop.bench import command_line, flood, killed, recording, settings, stops, storm
 from pdgw.workshop.bench.measuring.dialogues import SPEEDS, EchoDialogue, PlcDialogue, speed
-from pdgw.workshop.bench.measuring.measure import latency
+from pdgw.workshop.bench.measuring.measure import Latency, latency
 from pdgw.workshop.bench.measuring.schedule import Peer
 from pdgw.workshop.bench.processes import processes
 from pdgw.workshop.bench.processes.drives import IdealDrives
-from pdgw.workshop.bench.rows import setpoints_to_can
+from pdgw.workshop.bench.rows import ROWS, Refused, Row, setpoints_to_can
 from pdgw.workshop.bench.translation import axis_cycle
+from pdgw.workshop.commands import bench
 from pdgw.workshop.commands.bench import app
 from tests.fuzz.test_parameters import Memory
 
@@ -91,6 +97,15 @@ def test_a_cycle_is_answered_by_the_first_datagram_of_its_period(line: tuple[Pee
     answer(b"any", b"more")
     peer.settle()
     assert counts(peer) == (1, 0, 0)
+
+
+def test_the_kernel_has_an_answer_before_the_client_has_it(line: tuple[Peer, Callable[..., None]]) -> None:
+    peer, answer = line
+    peer.send()
+    answer(b"any")
+    peer.settle()
+    (at_client,), (at_socket,) = peer.samples, peer.socket_samples
+    assert -MS < at_socket <= at_client + MS, "two clocks, one of which is read at the beginning of a measurement"
 
 
 def test_a_late_answer_is_missed_and_does_not_answer_the_next_cycle(line: tuple[Peer, Callable[..., None]]) -> None:
@@ -212,6 +227,26 @@ def test_a_row_whose_axes_did_not_do_their_work_is_refused(words: list[int], rpd
     peer, plc = after(words, 5)
     with pytest.raises(GatewayError, match=told):
         setpoints_to_can(peer, plc, _Report(rpdos, [(1, 1)]), 1_000_000)
+
+
+def test_a_refused_row_says_why_and_the_others_are_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    good = Latency(100, 1000, 1200, 900, 100)
+    row = Row(1, MS, "C", good, good, good, good, good, 0, 50_000, 3000, 7, 1e5, None, 1.0)
+
+    def measure(axes: int, period_ns: int, seconds: float) -> Row:
+        if axes == 4:
+            raise GatewayError("benchmark: the axes do not turn")
+        return replace(row, axes=axes, period_ns=period_ns)
+
+    monkeypatch.setattr(bench, "measure", measure)
+    console = Console(record=True, width=120, file=io.StringIO())
+    rows = bench._rows(console, console.status(""), 1)
+    assert [item.axes for item in rows] == [axes for axes, _ in ROWS]
+    assert [item.why for item in rows if isinstance(item, Refused)] == ["benchmark: the axes do not turn"]
+    printed = console.export_text()
+    assert "refused: benchmark: the axes do not turn" in printed
+    assert re.search(r"│ 1 +│ 1 ms +│ echo in C +│ 100 us +│ >= 1000 us", printed)
+    assert "3000/s, 7 lost" in printed, "cycles flat out whose RPDO did not come"
 
 
 def measured(measurement: Callable[[], T], useful: Callable[[T], object] = lambda _: True) -> T:

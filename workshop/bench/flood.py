@@ -21,7 +21,7 @@ from pdgw.profinet.rpc.dcerpc import object_uuid
 from pdgw.workshop.bench.measuring.dialogues import PlcDialogue
 from pdgw.workshop.bench.measuring.measure import Latency, latency
 from pdgw.workshop.bench.measuring.schedule import Peer, run
-from pdgw.workshop.bench.processes.processes import Background, Gateway, running
+from pdgw.workshop.bench.processes.processes import Background, Gateway, module, running
 
 AXES = 4
 PERIOD_NS = 4 * MS
@@ -77,7 +77,7 @@ def measure(port: str, seconds: float, phases: int = 3) -> Flood:
 
 def _stranger(port: str, gateway: Gateway) -> Background:
     number = gateway.cyclic_port if port == CYCLIC else gateway.acyclic_port
-    return Background("pdgw.workshop.bench.flood", str(number), port, str(RATE))
+    return module("pdgw.workshop.bench.flood", str(number), port, str(RATE))
 
 
 def datagram(kind: str) -> bytes:

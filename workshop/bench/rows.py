@@ -18,7 +18,8 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.workshop.bench.measuring.dialogues import SPEEDS, EchoDialogue, PlcDialogue
 from pdgw.workshop.bench.measuring.measure import Latency, latency
 from pdgw.workshop.bench.measuring.schedule import Peer, flat_out, run
-from pdgw.workshop.bench.processes.processes import USUAL_SCHEDULING, background, running
+from pdgw.workshop.bench.processes import processes
+from pdgw.workshop.bench.processes.processes import USUAL_SCHEDULING, running
 
 ROWS = (
     (1, MS),
@@ -42,8 +43,13 @@ class Row:
 
     axes: int
     period_ns: int
+    echo_in: str
+    """The language of the echo: C, or Python where there is no compiler."""
     echo: Latency
     gateway: Latency
+    echo_at_socket: Latency
+    gateway_at_socket: Latency
+    """As the kernel stamps the answers at the client's socket: without the client's own way into the processor."""
     to_can: Latency
     """From the PLC's send to the RPDO of the last axis at its drive."""
     slept: int
@@ -51,6 +57,8 @@ class Row:
     echo_per_s: float
     """Cycles flat out."""
     gateway_per_s: float
+    lost_flat_out: int
+    """Cycles of these whose RPDO a drive did not get."""
     cpu_ns_per_cycle: float | None
     """Of the gateway, all threads; None where the system does not tell."""
     resident_bytes: int | None
@@ -73,6 +81,15 @@ class Row:
         return None if self.cpu_ns_per_cycle is None else self.cpu_ns_per_cycle / self.period_ns
 
 
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """A row that says nothing, and why."""
+
+    axes: int
+    period_ns: int
+    why: str
+
+
 def measure(axes: int, period_ns: int, seconds: float, more: str = USUAL_SCHEDULING) -> Row:
     """Measure a row for about ``seconds``; GatewayError when the axes do not do what they are told.
 
@@ -82,9 +99,9 @@ def measure(axes: int, period_ns: int, seconds: float, more: str = USUAL_SCHEDUL
     plc = PlcDialogue(axes, period_ns)
     side_by_side = period_ns >= _SIDE_BY_SIDE_NS
     with ExitStack() as at_end:
-        port = int(at_end.enter_context(background("pdgw.workshop.bench.processes.echo")).first_line)
+        port, language = at_end.enter_context(processes.echo())
         echo = at_end.enter_context(closing(Peer(port, EchoDialogue(plc.size))))
-        echo_per_s = flat_out(echo, seconds * _FLAT_OUT_SHARE)
+        echo_per_s = flat_out(echo, seconds * _FLAT_OUT_SHARE).per_s
         echo.begin()
         if not side_by_side:
             run([echo], cycles // 2, period_ns)
@@ -98,20 +115,27 @@ def measure(axes: int, period_ns: int, seconds: float, more: str = USUAL_SCHEDUL
                 run([peer, echo] if side_by_side else [peer], cycles, period_ns)
                 used = None if cpu is None else (daemon.cpu_ns() or 0) - cpu
                 to_can = setpoints_to_can(peer, plc, drives, period_ns)
-                answers, slept = peer.latency(period_ns), peer.slept
-                gateway_per_s = flat_out(peer, seconds * _FLAT_OUT_SHARE)
+                answers, at_socket, slept = peer.latency(period_ns), peer.socket_latency(period_ns), peer.slept
+                drives.mark()
+                fastest = flat_out(peer, seconds * _FLAT_OUT_SHARE)
+                drives.report()  # what was under way is at the drives behind this answer
+                lost = max(0, fastest.cycles - min(drives.report()[0]))
             resident = daemon.resident_bytes()
         if not side_by_side:
             run([echo], cycles // 2, period_ns)
         return Row(
             axes=axes,
             period_ns=period_ns,
+            echo_in=language,
+            echo_at_socket=echo.socket_latency(period_ns),
+            gateway_at_socket=at_socket,
             echo=echo.latency(period_ns),
             gateway=answers,
             to_can=to_can,
             slept=slept,
             echo_per_s=echo_per_s,
-            gateway_per_s=gateway_per_s,
+            gateway_per_s=fastest.per_s,
+            lost_flat_out=lost,
             cpu_ns_per_cycle=None if used is None else used / cycles,
             resident_bytes=resident,
             start_s=start_s,

@@ -20,7 +20,7 @@ from pdgw.workshop.bench.measuring.dialogues import PlcDialogue
 from pdgw.workshop.bench.measuring.measure import Latency
 from pdgw.workshop.bench.measuring.phases import Phases
 from pdgw.workshop.bench.measuring.schedule import Peer
-from pdgw.workshop.bench.processes.processes import Background, running
+from pdgw.workshop.bench.processes.processes import module, running
 
 AXES = 4
 PERIOD_NS = MS
@@ -60,7 +60,7 @@ def measure(seconds: float, phases: int = 4) -> Storm:
             parts = Phases(plc, peer, PERIOD_NS, cycles)
             for _ in range(phases):
                 parts.play("quiet")
-                storm = Background("pdgw.workshop.bench.storm", str(daemon.acyclic_port), str(AXES))
+                storm = module("pdgw.workshop.bench.storm", str(daemon.acyclic_port), str(AXES))
                 start = time.monotonic()
                 try:
                     parts.play("storm")

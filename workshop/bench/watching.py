@@ -28,7 +28,7 @@ from pdgw.workshop.bench.measuring.dialogues import PlcDialogue
 from pdgw.workshop.bench.measuring.measure import Latency
 from pdgw.workshop.bench.measuring.phases import Phases
 from pdgw.workshop.bench.measuring.schedule import Peer
-from pdgw.workshop.bench.processes.processes import Background, running
+from pdgw.workshop.bench.processes.processes import module, running
 
 AXES = 8
 PERIOD_NS = MS
@@ -76,7 +76,7 @@ def measure(seconds: float, phases: int = 4) -> Watching:
                 parts.play(QUIET)
                 for name, role in ((WATCHED, "look"), (HARMED, "harm")):
                     with _page(gateway.config) as (port, process):
-                        others = Background("pdgw.workshop.bench.watching", role, str(port), str(process.pid))
+                        others = module("pdgw.workshop.bench.watching", role, str(port), str(process.pid))
                         start = time.monotonic()
                         try:
                             parts.play(name)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from itertools import chain
@@ -26,8 +26,10 @@ from pdgw.workshop.bench.decoding import decoding, following
 from pdgw.workshop.bench.measuring.build import machine, use_real_time_priority
 from pdgw.workshop.bench.measuring.measure import Latency
 from pdgw.workshop.bench.profinet import profinet
-from pdgw.workshop.bench.rows import ROWS, Row, idle, measure
+from pdgw.workshop.bench.recording import RecordingCost
+from pdgw.workshop.bench.rows import ROWS, Refused, Row, idle, measure
 from pdgw.workshop.bench.stops import Stop
+from pdgw.workshop.bench.translation import TranslationCost
 
 app = typer.Typer(help="Benchmarks.", invoke_without_command=True)
 
@@ -54,13 +56,16 @@ def bench(
         raise GatewayError("bench: runs on Linux only, whose /proc tells the CPU and memory of each process")
     if context.invoked_subcommand is not None:
         return
+    console = Console(quiet=as_json)
     with _progress() as status:
         status.update("translation")
         costs = translation.run()
         recorder = recording.run()
         if realtime:
             use_real_time_priority()
-        rows = [_measured(status, axes, period_ns, seconds) for axes, period_ns in ROWS]
+        _print_machine(console, realtime)
+        _print_translation(console, costs, recorder)
+        rows = _rows(console, status, seconds)
         status.update(f"{storm.AXES} axes under a storm of parameter requests")
         parameters = storm.measure(seconds)
         floods = _floods(status, seconds)
@@ -87,19 +92,6 @@ def bench(
     if as_json:
         typer.echo(json.dumps(document, indent=2))
         return
-    console = Console()
-    _print_machine(console, realtime)
-    table = Table("telegram", "axis-cycle", "goal", "share of goal", title="translation: frame -> RPDO, TPDO -> frame")
-    for cost in costs:
-        goal = f"{cost.goal_ns / US:g} us" if cost.goal_ns else ""
-        share = f"{cost.total_ns / cost.goal_ns:.2f}" if cost.goal_ns else ""
-        table.add_row(str(cost.telegram), f"{cost.total_ns / US:.2f} us", goal, share)
-    console.print(table)
-    console.print(
-        f"flight recorder: {recorder.cycle_ns / US:.2f} us a cycle and {recorder.axis_ns / US:.2f} us an axis, "
-        f"{recorder.frame_ns / US:.2f} us a CAN frame; counting cycle and answer times {recorder.times_ns / US:.2f} us"
-    )
-    _print_rows(console, rows)
     table = Table("", "p50", "p99", "p99.9", "missed", title=f"{storm.AXES} axes at 1 ms under parameter requests")
     for name, row in (("quiet", parameters.quiet), (f"{parameters.requests_per_s:.0f} requests/s", parameters.storm)):
         table.add_row(name, f"{row.p50:.0f} us", f"{row.p99:.0f} us", f"{row.p999:.0f} us", _missed(row))
@@ -122,13 +114,15 @@ def cycle(
     if realtime:
         use_real_time_priority()
     with _progress() as status:
-        row = _measured(status, axes, round(cycle_time_ms * MS), seconds)
+        status.update(f"{axes} axes at {cycle_time_ms:g} ms")
+        row = measure(axes, round(cycle_time_ms * MS), seconds)
     if as_json:
         typer.echo(json.dumps({"machine": machine() | {"realtime": realtime}, "rows": [_document(row)]}, indent=2))
         return
     console = Console()
     _print_machine(console, realtime)
-    _print_rows(console, [row])
+    _print_row(console, row, first=True)
+    _print_costs(console, [row])
 
 
 @app.command("profinet")
@@ -391,17 +385,42 @@ def _progress() -> Iterator[Status]:
         yield status
 
 
-def _measured(status: Status, axes: int, period_ns: int, seconds: float) -> Row:
-    status.update(f"{axes} axes at {period_ns / MS:g} ms")
-    return measure(axes, period_ns, seconds)
+def _rows(console: Console, status: Status, seconds: float) -> list[Row | Refused]:
+    """Every row, printed when it is there; one that is refused says why, and the others are measured."""
+    rows: list[Row | Refused] = []
+    for axes, period_ns in ROWS:
+        status.update(f"{axes} axes at {period_ns / MS:g} ms")
+        try:
+            rows.append(measure(axes, period_ns, seconds))
+        except GatewayError as error:
+            rows.append(Refused(axes, period_ns, str(error)))
+        _print_row(console, rows[-1], first=len(rows) == 1)
+    _print_costs(console, [row for row in rows if isinstance(row, Row)])
+    return rows
+
+
+def _print_translation(console: Console, costs: Sequence[TranslationCost], recorder: RecordingCost) -> None:
+    table = Table("telegram", "axis-cycle", "goal", "share of goal", title="translation: frame -> RPDO, TPDO -> frame")
+    for cost in costs:
+        goal = f"{cost.goal_ns / US:g} us" if cost.goal_ns else ""
+        share = f"{cost.total_ns / cost.goal_ns:.2f}" if cost.goal_ns else ""
+        table.add_row(str(cost.telegram), f"{cost.total_ns / US:.2f} us", goal, share)
+    console.print(table)
+    console.print(
+        f"flight recorder: {recorder.cycle_ns / US:.2f} us a cycle and {recorder.axis_ns / US:.2f} us an axis, "
+        f"{recorder.frame_ns / US:.2f} us a CAN frame; counting cycle and answer times {recorder.times_ns / US:.2f} us"
+    )
 
 
 def _latency(item: Latency) -> dict[str, Any]:
     return {**asdict(item), "missed_share": item.missed_share}
 
 
-def _document(row: Row) -> dict[str, Any]:
-    latencies = {name: _latency(getattr(row, name)) for name in ("echo", "gateway", "to_can")}
+def _document(row: Row | Refused) -> dict[str, Any]:
+    if isinstance(row, Refused):
+        return asdict(row)
+    names = ("echo", "gateway", "echo_at_socket", "gateway_at_socket", "to_can")
+    latencies = {name: _latency(getattr(row, name)) for name in names}
     ratios = {name: getattr(row, name) for name in ("ratio_p50", "ratio_p99", "cpu_share")}
     return {**asdict(row), **latencies, **ratios}
 
@@ -422,21 +441,42 @@ def _share(value: float | None) -> str:
     return "?" if value is None else f"{100 * value:.1f} %"
 
 
-def _print_rows(console: Console, rows: list[Row]) -> None:
+def _micros(item: Latency, period_ns: int) -> Iterator[str]:
+    """Percentiles; one that is a whole period stands for cycles without an answer, and may be longer."""
+    for value in (item.p50, item.p99, item.p999):
+        yield f"{'>= ' if value * US >= period_ns else ''}{value:.0f} us"
+
+
+_WIDTHS = {"axes": 4, "cycle": 7, "": 18, "p50": 12, "p99": 12, "p99.9": 12, "missed": 8, "flat out": 20}
+"""Columns of a row: every one is a table of its own, printed when it is there."""
+
+
+def _print_row(console: Console, row: Row | Refused, *, first: bool) -> None:
     title = "exchange with drives that answer at once, and a UDP echo of the same run; setpoints until they are on CAN"
-    table = Table("axes", "cycle", "", "p50", "p99", "p99.9", "missed", "flat out", title=title)
-    for row in rows:
-        place = (str(row.axes), f"{row.period_ns / MS:g} ms")
-        for name, item, rate in (
-            ("echo", row.echo, f"{row.echo_per_s:.0f}/s"),
-            ("gateway", row.gateway, f"{row.gateway_per_s:.0f}/s"),
-            ("to CAN", row.to_can, ""),
-        ):
-            micros = (f"{value:.0f} us" for value in (item.p50, item.p99, item.p999))
-            table.add_row(*place, name, *micros, _missed(item), rate)
-            place = ("", "")
-        table.add_row("", "", "ratio", f"{row.ratio_p50:.2f}", f"{row.ratio_p99:.2f}", "", "", "")
+    table = Table(title=title if first else None, show_header=first)
+    for name, width in _WIDTHS.items():
+        table.add_column(name, width=width)
+    place = (str(row.axes), f"{row.period_ns / MS:g} ms")
+    if isinstance(row, Refused):
+        table.add_row(*place, "refused")
+        console.print(table)
+        console.print(f"refused: {row.why}", markup=False, highlight=False)
+        return
+    lost = f", {row.lost_flat_out} lost" if row.lost_flat_out else ""
+    for name, item, rate in (
+        (f"echo in {row.echo_in}", row.echo, f"{row.echo_per_s:.0f}/s"),
+        ("gateway", row.gateway, f"{row.gateway_per_s:.0f}/s{lost}"),
+        ("echo, at socket", row.echo_at_socket, ""),
+        ("gateway, at socket", row.gateway_at_socket, ""),
+        ("to CAN", row.to_can, ""),
+    ):
+        table.add_row(*place, name, *_micros(item, row.period_ns), _missed(item), rate)
+        place = ("", "")
+    table.add_row("", "", "ratio", f"{row.ratio_p50:.2f}", f"{row.ratio_p99:.2f}", "", "", "")
     console.print(table)
+
+
+def _print_costs(console: Console, rows: Sequence[Row]) -> None:
     table = Table(
         "axes", "cycle", "CPU a cycle", "of a core", "memory", "start to online", title="what the gateway takes"
     )

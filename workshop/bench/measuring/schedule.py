@@ -2,6 +2,9 @@
 
 An answer counts when it came before the next datagram left; later it is missed, so that a gateway that falls behind cannot hide
 it by slowing its client down (coordinated omission). Cycles that the client itself slept through are counted apart.
+
+An answer has two latencies: until the kernel has it for the client's socket, which stamps it, and until the client has it. The
+second one contains the client's own way back into the processor.
 """
 
 from __future__ import annotations
@@ -9,12 +12,34 @@ from __future__ import annotations
 import gc
 import select
 import socket
+import struct
 import time
 from collections.abc import Sequence
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from pdgw.durations import SECOND
 from pdgw.workshop.bench.measuring.measure import Latency, latency
+
+_STAMPS = 35
+"""SO_TIMESTAMPNS and SCM_TIMESTAMPNS of Linux, which Python does not name."""
+_TIMESPEC = struct.Struct("@ll")
+
+
+class Arrival(NamedTuple):
+    """A datagram, when the kernel had it and when the client had it: monotonic nanoseconds."""
+
+    at_socket: int
+    at_client: int
+    data: bytes
+
+
+def _real_time_offset() -> int:
+    """What the clock of the kernel's stamps is ahead of the monotonic one: of several looks, the one that took least."""
+    looks = []
+    for _ in range(8):
+        before, real, after = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
+        looks.append((after - before, real - (before + after) // 2))
+    return min(looks)[1]
 
 
 class Dialogue(Protocol):
@@ -34,6 +59,7 @@ class Peer:
         self.socket.bind(("127.0.0.1", 0))
         self.socket.connect(("127.0.0.1", port))
         self.socket.setblocking(False)
+        self.socket.setsockopt(socket.SOL_SOCKET, _STAMPS, 1)
         self.dialogue = dialogue
         self._next = 0
         self.newest = b""
@@ -45,11 +71,15 @@ class Peer:
     def begin(self) -> None:
         """A new measurement; cycles are numbered on."""
         self.samples: list[int] = []
+        """Latencies at the client."""
+        self.socket_samples: list[int] = []
+        """Latencies at its socket."""
+        self._offset = _real_time_offset()
         self.missed = 0
         self.slept = 0
         """Cycles without a datagram, because the client was not awake."""
         self.sent.clear()
-        self._arrived: list[tuple[int, bytes]] = []
+        self._arrived: list[Arrival] = []
         self._cycle: int | None = None
         self._owed = False
 
@@ -69,8 +99,10 @@ class Peer:
         """Read what is there."""
         try:
             while True:
-                data = self.socket.recv(2048)
-                self._arrived.append((time.monotonic_ns(), data))
+                data, stamps, _, _ = self.socket.recvmsg(2048, 64)
+                seconds, nanoseconds = _TIMESPEC.unpack(stamps[0][2])
+                stamp = seconds * SECOND + nanoseconds - self._offset
+                self._arrived.append(Arrival(stamp, time.monotonic_ns(), data))
                 self.newest = data
         except (BlockingIOError, ConnectionRefusedError):
             return
@@ -89,26 +121,31 @@ class Peer:
             if answer is None:
                 self.missed += 1
             else:
-                self.samples.append(answer - self.sent[self._cycle])
+                self.samples.append(answer.at_client - self.sent[self._cycle])
+                self.socket_samples.append(answer.at_socket - self.sent[self._cycle])
             self._owed = answer is None
         self._cycle = None
         self._arrived.clear()
 
-    def _answer(self, cycle: int) -> int | None:
-        """When the answer to this cycle came, if it did."""
+    def _answer(self, cycle: int) -> Arrival | None:
+        """The answer to this cycle, if it came."""
         if not self._arrived:
             return None
         if not self._owed:
-            return self._arrived[0][0]
+            return self._arrived[0]
         # The answer to an earlier cycle may still come: only what is newer for certain counts, or what comes behind it.
-        newer = [when for when, data in self._arrived if self.dialogue.answers(data, cycle)]
+        newer = [item for item in self._arrived if self.dialogue.answers(item.data, cycle)]
         if newer:
             return newer[0]
-        return self._arrived[-1][0] if len(self._arrived) > 1 else None
+        return self._arrived[-1] if len(self._arrived) > 1 else None
 
     def latency(self, period_ns: int) -> Latency:
-        """Of the measurement so far."""
+        """Of the measurement so far, at the client."""
         return latency(self.samples, self.missed, period_ns)
+
+    def socket_latency(self, period_ns: int) -> Latency:
+        """Of the measurement so far, at its socket."""
+        return latency(self.socket_samples, self.missed, period_ns)
 
     def close(self) -> None:
         self.socket.close()
@@ -145,8 +182,15 @@ def run(peers: Sequence[Peer], cycles: int, period_ns: int) -> None:
             gc.enable()
 
 
-def flat_out(peer: Peer, seconds: float) -> float:
-    """Cycles per second with an answer awaited each time, for about so long; an answer that does not come costs 0.2 s."""
+class FlatOut(NamedTuple):
+    """What a peer answers when each datagram waits for the answer to the one before."""
+
+    cycles: int
+    per_s: float
+
+
+def flat_out(peer: Peer, seconds: float) -> FlatOut:
+    """Cycles with an answer awaited each time, for about so long; an answer that does not come costs 0.2 s."""
     count = 0
     start = time.monotonic_ns()
     end = start + int(seconds * SECOND)
@@ -156,4 +200,4 @@ def flat_out(peer: Peer, seconds: float) -> float:
             peer.take()
         count += 1
     peer.settle()
-    return count * SECOND / (time.monotonic_ns() - start)
+    return FlatOut(count, count * SECOND / (time.monotonic_ns() - start))

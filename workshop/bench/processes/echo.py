@@ -1,6 +1,6 @@
 """The floor of every latency figure: a plain UDP echo in its own process.
 
-``python -m tools.bench.echo`` prints its port and answers until its standard input closes.
+The same as ``echo.c``, for a machine without a C compiler: prints its port and answers until its standard input closes.
 """
 
 from __future__ import annotations

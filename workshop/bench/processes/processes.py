@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -16,7 +17,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from pdgw.durations import MS, SECOND
+from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status_client import fetch
 from pdgw.tools.demo.links import free_ports
@@ -31,17 +32,17 @@ USUAL_SCHEDULING = "[realtime]\npriority = 0\n"
 
 
 class Background:
-    """A module as a process that prints a line when it is ready, obeys its standard input and ends with it."""
+    """A process that prints a line when it is ready, obeys its standard input and ends with it."""
 
-    def __init__(self, module: str, *arguments: str) -> None:
+    def __init__(self, *command: str) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-m", module, *arguments],
+            command,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             text=True,
         )
-        self.first_line = self._line(f"{module} did not start")
+        self.first_line = self._line(f"{' '.join(command)} did not start")
 
     def ask(self, command: str) -> str:
         """One line in, one line out."""
@@ -63,14 +64,33 @@ class Background:
         return rest or ""
 
 
+def module(name: str, *arguments: str) -> Background:
+    """A module of this package as a process."""
+    return Background(sys.executable, "-m", name, *arguments)
+
+
 @contextmanager
-def background(module: str, *arguments: str) -> Iterator[Background]:
-    """A ``Background`` that is ended."""
-    process = Background(module, *arguments)
+def ended(process: Background) -> Iterator[Background]:
+    """A process that is ended."""
     try:
         yield process
     finally:
         process.end()
+
+
+@contextmanager
+def echo() -> Iterator[tuple[int, str]]:
+    """The port of a UDP echo, and its language: C where there is a compiler, else Python."""
+    compiler = shutil.which("cc")
+    with tempfile.TemporaryDirectory() as directory:
+        program = Path(directory) / "echo"
+        if compiler is None:
+            process, language = module("pdgw.workshop.bench.processes.echo"), "Python"
+        else:
+            subprocess.run([compiler, "-O2", "-o", program, Path(__file__).parent / "echo.c"], check=True)
+            process, language = Background(str(program)), "C"
+        with ended(process):
+            yield int(process.first_line), language
 
 
 class Drives:
@@ -145,10 +165,10 @@ class Gateway:
     def cpu_ns(self) -> int | None:
         """CPU time used so far, all threads; None where the system does not tell (not Linux)."""
         try:
-            fields = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()
+            threads = list(Path(f"/proc/{self._process.pid}/task").iterdir())
+            return sum(int((thread / "schedstat").read_text().split()[0]) for thread in threads)
         except OSError:
             return None
-        return (int(fields[11]) + int(fields[12])) * SECOND // os.sysconf("SC_CLK_TCK")
 
     def resident_bytes(self) -> int | None:
         """Memory in use; None where the system does not tell."""
@@ -178,7 +198,7 @@ def running(axes: int, period_ns: int, more: str = USUAL_SCHEDULING) -> Iterator
     ports = (cyclic, acyclic, status)
     with (
         tempfile.TemporaryDirectory() as directory,
-        background("pdgw.workshop.bench.processes.drives", str(axes)) as process,
+        ended(module("pdgw.workshop.bench.processes.drives", str(axes))) as process,
     ):
         drives = Drives(process)
         config, log = Path(directory) / "gateway.toml", Path(directory) / "gateway.log"
