@@ -150,38 +150,6 @@ class PositionerConfig(BaseModel):
         return self.lu_per_unit is not None and self.velocity_per is not None
 
 
-EXAMPLE = """\
-# [axis.positioner]
-# lu_per_revolution = 10000    # length units in one revolution of the motor
-# max_velocity = 30000
-# max_acceleration = 2000      # 100 % of MDI_ACC
-# max_deceleration = 2000
-# position_window = 20
-# jog_1_velocity = -300        # the forward direction differs between vendors
-# jog_2_velocity = 300
-# jog_1_distance = 0           # distance of incremental jog
-# jog_2_distance = 0
-# software_limits = [-100000, 100000]
-# reference_coordinate = 0
-# homing_method = 35           # without it no homing is possible
-# set_of_setpoints = true      # the drive has a second setpoint buffer: flying blocks
-# lu_per_unit = 1000           # telegram 112: LU in one unit of length (1000: one LU is a micrometre, the unit is mm)
-# velocity_per = "minute"      # telegram 112: "second" or "minute"
-# modulo_correction = false    # true: a rotary axis, positions are 0 to modulo_range - 1
-# modulo_range = 360000        # LU after which positions start at 0 again
-# clamping_torque = 250        # torque of a task with STW2.8 (fixed stop), in 1/1000 of the rated torque
-# [[axis.block]]
-# number = 1                   # 0 to 127
-# position = 50000
-# velocity = 12000
-# acceleration = 100           # percent
-# deceleration = 100
-# mode = "absolute"            # "absolute", "relative", "endless-positive", "endless-negative"
-# task = "position"            # "position", "wait", "goto", "set-output", "reset-output", "fixed-stop", with value = ...
-# next = "end"                 # "end", "continue-with-stop", "flying", "external"
-"""
-"""For ``pdgw config example``, behind an axis."""
-
 SIMULATED = {
     "lu_per_revolution": 10_000,
     "max_velocity": 30_000,

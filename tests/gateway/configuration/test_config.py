@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 import re
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,17 @@ from hypothesis import strategies as st
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
+from pdgw.ds301.bus.load import DEFAULT_BITRATE
 from pdgw.dsp406.device import eds_path
 from pdgw.dsp406.kinds import ROTARY
 from pdgw.gateway.axis.settings import ControlLost, PlcLossReaction, SetpointEnable
-from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
+from pdgw.gateway.axis.telegrams import (
+    CENTRAL_TELEGRAM_NUMBERS,
+    DRIVE_TELEGRAM_NUMBERS,
+    DSC_TELEGRAM_NUMBERS,
+    ENCODER_TELEGRAM_NUMBERS,
+    POSITIONER_TELEGRAM_NUMBERS,
+)
 from pdgw.gateway.configuration.check import references_wrong
 from pdgw.gateway.configuration.config import AxisConfig
 from pdgw.gateway.configuration.example import example, simulated
@@ -28,6 +36,7 @@ from pdgw.gateway.configuration.tables.environment import TraceConfig, Transport
 from pdgw.gateway.configuration.tables.positioner import BlockConfig, PositionerConfig
 from pdgw.gateway.configuration.tables.web import MqttConfig, WebConfig
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.identity import DEVICE_ID, VENDOR_ID
 from pdgw.peers.drive.device import EDS_PATH
 from pdgw.profidrive.telegrams import TELEGRAMS
 
@@ -83,6 +92,28 @@ def test_the_example_is_valid_and_names_every_axis_key() -> None:
     parse_config(example())
     for key in type(parse_config(BASE).axis[0]).model_fields:
         assert key in example(), key
+
+
+@pytest.mark.parametrize(
+    ("text", "numbers"),
+    [
+        ("telegram = 1                 # one of ", DRIVE_TELEGRAM_NUMBERS),
+        ("telegram = 83              # one of ", ENCODER_TELEGRAM_NUMBERS),
+        ('# dsc = "position"           # telegrams ', DSC_TELEGRAM_NUMBERS),
+        ("# Telegrams ", POSITIONER_TELEGRAM_NUMBERS),
+        ("set-points too", [n for n in CENTRAL_TELEGRAM_NUMBERS if n not in DSC_TELEGRAM_NUMBERS]),
+    ],
+)
+def test_the_example_lists_the_telegrams_of_the_declarations(text: str, numbers: Sequence[int]) -> None:
+    (line,) = (line for line in example().splitlines() if text in line)
+    assert re.search(rf"\b{', '.join(map(str, numbers))}(?!,? ?\d)", line)
+
+
+def test_the_example_has_the_bit_rate_and_the_identity_of_the_declarations() -> None:
+    document = tomllib.loads(example().replace("# vendor_id", "vendor_id").replace("# device_id", "device_id"))
+    assert document["can"]["bitrate"] == DEFAULT_BITRATE
+    assert (document["transport"]["vendor_id"], document["transport"]["device_id"]) == (VENDOR_ID, DEVICE_ID)
+    assert f"{VENDOR_ID} is not assigned" in example()
 
 
 def test_further_keys_of_can_go_to_the_interface() -> None:
