@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
+from math import isfinite
 from typing import Any
 
 from pdgw.ds301.objects import Entry
@@ -15,7 +16,7 @@ from pdgw.dsp402.identification.overlay import all_families, modes_of, overlay
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import Command, ControlBit, StatusBit, state_of
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
-from pdgw.profidrive.signals import Signal
+from pdgw.profidrive.signals import Signal, float_of
 from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf
 from pdgw.profidrive.words import Bit
 
@@ -49,15 +50,16 @@ def identifier(name: str) -> str:
 class Field:
     """One value of a data unit.
 
-    ``scale`` is the unit's value of one raw step (1 where raw values are shown as they are); ``explain`` gives a word for
-    the value (the state of a Statusword), empty where it has none.
+    ``convert`` makes a number in the unit of a raw value, and ``number`` is how it is printed; None where raw values are
+    shown as they are. ``explain`` gives a word for the value (the state of a Statusword), empty where it has none.
     """
 
     name: str
     description: str
     unit: str = ""
     bits: tuple[Bit, ...] = ()
-    scale: float = 1
+    convert: Callable[[int], float] | None = None
+    number: str = ".3f"
     hex_digits: int = 0
     explain: Callable[[int], str] | None = None
     identifier: str = field(init=False)
@@ -67,14 +69,14 @@ class Field:
 
     def value(self, raw: Raw) -> Raw:
         """The value in its unit."""
-        return raw if self.scale == 1 or isinstance(raw, bytes) else raw * self.scale
+        return self.convert(raw) if self.convert and isinstance(raw, int) else raw
 
     def text(self, raw: Raw) -> str:
         """Name and value for the reader."""
         if isinstance(raw, bytes):
             return f"{self.name} {raw.hex(' ')}"
-        if self.scale != 1:
-            return f"{self.name} {raw * self.scale:.3f} {self.unit}"
+        if self.convert and isinstance(raw, int):
+            return f"{self.name} {self.convert(raw):{self.number}} {self.unit}"
         if self.hex_digits and isinstance(raw, int):
             word = self.explain(raw) if self.explain else ""
             return f"{self.name} {raw:0{self.hex_digits}X}h" + (f" [{word}]" if word else "")
@@ -85,10 +87,12 @@ class Field:
         return f"{shown} {self.unit}" if self.unit else shown
 
     def document(self, raw: Raw) -> Document:
-        """Plain data: raw, value, unit, named bits, and the word for the value where it has one."""
+        """Plain data: raw, value (None: not a number), unit, named bits, and the word for the value where it has one."""
         plain = raw.hex() if isinstance(raw, bytes) else raw
-        value = plain if self.scale == 1 else self.value(raw)
-        document: Document = {"raw": plain, "value": value, "unit": self.unit, "bits": {}}
+        value = self.value(plain) if isinstance(plain, int) else plain
+        # JSON has no word for a float that is no number.
+        shown = None if isinstance(value, float) and not isfinite(value) else value
+        document: Document = {"raw": plain, "value": shown, "unit": self.unit, "bits": {}}
         if isinstance(raw, int):
             document["bits"] = {bit.name: bit.of(raw) for bit in self.bits}
             word = self.explain(raw) if self.explain else ""
@@ -149,7 +153,12 @@ def _words(families: tuple[str, ...]) -> _Words:
     }
 
 
-_PERCENT = {DataType.N2: 100 / N2_100_PERCENT, DataType.N4: 100 / N4_100_PERCENT}
+def _percent(full_scale: int) -> Callable[[int], float]:
+    scale = 100 / full_scale
+    return lambda raw: raw * scale
+
+
+_PERCENT = {DataType.N2: _percent(N2_100_PERCENT), DataType.N4: _percent(N4_100_PERCENT)}
 
 
 def signal_field(signal: Signal, mode: ApplicationMode) -> Field:
@@ -161,7 +170,8 @@ def signal_field(signal: Signal, mode: ApplicationMode) -> Field:
         signal.description,
         signal.unit,
         bits or word_bits,
-        _PERCENT.get(signal.type, 1),
+        float_of if signal.is_float else _PERCENT.get(signal.type),
+        "g" if signal.is_float else ".3f",
         2 * signal.type.size if bits or word_bits or signal.type is DataType.V2 else 0,
         explain,
     )

@@ -8,8 +8,8 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from pdgw.decoder.frames.records import DATA_STATUS_BITS
-from pdgw.decoder.frames.words import signals_document
+from pdgw.decoder.frames.profinet.cyclic import CyclicDecoder, unit_layout
+from pdgw.decoder.frames.records import ProcessData
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import (
     C_SDU_MIN,
@@ -104,7 +104,9 @@ def _telegram(half: TelegramHalf, data: bytes, why: str) -> Document:
         "why": why,
         "telegram": half.telegram,
         "direction": half.direction.value,
-        "signals": signals_document(half, half.decode(data)),
+        "signals": ProcessData(0, 0, unit_layout(half.telegram, half.direction), half.decode(data)).document()[
+            "signals"
+        ],
     }
 
 
@@ -133,14 +135,11 @@ def _frame(data: bytes, telegram: Telegram | None, direction: Direction | None) 
         return None
     if direction is None:
         direction = Direction.ACTUAL if frame.frame_id == FRAME_ID_TO_CONTROLLER else Direction.SETPOINT
+    record = CyclicDecoder((), lambda _: None).decode(0, 0, "", data)
     document: Document = {
         "kind": "frame",
         "why": f"FrameID {frame.frame_id:04X}h and {len(data)} bytes of a cyclic frame",
-        "frame_id": frame.frame_id,
-        "cycle_counter": frame.cycle_counter,
-        "data_status": {"raw": frame.data_status}
-        | {name: bool(frame.data_status & mask) for name, mask in DATA_STATUS_BITS.items()},
-        "transfer_status": frame.transfer_status,
+        **record.details(),
         "direction": direction.value,
         "c_sdu": frame.c_sdu.hex(),
         "signals": {},

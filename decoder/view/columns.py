@@ -126,9 +126,7 @@ class Columns:
             if position is None:
                 continue
             field = layout.fields[position]
-            change: Callable[[Any], Value] | None = None
+            change: Callable[[Any], Value] | None = field.convert
             if part:
                 change = lambda raw, field=field, part=part: part_value(field, raw, part)  # noqa: E731
-            elif field.scale != 1:
-                change = lambda raw, scale=field.scale: raw * scale  # noqa: E731
             yield column, first + position, change

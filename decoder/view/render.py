@@ -19,6 +19,8 @@ def _signal_text(name: str, item: Document) -> str:
     width = 2 * SIGNALS[name].type.size
     if item["unit"] == "%":
         return f"{name} {item['value']:.3f} %"
+    if isinstance(item["value"], float):
+        return f"{name} {item['value']:g} {item['unit']}"
     if item["bits"]:
         return f"{name} {item['raw']:0{width}X}h"
     return f"{name} {item['raw']}" + (f" {item['unit']}" if item["unit"] else "")

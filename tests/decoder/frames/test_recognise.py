@@ -8,10 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pdgw.decoder.frames.profinet.cyclic import CyclicDecoder, given_axes
 from pdgw.decoder.frames.recognise import parse_hex, recognise
 from pdgw.decoder.view.render import one_line, tree
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.frame import RtFrame
+from pdgw.profidrive.frame import C_SDU_MIN, RtFrame
+from pdgw.profidrive.signals import float_pattern
 from pdgw.profidrive.telegrams import Direction, Telegram, telegram
 from tests.support.cli import pdgw
 from tests.support.strategies import directions, half_values, telegrams
@@ -95,6 +97,22 @@ def test_telegram_words_of_every_telegram_come_back(
     document = recognise(half.encode(values), chosen, direction)
     assert document["kind"] == "telegram"
     assert tuple(item["raw"] for item in document["signals"].values()) == values
+
+
+@pytest.mark.parametrize(("position", "value"), [(12.5, 12.5), (float("nan"), None), (float("inf"), None)])
+def test_a_float_has_its_number_as_value_in_a_piece_of_data_and_in_a_capture(
+    position: float, value: float | None
+) -> None:
+    half = telegram(112).setpoints
+    data = half.encode(half.from_dict({"MDI_TARPOS_F": float_pattern(position)}))
+    frame = RtFrame(0xC001, (data + bytes([0x80, 0x80])).ljust(C_SDU_MIN, b"\0"), 5).encode()
+    (unit,) = CyclicDecoder(given_axes([112]), print).decode(1, 0, "", frame).units
+    for signals in (recognise(data, telegram(112))["signals"], unit.document()["signals"]):
+        assert signals["MDI_TARPOS_F"]["value"] == value
+        assert signals["MDI_TARPOS_F"]["raw"] == float_pattern(position)
+    if value is not None:
+        assert "MDI_TARPOS_F 12.5 unit of length" in one_line(recognise(data, telegram(112)))
+        assert "MDI_TARPOS_F 12.5 unit of length" in [item.text(raw) for item, raw in unit.items()]
 
 
 @given(data=st.binary(min_size=1, max_size=100), chosen=st.one_of(st.none(), telegrams))
