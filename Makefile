@@ -108,8 +108,8 @@ soak: $(STAMP)
 
 # Each planted defect and the virtual time until the soak finds it.
 planted: $(STAMP)
-	sed -i '/^| what is broken/,$$d' docs/planted-defects.md
-	$(BIN)/python -m pdgw.workshop soak --planted --seed 1 >> docs/planted-defects.md
+	sed -i '/^| what is broken/,$$d' tests/workshop/planted-defects.md
+	$(BIN)/python -m pdgw.workshop soak --planted --seed 1 >> tests/workshop/planted-defects.md
 
 # Every state that a PLC, a loss and a lying drive can bring an axis to: the cases of ``selected`` in minutes, all in hours.
 walk: $(STAMP)

@@ -40,7 +40,7 @@ _ENABLING: Final = CONTROLWORDS[Action.ENABLE_OPERATION]
 _ENABLES: Final = (Action.ENABLE_OPERATION, Action.RAMP)
 _ABOVE_DISABLED: Final = (Drive.READY, Drive.SWITCHED_ON, Drive.OPERATING, Drive.QUICK_STOPPING)
 _FELL: Final = (Drive.NOT_READY, Drive.DISABLED, Drive.READY, Drive.SWITCHED_ON)
-_ACKNOWLEDGES: Final = (Phase.LOCKED, Phase.DOUBT, Phase.COAST, Phase.FOLLOW)
+_ACKNOWLEDGES: Final = (Phase.LOCKED, Phase.UNCONFIRMED, Phase.COAST, Phase.FOLLOW)
 """Phases in which an acknowledge passes; a stop is not disturbed by it."""
 _FOLLOW: Final = Phase.FOLLOW
 _PASS: Final = Phase.PASS
@@ -152,7 +152,7 @@ class Interlock:
 
     def distrust(self) -> None:
         """Quick Stop replaced the last Controlword: stop until the drive shows that it is off, locked until an OFF."""
-        self.phase = Phase.DOUBT
+        self.phase = Phase.UNCONFIRMED
         self._enabling = self._steady = False
         self._shown = None
 

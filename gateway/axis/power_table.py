@@ -1,10 +1,10 @@
 """The power table: what the gateway does with the power stage of a drive, for every telegram. Data; ``interlock`` runs it.
 
-(phase, what the drive shows, what is asked) -> (phase, action). The rows are read from the top, the first that fits counts; docs
-print them, tests walk them. What they have to keep: no start without an OFF and then an ON after any doubt, and a stop in doubt.
+(phase, drive state, request) -> (phase, action). The first matching row counts. The documents print the rows, tests walk them.
+Rules: an uncertain state is a stop, and after it nothing starts without an OFF and then an ON.
 Source: docs/translation.md "States", "Standard telegrams" 3-4 and "Losses"; the manufacturer's guide 5.1.
-PROFIdrive's OFF1 ramps down before power goes off, DSP402's Shutdown does not: the ramp stop lives here. A telegram that carries
-the Controlword itself (100) has its own phase for operation, PASS, and shares everything else.
+OFF1 of PROFIdrive ramps down before power is removed, Shutdown of CiA 402 does not: this table has the ramp stop. A telegram with
+its own Controlword (100) has the phase PASS for operation and shares everything else.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ from pdgw.gateway.reasons import Reason
 
 
 class Phase(enum.IntEnum):
-    """Where the power stage is in the gateway's eyes."""
+    """State of the power stage, as the gateway commands it."""
 
     LOCKED = 0
-    """Nothing is obeyed before an OFF; power is off."""
-    DOUBT = 1
-    """As LOCKED, but the drive may be in operation: it is told to stop until it shows that it is off."""
+    """Power is off; only an OFF is accepted."""
+    UNCONFIRMED = 1
+    """As LOCKED, but the drive may be in operation: Quick Stop until it shows that it is off."""
     FOLLOW = 2
-    """Obeyed, one transition of the drive at a time."""
+    """The drive follows the PLC, one transition at a time."""
     PASS = 3
     """The Controlword of the telegram passes."""
     RAMP_STOP = 4
-    """OFF1, or the loss of the PLC: to standstill with power on,"""
+    """OFF1, or loss of the PLC: ramp to standstill with power on."""
     SHUTDOWN = 5
-    """and then power off."""
+    """After the ramp: power off."""
     QUICK_STOP = 6
-    """Until the drive has left it."""
+    """Quick Stop until the drive has left Quick Stop Active."""
     COAST = 7
-    """OFF2: Disable Voltage until the drive shows that its power is off. Nothing but an OFF then leads on."""
+    """OFF2: Disable Voltage until the drive shows no power. Only an OFF ends it."""
 
 
 class Drive(enum.IntEnum):
-    """What the drive shows; the last ten need more than its Statusword."""
+    """State of the drive; the last ten need more than its Statusword."""
 
     NOT_READY = 0
     DISABLED = 1
@@ -51,11 +51,11 @@ class Drive(enum.IntEnum):
     QUICK_STOPPING = 5
     FAULT = 6
     UNKNOWN = 7
-    """A Statusword of no state."""
+    """The Statusword matches no state."""
     STANDING = 8
     """As ``OPERATING``, inside the standstill window."""
     QUICK_STOPPED = 9
-    """Quick stop active, but at standstill for so long that it stays there (option codes 5-8)."""
+    """Quick Stop Active at standstill, and the drive stays in it (option codes 5-8)."""
     FELL_BACK = 10
     """Left operation without a command."""
     FELL_OFF = 11
@@ -63,29 +63,29 @@ class Drive(enum.IntEnum):
     LOST = 12
     """Not online, or silent."""
     NO_REFERENCES = 13
-    """Its reference objects are not read or not valid; nothing can be told from a speed."""
+    """Its reference objects are not read or not valid, so its speed is unknown."""
     POWERED_UNREAD = 14
-    """The same, and its Statusword shows power."""
+    """As NO_REFERENCES, and its Statusword shows power."""
     RESTARTED = 15
-    """It booted or was configured anew; taken before what it shows."""
+    """It booted or was configured again. This has priority over its Statusword."""
     LEAVING = 16
-    """Operation enabled, but the last Controlword was another: the Statusword is older than that command, or the drive ramps
-    down by Disable Operation. It may be off already, so Enable Operation would switch it on."""
+    """Operation enabled, but the last Controlword was another one: the Statusword is old, or the drive ramps down by Disable
+    Operation. It may be off already, so Enable Operation could switch it on."""
     ENTERING = 17
-    """Switched on, but the last Controlword was Enable Operation: it may be in operation already."""
+    """Switched on, but the last Controlword was Enable Operation: the drive may be in operation already."""
 
 
 class Action(enum.IntEnum):
-    """What is commanded."""
+    """Command to the drive."""
 
     DISABLE_VOLTAGE = 0
     QUICK_STOP = 1
     SHUTDOWN = 2
     SWITCH_ON = 3
-    """In operation the same word is Disable Operation."""
+    """In operation, this word is Disable Operation."""
     ENABLE_OPERATION = 4
     RAMP = 5
-    """Enable Operation kept, while the executor brings the axis to standstill."""
+    """Enable Operation, while the executor ramps the axis to standstill."""
     RAMP_END = 6
     """Shutdown at the end of a ramp."""
     PASS = 7
@@ -122,7 +122,7 @@ DRIVE_OF_STATE: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One row; ``phase`` None stays in the present one, ``reason`` is what the user is told."""
+    """One row; ``phase`` None keeps the present phase; the user sees ``reason``."""
 
     phases: tuple[Phase, ...]
     drives: tuple[Drive, ...]
@@ -142,7 +142,7 @@ ENABLES: Final = (W.ENABLE, W.RESUME)
 NO_PLC: Final = (W.NO_PLC_RAMP, W.NO_PLC_QUICK_STOP, W.NO_PLC_COAST)
 RAMPS: Final = (W.NO_PLC_RAMP, W.STOP)
 UNASKED: Final = (*NO_PLC, W.STOP)
-"""Nothing is asked but to stop."""
+"""Only a stop is requested."""
 COASTS: Final = (W.COAST, W.NO_PLC_COAST)
 DISABLES: Final = (W.ON, W.OFF_DISABLED, W.QUICK_STOP_DISABLED)
 """Disable Operation (STW1.3 = 0): ends a ramp or quick stop, as the profile's state S5 does."""
@@ -151,11 +151,11 @@ QUICK_STOP_WISHES: Final = (*OFF3S, W.NO_PLC_QUICK_STOP)
 IN_OPERATION: Final = (D.OPERATING, D.STANDING)
 """Operation enabled as commanded."""
 SHOWS_OPERATION: Final = (*IN_OPERATION, D.LEAVING)
-"""The Statusword says Operation enabled."""
+"""The Statusword shows Operation Enabled."""
 QUICK_STOPS: Final = (D.QUICK_STOPPING, D.QUICK_STOPPED)
 UNPOWERED: Final = (D.NOT_READY, D.DISABLED, D.READY, D.SWITCHED_ON, D.ENTERING, D.FELL_BACK, D.FELL_OFF)
 OFF: Final = (D.NOT_READY, D.DISABLED, D.FELL_OFF)
-"""Without power, and no Controlword that is on its way changes that."""
+"""Without power, and no Controlword on its way can change that."""
 UNREAD: Final = (D.POWERED_UNREAD, D.NO_REFERENCES, D.RESTARTED)
 OBEYING: Final = (P.FOLLOW, P.PASS)
 STOPPING: Final = (P.RAMP_STOP, P.SHUTDOWN, P.QUICK_STOP)
@@ -186,36 +186,60 @@ ROWS: Final = (
         ANY_PHASE,
         (D.POWERED_UNREAD, D.RESTARTED),
         ANY_WISH,
-        P.DOUBT,
+        P.UNCONFIRMED,
         A.QUICK_STOP,
         Reason.REFERENCE_INVALID,
-        "it may be turning",
+        "the drive may be turning",
     ),
-    Row((P.DOUBT,), (D.NO_REFERENCES,), ANY_WISH, None, A.QUICK_STOP, Reason.REFERENCE_INVALID, "as before"),
+    Row(
+        (P.UNCONFIRMED,),
+        (D.NO_REFERENCES,),
+        ANY_WISH,
+        None,
+        A.QUICK_STOP,
+        Reason.REFERENCE_INVALID,
+        "its state is still unknown",
+    ),
     Row(ANY_PHASE, (D.NO_REFERENCES,), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.REFERENCE_INVALID, ""),
-    Row(ANY_PHASE, (D.LOST,), ANY_WISH, P.DOUBT, A.QUICK_STOP, Reason.DRIVE_OFFLINE, "it may be turning"),
-    Row(ANY_PHASE, (D.UNKNOWN,), ANY_WISH, P.DOUBT, A.QUICK_STOP, Reason.DRIVE_UNKNOWN_STATE, "it may be turning"),
+    Row(ANY_PHASE, (D.LOST,), ANY_WISH, P.UNCONFIRMED, A.QUICK_STOP, Reason.DRIVE_OFFLINE, "the drive may be turning"),
+    Row(
+        ANY_PHASE,
+        (D.UNKNOWN,),
+        ANY_WISH,
+        P.UNCONFIRMED,
+        A.QUICK_STOP,
+        Reason.DRIVE_UNKNOWN_STATE,
+        "the drive may be turning",
+    ),
     # Whatever was before, a drive without power obeys an OFF and nothing else.
     Row(
-        (P.LOCKED, P.DOUBT, P.COAST, *STOPPING),
+        (P.LOCKED, P.UNCONFIRMED, P.COAST, *STOPPING),
         UNPOWERED,
         (W.OFF, W.OFF_DISABLED),
         P.FOLLOW,
         A.SHUTDOWN,
         Reason.NOT_OPERATING,
-        "the one way to a start",
+        "a start begins with OFF",
     ),
     Row(
-        (P.LOCKED, P.DOUBT, P.COAST, *STOPPING),
+        (P.LOCKED, P.UNCONFIRMED, P.COAST, *STOPPING),
         UNPOWERED,
         (W.RAW_OFF,),
         P.PASS,
         A.PASS,
         Reason.NOT_OPERATING,
-        "the same, raw",
+        "a start begins with OFF (telegram 100)",
     ),
-    Row((P.DOUBT,), (D.DISABLED, D.FELL_OFF), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "it is off"),
-    Row((P.DOUBT,), UNPOWERED, ANY_WISH, None, A.QUICK_STOP, Reason.NEEDS_OFF, "its Statusword may be wrong"),
+    Row(
+        (P.UNCONFIRMED,),
+        (D.DISABLED, D.FELL_OFF),
+        ANY_WISH,
+        P.LOCKED,
+        A.DISABLE_VOLTAGE,
+        Reason.NEEDS_OFF,
+        "the drive is off",
+    ),
+    Row((P.UNCONFIRMED,), UNPOWERED, ANY_WISH, None, A.QUICK_STOP, Reason.NEEDS_OFF, "the Statusword may be wrong"),
     Row(
         (P.LOCKED, P.COAST, *STOPPING),
         UNPOWERED,
@@ -223,7 +247,7 @@ ROWS: Final = (
         P.LOCKED,
         A.QUICK_STOP,
         Reason.QUICK_STOP,
-        "as it is asked",
+        "OFF3",
     ),
     Row(
         (P.LOCKED, P.COAST, *STOPPING),
@@ -232,11 +256,27 @@ ROWS: Final = (
         P.LOCKED,
         A.DISABLE_VOLTAGE,
         Reason.NEEDS_OFF,
-        "it is off",
+        "the drive is off",
     ),
     # Operation by no command of this PLC.
-    Row((P.LOCKED, P.DOUBT), QUICK_STOPS, ANY_WISH, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "not cut short"),
-    Row((P.DOUBT,), SHOWS_OPERATION, ANY_WISH, None, A.QUICK_STOP, Reason.NEEDS_OFF, "in operation by no command"),
+    Row(
+        (P.LOCKED, P.UNCONFIRMED),
+        QUICK_STOPS,
+        ANY_WISH,
+        P.QUICK_STOP,
+        A.QUICK_STOP,
+        Reason.QUICK_STOP,
+        "a quick stop is completed",
+    ),
+    Row(
+        (P.UNCONFIRMED,),
+        SHOWS_OPERATION,
+        ANY_WISH,
+        None,
+        A.QUICK_STOP,
+        Reason.NEEDS_OFF,
+        "in operation without a command",
+    ),
     Row(
         (P.LOCKED,),
         SHOWS_OPERATION,
@@ -244,7 +284,7 @@ ROWS: Final = (
         P.QUICK_STOP,
         A.QUICK_STOP,
         Reason.QUICK_STOP,
-        "in operation by no command",
+        "in operation without a command",
     ),
     Row((P.LOCKED,), SHOWS_OPERATION, ANY_WISH, None, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "power off was commanded"),
     # The loss of the PLC, or of its control, in operation.
@@ -257,16 +297,16 @@ ROWS: Final = (
         P.SHUTDOWN,
         A.RAMP_END,
         Reason.RAMP_STOP,
-        "to ramp would enable it again",
+        "a ramp would enable the drive again",
     ),
     Row(
         OBEYING,
         (D.ENTERING,),
         (*RAMPS, *QUICK_STOP_WISHES),
-        P.DOUBT,
+        P.UNCONFIRMED,
         A.QUICK_STOP,
         Reason.QUICK_STOP,
-        "it may be in operation already",
+        "the drive may be in operation already",
     ),
     Row(
         (*OBEYING, *RAMPING),
@@ -277,25 +317,31 @@ ROWS: Final = (
         Reason.PLC_LOST,
         "as OFF3",
     ),
-    Row(OBEYING, QUICK_STOPS, UNASKED, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "it is stopping already"),
-    Row(OBEYING, UNPOWERED, (*UNASKED, W.HOLD), P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "it is off"),
+    Row(OBEYING, QUICK_STOPS, UNASKED, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "the drive is stopping already"),
+    Row(OBEYING, UNPOWERED, (*UNASKED, W.HOLD), P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "the drive is off"),
     # The drive took the enable back by itself: no standing ON restarts it.
-    Row((P.FOLLOW,), (D.FELL_BACK, D.FELL_OFF), OFFS, None, A.SHUTDOWN, Reason.NOT_OPERATING, "an OFF anyway"),
-    Row((P.PASS,), (D.FELL_BACK, D.FELL_OFF), OFFS, None, A.PASS, Reason.NOT_OPERATING, "an OFF anyway"),
+    Row(
+        (P.FOLLOW,), (D.FELL_BACK, D.FELL_OFF), OFFS, None, A.SHUTDOWN, Reason.NOT_OPERATING, "the PLC sends OFF anyway"
+    ),
+    Row((P.PASS,), (D.FELL_BACK, D.FELL_OFF), OFFS, None, A.PASS, Reason.NOT_OPERATING, "the PLC sends OFF anyway"),
     Row(OBEYING, (D.FELL_OFF,), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "enable input, coast"),
-    Row(OBEYING, (D.FELL_BACK,), ANY_WISH, P.DOUBT, A.QUICK_STOP, Reason.NEEDS_OFF, "its Statusword may be wrong"),
+    Row(
+        OBEYING, (D.FELL_BACK,), ANY_WISH, P.UNCONFIRMED, A.QUICK_STOP, Reason.NEEDS_OFF, "the Statusword may be wrong"
+    ),
     # OFF3 locks, whether the drive got it or not.
     Row(OBEYING, SHOWS_OPERATION, OFF3S, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3"),
     Row(OBEYING, UNPOWERED, OFF3S, P.LOCKED, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3"),
-    Row(OBEYING, QUICK_STOPS, ANY_WISH, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "by the drive itself"),
+    Row(
+        OBEYING, QUICK_STOPS, ANY_WISH, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "quick stop by the drive itself"
+    ),
     # The Controlword of telegram 100.
     Row((P.PASS,), SHOWS_OPERATION, ANY_WISH, None, A.PASS, None, "the PLC's own Controlword"),
     Row((P.PASS,), ANY_DRIVE, ANY_WISH, None, A.PASS, Reason.NOT_OPERATING, "the PLC's own Controlword"),
     # In operation.
     Row((P.FOLLOW,), IN_OPERATION, (*ENABLES, W.HOLD), None, A.ENABLE_OPERATION, None, "operation"),
-    Row((P.FOLLOW,), (D.LEAVING,), ENABLES, None, A.SWITCH_ON, Reason.NOT_OPERATING, "Switched On is awaited first"),
+    Row((P.FOLLOW,), (D.LEAVING,), ENABLES, None, A.SWITCH_ON, Reason.NOT_OPERATING, "wait for Switched On first"),
     Row((P.FOLLOW,), IN_OPERATION, OFFS, P.RAMP_STOP, A.RAMP, Reason.RAMP_STOP, "OFF1"),
-    Row((P.FOLLOW,), (D.LEAVING,), OFFS, None, A.SHUTDOWN, Reason.NOT_OPERATING, "to ramp would enable it again"),
+    Row((P.FOLLOW,), (D.LEAVING,), OFFS, None, A.SHUTDOWN, Reason.NOT_OPERATING, "a ramp would enable the drive again"),
     Row((P.FOLLOW,), SHOWS_OPERATION, (W.ON,), None, A.SWITCH_ON, Reason.NOT_OPERATING, "Disable Operation"),
     # On the way up and down.
     Row((P.FOLLOW,), UNPOWERED, OFFS, None, A.SHUTDOWN, Reason.NOT_OPERATING, "OFF1"),
@@ -320,10 +366,12 @@ ROWS: Final = (
         Reason.QUICK_STOP,
         "OFF3 takes over",
     ),
-    Row((P.RAMP_STOP,), IN_OPERATION, (W.RESUME,), P.FOLLOW, A.ENABLE_OPERATION, None, "where the user lets it"),
-    Row(RAMPING, SHOWS_OPERATION, DISABLES, P.SHUTDOWN, A.RAMP_END, Reason.RAMP_STOP, "Disable Operation ends it"),
-    Row((P.RAMP_STOP,), (D.OPERATING,), ANY_WISH, None, A.RAMP, Reason.RAMP_STOP, "to standstill"),
-    Row(RAMPING, SHOWS_OPERATION, ANY_WISH, P.SHUTDOWN, A.RAMP_END, Reason.RAMP_STOP, "standstill"),
+    Row((P.RAMP_STOP,), IN_OPERATION, (W.RESUME,), P.FOLLOW, A.ENABLE_OPERATION, None, "only with `ramp_stop_resume`"),
+    Row(
+        RAMPING, SHOWS_OPERATION, DISABLES, P.SHUTDOWN, A.RAMP_END, Reason.RAMP_STOP, "Disable Operation ends the stop"
+    ),
+    Row((P.RAMP_STOP,), (D.OPERATING,), ANY_WISH, None, A.RAMP, Reason.RAMP_STOP, "ramp to standstill"),
+    Row(RAMPING, SHOWS_OPERATION, ANY_WISH, P.SHUTDOWN, A.RAMP_END, Reason.RAMP_STOP, "at standstill"),
     # The quick stop.
     Row(
         STOPPING,
@@ -332,10 +380,18 @@ ROWS: Final = (
         P.COAST,
         A.DISABLE_VOLTAGE,
         Reason.QUICK_STOP,
-        "Disable Operation ends it",
+        "Disable Operation ends the stop",
     ),
-    Row(STOPPING, (D.QUICK_STOPPED,), ANY_WISH, P.QUICK_STOP, A.DISABLE_VOLTAGE, Reason.QUICK_STOP, "it is over"),
-    Row(STOPPING, ANY_DRIVE, ANY_WISH, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "to its end"),
+    Row(
+        STOPPING,
+        (D.QUICK_STOPPED,),
+        ANY_WISH,
+        P.QUICK_STOP,
+        A.DISABLE_VOLTAGE,
+        Reason.QUICK_STOP,
+        "the quick stop is complete",
+    ),
+    Row(STOPPING, ANY_DRIVE, ANY_WISH, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "the stop continues"),
 )
 """The whole table."""
 

@@ -55,7 +55,7 @@ class _Disguise(DriveMisbehaviour):
 
 @dataclass(kw_only=True, eq=False)
 class NoHomingAttained(_Disguise):
-    """Homing ends without "homing attained" (Statusword.12), although the axis stands at its home position."""
+    """Homing ends without "homing attained" (Statusword.12), although the axis is at its home position."""
 
     name = "no-homing-attained"
 
@@ -66,7 +66,7 @@ class NoHomingAttained(_Disguise):
 
 @dataclass(kw_only=True, eq=False)
 class LateStatus(_Disguise):
-    """Bits of the Statusword arrive late, while positions and speeds are up to date."""
+    """Bits of the Statusword are late; positions and speeds are up to date."""
 
     name = "late-status"
     delay_ms: int = parameter(60, 1, 10_000, "age of the bits", "ms")
@@ -84,7 +84,7 @@ class LateStatus(_Disguise):
 
 @dataclass(kw_only=True, eq=False)
 class BouncingStatus(_Disguise):
-    """Bits of the Statusword bounce: they are inverted half of the time."""
+    """Bits of the Statusword bounce: they are inverted in every second period."""
 
     name = "bouncing-status"
     bits: int = parameter(StatusBit.OPERATION_ENABLED, 1, 0xFFFF, "which bits", HEX)
@@ -97,7 +97,7 @@ class BouncingStatus(_Disguise):
 
 @dataclass(kw_only=True, eq=False)
 class UnknownState(_Disguise):
-    """The Statusword shows a combination of bits that no state has."""
+    """The Statusword matches no state of CiA 402."""
 
     name = "unknown-state"
     bits: int = parameter(0x2C, 0, _STATE_BITS, "Statusword bits 0-6", HEX)
@@ -126,7 +126,7 @@ class ModeDisplayStuck(_Disguise):
 
 @dataclass(kw_only=True, eq=False)
 class LimitSwitch(DriveMisbehaviour):
-    """A limit switch is hit where the axis is now: the drive stops motion in that direction."""
+    """A limit switch is active at the present position: the drive stops motion in that direction."""
 
     name = "limit-switch"
     positive: int = parameter(1, 0, 1, "1 positive, 0 negative limit switch")
@@ -147,7 +147,7 @@ class LimitSwitch(DriveMisbehaviour):
 
 @dataclass(kw_only=True, eq=False)
 class EnableInputDropped(DriveMisbehaviour):
-    """The enable input DI1 drops: the drive leaves operation by itself."""
+    """The enable input DI1 becomes 0: the drive leaves operation by itself."""
 
     name = "enable-input-dropped"
 
@@ -160,7 +160,7 @@ class EnableInputDropped(DriveMisbehaviour):
 
 @dataclass(kw_only=True, eq=False)
 class DriveFault(DriveMisbehaviour):
-    """A fault of the manufacturer's table (200Ch); its cause stays until the fault is removed."""
+    """A fault of the manufacturer's table (200Ch). Its cause is present until you clear this fault."""
 
     name = "drive-fault"
     number: int = parameter(10, min(DRIVE_FAULTS), max(DRIVE_FAULTS), "number in 200Ch")
@@ -174,7 +174,7 @@ class DriveFault(DriveMisbehaviour):
 
 @dataclass(kw_only=True, eq=False)
 class UnderVoltage(_Disguise):
-    """The DC link collapses: fault 6, and 6079h shows the voltage that is left."""
+    """The DC-link voltage drops: fault 6, and 6079h shows the remaining voltage."""
 
     name = "under-voltage"
     voltage: int = parameter(9000, 0, 48_000, "remaining voltage, as 6079h reports it", "mV")
@@ -196,7 +196,7 @@ class UnderVoltage(_Disguise):
 
 @dataclass(kw_only=True, eq=False)
 class RebootInMotion(Reboot, DriveMisbehaviour):
-    """The drive restarts as soon as it turns: silent for a while, then its boot-up message."""
+    """The drive restarts while it turns: it is silent, then sends its boot-up message."""
 
     name = "reboot-in-motion"
     speed: int = parameter(100, 1, 100_000, "turns faster than this", "rpm")
@@ -220,7 +220,7 @@ class RebootInMotion(Reboot, DriveMisbehaviour):
 
 @dataclass(kw_only=True, eq=False)
 class Deaf(DriveMisbehaviour):
-    """The drive takes no RPDO any more: it goes on with what it was told last, and shows it."""
+    """The drive ignores every RPDO: it continues with its last command and shows that state."""
 
     name = "deaf"
 
@@ -230,7 +230,7 @@ class Deaf(DriveMisbehaviour):
 
 @dataclass(kw_only=True, eq=False)
 class StopRampMissing(DriveMisbehaviour):
-    """The quick stop does not brake: the drive shows Quick Stop Active and turns on."""
+    """The quick stop does not brake: the drive shows Quick Stop Active and continues to turn."""
 
     name = "stop-ramp-missing"
 
@@ -243,7 +243,7 @@ class StopRampMissing(DriveMisbehaviour):
 
 @dataclass(kw_only=True, eq=False)
 class TurnsInPreOperational(DriveMisbehaviour):
-    """NMT pre-operational does not stop the drive (CiA 402 does not list it for 6007h), and it takes no RPDO there."""
+    """NMT pre-operational does not stop the drive (CiA 402 does not list it for 6007h), and the drive accepts no RPDO there."""
 
     name = "turns-in-pre-operational"
 

@@ -25,7 +25,7 @@ from pdgw.peers.node.misbehaviour import HEX, Late, Misbehaviour, catalogue, par
 
 @dataclass(kw_only=True, eq=False)
 class SlowSdo(Late):
-    """Every SDO answer comes late, as from a device that serves SDOs in its idle time."""
+    """Every SDO answer is late, as from a device that serves SDOs with low priority."""
 
     name = "slow-sdo"
     delay_ms: int = parameter(50, 1, 10_000, "between request and answer", "ms")
@@ -36,7 +36,7 @@ class SlowSdo(Late):
 
 @dataclass(kw_only=True, eq=False)
 class SdoTimeout(Misbehaviour):
-    """SDO requests get no answer, all of them or each n-th."""
+    """No answer to SDO requests, to all of them or to each n-th."""
 
     name = "sdo-timeout"
     at_configuration = True
@@ -96,7 +96,7 @@ class SdoToggleError(Misbehaviour):
 
 @dataclass(kw_only=True, eq=False)
 class WrongIdentity(Misbehaviour):
-    """The identity object 1018h shows another manufacturer: a different device was put on the bus."""
+    """The identity object 1018h has another vendor-ID, as from a different device."""
 
     name = "wrong-identity"
     at_configuration = True
@@ -110,7 +110,7 @@ class WrongIdentity(Misbehaviour):
 
 @dataclass(kw_only=True, eq=False)
 class ObjectMissing(Misbehaviour):
-    """An object the data sheet promises does not exist (abort 06020000h)."""
+    """An object of the data sheet does not exist in the device (abort 06020000h)."""
 
     name = "object-missing"
     at_configuration = True
@@ -127,7 +127,7 @@ class ObjectMissing(Misbehaviour):
 
 @dataclass(kw_only=True, eq=False)
 class FixedPdoMapping(Misbehaviour):
-    """The PDO mapping is made by the manufacturer and read-only (abort 06010002h)."""
+    """The PDO mapping is fixed: writes to it are aborted (06010002h)."""
 
     name = "fixed-pdo-mapping"
     at_configuration = True
@@ -139,7 +139,7 @@ class FixedPdoMapping(Misbehaviour):
 
 @dataclass(kw_only=True, eq=False)
 class MappingAbort(Misbehaviour):
-    """The mapping can be erased, but setting the number of mapped objects is aborted (06040043h)."""
+    """The mapping can be cleared, but a write of the number of mapped objects is aborted (06040043h)."""
 
     name = "mapping-abort"
     at_configuration = True
@@ -151,7 +151,7 @@ class MappingAbort(Misbehaviour):
 
 @dataclass(kw_only=True, eq=False)
 class FewPdos(Misbehaviour):
-    """The device has fewer PDOs than its data sheet: the parameters of the others do not exist."""
+    """The device has fewer PDOs than its data sheet; the parameters of the others do not exist."""
 
     name = "two-pdos"
     at_configuration = True
@@ -171,7 +171,7 @@ class FewPdos(Misbehaviour):
 
 @dataclass(kw_only=True, eq=False)
 class LostPdos(Misbehaviour):
-    """PDOs are lost in both directions, all of them or each n-th of each."""
+    """PDOs are lost in both directions: all of them, or each n-th."""
 
     name = "lost-pdos"
     every: int = parameter(3, 1, 1000, "1: all are lost; n: each n-th")
@@ -189,7 +189,7 @@ class LostPdos(Misbehaviour):
 
 @dataclass(kw_only=True, eq=False)
 class DuplicatedPdos(Misbehaviour):
-    """Each PDO comes several times, in both directions (a node that repeats what was acknowledged too late)."""
+    """Each PDO is sent several times, in both directions."""
 
     name = "duplicated-pdos"
     copies: int = parameter(1, 1, 10, "repetitions of each frame")
@@ -207,7 +207,7 @@ class DuplicatedPdos(Misbehaviour):
 
 @dataclass(kw_only=True, eq=False)
 class LatePdos(Late):
-    """Each PDO comes late, in both directions and in order."""
+    """Each PDO is late, in both directions, in the right order."""
 
     name = "late-pdos"
     delay_ms: int = parameter(40, 1, 10_000, "delay of each PDO", "ms")
@@ -224,7 +224,7 @@ class LatePdos(Late):
 
 @dataclass(kw_only=True, eq=False)
 class HeartbeatStops(Misbehaviour):
-    """The heartbeat stops while everything else goes on."""
+    """The heartbeat stops; everything else continues."""
 
     name = "heartbeat-stops"
 
@@ -235,7 +235,7 @@ class HeartbeatStops(Misbehaviour):
 
 @dataclass(kw_only=True, eq=False)
 class EmcyBurst(Misbehaviour):
-    """The same emergency message comes again and again, as from a loose contact."""
+    """The same emergency message is sent repeatedly, as from a loose contact."""
 
     name = "emcy-burst"
     code: int = parameter(0x5000, 1, 0xFFFF, "error code", HEX)
@@ -260,7 +260,7 @@ class EmcyBurst(Misbehaviour):
 
 @dataclass(kw_only=True, eq=False)
 class BusOff(Misbehaviour):
-    """The node is bus-off: it neither sends nor receives; afterwards it reports EMCY 8140h."""
+    """The node is bus-off: it does not send or receive. Afterwards it reports EMCY 8140h."""
 
     name = "bus-off"
     recovery_ms: int = parameter(1000, 0, 3_600_000, "time until recovery; 0: only when the fault is removed", "ms")
@@ -294,7 +294,7 @@ class BusOff(Misbehaviour):
 
 @dataclass(kw_only=True, eq=False)
 class ErrorPassive(Late):
-    """The node is error-passive: it reports EMCY 8120h, and its frames get through late."""
+    """The node is error-passive: it reports EMCY 8120h, and its frames are late."""
 
     name = "error-passive"
     delay_ms: int = parameter(5, 1, 1000, "delay of each frame the node sends", "ms")
@@ -320,7 +320,7 @@ class ErrorPassive(Late):
 
 @dataclass(kw_only=True, eq=False)
 class Reboot(Misbehaviour):
-    """The node restarts once: silent for a while, then its boot-up message and power-on values."""
+    """The node restarts once: it is silent, then sends its boot-up message and has power-on values."""
 
     name = "reboot"
     off_ms: int = parameter(20, 0, 60_000, "silent before the boot-up message", "ms")

@@ -73,7 +73,7 @@ class Step(_Model):
     """How long is waited; without it as the scenario says."""
     refused: Annotated[int, Field(ge=0, le=0xFFFF)] | None = None
     enable: _Flag = None
-    """OFF, then ON once the drive is ready"""
+    """OFF, then ON when the drive is ready"""
     off1: _Flag = None
     """OFF1: ramp down, power off"""
     quick_stop: _Flag = None
@@ -81,39 +81,39 @@ class Step(_Model):
     coast: _Flag = None
     """OFF2: coast"""
     ack: _Flag = None
-    """acknowledge faults, those of an encoder too"""
+    """acknowledge faults, also those of an encoder"""
     speed: Annotated[Scalar | None, Field(examples=["1500 rpm"])] = None
     """speed setpoint"""
     move: Annotated[Move | None, Field(examples=[{"to": "60000 inc", "velocity": "80 %"}])] = None
     """task of telegram 9"""
     mdi: Annotated[Mdi | None, Field(examples=[{"to": 50000, "velocity": 12000}, {"to": 0, "update": True}])] = None
-    """task in LU, of 112 in its unit of length; with ``update`` STW1.6 stays, and further ``mdi`` steps change it under way"""
+    """task in LU, of 112 in its unit of length; with ``update`` STW1.6 stays 1, and further ``mdi`` steps change the task"""
     setting_up: Annotated[SettingUp | None, Field(examples=[{"velocity": -3000}])] = None
     """move with a signed velocity until ``reject``"""
     block: Annotated[int | None, Field(examples=[5])] = None
-    """a traversing block, or the chain that begins with it"""
+    """a traversing block, or the chain that starts with it"""
     next_block: _Flag = None
     """external block change: the edge of STW1.13"""
     jog: Annotated[Literal[0, 1, 2] | None, Field(examples=[1, 0])] = None
-    """jog 1 or 2; 0 lets go. With a speed telegram STW1.4-6 are 0 meanwhile"""
+    """jog 1 or 2; 0 ends it. With a speed telegram STW1.4-6 are 0 during the jog"""
     jog_distance: Annotated[Literal[1, 2] | None, Field(examples=[1])] = None
     """incremental jog 1 or 2"""
     home: Annotated[Home | None, Field(examples=[{}, {"passive": True}])] = None
-    """homing; STW1.11 stays until ``home_end``"""
+    """homing; STW1.11 stays 1 until ``home_end``"""
     home_end: _Flag = None
-    """end of the homing, or of a passive one that waits"""
+    """end of a homing, also of a waiting passive one"""
     set_reference: _Flag = None
     """set the reference point at the current position"""
     reject: _Flag = None
     """reject the task: ramp"""
     intermediate_stop: _Flag = None
-    """intermediate stop, the task is kept"""
+    """intermediate stop; the drive keeps the task"""
     resume: _Flag = None
     """end of the intermediate stop"""
     follow: Annotated[
         Follow | None, Field(examples=[{"by": 4096, "error": 200}, {"by": 4096, "error": 900, "dsc": False}])
     ] = None
-    """the PLC closes the position loop and follows a sine, until one period was within ``error``; with ``dsc`` by XERR and KPC"""
+    """the PLC closes the position loop and follows a sine for one period within ``error``; with ``dsc`` by XERR and KPC"""
     reference_mark: Annotated[Literal[1, 2] | None, Field(examples=[1])] = None
     """sensor 1 or 2 searches its reference mark"""
     measure: Annotated[Measuring | None, Field(examples=[{"function": 1}])] = None
@@ -121,27 +121,27 @@ class Step(_Model):
     read_value: Annotated[Reading | None, Field(examples=[{"function": 1}])] = None
     """wait for the value of a function and show it in Gn_XIST2, until the next word for this sensor"""
     stop_measuring: Annotated[Literal[1, 2] | None, Field(examples=[1])] = None
-    """abort what sensor 1 or 2 searches or measures"""
+    """abort the search or measurement of sensor 1 or 2"""
     sign_of_life: Annotated[bool | None, Field(examples=[True])] = None
-    """the sign of life in STW2 counts with each frame, or stays"""
+    """the sign of life in STW2 counts with each frame (true) or stops (false)"""
     preset: Annotated[Literal["absolute", "relative"] | None, Field(examples=["absolute"])] = None
     """preset of an encoder; the value is parameter 65000"""
     read: Annotated[_Parameters, Field(examples=[{"P947.0": 0}])] = None
-    """what parameters have to be, as in ``expect``; read again until they are"""
+    """expected values of parameters, as in ``expect``; repeated until they match"""
     write: Annotated[_Parameters, Field(examples=[{"6083h": 250}])] = None
-    """parameters; ``refused``: the error number it has to be refused with"""
+    """write parameters; ``refused`` is the expected error number"""
     set: Annotated[_Values, Field(examples=[{"STW1.ON": 0}])] = None
-    """setpoints and bits, with their signal or as words"""
+    """set setpoints and bits, by signal or by name"""
     expect: Annotated[_Values, Field(examples=[{"NIST_A": "1500 rpm +- 10 rpm"}])] = None
-    """what actual values have to become ``within`` a time"""
+    """expected actual values; the step waits for them (``within``)"""
     hold: Annotated[str | None, Field(examples=["500 ms"])] = None
     """a pause"""
     mute: Annotated[bool | None, Field(examples=[True])] = None
-    """nothing is sent: PLC unplugged"""
+    """send nothing, as an unplugged PLC"""
     run: Annotated[bool | None, Field(examples=[False])] = None
     """provider state RUN or STOP"""
     drive: Annotated[str | None, Field(examples=["@1 fault 7"])] = None
-    """a line for the simulated devices, as for `pdgw sim inject`"""
+    """a command for the simulated devices, as for `pdgw sim inject`"""
 
     @model_validator(mode="before")
     @classmethod

@@ -9,11 +9,11 @@ from pathlib import Path
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "profile-statements.md"
 MODULE = "tests.gateway.axis.test_statements"
-_HEAD = """# What the profile says, and what the gateway does
+_HEAD = """# Profile statements
 
-Each row is a statement of PROFIdrive, or of the makers whose telegrams these are, with its public source. A test checks each
-of them (`tests/gateway/axis/test_statements.py`). Random words and times are compared with an oracle of published tables
-(`tests/profidrive/test_profile_oracle.py`). Where the gateway differs it does so on purpose, and the row says why.
+Each row is a statement of PROFIdrive, or of the maker of a telegram, with its public source. If the gateway differs, the row
+has the reason. `tests/gateway/axis/test_statements.py` checks each statement; `tests/profidrive/test_profile_oracle.py`
+compares random words and times with published tables.
 
 | statement | source | gateway |
 | --- | --- | --- |

@@ -73,7 +73,7 @@ def _command(command: Command) -> str:
         "bit": f"{1 << command.mode:04X}",
         "highest": str(command.highest),
         "done": "InVelocity" if endless else "Done",
-        "done text": "the axis has the velocity" if endless else "it has ended well",
+        "done text": "the axis has the velocity" if endless else "the command is complete",
         "inputs": "\n".join(f"    {name} : {_INPUTS[name]}" for name in command.inputs),
         "assignments": "\n".join(
             f"            Axis.{'Position' if name == 'Distance' else name} := {name};" for name in command.inputs

@@ -55,18 +55,18 @@ class Reaction(enum.Enum):
     """What has to happen; the value is the text of the matrix. The first four are a drive's, the others an encoder's."""
 
     STOPS = "power off at standstill, no restart"
-    STANDS = "standstill, told"
-    GOES_ON = "goes on and obeys OFF"
+    STANDS = "standstill, reason reported"
+    GOES_ON = "stays in operation, OFF works"
     REFUSES = "never enabled"
 
     MEASURES = "position stays good"
-    WARNS = "position stays good, warning while the cause stands"
+    WARNS = "position stays good, warning while the cause is present"
     FAULT = "position stays good, fault until acknowledged"
     SENSOR_ERROR = "position invalid (G1_ZSW.15), fault until acknowledged"
-    LOSES = "IOPS BAD, comes back by itself, fault until acknowledged"
-    NEVER_GOOD = "IOPS stays BAD, comes up by itself"
-    G1_ERROR = "the drive goes on, G1 shows the error until acknowledged"
-    G1_MISSING = "the drive goes on, G1 shows the error until the encoder is there"
+    LOSES = "IOPS BAD, returns by itself, fault until acknowledged"
+    NEVER_GOOD = "IOPS BAD until the fault is removed, then online by itself"
+    G1_ERROR = "the drive stays in operation, G1 shows the error until acknowledged"
+    G1_MISSING = "the drive stays in operation, G1 shows the error until the encoder is online"
 
 
 class Activity(enum.Enum):

@@ -18,7 +18,7 @@ _SECTIONS = {"VAR_INPUT": "in", "VAR_OUTPUT": "out", "VAR_IN_OUT": "in and out"}
 _INTRODUCTION = """\
 # Function blocks for a PLC: inputs and outputs
 
-Generated from the templates by `make docs`; do not edit. How to use them: [plc.md](plc.md). "Telegrams" is empty where all
+Generated from the templates by `make docs`; do not edit. [plc.md](plc.md) shows how to use them. "Telegrams" is empty if all
 telegrams of the block have the variable. `Actual` and `Setpoints` are the structures of the telegram.
 
 Each picture shows a run of the block against a gateway and a simulated drive in virtual time, 4 ms per cycle.

@@ -30,10 +30,10 @@ _INTRODUCTION = """\
 
 Generated from the declarations by `make docs`; do not edit.
 
-`pdgw sim plc SCENARIO` runs the steps of a file. `pdgw sim plc --interactive --telegram 111` reads the keyboard; after `:`
-you can type the same steps. A scenario is YAML: `telegrams` (one for each axis), `references` (`speed_rpm`, `position`,
-`increments`: what 100 % and a revolution are) and `steps`. A step has one action or words of the telegram,
-and where needed `axis` (from 1), `note`, `within` (how long it waits, `3 s`):
+`pdgw sim plc SCENARIO` runs the steps of a file. `pdgw sim plc --interactive --telegram 111` reads the keyboard; type `:` and
+a step. A scenario is YAML with `telegrams` (one for each axis), `references` (`speed_rpm` and `position` at 100 %,
+`increments` of a revolution) and `steps`. A step has one action, or words of the telegram. It may have `axis` (from 1),
+`note` and `within` (longest wait, `3 s`):
 
     steps:
       - {enable: true, within: 10 s}
@@ -41,8 +41,8 @@ and where needed `axis` (from 1), `note`, `within` (how long it waits, `3 s`):
       - {mdi: {to: 50000, velocity: 12000}, note: "to 50000 LU"}
       - {expect: {XIST_A: "50000 +- 20", ZSW1.TARGET_REACHED: 1}, within: 10 s}
 
-Values: `1234`, `0x4D2`, `2000h`, `50 %`, `1500 rpm`, `2000 inc`; expected also `<= 5`,
-`100 +- 2`, `& 0x4F = 0x40`. [Examples](../tools/scenarios).
+Values: `1234`, `0x4D2`, `2000h`, `50 %`, `1500 rpm`, `2000 inc`. Expected values also: `<= 5`, `100 +- 2`, `& 0x4F = 0x40`.
+[Examples](../tools/scenarios).
 """
 
 
@@ -103,17 +103,19 @@ def _meaning(word: Word) -> str:
 def _keys() -> Iterable[Sequence[object]]:
     having = {n: Keyboard(PlcEndpoint([telegram(n)], _CYCLE_NS), print).keys_of(1) for n in TELEGRAMS}
     for key, item in KEYS.items():
-        changes = f"`{_as_yaml(item.step)}`" if item.step else "10 % of the speed setpoint, of a positioner's override"
+        changes = (
+            f"`{_as_yaml(item.step)}`" if item.step else "10 % of the speed setpoint, or of a positioner's override"
+        )
         yield f"`{shown(key)}`", item.text, changes, _numbers([n for n in TELEGRAMS if key in having[n]])
 
 
 def generate_words() -> str:
     """The whole document."""
     general = (
-        ("1..9", "chooses an axis"),
+        ("1..9", "selects an axis"),
         (ALL, "all axes"),
-        (BITS, "toggle a bit: every bit that the telegram sends has a letter, which is shown then"),
-        (TYPE, "what follows until Enter is a step: `:override 50 %`, `:mdi {to: 5000}`, `:reject`; Esc drops it"),
+        (BITS, "toggle a bit: the screen shows a letter for every bit that the telegram sends"),
+        (TYPE, "type a step and Enter: `:override 50 %`, `:mdi {to: 5000}`, `:reject`; Esc cancels"),
         (LIST, "the words of the telegram"),
         (EXIT, "ends"),
     )
@@ -123,11 +125,11 @@ def generate_words() -> str:
             "## Actions\n",
             table(("action", "example", "telegrams", "what the PLC does"), _actions()),
             "## Words of the telegrams\n",
-            "Every value and every bit that a telegram sends, as it is declared; several in one step go out in one frame. Bits",
-            "are 0 and 1. What an action has the name of is reached by `set: {POS_STW1.MDI: 1}`.\n",
+            "Every value and every bit that a telegram sends. Several words in one step are sent in one frame. Bits are 0",
+            "and 1. If an action has the same name as a bit, write `set: {POS_STW1.MDI: 1}`.\n",
             table(("word", "is", "telegrams", "meaning (of 1)"), _words()),
             "## Keys\n",
-            "The screen offers those that the telegram has; some go back when they are pressed again.\n",
+            "The screen shows the keys of the telegram. Some keys switch back when you press them again.\n",
             table(("key", "does", "step", "telegrams"), _keys()),
             table(("key", "does"), ((f"`{key}`", text) for key, text in general)),
         )

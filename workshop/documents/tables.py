@@ -338,7 +338,7 @@ def generate() -> str:
         ),
         "## Error numbers of the parameter channel\n",
         table(("number", "meaning"), ((f"{number:02X}h", text) for number, text in ERROR_TEXTS.items())),
-        "## SDO abort codes and what the PLC is told\n",
+        "## SDO abort codes and error numbers\n",
         table(
             ("abort code", "meaning", "error number"),
             ((*abort_text(code).split(": ", 1), f"{error_of_abort(code):02X}h") for code in ABORT_TEXTS),
@@ -392,18 +392,18 @@ def generate_power_table() -> str:
         (
             "# The power table\n",
             "Generated from `gateway/axis/power_table.py`; change it there and run `make docs`.\n",
-            "What the gateway does with the power stage of a drive, for every telegram, once in each cycle: the first row",
-            "that fits. Nothing is enabled without an OFF and then an ON after any doubt; in doubt the drive is stopped. The",
-            "reason is what `pdgw status` shows; while there is no PLC it is that.\n",
-            table(("row", "phase", "drive shows", "asked", "then", "commanded", "reason", "why"), rows),
-            f"Phases: {', '.join(map(_name, Phase))}. What a drive shows: {', '.join(map(_name, Drive))}.",
-            f"What is asked: {', '.join(map(_name, PowerWish))}.\n",
-            table(("commanded", "Controlword bits 0-3"), zip(map(_name, Action), words, strict=True)),
+            "In each cycle and for every telegram, the first matching row decides what the gateway does with the power",
+            "stage of a drive. After any uncertain state, the drive stops and needs an OFF and then an ON. `pdgw status`",
+            "shows the reason; without a PLC it shows that instead.\n",
+            table(("row", "phase", "drive shows", "requested", "next phase", "command", "reason", "why"), rows),
+            f"Phases: {', '.join(map(_name, Phase))}. Drive states: {', '.join(map(_name, Drive))}.",
+            f"Requests: {', '.join(map(_name, PowerWish))}.\n",
+            table(("command", "Controlword bits 0-3"), zip(map(_name, Action), words, strict=True)),
             "## Proof\n",
-            "The tests walk the whole axis machine with this table from its start to the fixpoint: every class of control word,",
-            "every state a drive can show at any moment, its loss and its restart. A monitor that does not know the table checks",
-            "each step; from every state the axis must come back to operation with a drive that is late. `make walk` walks more",
-            "choices, DSC and traversing tasks; `make walk-all` walks all choices with all telegrams, in hours.\n",
+            "The tests run the axis machine with this table through every reachable state: every class of control word,",
+            "every drive state at any moment, loss and restart of the drive. A monitor that does not use the table checks",
+            "each step. From every state the axis must return to operation, also with a slow drive. `make walk` adds",
+            "options, DSC and traversing tasks; `make walk-all` runs all options with all telegrams, in hours.\n",
             "```text",
             _WALK_PATH.read_text(encoding="utf-8") + "```\n",
         )
@@ -453,7 +453,7 @@ def _reaction(case: Case, kind: type[Misbehaviour]) -> str:
 def generate_misbehaviour() -> str:
     """The whole document of the faults that simulated devices can be given."""
     out = [
-        "# Devices that misbehave\n",
+        "# Faults of simulated devices\n",
         "Generated from the declarations by `make docs`; do not edit.\n",
         _MISBEHAVIOUR_INTRODUCTION,
         _faults("Any CANopen node", NODE_MISBEHAVIOURS.values(), list(_DEVICES)),
@@ -466,21 +466,21 @@ def generate_misbehaviour() -> str:
 
 
 _MISBEHAVIOUR_INTRODUCTION = """\
-Each simulated device can be given faults by name, with parameters (integers), from power-on or while it runs:
+You give a simulated device a fault by its name, with parameters (integers):
 
-* in the file of `pdgw sim bus FILE` (`pdgw sim bus --example` prints one): `[[device.fault]]` tables with `name` and parameters;
-* `pdgw sim inject --port P [@NODE] fault NAME parameter=value ...`, `clear [NAME]`, `faults`, `status`, `probe 1|2 on|off` (touch
-  probe of a drive), with the port of `--control-port` or `[control] port`. A program sends the same commands, one in a line,
-  to this TCP port on 127.0.0.1; the simulator answers each with one line.
+* From power-on: `[[device.fault]]` tables with `name` and parameters in the file of `pdgw sim bus FILE` (`pdgw sim bus
+  --example` prints one).
+* While it runs: `pdgw sim inject --port P [@NODE] fault NAME parameter=value ...`, with the port of `--control-port` or
+  `[control] port`. Other commands are `clear [NAME]`, `faults`, `status` and `probe 1|2 on|off` (touch probe of a drive). A
+  program sends the same commands, one in a line, to this TCP port on 127.0.0.1. The simulator answers each with one line.
 
-Each simulated drive has a latency of 0 to 100 ms in each direction, which is no fault. `command_latency_ms` of a `[[device]]` is
-the time from the reception of an RPDO until its values apply, `status_latency_ms` the time from a change of the drive until the
-Statusword shows it. Positions and speeds are up to date. `python -m pdgw.workshop conformance shapes --seed N` and
-`python -m pdgw.workshop soak` draw both.
+The latency of a simulated drive, 0 to 100 ms in each direction, is not a fault. `command_latency_ms` of a `[[device]]` is the
+time from an RPDO until its values apply, `status_latency_ms` the time from a change of the drive until the Statusword shows
+it. Positions and speeds are up to date.
 
-`python -m pdgw.workshop conformance faults` gives a simulated drive and a simulated encoder every one of them and prints what the
-gateway does; the last columns are what it must do. In each case no drive starts again before the PLC has given a new OFF and
-ON, and no position is shown as good that is older than the time-outs allow. Fault numbers: docs/tables.md.
+`python -m pdgw.workshop conformance faults` runs every fault with a simulated drive and a simulated encoder. The last columns
+are the required reaction of the gateway, with its fault numbers ([tables.md](tables.md)). In all cases, no drive starts again
+before a new OFF and ON, and no position older than its time-out is valid.
 """
 
 

@@ -168,7 +168,7 @@ def test_a_short_disable_operation_is_kept_until_the_drive_shows_it() -> None:
     for cycle in range(51, 2000):
         assert step(control, ON, State.OPERATION_ENABLED, cycle * MS) == ENABLE
     word = step(control, ON, State.SWITCHED_ON, 2000 * MS)
-    assert control.phase is Phase.DOUBT
+    assert control.phase is Phase.UNCONFIRMED
     assert not word & ControlBit.SWITCH_ON
     assert control.reason is Reason.NEEDS_OFF
 
@@ -242,7 +242,7 @@ def raw_operation() -> Interlock:
 def test_a_raw_controlword_too_is_no_longer_obeyed_by_a_drive_that_left_operation_by_itself() -> None:
     control = raw_operation()
     assert raw(control, PowerWish.ENABLE, State.SWITCHED_ON, 400 * MS) == QUICK_STOP
-    assert control.phase is Phase.DOUBT
+    assert control.phase is Phase.UNCONFIRMED
     assert raw(control, PowerWish.ENABLE, State.OPERATION_ENABLED, 404 * MS) == QUICK_STOP
 
 

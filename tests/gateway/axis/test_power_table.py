@@ -99,10 +99,10 @@ def test_an_off_is_obeyed_by_an_unpowered_drive_from_every_phase_that_does_not_o
 
 
 def test_off3_reaches_an_unpowered_drive_from_every_phase_without_doubt() -> None:
-    for name, item in walk(wishes={PowerWish.QUICK_STOP}, drives=UNPOWERED, phases=set(Phase) - {Phase.DOUBT}):
+    for name, item in walk(wishes={PowerWish.QUICK_STOP}, drives=UNPOWERED, phases=set(Phase) - {Phase.UNCONFIRMED}):
         fell = name.startswith(("FOLLOW, FELL", "PASS, FELL"))
         entering = name.startswith(("FOLLOW, ENTERING", "PASS, ENTERING"))
-        after = Phase.DOUBT if entering else Phase.LOCKED
+        after = Phase.UNCONFIRMED if entering else Phase.LOCKED
         assert fell or (item.phase, item.action) == (after, Action.QUICK_STOP), name
 
 
@@ -121,7 +121,7 @@ def test_without_a_plc_no_reason_is_its_own_doing() -> None:
 @pytest.mark.parametrize("drive", [Drive.LOST, Drive.UNKNOWN])
 def test_a_drive_that_may_be_turning_gets_quick_stop_unless_off2(drive: Drive) -> None:
     for name, item in walk(drives={drive}, wishes=set(PowerWish) - set(COASTS), phases=set(Phase) - {Phase.COAST}):
-        assert (item.phase, item.action) == (Phase.DOUBT, Action.QUICK_STOP), name
+        assert (item.phase, item.action) == (Phase.UNCONFIRMED, Action.QUICK_STOP), name
 
 
 def test_off2_wins_in_every_row_and_stays_until_the_drive_is_off() -> None:
@@ -136,10 +136,10 @@ def test_off2_wins_in_every_row_and_stays_until_the_drive_is_off() -> None:
 @pytest.mark.parametrize("drive", [Drive.FAULT, Drive.NO_REFERENCES])
 def test_after_a_fault_or_without_references_nothing_is_obeyed(drive: Drive) -> None:
     asked = set(PowerWish) - set(COASTS)
-    for name, item in walk(drives={drive}, phases=set(Phase) - {Phase.DOUBT, Phase.COAST}, wishes=asked):
+    for name, item in walk(drives={drive}, phases=set(Phase) - {Phase.UNCONFIRMED, Phase.COAST}, wishes=asked):
         assert (item.phase, item.action) == (Phase.LOCKED, Action.DISABLE_VOLTAGE), name
-    for name, item in walk(drives={drive}, phases={Phase.DOUBT}, wishes=asked):
-        doubtful = (Phase.DOUBT, Action.QUICK_STOP)
+    for name, item in walk(drives={drive}, phases={Phase.UNCONFIRMED}, wishes=asked):
+        doubtful = (Phase.UNCONFIRMED, Action.QUICK_STOP)
         ended = (Phase.LOCKED, Action.DISABLE_VOLTAGE)
         assert (item.phase, item.action) == (ended if drive is Drive.FAULT else doubtful), name
 
@@ -155,7 +155,7 @@ def test_after_a_loss_a_restart_or_missing_references_a_cycle_passes_before_anyt
 def test_a_powered_drive_whose_references_are_gone_is_stopped_not_let_coast() -> None:
     asked, phases = set(PowerWish) - set(COASTS), set(Phase) - {Phase.COAST}
     for name, item in walk(drives={Drive.POWERED_UNREAD}, wishes=asked, phases=phases):
-        assert (item.phase, item.action) == (Phase.DOUBT, Action.QUICK_STOP), name
+        assert (item.phase, item.action) == (Phase.UNCONFIRMED, Action.QUICK_STOP), name
 
 
 @pytest.mark.parametrize("wish", [PowerWish.STOP, PowerWish.HOLD])
@@ -197,9 +197,11 @@ def test_zsw1_4_and_5_show_the_off2_and_off3_in_force() -> None:
 def test_doubt_ends_only_with_a_drive_that_is_off_or_in_fault_or_an_off_it_can_obey() -> None:
     ends = {Drive.DISABLED, Drive.FELL_OFF, Drive.FAULT, *QUICK_STOPS}
     others = set(PowerWish) - set(OFFS) - set(COASTS)
-    for name, item in walk(phases={Phase.DOUBT}, drives=set(Drive) - ends, wishes=others):
-        assert item.phase is Phase.DOUBT, name
-    for name, item in walk(phases={Phase.DOUBT}, drives=(*SHOWS_OPERATION, Drive.READY), wishes={PowerWish.ENABLE}):
+    for name, item in walk(phases={Phase.UNCONFIRMED}, drives=set(Drive) - ends, wishes=others):
+        assert item.phase is Phase.UNCONFIRMED, name
+    for name, item in walk(
+        phases={Phase.UNCONFIRMED}, drives=(*SHOWS_OPERATION, Drive.READY), wishes={PowerWish.ENABLE}
+    ):
         assert item.action is Action.QUICK_STOP, name
 
 
@@ -286,7 +288,7 @@ def test_an_off_goes_on_being_obeyed_by_a_drive_that_left_operation_by_itself() 
 def test_a_drive_that_left_operation_by_itself_needs_an_off() -> None:
     for phase in OBEYS:
         for name, item in walk(phases={phase}, drives={Drive.FELL_BACK}, wishes=(*ENABLES, PowerWish.ON)):
-            assert (item.phase, item.action) == (Phase.DOUBT, Action.QUICK_STOP), name
+            assert (item.phase, item.action) == (Phase.UNCONFIRMED, Action.QUICK_STOP), name
     for name, item in walk(phases={Phase.FOLLOW}, drives={Drive.FELL_OFF}, wishes=(*ENABLES, PowerWish.ON)):
         assert (item.phase, item.action) == (Phase.LOCKED, Action.DISABLE_VOLTAGE), name
 

@@ -42,14 +42,14 @@ def positioner(word: int = 0, **settings: object) -> Rig:
     return rig
 
 
-@statement("An ON that stands does not leave 'switching on inhibited': an OFF comes first.", PROFILE)
+@statement("A constant ON does not leave 'switching on inhibited': an OFF must come first.", PROFILE)
 def test_on_without_off_does_not_start() -> None:
     bench = Bench()
     assert bench.step(ON, cycles=50) & 0x4F == 0x40
     assert bench.stepper.reason is Reason.NEEDS_OFF
 
 
-@statement("OFF1 ramps to standstill and takes power off there; ZSW1.2 is 0 meanwhile.", PROFILE)
+@statement("OFF1 ramps to standstill and then removes power; ZSW1.2 is 0 during the ramp.", PROFILE)
 def test_off1_ramps_before_power_off() -> None:
     bench = turning()
     assert bench.step(OFF) & 0x07 == 0x03
@@ -58,9 +58,9 @@ def test_off1_ramps_before_power_off() -> None:
 
 
 @statement(
-    "ON during an OFF1 ramp goes back to operation.",
+    "ON during an OFF1 ramp returns to operation.",
     PROFILE,
-    "a stop that was begun ends, unless `ramp_stop_resume` says otherwise",
+    "the stop is completed, unless `ramp_stop_resume` is set",
 )
 def test_on_during_an_off1_ramp_does_not_resume() -> None:
     bench = turning()
@@ -72,14 +72,14 @@ def test_on_during_an_off1_ramp_does_not_resume() -> None:
     assert resumed.step(ON, 0x2000, cycles=50) & 0x04
 
 
-@statement("OFF2 goes before OFF3 and OFF1.", PROFILE)
+@statement("OFF2 has priority over OFF3 and OFF1.", PROFILE)
 def test_off2_goes_first() -> None:
     bench = turning()
     bench.step(0x0478, cycles=3)
     assert bench.drive.state is State.SWITCH_ON_DISABLED
 
 
-@statement("ZSW1.4 is 0 while STW1.1 is 0, ZSW1.5 while STW1.2 is 0, each by itself.", MANUALS)
+@statement("ZSW1.4 is 0 while STW1.1 is 0; ZSW1.5 is 0 while STW1.2 is 0.", MANUALS)
 def test_both_off_bits_are_shown() -> None:
     shown = {word: turning().step(word, cycles=3) >> 4 & 0x3 for word in (0x0478, 0x047A, 0x047C)}
     assert shown == {0x0478: 0b00, 0x047A: 0b01, 0x047C: 0b10}
@@ -93,9 +93,9 @@ def test_off3_latches() -> None:
 
 
 @statement(
-    "STW1.10 = 0: process data are ignored, the old ones stay in force.",
+    "STW1.10 = 0: new process data are ignored, the old ones stay in force.",
     MANUALS,
-    "OFF1, OFF2 and OFF3 act in any case and nothing starts, so that a telegram of zeros stops the drive; `control_lost`",
+    "OFF1, OFF2 and OFF3 still act and nothing starts, so a telegram of zeros stops the drive; see `control_lost`",
 )
 def test_a_telegram_of_zeros_stops() -> None:
     bench = turning()
@@ -104,9 +104,9 @@ def test_a_telegram_of_zeros_stops() -> None:
 
 
 @statement(
-    "STW1.3 = 0 in operation takes the pulses off, the axis coasts.",
+    "STW1.3 = 0 in operation disables the pulses: the axis coasts.",
     MANUALS,
-    "it is Disable Operation of CiA 402, and the drive's 605Ch says how the axis stops",
+    "it is Disable Operation of CiA 402; 605Ch of the drive defines how the axis stops",
 )
 def test_disable_operation_is_the_drives() -> None:
     bench = turning()
@@ -114,7 +114,7 @@ def test_disable_operation_is_the_drives() -> None:
     assert bench.controlword & 0xF == 0x7
 
 
-@statement("STW1.4 = 0 and STW1.6 = 0 are speed 0.", MANUALS)
+@statement("STW1.4 = 0 and STW1.6 = 0 mean speed 0.", MANUALS)
 def test_a_disabled_setpoint_is_speed_0() -> None:
     for word in (ON & ~0x10, ON & ~0x40):
         bench = turning()
@@ -122,7 +122,7 @@ def test_a_disabled_setpoint_is_speed_0() -> None:
         assert bench.stepper.command.target_velocity == 0
 
 
-@statement("STW1.5 = 0 freezes the ramp where it is.", MANUALS)
+@statement("STW1.5 = 0 freezes the ramp at its present value.", MANUALS)
 def test_the_ramp_freezes() -> None:
     rig = Rig(1)
     rig.enable(OFF)
@@ -159,7 +159,7 @@ def test_the_tolerance_is_shown() -> None:
 @statement(
     "ZSW1.10 of speed telegrams: the speed is at or above a comparison value.",
     MANUALS,
-    "it is Statusword.10, target reached: drives of CiA 402 have no such value",
+    "it is Statusword.10 (target reached), because CiA 402 has no comparison value",
 )
 def test_speed_reached_is_the_drives() -> None:
     rig = Rig(1)
@@ -171,7 +171,7 @@ def test_speed_reached_is_the_drives() -> None:
 
 
 @statement(
-    "POS_ZSW1 shows the mode that is selected: a master waits for it.",
+    "POS_ZSW1 shows the selected mode; a master waits for it.",
     f"{TIA}; simatic-ax SinaPos",
 )
 def test_the_selected_mode_is_shown() -> None:
@@ -179,9 +179,9 @@ def test_the_selected_mode_is_shown() -> None:
 
 
 @statement(
-    "ZSW1.10 is 1 in an intermediate stop, once the axis stands.",
+    "ZSW1.10 is 1 in an intermediate stop at standstill.",
     "festo-edcon 1.0.3, pause_motion_task()",
-    "the telegram 9 of another maker has 0 there; `intermediate_stop_reached` decides",
+    "telegram 9 of another maker has 0 there; `intermediate_stop_reached` selects it",
 )
 def test_an_intermediate_stop_is_not_reached() -> None:
     rig = positioner(POS_STW1.word("MDI", "ABSOLUTE"))
@@ -211,9 +211,9 @@ def test_the_direction_of_jog() -> None:
 
 
 @statement(
-    "The override acts on jog and homing too.",
+    "The override also acts on jog and homing.",
     TIA,
-    "a jog and a homing turn with the speed that was configured for them; incremental jog is scaled",
+    "jog and homing use their configured speeds; incremental jog is scaled",
 )
 def test_the_override_leaves_jog_alone() -> None:
     rig = positioner()
@@ -289,9 +289,7 @@ def test_an_unknown_request_id_is_refused() -> None:
     assert _answered("01 05 01 01 10 00 03 9A 00 00") == "01 80 01 01 44 01 00 21"
 
 
-@statement(
-    "P952 can only be reset; its description says so in bit 13.", "Danfoss PROFIBUS manual, parameter description"
-)
+@statement("P952 can only be reset (bit 13 of its description).", "Danfoss PROFIBUS manual, parameter description")
 def test_p952_is_reset_only() -> None:
     assert int(_answered("01 01 01 01 20 01 03 B8 00 01")[-5:].replace(" ", ""), 16) & 0x2000
 

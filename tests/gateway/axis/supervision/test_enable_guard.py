@@ -100,6 +100,6 @@ def test_axis_replaces_an_unasked_enable_by_quick_stop_and_faults(monkeypatch: p
     assert axis.step(ON, State.SWITCHED_ON) == QUICK_STOP
     assert [event.number for event in axis.stepper.events] == [FaultNumber.ENABLE_UNASKED]
     assert axis.stepper.reason is Reason.NEEDS_OFF
-    assert axis.stepper.power.phase is Phase.DOUBT
+    assert axis.stepper.power.phase is Phase.UNCONFIRMED
     assert axis.stepper.command.target_velocity == 0
     assert not axis.zsw1 & 0x0404, "neither operation nor speed reached"
