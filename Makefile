@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web client recording peers tools workshop
 
-.PHONY: demo demo-profinet test test-paused tour test-can test-plc lint format bench measured fuzz limit-cycles soak planted walk walk-all docs screenshots site compiled test-compiled bench-compiled pins release deb test-deb clean
+.PHONY: demo demo-profinet test test-paused tour test-can test-plc lint format bench measured fuzz limit-cycles soak planted walk walk-all docs screenshots site compiled test-compiled bench-compiled pins wheels wheels-docker release deb test-deb clean
 
 demo: $(STAMP)
 	$(BIN)/pdgw demo
@@ -82,7 +82,7 @@ COMPILED := build/compiled
 WITH_COMPILED := PYTHONSAFEPATH=1 PYTHONPATH=$(CURDIR)/$(COMPILED)
 
 compiled: $(STAMP)
-	rm -rf build
+	rm -rf build/lib* build/bdist* build/temp* build/mypyc build/wheel $(COMPILED)
 	PDGW_COMPILED=1 $(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps -w build/wheel .
 	$(BIN)/python -m zipfile -e build/wheel/*.whl $(COMPILED)
 
@@ -157,10 +157,26 @@ pins: $(STAMP)
 	$(PIN) --extra web --extra mqtt --output-file pins/runtime.txt
 	$(PIN) $(addprefix --extra ,web mqtt plot dev archive controller browser) --output-file pins/development.txt
 
-# Source distribution, wheel, bill of materials, pins and checksums of the last commit, built twice and compared, then installed.
-release: $(STAMP)
+# Compiled wheels of the last commit for the Pythons at hand; with cibuildwheel (docker) for 3.11 to 3.14, with old C libraries.
+WHEELS := build/wheels
+wheels: $(STAMP)
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[wheels]'
+	rm -rf $(WHEELS)
+	$(BIN)/python -m pdgw.workshop.wheels $(WHEELS)
+
+wheels-docker: $(STAMP)
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[wheels]'
+	rm -rf $(WHEELS)
+	$(BIN)/cibuildwheel --platform linux --output-dir $(WHEELS)
+
+# Those of the forge where they were copied to $(WHEELS).
+$(WHEELS):
+	$(MAKE) wheels
+
+# Source distribution, wheels, bill of materials, pins and checksums of the last commit, built twice and compared, then installed.
+release: $(STAMP) $(WHEELS)
 	rm -rf build/release
-	$(BIN)/python -m pdgw.workshop.release build/release
+	$(BIN)/python -m pdgw.workshop.release --wheels $(WHEELS) build/release
 	$(BIN)/python -m pdgw.workshop.installation build/release
 
 # The Debian package of the release, for this machine's kind of processor and Debian's Python; then its check, on a copy of this

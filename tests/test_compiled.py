@@ -12,24 +12,14 @@ from pathlib import Path
 
 import pytest
 
+from pdgw.workshop.wheels import compiled_modules
 from tests.support.sources import statements
 
 ROOT = Path(__file__).parents[1]
-SETUP = ast.parse((ROOT / "setup.py").read_text(encoding="utf-8"))
 OTHER_LIBRARIES = {"can", "canopen", "greenlet", "scapy", "pydantic", "typer", "rich"}
 
 
-def compiled() -> list[str]:
-    """The modules of ``COMPILED`` in setup.py."""
-    for statement in SETUP.body:
-        if isinstance(statement, ast.Assign) and ast.unparse(statement.targets[0]) == "COMPILED":
-            patterns = ast.literal_eval(statement.value)
-            assert all(any(ROOT.glob(pattern)) for pattern in patterns)
-            return [str(path.relative_to(ROOT)) for pattern in patterns for path in sorted(ROOT.glob(pattern))]
-    raise AssertionError("setup.py has no COMPILED")
-
-
-MODULES = compiled()
+MODULES = compiled_modules()
 
 
 @pytest.mark.parametrize("name", MODULES)

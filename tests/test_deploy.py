@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from pdgw.tools.command_table import COMMANDS
+from pdgw.workshop.release import PINS, SUMS
 from tests.support.buses import PATIENCE_S
 
 ROOT = Path(__file__).parent.parent
@@ -123,8 +124,9 @@ def test_the_image_is_built_from_a_digest_and_from_pins_with_hashes() -> None:
     (base,) = re.findall(r"^ARG PYTHON=(\S+)$", text, re.MULTILINE)
     assert re.fullmatch(r"docker\.io/library/python:3\.11\.\d+-slim-bookworm@sha256:[0-9a-f]{64}", base)
     assert re.findall(r"^FROM (\S+)", text, re.MULTILINE) == ["${PYTHON}", "${PYTHON}"]
-    (pins,) = re.findall(r"--require-hashes -r (\S+)", text)
-    assert (ROOT / pins).is_file()
+    # Its context is the folder of a release, with that release's pins.
+    assert re.findall(r"--require-hashes -r (\S+)", text) == [PINS]
+    assert "sha256sum --check --quiet " + SUMS in text
 
 
 @pytest.mark.skipif(shutil.which("logrotate") is None, reason="logrotate is not installed")

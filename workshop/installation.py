@@ -1,19 +1,18 @@
 """``python -m pdgw.workshop.installation FOLDER``: install the files of a release in a fresh environment and start the command.
 
-Packages come from the pins alone, and pip refuses a file whose hash is not among them. The release's own wheel is checked against
-SHA256SUMS first.
+Packages come from the pins alone, and pip refuses a file whose hash is not among them. The release's own files are checked
+against SHA256SUMS first. Of its wheels pip takes the one that was compiled for this machine and Python, else that of pure Python.
 """
 
 from __future__ import annotations
 
 import argparse
-import subprocess
 import sys
 import tempfile
-import venv
 from pathlib import Path
 
-from pdgw.workshop.release import PINS, SUMS, ReleaseError, digest
+from pdgw.web.support import PACKAGE
+from pdgw.workshop.release import PINS, SUMS, ReleaseError, digest, run
 
 
 def main() -> int:
@@ -32,15 +31,34 @@ def main() -> int:
 def installed(folder: Path) -> str:
     """What the installed ``pdgw --version`` prints; ReleaseError when a step fails."""
     verify(folder)
-    (wheel,) = folder.glob("*.whl")
     with tempfile.TemporaryDirectory() as name:
-        place = Path(name)
-        venv.create(place, with_pip=True)
-        pip = (str(place / "bin" / "pip"), "install", "--quiet", "--disable-pip-version-check")
-        _run(*pip, "--require-hashes", "--requirement", str(folder / PINS))
-        _run(*pip, "--no-deps", "--no-index", str(wheel))
-        _run(str(place / "bin" / "pip"), "check")
-        return _run(str(place / "bin" / "pdgw"), "--version").strip()
+        fresh = Environment(Path(name))
+        fresh.install("--require-hashes", "--requirement", str(folder / PINS))
+        fresh.install("--no-deps", "--no-index", "--find-links", str(folder), f"{PACKAGE}=={version_of(folder)}")
+        fresh.run("pip", "check")
+        return fresh.run("pdgw", "--version").strip()
+
+
+def version_of(folder: Path) -> str:
+    """The version of the files of a release."""
+    (sdist,) = folder.glob("*.tar.gz")
+    return sdist.name.removesuffix(".tar.gz").rpartition("-")[2]
+
+
+class Environment:
+    """A virtual environment of its own."""
+
+    def __init__(self, place: Path, python: Path = Path(sys.executable)) -> None:
+        self.place = place
+        run(str(python), "-m", "venv", str(place))
+
+    def install(self, *arguments: str) -> None:
+        """Call ``pip install``."""
+        self.run("pip", "install", "--quiet", "--disable-pip-version-check", *arguments)
+
+    def run(self, program: str, *arguments: str) -> str:
+        """What an installed program prints; it works in the folder of the environment."""
+        return run(str(self.place / "bin" / program), *arguments, cwd=self.place)
 
 
 def verify(folder: Path) -> None:
@@ -49,13 +67,6 @@ def verify(folder: Path) -> None:
         given, name = line.split("  ")
         if digest(folder / name) != given:
             raise ReleaseError(f"{name}: its SHA-256 is not that of {SUMS}")
-
-
-def _run(*command: str) -> str:
-    done = subprocess.run(command, check=False, capture_output=True, text=True)
-    if done.returncode:
-        raise ReleaseError(f"{' '.join(command)}: {(done.stderr or done.stdout).strip()}")
-    return done.stdout
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
-"""``python -m pdgw.workshop.release FOLDER``: sources, wheel, bill of materials, pins and checksums of the last commit.
+"""``python -m pdgw.workshop.release FOLDER``: sources, wheels, bill of materials, pins and checksums of the last commit.
 
-Everything is built twice: the wheel from the commit, then from the source distribution of the first time in another folder. A
-release whose files differ by a byte is not written. Times are those of SOURCE_DATE_EPOCH, else of the commit.
+The sources and the wheel of pure Python are built twice: from the commit, then from the source distribution of the first time in
+another folder. A release whose files differ by a byte is not written. The compiled wheels of ``make wheels`` are added if they
+have the same sources. Times are those of SOURCE_DATE_EPOCH, else of the commit.
 """
 
 from __future__ import annotations
@@ -18,13 +19,15 @@ import sys
 import tarfile
 import tempfile
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 
 from pdgw.workshop.sbom import ROOT, document
 
 _INFO = "PKG-INFO"
 PINS = "requirements.txt"
-"""In a release: pins/runtime.txt, the packages that it needs with the hashes of their files."""
+"""In a release: ``PINS_OF_RUNTIME``, the packages that it needs with the hashes of their files."""
+PINS_OF_RUNTIME = ROOT / "pins" / "runtime.txt"
 SUMS = "SHA256SUMS"
 
 
@@ -36,9 +39,10 @@ def main() -> int:
     """The command line."""
     parser = argparse.ArgumentParser(prog="release", description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("folder", type=Path, help="an empty or new folder for the files")
-    folder: Path = parser.parse_args().folder
+    parser.add_argument("--wheels", type=Path, help="the folder of `make wheels`")
+    given = parser.parse_args()
     try:
-        for path in release(folder):
+        for path in release(given.folder, given.wheels):
             print(f"{digest(path)}  {path.name}")
     except ReleaseError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -46,16 +50,17 @@ def main() -> int:
     return 0
 
 
-def release(folder: Path) -> list[Path]:
-    """Write the files of a release; ReleaseError when the two builds differ or the folder has files."""
+def release(folder: Path, wheels: Path | None = None) -> list[Path]:
+    """Write the files of a release; ReleaseError when the two builds differ, a wheel of ``wheels`` has other sources, or the
+    folder has files.
+    """
     if folder.exists() and any(folder.iterdir()):
         raise ReleaseError(f"{folder}: has files, allowed: an empty or new folder")
-    epoch = int(os.environ.get("SOURCE_DATE_EPOCH") or _git("log", "-1", "--format=%ct"))
+    epoch = commit_time()
     with tempfile.TemporaryDirectory() as name:
         work = Path(name)
         first, second = work / "first", work / "second" / "deeper"
-        commit = subprocess.run(["git", "archive", "HEAD"], cwd=ROOT, check=True, capture_output=True).stdout
-        unpack(commit, first)
+        unpack(commit(), first)
         built = _built(first, work / "one", epoch)
         with gzip.open(built[0]) as file:
             unpack(file.read(), second)
@@ -63,43 +68,34 @@ def release(folder: Path) -> list[Path]:
         for one, two in zip(built, again, strict=True):
             if one.name != two.name or one.read_bytes() != two.read_bytes():
                 raise ReleaseError(f"{one.name}: the second build differs from the first one")
+        added = sorted(wheels.glob("*.whl")) if wheels else []
+        for path in added:
+            same_sources(path, built[1])
         folder.mkdir(parents=True, exist_ok=True)
-        files = [Path(shutil.copyfile(path, folder / path.name)) for path in built]
+        files = [Path(shutil.copyfile(path, folder / path.name)) for path in [*built, *added]]
     version = files[0].name.removesuffix(".tar.gz").rpartition("-")[2]
     bill = folder / f"{files[0].name.removesuffix('.tar.gz')}.cdx.json"
     bill.write_text(json.dumps(document(version, epoch), indent=1) + "\n", encoding="utf-8")
-    copied = {"CHANGELOG.md": ROOT / "CHANGELOG.md", PINS: ROOT / "pins" / "runtime.txt"}
+    copied = {"CHANGELOG.md": ROOT / "CHANGELOG.md", PINS: PINS_OF_RUNTIME}
     files += [bill, *(Path(shutil.copyfile(path, folder / name)) for name, path in copied.items())]
     sums = folder / SUMS
     sums.write_text("".join(f"{digest(path)}  {path.name}\n" for path in files), encoding="utf-8")
     return [*files, sums]
 
 
+def same_sources(wheel: Path, pure: Path) -> None:
+    """ReleaseError unless a compiled wheel has every file of the package as the pure one has it."""
+    with zipfile.ZipFile(wheel) as one, zipfile.ZipFile(pure) as two:
+        names = set(one.namelist())
+        for name in two.namelist():
+            if ".dist-info/" not in name and (name not in names or one.read(name) != two.read(name)):
+                raise ReleaseError(f"{wheel.name}: {name} is not that of the commit, build the wheels again")
+
+
 def _built(tree: Path, folder: Path, epoch: int) -> list[Path]:
     """Source distribution and wheel of a tree."""
     files = sources(tree)  # the build adds some
-    environment = os.environ | {"SOURCE_DATE_EPOCH": str(epoch), "PIP_CONSTRAINT": str(tree / "constraints.txt")}
-    command = [
-        sys.executable,
-        "-m",
-        "pip",
-        "wheel",
-        "--quiet",
-        "--disable-pip-version-check",
-        "--no-deps",
-        "--no-cache-dir",
-    ]
-    done = subprocess.run(
-        [*command, "-w", str(folder), str(tree)],
-        env=environment,
-        umask=0o022,  # the wheel has the modes of files that the build writes
-        check=False,
-        capture_output=True,
-        text=True,
-    )
-    if done.returncode:
-        raise ReleaseError(f"the wheel is not built: {(done.stderr or done.stdout).strip().splitlines()[-1]}")
-    (wheel,) = folder.glob("*.whl")
+    wheel = built_wheel(tree, folder, epoch)
     with zipfile.ZipFile(wheel) as archive:
         (metadata,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
         info = archive.read(metadata)
@@ -107,6 +103,37 @@ def _built(tree: Path, folder: Path, epoch: int) -> list[Path]:
     files[_INFO] = info, 0o644
     sdist.write_bytes(source_distribution(files, sdist.name.removesuffix(".tar.gz"), epoch))
     return [sdist, wheel]
+
+
+def built_wheel(
+    tree: Path, folder: Path, epoch: int, *, python: Path = Path(sys.executable), more: Mapping[str, str] | None = None
+) -> Path:
+    """The wheel of a tree, built by this Python with ``more`` variables in its environment."""
+    words = ("wheel", "--quiet", "--disable-pip-version-check", "--no-deps", "--no-cache-dir")
+    constraints = {"PIP_CONSTRAINT": str(tree / "constraints.txt"), "SOURCE_DATE_EPOCH": str(epoch)}
+    environment = os.environ | constraints | (more or {})
+    run(str(python), "-m", "pip", *words, "-w", str(folder), str(tree), env=environment)
+    (wheel,) = folder.glob("*.whl")
+    return wheel
+
+
+def run(*command: str, env: Mapping[str, str] | None = None, cwd: Path | None = None) -> str:
+    """What a command prints; ReleaseError with its last line when it fails. Files that it writes have the usual modes."""
+    done = subprocess.run(command, env=env, cwd=cwd, umask=0o022, check=False, capture_output=True, text=True)
+    if done.returncode:
+        *_, last = (done.stderr or done.stdout).strip().splitlines() or [f"exit status {done.returncode}"]
+        raise ReleaseError(f"{' '.join(command)}: {last}")
+    return done.stdout
+
+
+def commit() -> bytes:
+    """The files of the last commit, as a tar archive."""
+    return subprocess.run(["git", "archive", "HEAD"], cwd=ROOT, check=True, capture_output=True).stdout
+
+
+def commit_time() -> int:
+    """SOURCE_DATE_EPOCH, else the time of the last commit, in seconds since 1970."""
+    return int(os.environ.get("SOURCE_DATE_EPOCH") or run("git", "log", "-1", "--format=%ct", cwd=ROOT))
 
 
 def unpack(archive: bytes, folder: Path) -> None:
@@ -142,10 +169,6 @@ def _mode(path: Path) -> int:
 def digest(path: Path) -> str:
     """SHA-256, hexadecimal."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _git(*arguments: str) -> str:
-    return subprocess.run(["git", *arguments], cwd=ROOT, check=True, capture_output=True, text=True).stdout.strip()
 
 
 if __name__ == "__main__":

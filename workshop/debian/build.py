@@ -11,15 +11,14 @@ import argparse
 import gzip
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
 from pdgw.gateway.configuration.example import example
 from pdgw.workshop.debian.man import pages
-from pdgw.workshop.installation import verify
-from pdgw.workshop.release import PINS, ReleaseError
+from pdgw.workshop.installation import verify, version_of
+from pdgw.workshop.release import PINS, ReleaseError, commit_time, run
 from pdgw.workshop.sbom import ROOT
 
 NAME = "profidrive-gateway"
@@ -41,11 +40,10 @@ def main() -> int:
     given = parser.parse_args()
     try:
         verify(given.release)
-        (wheel,) = given.release.glob("*.whl")
+        version = version_of(given.release)
         with tempfile.TemporaryDirectory() as name:
             tree = Path(name) / "tree"
-            version = wheel.name.split("-")[1]
-            environment(tree, wheel, given.release / PINS)
+            environment(tree, given.release)
             contents(tree, version)
             print(package(tree, f"{version}-{given.revision}", given.folder))
     except ReleaseError as error:
@@ -54,18 +52,15 @@ def main() -> int:
     return 0
 
 
-def environment(tree: Path, wheel: Path, pins: Path) -> None:
+def environment(tree: Path, release: Path) -> None:
     """/opt/pdgw: Debian's Python with the pinned packages and the gateway."""
     top = tree / "opt" / "pdgw"
     packages = top / "lib" / f"python{_PYTHON}" / "site-packages"
     packages.mkdir(parents=True)
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-compile"]
-    for arguments in (["--require-hashes", "--requirement", str(pins)], ["--no-deps", "--no-index", str(wheel)]):
-        done = subprocess.run(
-            [*pip, "--upgrade", "--target", str(packages), *arguments], check=False, capture_output=True, text=True
-        )
-        if done.returncode:
-            raise ReleaseError(f"pip: {(done.stderr or done.stdout).strip()}")
+    own = ["--no-deps", "--no-index", "--find-links", str(release), f"{NAME}=={version_of(release)}"]
+    for arguments in (["--require-hashes", "--requirement", str(release / PINS)], own):
+        run(*pip, "--upgrade", "--target", str(packages), *arguments)
     shutil.rmtree(packages / "bin", ignore_errors=True)  # for the Python that built it
     for name in ("direct_url.json", "RECORD"):  # paths of this machine
         for path in packages.glob(f"*.dist-info/{name}"):
@@ -108,7 +103,7 @@ def package(tree: Path, version: str, folder: Path) -> Path:
     ]
     native = any(path.suffix == ".so" for path in files)
     asked = ["dpkg", "--print-architecture"]
-    machine = subprocess.run(asked, check=True, capture_output=True, text=True).stdout.strip() if native else "all"
+    machine = run(*asked).strip() if native else "all"
     size = sum(path.stat().st_size for path in files) // 1024
     _write(control / "control", _control(version, machine, size))
     _write(control / "conffiles", "".join(f"/{name}\n" for name in CONFFILES))
@@ -121,16 +116,8 @@ def package(tree: Path, version: str, folder: Path) -> Path:
             path.chmod(0o755 if path.stat().st_mode & 0o100 else 0o644)
     folder.mkdir(parents=True, exist_ok=True)
     made = folder / f"{NAME}_{version}_{machine}.deb"
-    epoch = os.environ.get("SOURCE_DATE_EPOCH") or _commit_time()
-    done = subprocess.run(
-        ["dpkg-deb", "--root-owner-group", "-Zxz", "-z6", "--build", str(tree), str(made)],
-        env=os.environ | {"SOURCE_DATE_EPOCH": epoch},
-        check=False,
-        capture_output=True,
-        text=True,
-    )
-    if done.returncode:
-        raise ReleaseError(f"dpkg-deb: {done.stderr.strip()}")
+    times = os.environ | {"SOURCE_DATE_EPOCH": str(commit_time())}
+    run("dpkg-deb", "--root-owner-group", "-Zxz", "-z6", "--build", str(tree), str(made), env=times)
     return made
 
 
@@ -149,11 +136,6 @@ Description: PROFIdrive-to-CANopen gateway
  over UDP or PROFINET. The package contains the gateway, its web page and the
  tools of the command pdgw. No gateway is started by the installation.
 """
-
-
-def _commit_time() -> str:
-    asked = ["git", "log", "-1", "--format=%ct"]
-    return subprocess.run(asked, cwd=ROOT, check=True, capture_output=True, text=True).stdout.strip()
 
 
 def _write(path: Path, text: str, mode: int = 0o644) -> None:
