@@ -40,12 +40,11 @@ from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import load_config, parse_config
 from pdgw.gateway.errors import GatewayError
+from pdgw.recording.defaults import TOLERANCE_NS
 from pdgw.recording.progress import with_progress
 
 INFER_FROM = 20_000
 """Packets of a file that are looked at for the telegrams."""
-TOLERANCE_NS = 50 * MS
-"""So far recorded times may be off in a replay: a busy machine lets a recorder or the gateway's reader wait for some cycles."""
 _MIN_TOLERANCE_CYCLES = 4
 CONFIGURATION = "gateway.toml"
 """Beside captures: the configuration they were made with."""

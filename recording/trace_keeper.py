@@ -14,7 +14,7 @@ from datetime import datetime
 from pathlib import Path
 
 from pdgw.durations import SECOND
-from pdgw.gateway.configuration.tables.environment import Trigger
+from pdgw.gateway.configuration.tables.defaults import Trigger
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import Enable, Reason
 from pdgw.gateway.trace.reader import Cycle, ObjectSample, RingReader

@@ -12,6 +12,8 @@ import sys
 import pytest
 
 from pdgw.gateway import axis, motion
+from pdgw.peers import drive, option_values
+from pdgw.tools.command_table import COMMANDS, SIM_COMMANDS
 
 _IMPURE = (
     "can",
@@ -58,11 +60,52 @@ def loaded(*commands: str) -> list[set[str]]:
     return python(_COMMANDS, *commands)
 
 
+# What a command works with, and no help needs: libraries, then packages and modules of the product.
+_HEAVY = {
+    *(
+        "asyncio",
+        "can",
+        "canopen",
+        "duckdb",
+        "greenlet",
+        "hypothesis",
+        "matplotlib",
+        "multiprocessing",
+        "pyarrow",
+        "scapy",
+    ),
+    *("starlette", "uvicorn", "yaml"),
+}
+_OF_COMMANDS = (
+    *(
+        "pdgw.decoder",
+        "pdgw.dsp402.drive",
+        "pdgw.gateway.axis",
+        "pdgw.gateway.configuration.config",
+        "pdgw.gateway.daemon",
+    ),
+    *(
+        "pdgw.gateway.links.udp",
+        "pdgw.gateway.motion.positioner",
+        "pdgw.peers",
+        "pdgw.profinet.device",
+        "pdgw.web",
+        "pdgw.workshop",
+    ),
+)
+_WORDS_OF_HELP = {"pdgw.peers", "pdgw.peers.option_values"}
+
+
+def help_of_all() -> list[str]:
+    """The call for the help of each command, also of those below a group."""
+    return [f"{name} -h" for name in COMMANDS] + [f"sim {name} -h" for name in SIM_COMMANDS]
+
+
 @pytest.mark.e2e
 def test_a_door_a_command_and_the_rules_load_only_what_they_work_with() -> None:
-    # The front door, then commands that only look, then those that read files and ask for parameters.
-    door, looking, reading = loaded(
-        "--help, -h, sim -h, --version, status --port 1", "decode --hex 047F2000 --telegram 1, param -h"
+    # The front door, then the help of every command, then commands that only look, then one that decodes.
+    door, helping, looking, decoding = loaded(
+        ", ".join(["--help, -h, --version", *help_of_all()]), "status --port 1", "decode --hex 047F2000 --telegram 1"
     )
     assert "pdgw.profidrive.signals" in door
     assert not door & {
@@ -74,20 +117,20 @@ def test_a_door_a_command_and_the_rules_load_only_what_they_work_with() -> None:
         "pdgw.gateway.configuration.config",
         "importlib.metadata",
     }
-    assert not looking & {
-        "scapy",
-        "matplotlib",
-        "can",
-        "canopen",
-        "yaml",
-        "pyarrow",
-        "pdgw.gateway.configuration.config",
-    }
-    assert not {name for name in looking if name.startswith("pdgw.peers")}
-    assert not reading & {"scapy", "matplotlib", "can", "canopen", "pdgw.gateway.daemon", "pdgw.peers.drive"}
+    assert {"pdgw.tools.commands.capture.decode", "pdgw.tools.commands.simulation.plc"} <= helping
+    for modules in (helping, looking):
+        assert not modules & _HEAVY
+        products = {name for name in modules if any(name == top or name.startswith(f"{top}.") for top in _OF_COMMANDS)}
+        assert products <= _WORDS_OF_HELP
+    assert not decoding & {"scapy", "matplotlib", "can", "canopen", "pdgw.gateway.daemon", "pdgw.peers.drive"}
     # The daemon loads no decoder and only the transport it has.
-    _, daemon = loaded("run -h")
+    (daemon,) = python("import sys, pdgw.gateway.assembly; print(*sys.modules)")
+    assert "pdgw.gateway.daemon" in daemon
     other = {"pdgw.decoder.frames.engine", "pdgw.gateway.links.profinet.link", "pdgw.profinet.device"}
     assert not daemon & ({"scapy", "matplotlib"} | other)
     # Axis machine and motion are there where no bus, socket, clock, thread or log exists.
     python(f"import sys; sys.modules.update(dict.fromkeys({_IMPURE!r})); import {', '.join(_PURE)}")
+
+
+def test_the_help_names_the_shapes_that_simulated_drives_have() -> None:
+    assert tuple(drive.SHAPES) == option_values.SHAPES

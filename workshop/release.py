@@ -111,7 +111,7 @@ def built_wheel(
     """The wheel of a tree, built by this Python with ``more`` variables in its environment."""
     words = ("wheel", "--quiet", "--disable-pip-version-check", "--no-deps", "--no-cache-dir")
     constraints = {"PIP_CONSTRAINT": str(tree / "constraints.txt"), "SOURCE_DATE_EPOCH": str(epoch)}
-    environment = os.environ | constraints | (more or {})
+    environment = {**os.environ, **constraints, **(more or {})}
     run(str(python), "-m", "pip", *words, "-w", str(folder), str(tree), env=environment)
     (wheel,) = folder.glob("*.whl")
     return wheel

@@ -15,6 +15,7 @@ from pdgw.gateway.axis.telegrams import (
     SPEED_TELEGRAM_NUMBERS,
 )
 from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.configuration.tables.defaults import SIMULATED_ENCODER_TELEGRAM
 from pdgw.gateway.configuration.tables.positioner import SIMULATED, SIMULATED_BLOCKS
 from pdgw.gateway.errors import GatewayError
 
@@ -24,7 +25,6 @@ def example() -> str:
     return Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
 
 
-SIMULATED_ENCODER_TELEGRAM = 83
 SIMULATED_WATCHDOG_FACTOR = 250
 """Cycles without a frame until the PLC is lost, where nothing real moves: a busy laptop holds a program up for some 0.1 s."""
 

@@ -5,8 +5,8 @@ as a python-can interface, named ``pdgw-bus``: its socket takes and gives what S
 code on it. Arbitration, bit times and error frames are not played.
 """
 
-from pdgw.peers.bus.hub import DEFAULT_PORT, Hub
+from pdgw.peers.bus.hub import Hub
 from pdgw.peers.bus.interface import INTERFACE, LoopbackBus
 from pdgw.peers.bus.served import ServedBus
 
-__all__ = ["DEFAULT_PORT", "INTERFACE", "Hub", "LoopbackBus", "ServedBus"]
+__all__ = ["INTERFACE", "Hub", "LoopbackBus", "ServedBus"]

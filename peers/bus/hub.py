@@ -21,7 +21,6 @@ from pdgw.gateway.errors import GatewayError
 log = logging.getLogger("peers")
 
 HOST = "127.0.0.1"
-DEFAULT_PORT = 34966
 JOIN, LEAVE = b"J", b"L"
 """Datagrams that are no frame: a member's first and last."""
 LOOK = b""

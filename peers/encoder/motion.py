@@ -17,12 +17,9 @@ from types import MappingProxyType
 from pdgw.ds301.bus.can_frame import STANDARD_ID
 from pdgw.dsp406.errors import Dsp406Error
 from pdgw.durations import SECOND
+from pdgw.peers.option_values import MOTIONS
 
 Motion = Callable[[int], float]
-MOTIONS = (
-    "still[=POSITION], speed=PER_SECOND, sine=AMPLITUDE,SECONDS, csv=FILE, follow=COB_ID,BYTE,INCREMENTS, shaft=NODE_ID"
-)
-"""What ``parse_motion`` takes."""
 NO_SHAFTS: Mapping[int, Motion] = MappingProxyType({})
 LARGEST = 1e9
 """Bound of positions, speeds and times that are read from text."""

@@ -15,6 +15,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop.readiness import NO_DESCRIPTOR
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.drive.family import DRIVE_FAULTS
+from pdgw.peers.option_values import CONSOLE_COMMANDS
 from pdgw.peers.simulation.devices import Simulation
 
 _LINE_MAX = 1000
@@ -23,10 +24,6 @@ _TOO_LONG = f"error: a command has at most {_LINE_MAX} characters"
 _IDLE_S = 3600.0
 _NO_DESCRIPTOR_PAUSE_S = 1.0
 _NUMBER = re.compile("[0-9]{1,3}")
-COMMANDS = (
-    "fault N (1-12), fault NAME [parameter=value ...], clear [NAME], di1 on|off, probe 1|2 on|off, motion MOTION [CHANNEL], "
-    "faults, status, quit"
-)
 
 
 class Console:
@@ -94,7 +91,7 @@ class Console:
                 return f"node {node}: {', '.join(simulation.device(node).node.catalogue)}"
             case ["status"]:
                 return self._status(node)
-        return f"error: {' '.join(words)!r} is not a command, allowed: {COMMANDS}"
+        return f"error: {' '.join(words)!r} is not a command, allowed: {CONSOLE_COMMANDS}"
 
     def _status(self, node: int) -> str:
         status = self._simulation.status(node)

@@ -10,8 +10,9 @@ from contextlib import ExitStack
 
 from pdgw.ds301.bus.bus import open_bus
 from pdgw.gateway.errors import GatewayError
+from pdgw.peers.option_values import CONSOLE_COMMANDS
 from pdgw.peers.simulation.config import ControlConfig
-from pdgw.peers.simulation.console import COMMANDS, Console, read_standard_input, serve
+from pdgw.peers.simulation.console import Console, read_standard_input, serve
 from pdgw.peers.simulation.devices import Simulation
 
 _LOOK_S = 0.2
@@ -34,7 +35,7 @@ def run(simulation: Simulation, control: ControlConfig, title: str, *, attached:
         at_end.callback(simulation.stop)
         simulation.start()
         read_standard_input(console, quit_.set if attached else None)
-        print(f"{title}; commands: {COMMANDS}", flush=True)
+        print(f"{title}; commands: {CONSOLE_COMMANDS}", flush=True)
         # Where the system gives a signal to another thread, and within a wait for the event, its handler would not get to work.
         while not quit_.is_set():
             if lost := simulation.look():

@@ -14,7 +14,7 @@ import pytest
 
 from pdgw.gateway.configuration.tables.defaults import STATUS_PORT
 from pdgw.gateway.errors import GatewayError
-from pdgw.tools.commands.gateway.status import fetch
+from pdgw.gateway.service.status_client import fetch
 from tests.can.forked import Forked, forked
 from tests.can.interfaces import Wire, ip, is_controller
 from tests.support.buses import PATIENCE_S

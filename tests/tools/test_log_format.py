@@ -13,8 +13,8 @@ import pytest
 
 from pdgw.durations import SECOND
 from pdgw.gateway.reasons import FaultNumber, Reason
-from pdgw.tools.service.log_format import AT_ONCE, Bundle, LogFormat, formatter
-from pdgw.tools.service.run_log import LogLevel, RunLog
+from pdgw.tools.service.log_format import AT_ONCE, Bundle, LogFormat, LogLevel, formatter
+from pdgw.tools.service.run_log import RunLog
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.daemon import Plc, axis, configuration, running, world_of
 

@@ -22,7 +22,8 @@ from pdgw.ds301.connection_set import EMCY
 from pdgw.ds301.counters import Counters
 from pdgw.ds301.node.client import NodeClient
 from pdgw.recording import background_writer
-from pdgw.tools.service.run_log import CanRecorder, LogLevel, RunLog, on_signals
+from pdgw.tools.service.log_format import LogLevel
+from pdgw.tools.service.run_log import CanRecorder, RunLog, on_signals
 from tests.support.buses import PATIENCE_S
 from tests.support.daemon import axis, configuration, running, until, world_of
 from tests.support.logs import log_put_back
@@ -132,7 +133,8 @@ def test_sighup_on_a_full_disk_does_not_end_the_gateway(tmp_path: Path, monkeypa
 
 SCRIPT = """
 import logging, sys
-from pdgw.tools.service.run_log import LogLevel, RunLog
+from pdgw.tools.service.log_format import LogLevel
+from pdgw.tools.service.run_log import RunLog
 run_log = RunLog(LogLevel.INFO, None)
 for number in range(3000):
     logging.getLogger("gateway").info("%d %s", number, "x" * 200, extra={"do": number})

@@ -17,7 +17,7 @@ from pdgw.decoder.frames.engine import Packet
 from pdgw.decoder.frames.records import LinkType
 from pdgw.durations import SECOND
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.configuration.tables.environment import Trigger
+from pdgw.gateway.configuration.tables.defaults import Trigger
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace.reader import RingReader

@@ -14,7 +14,8 @@ from pdgw.ds301.counters import Counters
 from pdgw.gateway.configuration.example import simulated
 from pdgw.gateway.configuration.file import config_text
 from pdgw.tools.cli import main
-from pdgw.tools.commands.gateway import run
+from pdgw.tools.service import run_log
+from pdgw.tools.service.log_format import LogFormat, LogLevel
 from tests.support.cli import pdgw, workshop
 from tests.support.processes import free_udp_port
 
@@ -33,12 +34,12 @@ class NoLog:
 
 @pytest.fixture
 def unlogged(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = run.RunLog
+    whole = run_log.RunLog
 
-    def set_up(level: run.LogLevel, file: Path | None, log_format: run.LogFormat) -> object:
+    def set_up(level: LogLevel, file: Path | None, log_format: LogFormat) -> object:
         return whole(level, file, log_format) if file is not None else NoLog()
 
-    monkeypatch.setattr(run, "RunLog", set_up)
+    monkeypatch.setattr(run_log, "RunLog", set_up)
 
 
 @pytest.mark.usefixtures("unlogged")

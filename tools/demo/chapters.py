@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from pdgw.gateway.configuration.tables.positioner import SIMULATED, SIMULATED_BLOCKS
-from pdgw.peers.drive.model.shapes import ENGEL, SYNCHRONOUS
+from pdgw.peers.option_values import ENGEL, SYNCHRONOUS
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT
 
 _SCENARIOS = Path(__file__).parent.parent / "scenarios"
@@ -65,7 +65,7 @@ class Chapter:
     panels: tuple[Panel, ...]
     encoders: tuple[int, ...] = ()
     cycle_ms: int = 8
-    like: str = ENGEL.name
+    like: str = ENGEL
     blocks: Sequence[Mapping[str, Any]] = field(default=())
 
     def gateway(self, can: Mapping[str, Any], transport: str, *, simulate: bool = False) -> str:
@@ -169,7 +169,7 @@ CHAPTERS: Final[Mapping[str, Chapter]] = {
                     "telegram 111",
                 ),
             ),
-            like=SYNCHRONOUS.name,
+            like=SYNCHRONOUS,
             blocks=SIMULATED_BLOCKS,
         ),
         Chapter(
@@ -204,7 +204,7 @@ CHAPTERS: Final[Mapping[str, Chapter]] = {
                 ),
             ),
             cycle_ms=4,
-            like=SYNCHRONOUS.name,
+            like=SYNCHRONOUS,
         ),
     )
 }

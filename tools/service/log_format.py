@@ -21,6 +21,15 @@ _PER_SECOND = 1.0
 """Lines of such a storm that are written."""
 
 
+class LogLevel(StrEnum):
+    """Levels of ``--log-level``."""
+
+    DEBUG = "debug"
+    INFO = "info"
+    WARNING = "warning"
+    ERROR = "error"
+
+
 class LogFormat(StrEnum):
     """Of ``--log-format``."""
 

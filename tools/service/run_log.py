@@ -16,7 +16,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from enum import StrEnum
 from pathlib import Path
 
 import can
@@ -27,7 +26,7 @@ from pdgw.ds301.counters import Counters
 from pdgw.gateway.errors import GatewayError
 from pdgw.recording import background_writer
 from pdgw.recording.background_writer import BackgroundWriter
-from pdgw.tools.service.log_format import Bundle, LogFormat, formatter
+from pdgw.tools.service.log_format import Bundle, LogFormat, LogLevel, formatter
 
 log = logging.getLogger("gateway")
 
@@ -38,15 +37,6 @@ _LOOK_S = 1.0
 _PATIENCE_MS = 1000
 _LONGEST_LINE = 2000
 """Of a log on standard error: a pipe that has room takes so much at once."""
-
-
-class LogLevel(StrEnum):
-    """Levels of ``--log-level``."""
-
-    DEBUG = "debug"
-    INFO = "info"
-    WARNING = "warning"
-    ERROR = "error"
 
 
 class _ToQueue(logging.handlers.QueueHandler):

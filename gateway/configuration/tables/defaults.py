@@ -1,5 +1,6 @@
-"""Default values of the configuration that others use without loading it."""
+"""Values of the configuration that others use without loading it."""
 
+from enum import StrEnum
 from typing import Final
 
 STATUS_PORT: Final = 34965
@@ -9,3 +10,13 @@ USUAL_CYCLE_MS: Final = 4
 WATCHDOG_FACTOR: Final = 3
 """Cycles without a frame until the PLC is lost, unless the user chooses otherwise."""
 WATCHDOG_FACTOR_MAX: Final = 255
+SIMULATED_ENCODER_TELEGRAM: Final = 83
+
+
+class Trigger(StrEnum):
+    """What has a part of the flight recorder kept."""
+
+    FAULT = "fault"
+    """A new fault of a drive object."""
+    STOP = "stop"
+    """An axis leaves operation without an OFF of the PLC, or the gateway ends without its stop sequence."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-from enum import StrEnum
 from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from pathlib import Path
 from typing import Annotated, Final, Literal
@@ -14,7 +13,13 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model
 from pdgw.ds301.node.node import NodeSettings
 from pdgw.explain import misplaced
 from pdgw.gateway import identity
-from pdgw.gateway.configuration.tables.defaults import STATUS_PORT, USUAL_CYCLE_MS, WATCHDOG_FACTOR, WATCHDOG_FACTOR_MAX
+from pdgw.gateway.configuration.tables.defaults import (
+    STATUS_PORT,
+    USUAL_CYCLE_MS,
+    WATCHDOG_FACTOR,
+    WATCHDOG_FACTOR_MAX,
+    Trigger,
+)
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
@@ -190,15 +195,6 @@ class ParametersConfig(Section):
         if self.write_from is None:
             return None if listen.is_loopback else ()
         return self.write_from
-
-
-class Trigger(StrEnum):
-    """What has a part of the flight recorder kept."""
-
-    FAULT = "fault"
-    """A new fault of a drive object."""
-    STOP = "stop"
-    """An axis leaves operation without an OFF of the PLC, or the gateway ends without its stop sequence."""
 
 
 class TraceConfig(Section):

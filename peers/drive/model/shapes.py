@@ -28,6 +28,7 @@ from pdgw.dsp402.drive import touch_probe
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo.layouts import pdo
 from pdgw.durations import SECONDS_PER_MINUTE
+from pdgw.peers import option_values
 from pdgw.peers.drive.device import DRIVE_TYPE, INFO, OBJECTS, REVISION, drive_objects
 from pdgw.peers.drive.family import FAMILY, FAMILY_MODES
 from pdgw.peers.drive.model.motion import INCREMENTS_PER_REVOLUTION
@@ -217,7 +218,7 @@ _VL_OBJECTS = (
     var(0x6502, "Supported drive modes", _U32, _RO, default=1 << 1),
 )
 
-ENGEL = Shape("engel", "the ENGEL-like drive: half rpm by 6094h, five PDOs, modes -5 to 6")
+ENGEL = Shape(option_values.ENGEL, "the ENGEL-like drive: half rpm by 6094h, five PDOs, modes -5 to 6")
 _TOUCH_PROBE = (
     var(touch_probe.FUNCTION, "Touch probe function", _U16, _RW, pdo=True, default=0, attribute="touch_probe_function"),
     var(touch_probe.STATUS, "Touch probe status", _U16, _RO, pdo=True, default=0, attribute="touch_probe_status"),
@@ -227,7 +228,7 @@ _TOUCH_PROBE = (
     ),
 )
 SYNCHRONOUS = Shape(
-    "synchronous",
+    option_values.SYNCHRONOUS,
     "the ENGEL-like drive with cyclic synchronous position, velocity and torque, and a touch probe",
     modes=_ENGEL_MODES | {Mode.CYCLIC_POSITION.value, Mode.CYCLIC_VELOCITY.value, Mode.CYCLIC_TORQUE.value},
     has=(

@@ -10,6 +10,7 @@ import pytest
 
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.objects.happenings import LINES, Happening, around_the_last_stop
+from pdgw.gateway.service import status_client
 from pdgw.gateway.service.status import answered, explanation, snapshot
 from pdgw.tools.commands.gateway import explain as command
 from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running
@@ -78,8 +79,8 @@ def test_command_prints_the_lines_and_writes_the_support_file(
         drive_of(daemon).inject(7)
         settle(plc)
         lines, document = explanation(daemon, daemon.objects), snapshot(daemon)
-    monkeypatch.setattr(command, "fetch_explanation", lambda *_: lines)
-    monkeypatch.setattr(command, "fetch", lambda *_: document)
+    monkeypatch.setattr(status_client, "fetch_explanation", lambda *_: lines)
+    monkeypatch.setattr(status_client, "fetch", lambda *_: document)
     file = tmp_path / "support.zip"
     command.explain(None, 1, file)
     out = capsys.readouterr().out.splitlines()

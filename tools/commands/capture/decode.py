@@ -12,40 +12,22 @@ from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from itertools import islice
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pdgw.decoder.capture import live
-from pdgw.decoder.capture.knowledge import known_beforehand, look_ahead
-from pdgw.decoder.capture.moments import moment
-from pdgw.decoder.capture.pcapng_file import configuration_in
-from pdgw.decoder.capture.source import Source, open_source
-from pdgw.decoder.export.archive import ArchiveOptions, captures_of, is_data_set, write_data_set
-from pdgw.decoder.export.plot import PlotWriter
-from pdgw.decoder.export.writers import (
-    CsvWriter,
-    JsonWriter,
-    ParquetWriter,
-    StatsWriter,
-    TextWriter,
-    Writer,
-)
-from pdgw.decoder.frames.engine import CanPacket, Decoder, Packet
-from pdgw.decoder.frames.recognise import parse_hex, recognise
-from pdgw.decoder.view.changes import Changes
-from pdgw.decoder.view.filter import Filter
-from pdgw.decoder.view.render import one_line, tree
-from pdgw.decoder.view.selection import Selection
-from pdgw.ds301.bus.load import DEFAULT_BITRATE
 from pdgw.durations import SECOND
 from pdgw.explain import counted
 from pdgw.gateway.errors import GatewayError
-from pdgw.profidrive.telegrams import Direction
-from pdgw.profidrive.telegrams import telegram as telegram_of
-from pdgw.recording.progress import with_progress, with_progress_of
 from pdgw.tools.commands.capture.options import Station
 from pdgw.tools.output.files import to_be_written
+
+if TYPE_CHECKING:
+    from pdgw.decoder.capture.source import Source
+    from pdgw.decoder.export.archive import ArchiveOptions
+    from pdgw.decoder.export.writers import Writer
+    from pdgw.decoder.frames.engine import CanPacket, Decoder, Packet
+    from pdgw.decoder.view.selection import Selection
 
 _LATE_NS = 2 * SECOND
 """Packets may be this much out of order; behind ``--to`` by more, reading stops."""
@@ -120,6 +102,17 @@ def decode(
     ] = None,
 ) -> None:
     """Decode hexadecimal data (--hex), a capture of either bus, or the live frames of a bus."""
+    from pdgw.decoder.capture.knowledge import known_beforehand, look_ahead
+    from pdgw.decoder.capture.pcapng_file import configuration_in
+    from pdgw.decoder.export.archive import ArchiveOptions, is_data_set
+    from pdgw.decoder.export.plot import PlotWriter
+    from pdgw.decoder.export.writers import CsvWriter, JsonWriter, ParquetWriter, StatsWriter, TextWriter
+    from pdgw.decoder.frames.engine import Decoder
+    from pdgw.decoder.view.changes import Changes
+    from pdgw.decoder.view.filter import Filter
+    from pdgw.decoder.view.selection import Selection
+    from pdgw.ds301.bus.load import DEFAULT_BITRATE
+
     if sum(source is not None for source in (files or None, hex_text, interface, can)) != 1:
         raise GatewayError("give one of: files (or -), --hex, --interface, --can")
     if hex_text is not None:
@@ -187,6 +180,9 @@ def decode(
 
 def _write_data_set(files: Sequence[str], root: Path, options: ArchiveOptions, jobs: int | None) -> None:
     """Decode the files, tell what became of each, and end with status 1 when one is damaged."""
+    from pdgw.decoder.export.archive import captures_of, write_data_set
+    from pdgw.recording.progress import with_progress_of
+
     captures = captures_of(files)
     begin = time.monotonic()
     parts = []
@@ -209,6 +205,11 @@ def _write_data_set(files: Sequence[str], root: Path, options: ArchiveOptions, j
 def _decode_hex(
     text: str, telegrams: Sequence[int], direction: DirectionOption | None, *, as_json: bool, verbose: bool
 ) -> None:
+    from pdgw.decoder.frames.recognise import parse_hex, recognise
+    from pdgw.decoder.view.render import one_line, tree
+    from pdgw.profidrive.telegrams import Direction
+    from pdgw.profidrive.telegrams import telegram as telegram_of
+
     if len(telegrams) > 1:
         raise GatewayError("--hex: the data belongs to one axis; give --telegram once")
     chosen = telegram_of(telegrams[0]) if telegrams else None
@@ -224,6 +225,9 @@ def _decode_hex(
 
 
 def _open(file: str | None, interface: str | None, can: str | None) -> Source:
+    from pdgw.decoder.capture import live
+    from pdgw.decoder.capture.source import open_source
+
     if interface is not None:
         return live.open_interface(interface)
     if can is not None:
@@ -254,6 +258,8 @@ def _run(
     zero_ns: int | None,
 ) -> None:
     """Decode until the end, an interruption or damage; the writers are finished in every case."""
+    from pdgw.recording.progress import with_progress
+
     try:
         try:
             packets = islice(with_progress(source.packets, Path(source.name).name, source.size, source.position), count)
@@ -275,6 +281,10 @@ def _loop(
     limits: tuple[str | None, str | None],
     zero_ns: int | None,
 ) -> None:
+    from pdgw.decoder.capture.moments import moment
+    from pdgw.decoder.export.plot import PlotWriter
+    from pdgw.decoder.export.writers import TextWriter
+
     first = next(packets, None)
     if first is None:
         return

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pdgw.decoder.replay.result import AxisReplay, Difference
 from pdgw.durations import MS, SECOND
 from pdgw.explain import counted
-from pdgw.recording.recordings import TOLERANCE_NS, Loaded, known_from, load, nanoseconds, tell, write_lines
+from pdgw.recording.defaults import TOLERANCE_NS
 from pdgw.tools.commands.capture.options import Config, Files, Nodes, Offset, Station, Telegrams
+
+if TYPE_CHECKING:
+    from pdgw.decoder.replay.result import AxisReplay, Difference
+    from pdgw.recording.recordings import Loaded
 
 
 def replay(
@@ -28,6 +31,8 @@ def replay(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
 ) -> None:
     """Run a recording through this version of the gateway; exit status 1 if it sends something else."""
+    from pdgw.recording.recordings import known_from, load, nanoseconds, tell, write_lines
+
     loaded = load(files, known_from(config, telegram or [], node or [], files, station), nanoseconds(offset), tell)
     outcomes = loaded.replay(tolerance_ns=round(tolerance * MS), first_only=True)
     write_lines(_document(loaded, outcomes) if as_json else _text(loaded, outcomes))

@@ -5,29 +5,16 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pdgw.decoder.capture.moments import moment
-from pdgw.decoder.frames.records import Record
-from pdgw.decoder.timeline.entries import Summary
-from pdgw.decoder.timeline.text import Repetitions, entry_lines, summary_lines
-from pdgw.decoder.view.render import record_line
 from pdgw.gateway.errors import GatewayError
-from pdgw.recording.recordings import (
-    Opening,
-    Part,
-    followed,
-    known_from,
-    look_ahead,
-    nanoseconds,
-    tell,
-    write_lines,
-    write_page,
-)
 from pdgw.tools.commands.capture.options import Config, Files, Nodes, Offset, Station, Telegrams
 from pdgw.tools.output.files import to_be_written
+
+if TYPE_CHECKING:
+    from pdgw.recording.recordings import Opening, Part
 
 
 def timeline(
@@ -50,6 +37,9 @@ def timeline(
     ] = None,
 ) -> None:
     """Merge captures of both buses: each command of the PLC with its result, its duration and the reason if it had no effect."""
+    from pdgw.decoder.capture.moments import moment
+    from pdgw.recording.recordings import Part, known_from, look_ahead, nanoseconds, tell, write_lines, write_page
+
     opening = look_ahead(
         files, known_from(config, telegram or [], node or [], files, station), nanoseconds(offset), tell
     )
@@ -69,6 +59,9 @@ def timeline(
 
 
 def _documents(opening: Opening, part: Part) -> Iterator[str]:
+    from pdgw.decoder.timeline.entries import Summary
+    from pdgw.recording.recordings import followed
+
     clocks = opening.clocks
     yield json.dumps(
         {
@@ -91,6 +84,12 @@ def _documents(opening: Opening, part: Part) -> Iterator[str]:
 
 
 def _text(opening: Opening, part: Part, *, verbose: bool) -> Iterator[str]:
+    from pdgw.decoder.frames.records import Record
+    from pdgw.decoder.timeline.entries import Summary
+    from pdgw.decoder.timeline.text import Repetitions, entry_lines, summary_lines
+    from pdgw.decoder.view.render import record_line
+    from pdgw.recording.recordings import followed
+
     summary = Summary()
     zero_ns = opening.begin_ns
     repetitions = Repetitions(zero_ns)

@@ -10,20 +10,15 @@ from contextlib import ExitStack
 from datetime import date
 from fractions import Fraction
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pdgw.ds301.loop.loop import Loop
-from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.platform import SystemPlatform
-from pdgw.gateway.service.confirmed_units import witnessed
-from pdgw.gateway.store import ParameterStore
-from pdgw.tools.bus_task import complete
-from pdgw.tools.commissioning.axis_test import TURNS, AxisTest, Choices
-from pdgw.tools.service.child_processes import devices_beside
 from pdgw.tools.termination import INTERRUPTED
+
+if TYPE_CHECKING:
+    from pdgw.ds301.loop.loop import Loop
 
 app = typer.Typer(help="Commissioning of an axis.", no_args_is_help=True)
 
@@ -47,6 +42,14 @@ def try_out(
     backward: Annotated[bool, typer.Option("--backward", help="With a negative speed.")] = False,
 ) -> None:
     """Turn an axis slowly without a PLC, after a typed confirmation, and compare what was commanded with what was seen."""
+    from pdgw.gateway.configuration.file import load_config
+    from pdgw.gateway.platform import SystemPlatform
+    from pdgw.gateway.service.confirmed_units import witnessed
+    from pdgw.gateway.store import ParameterStore
+    from pdgw.tools.bus_task import complete
+    from pdgw.tools.commissioning.axis_test import AxisTest, Choices
+    from pdgw.tools.service.child_processes import devices_beside
+
     choices = Choices(Fraction(str(percent)) * (-1 if backward else 1), Fraction(str(turns)))
     loaded = load_config(config)
     with ExitStack() as at_end:
@@ -81,6 +84,7 @@ def try_out(
 
 def _asking(loop: Loop) -> Callable[[str, Callable[[str], None]], None]:
     """Asks on the terminal while the gateway goes on; the end of the input is no confirmation."""
+    from pdgw.tools.commissioning.axis_test import TURNS
 
     def ask(wanted: str, answer: Callable[[str], None]) -> None:
         typer.echo("Turns: " if wanted == TURNS else f"Type '{wanted}' to continue: ", nl=False)

@@ -5,17 +5,17 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from pdgw.dsp402.objects import DRIVE_PROFILE
 from pdgw.dsp406.kinds import ENCODER_PROFILE
 from pdgw.durations import SECOND
-from pdgw.gateway.commissioning.scan import Expected, FoundNode, Scan, expected_on, load_sheets
-from pdgw.gateway.configuration.file import load_config
-from pdgw.gateway.configuration.tables.environment import CanConfig
-from pdgw.tools.bus_task import complete, opened
+
+if TYPE_CHECKING:
+    from pdgw.gateway.commissioning.scan import Expected, FoundNode
+    from pdgw.gateway.configuration.tables.environment import CanConfig
 
 app = typer.Typer(help="CAN bus without a running gateway.", no_args_is_help=True)
 
@@ -42,6 +42,11 @@ def scan(
     as_json: Annotated[bool, typer.Option("--json", help="A JSON list, one object per bus.")] = False,
 ) -> None:
     """List the nodes on a bus, what they are and what each telegram lacks with them; nothing is written to them."""
+    from pdgw.gateway.commissioning.scan import Scan, expected_on, load_sheets
+    from pdgw.gateway.configuration.file import load_config
+    from pdgw.gateway.configuration.tables.environment import CanConfig
+    from pdgw.tools.bus_task import complete, opened
+
     places: list[tuple[CanConfig, dict[int, Expected]]]
     if config is None:
         places = [(CanConfig(interface=interface, channel=channel, bitrate=bitrate, name=channel), {})]

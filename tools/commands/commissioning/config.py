@@ -4,23 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pdgw.ds301.bus.load import DEFAULT_BITRATE, check_load
-from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.node.plan import PdoPlan
 from pdgw.explain import counted
-from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.configuration.bus_load import check_cycle, cyclic_frames, latest
-from pdgw.gateway.configuration.check import references_wrong
-from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
-from pdgw.gateway.configuration.example import example as example_text
-from pdgw.gateway.configuration.file import load_config
-from pdgw.gateway.configuration.tables.environment import CanConfig, TransportConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.service.realtime import NEEDED_BELOW_MS
+
+if TYPE_CHECKING:
+    from pdgw.ds301.node.plan import PdoPlan
+    from pdgw.gateway.axis.settings import AxisSettings
+    from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
+    from pdgw.gateway.configuration.tables.environment import CanConfig
 
 app = typer.Typer(help="Configuration files.", no_args_is_help=True)
 
@@ -28,6 +23,8 @@ app = typer.Typer(help="Configuration files.", no_args_is_help=True)
 @app.command()
 def example() -> None:
     """Print a commented configuration."""
+    from pdgw.gateway.configuration.example import example as example_text
+
     typer.echo(example_text(), nl=False)
 
 
@@ -40,6 +37,10 @@ def check(
     ] = False,
 ) -> None:
     """Validate a file; exit status 1 and one line for each thing that is wrong."""
+    from pdgw.gateway.configuration.check import references_wrong
+    from pdgw.gateway.configuration.file import load_config
+    from pdgw.gateway.service.realtime import NEEDED_BELOW_MS
+
     config = load_config(file)
     wrong = references_wrong(config, file)
     if wrong:
@@ -78,6 +79,8 @@ def _check_buses(config: GatewayConfig) -> bool:
 
 def _scheduling(config: GatewayConfig) -> str:
     """What a short cycle needs of the operating system."""
+    from pdgw.gateway.service.realtime import NEEDED_BELOW_MS
+
     asked = (
         "[realtime] priority = 0 disables it"
         if config.realtime.priority == 0
@@ -88,6 +91,9 @@ def _scheduling(config: GatewayConfig) -> str:
 
 def _tell_bus(config: GatewayConfig, bus: CanConfig, plans: Mapping[int, PdoPlan]) -> None:
     """Print load and latest times of a bus; CanopenError when its cycle cannot hold. ``plans``: of the drives that were asked."""
+    from pdgw.ds301.bus.load import DEFAULT_BITRATE, check_load
+    from pdgw.gateway.configuration.bus_load import check_cycle, cyclic_frames, latest
+
     cycle_ms, bitrate = config.transport.cycle_time_ms, bus.bitrate or DEFAULT_BITRATE
     frames = cyclic_frames(config.axes_of(bus), config.encoders_of(bus), cycle_ms, plans)
     load = check_load(bus.name, frames, bitrate)
@@ -101,8 +107,9 @@ def _tell_bus(config: GatewayConfig, bus: CanConfig, plans: Mapping[int, PdoPlan
 
 def _start(config: GatewayConfig) -> None:
     """Whatever else the gateway refuses at its start: it is made in a world of its own; no interface, port or file is touched."""
-    from pdgw.gateway.assembly import build_gateway  # noqa: PLC0415 - slow to load, and a file that is wrong needs it not
-    from pdgw.peers.world import World  # noqa: PLC0415
+    from pdgw.gateway.assembly import build_gateway
+    from pdgw.gateway.configuration.tables.environment import TransportConfig
+    from pdgw.peers.world import World
 
     # A PROFINET link is made of a real interface only.
     transport = config.transport if config.transport.type == "udp" else TransportConfig()
@@ -111,9 +118,9 @@ def _start(config: GatewayConfig) -> None:
 
 def _tell_not_available(axis: AxisConfig, settings: AxisSettings) -> None:
     """One line for each object that the telegram can do without and that is not in the data sheet."""
-    from pdgw.dsp402.drive.client import load_eds  # noqa: PLC0415
-    from pdgw.dsp402.identification.describe import described_by_sheet  # noqa: PLC0415 - slow to load
-    from pdgw.gateway.commissioning.telegram_check import not_available  # noqa: PLC0415
+    from pdgw.dsp402.drive.client import load_eds
+    from pdgw.dsp402.identification.describe import described_by_sheet
+    from pdgw.gateway.commissioning.telegram_check import not_available
 
     if axis.eds is not None:
         drive = described_by_sheet(load_eds(axis.eds, axis.node_id), axis.units, axis.family or "")
@@ -123,11 +130,12 @@ def _tell_not_available(axis: AxisConfig, settings: AxisSettings) -> None:
 
 def _ask(config: GatewayConfig, axis: AxisConfig) -> PdoPlan | None:
     """Print what 100 % is for an axis and its PDOs; None when its telegram cannot be run with that."""
-    from pdgw.ds301.node.inquiry import Inquiry  # noqa: PLC0415 - a check of the file alone needs no CAN
-    from pdgw.dsp402.drive.client import load_eds  # noqa: PLC0415
-    from pdgw.dsp402.identification.probe import probe  # noqa: PLC0415
-    from pdgw.gateway.commissioning.telegram_check import lacks, missing_lines, planned  # noqa: PLC0415
-    from pdgw.tools.bus_task import complete, opened  # noqa: PLC0415
+    from pdgw.ds301.errors import CanopenError
+    from pdgw.ds301.node.inquiry import Inquiry
+    from pdgw.dsp402.drive.client import load_eds
+    from pdgw.dsp402.identification.probe import probe
+    from pdgw.gateway.commissioning.telegram_check import lacks, missing_lines, planned
+    from pdgw.tools.bus_task import complete, opened
 
     try:
         dictionary = load_eds(axis.eds, axis.node_id) if axis.eds else None

@@ -5,24 +5,19 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from pdgw.ds301.connection_set import NODE_IDS
-from pdgw.ds301.eds.importer import EdsImport
-from pdgw.ds301.eds.text import EdsError
-from pdgw.ds301.objects import Access, CanType
-from pdgw.dsp402.drive_type import DriveType
-from pdgw.dsp402.identification.describe import described_by_sheet
-from pdgw.dsp402.identification.overlay import Overlay, overlay, overlays
-from pdgw.dsp402.objects import CONTROLWORD, STATUSWORD
 from pdgw.explain import did_you_mean
-from pdgw.gateway.commissioning.telegram_check import lacks_by_telegram, missing_lines, not_available
 from pdgw.gateway.errors import GatewayError
-from pdgw.tools.output.data_sheets import import_document, imported, print_import, write_repaired
+
+if TYPE_CHECKING:
+    from pdgw.ds301.eds.importer import EdsImport
+    from pdgw.ds301.eds.text import EdsError
+    from pdgw.dsp402.drive_type import DriveType
+    from pdgw.dsp402.identification.overlay import Overlay
 
 
 def drives(
@@ -43,6 +38,8 @@ def drives(
 
     The exit status is 1 if a file cannot be used.
     """
+    from pdgw.dsp402.identification.overlay import overlay, overlays
+
     families = [name for name in items or () if name in overlays()]
     files = [Path(name) for name in items or () if name not in overlays()]
     if families and files:
@@ -61,6 +58,11 @@ def drives(
 
 
 def _list(*, as_json: bool) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from pdgw.dsp402.identification.overlay import overlays
+
     if as_json:
         typer.echo(json.dumps([_document(item) for item in overlays().values()], indent=2))
         return
@@ -108,6 +110,12 @@ def _print_family(item: Overlay) -> None:
 
 def _check(files: Sequence[Path], node_id: int, write: Path | None, *, as_json: bool) -> None:
     """Import each file, name its family and what each telegram lacks with the values of the file."""
+    from rich.console import Console
+
+    from pdgw.ds301.eds.importer import EdsImport
+    from pdgw.ds301.eds.text import EdsError
+    from pdgw.tools.output.data_sheets import import_document, imported, print_import, write_repaired
+
     results = [(file, imported(file, node_id)) for file in files]
     if as_json:
         documents = [import_document(file, result) | _match_document(result) for file, result in results]
@@ -128,6 +136,10 @@ def _check(files: Sequence[Path], node_id: int, write: Path | None, *, as_json: 
 
 def _drive_of(result: EdsImport | EdsError) -> DriveType | None:
     """The drive that a file describes; None for a file that cannot be used or of another device."""
+    from pdgw.ds301.eds.text import EdsError
+    from pdgw.dsp402.identification.describe import described_by_sheet
+    from pdgw.dsp402.objects import CONTROLWORD, STATUSWORD
+
     if isinstance(result, EdsError) or not {CONTROLWORD[0], STATUSWORD[0]} <= set(result.dictionary):
         return None
     return described_by_sheet(result.dictionary)
@@ -135,10 +147,14 @@ def _drive_of(result: EdsImport | EdsError) -> DriveType | None:
 
 def _not_available(drive: DriveType, numbers: Iterable[int]) -> dict[int, Sequence[str]]:
     """What the drive lacks for each telegram that runs without it."""
+    from pdgw.gateway.commissioning.telegram_check import not_available
+
     return {number: lines for number in numbers if (lines := not_available(drive, number))}
 
 
 def _match_document(result: EdsImport | EdsError) -> dict[str, Any]:
+    from pdgw.gateway.commissioning.telegram_check import lacks_by_telegram, missing_lines
+
     drive = _drive_of(result)
     if drive is None:
         return {}
@@ -156,6 +172,9 @@ def _match_document(result: EdsImport | EdsError) -> dict[str, Any]:
 
 
 def _print_match(drive: DriveType) -> None:
+    from pdgw.dsp402.identification.overlay import overlay
+    from pdgw.gateway.commissioning.telegram_check import lacks_by_telegram, missing_lines
+
     missing = lacks_by_telegram(drive)
     without = _not_available(drive, missing)
     typer.echo(
@@ -188,6 +207,8 @@ def _document(item: Overlay) -> dict[str, Any]:
 
 
 def _plain(value: object) -> object:
+    from pdgw.ds301.objects import Access, CanType
+
     if isinstance(value, CanType):
         return value.name
     if isinstance(value, Access):

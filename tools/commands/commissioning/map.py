@@ -8,21 +8,18 @@ import sys
 from collections.abc import Callable, Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
-from pdgw.gateway.configuration.byte_map import FrameMap, Place, frame_maps
-from pdgw.gateway.configuration.file import load_config
-from pdgw.gateway.configuration.tables.environment import TransportConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.frame import FRAME_ID_TO_CONTROLLER, FRAME_ID_TO_DEVICE
 from pdgw.profidrive.telegrams import Direction
-from pdgw.tools.output.gsdml import write_gsdml
-from pdgw.tools.output.tables import plain_table
-from pdgw.tools.plc.code import siemens_scl, siemens_types, structured_text
-from pdgw.tools.plc.plcopen import plcopen_xml
+
+if TYPE_CHECKING:
+    from pdgw.gateway.configuration.byte_map import FrameMap, Place
+
+    Maps = tuple[FrameMap, FrameMap]
 
 _TITLES = {
     Direction.SETPOINT: f"PLC -> gateway, FrameID {FRAME_ID_TO_DEVICE:04X}h",
@@ -57,9 +54,6 @@ class Format(StrEnum):
     PLCOPEN = "plcopen"
 
 
-Maps = tuple[FrameMap, FrameMap]
-
-
 def map_(
     config: Annotated[
         Path | None,
@@ -79,6 +73,13 @@ def map_(
     ] = None,
 ) -> None:
     """Print the byte map of a configuration: offset, length, signal, unit and 100 % of every value; or code for the PLC."""
+    from pdgw.gateway.configuration.byte_map import frame_maps
+    from pdgw.gateway.configuration.file import load_config
+    from pdgw.gateway.configuration.tables.environment import TransportConfig
+    from pdgw.tools.output.gsdml import write_gsdml
+    from pdgw.tools.plc.code import siemens_scl, siemens_types, structured_text
+    from pdgw.tools.plc.plcopen import plcopen_xml
+
     if config is None:
         if gsdml is None:
             raise GatewayError("CONFIG is missing: give a configuration file; only --gsdml works without it")
@@ -139,6 +140,10 @@ def _profinet_text(maps: Maps, width: int | None) -> str:
 
 def _tables(tables: Sequence[tuple[str, Sequence[tuple[str, int, Place]]]], width: int | None, remark: str) -> str:
     """Tables with a title and rows of whose it is, at which byte, and what."""
+    from rich.console import Console
+
+    from pdgw.tools.output.tables import plain_table
+
     console = Console(file=io.StringIO(), width=width or Console().width)
     for title, rows in tables:
         table = plain_table(

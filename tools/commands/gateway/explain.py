@@ -13,9 +13,6 @@ import typer
 
 from pdgw.gateway.configuration.tables.defaults import STATUS_PORT
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.service.status_client import fetch, fetch_explanation
-from pdgw.gateway.trace.reader import RingReader
-from pdgw.recording.trace_file import save
 
 
 def explain(
@@ -29,6 +26,8 @@ def explain(
     ] = None,
 ) -> None:
     """Show what happened around the last fault or stop, in at most ten lines."""
+    from pdgw.gateway.service.status_client import fetch, fetch_explanation
+
     lines = [explained_line(line) for line in fetch_explanation(port, do_id)]
     lines = lines or ["no fault or stop since the gateway started"]
     for line in lines:
@@ -49,6 +48,9 @@ def explained_line(line: dict[str, Any]) -> str:
 
 
 def _write(path: Path, lines: list[str], document: dict[str, Any]) -> None:
+    from pdgw.gateway.trace.reader import RingReader
+    from pdgw.recording.trace_file import save
+
     try:
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
             archive.writestr("explain.txt", "\n".join(lines) + "\n")

@@ -8,27 +8,21 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 from uuid import UUID
 
 import typer
-from rich.console import Console
-from rich.progress import Progress as ProgressBar
-from rich.text import Text
 
-from pdgw.client.address import parse_target, parse_type, parse_value
-from pdgw.client.dump import Dump, difference, other_origin, other_telegram, read_all, restore
-from pdgw.client.identify import read_identification
-from pdgw.client.names import full_name
-from pdgw.client.session import Element, Progress, Session, address_text, meaning
-from pdgw.client.udp import ParameterClient
 from pdgw.explain import counted
 from pdgw.gateway.errors import GatewayError
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.rpc.identification import PROFILE_ID
 from pdgw.profinet.rpc.records import NIL
 from pdgw.tools.address import parse_address
-from pdgw.tools.output.tables import plain_table
+
+if TYPE_CHECKING:
+    from pdgw.client.session import Element, Progress, Session
+    from pdgw.client.udp import ParameterClient
 
 app = typer.Typer(help="Parameters of a gateway or of another PROFIdrive device.", no_args_is_help=True)
 
@@ -71,6 +65,8 @@ def options(
 
 @contextmanager
 def _client(gateway: str, do_id: int) -> Iterator[ParameterClient]:
+    from pdgw.client.udp import ParameterClient
+
     place = _place
     with ParameterClient(
         parse_address(gateway, ACYCLIC_PORT),
@@ -88,6 +84,8 @@ def _client(gateway: str, do_id: int) -> Iterator[ParameterClient]:
 
 @contextmanager
 def _session(gateway: str, do_id: int) -> Iterator[Session]:
+    from pdgw.client.session import Session
+
     with _client(gateway, do_id) as client:
         yield Session(client)
 
@@ -95,6 +93,9 @@ def _session(gateway: str, do_id: int) -> Iterator[Session]:
 @contextmanager
 def _progress(what: str) -> Iterator[Progress | None]:
     """A bar for long work on a terminal."""
+    from rich.console import Console
+    from rich.progress import Progress as ProgressBar
+
     if not sys.stderr.isatty():
         yield None
         return
@@ -105,6 +106,11 @@ def _progress(what: str) -> Iterator[Progress | None]:
 
 def _show(session: Session, elements: list[Element], *, as_json: bool) -> None:
     """Print, and end with status 1 when something failed."""
+    from rich.console import Console
+
+    from pdgw.client.session import address_text, meaning
+    from pdgw.tools.output.tables import plain_table
+
     if as_json:
         typer.echo(json.dumps([element.document() for element in elements], indent=2))
     else:
@@ -133,6 +139,8 @@ def read(
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Read parameters; without a subindex, all elements of an array."""
+    from pdgw.client.address import parse_target
+
     targets = [parse_target(text) for text in parameters]
     with _session(gateway, do_id) as session:
         with _progress("reading") as progress:
@@ -154,6 +162,8 @@ def write(
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Write parameters; as many as possible in one request."""
+    from pdgw.client.address import parse_target, parse_type, parse_value
+
     if len(assignments) % 2:
         raise GatewayError(f"{assignments[-1]!r}: a value is missing; expected PARAMETER VALUE pairs")
     pairs = [(parse_target(name), value) for name, value in zip(assignments[::2], assignments[1::2], strict=True)]
@@ -174,6 +184,12 @@ def list_(
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """List all parameters of the device (P980 ff)."""
+    from rich.console import Console
+
+    from pdgw.client.names import full_name
+    from pdgw.client.session import address_text
+    from pdgw.tools.output.tables import plain_table
+
     with _session(gateway, do_id) as session, _progress("reading descriptions") as progress:
         pnus = session.pnus()
         descriptions = session.describe(pnus, progress)
@@ -211,6 +227,12 @@ def describe(
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Show description, limits and texts of parameters."""
+    from rich.console import Console
+
+    from pdgw.client.address import parse_target
+    from pdgw.client.names import full_name
+    from pdgw.client.session import address_text
+
     targets = [parse_target(text) for text in parameters]
     documents: list[dict[str, object]] = []
     with _session(gateway, do_id) as session:
@@ -251,6 +273,12 @@ def describe(
 @app.command()
 def identify(gateway: Annotated[str, GATEWAY] = _DEFAULT, as_json: Annotated[bool, JSON] = False) -> None:
     """Show vendor, order number, serial number, revisions and tags of the device (I&M0 to I&M4)."""
+    from rich.console import Console
+    from rich.text import Text
+
+    from pdgw.client.identify import read_identification
+    from pdgw.tools.output.tables import plain_table
+
     with _client(gateway, 0) as client:
         fields = read_identification(client)
     if as_json:
@@ -269,6 +297,11 @@ def dump(
     do_id: Annotated[int, DO] = 1,
 ) -> None:
     """Save all parameters of a drive object."""
+    from rich.console import Console
+
+    from pdgw.client.dump import read_all
+    from pdgw.client.session import address_text
+
     with _session(gateway, do_id) as session, _progress("reading") as progress:
         saved, failed = read_all(session, progress)
     saved.save(file)
@@ -303,6 +336,12 @@ def restore_(
     ] = False,
 ) -> None:
     """Show the differences between a file and the device, then write all differing settings or none."""
+    from rich.console import Console
+
+    from pdgw.client.dump import Dump, difference, other_origin, other_telegram, restore
+    from pdgw.client.session import address_text
+    from pdgw.tools.output.tables import plain_table
+
     saved = Dump.load(file)
     console = Console()
     with _session(gateway, do_id) as session:

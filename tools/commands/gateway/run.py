@@ -11,24 +11,19 @@ from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from types import FrameType
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from pydantic import ValidationError
 
 from pdgw.explain import Problem, problems
-from pdgw.gateway.assembly import build_gateway
-from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.configuration.example import SIMULATED_ENCODER_TELEGRAM, simulated
-from pdgw.gateway.configuration.file import load_config
-from pdgw.gateway.configuration.tables.environment import CanConfig
+from pdgw.gateway.configuration.tables.defaults import SIMULATED_ENCODER_TELEGRAM
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.service import realtime
-from pdgw.gateway.service.build import build_text
 from pdgw.tools.commands.simulation.options import only_with, telegrams_of_axes
-from pdgw.tools.service.child_processes import devices_beside, keeper_beside, page_beside
-from pdgw.tools.service.log_format import LogFormat
-from pdgw.tools.service.run_log import CanRecorder, LogLevel, RunLog, on_signals
+from pdgw.tools.service.log_format import LogFormat, LogLevel
+
+if TYPE_CHECKING:
+    from pdgw.gateway.configuration.config import GatewayConfig
+    from pdgw.gateway.configuration.tables.environment import CanConfig
 
 log = logging.getLogger("gateway")
 
@@ -39,6 +34,10 @@ def _log_name(bus: CanConfig) -> str:
 
 
 def _with_options(config: GatewayConfig, updates: dict[str, object]) -> GatewayConfig:
+    from pydantic import ValidationError
+
+    from pdgw.gateway.configuration.config import GatewayConfig
+
     given = {key: value for key, value in updates.items() if value is not None}
     if not given:
         return config
@@ -110,6 +109,14 @@ def run(
 
     SIGHUP opens the log file again.
     """
+    from pdgw.gateway.assembly import build_gateway
+    from pdgw.gateway.configuration.example import simulated
+    from pdgw.gateway.configuration.file import load_config
+    from pdgw.gateway.service import realtime
+    from pdgw.gateway.service.build import build_text
+    from pdgw.tools.service.child_processes import devices_beside, keeper_beside, page_beside
+    from pdgw.tools.service.run_log import CanRecorder, RunLog, on_signals
+
     if simulate == (config is not None):
         raise GatewayError("give either a configuration file or --simulate")
     if config is None:
@@ -147,7 +154,7 @@ def run(
             at_end.callback(recorder.stop)
         recording = platform = ethernet = None
         if record is not None:
-            from pdgw.recording.recorder import RecordedEthernet, Recorder, RecordingPlatform  # noqa: PLC0415 (loads the decoder)
+            from pdgw.recording.recorder import RecordedEthernet, Recorder, RecordingPlatform
 
             recording = Recorder(record, chosen, record_size << 20, record_files)
             at_end.callback(recording.stop)

@@ -10,15 +10,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.live import Live
-from rich.text import Text
 
 from pdgw.gateway.configuration.tables.defaults import STATUS_PORT
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.service.status_client import fetch, fetch_faults
-from pdgw.tools.output.status_check import Health, check_line
-from pdgw.tools.output.status_text import fault_lines, object_lines, status_lines
 
 _PERIOD_S = 1.0
 
@@ -77,6 +71,8 @@ def status(
 
 
 def _lines(document: dict[str, Any], do_id: int | None, width: int, *, counters: bool, faults: bool) -> Iterator[str]:
+    from pdgw.tools.output.status_text import fault_lines, object_lines, status_lines
+
     if do_id is not None:
         yield from object_lines(document, do_id, width)
         return
@@ -87,6 +83,8 @@ def _lines(document: dict[str, Any], do_id: int | None, width: int, *, counters:
 
 
 def _document(port: int, *, faults: bool) -> dict[str, Any]:
+    from pdgw.gateway.service.status_client import fetch, fetch_faults
+
     document = fetch(port)
     if faults:
         for item in (*document["axes"], *document["encoders"]):
@@ -95,6 +93,9 @@ def _document(port: int, *, faults: bool) -> dict[str, Any]:
 
 
 def _check(port: int) -> None:
+    from pdgw.gateway.service.status_client import fetch
+    from pdgw.tools.output.status_check import Health, check_line
+
     try:
         health, line = check_line(fetch(port))
     except GatewayError as error:
@@ -105,8 +106,8 @@ def _check(port: int) -> None:
 
 def _fleet(inventory: Path, *, as_json: bool) -> None:
     # YAML and threads, which no other form of the command needs.
-    from pdgw.tools.output.fleet_table import lines, rows, worst  # noqa: PLC0415
-    from pdgw.tools.service.fleet import ask_all, places  # noqa: PLC0415
+    from pdgw.tools.output.fleet_table import lines, rows, worst
+    from pdgw.tools.service.fleet import ask_all, places
 
     answers = ask_all(places(inventory))
     table = rows(
@@ -122,6 +123,10 @@ def _fleet(inventory: Path, *, as_json: bool) -> None:
 
 def _watch(port: int, do_id: int | None, *, as_json: bool, counters: bool, faults: bool) -> None:
     """A gateway that does not answer is asked again; on a terminal the picture stays in its place, elsewhere each is printed."""
+    from rich.console import Console
+    from rich.live import Live
+    from rich.text import Text
+
     console = Console()
     with Live(console=console, auto_refresh=False, screen=console.is_terminal and not as_json) as live:
         while True:

@@ -9,19 +9,17 @@ import signal
 import sys
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pdgw.durations import SECOND
 from pdgw.explain import counted
-from pdgw.gateway.configuration.tables.environment import Trigger
+from pdgw.gateway.configuration.tables.defaults import Trigger
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.store import state_directory
-from pdgw.gateway.trace.place import rings, run_directory
-from pdgw.gateway.trace.reader import RingReader
-from pdgw.recording.trace_file import chosen_ring, is_alive, save
-from pdgw.recording.trace_keeper import Choice, follow, sleeping
+
+if TYPE_CHECKING:
+    from pdgw.gateway.trace.reader import RingReader
 
 app = typer.Typer(help="The flight recorder: the last minutes of both buses.", no_args_is_help=True)
 
@@ -45,6 +43,9 @@ def save_(
     last: Annotated[float | None, typer.Option(min=0.001, help="Only the last SECONDS.")] = None,
 ) -> None:
     """Write both buses and the configuration as pcapng, for Wireshark, `pdgw timeline` and `pdgw replay`."""
+    from pdgw.gateway.trace.reader import RingReader
+    from pdgw.recording.trace_file import chosen_ring, is_alive, save
+
     with RingReader(chosen_ring(ring)) as reader:
         newest = reader.cycles(at_most=1)
         begin = None if last is None or not newest else newest[0].time_ns - int(last * SECOND)
@@ -56,6 +57,9 @@ def save_(
 @app.command("list")
 def list_() -> None:
     """The rings of this machine, those of gateways that ended or were killed too."""
+    from pdgw.gateway.trace.place import rings, run_directory
+    from pdgw.gateway.trace.reader import RingReader
+
     for path in rings():
         try:
             with RingReader(path) as reader:
@@ -67,6 +71,8 @@ def list_() -> None:
 
 
 def _line(reader: RingReader) -> str:
+    from pdgw.recording.trace_file import is_alive
+
     state = f"process {reader.process}" if is_alive(reader) else "ended" if reader.ended else "killed"
     cycles = reader.cycles()
     if not cycles:
@@ -93,6 +99,9 @@ def watch(
     attached: Annotated[bool, typer.Option("--attached", hidden=True)] = False,
 ) -> None:
     """Keep a file of what was before and after each fault, or each stop the PLC did not ask for."""
+    from pdgw.recording.trace_file import chosen_ring
+    from pdgw.recording.trace_keeper import Choice, follow, sleeping
+
     triggers = frozenset(on or Trigger)
     directory = to if to is not None else kept_directory()
     choice = Choice(directory, triggers, before, after, files)
@@ -112,6 +121,8 @@ def watch(
 
 def kept_directory() -> Path:
     """Where kept files go that are told no other place; GatewayError when there is no home directory either."""
+    from pdgw.gateway.store import state_directory
+
     state = state_directory()
     if state is None:
         raise GatewayError("--to is missing: this machine has no state directory")

@@ -8,21 +8,17 @@ import sys
 import threading
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from pydantic import ValidationError
 
 from pdgw.explain import problems
 from pdgw.extras import EXTRA_OF, missing
-from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.configuration.file import load_config
-from pdgw.gateway.configuration.tables.web import WebConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.recording.trace_file import captured
-from pdgw.tools.service.log_format import LogFormat
-from pdgw.tools.service.run_log import LogLevel, RunLog
-from pdgw.web.parameters import PageParameters
+from pdgw.tools.service.log_format import LogFormat, LogLevel
+
+if TYPE_CHECKING:
+    from pdgw.gateway.configuration.config import GatewayConfig
 
 _NICE = 10
 _ANYWHERE = "0.0.0.0"
@@ -39,6 +35,11 @@ def web(
     attached: Annotated[bool, typer.Option("--attached", hidden=True, help="End when standard input closes.")] = False,
 ) -> None:
     """Serve the status of a running gateway to browsers, Prometheus and MQTT; read-only."""
+    from pdgw.gateway.configuration.file import load_config
+    from pdgw.recording.trace_file import captured
+    from pdgw.tools.service.run_log import RunLog
+    from pdgw.web.parameters import PageParameters
+
     _stand_back()
     if attached:
         if hasattr(os, "sched_setaffinity"):  # the processors the gateway has chosen are its own
@@ -51,7 +52,7 @@ def web(
         run_log = RunLog(log_level, log_file, log_format)
         at_end.callback(run_log.stop)
         try:
-            from pdgw.web.run import serve  # noqa: PLC0415 (of an extra)
+            from pdgw.web.run import serve
 
             serve(chosen, PageParameters(_record_channel(chosen)), captured)
         except ModuleNotFoundError as error:
@@ -76,6 +77,10 @@ def _end_with_input() -> None:
 
 
 def _listening(config: GatewayConfig, listen: str) -> GatewayConfig:
+    from pydantic import ValidationError
+
+    from pdgw.gateway.configuration.tables.web import WebConfig
+
     try:
         web_config = WebConfig.model_validate(config.web.model_dump() | {"listen": listen})
     except ValidationError as error:

@@ -5,21 +5,21 @@ from __future__ import annotations
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.live import Live
-from rich.table import Table
 
 from pdgw.gateway.errors import GatewayError
-from pdgw.peers.plc.engine import Result
-from pdgw.tools.commands.simulation.plc import results_table
-from pdgw.tools.demo import namespaces
-from pdgw.tools.demo.chapters import CHAPTERS, Chapter
-from pdgw.tools.demo.links import OnEthernet, OnLoopback
-from pdgw.tools.demo.run import Demo, Outcome
+from pdgw.tools.demo.chapters import CHAPTERS
 from pdgw.tools.termination import end_as_by_ctrl_c
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.live import Live
+    from rich.table import Table
+
+    from pdgw.tools.demo.chapters import Chapter
+    from pdgw.tools.demo.run import Outcome
 
 Story = StrEnum("Story", {name: name for name in CHAPTERS})  # type: ignore[misc]  # made of the chapters
 CHAPTERS_HELP = "; ".join(f"{item.name}: {item.about}" for item in CHAPTERS.values())
@@ -52,6 +52,8 @@ class _Story:
             self.console.print(f"           FAILED {document['result']['name']}: {document['result']['measured']}")
 
     def table(self) -> Table:
+        from rich.table import Table
+
         grid = Table("story", "passed", "failed", title=f"pdgw demo, chapter {self.chapter}")
         for text, passed, failed in self.lines[-20:]:
             grid.add_row(text, f"[green]{passed}[/green]", f"[red]{failed}[/red]" if failed else "")
@@ -78,6 +80,10 @@ def demo(
     ] = None,
 ) -> None:
     """Run a PLC, the gateway and simulated drives in chapters; report every expectation as pass or fail."""
+    from rich.console import Console
+
+    from pdgw.tools.demo import namespaces
+
     chosen = [CHAPTERS[item.value] for item in dict.fromkeys(chapter or Story)]
     if scenario is not None and len(chosen) > 1:
         raise GatewayError(f"--scenario: needs one --chapter too ({', '.join(CHAPTERS)})")
@@ -97,6 +103,13 @@ def demo(
 
 def _play(chapter: Chapter, out: Path, console: Console, scenario: Path | None, *, profinet: bool) -> Outcome:
     """One chapter, with its results."""
+    from rich.live import Live
+
+    from pdgw.peers.plc.engine import Result
+    from pdgw.tools.commands.simulation.plc import results_table
+    from pdgw.tools.demo.links import OnEthernet, OnLoopback
+    from pdgw.tools.demo.run import Demo
+
     console.print(f"Chapter {chapter.name}: {chapter.about}", style="bold", highlight=False)
     story = _Story(console, chapter.name)
     run = Demo(chapter, out, story.show, OnEthernet() if profinet else OnLoopback(), scenario)

@@ -8,21 +8,16 @@ from __future__ import annotations
 import socket
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pdgw.gateway.configuration.tables.environment import CanConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.platform import open_configured_bus
-from pdgw.peers.bus import DEFAULT_PORT, INTERFACE, ServedBus
-from pdgw.peers.drive import ENGEL, SHAPES
-from pdgw.peers.simulation.config import ControlConfig, example, load_bus
-from pdgw.peers.simulation.configured_devices import add_device
-from pdgw.peers.simulation.console import COMMANDS
-from pdgw.peers.simulation.devices import Simulation
-from pdgw.peers.simulation.running import run, run_nodes
+from pdgw.peers.option_values import BUS_PORT, CONSOLE_COMMANDS, ENGEL, SHAPES
 from pdgw.tools.commands.simulation.options import ControlPort
+
+if TYPE_CHECKING:
+    from pdgw.peers.bus import ServedBus
 
 
 def drive(
@@ -32,13 +27,16 @@ def drive(
     node_id: Annotated[
         list[int] | None, typer.Option(min=1, max=126, help="Node-ID; repeat for several drives.")
     ] = None,
-    like: Annotated[str, typer.Option(help=f"Shape of the drive: {', '.join(SHAPES)}.")] = ENGEL.name,
+    like: Annotated[str, typer.Option(help=f"Shape of the drive: {', '.join(SHAPES)}.")] = ENGEL,
     axis: Annotated[
         str, typer.Option(help="Axis: rotary (a shaft) or linear (a slide with limit switches).")
     ] = "rotary",
     control_port: ControlPort = 0,
 ) -> None:
     """Run simulated drives until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`."""
+    from pdgw.peers.simulation.config import ControlConfig
+    from pdgw.peers.simulation.running import run_nodes
+
     control = ControlConfig(port=control_port)
     run_nodes("drive", (interface, channel, bitrate), node_id or [1], control, "drive", like=like, axis=axis)
 
@@ -51,11 +49,19 @@ def bus(
     ] = False,
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Loopback UDP port of --serve, 0 for a free one.")
-    ] = DEFAULT_PORT,
+    ] = BUS_PORT,
     attached: Annotated[bool, typer.Option("--attached", hidden=True, help="End when standard input closes.")] = False,
     example_: Annotated[bool, typer.Option("--example", help="Print a commented example of the file.")] = False,
 ) -> None:
     """Run the simulated devices of FILE with their faults until SIGINT, SIGTERM or `quit`; --serve opens the bus too."""
+    from pdgw.gateway.configuration.tables.environment import CanConfig
+    from pdgw.gateway.platform import open_configured_bus
+    from pdgw.peers.bus import INTERFACE, ServedBus
+    from pdgw.peers.simulation.config import ControlConfig, example, load_bus
+    from pdgw.peers.simulation.configured_devices import add_device
+    from pdgw.peers.simulation.devices import Simulation
+    from pdgw.peers.simulation.running import run
+
     if example_:
         typer.echo(example(), nl=False)
         return
@@ -81,7 +87,7 @@ def bus(
 
 
 def inject(
-    command: Annotated[list[str], typer.Argument(help=COMMANDS + " (@N: only node N).")],
+    command: Annotated[list[str], typer.Argument(help=CONSOLE_COMMANDS + " (@N: only node N).")],
     port: Annotated[int, typer.Option(min=1, max=65535, help="The simulator's --control-port.")],
 ) -> None:
     """Send a command to running simulated devices, for example a fault."""

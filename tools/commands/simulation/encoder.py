@@ -7,9 +7,7 @@ from typing import Annotated
 import typer
 
 from pdgw.dsp406.kinds import DEVICES, ROTARY
-from pdgw.peers.encoder.motion import MOTIONS
-from pdgw.peers.simulation.config import ControlConfig
-from pdgw.peers.simulation.running import run_nodes
+from pdgw.peers.option_values import MOTIONS
 from pdgw.tools.commands.simulation.options import ControlPort
 
 
@@ -31,6 +29,9 @@ def encoder(
     control_port: ControlPort = 0,
 ) -> None:
     """Run simulated encoders until SIGINT, SIGTERM or `quit`. Commands on standard input: see `pdgw sim inject`."""
+    from pdgw.peers.simulation.config import ControlConfig
+    from pdgw.peers.simulation.running import run_nodes
+
     control = ControlConfig(port=control_port)
     options = {"model": model, "channels": channels, "motion": motion or ()}
     run_nodes("encoder", (interface, channel, bitrate), node_id or [1], control, f"{model} encoder", **options)

@@ -11,37 +11,30 @@ from collections.abc import Callable
 from dataclasses import asdict
 from ipaddress import IPv4Interface
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.configuration.toml_file import read_text
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.links.udp import Address
-from pdgw.peers.plc.client import PlcClient, PlcRunner
-from pdgw.peers.plc.engine import Engine, Result
-from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
-from pdgw.peers.plc.exchange.view import snapshot
-from pdgw.peers.plc.keyboard import Keyboard
-from pdgw.peers.plc.scenario_file import load_scenario
-from pdgw.peers.plc.structured_text.controller import Controller
-from pdgw.peers.plc.structured_text.endpoint import ProgramEndpoint
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import CYCLIC_PORT
-from pdgw.profidrive.telegrams import telegram as telegram_of
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
-from pdgw.profinet.station import check_name
 from pdgw.tools.address import parse_address
 from pdgw.tools.commands.simulation.options import only_with, telegrams_of_axes
 from pdgw.tools.keys import read_keys
 from pdgw.tools.output.files import to_be_written
-from pdgw.tools.output.reports import Check, HtmlFile, JUnitFile, Report
-from pdgw.tools.output.tables import plain_table
-from pdgw.tools.plc_window import watch
+from pdgw.tools.output.reports import HtmlFile, JUnitFile
 from pdgw.tools.termination import end_as_by_ctrl_c
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from pdgw.gateway.links.udp import Address
+    from pdgw.peers.plc.client import PlcRunner
+    from pdgw.peers.plc.engine import Engine, Result
+    from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
+    from pdgw.tools.output.reports import Report
 
 _SNAPSHOT_NS = 100 * MS
 _SILENCE_NS = 2 * SECOND
@@ -50,6 +43,8 @@ _SILENCE_NS = 2 * SECOND
 
 def results_table(results: list[Result]) -> Table:
     """Every expectation with pass or fail."""
+    from pdgw.tools.output.tables import plain_table
+
     grid = plain_table("step", "axis", "expectation", "measured", "after", "")
     for item in results:
         verdict = "[green]pass[/green]" if item.passed else "[red]FAIL[/red]"
@@ -136,6 +131,15 @@ def plc(
     ] = False,
 ) -> None:
     """Simulate a PLC with a scenario (exit status 1 if an expectation fails), the keyboard, or a Structured Text program."""
+    from rich.console import Console
+
+    from pdgw.peers.plc.client import PlcClient
+    from pdgw.peers.plc.engine import Engine, Result
+    from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
+    from pdgw.peers.plc.scenario_file import load_scenario
+    from pdgw.profidrive.telegrams import telegram as telegram_of
+    from pdgw.tools.plc_window import watch
+
     address = parse_address(gateway, CYCLIC_PORT)
     if interactive + (scenario is not None) + bool(st) != 1:
         raise GatewayError("give either a scenario file, --interactive or --st")
@@ -195,6 +199,11 @@ def plc(
 
 def _run_program(files: list[Path], address: Address, cycle_ns: int, pcap: Path | None) -> None:
     """Run a program until its output ``finished``; each change of an output is a line."""
+    from pdgw.gateway.configuration.toml_file import read_text
+    from pdgw.peers.plc.client import PlcClient
+    from pdgw.peers.plc.structured_text.controller import Controller
+    from pdgw.peers.plc.structured_text.endpoint import ProgramEndpoint
+
     controller = Controller(*(read_text(file) for file in files), files=[file.name for file in files])
     client = PlcClient(address, ProgramEndpoint(controller), cycle_ns, pcap)
     begin = time.monotonic_ns()
@@ -235,6 +244,9 @@ def _close(client: PlcRunner, trace: Path | None) -> GatewayError | None:
 
 def _report(engine: Engine, scenario: Path, gateway: str) -> Report:
     """The expectations as checks; a gateway that was not there is one that failed."""
+    from pdgw.gateway.configuration.toml_file import read_text
+    from pdgw.tools.output.reports import Check, Report
+
     checks = [
         Check(
             f"axis {item.axis}",
@@ -253,7 +265,8 @@ def _report(engine: Engine, scenario: Path, gateway: str) -> Report:
 
 def _connected(interface: str, name: str, device_ip: str, endpoint: PlcEndpoint, cycle_ns: int) -> PlcRunner:
     """The PLC on PROFINET, connected: a scenario begins when data is exchanged."""
-    from pdgw.peers.controller.plc import ProfinetPlc  # noqa: PLC0415 (Linux only)
+    from pdgw.peers.controller.plc import ProfinetPlc
+    from pdgw.profinet.station import check_name
 
     try:
         address = IPv4Interface(device_ip)
@@ -279,6 +292,8 @@ def _finish(engine: Engine, as_json: Path | None, begin_s: float, *, progress: b
 
     ``begin_s``: what their times count from, in seconds of the epoch.
     """
+    from rich.console import Console
+
     endpoint = engine.endpoint
     reached = bool(endpoint.counters["received"])
     if as_json is not None:
@@ -317,6 +332,8 @@ class Output:
 
     def show(self, engine: Engine | None, title: str) -> None:
         """Once a cycle."""
+        from pdgw.peers.plc.exchange.view import snapshot
+
         if engine is not None:
             for when, note in engine.notes[self._notes :]:
                 self._notes += 1
@@ -349,6 +366,8 @@ class Output:
 
 def _obey_keys(client: PlcRunner, endpoint: PlcEndpoint, output: Output) -> None:
     """Keys from standard input, until its end or the exit key."""
+    from pdgw.peers.plc.keyboard import Keyboard
+
     keyboard = Keyboard(endpoint, output.tell, client.stop)
 
     def cycle() -> None:
