@@ -82,7 +82,7 @@ COMPILED := build/compiled
 WITH_COMPILED := PYTHONSAFEPATH=1 PYTHONPATH=$(CURDIR)/$(COMPILED)
 
 compiled: $(STAMP)
-	rm -rf build/lib* build/bdist* build/temp* build/mypyc build/wheel $(COMPILED)
+	rm -rf build/lib* build/bdist* build/temp* build/mypyc build/c build/wheel $(COMPILED)
 	PDGW_COMPILED=1 $(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps -w build/wheel .
 	$(BIN)/python -m zipfile -e build/wheel/*.whl $(COMPILED)
 

@@ -70,6 +70,8 @@ COMPILED = (
 (``ds301/bus/on_canopen.py``), an interpreted class derived from a compiled one, a value of another type than declared, ``...`` as
 a default, a constant tuple of floats. A constant is ``Final``, or it is looked up by its name in every cycle."""
 TREE = Path("build/mypyc")
+HEADERS = Path("build/c/pdgw")
+"""Where mypyc writes the headers of the group, which its compiler options do not have."""
 WANTED = os.environ.get("PDGW_COMPILED") == "1"
 
 
@@ -99,10 +101,14 @@ def extensions() -> list[Any]:
     made: list[Any] = mypycify(
         [*options, *(str(package / file) for pattern in COMPILED for file in sorted(Path().glob(pattern)))],
         group_name="pdgw.compiled",
+        # One C file for each module: a single one has 95 MB, of which four fifths are leading spaces.
+        multi_file=True,
         # What the highest level adds is hardly to be measured, and twice as long in coming.
         opt_level="1",
         debug_level="0",
+        target_dir=str(HEADERS.parent),
     )
+    made[0].include_dirs.append(str(HEADERS))
     return made
 
 
