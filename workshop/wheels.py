@@ -53,14 +53,14 @@ def versions() -> list[str]:
 
 
 def interpreters() -> list[Path]:
-    """One Python of each version that is at hand: in the path, or the newest one of pyenv."""
+    """One Python of each version that is at hand: this one, the newest one of pyenv, or that of the path."""
     pyenv = Path(os.environ.get("PYENV_ROOT", "~/.pyenv")).expanduser() / "versions"
     found = []
     for version in versions():
-        own = sorted(pyenv.glob(f"{version}.*/bin/python{version}"), key=_patch)
-        named = Path(sys.executable) if version == sysconfig.get_python_version() else shutil.which(f"python{version}")
-        if named or own:
-            found.append(Path(named or own[-1]))
+        installed = sorted(pyenv.glob(f"{version}.*/bin/python{version}"), key=_patch)
+        own = sys.executable if version == sysconfig.get_python_version() else None
+        if python := own or (installed[-1] if installed else shutil.which(f"python{version}")):
+            found.append(Path(python))
         else:
             print(f"Python {version}: not found, no wheel", file=sys.stderr)
     return found
