@@ -32,16 +32,11 @@ from pdgw.decoder.replay.recorded import (
     Sent,
     Setpoints,
 )
-from pdgw.ds301.aborts import abort_text
+from pdgw.decoder.replay.recorded_drive import RecordedDrive, sdo_result
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.pdo import Pdo, PdoDirection
 from pdgw.dsp402.drive import touch_probe
-from pdgw.dsp402.drive_type import DriveType
-from pdgw.dsp402.identification.generic import recorded_answer, recorded_drive_type, recorded_families
-from pdgw.dsp402.objects import HOMING_METHOD
-from pdgw.dsp402.optional_objects import image_entry
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.values import Configured
 from pdgw.gateway.configuration.tables.defaults import WATCHDOG_FACTOR
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.signals import signal
@@ -72,16 +67,9 @@ class _Node:
     configured: list[Learned] = field(default_factory=list)
     sent: dict[int, list[Sent]] = field(default_factory=dict)
     online: list[tuple[int, bool]] = field(default_factory=list)
-    answers: dict[tuple[int, int], int] = field(default_factory=dict)
-    homing_method: int = 0
-    started: bool = True
-    """Until an NMT command says otherwise: a recording may begin in operation."""
-    last: dict[int, bytes] = field(default_factory=dict)
+    drive: RecordedDrive = field(default_factory=RecordedDrive)
     rpdos: dict[int, Pdo | None] = field(default_factory=dict)
     end_ns: int = 0
-
-    def drive_type(self) -> DriveType:
-        return recorded_drive_type(frozenset(self.answers.items()))
 
 
 class Collector:
@@ -239,8 +227,10 @@ class Collector:
         if not any(item.configured.restarted for item in configured):
             # The recording begins in operation: what it does not show is taken from the defaults of the profile.
             begin = min([used[0] if used else 0, *(item.time_ns for item in configured)])
-            method = node.homing_method or _shown_method(node.axis.telegram, self._answers[do_id])
-            configured.insert(0, Learned(begin, Configured(node.drive_type(), method, restarted=False)))
+            node.drive.homing_method = node.drive.homing_method or _shown_method(
+                node.axis.telegram, self._answers[do_id]
+            )
+            configured.insert(0, Learned(begin, node.drive.configured(restarted=False)))
         return AxisRecording(
             do_id,
             node.axis.node,
@@ -298,53 +288,29 @@ def _take(node: _Node, record: CanRecord) -> None:
 
 
 def _pdo(node: _Node, record: PdoRecord) -> None:
-    layout = record.layout
-    number = int(layout.name.removeprefix(PdoDirection.RPDO.label).removeprefix(PdoDirection.TPDO.label))
-    values = {
-        address: value
-        for address, value in zip(layout.addresses, layout.unpack(record.data), strict=True)
-        if isinstance(value, int)
-    }
-    now = record.time_ns
-    if layout.name.startswith(PdoDirection.RPDO.label):
-        node.sent.setdefault(number, []).append(Sent(now, record.data[: layout.size]))
-        if number not in node.rpdos:
-            node.rpdos[number] = recorded_rpdo(layout, recorded_families(node.answers))
+    layout, now, drive = record.layout, record.time_ns, node.drive
+    parts = drive.parts(layout)
+    if parts.direction is PdoDirection.RPDO:
+        node.sent.setdefault(parts.number, []).append(Sent(now, record.data[: layout.size]))
+        if parts.number not in node.rpdos:
+            node.rpdos[parts.number] = recorded_rpdo(layout, drive.families)
         return
-    if node.started and (not node.online or not node.online[-1][1]):
+    if drive.started and (not node.online or not node.online[-1][1]):
         node.online.append((now, True))
-    if node.last.get(record.cob_id) == record.data:
-        return
-    node.last[record.cob_id] = record.data
-    families = recorded_families(node.answers)
-    known = [(image_entry(*address, families), value) for address, value in values.items()]
-    node.feedback.append(Feedback(now, tuple((entry.attribute, value) for entry, value in known if entry is not None)))
+    if drive.is_new(record):
+        node.feedback.append(Feedback(now, parts.feedback(layout.unpack(record.data))))
 
 
 def _sdo(node: _Node, record: SdoRecord) -> None:
-    if record.index is None or record.subindex is None:
-        return
-    address = (record.index, record.subindex)
     if record.index in _PROBE:
         _probe(node, record, record.index)
-    if record.abort is not None:
-        node.sdo.append(SdoResult(record.time_ns, *address, b"", abort_text(record.abort)))
-    if record.from_client or record.value is None:
-        return
-    if "download" in record.step:
-        node.sdo.append(SdoResult(record.time_ns, *address, record.value))
-        return
-    if address == HOMING_METHOD:
-        node.homing_method = int.from_bytes(record.value, "little", signed=True)
-    value = recorded_answer(address, record.value)
-    if value is None:
-        return
-    before = node.answers.get(address)
-    node.answers[address] = value
-    if node.started and before is not None and before != value:
-        node.configured.append(
-            Learned(record.time_ns, Configured(node.drive_type(), node.homing_method, restarted=False))
-        )
+    result = sdo_result(record)
+    if result is not None:
+        node.sdo.append(result)
+    elif not record.from_client and (learned := node.drive.learn(record)) is not None:
+        before, value = learned
+        if node.drive.started and before is not None and before != value:
+            node.configured.append(Learned(record.time_ns, node.drive.configured(restarted=False)))
 
 
 def _probe(node: _Node, record: SdoRecord, index: int) -> None:
@@ -359,14 +325,13 @@ def _probe(node: _Node, record: SdoRecord, index: int) -> None:
 
 def _nmt(node: _Node, record: NmtRecord) -> None:
     if record.command == NmtCommand.START:
-        node.started = True
-        node.configured.append(Learned(record.time_ns, Configured(node.drive_type(), node.homing_method)))
+        node.drive.started = True
+        node.configured.append(Learned(record.time_ns, node.drive.configured(restarted=True)))
     else:
         _offline(node, record.time_ns)
 
 
 def _offline(node: _Node, now: int) -> None:
-    node.started = False
-    node.last.clear()
+    node.drive.stop()
     if node.online and node.online[-1][1]:
         node.online.append((now, False))

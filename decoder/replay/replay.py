@@ -29,12 +29,13 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 from pdgw.decoder.replay.cycles import Tick, ticks
-from pdgw.decoder.replay.known_off import HOME_POSITION_SET, tells_state
 from pdgw.decoder.replay.recorded import Answer, AxisRecording
+from pdgw.decoder.replay.recorded_drive import recall, tells_state
 from pdgw.decoder.replay.result import AxisReplay, Difference, Step
 from pdgw.decoder.replay.rpdos import Place, RpdoComparison
 from pdgw.decoder.replay.touch_probe import Found, find_answer
 from pdgw.ds301.objects import Entry
+from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.drive.images import FEEDBACK_NAMES, DriveFeedback
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.durations import SECOND
@@ -340,12 +341,15 @@ class Replayer:
         if not state.online or not tells_state(word, state.image.statusword, transparent=transparent):
             return
         state.known = True
+        recall(self._machine, self._in_force(tick.time_ns), None if tick.answer is None else tick.answer.actuals[0])
+
+    def _in_force(self, now: int) -> Iterator[tuple[Pdo, bytes]]:
+        """The newest payload of each RPDO."""
         for pdo in self._rpdos:
-            in_force = bisect_right(self._recording.sent[pdo.number], (tick.time_ns,))
-            if in_force and len(sent := self._recording.sent[pdo.number][in_force - 1].data) == pdo.size:
-                pdo.unpack_into(sent, self._machine.outputs.command)
-        if tick.answer is not None:
-            self._machine.executor.recall(home_set=bool(tick.answer.actuals[0] & HOME_POSITION_SET))
+            sent = self._recording.sent[pdo.number]
+            count = bisect_right(sent, (now,))
+            if count and len(sent[count - 1].data) == pdo.size:
+                yield pdo, sent[count - 1].data
 
     def _compare_answer(self, tick: Tick, actuals: tuple[int, ...], plc_ok: bool) -> Difference | None:
         answer = tick.answer

@@ -12,26 +12,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from pdgw.decoder.frames.canopen.pdo_mapping import recorded_rpdo
-from pdgw.decoder.frames.canopen.records import CanRecord, HeartbeatRecord, NmtRecord, PdoLayout, PdoRecord, SdoRecord
+from pdgw.decoder.frames.canopen.records import CanRecord, HeartbeatRecord, NmtRecord, PdoRecord, SdoRecord
 from pdgw.decoder.frames.profinet.cyclic import Axis
-from pdgw.decoder.replay.known_off import HOME_POSITION_SET, tells_state
+from pdgw.decoder.replay.recorded import SdoResult
+from pdgw.decoder.replay.recorded_drive import RecordedDrive, recall, sdo_result, tells_state
 from pdgw.decoder.timeline.drive_object import ObjectFollower, Put
 from pdgw.decoder.timeline.entries import Anomaly, AnomalyKind, Edge, ReasonChange, WordKind
 from pdgw.decoder.timeline.words import Decision, Words
-from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.drive.images import DriveFeedback
-from pdgw.dsp402.identification.generic import recorded_answer, recorded_drive_type, recorded_families
 from pdgw.dsp402.modes import MODE_CONFIRM_NS
-from pdgw.dsp402.objects import CONTROLWORD, HOMING_METHOD, MODE, MODE_DISPLAY, STATUSWORD
-from pdgw.dsp402.optional_objects import image_entry
+from pdgw.dsp402.objects import MODE
 from pdgw.dsp402.states import STATE_BITS, Command, ControlBit, State, StatusBit, next_state, state_of
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.values import Configured, SdoAnswer, SdoWrite
+from pdgw.gateway.axis.values import SdoAnswer, SdoWrite
 from pdgw.gateway.objects.enable_chain import asks_for_operation
 from pdgw.gateway.reasons import AxisState, OrderDoubt, Reason
 from pdgw.profidrive.signals import signal
@@ -52,29 +49,12 @@ NOT_JUDGED: Final = "not judged: the state of the gateway before the recording i
 _STW1 = signal("STW1")
 
 
-class _Plan(NamedTuple):
-    """What of a PDO is looked at; positions are -1 where it does not have the object."""
-
-    direction: PdoDirection
-    word: int
-    mode: int
-    attributes: tuple[tuple[str, int], ...]
-
-
 class _Command(NamedTuple):
     """A Controlword the drive has to answer by changing one of the ``wanted`` bits of its Statusword."""
 
     edge: Edge
     wanted: int
     statusword: int
-
-
-class _Written(NamedTuple):
-    """A completed SDO download; ``error`` is the abort's text."""
-
-    time_ns: int
-    address: tuple[int, int]
-    error: str | None
 
 
 @dataclass
@@ -122,16 +102,11 @@ class AxisFollower(ObjectFollower):
         self._transparent = chosen.setpoints.mode is ApplicationMode.TRANSPARENT
         self._words = Words(axis.do_id, chosen, 2 * cycle_ns, put, one_clock=one_clock)
         # -- the drive
-        self._plans: dict[PdoLayout, _Plan] = {}
-        self._last: dict[int, bytes] = {}
-        self._sent: dict[PdoLayout, bytes] = {}
+        self._drive = RecordedDrive()
         self._image = DriveFeedback()
-        self._started = True
-        self._answers: dict[tuple[int, int], int] = {}
-        self._homing_method = 0
         self._restarted = False
         self._new_references = True
-        self._written: deque[_Written] = deque(maxlen=64)
+        self._written: deque[SdoResult] = deque(maxlen=64)
         # -- today's machine
         self._machine = AxisMachine(axis.telegram, settings, self._image)
         self._request: tuple[SdoWrite, ...] | None = None
@@ -181,8 +156,8 @@ class AxisFollower(ObjectFollower):
     def _take_homing_method(self, values: Sequence[int]) -> None:
         """A recording that begins in operation shows the homing method in AKTSATZ only."""
         names = telegram(self.axis.telegram).actuals.names
-        if "AKTSATZ" in names and not self._homing_method:
-            self._homing_method = signal("AKTSATZ").bit("HOMING_METHOD").of(values[names.index("AKTSATZ")])
+        if "AKTSATZ" in names and not self._drive.homing_method:
+            self._drive.homing_method = signal("AKTSATZ").bit("HOMING_METHOD").of(values[names.index("AKTSATZ")])
 
     # -- CAN ----------------------------------------------------------------------------------------------------------
 
@@ -195,39 +170,36 @@ class AxisFollower(ObjectFollower):
             super().take(record)
             if isinstance(record, NmtRecord):
                 if record.command == NmtCommand.START:
-                    self._started = self._restarted = True
+                    self._drive.started = self._restarted = True
                 else:
                     self._offline()
             elif isinstance(record, HeartbeatRecord) and record.state == NmtState.BOOT_UP:
                 self._offline()
 
     def _offline(self) -> None:
-        self._started = False
-        self._last.clear()
+        self._drive.stop()
         if not self.answered:
             self.online = False
 
     def _pdo(self, record: PdoRecord) -> None:
-        data = record.data
-        if self._last.get(record.cob_id) == data:
+        drive, layout, now = self._drive, record.layout, record.time_ns
+        parts = drive.parts(layout)
+        receives = parts.direction is PdoDirection.RPDO
+        if not receives and not self.answered and drive.started:
+            self.online = True
+        if not drive.is_new(record):
             return
-        self._last[record.cob_id] = data
-        layout, now = record.layout, record.time_ns
-        plan = self._plans.get(layout) or self._plan(layout)
-        values = layout.unpack(data)
-        word, mode = values[plan.word] if plan.word >= 0 else None, values[plan.mode] if plan.mode >= 0 else None
-        if plan.direction is PdoDirection.RPDO:
-            self._sent[layout] = data[: layout.size]
+        values = layout.unpack(record.data)
+        word, mode = (values[place] if place >= 0 else None for place in (parts.word, parts.mode))
+        if receives:
+            drive.sent[layout] = record.data[: layout.size]
             if isinstance(word, int):
                 self._commanded(now, word)
             if isinstance(mode, int):
                 self._ask_mode(now, mode)
             return
-        if not self.answered and self._started:
-            self.online = True
-        image = self._image
-        for attribute, position in plan.attributes:
-            setattr(image, attribute, values[position])
+        for attribute, value in parts.feedback(values):
+            setattr(self._image, attribute, value)
         if isinstance(word, int):
             self._statusword(now, word)
         if isinstance(mode, int):
@@ -235,39 +207,16 @@ class AxisFollower(ObjectFollower):
             if mode == self._mode_asked:
                 self._mode_since = None
 
-    def _plan(self, layout: PdoLayout) -> _Plan:
-        direction = next(item for item in PdoDirection if layout.name.startswith(item.label))
-        places = {address: position for position, address in enumerate(layout.addresses)}
-        receives = direction is PdoDirection.RPDO
-        families = recorded_families(self._answers)
-        entries = [(image_entry(*address, families), position) for address, position in places.items()]
-        plan = self._plans[layout] = _Plan(
-            direction,
-            places.get(CONTROLWORD if receives else STATUSWORD, -1),
-            places.get(MODE if receives else MODE_DISPLAY, -1),
-            tuple((entry.attribute, position) for entry, position in entries if entry is not None and not receives),
-        )
-        return plan
-
     def _sdo(self, record: SdoRecord) -> None:
-        if record.index is None or record.subindex is None:
-            return
-        now, address = record.time_ns, (record.index, record.subindex)
-        if record.abort is not None:
-            self._written.append(_Written(now, address, abort_text(record.abort)))
-        if record.from_client or record.value is None:
-            return
-        if "download" in record.step:
-            self._written.append(_Written(now, address, None))
-            if address == MODE:
-                self._ask_mode(now, int.from_bytes(record.value, "little", signed=True))
-            return
-        if address == HOMING_METHOD:
-            self._homing_method = int.from_bytes(record.value, "little", signed=True)
-        elif (value := recorded_answer(address, record.value)) is not None:
-            self._new_references |= self._answers.get(address) != value
-            self._answers[address] = value
-            self._words.are_of(recorded_families(self._answers))
+        result = sdo_result(record)
+        if result is not None:
+            self._written.append(result)
+            if (result.index, result.subindex) == MODE and result.error is None:
+                self._ask_mode(record.time_ns, int.from_bytes(result.data, "little", signed=True))
+        elif not record.from_client and (learned := self._drive.learn(record)) is not None:
+            before, value = learned
+            self._new_references |= before != value
+            self._words.are_of(self._drive.families)
 
     # -- words and their causes ---------------------------------------------------------------------------------------
 
@@ -340,8 +289,7 @@ class AxisFollower(ObjectFollower):
         """Restarts of the drive and references as far as the gateway has them."""
         restarted = self._restarted
         if restarted or self._new_references:
-            drive = recorded_drive_type(frozenset(self._answers.items()))
-            self._machine.inputs.news.append(Configured(drive, self._homing_method, restarted))
+            self._machine.inputs.news.append(self._drive.configured(restarted=restarted))
             self._known |= restarted
             self._restarted = self._new_references = False
 
@@ -357,7 +305,10 @@ class AxisFollower(ObjectFollower):
         while self._to_write and self._written:
             written = self._written.popleft()
             wanted = self._to_write[0]
-            if written.time_ns < now - SETTLE_NS or written.address != (wanted.index, wanted.subindex):
+            if written.time_ns < now - SETTLE_NS or (written.index, written.subindex) != (
+                wanted.index,
+                wanted.subindex,
+            ):
                 continue
             del self._to_write[0]
             if written.error is not None or not self._to_write:
@@ -394,11 +345,7 @@ class AxisFollower(ObjectFollower):
             return
         self._known = True
         self._since = None
-        for layout, sent in self._sent.items():
-            if (pdo := recorded_rpdo(layout, recorded_families(self._answers))) is not None:
-                pdo.unpack_into(sent, self._machine.outputs.command)
-        if WordKind.STATUS in self._words.values:
-            self._machine.executor.recall(home_set=bool(self._words.values[WordKind.STATUS] & HOME_POSITION_SET))
+        recall(self._machine, self._drive.rpdos(), self._words.values.get(WordKind.STATUS))
 
     def _judge(self, control: Edge | None, now: int) -> None:
         """Tell what the PLC's edges come to, and reasons that come or go."""

@@ -10,12 +10,16 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.decoder.timeline.axis import AGREEMENT_NS, DROPPED, NOT_JUDGED
+from pdgw.decoder.frames.canopen.records import NmtRecord, PdoRecord
+from pdgw.decoder.frames.engine import Decoder, Settings, given_axes
+from pdgw.decoder.frames.link import CanFrame
+from pdgw.decoder.timeline.axis import AGREEMENT_NS, DROPPED, NOT_JUDGED, AxisFollower
 from pdgw.decoder.timeline.builder import HOLD_NS, TimelineBuilder
 from pdgw.decoder.timeline.entries import AnomalyKind, Event, ReasonChange, WordKind
 from pdgw.decoder.timeline.words import Decision, Words
 from pdgw.dsp402.states import State
 from pdgw.durations import MS
+from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.frame import COUNTER_UNIT_NS
@@ -283,6 +287,21 @@ def test_a_recording_that_begins_in_operation_tells_no_reasons_before_an_off(tmp
     told = [entry.time_ns for entry in found.entries if isinstance(entry, ReasonChange)]
     assert min(told) > off.time_ns
     assert not found.summary.anomalies
+
+
+def test_a_tpdo_that_repeats_itself_after_an_nmt_start_shows_the_drive_online() -> None:
+    decoder = Decoder(Settings(axes=given_axes([1])))
+    follower = AxisFollower(
+        decoder.axes[0], AxisSettings(), lambda _: None, cycle_ns=4 * MS, hold_ns=0, one_clock=True, assumed=True
+    )
+    shown = []
+    frames = ((0x000, "0201"), (0x181, "370600000000"), (0x000, "0101"), (0x181, "370600000000"))
+    for number, (cob_id, data) in enumerate(frames):
+        record = decoder.decode_can(number, number, "can0", CanFrame(cob_id, bytes.fromhex(data)))
+        assert isinstance(record, NmtRecord | PdoRecord)
+        follower.take(record)
+        shown.append(follower.online)
+    assert shown == [False, False, False, True]
 
 
 def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
