@@ -1,5 +1,6 @@
-"""The optional part of the build: ``PDGW_COMPILED=1`` compiles the modules of the cyclic path by mypyc.
+"""The optional parts of the build: ``PDGW_COMPILED=1`` compiles the cyclic path by mypyc, and the native engine.
 
+``PDGW_NATIVE=1`` compiles the engine alone (Linux): one module for every Python from 3.11 on, left out without a compiler.
 Everything else is declared in pyproject.toml. The compiled modules are the same typed sources, which stay in the wheel; without
 them it is complete too.
 """
@@ -17,7 +18,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from setuptools import setup
+from setuptools import Extension, setup
 from setuptools.command.build_py import build_py
 
 COMPILED = (
@@ -73,6 +74,14 @@ TREE = Path("build/mypyc")
 HEADERS = Path("build/c/pdgw")
 """Where mypyc writes the headers of the group, which its compiler options do not have."""
 WANTED = os.environ.get("PDGW_COMPILED") == "1"
+NATIVE = sys.platform == "linux" and (WANTED or os.environ.get("PDGW_NATIVE") == "1")
+ENGINE = Extension(
+    "pdgw.gateway.links.profinet.engine",
+    ["gateway/links/profinet/engine.c"],
+    extra_compile_args=["-std=gnu11", "-Wall", "-Wextra"],
+    py_limited_api=True,
+    optional=True,
+)
 
 
 def section(override: dict[str, Any]) -> str:
@@ -125,5 +134,6 @@ class BuildProduct(build_py):
 setup(
     cmdclass={"build_py": BuildProduct},
     setup_requires=["mypy>=1.13"] if WANTED else [],
-    ext_modules=extensions() if WANTED else [],
+    ext_modules=[*(extensions() if WANTED else []), *([ENGINE] if NATIVE else [])],
+    options={"bdist_wheel": {"py_limited_api": "cp311"}} if NATIVE and not WANTED else {},
 )

@@ -53,16 +53,19 @@ class Consumer:
         block = plan.block
         self.plan = plan
         self._of_device = of_device
-        self._size = HEADER.size + block.data_length + TRAILER.size
-        self._trailer = HEADER.size + block.data_length
-        self._counter: int | None = None
+        self.trailer = HEADER.size + block.data_length
+        """Where CycleCounter and status lie, from the FrameID on."""
+        self.size = self.trailer + TRAILER.size
+        """Of a frame, from the FrameID on."""
+        self.counter: int | None = None
+        """CycleCounter of the last frame that was accepted; None: none yet."""
         self._places = {
             place: (HEADER.size + item.offset, HEADER.size + item.iops) for place, item in plan.data.items()
         }
         self.frame_id = plan.frame_id
         self.hold_ns = block.hold_ns
         self.cycle_ns = block.cycle_ns
-        self.payload = bytes(self._size)
+        self.payload = bytes(self.size)
         """The last accepted frame from its FrameID on."""
         self.running = False
         """The controller is in RUN: its data counts."""
@@ -77,7 +80,7 @@ class Consumer:
     @property
     def status(self) -> tuple[int, int, int]:
         """CycleCounter, DataStatus and TransferStatus of the last frame with data."""
-        counter, data_status, transfer = TRAILER.unpack_from(self.payload, self._trailer)
+        counter, data_status, transfer = TRAILER.unpack_from(self.payload, self.trailer)
         return counter, data_status, transfer
 
     @property
@@ -87,16 +90,16 @@ class Consumer:
 
     def receive(self, frame: bytes, start: int, now: int) -> Verdict:
         """A frame whose payload starts at ``start``."""
-        if len(frame) - start != self._size:
+        if len(frame) - start != self.size:
             return self._count(Verdict.LENGTH)
-        counter, status, transfer = TRAILER.unpack_from(frame, start + self._trailer)
+        counter, status, transfer = TRAILER.unpack_from(frame, start + self.trailer)
         if transfer:
             return self._count(Verdict.TRANSFER_STATUS)
         if not status & STATUS_DATA_VALID and not self._of_device:
             return self._count(Verdict.NOT_VALID)
-        if self._counter is not None and not is_newer(counter, self._counter):
+        if self.counter is not None and not is_newer(counter, self.counter):
             return self._count(Verdict.STALE)
-        self._counter = counter
+        self.counter = counter
         self.last_ns = now
         if status & STATUS_IGNORE:
             return self._count(Verdict.NO_DATA)

@@ -5,7 +5,8 @@ Source: IEC 61158-6-10 (PPM, RTC-PDU, APDU-Status). The frame is kept as one buf
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from typing import Final
 
 from pdgw.profidrive.frame import (
     HEADER,
@@ -22,6 +23,7 @@ from pdgw.profinet.connection.connect import CyclicPlan
 from pdgw.profinet.connection.redundancy import STATUS_REDUNDANCY
 from pdgw.profinet.model import Subslot
 
+NEVER: Final = 1 << 61
 _COUNTER_MASK = 0xFFFF
 _ROLE = STATUS_PRIMARY | STATUS_REDUNDANCY | STATUS_DATA_VALID
 
@@ -33,11 +35,14 @@ class Provider:
         block = plan.block
         head = ethernet.header(destination, source, tag=block.tag)
         self._start = len(head) + HEADER.size
-        self._trailer = self._start + block.data_length
+        self.trailer = self._start + block.data_length
+        """Where CycleCounter and status lie in ``frame``."""
         self._plan = plan
         self._proper = frozenset(proper)
-        self._step = block.send_clock * block.reduction_ratio
-        self._counter = 0
+        self.step = block.send_clock * block.reduction_ratio
+        """Of the CycleCounter from frame to frame."""
+        self.counter = 0
+        """CycleCounter of the last frame."""
         self.due = 0
         """When the next frame is to be sent."""
         self._move = 0
@@ -45,7 +50,7 @@ class Provider:
         self._good: set[Subslot] = set()
         """Submodules whose data is valid, open or not."""
         self.cycle_ns = block.cycle_ns
-        self.frame = bytearray(self._trailer + TRAILER.size)
+        self.frame = bytearray(self.trailer + TRAILER.size)
         """The whole Ethernet frame; written in place."""
         self.frame[: len(head)] = head
         HEADER.pack_into(self.frame, len(head), plan.frame_id)
@@ -56,7 +61,7 @@ class Provider:
     @property
     def status(self) -> tuple[int, int, int]:
         """CycleCounter, DataStatus and TransferStatus of the last frame."""
-        counter, data_status, transfer = TRAILER.unpack_from(self.frame, self._trailer)
+        counter, data_status, transfer = TRAILER.unpack_from(self.frame, self.trailer)
         return counter, data_status, transfer
 
     def start(self, now: int) -> None:
@@ -91,6 +96,21 @@ class Provider:
         if item is None or place not in self._proper:
             return None
         return self._start + item.offset, self._start + item.iops
+
+    @property
+    def statuses(self) -> Sequence[int]:
+        """Where the IOPS of all submodules lie in ``frame``."""
+        return [self._start + item.iops for item in self._plan.data.values()]
+
+    def lend(self) -> None:
+        """Somebody else sends it from now on: ``poll`` has none any more."""
+        self.due = NEVER
+
+    def image(self, counter: int) -> bytearray:
+        """The frame as it is now, for somebody else who sends it; ``counter``: CycleCounter of the last one that was sent."""
+        self.counter = counter
+        TRAILER.pack_into(self.frame, self.trailer, counter, self.data_status, 0)
+        return self.frame
 
     def iocs(self, place: Subslot) -> int | None:
         """The device's status of a submodule's output data; None where the frame has none."""
@@ -129,6 +149,6 @@ class Provider:
         skipped = self.skipped = late // self.cycle_ns
         self.due += (skipped + 1) * self.cycle_ns + self._move
         self._move = 0
-        self._counter = (self._counter + (skipped + 1) * self._step) & _COUNTER_MASK
-        TRAILER.pack_into(self.frame, self._trailer, self._counter, self.data_status, 0)
+        self.counter = (self.counter + (skipped + 1) * self.step) & _COUNTER_MASK
+        TRAILER.pack_into(self.frame, self.trailer, self.counter, self.data_status, 0)
         return self.frame

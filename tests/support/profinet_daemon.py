@@ -25,6 +25,7 @@ from pdgw.profinet.station import Identity, Station
 from tests.support import captures
 from tests.support.daemon import until
 from tests.support.ethernet import FakeEthernet
+from tests.support.native import NativeEthernet
 from tests.support.profinet import DEVICE_IP, DEVICE_MAC, PLC_IP, PLC_MAC
 from tests.support.tshark_frames import datagram
 
@@ -154,11 +155,11 @@ class Plant:
 
 
 @contextmanager
-def plant(config: GatewayConfig, *, data_hold: int = 100) -> Iterator[Plant]:
-    """A daemon whose nodes are online, not connected yet."""
+def plant(config: GatewayConfig, *, data_hold: int = 100, native: bool = False) -> Iterator[Plant]:
+    """A daemon whose nodes are online, not connected yet. ``native``: with the native engine."""
     world = World()
     world.simulate(config)
-    port = FakeEthernet(world.loop)
+    port = NativeEthernet(world.loop) if native else FakeEthernet(world.loop)
     daemon = build_gateway(config, world, port)
     made = Plant(daemon, port, world, data_hold=data_hold)
     daemon.start()

@@ -268,7 +268,7 @@ def test_short_measurements_are_consistent_and_say_what_was_measured() -> None:
     result = measured(lambda: CliRunner().invoke(app, arguments, catch_exceptions=False))
     assert result.exit_code == 0, result.output
     document = json.loads(result.output)
-    assert document["machine"]["build"] in {"pure Python", "compiled"}
+    assert document["machine"]["build"].removesuffix(" with native engine") in {"pure Python", "compiled"}
     (row,) = document["rows"]
     assert (row["axes"], row["period_ns"]) == (4, 4_000_000)
     for name in ("gateway", "echo"):

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
-from itertools import chain
+from itertools import chain, product
 from typing import Annotated, Any
 
 import typer
@@ -141,9 +141,9 @@ def over_profinet(
         use_real_time_priority()  # refused here, before anything is measured without it
     rows = []
     with _progress() as status:
-        for cycle_ms in cycle_time_ms or profinet.CYCLES_MS:
-            status.update(f"PROFINET, {cycle_ms} ms")
-            rows.append(profinet.measure(cycle_ms, seconds, realtime=realtime))
+        for cycle_ms, native in product(cycle_time_ms or profinet.CYCLES_MS, profinet.exchanges()):
+            status.update(f"PROFINET, {cycle_ms} ms{', native' if native else ''}")
+            rows.append(profinet.measure(cycle_ms, seconds, realtime=realtime, native=native))
     if as_json:
         documents = [asdict(row) | {"ratio_p99": row.ratio_p99, "ratio_record": row.ratio_record} for row in rows]
         typer.echo(json.dumps({"machine": machine() | {"realtime": realtime}, "rows": documents}, indent=2))
@@ -154,7 +154,7 @@ def over_profinet(
         "cycle", "", "p50", "p99", "max", "missed", "p99 beyond the cycle", title="period of the input frames"
     )
     for row in rows:
-        for name, item in (("gateway", row.gateway), ("only sends", row.floor)):
+        for name, item in ((row.name, row.gateway), ("only sends", row.floor)):
             own = item is row.gateway
             periods.add_row(
                 f"{row.cycle_ms} ms" if own else "",
@@ -170,7 +170,7 @@ def over_profinet(
         title="answer times",
     )
     for row in rows:
-        for name, cost in (("gateway", row.cost), ("only sends", row.floor_cost)):
+        for name, cost in ((row.name, row.cost), ("only sends", row.floor_cost)):
             costs.add_row(
                 f"{row.cycle_ms} ms" if cost is row.cost else "",
                 name,
@@ -179,7 +179,7 @@ def over_profinet(
                 f"{cost.start_s:.2f} s",
             )
         times.add_row(
-            f"{row.cycle_ms} ms",
+            f"{row.cycle_ms} ms{', native' if row.native else ''}",
             *(f"{value:.2f} ms" for value in (row.data_ms, row.connect_ms, row.record_ms, row.echo_ms)),
             f"{row.ratio_record:.1f} times",
             f"{row.killed_ms:.1f} ms (hold {row.hold_ms:g})",

@@ -227,3 +227,5 @@ class RealtimeConfig(Section):
     """Processors to run on; empty: all."""
     lock_memory: Boolean = False
     """Nothing of the process is swapped out."""
+    native: Boolean = False
+    """PROFINET: the native engine exchanges the cyclic frames, where it was built."""

@@ -6,6 +6,7 @@ buffer. Needs CAP_NET_RAW; CAP_NET_ADMIN to set the address that DCP gives.
 
 from __future__ import annotations
 
+import logging
 import socket
 import struct
 from collections.abc import Callable, Sequence
@@ -24,12 +25,15 @@ from pdgw.gateway.links.packet_filter import (
     Instruction,
     attach,
 )
+from pdgw.gateway.links.profinet import native
 from pdgw.gateway.links.profinet.ethtool import read_medium
 from pdgw.gateway.links.udp import Address
 from pdgw.profinet import ethernet
 from pdgw.profinet.discovery import dcp
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.station import IpSuite, Medium
+
+log = logging.getLogger("gateway")
 
 T = TypeVar("T")
 _FRAME_MAX = 2048
@@ -104,6 +108,12 @@ class EthernetPort(Protocol):
     def listen(self, *, on: bool) -> None:
         """Whether a real-time frame calls what ``start`` was given (the beginning), or only waits for ``receive``."""
 
+    def engine(self, table: native.Table) -> native.Engine | None:
+        """A native engine that has taken the real-time frames over until ``give_back``; None: they stay here."""
+
+    def give_back(self, engine: native.Engine) -> None:
+        """End it; real-time frames come here again."""
+
     def receive(self) -> bytes | None:
         """The next real-time frame."""
 
@@ -130,11 +140,12 @@ class EthernetPort(Protocol):
 
 
 class RawEthernet:
-    """An Ethernet interface of the machine; GatewayError when it cannot be had."""
+    """An Ethernet interface of the machine; GatewayError when it cannot be had. ``use_engine``: the native engine, if built."""
 
-    def __init__(self, loop: Loop, interface: str) -> None:
+    def __init__(self, loop: Loop, interface: str, *, use_engine: bool = False) -> None:
         self._loop = loop
         self._interface = interface
+        self._use_engine = use_engine
         self._sockets: list[socket.socket] = []
         self.errors = 0
         if not hasattr(socket, "AF_PACKET"):
@@ -218,6 +229,30 @@ class RawEthernet:
             self._loop.add_reader(self._real_time.fileno(), self._on_real_time, urgent=True)
         else:
             self._loop.remove_reader(self._real_time.fileno())
+
+    def engine(self, table: native.Table) -> native.Engine | None:
+        if not self._use_engine:
+            return None
+        engine = native.make(table)
+        if engine is None:
+            log.warning("[realtime] native = true: this installation has no native engine, Python exchanges the frames")
+            return None
+        try:
+            engine.start(self._real_time.fileno())
+        except OSError as error:
+            log.warning(
+                "[realtime] native = true: no thread (%s), Python exchanges the frames", error.strerror or error
+            )
+            return None
+        self.listen(on=False)
+        self._loop.add_reader(engine.fileno(), self._on_real_time, urgent=True)
+        return engine
+
+    def give_back(self, engine: native.Engine) -> None:
+        self._loop.remove_reader(engine.fileno())
+        engine.stop()
+        if self._sockets:
+            self.listen(on=True)
 
     @property
     def descriptors(self) -> list[int]:

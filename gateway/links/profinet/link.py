@@ -28,6 +28,7 @@ from pdgw.gateway.links.link import silence
 from pdgw.gateway.links.profinet.diagnosis import Diagnosed, present_classes
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
 from pdgw.gateway.links.profinet.identity import profinet_model
+from pdgw.gateway.links.profinet.native import COUNTS, Engine, table_of
 from pdgw.gateway.links.profinet.pairing import LONGEST_NS, Pairing
 from pdgw.gateway.links.profinet.station import StationKeeper
 from pdgw.gateway.links.udp import Address
@@ -51,6 +52,7 @@ _AT_ONCE = 64
 _WAITING = 64
 """Datagrams that may wait for the task; of more the oldest are lost, and their senders ask again."""
 _DIAGNOSIS_NS: Final = 50 * MS
+_ORDERS_LOST: Final = "the gateway was held up, and more orders came than it can keep"
 
 
 class Served(Diagnosed, Protocol):
@@ -98,6 +100,15 @@ class ProfinetLink:
         self.switchovers = 0
         self._pairing: Pairing | None = None
         """None: the relationship has two cycles or a long one, or there is none."""
+        self._engine: Engine | None = None
+        """Receives and sends the cyclic frames; None: Python does."""
+        self._lent: Provider | None = None
+        """What the engine sends."""
+        self._stepped = 0
+        """When the drive objects had made their last step."""
+        self._orders_lost = False
+        self._counted = dict.fromkeys(COUNTS, 0)
+        """By all engines."""
         self._exchange: Callable[[], None] = lambda: None
         self._closed = False
         self._answering = False
@@ -141,21 +152,50 @@ class ProfinetLink:
         for verdict in Verdict:
             counters.add("link", verdict.name.lower(), "frames", verdict.value, partial(self._count_of, verdict))
         device = self.device
-        counters.add("link", "foreign", "frames", "unknown relationship", lambda: device.foreign)
+        counters.add(
+            "link", "foreign", "frames", "unknown relationship", lambda: device.foreign + self._native("foreign")
+        )
         counters.add(
             "link", "watchdog_expiries", "times", "no frame in time while connected", lambda: self.watchdog_expiries
         )
         counters.add("link", "switchovers", "times", "for the other redundant controller", lambda: self.switchovers)
         counters.add("link", "connects_refused", "times", "Connect refused", lambda: device.cm.refusals)
         counters.add("link", "dcp_refused", "blocks", "DCP Set rejected", lambda: device.dcp.refused)
-        counters.add("link", "errors", "frames", "send or receive failed", lambda: self.port.errors)
-        counters.add("link", "sent", "frames", "cyclic frames to the controller", lambda: device.cm.cyclic.sent)
         counters.add(
-            "link", "missed", "frames", "cyclic frames not sent in their cycle", lambda: device.cm.cyclic.missed
+            "link",
+            "errors",
+            "frames",
+            "send or receive failed",
+            lambda: self.port.errors + self._native("errors") + self._native("dropped"),
+        )
+        cyclic = device.cm.cyclic
+        counters.add(
+            "link", "sent", "frames", "cyclic frames to the controller", lambda: cyclic.sent + self._native("sent")
+        )
+        counters.add(
+            "link",
+            "missed",
+            "frames",
+            "cyclic frames not sent in their cycle",
+            lambda: cyclic.missed + self._native("missed") + self._native("withheld"),
+        )
+        counters.add(
+            "link",
+            "invalid",
+            "frames",
+            "cyclic frames with bad data: the gateway was held up",
+            lambda: self._native("invalid"),
         )
 
     def _count_of(self, verdict: Verdict) -> int:
-        return self.device.cm.cyclic.received[verdict]
+        return self.device.cm.cyclic.received[verdict] + self._native(verdict)
+
+    def _native(self, name: str | Verdict) -> int:
+        """Of what the engines counted. What Python took of them it counts itself."""
+        if self._engine is not None:
+            for item, count in zip(COUNTS, self._engine.counts(), strict=True):
+                self._counted[item] += count
+        return self._counted[name]
 
     def serve_records(self, records_of: Callable[[str], RecordHandler]) -> None:
         """Who serves parameter access and I&M from now on, for the host that asks."""
@@ -191,6 +231,8 @@ class ProfinetLink:
 
     def receive(self, now: int, at_most: int = _AT_ONCE) -> bool:
         device = self.device
+        if self._engine is not None:
+            return self._receive_of(self._engine, now)
         fresh = False
         for _ in range(at_most):
             frame = self.port.receive()
@@ -205,6 +247,26 @@ class ProfinetLink:
         self.more = True
         if fresh:
             self._take(now)
+        return fresh
+
+    def _receive_of(self, engine: Engine, now: int) -> bool:
+        """One frame: each with other orders is a step of the axes."""
+        device = self.device
+        taken = engine.take()
+        if taken is None:
+            self.more = False
+            return False
+        frame, heard, lost = taken
+        self._orders_lost |= lost
+        fresh = bool(frame) and device.on_frame(frame, now if heard < 0 else heard)
+        if not device.quiet:
+            self._pump()
+        elif self._timer is not None and self._timer_due < now + self._limit_ns:
+            self._timer_due = device.next_deadline()  # the data hold time begins anew: no wake at its old end
+            self._timer.postpone(self._timer_due)
+        if fresh:
+            self._take(now)
+        self.more = self._engine is engine and engine.more
         return fresh
 
     def _take(self, now: int) -> None:
@@ -241,6 +303,9 @@ class ProfinetLink:
         consumer = self._consumer
         if consumer is None or consumer.data_ns is None:
             self.loss = self._end
+        elif self._orders_lost:
+            self.loss = _ORDERS_LOST
+            self.watchdog_expiries += 1
         else:
             silent = now - consumer.data_ns
             if silent <= self._limit_ns or silent <= (hold_ns := self._hold_ns(now)):
@@ -250,7 +315,7 @@ class ProfinetLink:
             self.watchdog_expiries += 1
             if self._end:
                 self._release()
-        self._receivable = False
+        self._receivable = self._orders_lost = False
         self.lose_setpoints()
         return True
 
@@ -269,8 +334,16 @@ class ProfinetLink:
             if relation.provider is not None:
                 # Filled from the Connect on: with ApplicationReady the data has to be valid.
                 self._fill(relation, relation.provider, actuals, good)
-        if self._answering:
+        if self._engine is not None:
+            self._stepped = self._loop.now()
+            self._publish()
+        elif self._answering:
             self._answering = not self._provide(self._loop.now())
+
+    def _publish(self) -> None:
+        """The engine sends the input frame as it is now."""
+        if self._engine is not None and self._lent is not None:
+            self._engine.publish(self._lent.image(self._engine.counter), self._stepped)
 
     def _fill(
         self,
@@ -356,6 +429,7 @@ class ProfinetLink:
         self._closed = True
         self.device.end(Event.STOPPED, self._loop.now())
         self._send_waiting()
+        self._release()
         for task in self._tasks:
             task.kill()
         for timer in (self._timer, self._watch):
@@ -396,7 +470,7 @@ class ProfinetLink:
         while True:
             data, source = self._datagrams.get()
             try:
-                if self._pairing is not None and self._pairing.together:
+                if self._engine is not None or (self._pairing is not None and self._pairing.together):
                     self._exchange()  # the frame that waits came before this call
                 self.device.on_datagram(data, source, self._loop.now())
                 relation = self.device.relation
@@ -418,6 +492,10 @@ class ProfinetLink:
             if self._closed:
                 return
             pairing.taken(self._came, found=self._came != before)
+        elif self._engine is not None:
+            self._exchange()  # what came is no silence
+            if self._closed:
+                return
         if self._timer is not None:
             self._timer.cancel()  # the exchange may have asked for another
             self._timer = None
@@ -440,6 +518,7 @@ class ProfinetLink:
         self._send_waiting()
         for event in self.device.events():
             self._on_event(event)
+        self._publish()
         due = self.device.next_deadline()
         if self._timer is None or due < self._timer_due:
             if self._timer is not None:
@@ -476,7 +555,8 @@ class ProfinetLink:
                 self._consumer = consumer
                 self._end = ""
                 # Of a set each frame wakes the loop: the other controller may take over with it.
-                if relation.plan.redundancy is None and consumer.cycle_ns == provider.cycle_ns <= LONGEST_NS:
+                alone = relation.plan.redundancy is None and not self._engage(relation, consumer, provider)
+                if alone and consumer.cycle_ns == provider.cycle_ns <= LONGEST_NS:
                     self._pairing = Pairing(self.port, provider)
                 transport = self._config.transport
                 self._limit_ns = transport.watchdog_factor * provider.cycle_ns
@@ -502,10 +582,26 @@ class ProfinetLink:
             case _:
                 self._keeper.on_event(event, self.station.name)
 
+    def _engage(self, relation: ApplicationRelation, consumer: Consumer, provider: Provider) -> bool:
+        """Let the native engine exchange the frames; False where there is none."""
+        now = self._stepped = self._loop.now()
+        cycle_ns = int(self._config.transport.cycle_time_ms * MS)
+        table = table_of(relation, consumer, provider, self._telegrams, cycle_ns=cycle_ns, now=now)
+        engine = self.port.engine(table)
+        if engine is not None:
+            provider.lend()
+            self._engine, self._lent = engine, provider
+            log.info("the native engine exchanges the cyclic frames")
+        return engine is not None
+
     def _release(self) -> None:
         """Nothing is taken of the relationship that led any more."""
         self._outputs.clear()
         self._consumer = None
+        if self._engine is not None:
+            self.port.give_back(self._engine)
+            self._native("sent")
+            self._engine = self._lent = None
         if self._pairing is not None:
             self._pairing.end()
             self._pairing = None

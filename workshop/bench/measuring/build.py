@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.service.build import interpreter, kind
+from pdgw.gateway.service.build import build, interpreter
 
 _PRIORITY = 10
 
@@ -18,7 +18,7 @@ def machine() -> dict[str, object]:
     return {
         "date": datetime.now(UTC).date().isoformat(),
         "version": version("profidrive-gateway"),
-        "build": kind(),
+        "build": build(),
         "python": interpreter(),
         "system": f"{platform.system()} {platform.release()}",
         "processor": platform.machine(),

@@ -29,6 +29,7 @@ from pdgw.decoder.frames.profinet.records import Change, DcpRecord, RelationReco
 from pdgw.decoder.frames.records import AcyclicRecord, CyclicRecord, Record
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.links.profinet.native import is_built
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, IOPS_GOOD
 from pdgw.profidrive.telegrams import Direction
 from pdgw.recording.ethernet_capture import EthernetCapture
@@ -52,7 +53,6 @@ _UDP: Final = re.compile(
     rb"(?s).{12}\x08\x00\x45.{8}\x11.{10}(?P<source>.{2})(?P<target>.{2}).{4}(?P<data>.{%d})" % ECHO_BYTES
 )
 """A datagram in an Ethernet frame."""
-_TICKS: Final = os.sysconf("SC_CLK_TCK") if hasattr(os, "sysconf") else 100
 
 _CONFIG: Final = f"""\
 [can]
@@ -75,6 +75,7 @@ simulate = true
 """
 _PRIORITY: Final = 40
 _REALTIME: Final = f"\n[realtime]\npriority = {_PRIORITY}\nlock_memory = true\n"
+_NATIVE: Final = "native = {}\n"
 _BESIDE: Final = Path(__file__).parent
 """Where the processes lie that do one thing only; what they load counts."""
 
@@ -105,6 +106,8 @@ class ProfinetRow:
     """What was measured at one cycle time."""
 
     cycle_ms: int
+    native: bool
+    """The native engine exchanged the frames."""
     gateway: Period
     floor: Period
     """Of the process that only sends, in the same run."""
@@ -125,6 +128,11 @@ class ProfinetRow:
     """From the last frame of a controller that was killed to the last frame of the gateway; the data hold time is ``hold_ms``."""
 
     @property
+    def name(self) -> str:
+        """In a table."""
+        return "gateway, native" if self.native else "gateway"
+
+    @property
     def ratio_record(self) -> float:
         """The record's answer against the echo's."""
         return self.record_ms / max(self.echo_ms, 0.001)
@@ -136,6 +144,11 @@ class ProfinetRow:
         return (self.gateway.p99_ms - self.cycle_ms) / floor
 
 
+def exchanges() -> tuple[bool, ...]:
+    """What is measured in turn: Python alone, then the native engine where it was built."""
+    return (False, True) if is_built() else (False,)
+
+
 def period(times: Sequence[int]) -> Period:
     """Of frames at these times, nanoseconds; GatewayError for too few."""
     gaps = sorted(later - earlier for earlier, later in pairwise(times))
@@ -145,14 +158,15 @@ def period(times: Sequence[int]) -> Period:
     return Period(len(times), gaps[last // 2] / MS, gaps[round(0.99 * last)] / MS, gaps[last] / MS)
 
 
-def measure(cycle_ms: int, seconds: float, *, realtime: bool) -> ProfinetRow:
-    """One row; inside a namespace of its own (``namespaces.enter``)."""
+def measure(cycle_ms: int, seconds: float, *, realtime: bool, native: bool) -> ProfinetRow:
+    """One row; inside a namespace of its own (``namespaces.enter``). ``native``: with the native engine."""
     holds = [max(_CYCLES_HELD, -(-least // cycle_ms)) * cycle_ms for least in (_HOLD_MS, _KILLED_HOLD_MS)]
     as_asked = [str(_PRIORITY)] if realtime else []
     with tempfile.TemporaryDirectory() as folder, VethPair() as pair:
         capture = Path(folder) / "bench.pcapng"
         config = Path(folder) / "gateway.toml"
-        text = _CONFIG.format(cycle_ms=cycle_ms, realtime=_REALTIME if realtime else f"\n{USUAL_SCHEDULING}")
+        scheduling = _REALTIME if realtime else f"\n{USUAL_SCHEDULING}"
+        text = _CONFIG.format(cycle_ms=cycle_ms, realtime=scheduling + _NATIVE.format(str(native).lower()))
         config.write_text(f'store = "{folder}/store.json"\n{text}', encoding="utf-8")
         bare = config.with_name("bare.toml")
         bare.write_text(config.read_text(encoding="utf-8").replace("simulate = true\n", ""), encoding="utf-8")
@@ -198,7 +212,7 @@ def measure(cycle_ms: int, seconds: float, *, realtime: bool) -> ProfinetRow:
                 taken, (first_answer(records), first_of_floor(records)), (started, floor_started), strict=True
             )
         ]
-        return row_of(cycle_ms, holds[1], records, echoes_in(capture), costs[0], costs[1])
+        return row_of(cycle_ms, holds[1], records, echoes_in(capture), costs[0], costs[1], native=native)
 
 
 @contextmanager
@@ -223,8 +237,9 @@ def _expect(plc: subprocess.Popen[str], word: str) -> None:
 
 
 def _cpu_s(pid: int) -> float:
-    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / _TICKS
+    """Of all threads, as the scheduler counts it."""
+    tasks = Path(f"/proc/{pid}/task").glob("*/schedstat")
+    return sum(int(task.read_text(encoding="ascii").split()[0]) for task in tasks) / SECOND
 
 
 def _resident_bytes(pid: int) -> int:
@@ -278,7 +293,14 @@ def _median_ms(times: Sequence[int]) -> float:
 
 
 def row_of(
-    cycle_ms: int, hold_ms: int, records: Sequence[Record], echoes: Sequence[int], cost: Cost, floor_cost: Cost
+    cycle_ms: int,
+    hold_ms: int,
+    records: Sequence[Record],
+    echoes: Sequence[int],
+    cost: Cost,
+    floor_cost: Cost,
+    *,
+    native: bool = False,
 ) -> ProfinetRow:
     """A row out of the records of a capture: of the relationship with the reads of records, and the end of the last one."""
     granted = [r for r in records if isinstance(r, RelationRecord) and r.change is Change.GRANTED]
@@ -311,6 +333,7 @@ def row_of(
     steps = [(later.cycle_counter - earlier.cycle_counter) & 0xFFFF for earlier, later in pairwise(exchanged)]
     return ProfinetRow(
         cycle_ms,
+        native,
         period([r.time_ns for r in exchanged]),
         period([r.time_ns for r in measured if r.frame_id == FLOOR_FRAME_ID]),
         sum(step // usual - 1 for step in steps),

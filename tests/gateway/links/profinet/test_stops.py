@@ -112,9 +112,12 @@ WAYS = [
 ]
 
 
+@pytest.mark.parametrize("native", [False, True], ids=["Python", "native"])
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)
-def test_the_drive_is_stopped_within_the_bound_and_stays_stopped(tmp_path: Path, way: Callable[[Plant], None]) -> None:
-    with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=400) as site:
+def test_the_drive_is_stopped_within_the_bound_and_stays_stopped(
+    tmp_path: Path, way: Callable[[Plant], None], native: bool
+) -> None:
+    with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=400, native=native) as site:
         model = drive_of(site.daemon).model
         site.connect()
         site.enable(1, SPEED)
@@ -157,11 +160,12 @@ LOSSES = {
 }
 
 
+@pytest.mark.parametrize("native", [False, True], ids=["Python", "native"])
 @pytest.mark.parametrize(("way", "reason"), LOSSES.items(), ids=[way.__name__ for way in LOSSES])
 def test_a_loss_of_the_plc_is_told_once_with_what_it_was(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, way: Callable[[Plant], None], reason: str
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, way: Callable[[Plant], None], reason: str, native: bool
 ) -> None:
-    with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=400) as site:
+    with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=400, native=native) as site:
         site.connect()
         site.enable(1, SPEED)
         caplog.clear()
