@@ -121,6 +121,7 @@ walk-all: $(STAMP)
 docs: $(STAMP)
 	$(BIN)/python -m pdgw.workshop.walk --short --figures docs/walk.txt
 	$(BIN)/python -m pdgw.workshop.documents.tables
+	$(BIN)/python -m pdgw.workshop.documents.commands
 	$(BIN)/python -m pdgw.workshop.documents.plc_blocks
 	$(BIN)/python -m pdgw.workshop.documents.plc_timing
 	$(BIN)/python -c "from tests.support import statements; statements.write()"

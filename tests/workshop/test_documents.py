@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pdgw.gateway.reasons import Reason
+from pdgw.workshop.documents.commands import COMMANDS_PATH, generate_commands
 from pdgw.workshop.documents.plc_blocks import BLOCKS_PATH, generate_blocks
 from pdgw.workshop.documents.plc_timing import FOLDER, PICTURES, pictures
 from pdgw.workshop.documents.screenshots import Story, configuration
@@ -28,6 +29,10 @@ def test_docs_tables_are_up_to_date() -> None:
     assert (DOCS / MISBEHAVIOUR_PATH.name).read_text(encoding="utf-8") == generate_misbehaviour(), "run: make docs"
     assert (DOCS / POWER_PATH.name).read_text(encoding="utf-8") == generate_power_table(), "run: make docs"
     assert (DOCS / WORDS_PATH.name).read_text(encoding="utf-8") == generate_words(), "run: make docs"
+
+
+def test_table_of_the_commands_is_up_to_date() -> None:
+    assert (DOCS / COMMANDS_PATH.name).read_text(encoding="utf-8") == generate_commands(), "run: make docs"
 
 
 def test_tables_of_the_plc_blocks_are_up_to_date() -> None:

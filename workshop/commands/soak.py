@@ -43,7 +43,7 @@ def soak(
         bool, typer.Option("--planted", help="Plant defects in the gateway and print when the soak finds each.")
     ] = False,
 ) -> None:
-    """Run a day of random PLC words and faults in virtual time; exit status 1 if what must never happen did.
+    """Run a day of random PLC words and faults in virtual time; exit status 1 if a rule is broken.
 
     The same seed is the same day. After a failure, `soak --seed N --until SECOND --trace` shows the moment.
     """

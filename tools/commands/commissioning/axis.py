@@ -41,7 +41,7 @@ def try_out(
     turns: Annotated[float, typer.Option(min=0.1, max=100, help="Turns of the motor at that speed.")] = 2.0,
     backward: Annotated[bool, typer.Option("--backward", help="With a negative speed.")] = False,
 ) -> None:
-    """Turn an axis slowly without a PLC, after a typed confirmation, and compare what was commanded with what was seen."""
+    """Turn an axis slowly without a PLC, after a typed confirmation, and compare commanded and measured values."""
     from pdgw.gateway.configuration.file import load_config
     from pdgw.gateway.platform import SystemPlatform
     from pdgw.gateway.service.confirmed_units import witnessed

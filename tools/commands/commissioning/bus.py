@@ -41,7 +41,7 @@ def scan(
     timeout_ms: Annotated[int, typer.Option(min=10, max=60_000, help="Timeout for the answer of a drive.")] = 1000,
     as_json: Annotated[bool, typer.Option("--json", help="A JSON list, one object per bus.")] = False,
 ) -> None:
-    """List the nodes on a bus, what they are and what each telegram lacks with them; nothing is written to them."""
+    """List the nodes on a bus, their types and what they lack for each telegram; read-only."""
     from pdgw.gateway.commissioning.scan import Scan, expected_on, load_sheets
     from pdgw.gateway.configuration.file import load_config
     from pdgw.gateway.configuration.tables.environment import CanConfig

@@ -36,7 +36,7 @@ def check(
         typer.Option("--bus", help="Also read units and PDOs from the drives on the bus; read-only."),
     ] = False,
 ) -> None:
-    """Validate a file; exit status 1 and one line for each thing that is wrong."""
+    """Validate a file; print one line for each error (exit status 1)."""
     from pdgw.gateway.configuration.check import references_wrong
     from pdgw.gateway.configuration.file import load_config
     from pdgw.gateway.service.realtime import NEEDED_BELOW_MS

@@ -56,7 +56,7 @@ def save_(
 
 @app.command("list")
 def list_() -> None:
-    """The rings of this machine, those of gateways that ended or were killed too."""
+    """List the ring files of this machine, also of ended and killed gateways."""
     from pdgw.gateway.trace.place import rings, run_directory
     from pdgw.gateway.trace.reader import RingReader
 
@@ -98,7 +98,7 @@ def watch(
     files: Annotated[int, typer.Option(min=1, help="Number of files; the oldest are deleted.")] = 20,
     attached: Annotated[bool, typer.Option("--attached", hidden=True)] = False,
 ) -> None:
-    """Keep a file of what was before and after each fault, or each stop the PLC did not ask for."""
+    """Save a file around each fault, or around each stop without an OFF of the PLC."""
     from pdgw.recording.trace_file import chosen_ring
     from pdgw.recording.trace_keeper import Choice, follow, sleeping
 
