@@ -249,8 +249,8 @@ class PositionerExecutor(Executor):
             self._stop()
             extra = _HALT
         else:
-            mode.halted = False
             self._stop()
+            mode.halted = False
         self._torque.follow(motion.torque if operating else None)
         if outcome.warning is not self._warned:
             self._warn(outcome.warning)

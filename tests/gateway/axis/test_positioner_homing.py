@@ -33,7 +33,7 @@ from tests.gateway.axis.test_positioner_handshake import (
     shows,
     turning,
 )
-from tests.support.hand import ON, OPERATING, Hand
+from tests.support.hand import OFF, ON, OPERATING, Hand
 from tests.support.positioner import CHOICES
 
 # -- homing -------------------------------------------------------------------------------------------------------------
@@ -117,6 +117,20 @@ def test_a_homing_that_is_taken_back_is_halted_in_mode_6_and_halt_falls_alone() 
     assert command.modes_of_operation == Mode.HOMING
     assert not hand(ON) & OF_THE_MODE
     assert command.modes_of_operation == Mode.POSITION
+
+
+@pytest.mark.parametrize("end", [OFF, OFF2], ids=["OFF1", "OFF2"])
+def test_halt_of_a_homing_falls_before_the_mode_changes_when_operation_ends(end: int) -> None:
+    hand = positioner().enable()
+    begin_homing(hand)
+    hand(ON | HOMING)
+    hand.feedback.velocity_actual = FAST
+    assert hand(end if end == OFF else ON) & HALT
+    hand(end, State.READY_TO_SWITCH_ON)
+    command = hand.stepper.command
+    assert (command.controlword & HALT, command.modes_of_operation) == (0, Mode.HOMING)
+    hand(end, State.READY_TO_SWITCH_ON)
+    assert (command.controlword & HALT, command.modes_of_operation) == (0, Mode.POSITION)
 
 
 def test_a_second_homing_waits_for_the_drive_as_the_first_one_did() -> None:
