@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import ClassVar, Final
 
 from pdgw.dsp402.states import STATE_OF_STATUS, State
-from pdgw.gateway.motion.modulo import Direction
 from pdgw.gateway.motion.requests import Asked, Outcome
 from pdgw.profidrive.encoder import SENSOR_STATUS, SensorError, SensorState
 from pdgw.profidrive.signals import signal
@@ -67,44 +65,23 @@ class SpeedWish(enum.IntEnum):
     """The ramp stops where it is: the demand speed of this moment stays."""
 
 
-@dataclass(frozen=True, slots=True)
-class Task:
-    """A traversing task as it was asked for with its edge; fractions of the references."""
-
-    target: int
-    relative: bool
-    velocity: int
-    acceleration: int
-    deceleration: int
-    direction: Direction = Direction.SHORTEST
-
-
 class Demand:
     """What is asked of an axis now. An adapter sets the fields its telegram has; the others keep their first value."""
 
     __slots__ = (
         "acknowledge",
-        "activate",
         "connected",
         "device_bits",
         "fresh",
-        "homing",
-        "homing_edge",
-        "homing_method",
-        "homing_velocity",
         "in_control",
-        "intermediate_stop",
         "kpc",
         "motion",
         "power",
         "raw",
-        "reject",
         "second_sensor",
         "sensor",
         "speed",
         "speed_wish",
-        "task",
-        "tasks_selected",
         "torque_reduction",
         "xerr",
     )
@@ -134,19 +111,6 @@ class Demand:
         """What is asked came with this very cycle; counts in telegrams with DSC."""
         self.torque_reduction = 0
         """Fraction of the torque limit that is taken away (N2); 0 or below: nothing."""
-        self.task: Task | None = None
-        """A traversing task that is to be started with this very cycle (its edge)."""
-        self.activate = False
-        """The level of what starts tasks: the drive's acknowledge is taken back when it falls."""
-        self.tasks_selected = False
-        """Tasks are allowed; a running one is rejected when this falls."""
-        self.reject = False
-        self.intermediate_stop = False
-        self.homing = False
-        self.homing_edge = False
-        self.homing_method = 0
-        self.homing_velocity = 0
-        """Fraction of the reference of profile velocities."""
         self.motion: Asked | None = None
         """What is asked of a positioner; always the same object, None in telegrams without one."""
         self.raw: Sequence[int] | None = None

@@ -88,10 +88,15 @@ class Positioner:
         }
     )
 
-    def __init__(self, settings: PositionerSettings, blocks: BlockTable | None = None) -> None:
+    def __init__(
+        self,
+        settings: PositionerSettings,
+        blocks: BlockTable | None = None,
+        transitions: Mapping[State, tuple[Transition, ...]] = TRANSITIONS,
+    ) -> None:
         self.settings = settings
         self.outcome = Outcome()
-        self._state: State = _OFF
+        self._state = self.outcome.state = next(iter(transitions))
         self._course = Course(settings, self.outcome)
         self._chain = BlockChain(blocks or BlockTable(), self._course)
         self._asked = Asked()
@@ -111,7 +116,21 @@ class Positioner:
         """There was an edge in the last step."""
         self._levels = (False, False, False, False)
         self._activated = self._external_edge = self._reference_edge = self._homing_edge = False
-        events: dict[Event, Callable[[], bool]] = {
+        events, actions = self._events(), self._actions()
+
+        def compiled(rows: Iterable[Transition]) -> tuple[_Row, ...]:
+            return tuple((events[row.event], actions[row.action], row.target) for row in rows)
+
+        self._table = {
+            state: (compiled(rows), compiled(row for row in rows if row.event not in _DISTURBANCES))
+            for state, rows in transitions.items()
+        }
+        """The transitions with what finds an event and what does an action: all rows of a state, and those of a calm step."""
+        self._rows, self._calm_rows = self._table[self._state]
+
+    def _events(self) -> dict[Event, Callable[[], bool]]:
+        """What finds an event."""
+        return {
             Event.NOT_OPERATING: lambda: not self._asked.operating,
             Event.OPERATING: lambda: self._asked.operating,
             Event.REJECTED: lambda: not self._asked.do_not_reject,
@@ -134,7 +153,10 @@ class Positioner:
             Event.TRACKING_OFF: lambda: not self._asked.tracking,
             Event.STANDING: lambda: self._seen.standstill,
         }
-        actions: dict[Action, Callable[[], None]] = {
+
+    def _actions(self) -> dict[Action, Callable[[], None]]:
+        """What does an action."""
+        return {
             Action.NOTHING: lambda: None,
             Action.DROP: self._drop,
             Action.CLEAR: lambda: self._warn(None),
@@ -152,16 +174,6 @@ class Positioner:
             Action.HOMED: self._homed,
             Action.HOMING_ERROR: lambda: self._warn(Reason.HOMING_ERROR),
         }
-
-        def compiled(rows: Iterable[Transition]) -> tuple[_Row, ...]:
-            return tuple((events[row.event], actions[row.action], row.target) for row in rows)
-
-        self._table = {
-            state: (compiled(rows), compiled(row for row in rows if row.event not in _DISTURBANCES))
-            for state, rows in TRANSITIONS.items()
-        }
-        """``TRANSITIONS`` with what finds an event and what does an action: all rows of a state, and those of a calm step."""
-        self._rows, self._calm_rows = self._table[self._state]
 
     def set_ranges(self, positions: tuple[int, int], distances: tuple[int, int]) -> None:
         """Where the drive can be sent, in its own coordinates, and how far with one relative task."""
@@ -193,23 +205,26 @@ class Positioner:
             self._look(asked)
         elif self._edges:
             self._edges = self._activated = self._external_edge = self._reference_edge = self._homing_edge = False
-        state = self._state
-        if (asked.homing or self._probe_wanted) and state is not _OFF:
+        if (asked.homing or self._probe_wanted) and self._state is not _OFF:
             self._home_on_the_fly()
         calm = asked.operating and asked.do_not_reject and self._pending is None
-        for happened, act, target in self._calm_rows if calm else self._rows:
-            if happened():
-                act()
-                if target is not state:
-                    self._state = outcome.state = target
-                    self._rows, self._calm_rows = self._table[target]
-                break
+        self._go_on(self._calm_rows if calm else self._rows)
         if self._chain.block is not None:
             self._chain.look_ahead()
         if self._state is not _HOMING:
             course.follow(asked, now)
         self._show()
         return outcome
+
+    def _go_on(self, rows: tuple[_Row, ...]) -> None:
+        """Take the first transition whose event is there."""
+        for happened, act, target in rows:
+            if happened():
+                act()
+                if target is not self._state:
+                    self._state = self.outcome.state = target
+                    self._rows, self._calm_rows = self._table[target]
+                break
 
     # -- what came in ---------------------------------------------------------------------------------------------------
 

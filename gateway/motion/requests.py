@@ -59,6 +59,8 @@ class Asked(_OfAsked):
     negative: bool = False
     continuous_update: bool = False
     block: int = 0
+    homing_method: int = 0
+    """Of telegram 9, whose positions, speeds and ramps are fractions of references (4000 0000h = 100 %)."""
     override: int = FULL
     """0..7FFFh; what the PLC sends below 0 is 0."""
     target: int = 0
@@ -89,7 +91,9 @@ class _OfSeen:
 
     __slots__ = ()
     SERIALS: ClassVar[frozenset[str]] = frozenset({"given", "taken", "executing"})
-    PASSING: ClassVar[frozenset[str]] = frozenset({"standstill", "reached", "internal_limit", "torque_at_limit"})
+    PASSING: ClassVar[frozenset[str]] = frozenset(
+        {"standstill", "stopped", "reached", "internal_limit", "torque_at_limit"}
+    )
 
 
 @dataclass(slots=True, eq=False)
@@ -102,6 +106,8 @@ class Seen(_OfSeen):
 
     position: int = 0
     standstill: bool = True
+    stopped: bool = True
+    """It stands, and the drive does not ramp any more."""
     given: int = 0
     taken: int = 0
     executing: int = 0

@@ -50,11 +50,16 @@ class Event(enum.Enum):
     JOG_RELEASED = "STW1.8 = STW1.9, or the other one alone"
     HOMING = "edge of STW1.11"
     HOMING_WITHDRAWN = "STW1.11 = 0"
+    TASK_AFTER_HOMING = "edge of STW1.6 in the frame with STW1.11 = 0 after the end of homing"
+    HOMING_OVER = "STW1.11 = 0 before the drive homes, or after the end of homing"
     HOMING_ATTAINED = "homing attained"
     HOMING_FAILED = "homing error"
     TRACKING = "POS_STW2.0 = 1"
     TRACKING_OFF = "POS_STW2.0 = 0"
     STANDING = "standstill"
+    STANDING_HOMING = "standstill, a homing waits"
+    STANDING_TASK = "standstill, a task waits"
+    DESELECTED = "SATZANW.15 = 0"
 
 
 class Action(enum.Enum):
@@ -64,6 +69,7 @@ class Action(enum.Enum):
     DROP = "drop task, kept task, jog and update"
     CLEAR = "clear the warning"
     BRAKE = "ramp to standstill, drop the task"
+    BRAKE_TO_HOME = "ramp to standstill, keep the homing"
     REFUSE = "warning with the reason"
     REFUSE_AND_BRAKE = "warning, ramp to standstill"
     START = "start"
@@ -148,6 +154,38 @@ TRANSITIONS: Mapping[State, tuple[Transition, ...]] = MappingProxyType(
     }
 )
 """Every state with its rows, in the order they are looked at."""
+
+_DROPPED = Transition(Event.NOT_OPERATING, State.IDLE, Action.DROP)
+MDI_TRANSITIONS: Mapping[State, tuple[Transition, ...]] = MappingProxyType(
+    {
+        State.IDLE: (
+            _DROPPED,
+            Transition(Event.HOMING, State.HOMING, Action.HOME),
+            Transition(Event.MDI, State.MDI, Action.START),
+        ),
+        State.MDI: (
+            _DROPPED,
+            _REJECTED,
+            Transition(Event.DESELECTED, State.BRAKING, Action.BRAKE),
+            Transition(Event.HOMING, State.BRAKING, Action.BRAKE_TO_HOME),
+            _REPLACED_BY_MDI,
+            Transition(Event.REACHED, State.IDLE, Action.FINISH),
+        ),
+        State.BRAKING: (
+            _DROPPED,
+            Transition(Event.STANDING_HOMING, State.HOMING, Action.HOME),
+            Transition(Event.STANDING_TASK, State.MDI, Action.START),
+            Transition(Event.STANDING, State.IDLE),
+        ),
+        State.HOMING: (
+            _DROPPED,
+            Transition(Event.TASK_AFTER_HOMING, State.MDI, Action.START),
+            Transition(Event.HOMING_OVER, State.IDLE, Action.FINISH),
+            Transition(Event.HOMING_WITHDRAWN, State.BRAKING, Action.BRAKE),
+        ),
+    }
+)
+"""Those of telegram 9, whose homing may interrupt a task, and lasts until STW1.11 = 0."""
 
 TASK_STATES = frozenset(state for state, rows in TRANSITIONS.items() if any(row.event is Event.MDI for row in rows)) | {
     State.BRAKING

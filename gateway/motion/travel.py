@@ -41,6 +41,10 @@ class Goal:
     scaled: bool = True
     """The override scales the speed."""
     torque: int | None = None
+    direction: Direction = Direction.SHORTEST
+    """For a drive that finds the way of a modulo axis itself;"""
+    relative: bool = False
+    """such a drive is given what is left of a relative task by a relative task."""
 
 
 class Course:
@@ -118,6 +122,11 @@ class Course:
             return False
         return goal.distance is not None or abs(goal.target - seen.position) <= self.settings.position_window
 
+    @property
+    def waits(self) -> bool:
+        """There is a goal, and the drive was not given it."""
+        return self.goal is not None and (not self.sent or self._seen.given < self.sent)
+
     # -- goals ----------------------------------------------------------------------------------------------------------
 
     def go(self, velocity: int, acceleration: int, deceleration: int, *, scaled: bool = True) -> None:
@@ -132,11 +141,11 @@ class Course:
         speed = self.speed
         assert speed is not None, "only functions with a speed come here"
         if self.limits is None:
-            self._set(speed)
+            self.aim(speed)
             return
         target = self.limits[speed.velocity > 0] - self.offset
         if (target - self._seen.position) * speed.velocity > 0:
-            self._set(replace(speed, kind=_POSITION, target=target, velocity=abs(speed.velocity)))
+            self.aim(replace(speed, kind=_POSITION, target=target, velocity=abs(speed.velocity)))
         else:
             self.goal = None
             self.outcome.warning = Reason.SOFTWARE_LIMIT
@@ -164,14 +173,15 @@ class Course:
                 end, distance = inside, None
                 self.outcome.warning = Reason.SOFTWARE_LIMIT
         target = end - self.offset
-        self._set(Goal(_POSITION, target, distance, limited, acceleration, deceleration, torque=torque))
+        self.aim(Goal(_POSITION, target, distance, limited, acceleration, deceleration, torque=torque))
 
     @staticmethod
     def _inside(position: int, limits: tuple[int, int]) -> int:
         """A position of the user, or the software limit it is beyond."""
         return max(limits[0], min(position, limits[1]))
 
-    def _set(self, goal: Goal) -> None:
+    def aim(self, goal: Goal) -> None:
+        """Another goal."""
         outcome = self.outcome
         self.goal = goal
         self.sent = self.queued = 0
@@ -223,7 +233,7 @@ class Course:
             return Reason.INTERMEDIATE_STOP
         if goal.scaled and asked.override == 0:
             return Reason.OVERRIDE_ZERO
-        stands = seen.internal_limit and seen.standstill and self.sent
+        stands = seen.internal_limit and seen.standstill and self.sent and seen.given >= self.sent
         # A fixed stop stands at the torque limit: that is what it is for.
         if not stands or goal.torque is not None or self.arrived():
             self._limit_since = -1
@@ -261,7 +271,7 @@ class Course:
     def take_queued(self) -> None:
         """The drive has gone over to the set-point that waited: it is the goal now."""
         motion = self.outcome.motion
-        self._set(
+        self.aim(
             Goal(
                 _POSITION,
                 *(motion.target, None, motion.velocity, motion.acceleration, motion.deceleration),

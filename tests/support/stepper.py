@@ -10,7 +10,7 @@ from pdgw.gateway.axis.adapters.base import POWER_BITS, WISHES
 from pdgw.gateway.axis.checkpoint import Checkpoints
 from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.encoder_machine import EncoderMachine
-from pdgw.gateway.axis.executors.positioning import PositioningExecutor, SubState
+from pdgw.gateway.axis.executors.positioning import PositioningExecutor
 from pdgw.gateway.axis.executors.sensor import DriveSensor, EncoderReferences
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.machine import AxisMachine
@@ -131,10 +131,6 @@ class Stepper(_Device):
         executor = self.machine.executor
         assert isinstance(executor, PositioningExecutor)
         return executor
-
-    @property
-    def sub_state(self) -> SubState:
-        return self._positioning.sub_state
 
     @property
     def home_position_set(self) -> bool:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
 
 from pdgw.gateway.axis import interlock, power_table
-from pdgw.gateway.axis.adapters.positioning import PositioningAdapter
-from pdgw.gateway.axis.demand_report import Demand
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.machine import AxisMachine
@@ -31,6 +29,7 @@ from pdgw.gateway.axis.power_table import (
     Row,
 )
 from pdgw.gateway.axis.settings import PlcLossReaction
+from pdgw.gateway.motion.mdi import MdiPositioner
 from pdgw.gateway.reasons import Reason
 from pdgw.workshop.walk.cases import Case
 
@@ -78,14 +77,13 @@ def speed_stands_in_a_stop(patch: Patch) -> None:
 
 
 def standing_task_bit_starts(patch: Patch) -> None:
-    read = PositioningAdapter.read
+    find = MdiPositioner._find_edges
 
-    def wrong(self: PositioningAdapter, setpoints: Sequence[int] | None, demand: Demand) -> None:
-        read(self, setpoints, demand)
-        if setpoints is not None and demand.activate:
-            demand.task = self._task(setpoints)
+    def wrong(self: MdiPositioner) -> None:
+        find(self)
+        self._activated = self._asked.activate
 
-    patch.setattr(PositioningAdapter, "read", wrong)
+    patch.setattr(MdiPositioner, "_find_edges", wrong)
 
 
 PLANTED: dict[str, tuple[Case, Callable[[Patch], None]]] = {

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from pdgw.ds301.aborts import ABORT_TEXTS, abort_text
@@ -21,8 +21,8 @@ from pdgw.dsp406.registers import Alarm, AreaState, Operating, Warnings
 from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.power_table import ANY_DRIVE, ANY_PHASE, ANY_WISH, CONTROLWORDS, ROWS, Action, Drive, Phase
 from pdgw.gateway.configuration.positioner_values import BLOCK_ITEMS, ITEMS
+from pdgw.gateway.motion.states import MDI_TRANSITIONS, Event, State, Transition
 from pdgw.gateway.motion.states import TRANSITIONS as POSITIONER_TRANSITIONS
-from pdgw.gateway.motion.states import Event
 from pdgw.gateway.parameters.guarded import GUARDED
 from pdgw.gateway.parameters.objects import error_of_abort
 from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
@@ -133,18 +133,24 @@ their frame; see docs/motion.md.
 """
 
 
-def _positioner_diagram() -> str:
-    """The positioner's states as a Mermaid diagram, without the end of operation, which leaves every state."""
-    names = {state: state.name.title().replace("_", "") for state in POSITIONER_TRANSITIONS}
+_MDI = """\
+Telegram 9 has MDI tasks and homing alone. Homing interrupts a task, and lasts until STW1.11 = 0.
+"""
+
+
+def _positioner(transitions: Mapping[State, Sequence[Transition]]) -> str:
+    """The states of a positioner as a table, and as a Mermaid diagram without the end of operation, which leaves every state."""
+    rows = [(state, row) for state, rows in transitions.items() for row in rows]
+    names = {state: state.name.title().replace("_", "") for state in transitions}
     lines = ["```mermaid", "stateDiagram-v2"]
     lines += [f"    {name}: {state.value}" for state, name in names.items()]
     lines += [
         f"    {names[state]} --> {names[row.target]}: {row.event.value.replace(':', ',')}"
-        for state, rows in POSITIONER_TRANSITIONS.items()
-        for row in rows
+        for state, row in rows
         if row.event is not Event.NOT_OPERATING and row.target is not state
     ]
-    return "\n".join([*lines, "```"]) + "\n"
+    cells = ((state.value, row.event.value, row.target.value, row.action.value) for state, row in rows)
+    return table(("state", "event", "next state", "what is done"), cells) + "\n" + "\n".join([*lines, "```"]) + "\n"
 
 
 def generate() -> str:
@@ -188,15 +194,10 @@ def generate() -> str:
     out += [
         "## Positioner\n",
         _POSITIONER,
-        table(
-            ("state", "event", "next state", "what is done"),
-            (
-                (state.value, row.event.value, row.target.value, row.action.value)
-                for state, rows in POSITIONER_TRANSITIONS.items()
-                for row in rows
-            ),
-        ),
-        _positioner_diagram(),
+        _positioner(POSITIONER_TRANSITIONS),
+        "### Telegram 9\n",
+        _MDI,
+        _positioner(MDI_TRANSITIONS),
         "## Drive states\n",
         table(("state", "Statusword"), ((p.state.value, f"`{_pattern(p.mask, p.value)}`") for p in STATUS_PATTERNS)),
         "## Commands of the Controlword\n",

@@ -126,7 +126,7 @@ class PositionerAdapter(ControlWordAdapter):
         if setpoints is None or not demand.in_control:
             if self._last is not None and (setpoints is None or demand.power is not PowerWish.HOLD):
                 self._last = None
-                self.asked.forget()
+                self.forget()
             return
         if setpoints == self._last:
             return
@@ -141,6 +141,10 @@ class PositionerAdapter(ControlWordAdapter):
     def kept(self, demand: Demand) -> tuple[object, ...]:
         kept = super().kept(demand)
         return (*kept, self.asked) if demand in kept else kept
+
+    def forget(self) -> None:
+        """Nothing is asked."""
+        self.asked.forget()
 
     def read_controls(self, controls: Sequence[int]) -> None:
         """Other control words: STW1 and those that were named."""

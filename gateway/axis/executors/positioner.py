@@ -18,14 +18,12 @@ from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import ControlBit, StatusBit
-from pdgw.gateway.axis.demand_report import STATE_MASK, Flag
-from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisCycle, Executor, highest, known
-from pdgw.gateway.axis.executors.homing import Homing, Progress
-from pdgw.gateway.axis.executors.mode import ModeSwitch
+from pdgw.gateway.axis.demand_report import Flag
+from pdgw.gateway.axis.executors.base import AxisCycle, highest, known
+from pdgw.gateway.axis.executors.motion import ACKNOWLEDGED, HALT, NEW_SETPOINT, MotionExecutor
 from pdgw.gateway.axis.executors.task_scaling import position_mode
 from pdgw.gateway.axis.executors.torque import message_of, message_word
 from pdgw.gateway.axis.executors.torque_limit import TorqueLimit
-from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import BlockTable, BlockTask
@@ -40,7 +38,6 @@ from pdgw.gateway.motion.requests import (
     Outcome,
     PositionerChoices,
     PositionerSettings,
-    Seen,
 )
 from pdgw.gateway.motion.states import State as Function
 from pdgw.gateway.motion.units import DriveUnits, LengthUnits
@@ -48,64 +45,46 @@ from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.datatypes import n4
 from pdgw.profidrive.normalisation import Normalisation
 
-_HALT = ControlBit.HALT
-_NEW_SETPOINT = ControlBit.NEW_SETPOINT
-_ENABLE_OPERATION, _RAMP, _RAMP_END = Action.ENABLE_OPERATION, Action.RAMP, Action.RAMP_END
 _STAND, _POSITION, _HOMING = MotionKind.STAND, MotionKind.POSITION, MotionKind.HOMING
 _POSITION_MODE, _VELOCITY_MODE, _HOMING_MODE = Mode.POSITION.value, Mode.VELOCITY.value, Mode.HOMING.value
 _WITHOUT_FUNCTION = (Function.IDLE, Function.TRACKING, Function.BRAKING)
 _STANDING, _REACHED, _WITHIN_TOLERANCE = Flag.STANDING, Flag.REACHED, Flag.WITHIN_TOLERANCE
 _HOME_SET, _TASK_ACKNOWLEDGED = Flag.HOME_SET, Flag.TASK_ACKNOWLEDGED
 _INTERNAL_LIMIT, _TARGET_REACHED = StatusBit.INTERNAL_LIMIT, StatusBit.TARGET_REACHED
-_ACKNOWLEDGED, _FOLLOWING_ERROR = StatusBit.MODE_12, StatusBit.MODE_13
+_FOLLOWING_ERROR = StatusBit.MODE_13
 """Of mode 1."""
 _ENDLESS = (-(1 << 62), (1 << 62) - 1)
 """Where a modulo axis can be sent, whose position is counted on across the ends."""
-_POSITION_FOLLOWS = 2
-"""Cycles until the position is of the same moment as the Statusword, where they are in different PDOs: one of them waits for the
-end of its inhibit time, a cycle."""
 _AT_LIMIT = 20
 """The torque is at its limit within one part in so many."""
 
 
-class PositionerExecutor(Executor):
+class PositionerExecutor(MotionExecutor):
     """One axis' positioner and the drive behind it. GatewayError without the user's choices for a positioner."""
 
-    SERIALS: ClassVar[frozenset[str]] = frozenset({"_anchored", "_homing_begun"})
+    SERIALS: ClassVar[frozenset[str]] = frozenset({"_anchored"})
+    POSITION_FOLLOWS: ClassVar[int] = 2
+    """Position and Statusword are in different PDOs: one of them waits for the end of its inhibit time, a cycle."""
 
     def __init__(self, cycle: AxisCycle) -> None:
-        super().__init__(cycle)
-        if self.settings.positioner is None:
+        choices = cycle.settings.positioner
+        if choices is None:
             raise GatewayError("[axis.positioner] is missing: a telegram of the positioner needs it")
-        self.choices: PositionerChoices = self.settings.positioner
-        self.positioner = Positioner(_settings(self.choices), BlockTable(self.choices.blocks))
-        self._mode = ModeSwitch(cycle, _POSITION_MODE)
-        self.homing = Homing(cycle, self._mode)
-        self.command.modes_of_operation = self._mode.mode
+        super().__init__(cycle, Positioner(_settings(choices), BlockTable(choices.blocks)), _POSITION_MODE)
+        self.choices: PositionerChoices = choices
         self.report.motion = self.positioner.outcome
-        self._seen = Seen()
-        self._nothing = Asked()
         self._units: LengthUnits | None = None
         self._speed: Normalisation | None = None
         self._message: MessageWord | None = None
-        self._target = CanType.I32.integer_range
-        """What 607Ah can hold."""
         self._limits = (0, 0, 0)
         """Highest velocity, acceleration, deceleration of the drive."""
         self._one_ramp = False
         """The drive has no 6084h: 6083h is its acceleration and its deceleration."""
-        self._setpoint_bit = False
-        self._bits = 0
-        """Controlword bits 5 and 6 of the set-point given last."""
         self._torque = TorqueLimit(self.notes)
         self._ring: Ring | None = None
         """Of a modulo axis."""
         self._anchored = 0
         """Serial of the motion before which the drive was sent to where it stands."""
-        self._homing_begun = 0
-        """Serial of the homing that was begun."""
-        self._attained = 0
-        """Cycles since the drive said that it has its zero."""
         self._warned: Reason | None = None
         self._inputs = 0
         """The digital inputs as they were looked at last."""
@@ -120,9 +99,7 @@ class PositionerExecutor(Executor):
             known(scaling.velocity_per_rpm, "velocity units per rpm", "velocity_unit"),
             known(scaling.acceleration_per_rpm_s, "acceleration units per rpm/s", "acceleration_unit"),
         )
-        self.homing.method = homing_method
-        self.homing.methods = frozenset(drive.homing_methods)
-        self._target = drive.limits("target_position")
+        super().set_drive(drive, homing_method)
         length = self._units = LengthUnits(
             choices.lu_per_revolution, choices.max_acceleration, choices.max_deceleration, units
         )
@@ -170,15 +147,12 @@ class PositionerExecutor(Executor):
 
     def restarted(self) -> None:
         self._torque.restarted()
-        self._forget_home()
-
-    def lost(self) -> None:
-        self._forget_home()
+        super().restarted()
 
     def _forget_home(self) -> None:
         if self._ring is not None:
             self._ring.reset()
-        self.homing.home_set = False
+        super()._forget_home()
         self.positioner.forget_home()
 
     def recall(self, *, home_set: bool) -> None:
@@ -194,7 +168,7 @@ class PositionerExecutor(Executor):
 
     def sdo_done(self, error: str | None) -> None:
         if not self._torque.answered(error):
-            self.homing.answered(error)
+            super().sdo_done(error)
 
     def probed(self, answer: ProbeAnswer) -> None:
         units = self._units
@@ -213,50 +187,21 @@ class PositionerExecutor(Executor):
         armed = self.positioner.outcome.probe
         notes.probe = ProbeWish((2 * asked.probe_2 + asked.probe_falling,)) if armed else None
 
-    def _stop(self) -> None:
-        """Not in operation: nothing that was given goes on, and what was not given never is."""
-        seen = self._seen
-        seen.given = seen.taken = seen.executing = self.positioner.outcome.motion.serial
-        self._setpoint_bit = False
-        self._bits = 0
-        self._mode.give_up()
-        self.homing.give_up()
-        self.command.target_velocity = 0
-
     def step(self) -> Reason | None:
         cycle, units, speed, message = self.cycle, self._units, self._speed, self._message
         reason = cycle.reason
         if units is None or speed is None or message is None:
             return reason
-        action, feedback = cycle.action, cycle.feedback
-        mode, notes = self._mode, self.notes
+        outcome, feedback, notes = self._cycle(), cycle.feedback, self.notes
         asked = cycle.demand.motion or self._nothing
-        operating = action is _ENABLE_OPERATION and OPERATION_ENABLED[feedback.statusword & STATE_MASK]
-        asked.operating = operating
-        self._look(units)
-        outcome = self.positioner.step(asked, self._seen, cycle.now)
         if outcome.probe is (notes.probe is None):
             self._probe(asked)
-        extra = 0
-        motion = outcome.motion
-        if operating:
-            notes.forget()
-            extra = self._execute(motion, units)
-            mode.halted = extra & _HALT != 0
+        if asked.operating:
             reason = notes.reason or outcome.reason
-        elif action is _RAMP or action is _RAMP_END:
-            mode.halted = True  # the mode stays what it is while Halt is set
-            self._stop()
-            extra = _HALT
-        else:
-            self._stop()
-            mode.halted = False
-        self._torque.follow(motion.torque if operating else None)
+        self._torque.follow(outcome.motion.torque if asked.operating else None)
         if outcome.warning is not self._warned:
             self._warn(outcome.warning)
-        command, report = self.command, self.report
-        command.controlword = cycle.controlword | extra
-        command.modes_of_operation = mode.mode
+        report = self.report
         report.speed = speed.to_wire(feedback.velocity_actual)
         report.length_speed = units.to_length_speed(feedback.velocity_actual)
         report.flags = self._flags(outcome)
@@ -285,8 +230,9 @@ class PositionerExecutor(Executor):
 
     # -- what the drive does --------------------------------------------------------------------------------------------
 
-    def _look(self, units: LengthUnits) -> None:
-        seen, feedback = self._seen, self.cycle.feedback
+    def _look(self) -> None:
+        seen, feedback, units = self._seen, self.cycle.feedback, self._units
+        assert units is not None, "cycles begin when the drive is known"
         statusword = feedback.statusword
         position, ring = feedback.position_actual, self._ring
         seen.position = units.to_length(position if ring is None else ring.follow(position))
@@ -305,19 +251,19 @@ class PositionerExecutor(Executor):
         if not self._mode.shows_base():
             return
         if self._setpoint_bit:
-            if statusword & _ACKNOWLEDGED:
+            if statusword & ACKNOWLEDGED:
                 seen.taken = seen.given
                 self._setpoint_bit = False
-        elif not statusword & _ACKNOWLEDGED and seen.taken == seen.given:
+        elif not statusword & ACKNOWLEDGED and seen.taken == seen.given:
             # A set-point that waits keeps the acknowledge until the drive goes over to it.
             seen.executing = seen.taken
             seen.reached = statusword & _TARGET_REACHED != 0
 
     # -- what it is told ------------------------------------------------------------------------------------------------
 
-    def _execute(self, motion: Motion, units: LengthUnits) -> int:
-        """Controlword bits 4-8 of the motion wished."""
-        kind = motion.kind
+    def _execute(self, motion: Motion) -> int:
+        kind, units = motion.kind, self._units
+        assert units is not None, "cycles begin when the drive is known"
         if kind is _STAND:
             return self._stand()
         mode, ring = self._mode, self._ring
@@ -329,7 +275,7 @@ class PositionerExecutor(Executor):
         if mode.halted:
             return 0  # Halt falls alone: a set-point or a mode together with it is not allowed
         if kind is _HOMING:
-            return self._home(motion)
+            return self._home_axis(motion)
         if not mode.confirmed(wanted):
             return 0
         if kind is not _POSITION:
@@ -337,7 +283,7 @@ class PositionerExecutor(Executor):
             return 0
         if not self._setpoint_bit and motion.serial != self._seen.given:
             self._give(motion, units)
-        return self._bits | (_NEW_SETPOINT if self._setpoint_bit else 0)
+        return self._bits | (NEW_SETPOINT if self._setpoint_bit else 0)
 
     def _crosses(self, ring: Ring, motion: Motion, units: LengthUnits) -> bool:
         """A set-point that was not given yet leads across an end of what the drive shows."""
@@ -349,7 +295,7 @@ class PositionerExecutor(Executor):
         """To standstill in the mode there is."""
         self._setpoint_bit = False
         self.command.target_velocity = 0
-        return 0 if self._mode.mode == _VELOCITY_MODE else _HALT
+        return 0 if self._mode.mode == _VELOCITY_MODE else HALT
 
     def _stand(self) -> int:
         """Ramp down; Halt stays while a function is kept, and falls at standstill without a restart otherwise."""
@@ -363,7 +309,7 @@ class PositionerExecutor(Executor):
                 mode.confirmed(mode.base)
             return 0
         kept = self.positioner.outcome.state not in _WITHOUT_FUNCTION
-        return 0 if self.cycle.stopped and not kept else _HALT
+        return 0 if self.cycle.stopped and not kept else HALT
 
     def _set_ramps(self, motion: Motion, units: LengthUnits) -> None:
         command, (_, highest_acceleration, highest_deceleration) = self.command, self._limits
@@ -388,7 +334,7 @@ class PositionerExecutor(Executor):
 
     def _give(self, motion: Motion, units: LengthUnits) -> None:
         """A set-point, once the drive has taken the acknowledge of the last one back and has the torque limit."""
-        if self.cycle.feedback.statusword & _ACKNOWLEDGED:
+        if self.cycle.feedback.statusword & ACKNOWLEDGED:
             return
         if not self._torque.holds(motion.torque):
             self.notes.reason = Reason.TORQUE_LIMIT
@@ -414,50 +360,15 @@ class PositionerExecutor(Executor):
         self._set_point(target, immediate | (ControlBit.RELATIVE if relative else 0))
         self._seen.given = motion.serial
 
-    def _set_point(self, target: int, bits: int) -> None:
-        """The handshake begins with this target; the last length unit may end beyond what the object can hold."""
-        low, high = self._target
-        self.command.target_position = max(low, min(target, high))
-        self._bits = bits
-        self._setpoint_bit = True
-
-    def _home(self, motion: Motion) -> int:
-        seen, homing = self._seen, self.homing
+    def _home_axis(self, motion: Motion) -> int:
         if self._ring is not None:
             self._ring.reset()
-        if self._homing_begun != motion.serial:
-            self._homing_begun = motion.serial
-            seen.given = motion.serial
-            seen.homing = HomingResult.RUNNING
-            self._attained = 0
-            method = self.choices.homing_method
-            if not homing.supported(method) or method is None:
-                self._homing_ends(HomingResult.FAILED)
-                return 0
-            homing.begin(method, None)
-            return 0
-        if seen.taken == motion.serial:
-            progress = homing.run()
-            if progress is Progress.ATTAINED:
-                self._attained += 1
-                if self._attained > _POSITION_FOLLOWS:
-                    self._homing_ends(HomingResult.ATTAINED)
-            elif progress is Progress.FAILED:
-                self._homing_ends(HomingResult.FAILED)
-                return 0
-            return _NEW_SETPOINT
-        progress = homing.prepare()
-        if progress is Progress.FAILED:
+        method = self.choices.homing_method
+        if self._homing_begun != motion.serial and not self.homing.supported(method):
+            self._begin_homing(motion)
             self._homing_ends(HomingResult.FAILED)
-        elif progress is Progress.READY:
-            seen.taken = seen.executing = motion.serial
-            return _NEW_SETPOINT
-        return 0
-
-    def _homing_ends(self, result: HomingResult) -> None:
-        seen = self._seen
-        seen.homing = result
-        seen.taken = seen.executing = seen.given
+            return 0
+        return 0 if method is None else self._home(motion, method, None)
 
 
 def _in_length(length: LengthUnits, positions: tuple[int, int]) -> tuple[int, int]:

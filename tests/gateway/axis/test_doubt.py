@@ -6,7 +6,6 @@ import pytest
 
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State
 from pdgw.durations import MS
-from pdgw.gateway.axis.executors.positioning import SubState
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.reasons import Reason
@@ -141,7 +140,7 @@ def test_homing_that_ends_without_homing_attained_is_told_and_given_up() -> None
     rig.values |= {"SATZANW": 35, "MDI_VELOCITY": 0x1000}
     rig.enable()
     rig.values["STW1"] |= 0x0800
-    rig.until(lambda _: rig.stepper.sub_state is SubState.HOMING_FAILED)
+    rig.until(lambda _: rig.stepper.reason is Reason.HOMING_ERROR)
     rig.step(2)
     assert [event.number for event in rig.stepper.events] == [109]
     assert "without homing attained" in rig.stepper.events[0].text

@@ -9,7 +9,6 @@ import pytest
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit
-from pdgw.gateway.axis.executors.positioning import SubState
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.reasons import Reason
@@ -227,7 +226,7 @@ def test_a_homing_attained_that_is_left_from_before_does_not_end_the_new_homing(
     stepper.sdo_done(None)
     for _ in range(5):
         step(ON | HOMING, enabled | attained, Mode.HOMING)
-    assert stepper.sub_state is SubState.HOMING
+    assert stepper.command.controlword & ControlBit.NEW_SETPOINT
     assert not stepper.home_position_set
     step(ON | HOMING, enabled, Mode.HOMING)
     step(ON | HOMING, enabled | attained, Mode.HOMING)

@@ -1,0 +1,156 @@
+"""A positioner's motions on a drive, as far as all telegrams with tasks have them: what may start a motion stands here alone.
+
+Source: docs/motion.md, docs/translation.md. A motion starts by CW.4, which rises here for a set-point that was not given yet and
+for a homing whose method the drive has taken; never with the fall of Halt, nor before the drive shows the mode.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from pdgw.ds301.objects import CanType
+from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.states import ControlBit, StatusBit
+from pdgw.gateway.axis.demand_report import STATE_MASK
+from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisCycle, Executor
+from pdgw.gateway.axis.executors.homing import Homing, Progress
+from pdgw.gateway.axis.executors.mode import ModeSwitch
+from pdgw.gateway.axis.power_table import Action
+from pdgw.gateway.motion.positioner import Positioner
+from pdgw.gateway.motion.requests import Asked, HomingResult, Motion, Outcome, Seen
+
+HALT = ControlBit.HALT
+NEW_SETPOINT = ControlBit.NEW_SETPOINT
+ACKNOWLEDGED = StatusBit.MODE_12
+"""Of mode 1."""
+_RAMPS = (Action.RAMP, Action.RAMP_END)
+
+
+class MotionExecutor(Executor):
+    """One axis' positioner and the drive behind it."""
+
+    SERIALS: ClassVar[frozenset[str]] = frozenset({"_homing_begun"})
+    POSITION_FOLLOWS: ClassVar[int] = 0
+    """Cycles from "homing attained" to the position that counts from the new zero."""
+
+    def __init__(self, cycle: AxisCycle, positioner: Positioner, base: int) -> None:
+        super().__init__(cycle)
+        self.positioner = positioner
+        self._mode = ModeSwitch(cycle, base)
+        self.homing = Homing(cycle, self._mode)
+        self.command.modes_of_operation = self._mode.mode
+        self._seen = Seen()
+        self._nothing = Asked()
+        self._target = CanType.I32.integer_range
+        """What 607Ah can hold."""
+        self._setpoint_bit = False
+        self._bits = 0
+        """Controlword bits of the set-point given last, beside CW.4."""
+        self._homing_begun = 0
+        """Serial of the homing that was begun."""
+        self._attained = 0
+        """Cycles since the drive said that it has its zero."""
+
+    def set_drive(self, drive: DriveType, homing_method: int) -> None:
+        self.homing.method = homing_method
+        self.homing.methods = frozenset(drive.homing_methods)
+        self._target = drive.limits("target_position")
+
+    def restarted(self) -> None:
+        self._forget_home()
+
+    def lost(self) -> None:
+        self._forget_home()
+
+    def _forget_home(self) -> None:
+        self.homing.home_set = False
+
+    def sdo_done(self, error: str | None) -> None:
+        self.homing.answered(error)
+
+    def _cycle(self) -> Outcome:
+        """One cycle: what the axis does, what is asked of it, Controlword and mode."""
+        cycle, mode = self.cycle, self._mode
+        action = cycle.action
+        asked = cycle.demand.motion or self._nothing
+        operates = action is Action.ENABLE_OPERATION and OPERATION_ENABLED[cycle.feedback.statusword & STATE_MASK]
+        asked.operating = operates
+        if operates:
+            self.notes.forget()
+        self._look()
+        outcome = self.positioner.step(asked, self._seen, cycle.now)
+        if operates:
+            extra = self._execute(outcome.motion)
+            mode.halted = extra & HALT != 0
+        else:
+            ramps = action in _RAMPS
+            mode.halted = mode.halted or ramps  # the mode stays what it is while Halt is set
+            self._stop()
+            mode.halted = ramps
+            extra = HALT if ramps else 0
+        self.command.controlword = cycle.controlword | extra
+        self.command.modes_of_operation = mode.mode
+        return outcome
+
+    def _look(self) -> None:
+        """What the drive shows."""
+        raise NotImplementedError
+
+    def _execute(self, motion: Motion) -> int:
+        """Controlword bits 4-12 of the motion wished."""
+        raise NotImplementedError
+
+    def _stop(self) -> None:
+        """Not in operation: nothing that was given goes on, and what was not given never is."""
+        seen = self._seen
+        seen.given = seen.taken = seen.executing = self.positioner.outcome.motion.serial
+        self._end_set_point()
+        self._mode.give_up()
+        self.homing.give_up()
+        self.command.target_velocity = 0
+
+    def _end_set_point(self) -> None:
+        self._setpoint_bit = False
+        self._bits = 0
+
+    def _set_point(self, target: int, bits: int) -> None:
+        """The handshake begins with this target; the last unit may end beyond what the object can hold."""
+        low, high = self._target
+        self.command.target_position = max(low, min(target, high))
+        self._bits = bits
+        self._setpoint_bit = True
+
+    def _home(self, motion: Motion, method: int, speed: int | None) -> int:
+        """Controlword bits of a homing: the drive takes method and speeds, confirms the mode, and homes."""
+        seen, homing = self._seen, self.homing
+        if self._homing_begun != motion.serial:
+            self._begin_homing(motion)
+            homing.begin(method, speed)
+            return 0
+        if seen.taken == motion.serial:
+            progress = homing.run()
+            if progress is Progress.ATTAINED:
+                self._attained += 1
+                if self._attained > self.POSITION_FOLLOWS:
+                    self._homing_ends(HomingResult.ATTAINED)
+            elif progress is Progress.FAILED:
+                self._homing_ends(HomingResult.FAILED)
+                return 0
+            return NEW_SETPOINT
+        progress = homing.prepare()
+        if progress is Progress.FAILED:
+            self._homing_ends(HomingResult.FAILED)
+        elif progress is Progress.READY:
+            seen.taken = seen.executing = motion.serial
+            return NEW_SETPOINT
+        return 0
+
+    def _begin_homing(self, motion: Motion) -> None:
+        self._homing_begun = self._seen.given = motion.serial
+        self._seen.homing = HomingResult.RUNNING
+        self._attained = 0
+
+    def _homing_ends(self, result: HomingResult) -> None:
+        seen = self._seen
+        seen.homing = result
+        seen.taken = seen.executing = seen.given

@@ -1,0 +1,198 @@
+"""The positioner of telegram 9: MDI tasks and homing, by ``states.MDI_TRANSITIONS``.
+
+Source: docs/translation.md "Positioning, telegram 9 (MDI)"; the manufacturer's guide 5.2 and 6.7-6.14. Goals are in the drive's
+units: the executor converts a task with the data of its edge, and finds the way of a turntable.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ClassVar, Protocol
+
+from pdgw.gateway.motion.positioner import Positioner
+from pdgw.gateway.motion.requests import Asked, HomingResult, MotionKind, Outcome, PositionerSettings, Seen
+from pdgw.gateway.motion.states import MDI_TRANSITIONS, Action, Event, State
+from pdgw.gateway.motion.travel import Goal
+from pdgw.gateway.reasons import Reason
+
+_UNLIMITED = 1 << 62
+_SETTINGS = PositionerSettings(
+    max_velocity=_UNLIMITED,
+    position_window=_UNLIMITED,  # the drive says when it is there
+    position_range=(-_UNLIMITED, _UNLIMITED),
+    jog_velocities=(0, 0),
+    jog_distances=(0, 0),
+)
+_IDLE, _MDI, _BRAKING, _HOMING = State.IDLE, State.MDI, State.BRAKING, State.HOMING
+
+
+class MdiDrive(Protocol):
+    """What the positioner asks its executor."""
+
+    def offers_homing(self, *, edge: bool) -> bool:
+        """Whether the homing that is asked for with this ``edge`` may begin."""
+
+    def converted(self, asked: Asked) -> Goal:
+        """The task that is asked for."""
+
+
+class MdiPositioner(Positioner):
+    """One axis' positioner."""
+
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"_calm_rows", "_rows"})
+    PASSING: ClassVar[frozenset[str]] = frozenset({"before"})
+
+    def __init__(self, drive: MdiDrive) -> None:
+        self._drive = drive
+        self.homing: tuple[int, int] | None = None
+        """Method, and velocity as a fraction, of the homing that runs or waits for standstill: those of its edge."""
+        self.before = _IDLE
+        """The state before this step."""
+        self._waiting: Goal | None = None
+        """The task of the newest edge, which is to start."""
+        self._braking_reason: Reason | None = None
+        super().__init__(_SETTINGS, transitions=MDI_TRANSITIONS)
+
+    @property
+    def goal(self) -> Goal | None:
+        """What the axis is to do."""
+        return self._course.goal
+
+    @property
+    def waits(self) -> bool:
+        """The drive was not given the goal."""
+        return self._course.waits
+
+    def step(self, asked: Asked, seen: Seen, now: int) -> Outcome:
+        self._asked, self._seen, self._now = asked, seen, now
+        outcome, course = self.outcome, self._course
+        self.before = self._state
+        course.look(seen, False)
+        if asked.controls != self._controls or self._edges:
+            self._controls = asked.controls
+            self._find_edges()
+        if self._state is _BRAKING and asked.operating:
+            self._take_while_braking(asked)
+        self._go_on(self._rows)
+        if self._state is not _HOMING:
+            course.follow(asked, now)
+        if not asked.do_not_reject and outcome.warning is not Reason.REJECTED:
+            self._warn(None)
+        outcome.reason = self._reason(asked)
+        if self._state is not _BRAKING:
+            self._braking_reason = None
+        return outcome
+
+    def _reason(self, asked: Asked) -> Reason | None:
+        """Why the axis does not do what is asked."""
+        state, before = self._state, self.before
+        if state is _BRAKING or before is _BRAKING:
+            return self._braking_reason
+        idle = before is _IDLE or (before is _HOMING and self._seen.homing is not HomingResult.RUNNING)
+        if state is _IDLE and idle and not asked.mdi:
+            return Reason.MDI_OFF
+        return self._course.held
+
+    def _events(self) -> dict[Event, Callable[[], bool]]:
+        return {
+            **super()._events(),
+            Event.DESELECTED: lambda: not self._asked.mdi,
+            Event.HOMING: self._homing_asked,
+            Event.HOMING_OVER: lambda: not self._asked.homing and not self._homes(),
+            Event.MDI: self._task_asked,
+            Event.REACHED: lambda: self._asked.no_intermediate_stop and self._course.arrived(),
+            Event.STANDING: lambda: self._seen.stopped,
+            Event.STANDING_HOMING: lambda: self._seen.stopped and self.homing is not None,
+            Event.STANDING_TASK: lambda: self._seen.stopped and self._waiting is not None,
+            Event.TASK_AFTER_HOMING: self._task_asked_after_homing,
+        }
+
+    def _actions(self) -> dict[Action, Callable[[], None]]:
+        return {**super()._actions(), Action.BRAKE_TO_HOME: self._brake_to_home, Action.FINISH: self._finish}
+
+    # -- edges ----------------------------------------------------------------------------------------------------------
+
+    def _homing_asked(self) -> bool:
+        """The edge of a homing that the drive has."""
+        asked = self._asked
+        if not self._drive.offers_homing(edge=self._homing_edge):
+            return False
+        self.homing = (asked.homing_method, asked.velocity)
+        return True
+
+    def _homes(self) -> bool:
+        """The drive homes."""
+        return self._homing_is(HomingResult.RUNNING)
+
+    def _task_asked(self) -> bool:
+        self._take_task()
+        return self._waiting is not None
+
+    def _task_asked_after_homing(self) -> bool:
+        """During a homing an edge starts nothing, but in the frame that ends one that is done."""
+        if self._asked.homing or self._homes():
+            return False
+        self._warn(None)
+        return self._seen.homing is not HomingResult.RUNNING and self._task_asked()
+
+    def _take_task(self) -> None:
+        """An edge with everything else given is a task with the data of its frame, in place of one that waits."""
+        asked = self._asked
+        if not self._activated:
+            return
+        if not asked.mdi:
+            self._warn(Reason.MDI_OFF)
+        elif not asked.do_not_reject:
+            self._warn(Reason.REJECTED)
+        elif not asked.no_intermediate_stop and self._state is not _MDI:
+            self._warn(Reason.INTERMEDIATE_STOP)
+        else:
+            goal = self._drive.converted(asked)
+            if goal.velocity:
+                self._waiting = goal
+            self._warn(None if goal.velocity else Reason.TASK_SPEED_ZERO)
+
+    def _take_while_braking(self, asked: Asked) -> None:
+        if not self._homing_asked() and not asked.homing:
+            self.homing = None
+        self._take_task()
+        if not (asked.do_not_reject and asked.mdi):
+            self._waiting = None
+
+    # -- functions ------------------------------------------------------------------------------------------------------
+
+    def _forget(self) -> None:
+        super()._forget()
+        self._waiting = None
+
+    def _finish(self) -> None:
+        self._forget()
+        self.homing = None
+
+    def _drop(self) -> None:
+        super()._drop()
+        self.homing = None
+        self._warn(None)
+
+    def _brake(self) -> None:
+        if self._state is _HOMING:
+            self._braking_reason = Reason.HOMING_STOPPED
+        else:
+            self._braking_reason = Reason.MDI_OFF if self._asked.do_not_reject else Reason.REJECTED
+        self._finish()
+
+    def _brake_to_home(self) -> None:
+        self._braking_reason = None
+        self._forget()
+
+    def _start(self) -> None:
+        goal = self._waiting
+        assert goal is not None, "the rows with a start follow an edge"
+        self._finish()
+        self._course.aim(goal)
+
+    def _start_homing(self) -> None:
+        self._forget()
+        motion = self.outcome.motion
+        motion.kind = MotionKind.HOMING
+        motion.serial += 1
