@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from pdgw.decoder.export.plot import pyplot_for, save
 from pdgw.durations import MS, SECOND
-from pdgw.extras import missing
 from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.example import SIMULATED_WATCHDOG_FACTOR
@@ -176,14 +176,7 @@ def study(cycles_ms: Sequence[float] = CYCLES_MS, gains: Sequence[float] = GAINS
 
 def plot(points: Sequence[Point], picture: Path) -> None:
     """Following error and overshoot over the gain; GatewayError without matplotlib, or when it cannot be written."""
-    try:
-        import matplotlib as mpl  # noqa: PLC0415
-
-        mpl.use("Agg")
-        from matplotlib import pyplot  # noqa: PLC0415
-    except ImportError as error:
-        raise GatewayError(missing("matplotlib", "the picture")) from error
-    figure, (errors, steps) = pyplot.subplots(1, 2, figsize=(13, 5), constrained_layout=True)
+    figure, (errors, steps) = pyplot_for("the picture").subplots(1, 2, figsize=(13, 5), constrained_layout=True)
     colours = dict(
         zip(sorted({item.cycle_ms for item in points}), ("#4c78a8", "#f58518", "#54a24b", "#b279a2"), strict=False)
     )
@@ -215,12 +208,4 @@ def plot(points: Sequence[Point], picture: Path) -> None:
         panel.grid(alpha=0.3, which="both")
         if points:
             panel.legend(fontsize=7)
-    try:
-        # Without an ending matplotlib would add one and write another file.
-        figure.savefig(picture, format=picture.suffix[1:] or "png", dpi=110)
-    except (OSError, ValueError) as error:  # ValueError: an ending that is no picture format
-        raise GatewayError(
-            f"--plot {picture}: cannot be written ({getattr(error, 'strerror', None) or error})"
-        ) from error
-    finally:
-        pyplot.close(figure)
+    save(figure, picture, "--plot", dpi=110)

@@ -25,6 +25,8 @@ the names of telegram 100."""
 _STATUS_NAMES: Final = ("statusword", "zsw1", "zsw2_enc")
 _OPERATION, _FAULT, _OTHER = "operation", "fault", "off"
 _COLOURS: Final = {_OPERATION: "#72b7b2", _FAULT: "#e45756", _OTHER: "#dddddd"}
+_OPACITY: Final = {_OPERATION: 0.16, _FAULT: 0.35, _OTHER: 0.0}
+"""Behind curves."""
 
 Units = tuple[ProcessData, ...] | None
 
@@ -134,6 +136,41 @@ class States:
             spans.append((seconds, seconds, state))
 
 
+def pyplot_for(what: str) -> Any:
+    """matplotlib's pyplot, without a screen; GatewayError names the extra that ``what`` needs."""
+    try:
+        import matplotlib as mpl  # noqa: PLC0415
+
+        mpl.use("Agg")
+        from matplotlib import pyplot  # noqa: PLC0415
+    except ImportError as error:
+        raise GatewayError(missing("matplotlib", what)) from error
+    return pyplot
+
+
+def save(figure: Any, path: Path, what: str, *, dpi: int = 100) -> None:
+    """Write a figure in the format of the file's ending, and close it; GatewayError says that ``what`` cannot be written."""
+    try:
+        # Without an ending matplotlib would add one and write another file.
+        figure.savefig(path, format=path.suffix[1:] or "png", dpi=dpi)
+    except (OSError, ValueError) as error:  # ValueError: an ending that is no picture format
+        reason = getattr(error, "strerror", None) or error
+        raise GatewayError(f"{what} {path}: cannot be written ({reason})") from error
+    finally:
+        pyplot_for(what).close(figure)
+
+
+def shade(place: Any, spans: Sequence[tuple[float, float, str]], shortest_s: float = 0.0) -> None:
+    """The states of an axis behind its curves, each at least ``shortest_s`` long."""
+    labels = {_OPERATION, _FAULT}
+    for begin, end, state in spans:
+        if state != _OTHER:
+            label = state if state in labels else ""
+            labels.discard(state)
+            last = max(end, begin + shortest_s)
+            place.axvspan(begin, last, color=_COLOURS[state], alpha=_OPACITY[state], lw=0, label=label)
+
+
 class PlotWriter:
     """Draws the chosen names; GatewayError when matplotlib is not installed.
 
@@ -141,11 +178,7 @@ class PlotWriter:
     """
 
     def __init__(self, path: Path, titles: Sequence[str], names: Names) -> None:
-        try:
-            import matplotlib as mpl  # noqa: PLC0415
-        except ImportError as error:
-            raise GatewayError(missing("matplotlib", "--plot")) from error
-        mpl.use("Agg")
+        self._pyplot = pyplot_for("--plot")
         if not titles:
             raise GatewayError("--plot: name the signals to draw, like --signal NSOLL_A --signal NIST_A")
         self.zero_ns: int | None = None
@@ -170,15 +203,13 @@ class PlotWriter:
             self._states.add(_whose(unit), seconds, unit)
 
     def finish(self) -> None:
-        from matplotlib import pyplot  # noqa: PLC0415
-
         panels = list(dict.fromkeys(self._panels))
         if not any(panel.curves for panel in panels):
             raise GatewayError(f"--plot {self._path}: nothing to draw: no chosen packet has {', '.join(self._titles)}")
         shown = {whose for panel in panels for _, whose in panel.curves}
         spans = {whose: found for whose, found in sorted(self._states.spans.items()) if whose in shown}
         heights = [2.4] * len(panels) + ([0.4 + 0.3 * len(spans)] if spans else [])
-        figure, grid = pyplot.subplots(
+        figure, grid = self._pyplot.subplots(
             len(heights),
             1,
             figsize=(12, 1 + sum(heights)),
@@ -190,20 +221,11 @@ class PlotWriter:
         for place, panel in zip(grid[:, 0], panels, strict=False):
             _draw(place, panel)
             # One axis' states lie behind its curves; of several they would cover each other.
-            for begin, end, state in next(iter(spans.values())) if len(spans) == 1 else ():
-                if state != _OTHER:
-                    place.axvspan(begin, end, color=_COLOURS[state], alpha=0.16, lw=0)
+            shade(place, next(iter(spans.values())) if len(spans) == 1 else ())
         if spans:
             _draw_states(grid[-1, 0], spans)
         grid[-1, 0].set_xlabel("time in s")
-        try:
-            # Without an ending matplotlib would add one and write another file.
-            figure.savefig(self._path, format=self._path.suffix[1:] or "png", dpi=100)
-        except (OSError, ValueError) as error:  # ValueError: an ending that is no picture format
-            told = getattr(error, "strerror", None) or error
-            raise GatewayError(f"--plot {self._path}: cannot be written ({told})") from error
-        finally:
-            pyplot.close(figure)
+        save(figure, self._path, "--plot")
 
 
 def _draw(place: Any, panel: Panel) -> None:

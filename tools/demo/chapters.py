@@ -47,7 +47,6 @@ class Panel:
     axis: int
     curves: tuple[Curve, ...]
     notes: str
-    status: str = "ZSW1"
 
 
 def _scaled(name: str, scale: float = 1.0, *, wanted: bool = False) -> Curve:
@@ -138,12 +137,12 @@ CHAPTERS: Final[Mapping[str, Chapter]] = {
                         _scaled("Target Velocity", _RPM_PER_UNIT, wanted=True),
                         _scaled("Velocity Actual Value", _RPM_PER_UNIT),
                     ),
-                    *("telegram 100", "Statusword"),
+                    "telegram 100",
                 ),
                 Panel(
                     *("Telegram 83: speed of the encoder on axis 1", "rpm", 4),
                     (_scaled("NIST_B", _N4),),
-                    *("telegram 83", "ZSW2_ENC"),
+                    "telegram 83",
                 ),
             ),
             encoders=(83,),

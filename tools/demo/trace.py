@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from pdgw.decoder.capture.source import open_source
+from pdgw.decoder.export.plot import States, pyplot_for, save, shade
 from pdgw.decoder.frames.engine import Decoder
 from pdgw.decoder.frames.records import ProcessData
 from pdgw.durations import MS, SECOND
-from pdgw.extras import missing
-from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.frame import IOPS_GOOD
-from pdgw.profidrive.signals import SIGNALS
 from pdgw.profidrive.telegrams import Direction
 from pdgw.recording.recordings import known_from
 from pdgw.tools.demo.chapters import Chapter, Curve, Panel
@@ -23,11 +21,8 @@ from pdgw.tools.demo.chapters import Chapter, Curve, Panel
 _SAMPLE_NS = 4 * MS
 _SEEN_S = 0.08
 """A fault that is acknowledged at once is to be seen too."""
-_RED, _GREEN = "#e45756", "#72b7b2"
 _COLOURS = {True: ("#f58518", "#b279a2"), False: ("#4c78a8", "#54a24b")}
 """Of set values, of actual values."""
-_STATES = {"FAULT": ("fault", _RED, 0.35), "OPERATION_ENABLED": ("operation", _GREEN, 0.16)}
-_OPERATION_ENABLED_402 = (0x6F, 0x27)
 _OF_EVERY_AXIS = "PLC"
 """How a note begins that belongs to all panels."""
 _TEXT_BELOW = 0.62
@@ -40,12 +35,14 @@ class _Seen:
     newest: dict[str, int] = field(default_factory=dict)
     times: list[float] = field(default_factory=list)
     values: list[dict[str, int]] = field(default_factory=list)
+    states: States = field(default_factory=States)
     sampled_ns: int = -_SAMPLE_NS
 
     def take(self, unit: ProcessData, now_ns: int) -> None:
         """An axis' part of a frame; what is marked bad is no value."""
         if unit.layout.direction is Direction.ACTUAL and not (unit.iops or 0) & IOPS_GOOD:
             return
+        self.states.add("", now_ns / SECOND, unit)
         self.newest |= {item.name: int(raw) for item, raw in unit.items() if not isinstance(raw, bytes)}
         if unit.layout.direction is Direction.ACTUAL and now_ns - self.sampled_ns >= _SAMPLE_NS:
             self.sampled_ns = now_ns
@@ -66,43 +63,11 @@ def _seen(capture: Path, config: Path, begin_s: float) -> Mapping[int, _Seen]:
     return found
 
 
-def _spans(times: Sequence[float], on: Sequence[bool]) -> list[tuple[float, float]]:
-    """From when to when something holds."""
-    spans: list[tuple[float, float]] = []
-    before = False
-    for when, holds in zip(times, on, strict=True):
-        if holds:
-            spans[-1:] = [(spans[-1][0], when)] if before else [*spans[-1:], (when, when)]
-        before = holds
-    return spans
-
-
-def _states(panel: Panel, seen: _Seen) -> list[tuple[str, str, float, list[tuple[float, float]]]]:
-    """Name, colour, opacity and spans of the states that the panel's status word tells."""
-    item = SIGNALS[panel.status]
-    words = [values[panel.status] for values in seen.values]
-    if not item.bits:
-        mask, value = _OPERATION_ENABLED_402
-        name, colour, opacity = _STATES["OPERATION_ENABLED"]
-        return [(name, colour, opacity, _spans(seen.times, [word & mask == value for word in words]))]
-    return [
-        (*_STATES[bit.name], _spans(seen.times, [bool(bit.of(word)) for word in words]))
-        for bit in item.bits
-        if bit.name in _STATES
-    ]
-
-
 def plot(
     chapter: Chapter, capture: Path, config: Path, begin_s: float, notes: list[tuple[float, str]], picture: Path
 ) -> None:
     """Draw a chapter; ``begin_s``: when its story began. GatewayError when matplotlib is not installed."""
-    try:
-        import matplotlib as mpl  # noqa: PLC0415
-
-        mpl.use("Agg")
-        from matplotlib import pyplot  # noqa: PLC0415
-    except ImportError as error:
-        raise GatewayError(missing("matplotlib", "the picture")) from error
+    pyplot = pyplot_for("the picture")
     seen = _seen(capture, config, begin_s)
     figure, places = pyplot.subplots(
         len(chapter.panels),
@@ -120,12 +85,7 @@ def plot(
     places[-1, 0].set_xlabel("time in s")
     places[-1, 0].margins(x=0.01)
     figure.suptitle(f"PLC -> gateway -> CANopen: {chapter.about}", fontsize=13)
-    try:
-        figure.savefig(picture, dpi=90)
-    except OSError as error:
-        raise GatewayError(f"{picture}: cannot be written ({error.strerror or error})") from error
-    finally:
-        pyplot.close(figure)
+    save(figure, picture, "the picture", dpi=90)
 
 
 def _belonging(panel: Panel, notes: list[tuple[float, str]]) -> list[tuple[float, str]]:
@@ -140,10 +100,7 @@ def _draw(place: Any, panel: Panel, seen: _Seen) -> None:
         colours = _COLOURS[curve.wanted]
         _draw_curve(place, curve, seen, colours[drawn[curve.wanted] % len(colours)])
         drawn[curve.wanted] += 1
-    for name, colour, opacity, spans in _states(panel, seen):
-        for number, (begin, end) in enumerate(spans):
-            last = max(end, begin + _SEEN_S)
-            place.axvspan(begin, last, color=colour, alpha=opacity, lw=0, label="" if number else name)
+    shade(place, seen.states.spans.get("", ()), _SEEN_S)
     place.set_title(panel.title, loc="left", fontsize=11, fontweight="bold", pad=24)
     place.set_ylabel(panel.unit)
     place.grid(alpha=0.3)
