@@ -73,7 +73,14 @@ class Stepper(_Device):
         self.settings = self.machine.settings
         self.events: list[FaultRecord] = []
         self.drive_type: DriveType | None = None
-        self.checkpoints = Checkpoints(self.machine)
+        self._checkpoints: Checkpoints | None = None
+
+    @property
+    def checkpoints(self) -> Checkpoints:
+        """Those of the machine from the first time on that somebody asks: to look for its parts takes longer than to step it."""
+        if self._checkpoints is None:
+            self._checkpoints = Checkpoints(self.machine)
+        return self._checkpoints
 
     def set_references(self, references: References | None, homing_method: int = 0) -> None:
         """Only the references of the ENGEL-like drive are read anew."""
@@ -101,7 +108,8 @@ class Stepper(_Device):
         for name in FEEDBACK_NAMES:
             setattr(inputs.feedback, name, getattr(feedback, name))
         inputs.setpoints, inputs.drive_ok, inputs.now = setpoints, drive_ok, now
-        outputs = self.checkpoints.step()
+        machine = self._checkpoints or self.machine
+        outputs = machine.step()
         self.events += outputs.faults
         return tuple(outputs.actuals)
 
