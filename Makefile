@@ -124,8 +124,8 @@ docs: $(STAMP)
 	$(BIN)/python -m pdgw.workshop.documents.commands
 	$(BIN)/python -m pdgw.workshop.documents.plc_blocks
 	$(BIN)/python -m pdgw.workshop.documents.plc_timing
-	$(BIN)/python -c "from tests.support import statements; statements.write()"
-	$(BIN)/python -c "from tests.support import situations; situations.write()"
+	$(BIN)/python -c "from tests.support.documents import statements; statements.write()"
+	$(BIN)/python -c "from tests.support.documents import situations; situations.write()"
 	$(BIN)/python -m pdgw.peers.drive.eds
 	$(BIN)/python -m pdgw.dsp406.device
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from pdgw.workshop.wheels import compiled_modules
-from tests.support.sources import statements
+from tests.support.documents.sources import statements
 
 ROOT = Path(__file__).parents[1]
 OTHER_LIBRARIES = {"can", "canopen", "greenlet", "scapy", "pydantic", "typer", "rich"}

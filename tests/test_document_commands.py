@@ -17,9 +17,9 @@ import pytest
 from pdgw.durations import MS
 from tests.decoder.frames.profinet.test_profinet import frames as profinet_frames
 from tests.decoder.replay.test_replay import speed
-from tests.support import captures
+from tests.support.axis.rig import NODE
 from tests.support.cli import pdgw
-from tests.support.rig import NODE
+from tests.support.readers import captures
 from tests.test_documents import BLOCK, DOCUMENTS, INLINE, ROOT, command_in
 from tests.tour.console import Command, steps
 

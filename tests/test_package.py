@@ -20,7 +20,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.workshop.bench.decoding.captures import write_capture
-from tests.support.daemon import axis, configuration, reached, serving
+from tests.support.gateways.daemon import axis, configuration, reached, serving
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from pdgw.profidrive.signals import SIGNALS
-from tests.support.sources import statements
+from tests.support.documents.sources import statements
 
 ROOT = Path(__file__).parent.parent
 _PACKAGES: list[str] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"][

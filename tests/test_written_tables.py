@@ -54,11 +54,11 @@ from pdgw.tools.demo.chapters import CHAPTERS
 from pdgw.tools.output.status_check import Health
 from pdgw.workshop.bench.stops import VIRTUAL
 from pdgw.workshop.soak.watch import SETTLED_NS
-from tests.support.written_tables import ROOT, named, number_of, rows
+from tests.support.documents.written_tables import ROOT, named, number_of, rows
 
 _INDEX = re.compile(r"\b([0-9A-F]{4})h(?:/(\d))?")
 
-PUBLISHED = "../tests/support/published_tables.md"
+PUBLISHED = "../tests/support/documents/published_tables.md"
 """What the guides print, written by hand."""
 LAYOUTS = list(rows(PUBLISHED, "telegram | setpoints"))
 
@@ -340,7 +340,7 @@ def test_cases_of_the_tester_and_tests_of_class_a_match() -> None:
     link = "gateway/links/profinet"
     class_a = names_of_tests(f"{link}/test_class_a.py", "profinet/test_class_a_relationship.py")
     named = class_a | names_of_tests(f"{link}/test_snmp.py", "profinet/discovery/test_snmp.py")
-    cases = rows("../tests/support/tester_cases.md", "case of the tester")
+    cases = rows("../tests/support/documents/tester_cases.md", "case of the tester")
     told = [name for row in cases for name in re.findall(r"`(test_\w+)`", row[1])]
     assert len(told) >= 20
     assert [name for name in told if not any(test.startswith(name) for test in named)] == []

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.support import site
-from tests.support.plant import Plant
+from tests.support.drives.plant import Plant
+from tests.support.gateways import site
 
 
 @pytest.fixture

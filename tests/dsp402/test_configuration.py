@@ -8,7 +8,7 @@ from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
 from pdgw.dsp402.drive.configuration import guard_steps
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
-from tests.support.mapping import pdo_steps
+from tests.support.axis.mapping import pdo_steps
 
 FOUR = [direction.communication_index + n for direction in PdoDirection for n in range(4)]
 FIVE = [direction.communication_index + n for direction in PdoDirection for n in range(5)]

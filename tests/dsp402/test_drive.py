@@ -29,10 +29,10 @@ from pdgw.durations import MS
 from pdgw.peers.drive import SimulatedDriveNode
 from pdgw.peers.drive.device import EDS_PATH
 from pdgw.peers.node.node import Value
-from tests.support import site
-from tests.support.drive_types import engel
-from tests.support.mapping import pdo_steps
-from tests.support.plant import NODE, Plant, eds_without
+from tests.support.axis.mapping import pdo_steps
+from tests.support.drives.drive_types import engel
+from tests.support.drives.plant import NODE, Plant, eds_without
+from tests.support.gateways import site
 
 
 def test_pdo_steps_are_in_the_order_cia_301_demands() -> None:

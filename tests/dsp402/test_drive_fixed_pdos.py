@@ -13,9 +13,9 @@ from pdgw.dsp402.drive.client import DriveStatus
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.pdo.layouts import Operation
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
-from tests.support import site
-from tests.support.mapping import engel_layout, pdo_steps
-from tests.support.plant import NODE, Plant, observe
+from tests.support.axis.mapping import engel_layout, pdo_steps
+from tests.support.drives.plant import NODE, Plant, observe
+from tests.support.gateways import site
 
 
 class _Fixed(SimulatedDriveNode):

@@ -17,8 +17,8 @@ from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.dsp402.states import ControlBit
 from pdgw.durations import MS
-from tests.support import site
-from tests.support.plant import NODE, Plant, observe
+from tests.support.drives.plant import NODE, Plant, observe
+from tests.support.gateways import site
 
 
 class TwoPdos:

@@ -25,8 +25,8 @@ from pdgw.dsp402.units.unit_keys import UnitKeys
 from pdgw.durations import MS, SECOND
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
 from pdgw.peers.node.node import Value
-from tests.support import site
-from tests.support.plant import NODE, Plant, eds_without, observe
+from tests.support.drives.plant import NODE, Plant, eds_without, observe
+from tests.support.gateways import site
 
 
 def test_the_order_of_the_start_up_on_the_bus(plant: Plant) -> None:

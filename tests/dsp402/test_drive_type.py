@@ -19,7 +19,7 @@ from pdgw.dsp402.modes import STANDARD_HOMING_METHODS, Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.peers.drive.device import OBJECTS
 from pdgw.peers.drive.family import DRIVE_FAULTS, HOMING_METHODS
-from tests.support.drive_types import REFERENCE_OBJECTS, References, engel, engel_dictionary
+from tests.support.drives.drive_types import REFERENCE_OBJECTS, References, engel, engel_dictionary
 
 MINIMAL = 'title = "a"\nsources = ["b"]\n'
 OBJECT = 'objects = {{ error_code = {{ address = "{}", name = "Error", type = "{}" }} }}'

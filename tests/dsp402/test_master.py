@@ -10,7 +10,7 @@ from canopen.profiles.p402 import BaseNode402, OperationMode
 from pdgw.peers.drive import Machine, SimulatedDrive
 from pdgw.peers.drive.device import EDS_PATH
 from pdgw.peers.world import World
-from tests.support.canopen_master import master
+from tests.support.gateways.canopen_master import master
 
 NODE = 6
 

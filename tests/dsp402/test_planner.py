@@ -16,8 +16,8 @@ from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.dsp402.pdo.planner import Findings, found_in_data_sheet, plan_pdos
 from pdgw.peers.drive import SHAPES
-from tests.support.drive_types import described
-from tests.support.mapping import engel_layout
+from tests.support.axis.mapping import engel_layout
+from tests.support.drives.drive_types import described
 
 NODE = 5
 RPDO, TPDO = PdoDirection

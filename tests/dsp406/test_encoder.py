@@ -25,7 +25,7 @@ from pdgw.peers.drive.device import EDS_PATH as DRIVE_EDS
 from pdgw.peers.encoder import Motion, SimulatedEncoder, SimulatedEncoderNode
 from pdgw.peers.encoder.motion import constant_speed, still
 from pdgw.peers.node.node import Value
-from tests.support import site
+from tests.support.gateways import site
 
 NODE = 9
 DAY = 86_400_000_000_000

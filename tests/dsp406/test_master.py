@@ -13,7 +13,7 @@ from pdgw.dsp406.device import eds_path
 from pdgw.dsp406.kinds import DEVICES, ROTARY, EncoderDevice
 from pdgw.peers.encoder.motion import still
 from pdgw.peers.world import World
-from tests.support.canopen_master import Master, master
+from tests.support.gateways.canopen_master import Master, master
 
 NODE = 11
 

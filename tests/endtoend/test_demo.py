@@ -19,9 +19,9 @@ from scapy.utils import rdpcap
 
 from pdgw.profidrive.scapy_layers import ProfidriveCyclic, bind
 from pdgw.tools.demo.chapters import CHAPTERS
-from tests.support import tshark
 from tests.support.buses import PATIENCE_S
 from tests.support.processes import played_undisturbed, running, wait_for_text
+from tests.support.readers import tshark
 
 pytestmark = pytest.mark.e2e
 

@@ -21,9 +21,9 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.profinet.native import is_built
 from pdgw.recording.recorder import CAPTURE
 from pdgw.tools.demo import namespaces
-from tests.support import tshark
 from tests.support.cli import pdgw as in_process
 from tests.support.processes import PATIENT, pdgw, played_undisturbed
+from tests.support.readers import tshark
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 CONFIG = f"""\

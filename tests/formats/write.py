@@ -16,7 +16,7 @@ from pdgw.gateway.store import DeviceParameters, DoParameters
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.recording.trace_file import captured
 from pdgw.web.parameters import PageParameters
-from tests.support.daemon import Plc, exchanging, reached, running, until
+from tests.support.gateways.daemon import Plc, exchanging, reached, running, until
 
 HERE = Path(__file__).parent
 CONFIGURATION = """

@@ -33,8 +33,8 @@ from pdgw.profinet.rpc.server import RecordServer
 from tests.decoder.frames.profinet.test_profinet import examples as profinet_packets
 from tests.fuzz.amount import INPUTS, SEED, damage
 from tests.fuzz.test_parameters import Device, Memory
-from tests.support import captures
-from tests.support.daemon import Plc, axis, configuration, drive_of, exchanging, running, until, world_of
+from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, exchanging, running, until, world_of
+from tests.support.readers import captures
 
 CYCLE = 4 * MS
 PLC, STRANGER = ("10.0.0.1", 40000), ("10.0.0.9", 40000)

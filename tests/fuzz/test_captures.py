@@ -28,7 +28,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.commands.capture.decode import decode
 from tests.fuzz.test_frames import mutated
-from tests.support import captures
+from tests.support.readers import captures
 
 NAMES = Names()
 TITLES = ["kind", "frame_id", "stw1", "stw1.on", "statusword.text", "latency_ms", "object"]

@@ -15,7 +15,7 @@ from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import RtFrame
 from pdgw.profidrive.telegrams import Direction, Telegram
-from tests.support.strategies import axes_values
+from tests.support.axis.strategies import axes_values
 
 CYCLE = 4_000_000
 PEER = ("127.0.0.1", 40000)

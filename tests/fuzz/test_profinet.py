@@ -14,7 +14,7 @@ from pdgw.profinet.connection.cmdev import Event
 from pdgw.profinet.model import API_PROFIDRIVE
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from tests.fuzz.amount import INPUTS, SEED, damage
-from tests.support.profinet import DEVICE_MAC, PLC_IP, PLC_MAC, Wire
+from tests.support.wire.profinet import DEVICE_MAC, PLC_IP, PLC_MAC, Wire
 
 STRANGER_MAC = bytes.fromhex("020000000099")
 AXIS = (1, 2)

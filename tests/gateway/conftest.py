@@ -8,8 +8,8 @@ import pytest
 
 from pdgw.client.udp import ParameterClient
 from pdgw.gateway.daemon import Daemon
-from tests.support.daemon import axis
-from tests.support.parameters import gateway
+from tests.support.gateways.daemon import axis
+from tests.support.gateways.parameters import gateway
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from pdgw.gateway.parameters.acyclic import AcyclicServer
 from pdgw.gateway.service.service_manager import ServiceManager
 from pdgw.gateway.service.status import StatusServer
 from pdgw.gateway.trace.recorder import FlightRecorder
-from tests.support.daemon import axis
+from tests.support.gateways.daemon import axis
 from tests.support.processes import free_tcp_port
 
 CAN = '[can]\ninterface = "virtual"\nchannel = "assembly"\n'

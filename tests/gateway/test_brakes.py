@@ -22,7 +22,7 @@ from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode, shape
 from pdgw.peers.drive.model.shapes import SYNCHRONOUS
 from pdgw.peers.node.node import Value
 from tests.gateway.test_sync import KNOWN_TO_STOP, SPEED_KEYS, unguarded
-from tests.support.daemon import Plc, axis, configuration, exchanging, running, until, world_of
+from tests.support.gateways.daemon import Plc, axis, configuration, exchanging, running, until, world_of
 
 OFF3 = 0x047F & ~0x4
 STOP = bytes((NmtCommand.STOP, 1))

@@ -9,7 +9,7 @@ from pdgw.durations import SECOND
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.peers.world import Member, World
-from tests.support.daemon import configuration, running, until, world_of
+from tests.support.gateways.daemon import configuration, running, until, world_of
 
 ABORT = 0x80
 TIMED_OUT = (0x0504_0000).to_bytes(4, "little")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.durations import MS, SECOND
-from tests.support.limit_cycle import Site
+from tests.support.axis.limit_cycle import Site
 
 
 def test_drive_on_sync_sends_each_rpdo_once_per_turn_after_an_outage() -> None:

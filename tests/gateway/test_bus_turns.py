@@ -11,7 +11,7 @@ from pdgw.dsp402.states import Command
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon
 from pdgw.peers.world import Member, World
-from tests.support.daemon import OFF, ON, Plc, axis, configuration, running, until, world_of
+from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, running, until, world_of
 
 AXES = 20
 CYCLE_MS = 20

@@ -10,7 +10,7 @@ import pytest
 from pdgw.ds301.counters import Counters
 from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.service.status import snapshot
-from tests.support.daemon import axis, configuration
+from tests.support.gateways.daemon import axis, configuration
 
 _ROOT = Path(__file__).parents[2]
 _EDGE = ("ds301/bus/network.py", "ds301/loop/loop.py", "gateway/daemon.py", "gateway/links", "gateway/links/profinet")

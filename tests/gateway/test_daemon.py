@@ -27,9 +27,9 @@ from pdgw.gateway.service import status_client
 from pdgw.gateway.service.status import StatusServer
 from pdgw.gateway.service.status_client import fetch, fetch_faults
 from pdgw.peers.world import World
-from tests.support import machine
 from tests.support.buses import PATIENCE_S, wait_for
-from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running, until, world_of
+from tests.support.gateways import machine
+from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, running, until, world_of
 from tests.support.processes import free_tcp_port
 
 

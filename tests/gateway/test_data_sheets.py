@@ -16,8 +16,8 @@ from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.scenario_file import scenario_of
 from pdgw.profidrive.signals import signal
-from tests.support.daemon import POSITIONER, Plc, axis, configuration, running, until, world_of
-from tests.support.data_sheets import SHEETS, Sheet
+from tests.support.drives.data_sheets import SHEETS, Sheet
+from tests.support.gateways.daemon import POSITIONER, Plc, axis, configuration, running, until, world_of
 
 TELEGRAMS = (1, 9, 111)
 ACCEPTED = [(name, number) for name, sheet in SHEETS.items() for number in TELEGRAMS if number not in sheet.refused]

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from pdgw.gateway.daemon import Daemon
-from tests.support.daemon import axis, configuration, drive_of, running, until
-from tests.support.edcon_master import edcon_master
+from tests.support.gateways.daemon import axis, configuration, drive_of, running, until
+from tests.support.gateways.edcon_master import edcon_master
 
 POSITIONER = """simulate = true
 intermediate_stop_reached = true

@@ -10,7 +10,7 @@ import os
 import pytest
 
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
-from tests.support.limit_cycle import TRANSPARENT, search
+from tests.support.axis.limit_cycle import TRANSPARENT, search
 
 EVERY = "PDGW_LIMIT_CYCLES" in os.environ
 CYCLES_MS = (1, 2, 4, 16)

@@ -11,8 +11,8 @@ import pytest
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon
 from pdgw.profidrive.signals import signal
-from tests.support.daemon import OFF, ON, Plc, axis, configuration, running, until, world_of
-from tests.support.own_law_drive import Law, OwnLawDrive
+from tests.support.drives.own_law_drive import Law, OwnLawDrive
+from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, running, until, world_of
 
 RATED = 3000
 PERCENT = 4

@@ -22,7 +22,7 @@ from pdgw.gateway.reasons import FaultNumber
 from pdgw.gateway.service.status import snapshot
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
-from tests.support.daemon import Plc, axis, configuration, running, world_of
+from tests.support.gateways.daemon import Plc, axis, configuration, running, world_of
 
 DAY_S = 86_400
 HALF_SPEED = 0x2000

@@ -15,7 +15,7 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.world import World
-from tests.support.daemon import Plc, axis, configuration, drive_of, exchanging, running, world_of
+from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, exchanging, running, world_of
 
 HEARTBEAT = ERROR_CONTROL + GATEWAY_NODE_ID
 CHANNEL = "world"

@@ -12,7 +12,7 @@ from pdgw.dsp402.units.unit_keys import KEY_LINES, UnitKeys
 from pdgw.gateway.commissioning.telegram_check import lacks, missing_lines
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.errors import GatewayError
-from tests.support.drive_types import described
+from tests.support.drives.drive_types import described
 
 
 @pytest.mark.parametrize(

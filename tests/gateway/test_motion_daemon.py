@@ -15,7 +15,16 @@ from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import shape
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.scenario_file import load_scenario
-from tests.support.daemon import POSITIONER, SIMULATED_POSITIONER, Plc, axis, configuration, drive_of, running, world_of
+from tests.support.gateways.daemon import (
+    POSITIONER,
+    SIMULATED_POSITIONER,
+    Plc,
+    axis,
+    configuration,
+    drive_of,
+    running,
+    world_of,
+)
 
 SCENARIO = Path(__file__).parents[2] / "tools" / "scenarios" / "positioner.yaml"
 DSC = "simulate = true\nfollowing_window = 4096\ndsc = "

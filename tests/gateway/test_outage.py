@@ -11,7 +11,18 @@ from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.states import Command, State
 from pdgw.durations import MS, SECOND
 from pdgw.peers.world import World
-from tests.support.daemon import OFF, ON, Plc, axis, configuration, drive_of, exchanging, running, until, world_of
+from tests.support.gateways.daemon import (
+    OFF,
+    ON,
+    Plc,
+    axis,
+    configuration,
+    drive_of,
+    exchanging,
+    running,
+    until,
+    world_of,
+)
 
 CHANNEL = "world"
 FULL_SPEED = 0x4000

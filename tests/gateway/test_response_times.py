@@ -20,7 +20,7 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.peers.world import Member
 from pdgw.peers.world.stuffing import bits_on_the_wire
 from pdgw.tools.commands.commissioning.config import app
-from tests.support.daemon import OFF, ON, Plc, axis, configuration, running, until, world_of
+from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, running, until, world_of
 
 BITRATE = 1_000_000
 

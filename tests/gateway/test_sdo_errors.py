@@ -6,7 +6,7 @@ import pytest
 
 from pdgw.ds301.node.client import NodeClient
 from pdgw.gateway.daemon import Daemon
-from tests.support.daemon import axis, configuration, drive_of, running, until
+from tests.support.gateways.daemon import axis, configuration, drive_of, running, until
 
 
 def _failure(daemon: Daemon, index: int, subindex: int = 0, data: bytes = b"") -> str:

@@ -19,8 +19,8 @@ from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import SimulatedDrive, shape
 from pdgw.profidrive.parameters.codec import ParameterAddress
-from tests.support.daemon import OFF, Plc, axis, configuration, running, serving, until, world_of
-from tests.support.sensor_format import decode_sensor_format
+from tests.support.documents.sensor_format import decode_sensor_format
+from tests.support.gateways.daemon import OFF, Plc, axis, configuration, running, serving, until, world_of
 
 QUARTER = 0x1000
 REFUSED = {

@@ -16,7 +16,7 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
 from pdgw.peers.node.misbehaviour import Misbehaviour
 from pdgw.peers.node.node import Value
-from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, running, until, world_of
+from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, running, until, world_of
 
 FULL_SPEED = 0x4000
 OFF2 = OFF & ~0x2

@@ -21,7 +21,7 @@ from pdgw.gateway.sync import Spread
 from pdgw.peers.drive import SimulatedDrive, shape
 from pdgw.peers.drive.model.shapes import SYNCHRONOUS, Shape
 from pdgw.tools.output.status_text import status_lines
-from tests.support.daemon import Plc, axis, configuration, drive_of, exchanging, running, until, world_of
+from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, exchanging, running, until, world_of
 
 MORE = 'simulate = true\nfollowing_window = 4096\nsync_jitter_us = 500\ndsc = "speed"'
 CYCLE_MS = 4

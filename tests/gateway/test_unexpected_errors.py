@@ -15,9 +15,9 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.parameters import manager
 from pdgw.gateway.parameters.records import Records
 from pdgw.profinet.rpc import dcerpc
-from tests.support.daemon import axis
-from tests.support.parameters import gateway, number
-from tests.support.profinet_daemon import PlantChannel, configuration, plant
+from tests.support.gateways.daemon import axis
+from tests.support.gateways.parameters import gateway, number
+from tests.support.gateways.profinet_daemon import PlantChannel, configuration, plant
 
 STATION = ("192.168.0.2", 34964)
 FAULT = "1C000012"

@@ -11,8 +11,8 @@ from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber, Reason
-from tests.support.daemon import OFF, ON, Plc, axis, configuration, running, until, world_of
-from tests.support.own_law_drive import Law, OwnLawDrive
+from tests.support.drives.own_law_drive import Law, OwnLawDrive
+from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, running, until, world_of
 
 ACKNOWLEDGE = 1 << 7
 _OBJECTS = {(0x6080, 0): 3000, (0x60A9, 0): 0x00B4_4700, (0x608F, 1): 4096, (0x608F, 2): 1}

@@ -12,7 +12,7 @@ from pdgw.dsp402.states import COMMAND_TRANSITIONS, Command, ControlBit, State, 
 from pdgw.durations import MS
 from pdgw.peers.drive import Machine, SimulatedDriveNode
 from pdgw.peers.drive.family import CURRENT_CONTROL, DRIVE_FAULTS, HOMING_METHODS, SPEED_CONTROL, TURNTABLE
-from tests.support.drive_bench import NODE, SMALL, Bench, drive_in
+from tests.support.drives.drive_bench import NODE, SMALL, Bench, drive_in
 
 STATES = [state for state in State if state is not State.NOT_READY_TO_SWITCH_ON]
 

@@ -17,7 +17,7 @@ from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation, with_second_position
 from pdgw.dsp402.states import State, state_of
 from pdgw.peers.drive.device import EDS_PATH, INFO, OBJECTS, drive_objects
-from tests.support.drive_bench import NODE, Bench
+from tests.support.drives.drive_bench import NODE, Bench
 
 ABORTS = [
     (0x5000, 0, b"\0", Abort.NO_SUCH_OBJECT),

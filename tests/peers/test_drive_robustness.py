@@ -17,7 +17,7 @@ from pdgw.peers.drive import SimulatedDriveNode
 from pdgw.peers.simulation.console import Console
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.peers.world import World
-from tests.support.drive_bench import NODE, SMALL, Bench
+from tests.support.drives.drive_bench import NODE, SMALL, Bench
 
 START, PRE_OPERATIONAL, RESET_NODE, RESET_COMMUNICATION = 1, 128, 129, 130
 

@@ -21,8 +21,8 @@ from pdgw.peers.encoder import SimulatedEncoderNode
 from pdgw.peers.encoder.motion import constant_speed, still
 from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
 from pdgw.peers.node.node import SimulatedNode
-from tests.support.mapping import pdo_steps
-from tests.support.strategies import latencies
+from tests.support.axis.mapping import pdo_steps
+from tests.support.axis.strategies import latencies
 
 NODE = 5
 SMALL = Machine(negative_limit=-20_000, positive_limit=20_000, negative_stop=-30_000, positive_stop=30_000)

@@ -18,7 +18,7 @@ from pdgw.peers.simulation.config import parse_bus
 from pdgw.peers.simulation.configured_devices import add_device
 from pdgw.peers.simulation.devices import Simulation
 from pdgw.peers.world import World
-from tests.support.drive_bench import NODE, Bench
+from tests.support.drives.drive_bench import NODE, Bench
 
 RPDO1 = 0x200 + NODE
 

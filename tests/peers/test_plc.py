@@ -33,9 +33,9 @@ from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import RtFrame
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Direction, Telegram, telegram
-from tests.support.daemon import record_server
-from tests.support.machine import configuration, running
-from tests.support.strategies import axes_values
+from tests.support.axis.strategies import axes_values
+from tests.support.gateways.daemon import record_server
+from tests.support.gateways.machine import configuration, running
 
 CYCLE = 4 * MS
 SCENARIOS = Path(__file__).parents[2] / "tools" / "scenarios"

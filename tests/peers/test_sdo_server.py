@@ -16,7 +16,7 @@ from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.peers.drive import SimulatedDriveNode
 from pdgw.peers.node.sdo_server import BlockSdoServer
-from tests.support import site
+from tests.support.gateways import site
 
 NODE, INDEX = 5, 0x2100
 SIZES = [1, 4, 6, 7, 8, 14, 127 * 7 - 1, 127 * 7, 127 * 7 + 1, 3000]

@@ -15,7 +15,7 @@ from pdgw.dsp402.states import State
 from pdgw.durations import MS
 from pdgw.peers.drive import ENGEL, LINEAR_AXIS, SHAPES, Machine, SimulatedDriveNode, shape
 from pdgw.peers.drive.model.shapes import SYNCHRONOUS
-from tests.support.drive_types import described
+from tests.support.drives.drive_types import described
 
 NODE = 3
 ALL = sorted(SHAPES)

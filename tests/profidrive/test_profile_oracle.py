@@ -14,7 +14,7 @@ from pdgw.profidrive.parameters.catalogue import ParameterSpec, Scope
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber, ParameterRefused
 from pdgw.profidrive.parameters.model import BoundParameter, Parameter, answer
 from tests.gateway.axis.test_velocity import Bench
-from tests.support import profile_oracle as oracle
+from tests.support.documents import profile_oracle as oracle
 
 CONTROL, RUN = 0x0400, 0x0070
 SETTLING = 60

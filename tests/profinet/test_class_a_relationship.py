@@ -25,8 +25,8 @@ from pdgw.profinet.rpc.dcerpc import PacketType, RpcHeader
 from pdgw.profinet.rpc.records import BlockType, Operation, RecordBlock, encode_block
 from tests.profinet.records.test_records import read
 from tests.profinet.rpc.test_epm import lookup
-from tests.support.connect import AR_UUID, INITIATOR, SOURCE, Caller, blocks, change
-from tests.support.profinet import DEVICE_MAC, PLC_MAC, Wire, project
+from tests.support.wire.connect import AR_UUID, INITIATOR, SOURCE, Caller, blocks, change
+from tests.support.wire.profinet import DEVICE_MAC, PLC_MAC, Wire, project
 
 LLDP_TYPE, TAGGED = b"\x88\xcc", b"\x81\x00"
 POINT = (API_PROFIDRIVE, 1, 1)

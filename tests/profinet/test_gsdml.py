@@ -23,7 +23,7 @@ from pdgw.profinet.gsdml import GsdmlWriter, Snmp, file_name
 from pdgw.profinet.model import ObjectKind, access_module, object_module
 from pdgw.profinet.station import check_name
 from pdgw.tools.cli import app
-from tests.support.profinet import IDENTITY
+from tests.support.wire.profinet import IDENTITY
 
 NS = "{http://www.profibus.com/GSDML/2003/11/DeviceProfile}"
 KINDS = {

@@ -26,8 +26,17 @@ from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.rpc.identification import INDEX as IM0
 from pdgw.profinet.rpc.identification import Im0, encode_im0
 from pdgw.profinet.station import Neighbour
-from tests.support import tshark, tshark_frames
-from tests.support.profinet import DEVICE_IP, INTERFACE_ADJUST, PLC_IP, PORT_ADJUST, PORT_CHECK, Wire, model, project
+from tests.support.readers import tshark, tshark_frames
+from tests.support.wire.profinet import (
+    DEVICE_IP,
+    INTERFACE_ADJUST,
+    PLC_IP,
+    PORT_ADJUST,
+    PORT_CHECK,
+    Wire,
+    model,
+    project,
+)
 
 AXIS = (1, 2)
 ACCESS_POINT = (1, 1)

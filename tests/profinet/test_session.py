@@ -7,7 +7,7 @@ from pdgw.peers.controller.controller import Phase
 from pdgw.profinet.connection.cmdev import AbortCode
 from pdgw.profinet.device import Connected, Disconnected
 from pdgw.profinet.rpc.dcerpc import PacketType
-from tests.support.profinet import Wire, project
+from tests.support.wire.profinet import Wire, project
 
 AXIS = (1, 2)
 

@@ -18,7 +18,7 @@ from pdgw.recording.recorder import CAPTURE, Captures, Recorder
 from pdgw.recording.recordings import CONFIGURATION, known_from
 from pdgw.tools.commands.capture.decode import decode
 from tests.decoder.replay.test_replay import speed
-from tests.support import tshark
+from tests.support.readers import tshark
 
 FULL = """
 store = "p.json"

@@ -16,7 +16,7 @@ import pytest
 
 from pdgw.ds301.loop.loop import Loop, Timer
 from pdgw.gateway.links.profinet.native import Engine, Table
-from tests.support.ethernet import FakeEthernet
+from tests.support.wire.ethernet import FakeEthernet
 
 SOURCE = Path(__file__).parents[2] / "gateway" / "links" / "profinet" / "engine.c"
 _BUILT = SOURCE.parents[3] / "build" / "engine"

@@ -21,7 +21,7 @@ from pdgw.gateway.configuration.file import config_text
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.commands.capture.decode import decode
-from tests.support import captures
+from tests.support.readers import captures
 
 pyarrow = pytest.importorskip("pyarrow", reason="the extra archive is not installed")
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -27,7 +27,7 @@ from pdgw.peers.world import World
 from pdgw.tools.bus_task import complete
 from pdgw.tools.commissioning.axis_test import TURNS, AxisTest, Choices, Outcome
 from tests.support.cli import pdgw
-from tests.support.daemon import axis, configuration, running, until
+from tests.support.gateways.daemon import axis, configuration, running, until
 from tests.support.processes import PATIENT
 
 BUS = "world"

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.tools.commands.commissioning.config import app
 from tests.support import buses
-from tests.support.daemon import POSITIONER
-from tests.support.data_sheets import SHEETS
+from tests.support.drives.data_sheets import SHEETS
+from tests.support.gateways.daemon import POSITIONER
 
 CONFIG = """
 [can]

@@ -17,8 +17,8 @@ from pdgw.decoder.frames.engine import Decoder, Settings, given_axes
 from pdgw.decoder.frames.records import CyclicRecord, ParameterRequestRecord, ParameterResponseRecord, Record
 from pdgw.durations import MS
 from pdgw.profidrive.scapy_layers import ProfidriveCyclic, bind
-from tests.support import captures, tshark
-from tests.support.captures import BEGIN_NS
+from tests.support.readers import captures, tshark
+from tests.support.readers.captures import BEGIN_NS
 
 CANOPEN = ("-d", "can.subdissector,canopen")
 

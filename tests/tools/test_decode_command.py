@@ -20,10 +20,10 @@ from pdgw.decoder.view.names import Names
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.commands.capture.decode import DirectionOption, decode
-from tests.support import captures
 from tests.support.buses import PATIENCE_S
-from tests.support.captures import BEGIN_NS
 from tests.support.cli import pdgw
+from tests.support.readers import captures
+from tests.support.readers.captures import BEGIN_NS
 
 PACKETS = captures.both_buses()
 

@@ -18,7 +18,7 @@ from pdgw.tools.commands.simulation.demo import Story, demo
 from pdgw.tools.demo.chapters import CHAPTERS
 from pdgw.tools.demo.links import OnLoopback
 from pdgw.tools.demo.run import Demo, Outcome
-from tests.support.daemon import Plc, drive_of, running
+from tests.support.gateways.daemon import Plc, drive_of, running
 
 CAN = {"interface": "virtual", "channel": "world"}
 FREE_PORTS = "cyclic_port = 0\nacyclic_port = 0\n"

@@ -16,7 +16,7 @@ from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.tools.service.log_format import AT_ONCE, Bundle, LogFormat, LogLevel, formatter
 from pdgw.tools.service.run_log import RunLog
 from tests.support.buses import PATIENCE_S, wait_for
-from tests.support.daemon import Plc, axis, configuration, running, world_of
+from tests.support.gateways.daemon import Plc, axis, configuration, running, world_of
 
 
 def record(text: str, created: float = 0.0, level: int = logging.INFO) -> logging.LogRecord:

@@ -24,7 +24,7 @@ from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import Values
 from pdgw.profinet.rpc import identification
 from tests.support.cli import pdgw
-from tests.support.daemon import axis, configuration, reached, serving
+from tests.support.gateways.daemon import axis, configuration, reached, serving
 
 
 @pytest.mark.parametrize(

@@ -20,8 +20,8 @@ from pdgw.profinet.blocks.connect import ArType
 from pdgw.profinet.rpc import identification
 from pdgw.profinet.rpc.dcerpc import object_uuid
 from pdgw.tools.cli import app
-from tests.support.daemon import axis
-from tests.support.profinet_daemon import Plant, PlantChannel, configuration, plant
+from tests.support.gateways.daemon import axis
+from tests.support.gateways.profinet_daemon import Plant, PlantChannel, configuration, plant
 
 STATION = ("192.168.0.2", 34964)
 

@@ -21,9 +21,9 @@ from typer.main import get_command
 from pdgw.gateway.errors import GatewayError
 from pdgw.workshop.commands import bench
 from tests.decoder.replay.test_replay import speed
+from tests.support.axis.rig import NODE
 from tests.support.buses import PATIENCE_S
 from tests.support.processes import PATIENT, free_tcp_port, free_udp_port
-from tests.support.rig import NODE
 
 _ELSEWHERE = """
 import asyncio, ctypes, logging, mmap, multiprocessing, os, pathlib, select, selectors, signal, socket, subprocess, sys, tempfile

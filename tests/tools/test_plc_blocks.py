@@ -11,8 +11,8 @@ from pdgw.dsp402.states import State
 from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode
-from tests.support.daemon import drive_of, encoder_of, running
-from tests.support.structured_text import TextPlc, config_of, program
+from tests.support.gateways.daemon import drive_of, encoder_of, running
+from tests.support.plc.structured_text import TextPlc, config_of, program
 
 SPEEDS = [number for number, item in TELEGRAMS.items() if item.mode is ApplicationMode.VELOCITY]
 POSITIONS = [number for number, item in TELEGRAMS.items() if item.mode is ApplicationMode.POSITIONING]

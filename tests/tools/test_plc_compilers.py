@@ -13,7 +13,7 @@ from typing import cast
 import pytest
 
 from pdgw.profidrive.telegrams import TELEGRAMS
-from tests.support.structured_text import config_of, program
+from tests.support.plc.structured_text import config_of, program
 
 IEC2C = shutil.which("iec2c")
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -12,9 +12,9 @@ from pdgw.dsp402.states import State
 from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.reasons import Reason
 from pdgw.tools.plc.code import structured_text
-from tests.support.daemon import drive_of, running
-from tests.support.motion_blocks import AXES, POSITIONS, VELOCITIES, Axis, axis_with
-from tests.support.structured_text import TextPlc, config_of
+from tests.support.gateways.daemon import drive_of, running
+from tests.support.plc.motion_blocks import AXES, POSITIONS, VELOCITIES, Axis, axis_with
+from tests.support.plc.structured_text import TextPlc, config_of
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 EXAMPLE = (EXAMPLES / "axis_story.st").read_text()

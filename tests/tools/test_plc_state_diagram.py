@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.support.motion_blocks import POSITIONS, axis_with
-from tests.support.plcopen_rules import EXECUTED, Rules
+from tests.support.plc.motion_blocks import POSITIONS, axis_with
+from tests.support.plc.plcopen_rules import EXECUTED, Rules
 
 WAITS = (1, 1, 2, 6, 30, 100)
 """Calls of the program between two changes of its inputs."""

@@ -25,7 +25,7 @@ from pdgw.recording import background_writer
 from pdgw.tools.service.log_format import LogLevel
 from pdgw.tools.service.run_log import CanRecorder, RunLog, on_signals
 from tests.support.buses import PATIENCE_S
-from tests.support.daemon import axis, configuration, running, until, world_of
+from tests.support.gateways.daemon import axis, configuration, running, until, world_of
 from tests.support.logs import log_put_back
 
 FRAME = can.Message(arbitration_id=0x181, data=b"\x31\x02")

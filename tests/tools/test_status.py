@@ -9,7 +9,7 @@ import pytest
 
 from pdgw.gateway.service.status import snapshot
 from pdgw.tools.output.status_text import duration, object_lines, status_lines
-from tests.support.daemon import axis, configuration, running
+from tests.support.gateways.daemon import axis, configuration, running
 
 
 def fault(number: int, age_s: float) -> dict[str, Any]:

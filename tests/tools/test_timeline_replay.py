@@ -17,10 +17,10 @@ from pdgw.recording.recordings import known_from
 from pdgw.tools.commands.capture.replay import replay
 from pdgw.tools.commands.capture.timeline import timeline
 from tests.decoder.replay.test_replay import speed
-from tests.support import captures
+from tests.support.axis.recorded import BEGIN_NS
+from tests.support.axis.rig import NODE
 from tests.support.cli import pdgw
-from tests.support.recorded import BEGIN_NS
-from tests.support.rig import NODE
+from tests.support.readers import captures
 
 NODES = [str(NODE)]
 

@@ -26,11 +26,12 @@ from pdgw.gateway.trace.writer import RingFile
 from pdgw.recording.trace_file import captured, chosen_ring, save
 from pdgw.recording.trace_keeper import Choice, Keeper, follow
 from pdgw.tools.commands.capture.timeline import timeline
-from tests.support import profinet_daemon, tshark
-from tests.support.daemon import OFF, ON, Plc, axis, configuration, drive_of, world_of
-from tests.support.daemon import running as playing
-from tests.support.profinet import DEVICE_MAC, PLC_MAC
-from tests.support.ring import LAYOUT, LIMIT, record
+from tests.support.gateways import profinet_daemon
+from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, drive_of, world_of
+from tests.support.gateways.daemon import running as playing
+from tests.support.readers import tshark
+from tests.support.readers.ring import LAYOUT, LIMIT, record
+from tests.support.wire.profinet import DEVICE_MAC, PLC_MAC
 
 
 @contextmanager

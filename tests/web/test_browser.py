@@ -19,11 +19,11 @@ from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.recording.recordings import Part, write_page
 from pdgw.tools.output.reports import Check, Report
 from tests.decoder.replay.test_replay import speed
+from tests.support.axis.recorded import RecordedRig
 from tests.support.buses import PATIENCE_S
-from tests.support.daemon import Plc, axis, configuration, drive_of, running
+from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, running
 from tests.support.page import TOKEN, Page, ShownGateway, page
 from tests.support.processes import free_tcp_port
-from tests.support.recorded import RecordedRig
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser

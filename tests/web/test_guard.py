@@ -25,7 +25,7 @@ from pdgw.web.server.guard import (
     read_token,
 )
 from pdgw.web.server.places import Places
-from tests.support.daemon import axis
+from tests.support.gateways.daemon import axis
 from tests.support.page import TOKEN
 
 API = "/api/v1/status"

@@ -17,9 +17,9 @@ from pdgw.gateway.reasons import AxisState, FaultNumber, Reason
 from pdgw.profidrive.parameters.codec import ParameterAddress
 from pdgw.web.metrics import exposition
 from pdgw.web.status.watch import Watch
-from tests.support.daemon import Plc, axis, configuration, drive_of, running, serving
+from tests.support.documents.written_tables import named, rows
+from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, running, serving
 from tests.support.page import ShownGateway, look
-from tests.support.written_tables import named, rows
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 PROMTOOL = shutil.which("promtool")

@@ -22,8 +22,8 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.web.mqtt import MESSAGE_MAX, Publisher, made_client, object_message, topic_name
 from pdgw.web.status.watch import Watch
 from tests.support.buses import PATIENCE_S
-from tests.support.daemon import axis, configuration, running
-from tests.support.daemon import until as until_true
+from tests.support.gateways.daemon import axis, configuration, running
+from tests.support.gateways.daemon import until as until_true
 from tests.support.page import ShownGateway, look, until
 from tests.support.processes import free_tcp_port
 

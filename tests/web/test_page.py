@@ -26,9 +26,9 @@ from pdgw.web.status.events import KEPT, EventLog
 from pdgw.web.status.watch import Watch
 from pdgw.web.stream import STREAMS_MAX
 from tests.support.buses import PATIENCE_S
-from tests.support.daemon import Plc, axis, configuration, drive_of, running
+from tests.support.documents.written_tables import ROOT, named, rows
+from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, running
 from tests.support.page import TOKEN, Page, ShownGateway, ShownParameters, events_of, page, until
-from tests.support.written_tables import ROOT, named, rows
 
 ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 83\nsimulate = true\n"
 

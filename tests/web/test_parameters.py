@@ -7,7 +7,7 @@ import pytest
 from pdgw.gateway.errors import GatewayError
 from pdgw.web.errors import RequestError
 from pdgw.web.parameters import PageParameters
-from tests.support.daemon import axis, configuration, reached, serving
+from tests.support.gateways.daemon import axis, configuration, reached, serving
 
 
 def test_elements_have_name_unit_and_meaning() -> None:

@@ -17,7 +17,7 @@ from uvicorn.server import ServerState
 from pdgw.web.server.large import AT_ONCE, PART, LargeAnswers
 from pdgw.web.server.places import CONNECTIONS_MAX, UNKNOWN_MAX, UNKNOWN_OF_SENDER_MAX, Places
 from pdgw.web.server.server import READ_WITHIN_S, REQUEST_WITHIN_S, bounded_protocol
-from tests.support.daemon import axis, configuration, running
+from tests.support.gateways.daemon import axis, configuration, running
 from tests.support.page import TOKEN, Page, ShownGateway, page
 
 REQUEST = b"GET /static/app.js HTTP/1.1\r\nHost: localhost\r\n\r\n"

@@ -21,11 +21,11 @@ from pdgw.workshop.bench.profinet.profinet import (
     records_in,
     row_of,
 )
-from tests.support import captures
-from tests.support.daemon import axis
-from tests.support.profinet import DEVICE_MAC, PLC_IP
-from tests.support.profinet_daemon import configuration, plant
-from tests.support.tshark_frames import datagram
+from tests.support.gateways.daemon import axis
+from tests.support.gateways.profinet_daemon import configuration, plant
+from tests.support.readers import captures
+from tests.support.readers.tshark_frames import datagram
+from tests.support.wire.profinet import DEVICE_MAC, PLC_IP
 
 TURN_MS = 0.25
 FLOOR = bytes.fromhex("02000000007f") + DEVICE_MAC + b"\x88\x92" + FLOOR_FRAME_ID.to_bytes(2, "big") + bytes(44)

@@ -21,7 +21,7 @@ from pdgw.profidrive.encoder import EncoderControl
 from pdgw.workshop.commands.conformance import app
 from pdgw.workshop.conformance import bench, encoders
 from pdgw.workshop.conformance.faults import CASES, Activity, Case, Device, Reaction, Result, run_case
-from tests.support.daemon import Plc, axis, configuration, drive_of, running
+from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, running
 
 PATIENT = "watchdog_factor = 255"
 """The PLC of these tests is never lost, however busy the machine is."""

@@ -18,7 +18,7 @@ from pdgw.workshop import release
 from pdgw.workshop.installation import verify
 from pdgw.workshop.release import ReleaseError, source_distribution, sources, unpack
 from pdgw.workshop.sbom import PACKAGE, document
-from tests.support.written_tables import ROOT
+from tests.support.documents.written_tables import ROOT
 
 EPOCH = 1_800_000_000
 

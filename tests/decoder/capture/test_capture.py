@@ -31,9 +31,9 @@ from pdgw.durations import MS
 from pdgw.profidrive.scapy_layers import cyclic_frame
 from pdgw.profidrive.telegrams import Direction
 from pdgw.tools.service.run_log import CanRecorder
-from tests.support import captures, tshark
 from tests.support.buses import PATIENCE_S, channel
-from tests.support.captures import BEGIN_NS, CANOPEN
+from tests.support.readers import captures, tshark
+from tests.support.readers.captures import BEGIN_NS, CANOPEN
 
 BOTH = captures.both_buses()
 PLC = [packet for packet in BOTH if packet[1] == captures.ETHERNET]

@@ -16,8 +16,8 @@ from pdgw.decoder.timeline.entries import Anomaly, AnomalyKind
 from pdgw.gateway.errors import GatewayError
 from pdgw.recording.recordings import Part, write_page
 from tests.decoder.replay.test_replay import speed
+from tests.support.axis.recorded import RecordedRig
 from tests.support.buses import PATIENCE_S
-from tests.support.recorded import RecordedRig
 
 needs_node = pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
 

@@ -15,8 +15,8 @@ from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import C_SDU_MIN, RtFrame
 from pdgw.profidrive.signals import float_pattern
 from pdgw.profidrive.telegrams import Direction, Telegram, telegram
+from tests.support.axis.strategies import directions, half_values, telegrams
 from tests.support.cli import pdgw
-from tests.support.strategies import directions, half_values, telegrams
 
 FRAME = "C001 047F 2000 80 80" + "00" * 34 + "0020 35 00"
 

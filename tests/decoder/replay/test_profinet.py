@@ -12,8 +12,8 @@ from pdgw.decoder.timeline.text import entry_lines
 from pdgw.durations import MS
 from pdgw.profidrive.frame import STATUS_RUN
 from pdgw.recording.recordings import Known, Loaded, followed, known_from, load, look_ahead
-from tests.support.daemon import axis
-from tests.support.profinet_daemon import OFF, Plant, configuration, parameterise_anew, plant
+from tests.support.gateways.daemon import axis
+from tests.support.gateways.profinet_daemon import OFF, Plant, configuration, parameterise_anew, plant
 
 RPDO1 = 0x201
 ENABLED = b"\x0f\x00"

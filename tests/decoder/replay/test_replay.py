@@ -21,11 +21,11 @@ from pdgw.gateway.motion.dsc import DscChoices, DscForm
 from pdgw.profidrive.frame import STATUS_STOP, TRAILER
 from pdgw.profidrive.telegrams import telegram
 from pdgw.recording.recordings import Loaded, load
-from tests.support.drive_types import References
-from tests.support.plain_drive import PlainDrive
-from tests.support.recorded import CYCLE_NS, RecordedRig, known, on_the_way, with_a_dropped_level
-from tests.support.rig import NODE, Rig
-from tests.support.stepper import Stepper
+from tests.support.axis.recorded import CYCLE_NS, RecordedRig, known, on_the_way, with_a_dropped_level
+from tests.support.axis.rig import NODE, Rig
+from tests.support.axis.stepper import Stepper
+from tests.support.drives.drive_types import References
+from tests.support.drives.plain_drive import PlainDrive
 
 RPDO1 = 0x200 + NODE
 

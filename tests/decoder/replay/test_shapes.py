@@ -11,8 +11,8 @@ import pytest
 
 from pdgw.dsp402.indices import PROFILE_DECELERATION
 from pdgw.peers.drive import Shape, shape
-from tests.support.daemon import axis, until, world_of
-from tests.support.recorded_daemon import RecordedPlc, only, recorded
+from tests.support.gateways.daemon import axis, until, world_of
+from tests.support.gateways.recorded_daemon import RecordedPlc, only, recorded
 
 RPDO1 = 0x201
 BACKWARD = -0x1000

@@ -11,8 +11,18 @@ from pdgw.decoder.timeline.text import entry_lines
 from pdgw.durations import MS
 from pdgw.gateway.reasons import Reason
 from pdgw.recording.recordings import followed, known_from, load, look_ahead
-from tests.support.profinet_daemon import OFF, ON
-from tests.support.twin_controllers import HOLD_MS, OTHER_SPEED, SPEED, WAYS, Twins, die, hand_over, release, twins
+from tests.support.gateways.profinet_daemon import OFF, ON
+from tests.support.gateways.twin_controllers import (
+    HOLD_MS,
+    OTHER_SPEED,
+    SPEED,
+    WAYS,
+    Twins,
+    die,
+    hand_over,
+    release,
+    twins,
+)
 
 _LOST = Reason.PLC_LOST.value
 

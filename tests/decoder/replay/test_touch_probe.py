@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from pdgw.profidrive.signals import signal
-from tests.support.daemon import SIMULATED_POSITIONER, axis, drive_of
-from tests.support.recorded_daemon import RecordedPlc, only, recorded
+from tests.support.gateways.daemon import SIMULATED_POSITIONER, axis, drive_of
+from tests.support.gateways.recorded_daemon import RecordedPlc, only, recorded
 
 ON_THE_FLY, ACTIVATE, READ = 0x80, 0x10, 0x20
 VALUE_1 = signal("G1_ZSW").bit("VALUE_1").mask

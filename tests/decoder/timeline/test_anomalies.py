@@ -26,10 +26,10 @@ from pdgw.profidrive.frame import COUNTER_UNIT_NS
 from pdgw.profidrive.telegrams import telegram
 from pdgw.recording.recordings import followed, look_ahead
 from tests.decoder.replay.test_replay import positioning, speed
-from tests.support import captures
-from tests.support.recorded import BEGIN_NS, CYCLE_NS, MACS, RecordedRig, with_a_dropped_level
-from tests.support.rig import NODE
-from tests.support.timeline import Timeline, edges, texts, timeline
+from tests.support.axis.recorded import BEGIN_NS, CYCLE_NS, MACS, RecordedRig, with_a_dropped_level
+from tests.support.axis.rig import NODE
+from tests.support.readers import captures
+from tests.support.readers.timeline import Timeline, edges, texts, timeline
 
 
 def test_a_command_the_drive_does_not_answer_is_a_missed_handshake(tmp_path: Path) -> None:

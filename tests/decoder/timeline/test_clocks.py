@@ -9,7 +9,7 @@ import pytest
 from pdgw.decoder.timeline.clocks import AxisWords, Clocks, Word, correlate
 from pdgw.durations import MS, SECOND
 from tests.decoder.replay.test_replay import RIGS
-from tests.support.recorded import CYCLE_NS
+from tests.support.axis.recorded import CYCLE_NS
 
 
 @pytest.mark.parametrize("name", RIGS)

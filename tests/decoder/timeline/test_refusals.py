@@ -13,8 +13,8 @@ from pdgw.decoder.timeline.text import entry_lines
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.frame import IOPS_BAD
 from tests.decoder.replay.test_replay import speed
-from tests.support.recorded import RecordedRig
-from tests.support.timeline import edges, texts, timeline
+from tests.support.axis.recorded import RecordedRig
+from tests.support.readers.timeline import edges, texts, timeline
 
 IOPS_OF_PLC = 6
 """Where telegram 1's IOPS lies in a frame."""

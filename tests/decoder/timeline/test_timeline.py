@@ -17,8 +17,8 @@ from pdgw.decoder.timeline.text import entry_lines, summary_lines
 from pdgw.durations import MS
 from pdgw.recording.recordings import Part, followed
 from tests.decoder.replay.test_replay import RIGS, speed
-from tests.support.recorded import CYCLE_NS, RecordedRig
-from tests.support.timeline import Timeline, edges, timeline
+from tests.support.axis.recorded import CYCLE_NS, RecordedRig
+from tests.support.readers.timeline import Timeline, edges, timeline
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "timeline.txt"
 

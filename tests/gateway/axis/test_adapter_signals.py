@@ -13,7 +13,7 @@ from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, ENCODER_TELEGRAM
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Telegram, telegram
-from tests.support.positioner import CHOICES
+from tests.support.axis.positioner import CHOICES
 
 _SETTINGS = AxisSettings(positioner=replace(CHOICES, lu_per_unit=1000))
 

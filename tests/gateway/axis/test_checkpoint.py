@@ -11,8 +11,8 @@ from tests.gateway.axis.test_positioner_handshake import HOMING as HOME
 from tests.gateway.axis.test_positioner_handshake import NEW_SETPOINT, positioner
 from tests.gateway.axis.test_positioning import ACTIVATE, HOME_SET, HOMING
 from tests.gateway.axis.test_positioning_handshake import positioning
-from tests.support.hand import ON, Hand
-from tests.support.positioner import CHOICES
+from tests.support.axis.hand import ON, Hand
+from tests.support.axis.positioner import CHOICES
 
 OFF2 = ON & ~2
 PRESSING = replace(CHOICES, blocks=(Block(1, 50_000, 3000, task=BlockTask.FIXED_STOP, value=250),))

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, Kind, drive_telegram
 from pdgw.gateway.reasons import OrderDoubt
 from pdgw.profidrive.telegrams import telegram
-from tests.support.positioner import CHOICES
-from tests.support.rig import Rig
-from tests.support.stepper import DSC
+from tests.support.axis.positioner import CHOICES
+from tests.support.axis.rig import Rig
+from tests.support.axis.stepper import DSC
 
 CLAIMS = {"ZSW1": 0x1400, "Statusword": 0x1400, "POS_ZSW": 0x0008, "POS_ZSW2": 0x3008, "MELDW": 0x0001}
 """ZSW1.10 and .12, POS_ZSW.3, POS_ZSW2.3, .12 and .13, MELDW.0."""

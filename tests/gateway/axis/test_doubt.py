@@ -9,8 +9,8 @@ from pdgw.durations import MS
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.reasons import Reason
-from tests.support.rig import Rig
-from tests.support.stepper import step_interlock
+from tests.support.axis.rig import Rig
+from tests.support.axis.stepper import step_interlock
 
 OFF, ON = 0x047E, 0x047F
 COAST, OFF3 = ON & ~0x2, ON & ~0x4

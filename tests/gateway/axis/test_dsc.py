@@ -16,8 +16,8 @@ from pdgw.gateway.axis.settings import AxisSettings, ControlLost
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.dsc import DscChoices, DscForm, dead_time_ns, highest_gain, longest_hold_ns
 from pdgw.gateway.reasons import FaultNumber, Reason
-from tests.support.drive_types import References, described, engel
-from tests.support.rig import Rig
+from tests.support.axis.rig import Rig
+from tests.support.drives.drive_types import References, described, engel
 
 CYCLE_NS = 4_000_000
 REFERENCES = References(max_acceleration=5000, max_deceleration=2000)

@@ -19,8 +19,8 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
 from pdgw.profidrive.encoder import PARKED_NS, SensorError
 from pdgw.profidrive.telegrams import telegram
-from tests.support.stepper import EncoderStepper
-from tests.support.strategies import half_values
+from tests.support.axis.stepper import EncoderStepper
+from tests.support.axis.strategies import half_values
 
 CONTROL, FAULT_ACKNOWLEDGE = 0x0400, 0x0080
 ACKNOWLEDGE, PARK, ABSOLUTE, PRESET, RELATIVE = 0x8000, 0x4000, 0x2000, 0x1000, 0x0800

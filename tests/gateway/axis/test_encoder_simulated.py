@@ -15,7 +15,7 @@ from pdgw.gateway.axis.executors.sensor import EncoderReferences
 from pdgw.gateway.axis.settings import SensorSettings
 from pdgw.peers.encoder.motion import Motion, constant_speed
 from pdgw.peers.encoder.node import SimulatedEncoderNode
-from tests.support.stepper import EncoderStepper
+from tests.support.axis.stepper import EncoderStepper
 
 CONTROL = 0x0400
 ABSOLUTE, PRESET, RELATIVE = 0x2000, 0x1000, 0x0800

@@ -11,9 +11,9 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.signals import float_of, float_pattern, signal
 from pdgw.profidrive.telegrams import telegram, word_positions
-from tests.support.daemon import axis
-from tests.support.positioner import CHOICES
-from tests.support.rig import Rig
+from tests.support.axis.positioner import CHOICES
+from tests.support.axis.rig import Rig
+from tests.support.gateways.daemon import axis
 
 TASK, START = 0x047F, 0x043F
 POS_STW1, POS_STW2 = signal("POS_STW1"), signal("POS_STW2")

@@ -10,7 +10,7 @@ from pdgw.dsp402.drive.images import DEMAND_UNKNOWN
 from pdgw.gateway.axis.settings import SetpointEnable
 from pdgw.gateway.motion.dsc import DscChoices, DscForm
 from pdgw.gateway.reasons import Reason
-from tests.support.rig import Rig
+from tests.support.axis.rig import Rig
 
 FROZEN, RUN = 0x045F, 0x047F
 FULL_SPEED = 6000

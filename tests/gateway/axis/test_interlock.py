@@ -16,8 +16,8 @@ from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.reasons import Reason
 from tests.gateway.axis.test_velocity import OFF, ON, Bench
-from tests.support.drive_types import References
-from tests.support.stepper import Stepper, step_interlock
+from tests.support.axis.stepper import Stepper, step_interlock
+from tests.support.drives.drive_types import References
 
 COMMANDS = range(16)
 POWERED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)

@@ -22,10 +22,10 @@ from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.peers.drive import DriveModel, Machine, shape
 from pdgw.profidrive.datatypes import n4
 from pdgw.profidrive.signals import signal
-from tests.support.drive_types import described
-from tests.support.positioner import CHOICES
-from tests.support.rig import CYCLE_MS, Rig
-from tests.support.stepper import Stepper
+from tests.support.axis.positioner import CHOICES
+from tests.support.axis.rig import CYCLE_MS, Rig
+from tests.support.axis.stepper import Stepper
+from tests.support.drives.drive_types import described
 
 CSP = shape("csp")
 ZSW1 = signal("ZSW1")

@@ -22,7 +22,7 @@ from pdgw.gateway.axis.executors.interpolation import Interpolation
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.reasons import Reason
-from tests.support.drive_types import described
+from tests.support.drives.drive_types import described
 
 CYCLE_NS = 4_000_000
 CYCLE = Fraction(CYCLE_NS, 10**9)

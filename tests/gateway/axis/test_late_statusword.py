@@ -9,8 +9,8 @@ from pdgw.durations import MS
 from pdgw.gateway.axis.interlock import COMMAND_SHOWN_NS, Interlock
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction
 from pdgw.gateway.reasons import Reason
-from tests.support.drive_types import References
-from tests.support.stepper import Stepper, step_interlock
+from tests.support.axis.stepper import Stepper, step_interlock
+from tests.support.drives.drive_types import References
 
 OFF, ON, NO_OPERATION, NO_CONTROL = 0x047E, 0x047F, 0x0477, 0x007F
 OFF2, OFF3 = 0x047D, 0x047B

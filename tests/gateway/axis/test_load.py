@@ -10,9 +10,9 @@ from pdgw.dsp402.pdo.planner import found_in_data_sheet, plan_pdos
 from pdgw.gateway.axis.values import NodeNotice, Notice
 from pdgw.gateway.motion.messages import namur_word
 from pdgw.profidrive.signals import signal
-from tests.support.daemon import Plc, axis, configuration, drive_of, running
-from tests.support.drive_types import engel
-from tests.support.rig import Rig
+from tests.support.axis.rig import Rig
+from tests.support.drives.drive_types import engel
+from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, running
 
 NAMUR = {bit.name: bit.mask for bit in signal("MELD_NAMUR").bits}
 

@@ -11,9 +11,9 @@ from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.peers.drive import ENGEL, ROTARY_AXIS
 from pdgw.profidrive.signals import signal
-from tests.support.drive_types import References, engel
-from tests.support.positioner import CHOICES
-from tests.support.rig import Rig
+from tests.support.axis.positioner import CHOICES
+from tests.support.axis.rig import Rig
+from tests.support.drives.drive_types import References, engel
 
 OFF, ON = 0x043E, 0x043F
 LU, UNITS = 10_000, 4096

@@ -20,9 +20,9 @@ from pdgw.gateway.motion.blocks import Block, BlockNext, BlockTask
 from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.peers.drive import Machine
-from tests.support.drive_types import References, engel
-from tests.support.positioner import CHOICES
-from tests.support.rig import Rig
+from tests.support.axis.positioner import CHOICES
+from tests.support.axis.rig import Rig
+from tests.support.drives.drive_types import References, engel
 
 REFERENCES = References(
     position_min=-2_000_000,

@@ -14,9 +14,9 @@ from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.signals import signal
 from tests.gateway.axis.test_modulo import TABLE, drive_type
-from tests.support.drive_types import References, engel
-from tests.support.hand import OFF, ON, OPERATING, Hand
-from tests.support.positioner import CHOICES
+from tests.support.axis.hand import OFF, ON, OPERATING, Hand
+from tests.support.axis.positioner import CHOICES
+from tests.support.drives.drive_types import References, engel
 
 OFF2, OFF3 = ON & ~2, ON & ~4
 REJECT, INTERMEDIATE, ACTIVATE, HOMING = 0x10, 0x20, 0x40, 0x800

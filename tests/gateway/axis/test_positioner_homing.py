@@ -33,8 +33,8 @@ from tests.gateway.axis.test_positioner_handshake import (
     shows,
     turning,
 )
-from tests.support.hand import OFF, ON, OPERATING, Hand
-from tests.support.positioner import CHOICES
+from tests.support.axis.hand import OFF, ON, OPERATING, Hand
+from tests.support.axis.positioner import CHOICES
 
 # -- homing -------------------------------------------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.scenario_file import load_scenario
 from pdgw.profidrive.telegrams import telegram
-from tests.support.rig import Rig
+from tests.support.axis.rig import Rig
 
 SCENARIO = Path(__file__).parents[3] / "tools" / "scenarios" / "positioner.yaml"
 CYCLE = 4_000_000

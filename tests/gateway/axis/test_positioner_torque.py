@@ -22,8 +22,8 @@ from tests.gateway.axis.test_positioner_handshake import (
     positioner,
     shows,
 )
-from tests.support.hand import OFF, ON, OPERATING, Hand
-from tests.support.positioner import CHOICES
+from tests.support.axis.hand import OFF, ON, OPERATING, Hand
+from tests.support.axis.positioner import CHOICES
 
 PRESSING = replace(CHOICES, blocks=(Block(1, 50_000, 3000, task=BlockTask.FIXED_STOP, value=250),))
 OWN, LOWERED = (SdoWrite(0x6072, 0, 3000),), (SdoWrite(0x6072, 0, 250),)

@@ -17,8 +17,8 @@ from pdgw.peers.drive import Machine
 from pdgw.peers.drive.family import HOMING_METHODS, TURNTABLE
 from pdgw.profidrive.datatypes import N4_100_PERCENT, n4
 from pdgw.profidrive.signals import signal
-from tests.support.drive_types import engel
-from tests.support.rig import Rig
+from tests.support.axis.rig import Rig
+from tests.support.drives.drive_types import engel
 
 ZSW1 = signal("ZSW1")
 REACHED = ZSW1.bit("TARGET_REACHED", positioning=True).mask

@@ -27,8 +27,8 @@ from tests.gateway.axis.test_positioning import (
     position,
     task,
 )
-from tests.support.drive_types import References
-from tests.support.stepper import Stepper
+from tests.support.axis.stepper import Stepper
+from tests.support.drives.drive_types import References
 
 
 @pytest.mark.parametrize("withheld", [REJECT, INTERMEDIATE])

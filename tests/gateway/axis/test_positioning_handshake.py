@@ -24,8 +24,8 @@ from tests.gateway.axis.test_positioning import (
     home,
     task,
 )
-from tests.support.drive_types import engel
-from tests.support.hand import OFF, ON, OPERATING, Hand
+from tests.support.axis.hand import OFF, ON, OPERATING, Hand
+from tests.support.drives.drive_types import engel
 
 OFF2, OFF3 = ON & ~2, ON & ~4
 HALT, NEW_SETPOINT = ControlBit.HALT, ControlBit.NEW_SETPOINT

@@ -27,8 +27,8 @@ from tests.gateway.axis.test_positioning_handshake import (
     TAKEN,
     positioning,
 )
-from tests.support.drive_types import engel
-from tests.support.hand import OFF, ON, OPERATING
+from tests.support.axis.hand import OFF, ON, OPERATING
+from tests.support.drives.drive_types import engel
 
 # -- what is shown ----------------------------------------------------------------------------------------------------
 

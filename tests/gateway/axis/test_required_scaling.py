@@ -14,7 +14,7 @@ from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.commissioning.telegram_check import lacks
 from pdgw.gateway.configuration.tables.positioner import SIMULATED, PositionerConfig
 from pdgw.profidrive.telegrams import telegram
-from tests.support.drive_types import engel
+from tests.support.drives.drive_types import engel
 
 SPEED = (Quantity.SPEED,)
 

@@ -15,8 +15,8 @@ from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.drive.model.motion import SECOND_ENCODER_STEPS
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.signals import signal
-from tests.support.rig import Rig
-from tests.support.stepper import DSC
+from tests.support.axis.rig import Rig
+from tests.support.axis.stepper import DSC
 
 OFF = 0x047E
 NUMBERS = (4, 6, 103, 106)

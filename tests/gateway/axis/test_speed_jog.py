@@ -8,7 +8,7 @@ import pytest
 
 from pdgw.gateway.axis.settings import SetpointEnable
 from pdgw.gateway.reasons import Reason
-from tests.support.rig import Rig
+from tests.support.axis.rig import Rig
 
 OFF, READY = 0x040E, 0x040F
 """STW1.4 to .6 are 0."""

@@ -6,7 +6,7 @@ from pdgw.dsp402.states import STATUS_OF, State, StatusBit
 from pdgw.durations import MS
 from pdgw.gateway.reasons import Reason
 from tests.gateway.axis.test_velocity import OFF, ON, Bench
-from tests.support.drive_types import References
+from tests.support.drives.drive_types import References
 
 REACHED = 0x0400
 """ZSW1.10 and bit 10 of the Statusword."""

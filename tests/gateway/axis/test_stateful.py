@@ -13,7 +13,7 @@ from pdgw.dsp402.states import ControlBit, State
 from pdgw.gateway.axis.demand_report import SHOWN_STATE
 from pdgw.gateway.axis.power_table import Phase
 from pdgw.profidrive.telegrams import TELEGRAMS, telegram
-from tests.support.rig import Rig
+from tests.support.axis.rig import Rig
 
 POWERED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 STATE_BITS = 0x4F

@@ -10,8 +10,8 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State
 from pdgw.peers.drive import Latency
 from tests.gateway.axis.test_positioning import ACTIVATE, HOMING, INTERMEDIATE, ON, POSITION, REJECT
-from tests.support.rig import Rig
-from tests.support.strategies import latencies
+from tests.support.axis.rig import Rig
+from tests.support.axis.strategies import latencies
 
 CONTROL_BY_PLC = 0x400
 CYCLES = st.integers(1, 40)

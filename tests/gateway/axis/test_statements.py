@@ -11,9 +11,9 @@ from pdgw.profidrive.parameters.model import BoundParameter, Parameter, answer
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram, word_positions
 from tests.gateway.axis.test_velocity import Bench
-from tests.support.positioner import CHOICES
-from tests.support.rig import Rig
-from tests.support.statements import DOCUMENT, document, statement
+from tests.support.axis.positioner import CHOICES
+from tests.support.axis.rig import Rig
+from tests.support.documents.statements import DOCUMENT, document, statement
 
 PROFILE = "profile 4.1, general state diagram"
 MANUALS = "drive manuals (STW1, ZSW1)"

@@ -8,8 +8,8 @@ from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.objects.fault_buffer import FaultLog
 from pdgw.profidrive.encoder import PARKED_NS, SensorInterface
 from pdgw.profidrive.signals import signal
-from tests.support.positioner import CHOICES
-from tests.support.rig import CYCLE_MS, Rig
+from tests.support.axis.positioner import CHOICES
+from tests.support.axis.rig import CYCLE_MS, Rig
 
 ZSW1 = signal("ZSW1")
 NO_QUICK_STOP, REACHED = ZSW1.bit("NO_QUICK_STOP").mask, ZSW1.bit("TARGET_REACHED").mask

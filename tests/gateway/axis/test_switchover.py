@@ -12,8 +12,8 @@ from pdgw.gateway.axis.telegrams import DSC_TELEGRAM_NUMBERS, drive_telegram
 from pdgw.gateway.links.confirmation import Orders
 from pdgw.gateway.motion.dsc import DscChoices, DscForm
 from pdgw.profidrive.telegrams import telegram
-from tests.support.positioner import CHOICES
-from tests.support.rig import Rig
+from tests.support.axis.positioner import CHOICES
+from tests.support.axis.rig import Rig
 
 OFF, ON = 0x047E, 0x047F
 WORDS = [

@@ -9,8 +9,8 @@ import pytest
 from pdgw.gateway.axis.values import NodeNotice, Notice
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.profidrive.signals import signal
-from tests.support.drive_types import References
-from tests.support.rig import Rig
+from tests.support.axis.rig import Rig
+from tests.support.drives.drive_types import References
 
 OFF = 0x047E
 _NAMES = {bit.name: bit.mask for bit in signal("MELDW").bits}

@@ -14,10 +14,10 @@ from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive.device import OBJECTS
 from pdgw.peers.drive.family import TURNTABLE
 from pdgw.profidrive.telegrams import telegram
-from tests.support.drive_types import References
-from tests.support.rig import Rig
-from tests.support.stepper import Stepper
-from tests.support.strategies import half_values
+from tests.support.axis.rig import Rig
+from tests.support.axis.stepper import Stepper
+from tests.support.axis.strategies import half_values
+from tests.support.drives.drive_types import References
 
 HALF = telegram(100).setpoints
 

@@ -10,9 +10,9 @@ from pdgw.durations import MS
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction, SetpointEnable
 from pdgw.gateway.reasons import Reason
-from tests.support.drive_types import References, described
-from tests.support.plain_drive import PlainDrive
-from tests.support.stepper import Stepper
+from tests.support.axis.stepper import Stepper
+from tests.support.drives.drive_types import References, described
+from tests.support.drives.plain_drive import PlainDrive
 
 OFF, ON, CONTROL = 0x047E, 0x047F, 0x0400
 

@@ -23,7 +23,7 @@ from pdgw.peers.drive import SHAPES
 from pdgw.peers.drive.device import EDS_PATH
 from pdgw.peers.drive.model.shapes import SYNCHRONOUS
 from pdgw.peers.world import World
-from tests.support.daemon import axis, configuration
+from tests.support.gateways.daemon import axis, configuration
 
 BUS = "bus"
 _UPLOAD = 0x40

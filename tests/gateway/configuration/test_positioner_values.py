@@ -17,7 +17,7 @@ from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
-from tests.support.daemon import SIMULATED_POSITIONER, Plc, axis, configuration, exchanging, serving
+from tests.support.gateways.daemon import SIMULATED_POSITIONER, Plc, axis, configuration, exchanging, serving
 
 CONFIG = configuration(axis(1, telegram_number=111, more=SIMULATED_POSITIONER))
 BLOCKS = (

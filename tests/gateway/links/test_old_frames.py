@@ -19,9 +19,9 @@ from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.links.sequence import OLDEST_NS, SEQUENCE_FRAMES, WRAP_NS, FrameSequence, Order
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, FRAME_ID_TO_DEVICE, IOPS_GOOD, RtFrame
 from pdgw.profidrive.telegrams import telegram
-from tests.support.drive_types import References
-from tests.support.plain_drive import PlainDrive
-from tests.support.stepper import Stepper
+from tests.support.axis.stepper import Stepper
+from tests.support.drives.drive_types import References
+from tests.support.drives.plain_drive import PlainDrive
 
 PLC = ("127.0.0.1", 40000)
 CYCLE = 4 * MS

@@ -11,7 +11,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import OrderDoubt, Reason
 from pdgw.gateway.service.status import snapshot
 from pdgw.profidrive.signals import signal
-from tests.support.daemon import OFF, Plc, axis, configuration, running
+from tests.support.gateways.daemon import OFF, Plc, axis, configuration, running
 
 GATEWAY, PLC = "192.168.0.5", "192.168.0.10"
 ROUTED = {"listen": IPv4Address(GATEWAY), "peer": IPv4Address(PLC)}

@@ -11,7 +11,7 @@ from pdgw.gateway.reasons import OrderDoubt, Reason
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, FRAME_ID_TO_DEVICE, IOPS_GOOD, RtFrame
 from pdgw.profidrive.telegrams import telegram
 from tests.gateway.links.test_short_orders import ACKNOWLEDGED, HIGH, LOW, PLC, REACHED, ROUTED, TARGETS, Tasks
-from tests.support.daemon import running
+from tests.support.gateways.daemon import running
 
 OFF, ON = 0x047E, 0x047F
 CYCLE = 4 * MS

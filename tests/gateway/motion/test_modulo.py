@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pdgw.gateway.motion.modulo import Direction, Ring, way
 from pdgw.gateway.reasons import Reason
-from tests.support.positioner import SETTINGS, PositionerRig
+from tests.support.axis.positioner import SETTINGS, PositionerRig
 
 RANGE = 36_000
 ROTARY = replace(SETTINGS, modulo=RANGE, software_limits=None, waiting_setpoints=False)

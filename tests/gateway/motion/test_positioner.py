@@ -9,7 +9,7 @@ from pdgw.gateway.motion.requests import FULL
 from pdgw.gateway.motion.states import TASK_STATES, TRANSITIONS, Event, State
 from pdgw.gateway.motion.travel import LIMIT_STANDING_NS
 from pdgw.gateway.reasons import Reason
-from tests.support.positioner import ABSOLUTE, CYCLE, RELATIVE, PositionerRig, move
+from tests.support.axis.positioner import ABSOLUTE, CYCLE, RELATIVE, PositionerRig, move
 
 # -- the table ----------------------------------------------------------------------------------------------------------
 

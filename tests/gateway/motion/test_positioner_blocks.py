@@ -8,7 +8,7 @@ from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTask
 from pdgw.gateway.motion.requests import MotionKind
 from pdgw.gateway.motion.states import State
 from pdgw.gateway.reasons import Reason
-from tests.support.positioner import ABSOLUTE, CYCLE, SETTINGS, PositionerRig, move
+from tests.support.axis.positioner import ABSOLUTE, CYCLE, SETTINGS, PositionerRig, move
 
 
 def chain(*blocks: Block, **settings: object) -> PositionerRig:

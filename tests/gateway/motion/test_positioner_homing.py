@@ -7,7 +7,7 @@ from dataclasses import replace
 from pdgw.gateway.motion.requests import MotionKind
 from pdgw.gateway.motion.states import State
 from pdgw.gateway.reasons import Reason
-from tests.support.positioner import ABSOLUTE, CYCLE, SETTINGS, PositionerRig, move
+from tests.support.axis.positioner import ABSOLUTE, CYCLE, SETTINGS, PositionerRig, move
 
 
 def test_homing_sets_the_reference_coordinate_and_is_shown_100_ms() -> None:

@@ -12,7 +12,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTask
 from pdgw.gateway.motion.requests import FULL, MotionKind
 from pdgw.gateway.motion.states import State
-from tests.support.positioner import RAMP, SETTINGS, PositionerRig
+from tests.support.axis.positioner import RAMP, SETTINGS, PositionerRig
 
 LIMIT = 20_000
 FASTEST = 400

@@ -16,7 +16,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.reasons import FaultNumber
 from tests.support import buses
-from tests.support.drive_types import engel
+from tests.support.drives.drive_types import engel
 
 FIRST = (SdoWrite(0x6098, 0, 35),)
 SECOND = (SdoWrite(0x6098, 0, 17),)

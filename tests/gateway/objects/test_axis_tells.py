@@ -16,7 +16,7 @@ from pdgw.gateway.objects.fault_buffer import EMCY_WARNING_BIT
 from pdgw.gateway.reasons import FIRST_WARNING, Reason
 from pdgw.gateway.service.status import axis_status
 from tests.support import buses
-from tests.support.drive_types import engel
+from tests.support.drives.drive_types import engel
 
 OFF, ON = 0x047E, 0x047F
 

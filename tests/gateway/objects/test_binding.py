@@ -19,10 +19,10 @@ from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profidrive.signals import signal
 from tests.gateway.objects.test_encoders import G1, encoder
 from tests.support import buses
-from tests.support.daemon import OFF, Plc, axis, configuration, exchanging, serving, until
-from tests.support.drive_types import engel
-from tests.support.positioner import CHOICES
-from tests.support.sensor_format import decode_sensor_format
+from tests.support.axis.positioner import CHOICES
+from tests.support.documents.sensor_format import decode_sensor_format
+from tests.support.drives.drive_types import engel
+from tests.support.gateways.daemon import OFF, Plc, axis, configuration, exchanging, serving, until
 
 HOME_SET = signal("ZSW1").bit("HOME_POSITION_SET", positioning=True).mask
 

@@ -18,8 +18,8 @@ from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.profidrive.signals import signal
 from pdgw.tools.output.status_text import status_lines
-from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, encoder_of, serving, until
-from tests.support.sensor_format import decode_sensor_format
+from tests.support.documents.sensor_format import decode_sensor_format
+from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, encoder_of, serving, until
 
 CONTROL = signal("STW2_ENC").bit("CONTROL_BY_PLC").mask
 G1 = {bit.name: bit.mask for bit in signal("G1_STW").bits}

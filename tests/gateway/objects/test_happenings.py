@@ -13,8 +13,8 @@ from pdgw.gateway.objects.happenings import LINES, Happening, around_the_last_st
 from pdgw.gateway.service import status_client
 from pdgw.gateway.service.status import answered, explanation, snapshot
 from pdgw.tools.commands.gateway import explain as command
-from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running
-from tests.support.situations import settle
+from tests.support.documents.situations import settle
+from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, running
 
 
 def happening(time_ns: int, text: str, do_id: int = 1, *, stops: bool = False) -> Happening:

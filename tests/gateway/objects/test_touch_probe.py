@@ -9,7 +9,7 @@ from pdgw.durations import MS
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.signals import signal
-from tests.support.daemon import SIMULATED_POSITIONER, Plc, axis, configuration, drive_of, running, world_of
+from tests.support.gateways.daemon import SIMULATED_POSITIONER, Plc, axis, configuration, drive_of, running, world_of
 
 ON_THE_FLY, ACTIVATE, READ = 0x80, 0x10, 0x20
 ZSW = signal("G1_ZSW")

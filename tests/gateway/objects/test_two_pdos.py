@@ -12,7 +12,7 @@ from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.drive.model.position_modes import ProfilePosition
-from tests.support import site
+from tests.support.gateways import site
 
 NODE = 5
 OFF, ON, TASK, NO_REJECT = 0x043E, 0x043F, 0x0040, 0x0010

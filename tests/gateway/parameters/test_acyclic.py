@@ -10,7 +10,7 @@ from pdgw.durations import MS
 from pdgw.gateway.links.udp import Address
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.client import RecordCaller
-from tests.support.daemon import axis, configuration, record_server, running, world_of
+from tests.support.gateways.daemon import axis, configuration, record_server, running, world_of
 
 FLOOD = 200
 AT_ONCE = 16

@@ -14,9 +14,9 @@ from pdgw.peers.drive.family import DRIVE_FAULTS
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import Attribute, ParameterAddress, Values
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
-from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, serving, until
-from tests.support.daemon import client as client_of
-from tests.support.parameters import error, gateway, number, value, word, write
+from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, serving, until
+from tests.support.gateways.daemon import client as client_of
+from tests.support.gateways.parameters import error, gateway, number, value, word, write
 
 
 def test_the_fault_buffer_over_a_drive_fault_its_acknowledgement_and_clearing() -> None:

@@ -19,7 +19,7 @@ from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.profidrive.parameters.errors import ParameterRefused
-from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, serving, until
+from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, serving, until
 
 GUARDED_INDICES = (
     *(0x1005, 0x1006, 0x1007, 0x1010, 0x1011, 0x1014, 0x1015, 0x1016, 0x1017, 0x1029, 0x1200, 0x127F, 0x1280, 0x13FF),

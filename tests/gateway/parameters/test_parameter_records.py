@@ -14,9 +14,9 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.parameters.codec import ParameterAddress, decode_response
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.profinet.rpc import identification
-from tests.support.daemon import axis
-from tests.support.daemon import client as client_of
-from tests.support.parameters import error, gateway, value
+from tests.support.gateways.daemon import axis
+from tests.support.gateways.daemon import client as client_of
+from tests.support.gateways.parameters import error, gateway, value
 
 
 def test_identification_records_are_read_and_written_and_survive(shared: tuple[Daemon, ParameterClient]) -> None:

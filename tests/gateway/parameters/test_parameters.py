@@ -23,9 +23,9 @@ from pdgw.profidrive.parameters.codec import Attribute, ParameterAddress, Values
 from pdgw.profidrive.parameters.description import Description
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.tools.output.status_text import status_lines
-from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, serving, until
-from tests.support.daemon import client as client_of
-from tests.support.parameters import error, gateway, number, value, word, write
+from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, serving, until
+from tests.support.gateways.daemon import client as client_of
+from tests.support.gateways.parameters import error, gateway, number, value, word, write
 
 
 @pytest.mark.parametrize(

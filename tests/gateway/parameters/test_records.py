@@ -22,7 +22,7 @@ from pdgw.gateway.store import ParameterStore
 from pdgw.profidrive.parameters.codec import ParameterAddress
 from pdgw.profinet.rpc import identification
 from pdgw.profinet.rpc.records import NIL, RECORD_GLOBAL, AccessError, BlockType, RecordBlock, RecordRefused
-from tests.support.daemon import axis, configuration, drive_of, serving
+from tests.support.gateways.daemon import axis, configuration, drive_of, serving
 
 HERE = ("127.0.0.1", 40000)
 READ_P965 = bytes.fromhex("02 01 00 01 10 00 03 C5 00 00")

@@ -14,8 +14,8 @@ from pdgw.gateway.service.status import snapshot
 from pdgw.tools.output.status_check import check_line
 from pdgw.tools.output.status_text import object_lines, status_lines
 from pdgw.web.status.events import EventLog
-from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running
-from tests.support.situations import settle
+from tests.support.documents.situations import settle
+from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, running
 
 
 def status(do_id: int, reason: Reason, *, fault: int = 0, text: str = "", name: str = "") -> dict[str, Any]:

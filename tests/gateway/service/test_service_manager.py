@@ -16,8 +16,8 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.service.service_manager import ServiceManager
 from tests.support.buses import PATIENCE_S
-from tests.support.daemon import axis, configuration, world_of
-from tests.support.daemon import running as playing
+from tests.support.gateways.daemon import axis, configuration, world_of
+from tests.support.gateways.daemon import running as playing
 from tests.support.processes import free_udp_port, running
 
 WATCHDOG_S = 2

@@ -16,8 +16,8 @@ from pdgw.gateway.service.build import build_text
 from pdgw.gateway.service.cycle_times import Histogram
 from pdgw.gateway.service.status import answered, axis_status, encoder_status, snapshot
 from pdgw.tools.output.status_text import status_lines
-from tests.support.daemon import OFF, Plc, axis, configuration, drive_of, running, until, world_of
-from tests.support.written_tables import named, rows
+from tests.support.documents.written_tables import named, rows
+from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, running, until, world_of
 
 ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 83\nsimulate = true\n"
 

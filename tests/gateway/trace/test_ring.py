@@ -32,8 +32,8 @@ from pdgw.gateway.trace.place import prepared, rings, run_directory
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.gateway.trace.writer import RingFile
-from tests.support.daemon import Plc, axis, configuration, drive_of, running, world_of
-from tests.support.ring import LAYOUT, LIMIT, record
+from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, running, world_of
+from tests.support.readers.ring import LAYOUT, LIMIT, record
 
 
 def test_the_last_records_are_read_as_they_were_written(tmp_path: Path) -> None:
@@ -248,7 +248,7 @@ def test_a_bus_error_outside_a_ring_ends_the_process_as_before(tmp_path: Path, m
 WRITER = """
     import sys
     from pathlib import Path
-    from tests.support.ring import LAYOUT, LIMIT, record
+    from tests.support.readers.ring import LAYOUT, LIMIT, record
     from pdgw.gateway.trace.writer import RingFile
     ring = RingFile(Path(sys.argv[1]), LAYOUT, LIMIT)
     ring.set_clock(-5)

@@ -18,7 +18,7 @@ import pytest
 from pdgw.gateway.trace.ordering import Fence
 from pdgw.gateway.trace.reader import Cycle, Frame, RingReader
 from pdgw.gateway.trace.writer import RingFile
-from tests.support.ring import LAYOUT, LIMIT, record
+from tests.support.readers.ring import LAYOUT, LIMIT, record
 
 _NOW = 1_000_000
 """Records have their number as their time: each is new."""

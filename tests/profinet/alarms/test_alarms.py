@@ -23,7 +23,7 @@ from pdgw.profinet.blocks.alarm import (
 )
 from pdgw.profinet.connection.cmdev import AbortCode
 from pdgw.profinet.device import Disconnected
-from tests.support.profinet import DEVICE_MAC, PLC_MAC, Wire, model, project
+from tests.support.wire.profinet import DEVICE_MAC, PLC_MAC, Wire, model, project
 
 POINT = (1, 1)
 OWN, PEER = 7, 0x42

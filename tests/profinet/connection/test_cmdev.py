@@ -34,8 +34,8 @@ from pdgw.profinet.device import Disconnected
 from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.dcerpc import PacketType, RpcHeader
 from pdgw.profinet.rpc.records import Operation, PnioStatus, encode_arguments
-from tests.support.connect import AR_UUID, INITIATOR, SOURCE, Caller, blocks
-from tests.support.profinet import DEVICE_MAC, PLC_IP, PLC_MAC, Wire, model, project
+from tests.support.wire.connect import AR_UUID, INITIATOR, SOURCE, Caller, blocks
+from tests.support.wire.profinet import DEVICE_MAC, PLC_IP, PLC_MAC, Wire, model, project
 
 S = 1000 * MS
 P, C, A, D, X, END = (

@@ -20,8 +20,8 @@ from pdgw.profinet.blocks.connect import (
 )
 from pdgw.profinet.rpc.records import PnioStatus
 from pdgw.profinet.wire import Block
-from tests.support.connect import Caller, Change, blocks, change
-from tests.support.profinet import Wire
+from tests.support.wire.connect import Caller, Change, blocks, change
+from tests.support.wire.profinet import Wire
 
 
 def without(kind: type[Block], index: int = 0) -> Change:

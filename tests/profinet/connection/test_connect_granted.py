@@ -34,8 +34,8 @@ from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.dcerpc import PacketType, RpcHeader
 from pdgw.profinet.rpc.records import Operation, PnioStatus, encode_arguments
 from pdgw.profinet.wire import Block, split
-from tests.support.connect import AR_UUID, AXIS_SUBSLOTS, INITIATOR, SOURCE, Caller, blocks, change
-from tests.support.profinet import MS, PLC_MAC, Wire, model, project
+from tests.support.wire.connect import AR_UUID, AXIS_SUBSLOTS, INITIATOR, SOURCE, Caller, blocks, change
+from tests.support.wire.profinet import MS, PLC_MAC, Wire, model, project
 
 
 def answered_blocks(data: bytes) -> dict[int, list[bytes]]:

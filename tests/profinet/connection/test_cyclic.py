@@ -14,8 +14,8 @@ from pdgw.profinet import ethernet
 from pdgw.profinet.blocks.connect import HOLD_MAX_NS, IocrType
 from pdgw.profinet.connection.cpm import STATUS_IGNORE, Consumer, Verdict
 from pdgw.profinet.connection.ppm import Provider
-from tests.support.connect import Caller, blocks
-from tests.support.profinet import DEVICE_MAC, PLC_MAC, Wire, project
+from tests.support.wire.connect import Caller, blocks
+from tests.support.wire.profinet import DEVICE_MAC, PLC_MAC, Wire, project
 
 AXIS = (1, 2)
 SETPOINTS = bytes.fromhex("047f2000")

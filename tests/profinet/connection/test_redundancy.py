@@ -20,9 +20,9 @@ from pdgw.profinet.connection.redundancy import STATUS_REDUNDANCY, ArSet
 from pdgw.profinet.device import Connected, Disconnected
 from pdgw.profinet.rpc.records import PnioStatus
 from pdgw.profinet.station import Identity, Station
-from tests.support import tshark_frames
-from tests.support.profinet import BACKUP_IP, BACKUP_MAC, DEVICE_IP, Wire, project
-from tests.support.tshark import needs_tshark
+from tests.support.readers import tshark_frames
+from tests.support.readers.tshark import needs_tshark
+from tests.support.wire.profinet import BACKUP_IP, BACKUP_MAC, DEVICE_IP, Wire, project
 
 HOLD_MS = 200
 AXIS = (1, 2)

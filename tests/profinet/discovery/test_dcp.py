@@ -18,7 +18,7 @@ from pdgw.profinet import ethernet
 from pdgw.profinet.discovery import dcp
 from pdgw.profinet.discovery.dcp import DcpResponder, Flash, IpSet, NameSet, Option, ResetToFactory, Service, SetError
 from pdgw.profinet.station import Identity, IpSuite, Neighbour, Station, check_name
-from tests.support import tshark, tshark_frames
+from tests.support.readers import tshark, tshark_frames
 
 MAC = bytes.fromhex("0200000001f4")
 PLC = bytes.fromhex("020000000001")

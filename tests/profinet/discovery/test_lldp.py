@@ -16,8 +16,8 @@ from pdgw.durations import SECOND
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet.discovery import lldp
 from pdgw.profinet.station import Identity, IpSuite, Station
-from tests.support import tshark, tshark_frames
-from tests.support.profinet import Wire
+from tests.support.readers import tshark, tshark_frames
+from tests.support.wire.profinet import Wire
 
 MAC = bytes.fromhex("020000000001")
 

@@ -16,8 +16,8 @@ from scapy.layers.snmp import SNMP, SNMPbulk, SNMPget, SNMPnext, SNMPset, SNMPva
 from pdgw.profinet.discovery import lldp, mib
 from pdgw.profinet.discovery.snmp import REQUEST_MAX, Agent, Kind, Variable, Writing
 from pdgw.profinet.station import Medium, Neighbour, Station
-from tests.support import tshark, tshark_frames
-from tests.support.profinet import DEVICE_IP, IDENTITY, PLC_IP, PLC_MAC
+from tests.support.readers import tshark, tshark_frames
+from tests.support.wire.profinet import DEVICE_IP, IDENTITY, PLC_IP, PLC_MAC
 
 LLDP = "1.0.8802.1.1.2.1"
 SYS_NAME, LOC_PORT, REM_PORT = "1.3.6.1.2.1.1.5.0", f"{LLDP}.3.7.1.3.1", f"{LLDP}.4.1.1.7.0.1.1"

@@ -19,8 +19,8 @@ from pdgw.profinet.records.physical_device import INTERFACE, PORT, WRITABLE, Por
 from pdgw.profinet.station import Identity, Medium, Station
 from pdgw.profinet.wire import WireError
 from tests.profinet.records.test_records import read, write
-from tests.support import tshark, tshark_frames
-from tests.support.profinet import INTERFACE_ADJUST, PLC_MAC, PORT_ADJUST, PORT_CHECK, Wire, project
+from tests.support.readers import tshark, tshark_frames
+from tests.support.wire.profinet import INTERFACE_ADJUST, PLC_MAC, PORT_ADJUST, PORT_CHECK, Wire, project
 
 PORT_PLACE, INTERFACE_PLACE = (0, *PORT), (0, *INTERFACE)
 MAU_CHECK = bytes.fromhex("0200 0010 0100 0000 0000 8001 020c 0004 0100 0010")

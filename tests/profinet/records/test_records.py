@@ -32,9 +32,9 @@ from pdgw.profinet.rpc.records import (
     decode_block,
     encode_block,
 )
-from tests.support import tshark, tshark_frames
-from tests.support.connect import AR_UUID, Caller, blocks
-from tests.support.profinet import INTERFACE_ADJUST, PLC_IP, PORT_ADJUST, PORT_CHECK, Wire, join_multiple
+from tests.support.readers import tshark, tshark_frames
+from tests.support.wire.connect import AR_UUID, Caller, blocks
+from tests.support.wire.profinet import INTERFACE_ADJUST, PLC_IP, PORT_ADJUST, PORT_CHECK, Wire, join_multiple
 
 PORT = (0, 0, 0x8001)
 POINT = (API_PROFIDRIVE, 1, 1)

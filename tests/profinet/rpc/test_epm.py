@@ -14,7 +14,7 @@ from pdgw.profinet.rpc import dcerpc, epm
 from pdgw.profinet.rpc.dcerpc import PacketType, RejectStatus, RpcHeader
 from pdgw.profinet.rpc.epm import EndpointMapper
 from pdgw.profinet.rpc.server import RpcServer
-from tests.support import tshark, tshark_frames
+from tests.support.readers import tshark, tshark_frames
 
 ADDRESS = IPv4Address("192.168.0.2")
 DEVICE = dcerpc.object_uuid(1, 0x0402, 0xFFFF)

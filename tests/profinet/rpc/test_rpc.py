@@ -41,8 +41,8 @@ from pdgw.profinet.rpc.records import (
     split_multiple,
 )
 from pdgw.profinet.rpc.server import FRAGMENT_TIMEOUT_NS, STRAGGLER_NS, RecordServer
-from tests.support import tshark
-from tests.support.profinet import join_multiple
+from tests.support.readers import tshark
+from tests.support.wire.profinet import join_multiple
 
 ACTIVITY = UUID("11111111-2222-3333-4444-555555555555")
 DEVICE = dcerpc.object_uuid(1, 2, 3)

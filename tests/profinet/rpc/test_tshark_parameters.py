@@ -18,7 +18,7 @@ from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.client import RecordCall, RecordCaller
 from pdgw.profinet.rpc.records import RECORD_GLOBAL, RECORD_LOCAL, RecordBlock
 from pdgw.profinet.rpc.server import RecordServer
-from tests.support import tshark
+from tests.support.readers import tshark
 
 R, C = RequestId.REQUEST, RequestId.CHANGE
 PREFIX = "pn_io.profidrive.parameter."

@@ -23,7 +23,7 @@ from pdgw.ds301.pdo import COB_ID_INVALID
 from pdgw.dsp402.pdo.layouts import Operation
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, drive_layout
 from pdgw.peers.drive.device import EDS_PATH, PRODUCT_CODE, VENDOR_ID
-from tests.support.mapping import engel_layout
+from tests.support.axis.mapping import engel_layout
 
 NODE = 5
 

@@ -36,8 +36,8 @@ from pdgw.profinet.model import API_PROFIDRIVE, DAP_SLOT, ObjectKind, access_mod
 from pdgw.profinet.rpc.dcerpc import Flags, PacketType, RpcHeader, encode_packet, object_uuid
 from pdgw.profinet.rpc.records import Operation, encode_arguments
 from tests.profinet.connection.test_connect import CASES
-from tests.support import captures, tshark
-from tests.support.connect import Caller, Change, blocks
+from tests.support.readers import captures, tshark
+from tests.support.wire.connect import Caller, Change, blocks
 
 INPUT, OUTPUT = 0x8011, 0x8022
 """FrameIDs: the controller's choice for its inputs, the device's for its outputs."""

@@ -20,7 +20,7 @@ from pdgw.profidrive.frame import (
     CSduLayout,
 )
 from pdgw.profidrive.telegrams import TELEGRAMS, Direction, Telegram, telegram
-from tests.support.strategies import axes_values
+from tests.support.axis.strategies import axes_values
 
 Values = list[tuple[int, ...]]
 FRAME_IDS = {Direction.SETPOINT: FRAME_ID_TO_DEVICE, Direction.ACTUAL: FRAME_ID_TO_CONTROLLER}

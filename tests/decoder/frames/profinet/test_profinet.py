@@ -29,8 +29,8 @@ from pdgw.profinet.records.device_records import Index
 from pdgw.profinet.rpc.records import BlockType, RecordBlock
 from pdgw.profinet.wire import VERSION_SIZE
 from tests.profinet.test_readers import session
-from tests.support import tshark, tshark_frames
-from tests.support.profinet import DEVICE_MAC, INTERFACE_ADJUST, PLC_MAC, PORT_CHECK, Wire, join_multiple
+from tests.support.readers import tshark, tshark_frames
+from tests.support.wire.profinet import DEVICE_MAC, INTERFACE_ADJUST, PLC_MAC, PORT_CHECK, Wire, join_multiple
 
 
 @cache

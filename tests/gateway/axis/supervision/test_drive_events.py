@@ -15,8 +15,8 @@ from pdgw.gateway.axis.supervision.stop_supervision import Brake
 from pdgw.gateway.axis.values import FaultRead, Outputs
 from tests.gateway.axis.supervision.test_stop_supervision import CYCLE, QUICK_STOP, REACTION, deaf, turning
 from tests.gateway.axis.test_velocity import CONTROL
-from tests.support.drive_types import engel
-from tests.support.hand import OFF, ON, Hand
+from tests.support.axis.hand import OFF, ON, Hand
+from tests.support.drives.drive_types import engel
 
 WITH_POWER = {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE}
 

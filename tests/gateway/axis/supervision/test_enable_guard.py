@@ -10,8 +10,8 @@ from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.power_table import CELLS, DRIVES, WISHES, Drive, Phase, cell
 from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
 from pdgw.gateway.reasons import FaultNumber, Reason
-from tests.support.drive_types import References
-from tests.support.stepper import Stepper
+from tests.support.axis.stepper import Stepper
+from tests.support.drives.drive_types import References
 
 QUICK_STOP, SHUTDOWN, SWITCH_ON, ENABLE = 0x2, 0x6, 0x7, 0xF
 OFF, ON, NO_OPERATION = 0x047E, 0x047F, 0x0477

@@ -9,7 +9,7 @@ from pdgw.gateway.reasons import FaultNumber
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.sign_of_life import MONITORING_OFF, following
 from pdgw.profidrive.signals import signal
-from tests.support.rig import Rig
+from tests.support.axis.rig import Rig
 
 OFF, ON = 0x047E, 0x047F
 

@@ -11,7 +11,7 @@ from pdgw.gateway.axis.supervision.stop_supervision import Brake, StopWatch
 from pdgw.gateway.axis.values import Configured
 from pdgw.gateway.reasons import FaultNumber
 from tests.gateway.axis.test_velocity import OFF, ON, Bench
-from tests.support.rig import Rig
+from tests.support.axis.rig import Rig
 
 COAST, QUICK_STOP = ON & ~0x2, ON & ~0x4
 CYCLE = 4_000_000

@@ -11,10 +11,10 @@ from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
 from pdgw.profinet.discovery import lldp
 from pdgw.profinet.station import Identity, Station
-from tests.support.daemon import axis, drive_of
-from tests.support.dcp import ALIAS, IDENTIFY, MULTICAST, NAME, PERMANENT, SET, dcp_frame, encoded
-from tests.support.profinet import DEVICE_MAC
-from tests.support.profinet_daemon import ON, Plant, configuration, plant
+from tests.support.gateways.daemon import axis, drive_of
+from tests.support.gateways.profinet_daemon import ON, Plant, configuration, plant
+from tests.support.wire.dcp import ALIAS, IDENTIFY, MULTICAST, NAME, PERMANENT, SET, dcp_frame, encoded
+from tests.support.wire.profinet import DEVICE_MAC
 
 SWITCH = Station(Identity(bytes.fromhex("020000000009"), 1, 1, "switch", "S"), "switch", port="port-003")
 PLACE = b"port-003.switch"

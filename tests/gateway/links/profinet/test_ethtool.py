@@ -11,8 +11,8 @@ import pytest
 from pdgw.gateway.links.profinet.ethtool import medium_of, read_medium
 from pdgw.profinet.discovery import lldp
 from pdgw.profinet.station import Medium, Station
-from tests.support import tshark, tshark_frames
-from tests.support.profinet import IDENTITY
+from tests.support.readers import tshark, tshark_frames
+from tests.support.wire.profinet import IDENTITY
 
 VETH = "01000000 00000000 00000000 1027 01 00 00 00 00 00" + "00" * 24
 """As a virtual pair answers: 10 Gbit/s, full duplex, no autonegotiation."""

@@ -36,8 +36,8 @@ from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.station import Identity, IpSuite, Station
 from pdgw.tools.output.status_text import _station
 from tests.fuzz.test_profinet import LEAK
-from tests.support.ethernet import FakeEthernet
-from tests.support.profinet import DEVICE_IP, DEVICE_MAC, PLC_IP, PLC_MAC
+from tests.support.wire.ethernet import FakeEthernet
+from tests.support.wire.profinet import DEVICE_IP, DEVICE_MAC, PLC_IP, PLC_MAC
 
 AXIS = (1, 2)
 

@@ -24,10 +24,10 @@ from pdgw.profidrive.frame import IOPS_BAD, IOPS_GOOD, STATUS_NORMAL, STATUS_STO
 from pdgw.profinet import ethernet
 from pdgw.profinet.connection.cpm import Consumer, Verdict
 from pdgw.profinet.connection.ppm import Provider
-from tests.support.daemon import axis, drive_of
+from tests.support.gateways.daemon import axis, drive_of
+from tests.support.gateways.profinet_daemon import OFF, ON, configuration, plant
 from tests.support.native import NativeEthernet, engine_type
-from tests.support.profinet import DEVICE_MAC, OBJECTS, PLC_MAC, Wire
-from tests.support.profinet_daemon import OFF, ON, configuration, plant
+from tests.support.wire.profinet import DEVICE_MAC, OBJECTS, PLC_MAC, Wire
 
 AXIS = (1, 2)
 CYCLE = 4 * MS

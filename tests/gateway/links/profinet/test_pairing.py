@@ -21,8 +21,8 @@ from pdgw.profinet.discovery import lldp
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from tests.gateway.links.profinet.test_link import AXIS, Rig, cyclic
 from tests.profinet.connection.test_cyclic import PLACES
-from tests.support.ethernet import FakeEthernet
-from tests.support.profinet import DEVICE_MAC, PLC_IP, PLC_MAC, project
+from tests.support.wire.ethernet import FakeEthernet
+from tests.support.wire.profinet import DEVICE_MAC, PLC_IP, PLC_MAC, project
 
 
 @dataclass

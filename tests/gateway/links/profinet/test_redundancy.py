@@ -13,11 +13,10 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status import snapshot
 from pdgw.profidrive.frame import STATUS_RUN
 from pdgw.tools.output.status_text import status_lines
-from tests.support.daemon import axis
-from tests.support.daemon import configuration as udp_configuration
-from tests.support.profinet import BACKUP_IP
-from tests.support.profinet_daemon import OFF, ON
-from tests.support.twin_controllers import (
+from tests.support.gateways.daemon import axis
+from tests.support.gateways.daemon import configuration as udp_configuration
+from tests.support.gateways.profinet_daemon import OFF, ON
+from tests.support.gateways.twin_controllers import (
     BOUND_NS,
     CYCLE_NS,
     HOLD_MS,
@@ -29,6 +28,7 @@ from tests.support.twin_controllers import (
     hand_over,
     twins,
 )
+from tests.support.wire.profinet import BACKUP_IP
 
 
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)

@@ -13,8 +13,8 @@ from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.profinet.snmp import SnmpService
 from pdgw.profinet.discovery.dcp import ResetToFactory
-from tests.support.daemon import axis
-from tests.support.profinet_daemon import configuration, plant
+from tests.support.gateways.daemon import axis
+from tests.support.gateways.profinet_daemon import configuration, plant
 
 SYSTEM = {"sys_contact": "1.3.6.1.2.1.1.4.0", "sys_name": "1.3.6.1.2.1.1.5.0", "sys_location": "1.3.6.1.2.1.1.6.0"}
 BOTH = 'snmp_community = "public"\nsnmp_write_community = "secret"'

@@ -21,9 +21,9 @@ from pdgw.profinet.connection.cmdev import AbortCode
 from pdgw.profinet.connection.cpm import STATUS_IGNORE
 from pdgw.profinet.discovery import dcp
 from pdgw.profinet.station import IpSuite
-from tests.support.daemon import axis, drive_of
-from tests.support.profinet import DEVICE_MAC, PLC_MAC
-from tests.support.profinet_daemon import ON, Plant, configuration, parameterise_anew, plant
+from tests.support.gateways.daemon import axis, drive_of
+from tests.support.gateways.profinet_daemon import ON, Plant, configuration, parameterise_anew, plant
+from tests.support.wire.profinet import DEVICE_MAC, PLC_MAC
 
 CYCLE_NS = 4 * MS
 WATCHDOG_NS = 3 * CYCLE_NS

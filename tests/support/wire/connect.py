@@ -13,7 +13,7 @@ from pdgw.profinet.rpc import dcerpc
 from pdgw.profinet.rpc.dcerpc import Flags, PacketType, RpcHeader
 from pdgw.profinet.rpc.records import Operation, PnioStatus, decode_arguments, encode_arguments
 from pdgw.profinet.wire import Block
-from tests.support.profinet import PLC_IP, PLC_MAC, Wire, project
+from tests.support.wire.profinet import PLC_IP, PLC_MAC, Wire, project
 
 AR_UUID = UUID(int=0xABC)
 INITIATOR = dcerpc.object_uuid(1, 1, 1)

@@ -19,7 +19,7 @@ from pdgw.tools.output.status_text import cause_sentence, object_lines, status_l
 from pdgw.web.metrics import exposition
 from pdgw.web.mqtt import object_message
 from pdgw.web.status.watch import Watch
-from tests.support.daemon import OFF, ON, Plc, axis, configuration, drive_of, running, world_of
+from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, drive_of, running, world_of
 from tests.support.page import ShownGateway, look
 
 SETTLED = 1500 * MS
@@ -156,7 +156,7 @@ SITUATIONS: dict[str, Callable[[Plc, Daemon], None]] = {
     "the PLC's program enables no setpoint": BREAKERS[Enable.SETPOINT],
 }
 """What a technician finds, and how to get there from an axis in operation."""
-DOCUMENT = Path(__file__).parents[2] / "docs" / "axis-does-not-move.md"
+DOCUMENT = Path(__file__).parents[3] / "docs" / "axis-does-not-move.md"
 _BEGIN, _END = "<!-- situations: written by make docs -->\n", "<!-- end of situations -->\n"
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Set
 from typing import Any
 
-from tests.support.motion_blocks import Axis
+from tests.support.plc.motion_blocks import Axis
 
 STATE_OF = {
     "absolute": "DiscreteMotion",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
-DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "profile-statements.md"
+DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "profile-statements.md"
 MODULE = "tests.gateway.axis.test_statements"
 _HEAD = """# Profile statements
 

@@ -19,8 +19,8 @@ from pdgw.gateway.axis.settings import AxisSettings, SensorSettings
 from pdgw.gateway.axis.values import Configured, EncoderInput, FaultRecord, NodeNotice, Notice, SdoAnswer, SdoWrite
 from pdgw.gateway.motion.dsc import DscChoices, DscForm
 from pdgw.gateway.reasons import Reason
-from tests.support.drive_types import References, engel
-from tests.support.positioner import CHOICES
+from tests.support.axis.positioner import CHOICES
+from tests.support.drives.drive_types import References, engel
 
 DSC = DscChoices(DscForm.SPEED, following_window=4096)
 

@@ -15,9 +15,9 @@ from pdgw.peers.controller.project import Redundancy
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.station import Identity, Station
-from tests.support.daemon import axis, drive_of
-from tests.support.profinet import BACKUP_IP, BACKUP_MAC, DEVICE_IP
-from tests.support.profinet_daemon import OFF, ON, Plant, configuration, plant
+from tests.support.gateways.daemon import axis, drive_of
+from tests.support.gateways.profinet_daemon import OFF, ON, Plant, configuration, plant
+from tests.support.wire.profinet import BACKUP_IP, BACKUP_MAC, DEVICE_IP
 
 HOLD_MS = 200
 CYCLE_NS = 4 * MS

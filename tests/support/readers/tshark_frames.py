@@ -9,7 +9,7 @@ from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 from scapy.utils import wrpcap
 
-from tests.support import tshark
+from tests.support.readers import tshark
 
 
 def datagram(

@@ -19,7 +19,7 @@ import pytest
 from pdgw.durations import SECOND
 from pdgw.gateway.daemon import Daemon
 from pdgw.profidrive.telegrams import TelegramHalf, telegram
-from tests.support.daemon import Plc
+from tests.support.gateways.daemon import Plc
 
 _WAITS = ("edcon.utils.func_helpers", "edcon.edrive.telegram111_handler")
 """Modules of edcon that look at a clock."""

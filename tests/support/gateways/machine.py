@@ -18,7 +18,7 @@ from pdgw.peers.simulation.devices import Simulation
 from pdgw.profidrive.telegrams import telegram
 from tests import conftest
 from tests.support import buses
-from tests.support import daemon as in_world
+from tests.support.gateways import daemon as in_world
 from tests.support.processes import PATIENT
 
 

@@ -22,12 +22,12 @@ from pdgw.profinet.blocks.control import ControlCommand, PrmBeginReq
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.rpc.records import Operation
 from pdgw.profinet.station import Identity, Station
-from tests.support import captures
-from tests.support.daemon import until
-from tests.support.ethernet import FakeEthernet
+from tests.support.gateways.daemon import until
 from tests.support.native import NativeEthernet
-from tests.support.profinet import DEVICE_IP, DEVICE_MAC, PLC_IP, PLC_MAC
-from tests.support.tshark_frames import datagram
+from tests.support.readers import captures
+from tests.support.readers.tshark_frames import datagram
+from tests.support.wire.ethernet import FakeEthernet
+from tests.support.wire.profinet import DEVICE_IP, DEVICE_MAC, PLC_IP, PLC_MAC
 
 _TURN_NS = MS // 4
 OFF, ON = 0x047E, 0x047F

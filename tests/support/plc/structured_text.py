@@ -13,7 +13,7 @@ from pdgw.peers.plc.structured_text.controller import Controller
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 from pdgw.tools.plc.code import structured_text
 from pdgw.tools.plc.library import block_name
-from tests.support.daemon import PATIENCE, POSITIONER, axis, configuration, world_of
+from tests.support.gateways.daemon import PATIENCE, POSITIONER, axis, configuration, world_of
 
 DSC = 'simulate = true\nfollowing_window = 4096\ndsc = "speed"'
 SPEED_RPM = 3000

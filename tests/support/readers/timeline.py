@@ -14,7 +14,7 @@ from pdgw.decoder.timeline.entries import (
     WordKind,
 )
 from pdgw.recording.recordings import Opening, followed
-from tests.support.recorded import RecordedRig
+from tests.support.axis.recorded import RecordedRig
 
 
 @dataclass

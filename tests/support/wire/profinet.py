@@ -18,7 +18,7 @@ from pdgw.profinet.model import DeviceModel, Module, ObjectKind, drive_model
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.rpc.records import AccessError, RecordBlock, RecordRefused, encode_block
 from pdgw.profinet.station import Identity, IpSuite, Station
-from tests.support.tshark_frames import datagram
+from tests.support.readers.tshark_frames import datagram
 
 DEVICE_MAC = bytes.fromhex("020000000002")
 PLC_MAC = bytes.fromhex("020000000001")

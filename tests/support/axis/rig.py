@@ -21,9 +21,9 @@ from pdgw.peers.drive import ENGEL, LINEAR_AXIS, Machine, SimulatedDriveNode
 from pdgw.peers.drive.family import FAMILY
 from pdgw.peers.drive.model.latency import NO_LATENCY, Latency
 from pdgw.peers.drive.model.shapes import SYNCHRONOUS, Shape
-from tests.support.drive_types import References, described
-from tests.support.mapping import pdo_steps
-from tests.support.stepper import Stepper
+from tests.support.axis.mapping import pdo_steps
+from tests.support.axis.stepper import Stepper
+from tests.support.drives.drive_types import References, described
 
 NODE = 5
 CYCLE_MS = 4

@@ -8,7 +8,7 @@ from pdgw.client.udp import ParameterClient
 from pdgw.gateway.daemon import Daemon
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import ParameterAddress, Values
-from tests.support.daemon import configuration, serving
+from tests.support.gateways.daemon import configuration, serving
 
 
 def gateway(axes: str, *, transport: str = "") -> AbstractContextManager[tuple[Daemon, ParameterClient]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.states import STATUS_OF, State
 from pdgw.gateway.axis.settings import AxisSettings
-from tests.support.stepper import Stepper
+from tests.support.axis.stepper import Stepper
 
 OFF, ON = 0x043E, 0x043F
 """STW1 of a telegram with positions: bits 4 and 5 stand."""

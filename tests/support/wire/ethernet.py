@@ -11,7 +11,7 @@ from pdgw.gateway.links.profinet.native import Engine, Table
 from pdgw.gateway.links.udp import Address
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.station import IpSuite, Medium
-from tests.support.profinet import DEVICE_MAC, PLC_IP
+from tests.support.wire.profinet import DEVICE_MAC, PLC_IP
 
 
 class FakeEthernet:

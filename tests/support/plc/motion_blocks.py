@@ -10,8 +10,8 @@ from pdgw.dsp402.states import State
 from pdgw.gateway.daemon import Daemon
 from pdgw.profidrive.telegrams import TELEGRAMS
 from pdgw.tools.plc.motion import STATES, has_axis
-from tests.support.daemon import drive_of, running
-from tests.support.structured_text import TextPlc, config_of, program
+from tests.support.gateways.daemon import drive_of, running
+from tests.support.plc.structured_text import TextPlc, config_of, program
 
 AXES = [number for number, item in TELEGRAMS.items() if has_axis(item)]
 VELOCITIES = [number for number in AXES if number not in {7, 9, 110}]

@@ -20,9 +20,9 @@ from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.frame import ETHERTYPE
 from pdgw.recording.recordings import Known, Loaded, Opening, load, look_ahead
-from tests.support import captures
-from tests.support.drive_types import REFERENCE_OBJECTS
-from tests.support.rig import NODE, Rig
+from tests.support.axis.rig import NODE, Rig
+from tests.support.drives.drive_types import REFERENCE_OBJECTS
+from tests.support.readers import captures
 
 CYCLE_NS = 4 * MS
 BEGIN_NS = captures.BEGIN_NS

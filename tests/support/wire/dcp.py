@@ -5,7 +5,7 @@ from __future__ import annotations
 from scapy.contrib.pnio import ProfinetIO
 from scapy.layers.l2 import Dot1Q, Ether
 
-from tests.support.profinet import PLC_MAC
+from tests.support.wire.profinet import PLC_MAC
 
 MULTICAST = "01:0e:cf:00:00:00"
 GET, SET, IDENTIFY = (0xFEFD, 3), (0xFEFD, 4), (0xFEFE, 5)

@@ -9,8 +9,8 @@ from pathlib import Path
 from pdgw.decoder.frames.engine import Settings
 from pdgw.decoder.frames.profinet.cyclic import Axis
 from pdgw.recording.recordings import Known, Loaded, load
-from tests.support.daemon import Plc, configuration, running
-from tests.support.recorded import Frames
+from tests.support.axis.recorded import Frames
+from tests.support.gateways.daemon import Plc, configuration, running
 
 
 class RecordedPlc(Plc):

@@ -1,0 +1,1 @@
+"""One axis machine, stepped by hand or joined to a simulated drive."""

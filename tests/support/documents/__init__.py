@@ -1,0 +1,1 @@
+"""What published documents say, and what the documents of this project say."""

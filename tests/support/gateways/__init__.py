@@ -1,0 +1,1 @@
+"""Whole gateways in virtual time, and the masters that they obey."""

@@ -1,0 +1,1 @@
+"""Programs of a PLC, and what PLCopen says about them."""

@@ -1,0 +1,1 @@
+"""Captures, and independent readers of them."""

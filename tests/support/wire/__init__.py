@@ -1,0 +1,1 @@
+"""PROFINET and Ethernet: requests, a device and a controller on one wire."""
