@@ -6,6 +6,8 @@ the controller's application cycle to the bus cycle; one ``step`` is one applica
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from pdgw.profidrive.errors import ProfidriveError
 
 HIGHEST = 15
@@ -27,6 +29,9 @@ class SignOfLife:
     due after so many cycles. ``failed`` is True while more failures than tolerated came in succession.
     """
 
+    COUNTERS: ClassVar[frozenset[str]] = frozenset({"received", "due", "_own"})
+    """See ``gateway.axis.checkpoint``."""
+
     def __init__(self, tolerated: int) -> None:
         """``tolerated`` is P925: failures in succession that are accepted, 0..65534, or 65535 for no monitoring."""
         if not 0 <= tolerated <= MONITORING_OFF:
@@ -37,7 +42,9 @@ class SignOfLife:
     def reset(self) -> None:
         """The connection is new: the next counter received is the first."""
         self.failures = 0
-        self._last = 0
+        """In succession; it counts up to the first that is not tolerated."""
+        self.received = 0
+        """The controller's counter of the last cycle."""
         self.due = 0
         """What comes next; 0 as long as the controller has not begun."""
         self._own = 0
@@ -55,12 +62,12 @@ class SignOfLife:
             if not received:
                 return 0
             self.due = received
-        elif received not in (0, self._last) and received in (following(self._last), self.due):
+        elif received not in (0, self.received) and received in (following(self.received), self.due):
             self.failures = 0
             self.due = received
-        else:
+        elif self.failures <= self.tolerated:
             self.failures += 1
-        self._last = received
+        self.received = received
         self.due = following(self.due)
         self._own = 0 if self.failed else following(self._own)
         return self._own

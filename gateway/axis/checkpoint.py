@@ -9,6 +9,7 @@ immutable value, or a container of such. A class declares beside its attributes 
 | ``INSTANTS`` | monotonic times, each with the age in ns from which on it makes no more difference; 0 or below is "none" |
 | ``PASSING`` | every step sets them before it reads them, they only count, or never change: neither saved nor compared |
 | ``SERIALS`` | numbers that only grow, are only compared with each other, and are 0 for none: compared by their order |
+| ``COUNTERS`` | numbers that run round, 0 for none: compared as they are, or by whether they are 0 (``any_counter``) |
 | ``ASIDE`` | saved, but not compared: no word and no command depends on them (caches, what the log has had); ``*``: all |
 """
 
@@ -68,7 +69,7 @@ def _is_fixed(value: object) -> bool:
 
 @cache
 def _declared(kind: Any, declaration: str) -> frozenset[str]:
-    """The attributes that a class and its bases list in ``PASSING``, ``ASIDE`` or ``SERIALS``."""
+    """The attributes that a class and its bases list in one of these declarations."""
     return frozenset(name for base in kind.__mro__ for name in base.__dict__.get(declaration, ()))
 
 
@@ -81,8 +82,13 @@ def _access(*names: str) -> tuple[Callable[[Any], tuple[Any, ...]], Callable[[An
     return made["get"], made["put"]
 
 
-def _content(container: Any) -> tuple[Hashable, ...]:
-    return tuple(container.items()) if isinstance(container, dict) else tuple(container)
+@cache
+def _picking(*terms: str) -> Callable[[Any, tuple[Any, ...]], tuple[Hashable, ...]]:
+    """How to make what is compared of a part's values, made for it likewise."""
+    made: dict[str, Any] = {}
+    exec(f"def pick(kind, values): return (kind, {''.join(f'{term},' for term in terms)})", made)
+    pick: Callable[[Any, tuple[Any, ...]], tuple[Hashable, ...]] = made["pick"]
+    return pick
 
 
 class _Part:
@@ -93,7 +99,10 @@ class _Part:
         "_children",
         "_compared",
         "_containers",
+        "_counters",
+        "_kind",
         "_looked_through",
+        "_pick",
         "_put",
         "get",
         "instants",
@@ -104,9 +113,10 @@ class _Part:
         "values",
     )
 
-    def __init__(self, item: object) -> None:
+    def __init__(self, item: object, *, any_counter: bool) -> None:
         self.item = item
         kind: Any = type(item)
+        self._kind = kind
         passing, aside = _declared(kind, "PASSING"), _declared(kind, "ASIDE")
         every = [name for name in _names(item) if name not in passing]
         self._always = [value for value in (getattr(item, name) for name in every) if _is_part(value)]
@@ -123,8 +133,19 @@ class _Part:
         self.instants = tuple((i, ages[name]) for i, name in enumerate(names) if name in ages)
         serials = _declared(kind, "SERIALS")
         self.serials = tuple(i for i, name in enumerate(names) if name in serials)
-        apart = aside | serials | set(ages)
+        counters = _declared(kind, "COUNTERS") if any_counter else frozenset()
+        self._counters = [i for i, name in enumerate(names) if name in counters]
+        apart = aside | serials | counters | set(ages)
         self._compared = [] if "*" in aside else [i for i, name in enumerate(names) if name not in apart]
+        self._make_pick()
+
+    def _make_pick(self) -> None:
+        terms = [f"values[{i}]" for i in self._compared]
+        for place, i in enumerate(self._compared):
+            if i in self._containers:
+                items = ".items()" if isinstance(getattr(self.item, self.names[i]), dict) else ""
+                terms[place] = f"tuple(values[{i}]{items})"
+        self._pick = _picking(*terms, *(f"values[{i}] != 0" for i in self._counters))
 
     def take(self, values: tuple[Any, ...], numbers: dict[Hashable, int]) -> None:
         """Take note of other values. ``numbers``: of every content that there was."""
@@ -134,9 +155,7 @@ class _Part:
                 copied[place] = copy.copy(copied[place])
             values = tuple(copied)
         self.values = values
-        content: tuple[Any, ...] = (type(self.item), *[values[i] for i in self._compared])
-        if self._containers:
-            content = tuple([_content(value) if isinstance(value, _CONTAINERS) else value for value in content])
+        content = self._pick(self._kind, values)
         number = numbers.get(content)
         if number is None:
             number = numbers[content] = len(numbers)
@@ -147,7 +166,9 @@ class _Part:
         if self._looked_through is not self.values:
             self._looked_through = self.values
             places = [i for i, value in enumerate(self.values) if _is_part(value)]
-            self._compared = [i for i in self._compared if i not in places]
+            if not set(places).isdisjoint(self._compared):
+                self._compared = [i for i in self._compared if i not in places]
+                self._make_pick()
             self._children = [*self._always, *(self.values[i] for i in places)]
         return self._children
 
@@ -177,10 +198,14 @@ class Checkpoint(NamedTuple):
 
 
 class Checkpoints:
-    """Steps, saves and restores one machine, which nothing else changes; the feedback it reads is not part of it."""
+    """Steps, saves and restores one machine, which nothing else changes; the feedback it reads is not part of it.
 
-    def __init__(self, machine: AxisMachine) -> None:
+    ``any_counter``: every input is relative to the machine's counters (``COUNTERS``), so that one counter stands for all others.
+    """
+
+    def __init__(self, machine: AxisMachine, *, any_counter: bool = False) -> None:
         self._machine = machine
+        self._any_counter = any_counter
         self._numbers: dict[Hashable, int] = {}
         self._tree: dict[int, _Part] = {}
         self._parts: tuple[_Part, ...] = ()
@@ -205,7 +230,7 @@ class Checkpoints:
         while waiting:
             item = waiting.pop()
             if id(item) not in found:
-                part = found[id(item)] = known.get(id(item)) or _Part(item)
+                part = found[id(item)] = known.get(id(item)) or _Part(item, any_counter=self._any_counter)
                 self._look([part])
                 waiting += part.children()
         self._tree = found

@@ -12,6 +12,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
+from pdgw.gateway.axis.adapters.base import POWER_BITS, WISHES
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.claims import claims
 from pdgw.gateway.axis.demand_report import (
@@ -207,15 +208,15 @@ class AxisMachine:
         commanded = outputs.command.controlword
         statusword = feedback.statusword
         demand.fresh = inputs.fresh
-        self.adapter.read(inputs.setpoints, demand)
-        wish = demand.power if demand.connected else self._stop_without_plc()
-        life = self.life
+        setpoints, life = inputs.setpoints, self.life
         if life is not None:
-            if life.step(inputs.setpoints, outputs.actuals):
+            if life.step(setpoints, outputs.actuals):
                 detail = f"more than {life.counters.tolerated} failures in succession"
                 outputs.fault(gateway_fault(FaultNumber.SIGN_OF_LIFE, detail, now))
             if life.lost:
-                wish = self._stop_without_plc()
+                setpoints = None
+        self.adapter.read(setpoints, demand)
+        wish = demand.power if demand.connected else self._stop_without_plc()
         if not demand.in_control:
             self._without_control()
         elif self._control_lost:
@@ -346,7 +347,8 @@ class AxisMachine:
 
     def _stop_without_plc(self) -> PowerWish | None:
         """OFF2 or OFF3 in a frame that does not count otherwise: without control after a loss, or without sign of life."""
-        return None if self.inputs.setpoints is None else _STOPS_WITHOUT_PLC.get(self.demand.power)
+        setpoints = self.inputs.setpoints
+        return None if setpoints is None else _STOPS_WITHOUT_PLC.get(WISHES[setpoints[0] & POWER_BITS])
 
     def _tell_faults(self) -> None:
         outputs, faults = self.outputs, self.notes.faults

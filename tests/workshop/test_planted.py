@@ -31,6 +31,7 @@ from pdgw.gateway.axis.power_table import (
 from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.motion.mdi import MdiPositioner
 from pdgw.gateway.reasons import Reason
+from pdgw.profidrive.sign_of_life import SignOfLife
 from pdgw.workshop.walk.cases import Case
 
 Patch = pytest.MonkeyPatch
@@ -124,6 +125,10 @@ PLANTED: dict[str, tuple[Case, Callable[[Patch], None]]] = {
     "OFF2 and OFF3 after a loss ignored": (
         RAMP,
         lambda patch: patch.setattr(AxisMachine, "_stop_without_plc", lambda _: None),
+    ),
+    "loss of the sign of life ignored": (
+        Case(2, life=1),
+        lambda patch: patch.setattr(SignOfLife, "failed", False),
     ),
     "standing task bit starts": (Case(9), standing_task_bit_starts),
     "refusal without reason": (DEFAULT, each_cell(lambda cell: replace(cell, reason=None))),

@@ -20,10 +20,11 @@ from pdgw.gateway.motion.blocks import Block
 from pdgw.gateway.motion.dsc import DscChoices, DscForm
 from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.peers.drive import shape
+from pdgw.profidrive.sign_of_life import MONITORING_OFF
 from pdgw.workshop.walk.drive import anything
 from pdgw.workshop.walk.machine import Transducer
 from pdgw.workshop.walk.monitor import Expected, Monitor
-from pdgw.workshop.walk.plc import RAW, frames, is_central
+from pdgw.workshop.walk.plc import RAW, frames, is_central, with_life
 from pdgw.workshop.walk.recovery import recovery
 from pdgw.workshop.walk.search import Result, walk
 from pdgw.workshop.walk.values import Plc
@@ -54,6 +55,8 @@ class Case:
     resume: bool = False
     hold: bool = False
     full: bool = False
+    life: int | None = None
+    """P925, with a PLC that has a sign of life; None: without one."""
     tick_ns: int = TICK_NS
 
     @property
@@ -65,6 +68,7 @@ class Case:
                 self.on_plc_loss.value,
                 *(["resume"] if self.resume else []),
                 *(["hold"] if self.hold else []),
+                *([] if self.life is None else ["sign of life"]),
             ]
         )
 
@@ -73,7 +77,13 @@ class Case:
         number, machine = self.number, self.machine(Transducer)
         plc = self._frames()
         expected = Expected(
-            self.on_plc_loss, self.resume, self.hold, raw=number == RAW, tasks=self._tasks, own_ramp=is_central(number)
+            self.on_plc_loss,
+            self.resume,
+            self.hold,
+            raw=number == RAW,
+            tasks=self._tasks,
+            own_ramp=is_central(number),
+            life=self.life,
         )
         result = walk(machine, Monitor(expected), first_only=first_only)
         if not result.violations:
@@ -95,7 +105,8 @@ class Case:
         return (Mode.POSITION if self._tasks else Mode.VELOCITY).value
 
     def _frames(self) -> list[Plc]:
-        return frames(self.number, full=self.full)
+        made = frames(self.number, full=self.full)
+        return made if self.life is None else list(with_life(made))
 
     def _settings(self) -> AxisSettings:
         return AxisSettings(
@@ -103,6 +114,7 @@ class Case:
             ramp_stop_resume=self.resume,
             control_lost=ControlLost.HOLD if self.hold else ControlLost.STOP,
             stop_time_ns=STOP_TIME_NS,
+            sign_of_life_failures=MONITORING_OFF if self.life is None else self.life,
             cycle_ns=self.tick_ns,
             dsc=DscChoices(DscForm.SPEED, following_window=4096),
             positioner=PositionerChoices(
@@ -124,7 +136,7 @@ def short() -> Iterator[Case]:
 
 
 def selected() -> Iterator[Case]:
-    """In CI: each reaction to a loss and each choice once; DSC, and traversing tasks."""
+    """In CI: each reaction to a loss and each choice once; the sign of life, DSC, and traversing tasks."""
     quick_stop, ramp, coast = PlcLossReaction.QUICK_STOP, PlcLossReaction.RAMP, PlcLossReaction.COAST
     yield Case(1, quick_stop)
     yield Case(1, quick_stop, resume=True, hold=True)
@@ -132,6 +144,7 @@ def selected() -> Iterator[Case]:
     yield Case(1, coast, hold=True)
     yield Case(RAW, quick_stop)
     yield Case(RAW, ramp)
+    yield Case(2, life=1)
     yield Case(5)
     yield Case(9)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable
+from collections.abc import Hashable, Iterable, Sequence
 
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveType
@@ -12,10 +12,13 @@ from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Configured
 from pdgw.gateway.reasons import FaultNumber
-from pdgw.workshop.walk.values import Output, Plc, Shown
+from pdgw.profidrive.sign_of_life import following
+from pdgw.profidrive.signals import signal
+from pdgw.workshop.walk.values import Life, Output, Plc, Shown
 
 _START = 1000 * SECOND
 """Time of the first step: no age of an instant is limited by it."""
+_LIFE = signal("STW2").bit("SIGN_OF_LIFE").position
 
 
 class Transducer:
@@ -32,7 +35,7 @@ class Transducer:
         self._machine = AxisMachine(number, settings, DriveFeedback())
         self._drive = drive
         self._tick = tick_ns
-        self._checkpoints = Checkpoints(self._machine)
+        self._checkpoints = Checkpoints(self._machine, any_counter=True)
         self._states: list[Checkpoint] = []
         self._number_of: dict[Hashable, int] = {}
         self._rows: list[dict[int, tuple[int, int]]] = []
@@ -77,10 +80,20 @@ class Transducer:
             self._rows.append({})
         return number
 
+    def _setpoints(self, plc: Plc) -> Sequence[int] | None:
+        """With the sign of life that follows the last one, or is still the last one."""
+        life = self._machine.life
+        if plc.setpoints is None or plc.life is Life.NONE or life is None:
+            return plc.setpoints
+        last = life.counters.received
+        counter = following(last) if plc.life is Life.COUNTS else last
+        place = self._machine.telegram.setpoints.index("STW2")
+        return *plc.setpoints[:place], plc.setpoints[place] | counter << _LIFE, *plc.setpoints[place + 1 :]
+
     def _step(self, plc: Plc, shown: Shown) -> Output:
         inputs, outputs = self._machine.inputs, self._machine.outputs
         inputs.now += self._tick
-        inputs.setpoints, inputs.fresh = plc.setpoints, plc.fresh
+        inputs.setpoints, inputs.fresh = self._setpoints(plc), plc.fresh
         inputs.drive_ok = shown.ok
         feedback = inputs.feedback
         feedback.statusword, feedback.velocity_actual = shown.statusword, shown.velocity

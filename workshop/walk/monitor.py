@@ -20,7 +20,7 @@ from pdgw.workshop.walk.plc import (
     FUNCTIONS,
     NO_INTERMEDIATE_STOP,
 )
-from pdgw.workshop.walk.values import Output, Plc, Shown
+from pdgw.workshop.walk.values import Life, Output, Plc, Shown
 
 _POWER = 0xF
 _SWITCH_ON, _ENABLE = 0x7, 0xF
@@ -81,6 +81,8 @@ class Expected:
     """Traversing tasks instead of a speed."""
     own_ramp: bool = False
     """The gateway makes the ramps itself."""
+    life: int | None = None
+    """P925: tolerated failures of the sign of life in succession; None: not watched."""
 
 
 class Memory(NamedTuple):
@@ -116,6 +118,10 @@ class Memory(NamedTuple):
     """The last Controlword was Quick Stop."""
     armed: bool = False
     """STW1.3 was 1 during the stop that is in force: its fall to 0 ends that."""
+    lives: bool = False
+    """The sign of life has begun in this connection."""
+    missed: int = 0
+    """Its failures in succession, up to the first that is not tolerated."""
 
 
 class _Asked:
@@ -130,6 +136,8 @@ class _Asked:
         "enable",
         "gone",
         "hold",
+        "lives",
+        "missed",
         "off",
         "on",
         "ramp",
@@ -140,10 +148,12 @@ class _Asked:
     def __init__(self, expected: Expected, memory: Memory, plc: Plc) -> None:
         word, raw = plc.word, expected.raw
         there = plc.setpoints is not None
-        control = there and (raw or word & CONTROL != 0)
-        connected = self.connected = there and (memory.connected or control)
+        self.lives, self.missed = lives, missed = _life(expected, memory, plc)
+        alive = there and not (lives and expected.life is not None and missed > expected.life)
+        control = alive and (raw or word & CONTROL != 0)
+        connected = self.connected = alive and (memory.connected or control)
         gone = self.gone = not connected
-        # OFF2 and OFF3 count in every frame, also in one without control that comes after a loss.
+        # OFF2 and OFF3 count in every frame, also in one without sign of life, or without control after a loss.
         self.coast = (there and not word & _VOLTAGE) or (gone and expected.loss is PlcLossReaction.COAST)
         stop = (there and word & _STOPS == _VOLTAGE) or (gone and expected.loss is PlcLossReaction.QUICK_STOP)
         self.brake = stop and not self.coast
@@ -162,6 +172,15 @@ class _Asked:
         uncontrolled = connected and not control and not (self.hold or self.coast or self.brake)
         self.ramp = (off1 and not (self.coast or self.brake)) or uncontrolled
         self.reset = connected and word & ACKNOWLEDGE != 0
+
+
+def _life(expected: Expected, memory: Memory, plc: Plc) -> tuple[bool, int]:
+    """Whether the sign of life has begun, and its failures in succession."""
+    if expected.life is None or plc.setpoints is None:
+        return False, 0
+    if plc.life is Life.COUNTS:
+        return True, 0
+    return memory.lives, min(memory.missed + 1, expected.life + 1) if memory.lives else 0
 
 
 class Monitor:
@@ -237,6 +256,8 @@ class Monitor:
             given,
             quick_stop,
             (ramp or quick_stop) and armed,
+            asked.lives,
+            asked.missed,
         )
         return after, broken
 

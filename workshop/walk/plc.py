@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from struct import pack
 
 from pdgw.gateway.axis.telegrams import (
@@ -12,7 +13,7 @@ from pdgw.gateway.axis.telegrams import (
 )
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram
-from pdgw.workshop.walk.values import Plc
+from pdgw.workshop.walk.values import Life, Plc
 
 STW1 = signal("STW1")
 CONTROL = STW1.bit("CONTROL_BY_PLC").mask
@@ -106,6 +107,17 @@ def frames(number: int, *, full: bool) -> list[Plc]:
             next(item for item in made if item.word & ENABLE == ENABLE)._replace(name="ON+enable, old", fresh=False)
         )
     return [LOST, *made]
+
+
+def with_life(made: Iterable[Plc]) -> Iterator[Plc]:
+    """Each frame with a sign of life that counts and with one that stands; the PLC of ``RAW`` and the like has none."""
+    for item in made:
+        if item.setpoints is None:
+            yield item
+        else:
+            yield from (
+                item._replace(name=f"{item.name} {life.value}", life=life) for life in (Life.COUNTS, Life.STANDS)
+            )
 
 
 def is_central(number: int) -> bool:

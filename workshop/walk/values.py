@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
+import enum
 from typing import NamedTuple
+
+
+class Life(enum.Enum):
+    """What the sign of life of a frame does (STW2 bits 12 to 15)."""
+
+    NONE = ""
+    """It is 0."""
+    COUNTS = "counts"
+    STANDS = "stands"
 
 
 class Plc(NamedTuple):
@@ -15,6 +25,7 @@ class Plc(NamedTuple):
     """STW1, or the Controlword of telegram 100."""
     fresh: bool = True
     """It came in this cycle; False: the values of a cycle before."""
+    life: Life = Life.NONE
 
 
 class Shown(NamedTuple):

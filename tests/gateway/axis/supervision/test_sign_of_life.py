@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import pytest
 
+from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State
-from pdgw.gateway.reasons import FaultNumber
+from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.sign_of_life import MONITORING_OFF, following
 from pdgw.profidrive.signals import signal
+from tests.support.axis.hand import Hand
 from tests.support.axis.rig import Rig
+from tests.support.drives.drive_types import engel
 
 OFF, ON = 0x047E, 0x047F
 
@@ -77,6 +80,16 @@ def test_off2_without_sign_of_life_takes_the_voltage_off() -> None:
     rig.values["STW1"] = OFF & ~0x2
     rig.step()
     assert rig.stepper.command.controlword & 0xF == 0x0
+
+
+def test_frame_without_control_after_a_loss_is_no_new_connection() -> None:
+    """A drive in operation that nobody commanded is braked as without a PLC, until a frame with control comes."""
+    hand = Hand(2, engel(), Mode.VELOCITY, {}, sign_of_life_failures=0)
+    hand(OFF, State.SWITCH_ON_DISABLED, STW2=1 << 12)
+    hand(OFF, State.SWITCH_ON_DISABLED)
+    assert hand.stepper.reason is Reason.PLC_LOST
+    assert hand(OFF & ~0x400, State.OPERATION_ENABLED, STW2=2 << 12) & 0xF == 0x2
+    assert hand(OFF, State.SWITCH_ON_DISABLED, STW2=3 << 12) & 0xF == 0x6
 
 
 def test_as_many_failures_as_tolerated_do_nothing() -> None:
