@@ -1,8 +1,8 @@
 """The daemon: PLC, drive objects and buses of one configuration on one loop.
 
-The gateway answers each valid PLC frame at once with the newest drive data; without frames it steps the drive objects every
-cycle and sends by itself every second cycle. The gateway's heartbeat comes from the same loop, so that a hung loop stops the
-drives. ``start`` and ``stop`` begin and end it on any loop; ``run`` plays the loop of the machine.
+The gateway answers each valid PLC frame at once with the newest drive data. Without frames it steps the drive objects every cycle
+and sends every second cycle. The gateway's heartbeat comes from the same loop, so a hung loop stops the drives. ``start`` and
+``stop`` work on any loop; ``run`` runs the loop of the machine.
 """
 
 from __future__ import annotations
@@ -164,7 +164,7 @@ class Daemon:
         add("loop", "late", "cycles", "started more than half a cycle late", lambda: self.late)
 
     def _prepare_link(self, opened: ExitStack, ethernet: EthernetPort | None) -> Callable[[], Link]:
-        """Take the port of the link first: without it nothing else has to be opened."""
+        """Open the port of the link first; without it, nothing else is opened."""
         transport = self.config.transport
         if transport.type == "profinet":
             # The other transport starts without.
@@ -370,7 +370,7 @@ class Daemon:
     # -- the cyclic exchange ------------------------------------------------------------------------------------------
 
     def _on_link(self) -> None:
-        """Something of the PLC waits: what came first is answered before anything else is looked for; then the newest counts."""
+        """A frame of the PLC waits: answer the first one before anything else, then use the newest."""
         self._take(self.link.receive(now := self.loop.now(), 1), now)
         if self.link.more:
             self._take(self.link.receive(now := self.loop.now()), now)

@@ -1,7 +1,7 @@
-"""One master on a bus: who hears another one before it starts refuses, who hears one later stops.
+"""Detect another master on a bus: before the start the gateway refuses, later it stops.
 
-Another gateway shows itself by the heartbeat of our own node-ID or by RPDOs to our drives; the interface does not deliver what we
-send ourselves. Two masters would take the drive's commands from each other, and each would keep alive what the other has to stop.
+Another gateway is visible by the heartbeat of our own node-ID or by RPDOs to our drives; the interface does not deliver our own
+frames. Two masters would overwrite each other's commands, and the heartbeat of one would prevent the stop by the other.
 """
 
 from __future__ import annotations

@@ -31,20 +31,20 @@ class DatagramPort(Protocol):
         """Call ``action`` in the loop whenever datagrams wait."""
 
     def pause(self) -> None:
-        """Do not call it until the next ``start``; what comes meanwhile waits as long as there is room."""
+        """Do not call it until the next ``start``; data waits in the buffer until then."""
 
     def only_from(self, sender: Address | None) -> None:
-        """Keep away what comes from anybody else, where that is possible; None: everybody is heard again."""
+        """Drop datagrams of other senders if possible; None: accept all again."""
 
     def receive(self) -> tuple[bytes, Address] | None:
         """The next datagram that waits, or None."""
 
     @property
     def received_at(self) -> int | None:
-        """When the datagram that ``receive`` gave last had come, by the loop's clock; None where that is not known."""
+        """Arrival time of the last datagram of ``receive``, by the loop's clock; None if unknown."""
 
     def send(self, data: bytes | bytearray, address: Address) -> None:
-        """Send without waiting; what is not taken is counted and lost, as on any network."""
+        """Send without waiting; data that is not accepted is counted and lost."""
 
     def close(self) -> None:
         """Release the port."""

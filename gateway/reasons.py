@@ -1,7 +1,7 @@
-"""Why the gateway does not do what the PLC asks, and the gateway's own fault numbers: two tables.
+"""Two tables: reasons why the gateway does not follow the PLC, and the gateway's own fault numbers.
 
-Translators report these, ``pdgw status``, the log, P947 and the timeline decoder print them. Texts say what happened
-and what the PLC has to do. Source: docs/translation.md.
+Translators report them; ``pdgw status``, the log, P947 and the timeline show them. A text says what happened and what the PLC
+must do. Source: docs/translation.md.
 """
 
 from __future__ import annotations

@@ -74,7 +74,7 @@ class DeviceParameters(BaseModel):
     sys_location: Annotated[str, Field(max_length=255)] = ""
     """Of MIB-II, written by SNMP."""
     station_name: Annotated[str, Field(max_length=240)] | None = None
-    """Given by DCP; None where the configuration's still holds."""
+    """Set by DCP; None if the value of the configuration is in force."""
     station_ip: Annotated[str, Field(pattern="^[0-9a-f]{24}$")] | None = None
     """Address, mask and gateway given by DCP, hexadecimal."""
     objects: dict[int, DoParameters] = Field(default_factory=dict)

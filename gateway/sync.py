@@ -17,7 +17,7 @@ from pdgw.gateway.motion.dsc import KPC_PER_UNIT, DscForm
 from pdgw.gateway.objects.axis import Axis
 
 _KEPT = 1024
-"""So many of the newest values are looked at."""
+"""Number of newest values for the percentile."""
 _PERCENTILE = 99
 
 

@@ -92,7 +92,8 @@ def _picking(*terms: str) -> Callable[[Any, tuple[Any, ...]], tuple[Hashable, ..
 
 
 class _Part:
-    """One part. ``names`` are saved; ``values`` are theirs when it was looked at last, ``number`` stands for what is compared."""
+    """One part of the machine. ``names``: saved attributes; ``values``: their values at the last comparison; ``number``: of the
+    compared state."""
 
     __slots__ = (
         "_always",
@@ -216,7 +217,7 @@ class Checkpoints:
         """What the parts have noted is what they have."""
 
     def step(self) -> Outputs:
-        """One step of the machine; behind one in which it got to know its drive it may have parts that it had not before."""
+        """One step of the machine. After a step in which the drive became known, the machine may have new parts."""
         self._is_fresh = False
         learns = bool(self._machine.inputs.news)
         outputs = self._machine.step()

@@ -1,7 +1,7 @@
-"""The narrow waist: what is asked of an axis (``Demand``) and what it shows (``Report``), in no telegram's words.
+"""Interface between telegrams and drives: the request to an axis (``Demand``) and its actual state (``Report``).
 
-One object of each belongs to an axis and is used for every cycle. Fractions of a reference are integers, 4000 0000h is 100 %
-(N4; an N2 is promoted without loss).
+Neither depends on a telegram. Each axis has one object of each and uses it in every cycle. Fractions of a reference are integers,
+4000 0000h is 100 % (N4; N2 is converted without loss).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _ZSW1: Final = signal("ZSW1")
 
 
 class PowerWish(enum.IntEnum):
-    """What is asked of the power stage; the order is that of the columns of the power table."""
+    """Request to the power stage, in the order of the columns of the power table."""
 
     COAST = 0
     """OFF2: power off at once."""
@@ -36,7 +36,7 @@ class PowerWish(enum.IntEnum):
     RESUME = 6
     """ENABLE during a ramp stop where the user lets it resume: the interlock's own reading of ENABLE."""
     HOLD = 7
-    """Operation goes on, nothing starts: what is left of ENABLE without control by the PLC where the user wants it so."""
+    """Stay in operation, start nothing: ENABLE without control by the PLC, with ``control_lost = "hold"``."""
     STOP = 8
     """As OFF1 in operation, but no OFF that releases anything: the PLC has no control."""
     NO_PLC_RAMP = 9
@@ -66,7 +66,7 @@ class SpeedWish(enum.IntEnum):
 
 
 class Demand:
-    """What is asked of an axis now. An adapter sets the fields its telegram has; the others keep their first value."""
+    """Request to an axis. An adapter sets the fields that its telegram has; the others keep their initial value."""
 
     __slots__ = (
         "acknowledge",
@@ -93,7 +93,7 @@ class Demand:
         self.connected = False
         """A PLC is in charge."""
         self.in_control = True
-        """False while there is a PLC that does not take control: what was asked last stands."""
+        """False while a connected PLC does not take control: the last request stays in force."""
         self.power: PowerWish = PowerWish.OFF
         """Meant while ``connected``."""
         self.acknowledge = False
@@ -108,11 +108,11 @@ class Demand:
         self.kpc = 0
         """Its gain in 0.001/s; 0: no position control by the drive."""
         self.fresh = False
-        """What is asked came with this very cycle; counts in telegrams with DSC."""
+        """The request is from a frame of this cycle; used by telegrams with DSC."""
         self.torque_reduction = 0
         """Fraction of the torque limit that is taken away (N2); 0 or below: nothing."""
         self.motion: Asked | None = None
-        """What is asked of a positioner; always the same object, None in telegrams without one."""
+        """Request to a positioner: always the same object, None in telegrams without one."""
         self.raw: Sequence[int] | None = None
         """Raw values for the objects of a transparent telegram, the Controlword first; None before there are any."""
         self.sensor: int | None = None

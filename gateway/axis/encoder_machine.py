@@ -71,9 +71,9 @@ class EncoderInputs:
 
 
 class EncoderMachine:
-    """An encoder channel with one telegram; GatewayError for a telegram no encoder has.
+    """An encoder channel with one telegram; GatewayError if the telegram is not for encoders.
 
-    ``inputs`` is filled by the driver before each ``step``; ``outputs`` holds what it decided, until the next one.
+    The driver fills ``inputs`` before each ``step``. ``outputs`` has the result until the next step.
     """
 
     def __init__(self, number: int, settings: SensorSettings, source: EncoderInput) -> None:
@@ -98,7 +98,7 @@ class EncoderMachine:
         self._refused: ProfidriveError | None = None
 
     def set_references(self, references: EncoderReferences | None) -> None:
-        """Take new reference values; ones that cannot be are told with the next step (fault 104) and refuse operation."""
+        """Set new reference values. Impossible values refuse operation; the next step reports fault 104."""
         self._usable = False
         self._speed = self._refused = None
         self.channel.set_references(None)
@@ -137,7 +137,7 @@ class EncoderMachine:
         self._node.tell_to(self.outputs)
 
     def tolerate(self, failures: int) -> None:
-        """P925: how many failures of the sign of life in succession; counting starts anew."""
+        """Set P925, the number of consecutive failures of the sign of life, and restart the count."""
         self.settings = replace(self.settings, sign_of_life_failures=failures)
         self.control.sign_of_life = SignOfLife(failures)
 

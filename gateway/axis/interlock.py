@@ -1,7 +1,7 @@
 """The interlock of one axis: runs the power table (``power_table``) once per cycle.
 
-What the table cannot see in one cycle is found here: that the drive left operation by itself, that it stands in a quick stop,
-that an acknowledge is an edge of this connection.
+It adds what one cycle does not show: that the drive left operation by itself, that it is at standstill in a quick stop, and that
+an acknowledge is an edge of this connection.
 """
 
 from __future__ import annotations
@@ -31,9 +31,12 @@ from pdgw.gateway.reasons import Reason
 QUICK_STOP_STANDING_NS: Final = 200 * MS
 """A drive that stays in Quick Stop Active at standstill for so long (option codes 5-8) gets Disable Voltage."""
 COMMAND_SHOWN_NS: Final = 300 * MS
-"""By then the Statusword shows what was commanded: a drive that leaves Operation Enabled later than this after a Disable
-Operation, or enters it later than this after an Enable Operation, does so by itself. 100 ms of latency in each direction,
-the slowest cycle and the TPDO's event timer fit in."""
+"""Longest time until the Statusword shows a command.
+
+A drive that leaves Operation Enabled later than this after Disable Operation, or enters it later than this after Enable
+Operation, does so by itself. The time covers 100 ms of latency in each direction, the slowest cycle and the event timer of the
+TPDO.
+"""
 
 _DRIVE_OF_STATUS: Final = tuple(DRIVE_OF_STATE[state] for state in STATE_OF_STATUS)
 _ENABLING: Final = CONTROLWORDS[Action.ENABLE_OPERATION]
@@ -73,7 +76,7 @@ _NO_PLC: Final = {
 
 
 class Interlock:
-    """``step`` once per cycle; ``phase``, ``action`` and ``reason`` tell what it does and why."""
+    """Call ``step`` once per cycle. ``phase``, ``action`` and ``reason`` show the result."""
 
     INSTANTS: ClassVar[Mapping[str, int]] = {
         "_disabled_at": COMMAND_SHOWN_NS,
@@ -130,7 +133,7 @@ class Interlock:
         self._shown: Drive | None = None
         """What the Statusword showed in the cycle before, while the PLC is obeyed."""
         self._steady = False
-        """Operation as it was asked for, with nothing to note: the answer is known."""
+        """Fast path: in operation as requested, nothing to report."""
         self._steady_status = 0
         self._steady_word = 0
 

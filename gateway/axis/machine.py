@@ -99,9 +99,9 @@ _EXECUTORS: dict[Kind, Callable[[AxisCycle], Executor]] = {
 
 
 class AxisMachine:
-    """A drive axis with one telegram; GatewayError for a telegram no drive axis supports.
+    """A drive axis with one telegram; GatewayError if no drive axis supports the telegram.
 
-    ``inputs`` is filled by the driver before each ``step``; ``outputs`` holds what it decided, until the next one.
+    The driver fills ``inputs`` before each ``step``. ``outputs`` has the result until the next step.
     """
 
     def __init__(self, number: int, settings: AxisSettings, feedback: DriveFeedback) -> None:
@@ -151,7 +151,7 @@ class AxisMachine:
         self._usable = False
         self._window = 0
         self._control_lost = False
-        """The PLC took its control away in operation, and has not taken it again."""
+        """The PLC removed its control in operation and has not returned it."""
 
     def _make_executor(self, kind: Kind) -> Executor:
         if kind is Kind.RAW:
@@ -159,10 +159,8 @@ class AxisMachine:
         return _EXECUTORS[kind](self.cycle)
 
     def set_references(self, place: int, references: EncoderReferences | None) -> None:
-        """What gives the position of an external G1 (``place`` 0) or G2 (1) its meaning.
-
-        With a range no sensor has its position is not valid, which the next step tells (fault 104).
-        """
+        """Set the sensor format of an external G1 (``place`` 0) or G2 (1). With an impossible range its position is not valid;
+        the next step reports fault 104."""
         sensor = self.second_sensor if place else self.sensor
         if sensor is not None:
             try:
@@ -171,7 +169,7 @@ class AxisMachine:
                 self.notes.faults.append((FaultNumber.REFERENCE, f"G{place + 1}: {error}"))
 
     def tolerate(self, failures: int) -> None:
-        """P925: how many failures of the sign of life in succession; counting starts anew."""
+        """Set P925, the number of consecutive failures of the sign of life, and restart the count."""
         if self.life is not None:
             self.life.tolerate(failures)
 
@@ -338,7 +336,7 @@ class AxisMachine:
         return Reason.NEEDS_OFF
 
     def _without_control(self) -> None:
-        """STW1.10 = 0: taken away in operation it stops the axis, which is told."""
+        """STW1.10 = 0: if control is removed in operation, stop the axis and report it."""
         demand, interlock = self.demand, self.interlock
         interlock.plc_was_there = True
         if interlock.operates and demand.connected and demand.power is not PowerWish.HOLD and not self._control_lost:

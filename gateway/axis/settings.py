@@ -30,7 +30,7 @@ class SetpointEnable(enum.Enum):
 
 
 class SecondSensor(enum.Enum):
-    """``g2``: what is behind G2 of telegrams 4, 6, 103 and 106."""
+    """``g2``: source of G2 in telegrams 4, 6, 103 and 106."""
 
     NONE = "none"
     """G2 shows the error "not supported"."""
@@ -62,8 +62,7 @@ class AxisSettings:
     """Standstill when |velocity| is at most this share of the reference speed."""
     control_lost: ControlLost = ControlLost.STOP
     reaction_ns: int = 400 * MS
-    """So long may a stop take to show: a lost RPDO goes out again with the refresh, the answer comes at the latest with the
-    event timer of the TPDO and is looked at in the next cycle; twice that."""
+    """Longest time until a stop must have an effect: twice the sum of RPDO refresh, event timer of the TPDO and one cycle."""
     stop_time_ns: int = 10 * SECOND
     """From 100 % speed to standstill by the drive's own ramps."""
     sign_of_life_failures: int = MONITORING_OFF
@@ -78,7 +77,7 @@ class AxisSettings:
     dsc: DscChoices | None = None
     """Needed by telegrams 5, 6, 105 and 106."""
     intermediate_stop_reached: bool = False
-    """ZSW1.10 in an intermediate stop, once the axis stands: makers differ (docs/profile-statements.md)."""
+    """ZSW1.10 = 1 at standstill in an intermediate stop; makers differ (docs/profile-statements.md)."""
     positioner: PositionerChoices | None = None
     """Needed by telegrams 7, 110 and 111."""
 

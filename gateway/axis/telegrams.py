@@ -69,9 +69,9 @@ DRIVE_TELEGRAM_NUMBERS = tuple(sorted(DRIVE_TELEGRAMS))
 """The telegrams a drive axis can be given (P922)."""
 
 DSC_TELEGRAM_NUMBERS = tuple(n for n, row in sorted(DRIVE_TELEGRAMS.items()) if row.kind is Kind.DSC)
-"""Those of them that need to know where the loop is closed."""
+"""Telegrams that need to know where the loop is closed."""
 CENTRAL_TELEGRAM_NUMBERS = tuple(n for n in DRIVE_TELEGRAM_NUMBERS if ApplicationClass.CENTRAL in telegram(n).classes)
-"""Those of them in which the PLC may close the position loop: with SYNC their set-points take effect with it too."""
+"""Telegrams in which the PLC may close the position loop: with SYNC, their setpoints take effect at the SYNC too."""
 POSITIONER_TELEGRAM_NUMBERS = tuple(n for n, row in sorted(DRIVE_TELEGRAMS.items()) if row.kind is Kind.POSITIONER)
 """Those of them that need a positioner in the configuration."""
 FLOAT_TELEGRAM_NUMBERS = tuple(
@@ -146,7 +146,7 @@ def drive_layout(
     *,
     g1_is_encoder: bool = False,
 ) -> PdoLayout:
-    """The PDOs a drive telegram needs; ``second``: what is behind its G2, ``g1_is_encoder``: G1 is not the drive's position."""
+    """PDOs of a drive telegram; ``second``: source of its G2, ``g1_is_encoder``: G1 is an external encoder."""
     row = drive_telegram(number, form)
     layout = LAYOUTS[row.operation]
     if second is SecondSensor.DRIVE and number in SECOND_SENSOR_NUMBERS:

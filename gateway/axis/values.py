@@ -18,7 +18,7 @@ from pdgw.gateway.reasons import GATEWAY_FAULTS, FaultNumber, OrderDoubt, Reason
 
 @dataclass(frozen=True, slots=True)
 class SdoWrite:
-    """A value the device must take by SDO before the machine goes on."""
+    """A value that the device must accept by SDO before the machine continues."""
 
     index: int
     subindex: int
@@ -60,7 +60,7 @@ class RestartAsked:
 
 @dataclass(frozen=True, slots=True)
 class Configured:
-    """The drive is configured anew (``restarted``), or only what it is was read anew; None: that is not known."""
+    """The drive was configured again (``restarted``), or only its type was read again; None: unknown type."""
 
     drive_type: DriveType | None
     homing_method: int = 0
@@ -220,7 +220,7 @@ class Inputs:
         self.setpoints: Sequence[int] | None = None
         """Raw signal values in telegram order; None while there is no valid PLC (silent, provider STOP, IOPS BAD)."""
         self.fresh = False
-        """``setpoints`` came with this cycle; False: they are those of a cycle before."""
+        """True if ``setpoints`` arrived in this cycle, False if they are older."""
         self.doubt = OrderDoubt.NONE
         """Whether the PLC may have ordered something else than ``setpoints``."""
         self.feedback = feedback
@@ -306,14 +306,14 @@ class Outputs:
         self.emergency_over = False
         """The device told that it has no error any more."""
         self.brake: Brake = Brake.NONE
-        """What has to be done beside the Controlword, because the drive does not obey it."""
+        """Action beside the Controlword because the drive does not follow it."""
         self.known_off = True
-        """The drive is known to have no power: it was never seen with any, or showed so itself since. As long as it is not,
-        and the PLC is not obeyed, the stop that is commanded is watched."""
+        """The drive has no power: it never showed any, or has shown since that it is off. Otherwise, and while it does not follow
+        the PLC, the commanded stop is supervised."""
         self.writes: tuple[SdoWrite, ...] | None = None
-        """Values the device has to take; they stand until an ``SdoAnswer``, or until they are withdrawn or replaced."""
+        """Values for the device; each stays until its ``SdoAnswer``, or until it is withdrawn or replaced."""
         self.presets: list[SdoWrite | None] = [None, None]
-        """Presets the encoders that are G1 and G2 have to take; another object for each."""
+        """Presets for the encoders at G1 and G2; a new object for each."""
         self.probe: ProbeWish | None = None
         """Positions the drive has to latch; another object for each wish."""
         self.read_fault = False

@@ -1,7 +1,7 @@
-"""Looks around on a bus before anything is configured: which nodes there are, what they are, what each telegram would lack.
+"""Scan of an unconfigured bus: nodes, their types, and what each telegram lacks.
 
-Nothing is written: the bus is listened to first, then every node-ID is asked for its device type 1000h, then those that
-answered for their objects, by SDO uploads alone. No NMT command, no PDO, no heartbeat. Source: CiA 301.
+The scan only reads: it listens to the bus, requests the device type 1000h of every node-ID, then the objects of the nodes that
+answered, by SDO uploads. No NMT command, no PDO, no heartbeat. Source: CiA 301.
 """
 
 from __future__ import annotations

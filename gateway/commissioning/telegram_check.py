@@ -41,7 +41,7 @@ def _form(settings: AxisSettings) -> DscForm:
 
 
 def lacks(drive: DriveType, number: int, settings: AxisSettings = _USUAL) -> str:
-    """Why a drive cannot be operated with a telegram; empty when what is known of it suffices."""
+    """Why a drive cannot be operated with a telegram; empty if its known objects suffice."""
     mode = initial_mode(number, _form(settings))
     # A speed is followed in one of several modes, of which the executor knows.
     if mode is not None and mode is not Mode.VELOCITY and mode.value not in drive.modes:

@@ -1,6 +1,7 @@
-"""What a configuration puts on a bus when every value changes in every cycle: load, and when each frame is sent at the latest.
+"""Worst-case load of a configuration on a bus: every value changes in every cycle. Also the latest time at which each frame is
+sent.
 
-An axis whose drive was asked counts by its PDO plan, another one by the PDOs its telegram wants.
+An axis whose drive was read counts with its PDO plan, another one with the PDOs of its telegram.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ HEARTBEATS: Final = 2
 
 
 def wanted_plan(axis: AxisConfig, cycle_time_ms: float) -> PdoPlan:
-    """The PDOs of an axis with a drive that takes all that its telegram wants."""
+    """PDOs of an axis with a drive that supports everything in its telegram."""
     layout = axis.drive_layout(axis.telegram)
     available = {
         pdo.communication_index for pdo in (*layout.rpdos, *layout.tpdos) if axis.node_id <= 0x3F or pdo.number <= 4

@@ -1,7 +1,7 @@
-"""Where every value lies in the frames of a configuration, for who programs the PLC.
+"""Byte map: the place of every value in the frames of a configuration, for the PLC programmer.
 
 Source: docs/transport.md chapters 1 and 2; the offsets are those of ``profidrive.frame.CSduLayout``, which the gateway uses. On
-PROFINET each axis is a submodule of its own: ``in_object`` counts from its first byte.
+PROFINET each axis is a submodule: ``in_object`` counts from its first byte.
 """
 
 from __future__ import annotations

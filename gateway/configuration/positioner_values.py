@@ -141,7 +141,7 @@ def _typed(configured: object, value: int) -> int:
 
 
 class PositionerValues:
-    """The configuration with what was stored instead of it; both may be read, ``choices`` is what the axis has to take.
+    """The configuration with stored values in place of its own; ``choices`` are the settings for the axis.
 
     ``stored``: values by PNU; ``rows``: those of the blocks by number.
     """

@@ -171,7 +171,7 @@ def line_of(text: str, location: Location, sections: Sections) -> int:
 
 
 def _key(line: str) -> str:
-    """The key a line gives a value to, or the table it begins; empty for any other line."""
+    """The key that a line sets, or the table that it starts; empty for any other line."""
     key, equals, _ = line.partition("=")
     if equals:
         return key.strip().strip('"')

@@ -1,18 +1,16 @@
-"""Whether what a frame orders may be an old order. Sans-I/O.
+"""Decides whether an order in a frame may be an old order. Sans-I/O.
 
-Source: docs/transport.md chapter 1. An order counts at once when its frame cannot be a copy of an earlier one (``history``).
-Otherwise it has to stand in ``CONFIRMING_FRAMES`` frames in a row, and no other frame may contradict it meanwhile, even if it
-is a stale one. Until then it waits. An order that another one replaces before it was confirmed is dropped: whether the PLC
-sent it is not known. The axis shows no target reached and no task acknowledged while an order waits, and after a drop until the
-PLC repeats what was dropped.
+Source: docs/transport.md chapter 1. An order counts at once if its frame cannot be a copy of an earlier one (``history``).
+Otherwise ``CONFIRMING_FRAMES`` consecutive frames must contain it, and no other frame, even a stale one, may contradict it. Until
+then it waits. If another order replaces it before, it is dropped, because the PLC may not have sent it. While an order waits, and
+after a drop until the PLC repeats it, the axis shows no target reached and no task acknowledged.
 
-A stop does not wait: its bit falls with the first frame, whatever else that frame orders; its return has to be confirmed. This
-applies to bits whose return starts no new motion, else an old frame could start one (STW1.11: homing). OFF2 and OFF3 take
-STW1 as a whole: they release no lock. OFF1 and STW1.3 wait where they would release a lock or end a braking. Halt of a
-Controlword stops where it is 1: it rises at once, and its fall has to be confirmed.
+A stop does not wait: its bit falls with the first frame; only its return must be confirmed. This applies to bits whose return
+starts no new motion, else an old frame could start one (STW1.11: homing). OFF2 and OFF3 use STW1 as a whole: they release no
+lock. OFF1 and STW1.3 wait where they would release a lock or end braking. Halt of a Controlword stops where it is 1: it rises at
+once, and its fall must be confirmed.
 
-Left out: networks that delay a whole stretch of frames by whole turns and lose every other frame: nothing in the frames tells
-these from the PLC.
+Not detected: a network that delays all frames of a period by whole turns of the counter and loses every other frame.
 """
 
 from __future__ import annotations
@@ -42,8 +40,9 @@ _RAMP_BITS = tuple(
     _STW1.bit(name).mask for name in ("ENABLE_RAMP_GENERATOR", "UNFREEZE_RAMP_GENERATOR", "ENABLE_SETPOINT")
 )
 _RELEASED_STOPS = {_ON: _ON, _ENABLE: _ENABLE}
-"""What a falling bit takes out of the word in force at once. These two only where the axis follows the PLC: elsewhere OFF1
-releases a lock, and STW1.3 ends a braking."""
+"""Bits whose fall acts at once. These two only while the axis follows the PLC: elsewhere OFF1 releases a lock, and STW1.3 ends
+braking.
+"""
 _SPEED_STOPS = {
     # A jog begins where all three are 0: no jog bit may stand there unconfirmed.
     **{bit: bit | _JOG_1 | _JOG_2 for bit in _RAMP_BITS},
@@ -92,7 +91,7 @@ class Orders:
         """The order in the values of a frame."""
         self._words = len(words)
         self.lives = tuple(lives)
-        """Where its words with a sign of life begin, in bytes."""
+        """First byte of its words with a sign of life."""
         self.mask = half.struct.pack(*mask)
         """Its bits in the telegram's bytes."""
         if len(words) == 1 and words[0][1] == ~0:
@@ -159,7 +158,7 @@ class Orders:
 
 
 class Confirmation:
-    """The order of one drive object: in force at once, or when it stood in enough frames."""
+    """The order of one drive object: in force at once, or after enough frames with it."""
 
     def __init__(self, half: TelegramHalf) -> None:
         self.orders = Orders(half)
@@ -189,12 +188,12 @@ class Confirmation:
         self._dropped = None
 
     def contradict(self) -> None:
-        """The newest frame may have been an old one: what it ordered has to be confirmed from the beginning."""
+        """The newest frame may be an old one: restart the confirmation of its order."""
         self._repeats = 0
 
     @property
     def doubt(self) -> OrderDoubt:
-        """Whether the PLC may have ordered what is not in force, or not ordered what is."""
+        """Whether the PLC may have ordered something that is not in force, or the reverse."""
         if self._dropped is not None:
             return OrderDoubt.DROPPED
         return OrderDoubt.WAITS if self._waits or self._early else OrderDoubt.NONE
@@ -246,7 +245,7 @@ class Confirmation:
         self._dropped = order, bits
 
     def _settle(self, order: tuple[int, ...], in_force: tuple[int, ...] | None) -> None:
-        """An order is in force that repeats what was dropped, begins another task, or ends every task."""
+        """An order is in force that repeats the dropped one, starts another task, or ends every task."""
         assert self._dropped is not None
         dropped, bits = self._dropped
         repeats = not any((one ^ other) & bit for one, other, bit in zip(order, dropped, bits, strict=True))

@@ -1,9 +1,9 @@
-"""The device side of a static cyclic relationship, sans-I/O: which frames count, and the frames sent back.
+"""Device side of a static cyclic relationship, sans-I/O: which frames count, and the answers.
 
-Source: docs/transport.md chapters 1 and 2. A frame is used only when it comes from the relationship's peer, has its FrameID
-and length, belongs to the sequence of frames that makes the connection (``sequence``), is valid and primary; provider STOP and
-IOPS BAD are losses of the PLC. Everything else is counted by its verdict and dropped. What a frame orders may have to be
-confirmed by the next ones (``confirmation``).
+Source: docs/transport.md chapters 1 and 2. A frame counts only if it comes from the relationship's peer, has its FrameID and
+length, belongs to the sequence of frames of the connection (``sequence``), is valid and primary. Provider STOP and IOPS BAD are
+losses of the PLC. All other frames are counted by their verdict and dropped. An order may need confirmation by the next frames
+(``confirmation``).
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from pdgw.profidrive.telegrams import Direction, Telegram
 
 _COUNTER: Final = struct.Struct(">H")
 _STATUS_OFFSET: Final = _COUNTER.size
-"""DataStatus stands behind the CycleCounter."""
+"""DataStatus follows the CycleCounter."""
 _STATUS_USED: Final = STATUS_DATA_VALID | STATUS_PRIMARY | STATUS_RUN
 
 
@@ -74,9 +74,8 @@ class CyclicEndpoint:
     """Consumer and provider of one static relationship with any number of axes.
 
     ``setpoints[i]`` are the raw values of axis i, None while that axis has no valid PLC. Times are monotonic nanoseconds.
-    ``peer``: the only address frames are taken from; None takes the first valid sender until it is lost. ``delays``: the network
-    may keep frames for seconds, as UDP does; False on Ethernet and for recordings. ``doubts[i]``: what axis i may not have been
-    given of what the PLC ordered.
+    ``peer``: the only accepted sender; None accepts the first valid one until it is lost. ``delays``: the network may delay
+    frames for seconds, as UDP does; False on Ethernet and for recordings. ``doubts[i]``: orders of the PLC that axis i may lack.
     """
 
     def __init__(
@@ -110,7 +109,7 @@ class CyclicEndpoint:
         self._waiting = False
         """An order waits to be confirmed."""
         self._settled: int | None = None
-        """The bits of a frame that orders, of every drive object, what is in force; None while that has to be looked at."""
+        """The bits of a frame whose orders, of every drive object, are all in force; None if unknown."""
         self._last_time = 0
         self._last_orders: _Orders | None = None
         self._looked = 0
@@ -176,15 +175,15 @@ class CyclicEndpoint:
 
     @property
     def orders_dropped(self) -> int:
-        """Changes of control words that stood in too few frames to be told from old frames."""
+        """Number of changes of control words that were in too few frames to be confirmed."""
         return self._dropped_before + sum(item.orders_dropped for item in self._confirmations)
 
     def receive(self, data: bytes, source: Address, now: int, received_at: int | None = None) -> Verdict:
-        """Take a datagram; on ACCEPTED (and on PROVIDER_STOP, then None) the setpoints are updated.
+        """Process a datagram; on ACCEPTED (and on PROVIDER_STOP, with None) the setpoints are updated.
 
-        ``now`` is when the caller looked at its socket, the same for all datagrams it took then; ``received_at`` when the kernel
-        had the datagram, None where that is not known. A loss that shows itself here is told by the next ``poll``; until then no
-        connection begins, so that the drive objects see every loss.
+        ``now``: when the caller read its socket, equal for all datagrams of one read; ``received_at``: when the kernel received
+        the datagram, None if unknown. The next ``poll`` reports a loss that is found here. Until then no connection starts, so
+        that the drive objects see every loss.
         """
         if now != self._looked:
             self._look(now)
@@ -258,7 +257,7 @@ class CyclicEndpoint:
         return verdict
 
     def _contradicted(self, data: bytes, counter: int, orders: _Orders | None) -> None:
-        """A frame came too late for the sequence. Where it differs from one that was taken, that may have been the old one."""
+        """A frame is too late for the sequence. If it differs from an accepted one, that one may be the old frame."""
         place = self._sequence.place(counter)
         if place is not None:
             self._history.contradict(data, place)

@@ -1,9 +1,9 @@
-"""The frames a PLC sent lately, to recognise a delayed copy of one. Sans-I/O.
+"""Recent frames of a PLC, to recognise a delayed copy. Sans-I/O.
 
-Source: docs/transport.md chapter 1. The cycle counter has the same value again every 2.048 s, so a frame that is delayed by just
-that, or twice that, fits the present sequence. Such a copy has every byte of a frame that was sent one or two turns of the
-counter ago. A frame is new when the frames of both moments are known and differ from it. A lost frame is unknown; its sign of
-life is still known where its neighbours count, which widens the counter from 2 s to 30 s.
+Source: docs/transport.md chapter 1. The cycle counter repeats every 2.048 s, so a frame that is delayed by one or two turns fits
+the present sequence. Such a copy equals, in every byte, a frame that was sent one or two turns ago. A frame is new if the frames
+of both moments are known and differ from it. The content of a lost frame is unknown, but its sign of life follows from adjacent
+frames; this extends the period from 2 s to 30 s.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pdgw.profidrive.sign_of_life import HIGHEST
 _TURNS: Final = range(1, OLDEST_NS // WRAP_NS + 1)
 _KEPT_NS: Final = _TURNS[-1] * WRAP_NS + WRAP_NS // 4
 _MOST: Final = 1 << 16
-"""Frames kept; with more the history begins anew, so that a flood of late frames costs no time."""
+"""Maximum number of frames; then the history is cleared, so that a flood of late frames costs no time."""
 _COUNTED_CYCLES: Final = 4
 """The sign of life of lost frames is inferred across gaps up to this long."""
 _LIFE_SHIFT: Final = 4
@@ -59,7 +59,7 @@ class FrameHistory:
             frames.popleft()
 
     def contradict(self, data: bytes, time: int) -> None:
-        """Another frame of this time came too late: if it differs, what was sent then is not known."""
+        """Another frame of this time arrived late: if it differs, the content sent at that time is unknown."""
         times, frames = self._times, self._frames
         place = bisect_right(times, time) - 1
         if place < 0:
@@ -113,11 +113,11 @@ class FrameHistory:
 
 
 def _follows(before: int, after: int) -> bool:
-    """No step of the sign of life lies between two bytes with it."""
+    """No step of the sign of life between two bytes."""
     life = before >> _LIFE_SHIFT
     return life > 0 and after >> _LIFE_SHIFT == _count(life, 1)
 
 
 def _count(life: int, cycles: int) -> int:
-    """The sign of life so many cycles later."""
+    """The sign of life after this number of cycles."""
     return (life - 1 + cycles) % HIGHEST + 1

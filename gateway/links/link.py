@@ -24,7 +24,7 @@ log = logging.getLogger("gateway")
 
 _DATAGRAMS_AT_ONCE: Final = 64
 _WAITED_AT_MOST: Final = 10_000
-"""More than a socket buffer holds: a flood must not hold up the start."""
+"""More than a socket buffer: a flood must not delay the start."""
 _ACCEPTED: Final = Verdict.ACCEPTED
 
 
@@ -60,18 +60,18 @@ class Link(Protocol):
         """Call ``action`` in the loop whenever something of the PLC waits."""
 
     def receive(self, now: int, at_most: int = _DATAGRAMS_AT_ONCE) -> bool:
-        """Take everything that waits, or so many items of it; True when valid data of the PLC was among it."""
+        """Process everything that waits, or this number of items; True if valid data of the PLC was among them."""
 
     @property
     def more(self) -> bool:
-        """Something may wait behind what ``receive`` took last."""
+        """Whether more data may wait after the last ``receive``."""
 
     def poll(self, now: int) -> bool:
         """The watchdog; True when it expires in this call, or sees that the relationship has ended."""
 
     @property
     def loss(self) -> str:
-        """Why the PLC is lost, once ``poll`` has told that it is."""
+        """Reason for the loss of the PLC, after ``poll`` has reported it."""
 
     def lose_setpoints(self) -> None:
         """No drive object has a valid PLC until its next data."""
@@ -117,7 +117,7 @@ class UdpLink:
         self.skipped = 0
         self.more = True
         self._filtered = False
-        """There is a connection, and nobody but its PLC is heard."""
+        """A connection exists, and only frames of its PLC are received."""
         self.layout_token = object()
         self._register_counters(counters)
 

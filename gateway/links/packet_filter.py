@@ -16,7 +16,7 @@ Instruction = tuple[int, int, int, int]
 LOAD_HALF, LOAD_WORD, JUMP_EQUAL, JUMP_GREATER_EQUAL, JUMP_GREATER, RETURN = 0x28, 0x20, 0x15, 0x35, 0x25, 0x06
 _SO_ATTACH_FILTER, _SO_DETACH_FILTER = 26, 27
 _NETWORK_HEADER = 0xFFF0_0000
-"""SKF_NET_OFF: offsets from here are those of the IP header, others on a UDP socket those of the UDP header."""
+"""SKF_NET_OFF: offsets from here count from the IP header; other offsets on a UDP socket count from the UDP header."""
 _SOURCE_ADDRESS = _NETWORK_HEADER + 12
 _SOURCE_PORT = 0
 _EVERYTHING = 0xFFFF

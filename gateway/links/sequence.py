@@ -1,13 +1,10 @@
 """Which frames of a PLC are new, over a network that delays, repeats and reorders them. Sans-I/O, monotonic nanoseconds.
 
-Source: docs/transport.md chapter 1. The CycleCounter is a clock of 31.25 us that wraps every 2.048 s, so "newer" alone says
-little about a frame that may be seconds late: its advance must fit the time that passed. Before a PLC counts as connected,
-``SEQUENCE_FRAMES`` frames in a row have to do that; frames that do not belong to the present sequence are followed as possible
-new ones, so that a PLC that restarts with any counter is taken up as soon as it has sent so many.
-
-A sequence that began while a present one of age was running, and went on beside it, is no restart: these are old frames.
-
-Left out: what the frames say (``confirmation``).
+Source: docs/transport.md chapter 1. The CycleCounter is a clock of 31.25 us that wraps every 2.048 s. For a frame that may be
+seconds late, "newer" is not enough: its advance must fit the time that passed. ``SEQUENCE_FRAMES`` consecutive frames with this
+property make a connection. Frames outside the present sequence are followed as a possible new one, so a PLC that restarts with
+any counter is connected after the same number of frames. A sequence that ran in parallel to an older present one, and continues
+after it, is no restart: these are old frames. Not here: the content of frames (``confirmation``).
 """
 
 from __future__ import annotations
@@ -107,7 +104,7 @@ class FrameSequence:
         self.elapsed_ns = 0
         """By the PLC's clock, since the present sequence was taken up."""
         self.repeats = 0
-        """When a sequence is taken up: so many of its frames in a row, the newest included, had the same command."""
+        """Number of frames with the same command, up to the newest one, when a sequence becomes the present one."""
 
     def lose(self) -> None:
         """The PLC is lost: only a new sequence counts."""
@@ -141,9 +138,9 @@ class FrameSequence:
         return self.elapsed_ns - behind if behind <= self._watchdog_ns else None
 
     def follow(self, source: Hashable, counter: int, time: int, command: Hashable, *, may_connect: bool) -> Order:
-        """What to make of a frame that ``next`` did not take. NEXT: its sequence is the present one from now on.
+        """Classify a frame that ``next`` did not accept. NEXT: its sequence is now the present one.
 
-        ``command``: what the frame orders, to count repetitions; ``may_connect`` False: a loss has to be dealt with first.
+        ``command``: order of the frame, to count repetitions; ``may_connect`` False: a loss must be processed first.
         """
         # What is older than the watchdog is no part of any sequence.
         self._followed = [run for run in self._followed if time - run.time <= self._watchdog_ns]

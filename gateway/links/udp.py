@@ -23,9 +23,9 @@ _ANCILLARY: Final = socket.CMSG_SPACE(_TIMESPEC.size) if hasattr(socket, "CMSG_S
 
 
 def arrival(stamp: int, wall: int, now: int, emptied: int) -> int:
-    """Monotonic time at which a datagram came that the kernel stamped by its wall clock; all in nanoseconds.
+    """Monotonic arrival time of a datagram that the kernel stamped with the wall clock; all in nanoseconds.
 
-    ``wall`` and ``now`` were read together. A wall clock that is set meanwhile cannot move a datagram beyond ``now``, nor before
+    ``wall`` and ``now`` were read together. A change of the wall clock cannot move a datagram after ``now``, or before
     ``emptied``, when nothing waited.
     """
     return max(emptied, min(now, now - (wall - stamp)))
@@ -71,11 +71,11 @@ class UdpSocket:
         self._loop.add_reader(self._socket.fileno(), action, urgent=urgent)
 
     def pause(self) -> None:
-        """Look for nothing until ``start``: the kernel drops what it has no room for."""
+        """Receive nothing until ``start``; the kernel drops what exceeds its buffer."""
         self._loop.remove_reader(self._socket.fileno())
 
     def only_from(self, sender: Address | None) -> None:
-        """Have the kernel drop what comes from anybody else; None: everybody is heard. Linux; elsewhere the caller still asks."""
+        """Let the kernel drop datagrams of other senders; None: accept all. Linux only; elsewhere the caller still checks."""
         if sys.platform != "linux" or sender == self._only:
             return
         try:

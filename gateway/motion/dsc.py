@@ -138,7 +138,7 @@ class DscSetpoint:
     """DSC is on: KPC is not 0, the setpoint began near the axis, operation is enabled."""
     gain_clamped: bool = False
     reason: Reason | None = Reason.DSC_OUT_OF_DATE
-    """Why it is not what the PLC asks; before the first frame since DSC began anew there is nothing that it asks."""
+    """Why the setpoint is not that of the PLC; before the first frame after a restart of DSC there is none."""
     target: int | None = None
     """The position of the cycle before,"""
     way: int = 0
@@ -147,7 +147,7 @@ class DscSetpoint:
     """Positions sent to the PLC, oldest first; the oldest is the one it used."""
 
     def clear(self) -> None:
-        """DSC is off, and begins anew."""
+        """Switch DSC off; it starts again from the beginning."""
         self.velocity = self.way = 0
         self.position = self.target = None
         self.reason = Reason.DSC_OUT_OF_DATE
@@ -179,8 +179,8 @@ class Dsc:
     def step(self, nsoll_b: int, xerr: int, kpc: int, position: int, *, fresh: bool = True) -> DscSetpoint:
         """The setpoint of one cycle, while operation is enabled.
 
-        ``nsoll_b``, ``xerr``, ``kpc``: raw values of the telegram. ``position``: the newest actual position, which goes to the
-        PLC in this cycle. ``fresh``: a frame of the PLC came in this cycle; without, a speed stays, a position goes on.
+        ``nsoll_b``, ``xerr``, ``kpc``: raw values of the telegram. ``position``: the newest actual position, sent to the PLC in
+        this cycle. ``fresh``: a frame of the PLC arrived in this cycle; otherwise a speed stays and a position is extrapolated.
         """
         result = self.setpoint
         result.sent.append(position)

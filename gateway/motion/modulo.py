@@ -1,7 +1,7 @@
-"""Modulo correction: positions of a rotary axis that begin anew after a range, and the way to one of them.
+"""Modulo correction: positions of a rotary axis that wrap after a range, and the way to a position.
 
-Source: modulo axes of public basic positioners (docs/motion.md). A ``Ring`` counts a drive's position on across its ends,
-whether these are those of 607Bh, where it wraps, or those of a number of 32 bit. Pure; integers in any unit.
+Source: modulo axes of public basic positioners (docs/motion.md). A ``Ring`` counts a drive's position beyond its wrap, at 607Bh
+or at 32 bit. Pure; integers in any unit.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""The basic positioner of telegrams 7, 110 and 111: which motion is wished, from what is asked and what the axis does.
+"""Basic positioner of telegrams 7, 110 and 111: computes the motion from the request and the state of the axis.
 
 Source: basic positioners of public drive manuals (docs/motion.md). Sans-I/O: one ``step`` per cycle, values and monotonic
-nanoseconds in, one reused ``Outcome`` out. The states and what leads to the next are ``states.TRANSITIONS``. Left out: cams,
-homing direction, the handshake with the drive and changes of its mode, which executors own.
+nanoseconds in, one reused ``Outcome`` out. ``states.TRANSITIONS`` has the states. Not here: cams, homing direction, and
+handshakes and mode changes of the drive (executors).
 """
 
 from __future__ import annotations
@@ -262,7 +262,7 @@ class Positioner:
         self._edges = any(edges)
 
     def _captured(self) -> _Task:
-        """What is asked now, and why it cannot be done."""
+        """The present request, and why it is impossible."""
         asked = self._asked
         target, absolute, velocity = asked.target, asked.absolute, asked.velocity
         positive, negative = asked.positive, asked.negative
@@ -398,7 +398,7 @@ class Positioner:
     # -- homing and the reference point ---------------------------------------------------------------------------------
 
     def _start_homing(self) -> None:
-        """The drive gets a new zero at a moment it does not tell: the old offset must not stand on it."""
+        """The drive sets a new zero at an unknown moment: the old offset must not be used with it."""
         self._begin()
         self.forget_home()
         self._homing_until = self._now + SHOWN_NS

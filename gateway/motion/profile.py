@@ -1,8 +1,8 @@
-"""A motion profile made cycle by cycle: a trapezoid of speed to a position, or a ramp to a speed. Pure.
+"""Motion profile, cycle by cycle: a trapezoid of speed to a position, or a ramp to a speed. Pure.
 
-All numbers are integers in one unit of length that the caller chooses: positions, speeds per cycle, accelerations per cycle
-and cycle. Nothing is rounded but the speed from which an axis still stops at its target, and that downward: no speed and no
-acceleration is ever above what was asked, and a target is met exactly.
+All numbers are integers in one unit of length that the caller chooses: positions, speeds per cycle, accelerations per cycle and
+cycle. Only the speed from which an axis can still stop at its target is rounded, downward. No speed and no acceleration is above
+the request, and the target is met exactly.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def next_speed(speed: int, wanted: int, acceleration: int, deceleration: int) ->
 
 
 class Profile:
-    """Where an axis has to be, and how fast it has to be there. Each method but ``stand`` is one cycle."""
+    """Position and speed of an axis for the next cycle. Each method but ``stand`` is one cycle."""
 
     def __init__(self) -> None:
         self.position = 0

@@ -1,8 +1,8 @@
-"""What goes into the positioner and what comes out of it, as values.
+"""Inputs and outputs of the positioner, as values.
 
-Positions are LU, speeds 1000 LU/min, accelerations and the override N2 fractions (4000h = 100 %). ``Asked`` is in the user's
-coordinates; ``Seen`` and ``Motion`` are in the drive's, which differ by the offset of the reference point. One object of each
-belongs to an axis and is changed in place.
+Positions are LU, speeds 1000 LU/min, accelerations and the override N2 fractions (4000h = 100 %). ``Asked`` has the user's
+coordinates; ``Seen`` and ``Motion`` have those of the drive, which differ by the offset of the reference point. Each axis has one
+object of each and changes it in place.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ FULL = N2_100_PERCENT
 
 
 class _OfAsked:
-    """What a checkpoint treats apart in ``Asked``: a compiled dataclass takes a class variable for a field."""
+    """Declarations of a checkpoint for ``Asked``; in a compiled dataclass a class variable would be a field."""
 
     __slots__ = ()
     ASIDE: ClassVar[frozenset[str]] = frozenset({"*"})
@@ -33,7 +33,7 @@ class Asked(_OfAsked):
     """What the PLC asks for, bit for bit by its meaning."""
 
     operating: bool = False
-    """Operation is enabled, and a PLC that is obeyed asks for it."""
+    """Operation is enabled, and a PLC in control requests it."""
     do_not_reject: bool = False
     no_intermediate_stop: bool = False
     activate: bool = False
@@ -98,10 +98,8 @@ class _OfSeen:
 
 @dataclass(slots=True, eq=False)
 class Seen(_OfSeen):
-    """What the axis does.
-
-    A motion is *given* once its set-point was handed to the drive, *taken* once the drive acknowledged it, and *executing* once
-    it is the one the drive works on: with set-points that wait in the drive this is later. Each is the newest serial, 0 for none.
+    """State of the axis. A motion is *given* when its setpoint was sent to the drive, *taken* when the drive acknowledged it, and
+    *executing* when the drive works on it (later, if setpoints wait in the drive). Each is the newest serial number, 0 for none.
     """
 
     position: int = 0
@@ -128,7 +126,7 @@ class MotionKind(enum.Enum):
     """What an executor has to do."""
 
     STAND = "stand"
-    """Ramp to standstill and stay; a set-point that was not given is not given any more."""
+    """Ramp to standstill and stay there; a setpoint that was not sent is cancelled."""
     POSITION = "position"
     SPEED = "speed"
     HOMING = "homing"
@@ -150,7 +148,7 @@ class Motion(_OfMotion):
     target: int = 0
     """Where a position task ends."""
     distance: int | None = None
-    """The task is relative: so far from where the drive is when it takes it."""
+    """The task is relative to the position of the drive when it accepts the task."""
     velocity: int = 0
     """Signed for SPEED."""
     override: int = FULL
@@ -236,7 +234,7 @@ class PositionerChoices:
     clamping_torque: int | None = None
     """Of a task with STW2.8, in 1/1000 of the rated torque; None: only blocks move to a fixed stop."""
     modulo: int = 0
-    """LU after which positions begin anew; 0: not a modulo axis."""
+    """LU after which positions wrap; 0: not a modulo axis."""
     lu_per_unit: int = 0
     """LU in one unit of length of telegram 112; 0: the axis cannot have it."""
     units_per_second: bool = False

@@ -190,4 +190,4 @@ MDI_TRANSITIONS: Mapping[State, tuple[Transition, ...]] = MappingProxyType(
 TASK_STATES = frozenset(state for state, rows in TRANSITIONS.items() if any(row.event is Event.MDI for row in rows)) | {
     State.BRAKING
 }
-"""Where an edge of STW1.6 is taken, in BRAKING for when the axis stands; elsewhere it is refused."""
+"""States that accept an edge of STW1.6; BRAKING keeps it until standstill. Others reject it."""

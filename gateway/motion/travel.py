@@ -1,8 +1,8 @@
-"""The course of a positioner: from the goal of the function that runs to set-points, each given once.
+"""Sequence of setpoints of a positioner, from the goal of the active function; each is sent once.
 
-What is kept over an intermediate stop, what override and software limits make of a goal, and when a set-point is a new one.
-Positions of a goal are the drive's; ``offset`` leads to the user's. Left out: which function runs (``positioner``), and the
-drive's handshake (executors).
+It handles the kept task of an intermediate stop, override and software limits, and decides when a setpoint is new. Goals have
+drive coordinates; ``offset`` converts to the user's. Not here: the active function (``positioner``) and the handshake of the
+drive (executors).
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ from pdgw.gateway.reasons import Reason
 FIXED_STOP_NS: Final = 100 * MS
 """Standing at the torque limit for so long is the fixed stop."""
 LIMIT_STANDING_NS: Final = 500 * MS
-"""A drive that reports an internal limit and stands so long with a setpoint or task is held by it (a limit switch); one whose
-speed is limited has left standstill by then."""
+"""If a drive reports an internal limit and is at standstill for this time with a setpoint or task, the limit (a limit switch)
+stops it. A drive with a limited speed has left standstill by then.
+"""
 _STAND, _POSITION, _SPEED = MotionKind.STAND, MotionKind.POSITION, MotionKind.SPEED
 
 
@@ -137,7 +138,7 @@ class Course:
         self._aim_speed()
 
     def _aim_speed(self) -> None:
-        """Make the goal of a function with a speed, anew when software limits begin or cease to be watched."""
+        """Create the goal of a function with a speed, again when software limits become active or inactive."""
         speed = self.speed
         assert speed is not None, "only functions with a speed come here"
         if self.limits is None:
@@ -253,7 +254,7 @@ class Course:
             self.first_serial = serial
 
     def queue(self, position: int, absolute: bool, velocity: int, acceleration: int, deceleration: int) -> None:
-        """Give a position task that waits in the drive for the end of the goal; not beyond a limit, where it has to stop."""
+        """Send a position task that waits in the drive for the end of the goal; not beyond a limit, where the axis must stop."""
         goal = self.goal
         if goal is None or self.held or self.queued or self._seen.taken < self.sent:
             return

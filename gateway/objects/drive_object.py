@@ -1,7 +1,7 @@
-"""What a drive object (DO) of the gateway is, drive or encoder: a machine, a node, and what carries values between both.
+"""A drive object (DO) of the gateway, drive or encoder: a machine, a node, and the transfer of values between them.
 
-No rules here: the machine decides (``gateway.axis``), this hands it what happened and does what it asks for. ``step`` computes
-and leaves the actual values ready, ``transmit`` sends the RPDOs; neither waits. SDO work runs beside the exchange.
+No rules here: the machine decides (``gateway.axis``). ``step`` computes the actual values, ``transmit`` sends the RPDOs; neither
+waits. SDO work runs beside the exchange.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ class DriveObject(abc.ABC):
         """Send what the last step commands."""
 
     def cycle(self, setpoints: Sequence[int] | None, now: int) -> None:
-        """``step`` and ``transmit``, where nothing has to come between them."""
+        """``step`` and ``transmit`` in one call, if nothing must happen between them."""
         self.step(setpoints, now)
         self.transmit(now)
 
@@ -152,7 +152,7 @@ class DriveObject(abc.ABC):
 
     @abc.abstractmethod
     def references_changed(self) -> None:
-        """The references were read anew; the next cycle takes them."""
+        """The references were read again; the next cycle uses them."""
 
     @abc.abstractmethod
     def set_sign_of_life_tolerance(self, failures: int) -> None:
@@ -218,7 +218,7 @@ class DriveObject(abc.ABC):
             news.append(waiting.popleft())
 
     def _serve(self, outputs: Outputs) -> None:
-        """Do and tell what the step asks for, where it asks for anything."""
+        """Execute and report the requests of a step."""
         writes = outputs.writes
         if writes is not None and writes is not self._writes and self._future is None:
             self._writes = writes
@@ -265,7 +265,7 @@ class DriveObject(abc.ABC):
         self._record(gateway_fault(number, detail, now))
 
     def reset_node(self) -> None:
-        """P972: restart of the node; it is configured anew by itself and starts nothing."""
+        """P972: restart the node. It is configured again and starts nothing."""
         self._news.append(RestartAsked())
         self.network.send(NMT, bytes((NmtCommand.RESET_NODE, self.node_id)))
 
@@ -284,7 +284,7 @@ class DriveObject(abc.ABC):
         )
 
     def on_node_event(self, event: NodeEvent) -> None:
-        """What the node's client tells; the next step takes it."""
+        """Event of the node's client; the next step processes it."""
         notice = _NOTICE_OF_KIND.get(event.kind)
         if notice is None:
             notice = _NOTICE_OF_STATUS.get(self.client.status, Notice.PROGRESS)

@@ -1,8 +1,8 @@
 """The chain of enables of a drive object: each link with its state, its evidence and its remedy.
 
-Each link is judged by itself from the facts at hand; the first broken link gives reason, remedy and state word. Physical links
-come first (bus, node, supply, fault), then the drive, then the PLC's program. Status, page, metrics, MQTT, log and JSON show
-what this module returns and derive nothing themselves.
+Each link is judged by itself. The first broken link gives reason, remedy and state word. Physical links are first (bus, node,
+supply, fault), then the drive, then the PLC's program. Status, page, metrics, MQTT, log and JSON show the result of this module
+and derive nothing themselves.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class ChainLink(NamedTuple):
 
     enable: Enable
     ok: bool | None
-    """None where it cannot be judged: nothing is known of a drive behind a broken bus."""
+    """None if the link cannot be judged: a drive on a broken bus is unknown."""
     reason: Reason | None = None
     """Of a broken link."""
     evidence: str = ""
@@ -169,7 +169,7 @@ class _Chain:
 
 
 def asks_for_operation(demand: Demand) -> bool:
-    """Whether the PLC is there and wants the axis in operation: what is missing then is the drive's to do."""
+    """Whether a connected PLC requests operation: then the missing link is in the drive."""
     return demand.connected and demand.power in _ASKS
 
 

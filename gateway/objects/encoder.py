@@ -203,7 +203,7 @@ class EncoderObject(DriveObject):
         self.machine.tolerate(failures)
 
     def submit_write(self, item: SdoWrite) -> Future[None]:
-        """Have the encoder take a preset asked for by a drive's G1."""
+        """Send a preset to the encoder that G1 of a drive has requested."""
         return self.client.submit(lambda client: self._write_all(client, (item,)))
 
     def owns(self, index: int, subindex: int) -> bool:

@@ -1,6 +1,6 @@
-"""The touch probe of a drive, by SDO: arm it, look at it now and then, read what it latched (``Outputs.probe``).
+"""Touch probe of a drive, by SDO: arm it, poll it, read the latched value (``Outputs.probe``).
 
-The drive latches the position itself, so that nothing depends on when it is read. Source: CiA 402-2, 60B8h to 60BDh.
+The drive latches the position itself, so the time of reading does not matter. Source: CiA 402-2, 60B8h to 60BDh.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Objects that must not change while an axis is powered: what stops it, guards it, or says what its values mean.
+"""Objects that must not change while an axis is powered: they stop it, guard it, or define its values.
 
-A write over the parameter channel would take the brake away under a turning axis. They are refused then; written while the axis
-is off, what the gateway knows of them is checked again before it may be switched on.
+Such a write over the parameter channel could remove the brake of a turning axis, so it is refused. After a write while the axis
+is off, the gateway checks its copy of these objects before the axis may be switched on.
 """
 
 from __future__ import annotations

@@ -29,10 +29,8 @@ _PLACES = {pnu: place for place, pnu in enumerate(BLOCK_ITEMS)}
 
 
 class PositionerParameters:
-    """Of one axis.
-
-    ``values`` makes them of stored parameters; ``save`` stores what a function changes; ``take`` gives the axis its choices.
-    """
+    """Parameters of one axis. ``values`` reads the stored ones; ``save`` stores changes of a function; ``take`` sets the choices
+    of the axis."""
 
     def __init__(
         self,

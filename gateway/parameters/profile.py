@@ -123,7 +123,7 @@ class BoundObject:
         texts: Callable[[], Sequence[str]] | None = None,
         data_type: DataType | None = None,
     ) -> None:
-        """What stands behind a declared parameter; ``data_type`` where it is another than declared."""
+        """Functions of a declared parameter; ``data_type`` if it differs from the declaration."""
         parameter = BoundParameter(PARAMETERS[pnu], get, set, data_type, texts)
         self._parameters[pnu] = lambda _: parameter
 

@@ -1,6 +1,6 @@
-"""What looks at every cycle once it is done: how long it took, the flight recorder, and the sign of life for the service manager.
+"""Work at the end of each cycle: cycle times, the flight recorder, and the watchdog of the service manager.
 
-The cyclic loop calls ``CycleWatch.cycle`` after the PLC has its answer and the drives their commands, and nothing else.
+The cyclic loop calls only ``CycleWatch.cycle``, after the PLC has its answer and the drives their commands.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Histogram:
 
 
 class CycleListener(Protocol):
-    """Somebody who looks at every cycle."""
+    """Observer that is called in every cycle."""
 
     def cycle(self, now: int, accepted: bool, answered: int) -> None:
         """See ``CycleWatch.cycle``. It never waits."""

@@ -1,8 +1,8 @@
-"""Real-time scheduling of the gateway's process, as far as the operating system grants it.
+"""Real-time scheduling of the gateway's process, if the operating system grants it.
 
-The exchange runs with a real-time priority (SCHED_FIFO), on chosen processors, with its memory locked: ``[realtime]`` in the
-configuration. The priority is asked for by default, the rest when configured. What is refused is logged, and the gateway runs
-without. Linux; elsewhere it is said that it is not there.
+The exchange runs with a real-time priority (SCHED_FIFO), on chosen processors, with locked memory: ``[realtime]`` in the
+configuration. The priority is requested by default, the rest if configured. A refusal is logged, and the gateway runs without.
+Linux only; elsewhere the log says that it is not available.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ Line = tuple[int, str]
 
 
 def apply(config: RealtimeConfig, cycle_time_ms: float) -> list[Line]:
-    """Ask for the priority and for everything configured; returns a line for the priority and for each refusal.
+    """Request the priority and everything configured; returns a line for the priority and for each refusal.
 
-    Called before the first thread is started: threads inherit it, and a thread without the priority that holds the
-    interpreter would keep the exchange waiting.
+    Call it before the first thread starts: threads inherit it, and a thread without the priority that holds the interpreter would
+    delay the exchange.
     """
     lines: list[Line] = []
     if config.cpu:

@@ -1,6 +1,6 @@
-"""Telling the service manager that the gateway is ready, alive and going: the protocol of sd_notify(3), a datagram for each line.
+"""Report to the service manager that the gateway is ready and alive: the protocol of sd_notify(3), a datagram for each line.
 
-The sign of life comes from the cyclic loop and from nowhere else: a loop that hangs is killed and started again.
+The sign of life comes only from the cyclic loop: a loop that hangs is ended and started again.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pdgw.ds301.counters import Counters
 from pdgw.durations import US
 
 _SHARE = 4
-"""So many signs of life in the time in which one is wanted."""
+"""Signs of life in one watchdog period."""
 
 
 class ServiceManager:
@@ -28,7 +28,7 @@ class ServiceManager:
         wanted = environment.get("WATCHDOG_USEC", "")
         mine = environment.get("WATCHDOG_PID", str(process)) == str(process)
         self.interval_ns = int(wanted) * US // _SHARE if wanted.isdigit() and mine else 0
-        """Between two signs of life, 0: none is wanted."""
+        """Time between two signs of life; 0: none requested."""
         self._due = 0
         self.failures = 0
 
@@ -38,7 +38,7 @@ class ServiceManager:
         return cls(os.environ, os.getpid())
 
     def count_in(self, counters: Counters) -> None:
-        """Show what was not taken."""
+        """Report a message that was not accepted."""
         counters.add("service", "failures", "messages", "the service manager did not accept", lambda: self.failures)
 
     def start(self) -> None:

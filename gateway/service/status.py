@@ -106,7 +106,7 @@ def _object_status(item: DriveObject) -> dict[str, Any]:
 
 
 def axis_status(axis: Axis) -> dict[str, Any]:
-    """One axis as plain data. A value no PDO of its telegram brings is None, as is a unit nobody told."""
+    """One axis as plain data. A value is None if no PDO of the telegram contains it or its unit is unknown."""
     feedback, drive_type = axis.drive.feedback, axis.drive.drive_type
     state = state_of(feedback.statusword)
     plan = axis.drive.plan
@@ -350,7 +350,7 @@ class StatusServer:
             self._loop.sleep(0)
 
     def _request(self, connection: socket.socket, deadline: int) -> bytes | None:
-        """One line, or what came before the end of what is sent; None from who sends neither in time."""
+        """One line, or the text before the end of the data; None if the client sends neither in time."""
         readable = Event(self._loop)
         request = b""
         self._loop.add_reader(connection.fileno(), readable.set)

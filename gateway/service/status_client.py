@@ -1,4 +1,4 @@
-"""Asking a running daemon what it does; see ``gateway.service.status`` for what answers, docs/status.md for what is in it."""
+"""Client of the status port of a running daemon; the server is ``gateway.service.status``, the document docs/status.md."""
 
 from __future__ import annotations
 

@@ -81,10 +81,10 @@ class ObjectFlag(IntFlag):
 
 @dataclass(frozen=True)
 class FramePlaces:
-    """Where the drive objects have their data in the frames; None: nowhere. Offsets count from the first byte that is kept.
+    """Place of a drive object's data in the frames; None: none. Offsets count from the first stored byte.
 
-    ``received_size`` and ``sent_size``: bytes that are kept of a frame from and to the PLC. ``kind``: ``udp`` frames begin with
-    the FrameID, of ``profinet`` those that are sent begin with the Ethernet header.
+    ``received_size`` and ``sent_size``: stored bytes of a frame from and to the PLC. ``kind``: ``udp`` frames start with the
+    FrameID; sent ``profinet`` frames start with the Ethernet header.
     """
 
     kind: str
@@ -109,7 +109,7 @@ class TracedObject:
 
 @dataclass(frozen=True)
 class RingLayout:
-    """Everything a reader has to know."""
+    """Description of the file for a reader."""
 
     name: str
     cycle_ns: int
@@ -141,7 +141,7 @@ class RingLayout:
 
     @property
     def cycles_offset(self) -> int:
-        """Where the records of the cycles begin: behind the description, on a page."""
+        """Offset of the cycle records: after the description, on a page."""
         return PAGE + _paged(len(self.text))
 
     @property

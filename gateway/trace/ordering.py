@@ -1,8 +1,8 @@
-"""In which order another processor sees what was stored in shared memory, and how Python code has a say in it.
+"""Order in which another processor sees stores to shared memory, and how Python code controls it.
 
-x86 shows stores in their order, and loads are made in theirs. ARM, RISC-V and POWER promise neither. Python has no barrier of
-its own, but its locks have: what was before a release is before it for everybody, what is behind an acquire is behind it, and
-a release is before the acquire that follows it.
+x86 keeps the order of stores and of loads. ARM, RISC-V and POWER do not. Python has no memory barrier, but its locks are
+barriers: stores before a release are visible before it, loads after an acquire happen after it, and a release is before the next
+acquire.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ IN_ORDER: Final = platform.machine().lower() in {"x86_64", "amd64", "i386", "i48
 
 
 class Fence:
-    """Calls separate what is stored or loaded before from what is after. Of one thread."""
+    """Each call separates earlier stores and loads from later ones. For one thread."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

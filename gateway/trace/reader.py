@@ -1,10 +1,8 @@
-"""The reading side of the ring, for tools in other processes: it copies, compares, and drops what was written meanwhile.
+"""Reader of the ring, for tools in other processes: it copies, compares, and omits records that were written meanwhile.
 
-A reader never holds up the writer and needs no lock: a record whose number is not the expected one before and after it was copied
-is torn or overwritten, and left out.
-
-Where stores may be seen out of order (``ordering``) the number proves nothing. The writer has a fence before each cycle, so that
-a record is whole when a later cycle is seen; a reader leaves out what is newer than that, and what may be overwritten already.
+A reader never delays the writer and needs no lock: a record whose number changed during the copy is overwritten and omitted.
+Where stores may be seen out of order (``ordering``) the number proves nothing. There the writer has a fence before each cycle, so
+a record is complete when a later cycle is visible; the reader omits newer records and those that may be overwritten.
 """
 
 from __future__ import annotations
@@ -190,7 +188,7 @@ class RingReader:
     # -- the records ------------------------------------------------------------------------------------------------------
 
     def cycles(self, after: int = 0, at_most: int | None = None, upto: int | None = None) -> list[Cycle]:
-        """The cycles behind sequence number ``after``, oldest first; ``at_most``: the newest so many; ``upto``: the last one."""
+        """The cycles after sequence number ``after``, oldest first; ``at_most``: only the newest; ``upto``: the last one."""
         layout = self.layout
         newest = self.newest_cycle
         first = self._first(newest, layout.cycles, after, at_most)
@@ -199,7 +197,7 @@ class RingReader:
         return self._copied(layout.cycles_offset, layout.cycles, self._cycle.size, first, last, self._cycle_at, word)
 
     def frames(self, after: int = 0, at_most: int | None = None) -> list[Frame]:
-        """The CAN frames behind sequence number ``after``, oldest first; ``at_most``: the newest so many."""
+        """The CAN frames after sequence number ``after``, oldest first; ``at_most``: number of newest ones."""
         layout = self.layout
         newest = self.newest_frame
         first = self._first(newest, layout.frames, after, at_most)

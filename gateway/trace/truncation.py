@@ -1,9 +1,8 @@
-"""Keep the process alive when somebody truncates a file that it has mapped.
+"""Keep the process alive when another program truncates a file that it has mapped.
 
-A store behind the end of a mapped file is SIGBUS, which ends the process without a stop sequence. A file in a run directory
-cannot be sealed against it (only memory without a name can). So the signal's handler puts anonymous memory in the place of the
-file, and the processor repeats the store there. The handler runs in the thread that stores, inside one store to the ring, and
-uses nothing that such a store leaves unfinished.
+A store beyond the end of a mapped file is SIGBUS, which would end the process without a stop sequence. A file in a run directory
+cannot be sealed against it. So the signal handler puts anonymous memory in the place of the file, and the processor repeats the
+store. The handler runs inside one store to the ring and uses nothing that this store leaves unfinished.
 """
 
 from __future__ import annotations

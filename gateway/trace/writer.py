@@ -1,7 +1,7 @@
-"""The writing side of the ring: a record in less than a microsecond, and a file that is there before the first one.
+"""Writer of the ring: a record in less than a microsecond, in a file that exists before the first record.
 
-Nothing here waits for the disk or allocates while the exchange runs: the file is made whole and its pages are mapped when it is
-opened. Nobody is told of a record; readers look at the file (``reader``).
+Nothing waits for the disk or allocates memory during the exchange: the file is created and its pages are mapped when it is
+opened. Readers poll the file (``reader``).
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ class RingFile:
 
     @property
     def truncated(self) -> bool:
-        """Somebody made the file shorter: what is recorded since is lost."""
+        """Another program truncated the file: the records since then are lost."""
         return self._mapping.truncated
 
     def close(self) -> None:

@@ -45,7 +45,7 @@ _SERVED_ELSEWHERE: Final = frozenset({"STW2", "ZSW2", "USER", "RESERVED", "RESER
 
 
 class SignalAdapter:
-    """Finds the signals of a telegram by name; ``check`` refuses a telegram with a signal that nobody asked for."""
+    """Find the signals of a telegram by name. ``check`` rejects a telegram with a signal that the adapter did not request."""
 
     def __init__(self, telegram: Telegram) -> None:
         self.telegram = telegram

@@ -103,9 +103,9 @@ _LOWEST, _HIGHEST = DataType.INTEGER32.integer_range
 
 
 class PositionerAdapter(ControlWordAdapter):
-    """What telegrams 7, 110 and 111 have in common: STW1 and ZSW1, and that words are looked at when they change.
+    """Common part of telegrams 7, 110 and 111: STW1 and ZSW1. Control words are evaluated only when they change.
 
-    A telegram's own adapter names its control words and evaluates them. Without control, or a PLC, nothing is asked.
+    The adapter of each telegram names its control words and evaluates them. Without control by a PLC, no motion is requested.
     """
 
     ASIDE: ClassVar[frozenset[str]] = frozenset({"_last"})

@@ -1,7 +1,7 @@
-"""What the machine asks of every executor, and what executors have in common.
+"""Interface of executors to the machine, and their common functions.
 
-An executor reads and writes one ``AxisCycle``: the drive's command image, its share of the report. It is stepped while the drive
-is known well enough; ``refuse`` is called instead while it is not.
+An executor reads and writes one ``AxisCycle``: the command image of the drive and its part of the report. The machine calls
+``step`` while the drive is known well enough, else ``refuse``.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ OPERATION_ENABLED = tuple(state is State.OPERATION_ENABLED for state in STATE_OF
 
 
 class Troubles:
-    """What a drive has told and not taken back: overtemperatures, and its last error code."""
+    """Active reports of a drive: overtemperatures and its last error code."""
 
     __slots__ = ("code", "motor_hot", "stage_hot")
 
@@ -44,7 +44,7 @@ class Troubles:
 
 
 class Notes:
-    """What an executor has to tell beside the report, read by the machine after each step; ``troubles`` is for it to know."""
+    """Messages of an executor beside the report, read by the machine after each step. ``troubles`` are its inputs."""
 
     PASSING: ClassVar[frozenset[str]] = frozenset({"faults", "saturations", "reason"})
 
@@ -64,8 +64,8 @@ class Notes:
         """SDO writes that are wanted, until they are answered, withdrawn or replaced."""
 
     def forget(self) -> None:
-        """No reason yet. By a method: a type checker would take an assigned None for what is there after the next call too, and
-        compiled code would insist on it."""
+        """Clear the reason. A method, because a type checker would assume that an assigned None is still there after the next
+        call, and compiled code would enforce it."""
         self.reason = None
 
     def limited(self, conversion: Normalisation, wire: int) -> int:
@@ -163,8 +163,8 @@ class Executor:
     def step(self) -> Reason | None:
         """One cycle: the command with bits 0-3 and 7 of the Controlword as given, and the report.
 
-        Sets ``report.flags`` to the flags that only the executor knows. Returns the reason why it does not do what is asked:
-        the one of the cycle, or its own.
+        Sets ``report.flags`` to the flags that only the executor knows. Returns the reason why it does not follow the request:
+        that of the cycle, or its own.
         """
         raise NotImplementedError
 
@@ -177,7 +177,7 @@ def known(value: Fraction | None, what: str, key: str) -> Fraction:
 
 
 def highest(drive: DriveType, quantity: Quantity, *attributes: str) -> int:
-    """100 % of a quantity, as far as these objects of the drive can hold it; Dsp402Error where it is not known, or below 1."""
+    """100 % of a quantity, limited to the range of these objects; Dsp402Error if it is unknown or below 1."""
     limits = [drive.limits(attribute)[1] for attribute in attributes if drive.has(attribute)]
     found = min([int(drive.scaling.reference(quantity)), *limits])
     if found < 1:
@@ -192,7 +192,8 @@ def demanded_speed(feedback: DriveFeedback) -> int:
 
 
 class LimitWatch:
-    """Whether a limit switch holds an axis: it stands at a limit of the drive with something to do for ``LIMIT_STANDING_NS``."""
+    """Detects that a limit switch stops an axis: at a limit of the drive, at standstill with a setpoint for
+    ``LIMIT_STANDING_NS``."""
 
     INSTANTS: ClassVar[Mapping[str, int]] = {"_since": LIMIT_STANDING_NS}
 

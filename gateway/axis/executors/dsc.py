@@ -60,7 +60,7 @@ class DscExecutor(Executor):
         self._heard = 0
         """When the newest set-points came; this cycle while DSC is off."""
         self._out_of_date = False
-        """They did not come for too long: the axis stops, whatever comes meanwhile."""
+        """No new setpoints for too long: the axis stops, whatever arrives during the stop."""
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
         if drive.max_torque <= 0:
@@ -160,7 +160,7 @@ class DscExecutor(Executor):
             self._travel(self._velocity)
 
     def _is_out_of_date(self, dsc: Dsc) -> bool:
-        """Whether the axis has to come to a stand before DSC starts anew: no watchdog is short enough to stand in for it."""
+        """Whether the axis must stop before DSC starts again, independent of the watchdog time."""
         now = self.cycle.now
         if dsc.setpoint.active and now - self._heard > dsc.hold_ns:
             self._out_of_date = True

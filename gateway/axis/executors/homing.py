@@ -23,7 +23,7 @@ from pdgw.gateway.reasons import FaultNumber, Reason
 HOMING_STALE_NS: Final = 50 * MS
 """A "homing attained" that was already there at the start counts only after this time (method 35 is immediate)."""
 HOMING_UNATTAINED_NS: Final = SECOND
-"""A drive that stands with "target reached" but without "homing attained" for so long has given the homing up."""
+"""After this time at standstill with "target reached" but without "homing attained", the drive has aborted the homing."""
 _SAME_METHOD = {35: 37, 37: 35}
 """Current position (CiA 402)."""
 _SPEEDS = (1, 2)
@@ -33,7 +33,7 @@ _ERROR = StatusBit.MODE_13
 
 
 class Progress(enum.Enum):
-    """Where a homing that was begun has come to."""
+    """Progress of a homing."""
 
     WAITS = "waits"
     READY = "ready to start"
@@ -110,7 +110,7 @@ class Homing:
         self._ask()
 
     def _ask(self) -> None:
-        """Not before the answer to the writes of a homing that was given up: it would be taken for ours."""
+        """Wait for the answer to the writes of an aborted homing, which would count as the answer to the new one."""
         if not self._busy:
             self._busy = True
             self._answer = ""
@@ -127,7 +127,7 @@ class Homing:
         self._answer = None
 
     def prepare(self) -> Progress:
-        """READY once the drive has taken method and speeds and confirmed mode 6."""
+        """READY when the drive has accepted method and speeds and confirmed mode 6."""
         notes = self._notes
         if self._answer is None:
             self._ask()

@@ -114,14 +114,14 @@ class Interpolation:
         self._cut = False
         """The target was outside the range, and is its end."""
         self._held = 0
-        """The direction in which a limit of the drive holds the axis, until something else is asked; 0: none does."""
+        """Direction in which a limit of the drive stops the axis, until another request; 0: none."""
         self._unseen = False
         """The drive was away, or not understood: what it shows next is news."""
 
     def set_drive(self, drive: DriveType, *, modulo: bool) -> DriveType:
-        """What the executor has to be given instead of this drive; ``modulo``: it turns on over the end of a range.
+        """Drive type for the executor in place of the real one; ``modulo``: positions wrap at the end of a range.
 
-        Dsp402Error where a unit is not known, or the drive's range wraps under a modulo axis.
+        Dsp402Error if a unit is unknown, or if the range of the drive wraps under a modulo axis.
         """
         if modulo and drive.scaling.position_wraps:
             raise Dsp402Error("modulo_range", "607Bh wraps", "a drive without 607Bh, or with profile position (6502h)")
@@ -241,7 +241,8 @@ class Interpolation:
         return not feedback.statusword & _FOLLOWS
 
     def _is_held(self, direction: int, feedback: DriveFeedback) -> bool:
-        """A drive that does not take the targets stands, and the set-point with it: it would jump once it follows again."""
+        """While a drive does not accept the targets, its setpoint stays at the actual position. Otherwise it would jump
+        afterwards."""
         if self._ignored(feedback):
             if feedback.statusword & StatusBit.INTERNAL_LIMIT:
                 self._held = direction

@@ -1,4 +1,4 @@
-"""The mode of operation (6060h): asked for while no Halt is set, used once the drive shows it (6061h)."""
+"""Mode of operation (6060h): requested only without Halt, used when the drive confirms it (6061h)."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class ModeSwitch:
         return self._cycle.feedback.modes_of_operation_display == self.base
 
     def confirmed(self, mode: int) -> bool:
-        """Ask for a mode (never while Halt is set) and tell whether 6061h shows it."""
+        """Request a mode (never while Halt is set) and return whether 6061h confirms it."""
         cycle = self._cycle
         shown, now = cycle.feedback.modes_of_operation_display, cycle.now
         if self.mode != mode and not self.halted:

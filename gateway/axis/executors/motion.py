@@ -101,7 +101,7 @@ class MotionExecutor(Executor):
         raise NotImplementedError
 
     def _stop(self) -> None:
-        """Not in operation: nothing that was given goes on, and what was not given never is."""
+        """Not in operation: the present setpoint is cancelled, and a waiting one is never sent."""
         seen = self._seen
         seen.given = seen.taken = seen.executing = self.positioner.outcome.motion.serial
         self._end_set_point()

@@ -1,11 +1,9 @@
-"""The positioner's motions on a drive: profile position (6060h = 1), profile velocity (3), homing (6), with their handshakes.
+"""Motions of the positioner on a drive: profile position (6060h = 1), profile velocity (3) and homing (6), with their handshakes.
 
-Source: docs/motion.md, docs/translation.md. Each set-point is given once: CW.4 rises with its data and falls when the drive has
-acknowledged it (SW.12), whatever STW1.6 does. The mode changes at standstill only and never with Halt.
-
-The position of a modulo axis is counted on across the ends of what the drive shows: of 607Bh where it wraps, else of 32 bit. A
-way that crosses an end is given as a relative task from standstill, behind an absolute one to where the axis stands: whatever a
-drive takes a distance from (60F2h), it is that position then.
+Source: docs/motion.md, docs/translation.md. Each setpoint is sent once: CW.4 rises with its data and falls when the drive has
+acknowledged it (SW.12), independent of STW1.6. The mode changes at standstill only and never with Halt. The position of a modulo
+axis is counted beyond the wrap of the drive: 607Bh if it wraps, else 32 bit. A way across the wrap is sent as a relative task
+from standstill, after an absolute task to the actual position. Then every reading of 60F2h starts at that position.
 """
 
 from __future__ import annotations
@@ -209,7 +207,7 @@ class PositionerExecutor(MotionExecutor):
         return reason
 
     def _warn(self, warning: Reason | None) -> None:
-        """Another warning of the positioner as one of the axis: told once, shown while it stands."""
+        """Report another warning of the positioner once; it is shown while it is active."""
         if warning is None:
             self.notes.warning = False
         elif warning is not Reason.HOMING_ERROR:  # told where it was found
@@ -333,7 +331,7 @@ class PositionerExecutor(MotionExecutor):
             seen.given = seen.taken = seen.executing = motion.serial
 
     def _give(self, motion: Motion, units: LengthUnits) -> None:
-        """A set-point, once the drive has taken the acknowledge of the last one back and has the torque limit."""
+        """Send a setpoint when the drive has cleared the last acknowledge and has the torque limit."""
         if self.cycle.feedback.statusword & ACKNOWLEDGED:
             return
         if not self._torque.holds(motion.torque):
@@ -377,7 +375,7 @@ def _in_length(length: LengthUnits, positions: tuple[int, int]) -> tuple[int, in
 
 
 def _settings(choices: PositionerChoices) -> PositionerSettings:
-    """Before the drive is known: its range is that of the object."""
+    """Range before the drive is known: that of the object."""
     return PositionerSettings(
         choices.max_velocity,
         choices.position_window,

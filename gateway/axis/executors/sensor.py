@@ -83,10 +83,10 @@ class SpeedFromPosition:
         self._samples.clear()
 
     def step(self, count: int, time: int, now: int) -> int:
-        """The mean speed over the last 50 ms, or over the last interval where positions come more seldom.
+        """Mean speed over the last 50 ms, or over the last interval if positions arrive less often.
 
-        ``count``: position across wraps; ``time``: when it arrived, ``now``: monotonic nanoseconds. 0 until there are two
-        positions, and when none came for so long that the encoder stands.
+        ``count``: position across wraps; ``time``: its arrival, ``now``: monotonic nanoseconds. 0 before the second position, and
+        when no position arrived for so long that the encoder must be at standstill.
         """
         samples = self._samples
         if not samples or time > samples[-1][0]:
@@ -111,7 +111,7 @@ class SensorChannel:
     def __init__(self) -> None:
         self.sensor = SensorInterface(1 << 32)
         self.preset_write: SdoWrite | None = None
-        """What the encoder has to take for the present request; another object for each request."""
+        """Preset for the encoder; a new object for each request."""
         self.valid = False
         """The last step had a position."""
         self._references: EncoderReferences | None = None
@@ -193,7 +193,7 @@ class SecondDriveSensor(DriveSensor):
 
 
 class SensorWords:
-    """G1 or G2 of a drive's telegram beside its executor; ``preset`` is what the encoder has to take."""
+    """G1 or G2 in the telegram of a drive, beside its executor; ``preset`` is the value for the encoder."""
 
     def __init__(self) -> None:
         self.channel = SensorChannel()

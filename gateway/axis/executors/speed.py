@@ -31,8 +31,9 @@ _WITHIN_TOLERANCE: Final = Flag.WITHIN_TOLERANCE
 
 
 class SpeedExecutor(Executor):
-    """An axis that a limit switch stopped does not move on by itself when the switch is released: 60FFh is 0 until the PLC takes
-    its setpoint through 0 (or to the other direction, off the switch), or out of operation.
+    """An axis that a limit switch has stopped does not move by itself after the release.
+
+    60FFh is 0 until the PLC's setpoint passes through 0, changes its direction, or the axis leaves operation.
     """
 
     ASIDE: ClassVar[frozenset[str]] = frozenset({"_wire", "_value", "_limited"})
@@ -137,7 +138,7 @@ class SpeedExecutor(Executor):
         return reason
 
     def _freeze(self) -> None:
-        """The target is where the ramp was when it was frozen; an axis that stood at a limit keeps what it is held for."""
+        """The target is the frozen ramp value. An axis stopped at a limit stays stopped."""
         self._jogging = None
         if not self._frozen and not self._stopped:
             low, high = self._range
@@ -170,7 +171,7 @@ class SpeedExecutor(Executor):
         return self._jog_speeds[0 if wish is _JOG_1 else 1]
 
     def _held_at_limit(self, target: int) -> int:
-        """The target, or 0 while an axis that stood at a limit is asked for the same direction again."""
+        """The target, or 0 if an axis stopped at a limit gets a setpoint in the same direction again."""
         if target * self._stopped > 0:
             return 0
         self._stopped = 0

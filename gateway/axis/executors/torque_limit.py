@@ -12,7 +12,7 @@ from pdgw.gateway.reasons import FaultNumber, Reason
 
 
 class TorqueLimit:
-    """``follow`` once per cycle; ``holds`` once the drive has a limit."""
+    """Call ``follow`` once per cycle; ``holds`` is True when the drive has the limit."""
 
     __slots__ = ("_base", "_held", "_notes", "_refused", "_writes")
 
@@ -20,7 +20,7 @@ class TorqueLimit:
         self._notes = notes
         self._base = 0
         self._held = 0
-        """What the drive holds; -1 while that is not known."""
+        """Present limit in the drive; -1 while it is unknown."""
         self._refused = -1
         self._writes: tuple[SdoWrite, ...] | None = None
 
@@ -30,14 +30,14 @@ class TorqueLimit:
         return self._base
 
     def set_base(self, limit: int) -> None:
-        """What the drive is, was found out anew: a limit of ours that still stands is not taken for the drive's own."""
+        """The type of the drive was read again. A limit that this gateway has set does not count as the drive's own."""
         if self._base and self._held != self._base:
             return
         self._base = self._held = limit
         self._writes = None
 
     def restarted(self) -> None:
-        """The drive has its own limit again, or what it had last: it is written once."""
+        """The drive has its own or its last limit again: write the new one once."""
         self._writes = None
         self._held = -1 if self._base else 0
         self._refused = -1
@@ -50,7 +50,7 @@ class TorqueLimit:
         return self._held == self._limit(torque)
 
     def follow(self, torque: int | None) -> None:
-        """The limit that is wanted, in 1/1000 of the rated torque; None: the drive's own. Behind all that may write."""
+        """Requested limit in 1/1000 of the rated torque, None: the drive's own. Call it after everything that may write."""
         notes, wanted = self._notes, self._limit(torque)
         if self._writes is not None and notes.writes != self._writes:
             self._writes = None  # homing has taken the place: once more behind it

@@ -1,4 +1,4 @@
-"""What is told of a device's own doings: once, under its number, and without losing the first cause.
+"""Reports of events of a device: each once, with its number, without losing the first cause.
 
 Source: docs/translation.md "Losses", docs/parameter-channel.md "Fault buffer".
 """
@@ -21,13 +21,14 @@ from pdgw.gateway.axis.values import FaultRead, FaultRecord, NodeNotice, Notice,
 from pdgw.gateway.reasons import FaultNumber, Reason
 
 SAME_EVENT_NS: Final = SECOND
-"""What repeats is told once in this time: a loose contact must not push the first cause out of the fault buffer."""
+"""A repeated event is reported once in this time, so that a loose contact does not push the first cause out of the fault buffer.
+"""
 ACKNOWLEDGE_NS: Final = SECOND
-"""So long may a device take to leave its fault."""
+"""Longest time in which a device leaves its fault."""
 EMERGENCY_PATIENCE_NS: Final = 200 * MS
-"""An EMCY may come so long before or after the Statusword that shows its fault."""
+"""Longest time between an EMCY and the Statusword that shows its fault, in either order."""
 EMERGENCIES_KEPT: Final = 64
-"""So many different EMCY are told apart at a time."""
+"""Number of different EMCY that are distinguished at a time."""
 INTERNAL_FAULT: Final = 10
 CANOPEN_FAULT: Final = 12
 """The manufacturer's numbers for what has none of its own."""
@@ -57,7 +58,7 @@ _COMMAND: Final = CONTROLWORDS[Action.ENABLE_OPERATION]
 
 
 class Repetitions:
-    """What was told when; the oldest is forgotten when there are too many."""
+    """Time of each report; the oldest is removed when there are too many."""
 
     ASIDE: ClassVar[frozenset[str]] = frozenset({"_told"})
 
@@ -67,7 +68,7 @@ class Repetitions:
         self._told: dict[object, int] = {}
 
     def is_new(self, what: object, now: int) -> bool:
-        """Whether this was not told within the last second; takes note of it."""
+        """Return whether this was not reported within the last second, and store the report."""
         told = self._told
         last = told.get(what)
         if last is not None and now - last < SAME_EVENT_NS:
@@ -269,7 +270,7 @@ class DriveWatch:
             self._outputs.fault(gateway_fault(number, detail, now))
 
     def step(self, node: NodeWatch, now: int) -> None:
-        """A fault in the Statusword that no EMCY told: its number and code have to be read from the drive."""
+        """The Statusword shows a fault without EMCY: read its number and code from the drive."""
         since = self.fault_since
         if since and now - since >= EMERGENCY_PATIENCE_NS:
             self.fault_since = 0

@@ -1,7 +1,7 @@
-"""The guard behind everything: counts how often operation is enabled against how often the PLC asked for it.
+"""Last guard: compares the number of Enable Operation commands with the number of requests of the PLC.
 
-It knows no phases and no drive. An ON counts after an OFF of the same connection. Each time the PLC begins to ask for operation
-in such an ON (STW1 bits 0-3 = 1111 after another word), one rising Enable Operation may follow. Source: docs/safety.md.
+It uses no phases and no drive state. An ON counts after an OFF of the same connection. Each time the PLC starts to request
+operation in such an ON (STW1 bits 0-3 = 1111 after another word), one rising Enable Operation is allowed. Source: docs/safety.md.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _GOES_ON: Final = (PowerWish.ON, PowerWish.HOLD)
 
 
 class EnableGuard:
-    """One axis. ``step`` once per cycle, behind whatever made the Controlword."""
+    """Guard of one axis. Call ``step`` once per cycle, after everything that changes the Controlword."""
 
     __slots__ = ("_asked", "_commanded", "_granted", "_off_seen", "_on")
 
@@ -37,10 +37,8 @@ class EnableGuard:
         """The PLC began to ask, and operation was not commanded since."""
 
     def step(self, wish: PowerWish | None, controlword: int) -> bool:
-        """One cycle; False for an Enable Operation that nobody asked for, which must not be sent.
-
-        ``wish``: what the PLC asks of the power stage, None without one.
-        """
+        """One cycle; False for an Enable Operation without a request, which must not be sent. ``wish``: request of the PLC, None
+        without one."""
         asks = wish is _ENABLE
         if asks is not self._asked or not asks:
             self._asked = asks

@@ -1,6 +1,7 @@
-"""Sign of life of a drive's telegram: STW2 and ZSW2 bits 12-15 in both directions, watched with P925.
+"""Sign of life of a drive's telegram: bits 12-15 of STW2 and ZSW2, monitored with P925.
 
-Source: PROFIdrive profile 4.1 (P925), docs/motion.md "Sign of life". Watching and answering begin with the PLC's first counter.
+Source: PROFIdrive profile 4.1 (P925), docs/motion.md "Sign of life". Monitoring and answers start with the first counter of the
+PLC.
 """
 
 from __future__ import annotations

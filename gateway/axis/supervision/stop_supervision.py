@@ -1,9 +1,8 @@
-"""Whether a drive obeys a stop, and the brakes that are left when it does not.
+"""Detects that a drive does not stop, and selects the next brake.
 
-After a stop is commanded, the Statusword has to leave Operation Enabled, or the speed to fall along the drive's ramp, within a
-time that follows from how fast commands and answers travel. Otherwise the node is to be stopped by NMT; if it does not show that
-it obeys this either, the gateway's heartbeat is to be withheld, so that the drive's own abort option (6007h) is the last brake.
-Source: docs/safety.md.
+After a stop command, the Statusword must leave Operation Enabled, or the speed must fall along the ramp of the drive, within a
+time that follows from the latencies. Otherwise the node is stopped by NMT. If it does not confirm that, the gateway's heartbeat
+is withheld, so that the abort option 6007h of the drive is the last brake. Source: docs/safety.md.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from typing import ClassVar, Final
 from pdgw.gateway.axis.power_table import Action
 
 RAMP_MARGIN: Final = 2
-"""So many times its stop time may a drive take."""
+"""Factor on the stop time of the drive."""
 _HOLDS_POWER: Final = (Action.RAMP, Action.QUICK_STOP)
 """Commands during which the drive brakes with power on."""
 
@@ -28,7 +27,7 @@ class Brake(enum.IntEnum):
 
 
 class StopWatch:
-    """One axis. ``step`` in each cycle in which the drive is not obeying the PLC and not known to be off."""
+    """One axis. Call ``step`` in each cycle in which the drive does not follow the PLC and may have power."""
 
     __slots__ = (
         "_began",
@@ -79,10 +78,10 @@ class StopWatch:
     def step(
         self, action: Action, operating: bool, seen: bool, node_stopped: bool, velocity: int, window: int, now: int
     ) -> bool:
-        """One cycle of a stop; True when the drive is found not to obey.
+        """One cycle of a stop; True if the drive does not follow it.
 
-        ``operating``: it shows Operation Enabled. ``seen``: what it shows is fresh. ``node_stopped``: its heartbeat says Stopped.
-        ``velocity``: actual speed, standstill within ``window``. ``now``: monotonic nanoseconds.
+        ``operating``: it shows Operation Enabled. ``seen``: its values are fresh. ``node_stopped``: its heartbeat reports
+        Stopped. ``velocity``: actual speed, standstill within ``window``. ``now``: monotonic nanoseconds.
         """
         if self.brake is Brake.NMT_STOP:
             if node_stopped:

@@ -38,9 +38,9 @@ _GROWTH: Final = 1.01
 _GROWTH_STEPS: Final = 5
 """so often in a row keeps growing."""
 _POSITIONS: Final = 1 << 32
-"""A position begins anew after so many units, unless 607Bh says less."""
+"""Position units after which the position wraps, unless 607Bh has fewer."""
 _RAMP_MARGIN: Final = 2
-"""So many times its stop time may a drive take for a slower setpoint."""
+"""Factor on the stop time for a slower setpoint."""
 
 
 class VelocityCheck:
@@ -212,5 +212,5 @@ class VelocityCheck:
 
 
 def _shortest(step: int, span: int) -> int:
-    """The way between two positions of a counter that begins anew after ``span``."""
+    """Distance between two positions of a counter that wraps after ``span``."""
     return (step + span // 2) % span - span // 2

@@ -1,12 +1,12 @@
 """The PROFINET link of the gateway: an IO device on an Ethernet interface.
 
-The controller sets the pace: new output data steps the drive objects, input data goes out with the device's own timing. What came
-with the name and the address by DCP is kept in the store. The axes do not wait for the data hold time of the relationship, which
-may be up to 1.92 s: ``watchdog_factor`` cycles without data are a loss of the PLC for them.
+New output data of the controller steps the drive objects; input data is sent with the timing of the device. Name and address from
+DCP are in the store. The axes do not wait for the data hold time of the relationship (up to 1.92 s): ``watchdog_factor`` cycles
+without data are a loss of the PLC.
 
-Of two redundant controllers one leads. While neither does, the axes keep the last setpoints for the redundancy data hold time, as
-long as the other one is there. A new leader that orders the same, or a stop, goes on. Anything else is a loss of the PLC for the
-axis.
+Of two redundant controllers one leads. While none leads and the other one is connected, the axes keep the last setpoints for the
+redundancy data hold time. With a new leader that sends the same control words, or a stop, an axis continues. Anything else is a
+loss of the PLC for the axis.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ _ORDERS_LOST: Final = "the gateway was held up, and more orders came than it can
 
 
 class Served(Diagnosed, Protocol):
-    """What the link has to know of a drive object."""
+    """Data of a drive object for the link."""
 
     telegram: Telegram
 
@@ -96,7 +96,7 @@ class ProfinetLink:
         self._consumer: Consumer | None = None
         """Of the controller that leads, or led last while another one may take over."""
         self._taken_over = False
-        """Another controller leads: what it orders is compared with what is in force."""
+        """Another controller leads: compare its orders with those in force."""
         self.switchovers = 0
         self._pairing: Pairing | None = None
         """None: the relationship has two cycles or a long one, or there is none."""
@@ -118,7 +118,7 @@ class ProfinetLink:
         self._limit_ns = 0
         self._came = 0
         self.more = True
-        """What waits behind a frame that came at its time is taken in the next turn: the kernel need not be asked each cycle."""
+        """Data after a punctual frame is processed in the next turn, which saves one system call in each cycle."""
         self._told: list[set[MessageClass]] = [set() for _ in objects]
         self._newest: tuple[Sequence[Sequence[int]], Sequence[bool]] | None = None
         """Actual values of the last step and whether they are valid: what a new relationship begins with."""
@@ -320,7 +320,7 @@ class ProfinetLink:
         return True
 
     def _hold_ns(self, now: int) -> int:
-        """How long the axes go on without a controller that leads: 0 where no other one can take over."""
+        """How long the axes continue without a leading controller: 0 if no other one can take over."""
         return 0 if self.device.successor(now) is None else self.device.redundancy_hold_ns
 
     def lose_setpoints(self) -> None:

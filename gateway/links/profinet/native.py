@@ -77,7 +77,7 @@ class Engine(Protocol):
 
     @property
     def more(self) -> bool:
-        """Something waits behind what ``take`` returned."""
+        """More data waits after the result of ``take``."""
 
     @property
     def counter(self) -> int:

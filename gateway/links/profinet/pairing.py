@@ -1,8 +1,8 @@
-"""Both cyclic frames of a PROFINET relationship in one turn of the loop: a wake costs more than most of what it is for.
+"""Both cyclic frames of a PROFINET relationship in one turn of the loop, because a wake of the process is expensive.
 
-The input frame goes out by the gateway's own timer, which is moved to just behind the controller's frame. That one waits in the
-socket for so long and is taken when the input frame is due, which leaves with its answer. A frame that is not there by then wakes
-the loop again, and so does one now and then, by which it is seen how far the two clocks have drifted apart.
+The gateway's timer for the input frame is moved to shortly after the controller's frame. That frame waits in the socket and is
+processed when the input frame is due, which contains its answer. A later frame wakes the loop. From time to time the loop also
+waits for the frame to measure the drift of the two clocks.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ for the next input frame too, would wait for long."""
 _WAIT_NS: Final = MS // 10
 """So long waits a frame that is at its time: what controllers vary by is less."""
 _LOOK_NS: Final = 500 * MS
-"""So often is it looked when the controller's frame comes: clocks may be apart by some 50 us each second."""
+"""Interval of this measurement: clocks may drift by some 50 us each second."""
 
 
 class Pairing:
@@ -27,7 +27,7 @@ class Pairing:
 
     def __init__(self, port: EthernetPort, provider: Provider) -> None:
         self.together = False
-        """The controller's frame is taken when the input frame is due, and wakes nobody."""
+        """The controller's frame is processed when the input frame is due, without a wake of its own."""
         self._port = port
         self._provider = provider
         self._cycle = provider.cycle_ns
@@ -45,7 +45,7 @@ class Pairing:
         self._fits = abs(late) <= self._wait // 2
 
     def due(self, now: int) -> bool:
-        """Before an input frame is sent: whether the controller's frame has to be taken now."""
+        """Before an input frame is sent: whether the controller's frame must be processed now."""
         if now < self._provider.due:
             return False
         if self._fits:  # this cycle's frame was taken when it came, the next one will wait

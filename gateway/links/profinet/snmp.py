@@ -43,7 +43,7 @@ _TEXT_MAX: Final = 255
 
 
 class SnmpService:
-    """Answers who asks with a configured community; the one for writing changes three texts. ``sock``: that of ``open_port``."""
+    """Answer requests with a configured community; the write community changes three texts. ``sock``: from ``open_port``."""
 
     def __init__(self, daemon: Daemon, sock: socket.socket) -> None:
         assert isinstance(daemon.link, ProfinetLink)

@@ -1,4 +1,4 @@
-"""Name and address of the PROFINET station: what DCP gives, what the interface has, what is kept, and what the log has of it."""
+"""Name and address of the PROFINET station: from DCP, of the interface, in the store, and in the log."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ log = logging.getLogger("gateway")
 FLASH_NS = 3_000 * MS
 """How long the device shows itself after a flash signal."""
 _SAME_REFUSAL_NS, _OTHER_REFUSAL_NS = 60_000 * MS, 1_000 * MS
-"""A Connect that is refused for the same reason is told again after so long, one for another reason after so long."""
+"""Times after which a refused Connect is logged again: for the same reason, for another reason."""
 
 
 _CLEARED = (
@@ -30,7 +30,8 @@ _CLEARED = (
 
 
 class StationKeeper:
-    """Of one interface. A fixed address (``ip`` in [transport]) comes before the stored one, that before what is there."""
+    """Station of one interface. A fixed address (``ip`` in [transport]) has priority over the stored one, and that over the
+    present one."""
 
     def __init__(self, port: EthernetPort, transport: TransportConfig, store: ParameterStore, loop: Loop) -> None:
         self._port = port
@@ -118,7 +119,7 @@ class StationKeeper:
                 self._tell_refused(event)
 
     def _tell_refused(self, refused: Refused) -> None:
-        """A controller asks again every few seconds, a stranger as often as he likes: the log has each reason, and room."""
+        """A controller repeats its Connect every few seconds, an unknown sender at any rate: log each reason, with a limit."""
         now = self._loop.now()
         silent = _SAME_REFUSAL_NS if refused == self._refused else _OTHER_REFUSAL_NS
         if self._refused is None or now - self._refused_at >= silent:
