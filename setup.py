@@ -36,6 +36,7 @@ COMPILED = (
     "ds301/pdo.py",
     "dsp402/drive/client.py",
     "dsp402/drive/images.py",
+    "dsp402/drive/rpdos.py",
     "dsp402/drive/settings.py",
     "dsp402/pdo/layouts.py",
     "dsp402/pdo/value_check.py",

@@ -7,14 +7,13 @@ drive (docs/translation.md "PDO layouts"), which takes SDO writes where the driv
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 import canopen
-from canopen.sdo import SdoAbortedError, SdoCommunicationError
+from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import NOT_THERE, abort_text
 from pdgw.ds301.bus.network import CanNetwork
@@ -36,6 +35,7 @@ from pdgw.ds301.pdo import Pdo, PdoLayout
 from pdgw.dsp402.drive.configuration import interpolation_steps
 from pdgw.dsp402.drive.guarding import Guarding, guard
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.drive.rpdos import RpdoSender
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
@@ -44,7 +44,6 @@ from pdgw.dsp402.identification.generic import dictionary_of, generic_dictionary
 from pdgw.dsp402.indices import INTERPOLATION_TIME, POSITION_ACTUAL
 from pdgw.dsp402.modes import MODE_CONFIRM_NS, Mode
 from pdgw.dsp402.objects import (
-    CONTROL_ATTRIBUTE,
     CONTROLWORD,
     DRIVE_PROFILE,
     HOMING_METHOD,
@@ -90,29 +89,6 @@ _OFF: Final = (State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED, State.REA
 """States of a drive that has no power, and gets none without two commands."""
 
 
-class _Sender:
-    """What was last sent of one RPDO."""
-
-    def __init__(self, pdo: Pdo, cob_id: int) -> None:
-        self.pdo = pdo
-        self.cob_id = cob_id
-        self.last = b""
-        self.time = 0
-
-
-class _Values:
-    """The values of an RPDO the drive does not have: set in the cycle, written by SDO in the node's task."""
-
-    def __init__(self, pdo: Pdo) -> None:
-        self.pdo = pdo
-        self.wanted = b""
-        self.written: bytes | None = b""
-        """What the drive holds for certain; None while or after a write that did not end well."""
-        self.refused: bytes | None = None
-        self.retry_at = 0
-        self.error = ""
-
-
 def load_eds(path: Path, node_id: int) -> canopen.ObjectDictionary:
     """The object dictionary of a user's EDS/DCF; Dsp402Error names the file and what is wrong with it."""
     return load_dictionary(path, node_id, (DEVICE_TYPE, CONTROLWORD[0], STATUSWORD[0]), "a drive", Dsp402Error)
@@ -145,38 +121,21 @@ class DriveClient(NodeClient[DriveSettings]):
         """The drive's own values of the limits and ramps that RPDOs carry now."""
         self._identity: tuple[int, int] | None = None
         """Vendor-ID and product code of the device whose objects were found out."""
-        self.set_point_refused = False
-        """A new set-point (Controlword.4) does not reach the drive, because its data could not be written; until it falls."""
-        self._data_senders: list[_Sender] = []
-        self._control = _Sender(layout.rpdos[0], layout.rpdos[0].cob_id(settings.node_id))
-        self._starts_early = False
-        """The Controlword is not the last object of its RPDO: the drive may see it before the data behind it."""
+        node_id = settings.node_id
+        self.rpdos = RpdoSender(network, layout.rpdos[0], node_id, self.feedback, self._wake_up, self._tell)
+        """What is sent of each command."""
         self._mapping = DriveMapping(self.read_number)
-        self._fault_reset: FaultReset | None = None
-        self._mode_awaited: int | None = None
-        """A mode that 6061h has not shown yet; no speed is sent meanwhile."""
         self._mode_wrong = ""
         self._operating_since = -1
         self._value_check = PdoValueCheck(())
         self._value_check_due = 0
         self._dropped = ""
         self._units = UnitWatch({})
-        self._motion_asked = False
-        self._acyclic_rpdos: list[_Values] = []
-        self._set_point_sent = False
-        self._held_since = -1
-        self._hold_limit_ns = 0
-        self._command: DriveCommand | None = None
-        """What was sent last, or waits for its turn on the bus."""
-        self._may_send = True
-        """The interface has taken every frame of this command so far, and no other sender waits."""
-        self._all_sent = True
-        self._has_turn = False
-        self._commanded_at = 0
-        """When the command was given that is sent now, or waits for its turn."""
-        node_id = settings.node_id
         dictionary = load_eds(settings.eds, node_id) if settings.eds else generic_dictionary()
         super().__init__(network, settings, layout, dictionary, on_event)
+
+    def _wake_up(self) -> None:
+        self._wake.set()
 
     def reconfigure(self, layout: PdoLayout, settings: DriveSettings) -> None:
         """Another layout: map the PDOs anew; the drive must not be in operation."""
@@ -205,91 +164,23 @@ class DriveClient(NodeClient[DriveSettings]):
 
         While data of the command is not in the drive, a rising bit 4 (new set-point) is held back and the other bits pass.
         """
-        if not self._sending:
-            return
-        if not self._has_turn:
-            self._commanded_at = now
-        self._command = command
-        self._may_send = stop or self._has_turn or not self.network.waiting
-        self._all_sent = True
-        speed, asked = command.target_velocity, command.controlword
-        if self._fault_reset is not None:
-            command.controlword = self._fault_reset.step(asked, self.feedback.statusword, now)
-        if self._mode_awaited is not None:
-            command.target_velocity = 0
-        for values in self._acyclic_rpdos:
-            values.wanted = values.pdo.pack(command)
-        complete = True
-        for sender in self._data_senders:
-            complete = self._put(sender, sender.pdo.pack(command), now) and complete
-        word = command.controlword
-        if not word & _NEW_SETPOINT:
-            self._set_point_sent = self.set_point_refused = False
-            self._held_since = -1
-        elif not self._set_point_sent:
-            command.controlword = word & ~_NEW_SETPOINT
-            if self._starts_early and self._control.pdo.pack(command) != self._control.last:
-                complete = False  # the data goes a cycle ahead of the edge
-            if self._may_start(complete, now):
-                command.controlword = word
-        sent = self._put(self._control, self._control.pdo.pack(command), now)
-        if sent and command.controlword & _NEW_SETPOINT:
-            self._set_point_sent = True
-        command.controlword = asked
-        command.target_velocity = speed
-        self._motion_asked = speed != 0 or self._set_point_sent
-        if not self._all_sent:
+        if self._sending and not self.rpdos.send(command, now, stop=stop):
             self.network.wait(self, stop=stop)
 
     def send_waiting(self) -> bool:
         """Its turn on the bus: send the newest command; False when the interface has no room."""
-        command = self._command
+        rpdos = self.rpdos
+        command = rpdos.command
         if command is None or not self._sending:
             return True
-        self._has_turn = True
+        rpdos.has_turn = True
         self.send(command, self.loop.now())
-        self._has_turn = False
-        return self._all_sent
+        rpdos.has_turn = False
+        return rpdos.all_sent
 
     def withhold(self) -> None:
         """Send no RPDO until the next ``send``."""
-        self._command = None
-
-    def _put(self, sender: _Sender, data: bytes, now: int) -> bool:
-        """Send an RPDO if it changed or is due; True when this data was sent, now or before.
-
-        Nothing is sent behind a frame that was refused: the Controlword must not overtake its data.
-        """
-        due = now - sender.time >= self._refresh_ns
-        if self._has_turn and sender.time >= self._commanded_at:
-            due = False  # it went out for this command: the next room is for what is still missing
-        if data != sender.last or due:
-            if self._may_send and self.network.put(sender.cob_id, data):
-                sender.last = data
-                sender.time = now
-            else:
-                self._may_send = self._all_sent = False
-        return data == sender.last
-
-    def _may_start(self, sent: bool, now: int) -> bool:
-        """Whether the data of a new set-point is in the drive: all ``sent`` by RPDO and written by SDO."""
-        if self.set_point_refused:
-            return False
-        missing = [values for values in self._acyclic_rpdos if values.written != values.wanted]
-        if not missing:
-            return sent
-        if self._held_since < 0:
-            self._held_since = now
-            for values in missing:
-                values.refused = None  # a new set-point is a new try
-            self._wake.set()
-            return False
-        refused = [values.error for values in missing if values.refused == values.wanted]
-        if refused or now - self._held_since > self._hold_limit_ns:
-            self.set_point_refused = True
-            cause = refused[0] if refused else f"data not written within {self._hold_limit_ns // MS} ms"
-            self._tell("set-point", f"not started: {cause}")
-        return False
+        self.rpdos.command = None
 
     # -- the node's task ------------------------------------------------------------------------------------------------
 
@@ -316,7 +207,7 @@ class DriveClient(NodeClient[DriveSettings]):
     def _apply_times(self) -> None:
         super()._apply_times()
         # On SYNC the drive expects a new set-point each time.
-        self._refresh_ns = 0 if self._sync_period_us else self.settings.rpdo_refresh_ms * MS
+        self.rpdos.refresh_ns = 0 if self._sync_period_us else self.settings.rpdo_refresh_ms * MS
 
     @property
     def _interpolates(self) -> bool:
@@ -399,20 +290,11 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _take_plan(self, plan: PdoPlan) -> None:
         super()._take_plan(plan)
-        *data, control = plan.rpdos
-        self._control = _Sender(control.pdo, control.cob_id)
-        self._data_senders = [_Sender(item.pdo, item.cob_id) for item in data]
-        self._acyclic_rpdos = [_Values(pdo) for pdo in plan.written]
-        self._starts_early = control.pdo.attributes[-1] != CONTROL_ATTRIBUTE
+        self.rpdos.take_plan(plan, self._sdo_timeout_ns)
+        self.rpdos.refresh_ns = 0 if self._sync_period_us else self.settings.rpdo_refresh_ms * MS
         self._value_check = PdoValueCheck(item.pdo for item in plan.tpdos)
         self._value_check_due = self.loop.now() + _VALUE_CHECK_NS
         self._dropped = ""
-        self._set_point_sent = self.set_point_refused = False
-        self._held_since = -1
-        self._refresh_ns = 0 if self._sync_period_us else self.settings.rpdo_refresh_ms * MS
-        # Each object takes one time-out at most, and so does what the worker may be doing before.
-        objects = 1 + sum(len(values.pdo.entries) for values in self._acyclic_rpdos)
-        self._hold_limit_ns = objects * self._sdo_timeout_ns
 
     def _configure(self) -> None:
         if period := self._sync_period_us:
@@ -421,7 +303,7 @@ class DriveClient(NodeClient[DriveSettings]):
         mode, drive, period_us = self.settings.initial_mode, self.drive_type, self._sync_period_us
         assert drive is not None
         edges = drive.quirks.fault_reset_edges
-        self._fault_reset = FaultReset(edges) if edges > 1 else None
+        self.rpdos.fault_reset = FaultReset(edges) if edges > 1 else None
         if (wanted := drive.mode_for(mode)) is not None:
             self._set_mode(wanted)
             if mode is Mode.VELOCITY and wanted == Mode.CYCLIC_VELOCITY:
@@ -431,9 +313,8 @@ class DriveClient(NodeClient[DriveSettings]):
                 self._do(step)
         if HOMING_METHOD[0] in self.dictionary:
             self.homing_method = self._fetch(*HOMING_METHOD, signed=True)
-        for values in self._acyclic_rpdos:
-            for entry in values.pdo.entries:
-                self._fetch(*entry.address)
+        for entry in self.rpdos.written_entries:
+            self._fetch(*entry.address)
         serial = int.from_bytes(self._read_if_present(*IDENTITY_SERIAL) or b"", "little")
         if serial != self.serial_number:
             self._replaced.clear()
@@ -442,11 +323,7 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _restore_limits(self) -> None:
         """Give the drive's own values back to limits and ramps that no RPDO carries any more; keep those that RPDOs replace."""
-        pdos = [sender.pdo for sender in (*self._data_senders, self._control)]
-        pdos += [values.pdo for values in self._acyclic_rpdos]
-        carried = {
-            entry.address: entry for pdo in pdos for entry in pdo.entries if entry.attribute in _LIMITS_AND_RAMPS
-        }
+        carried = dict.fromkeys(item.address for item in self.rpdos.entries if item.attribute in _LIMITS_AND_RAMPS)
         for address in [address for address in self._replaced if address not in carried]:
             value = int.from_bytes(self._replaced[address], "little")
             size = CanType.U16 if len(self._replaced[address]) == 2 else CanType.U32
@@ -459,7 +336,7 @@ class DriveClient(NodeClient[DriveSettings]):
     def _configure_guarding(self) -> None:
         settings, drive = self.settings, self.drive_type
         assert drive is not None
-        wanted = settings.guarding_of(drive, self._control.pdo.communication_index)
+        wanted = settings.guarding_of(drive, self.rpdos.control.pdo.communication_index)
         guarding = guard(wanted, self._write_checked, self.read_number)
         if guarding.refusal and not settings.allow_unguarded:
             raise Dsp402Error(
@@ -479,14 +356,14 @@ class DriveClient(NodeClient[DriveSettings]):
         self._heartbeat_expected = guarding.heartbeat or guarding.life_guarding
 
     def _set_mode(self, mode: int) -> None:
-        self._mode_awaited, self._mode_wrong, self._operating_since = None, "", -1
+        self.rpdos.mode_awaited, self._mode_wrong, self._operating_since = None, "", -1
         self._do(SdoStep(*MODE, CanType.I8, mode, "mode of operation"))
         deadline = self.loop.now() + MODE_CONFIRM_NS
         late = self.drive_type is not None and self.drive_type.quirks.mode_shown_in_operation_only
         while (shown := self._fetch(*MODE_DISPLAY, signed=True)) != mode:
             if mode in _SPEED_MODES and (late or (shown == _NO_MODE and self.loop.now() > deadline)):
                 # Some drives show a mode in operation only. No speed is sent before it is shown.
-                self._mode_awaited = mode
+                self.rpdos.mode_awaited = mode
                 self._tell("status", f"6061h shows {shown}: mode {mode} is checked again when the operation is enabled")
                 return
             if self.loop.now() > deadline:
@@ -502,14 +379,18 @@ class DriveClient(NodeClient[DriveSettings]):
             self._operating_since = now
         shown = self.read_number(*MODE_DISPLAY, signed=True)
         if shown == mode:
-            self._mode_awaited = None
+            self.rpdos.mode_awaited = None
         elif now - self._operating_since > MODE_CONFIRM_NS:
             self._mode_wrong = f"6061h shows {shown} for {MODE_CONFIRM_NS / SECOND:g} s in operation, not {mode}"
 
     def _has_work(self, now: int) -> bool:
-        if self._acyclic_rpdos or self._mode_awaited is not None or (self._motion_asked and self._value_check.doubtful):
+        if (
+            self.rpdos.written
+            or self.rpdos.mode_awaited is not None
+            or (self.rpdos.motion_asked and self._value_check.doubtful)
+        ):
             return True
-        if self._units.is_due(now, moves=self._motion_asked):
+        if self._units.is_due(now, moves=self.rpdos.motion_asked):
             return True
         return super()._has_work(now)
 
@@ -543,16 +424,13 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _exchange_acyclic(self, now: int) -> None:
         """Objects for which the drive has no PDO: written when they change, read every 100 ms."""
-        for values in self._acyclic_rpdos:
-            wanted = values.wanted
-            if values.written != wanted and (values.refused != wanted or now >= values.retry_at):
-                self._write_values(values, now)
-        if self._mode_awaited is not None:
-            self._look_for_mode(self._mode_awaited, now)
+        self.rpdos.write(self.write, now)
+        if self.rpdos.mode_awaited is not None:
+            self._look_for_mode(self.rpdos.mode_awaited, now)
         super()._exchange_acyclic(now)
-        if self._units.is_due(now, moves=self._motion_asked):
+        if self._units.is_due(now, moves=self.rpdos.motion_asked):
             self._watch_units(now)
-        if self._motion_asked and self._units.asked is None:
+        if self.rpdos.motion_asked and self._units.asked is None:
             # Not before: while an answer is waited for, a loss of the drive is told late.
             self._look_for_dropped_objects(now)
 
@@ -594,27 +472,3 @@ class DriveClient(NodeClient[DriveSettings]):
             self._tell("units", f"{name} was {told:X}h and is {value:X}h now: another tool has changed the units")
             self.learn()
             self._tell("references", "reads its units again")
-
-    def _write_values(self, values: _Values, now: int) -> None:
-        # Not confirmed while it is written: cycles go on meanwhile.
-        values.written = None
-        data, held_since = values.wanted, self._held_since
-        offset = 0
-        entry = values.pdo.entries[0]
-        try:
-            for entry in values.pdo.entries:
-                size = entry.type.bits // 8
-                self.write(*entry.address, data[offset : offset + size])
-                offset += size
-        except (SdoAbortedError, SdoCommunicationError, struct.error, ValueError) as error:
-            text = f"{entry}: {error}"
-            if text != values.error:  # told once while it lasts
-                values.error = text
-                self._tell("status", f"object without PDO: {text}")
-            values.retry_at = now + _RETRY_VALUE_NS
-            # A set-point that began meanwhile is a new try.
-            values.refused = data if held_since == self._held_since else None
-        else:
-            values.error = ""
-            values.refused = None
-            values.written = data

@@ -147,7 +147,7 @@ class Axis(DriveObject):
         inputs.fresh = self.fresh
         inputs.doubt = self.doubt
         inputs.drive_ok = drive.refresh(now)
-        inputs.set_point_refused = drive.set_point_refused
+        inputs.set_point_refused = drive.rpdos.set_point_refused
         if machine.shows_codes:
             if not machine.report.flags & SHOWN_FAULT:
                 self._sound_until = now

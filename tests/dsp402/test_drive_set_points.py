@@ -126,14 +126,14 @@ def test_data_that_changes_to_and_fro_is_not_taken_for_written(two_pdos: TwoPdos
 def test_a_set_point_whose_data_is_refused_does_not_start_and_needs_a_new_edge(two_pdos: TwoPdos) -> None:
     two_pdos.send(ENABLED)
     two_pdos.send(START, 0xFFFF_FFFF)
-    two_pdos.until(lambda: two_pdos.client.set_point_refused, "refused")
+    two_pdos.until(lambda: two_pdos.client.rpdos.set_point_refused, "refused")
     assert re.fullmatch("not started: .*6083h: .*value.*", two_pdos.told[0])
     two_pdos.send(START, 500)
     two_pdos.until(lambda: two_pdos.drive.model.profile_acceleration == 500, "good data taken")
     two_pdos.send(START)
     assert (two_pdos.accelerations, two_pdos.words[-1]) == ([], ENABLED)
     two_pdos.send(ENABLED)
-    assert not two_pdos.client.set_point_refused
+    assert not two_pdos.client.rpdos.set_point_refused
     two_pdos.send(START)
     two_pdos.until(lambda: two_pdos.accelerations == [500], "set-point")
     assert len(two_pdos.told) == 1
@@ -142,7 +142,7 @@ def test_a_set_point_whose_data_is_refused_does_not_start_and_needs_a_new_edge(t
 def test_a_refused_set_point_may_be_given_again_with_the_same_data(two_pdos: TwoPdos) -> None:
     two_pdos.drive.do(lambda node: node.misbehave("sdo-timeout"))
     two_pdos.send(START, 100)
-    two_pdos.until(lambda: two_pdos.client.set_point_refused, "no answer")
+    two_pdos.until(lambda: two_pdos.client.rpdos.set_point_refused, "no answer")
     assert "6083h" in two_pdos.told[0]
     two_pdos.drive.do(lambda node: node.behave())
     two_pdos.send(ENABLED)

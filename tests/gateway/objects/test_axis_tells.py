@@ -199,13 +199,13 @@ def test_a_drive_that_does_not_answer_is_fault_121_once(axis: Axis) -> None:
 
 def test_a_set_point_the_drive_did_not_take_is_warning_119_and_the_reason_while_it_stands(steps: Steps) -> None:
     steps.enable()
-    steps.axis.drive.set_point_refused = True
+    steps.axis.drive.rpdos.set_point_refused = True
     steps.axis.on_node_event(DriveEvent("set-point", "not started: 6083h", time_ns=1))
     steps(ON, State.OPERATION_ENABLED)
     assert steps.numbers == [119]
     assert steps.axis.fault_log.warnings(present=steps.axis.warning) == 1 << 119 - FIRST_WARNING, "P953"
     assert steps.axis.reason is Reason.SET_POINT_REFUSED
-    steps.axis.drive.set_point_refused = False
+    steps.axis.drive.rpdos.set_point_refused = False
     steps(ON, State.OPERATION_ENABLED)
     assert steps.axis.reason is None
     assert steps.axis.fault_log.warnings(present=steps.axis.warning) == 0

@@ -1,0 +1,225 @@
+"""The RPDOs of a drive: what is sent of each command, in which order, and what is written by SDO instead.
+
+The data RPDOs go before the Controlword. A set-point starts nothing before its data is in the drive (docs/translation.md "PDO
+layouts"). Nothing here waits; ``write`` is called in the node's task.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from typing import Final
+
+from canopen.sdo import SdoAbortedError, SdoCommunicationError
+
+from pdgw.ds301.bus.network import CanNetwork
+from pdgw.ds301.node.plan import PdoPlan
+from pdgw.ds301.objects import Entry
+from pdgw.ds301.pdo import Pdo
+from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.objects import CONTROL_ATTRIBUTE
+from pdgw.dsp402.states import ControlBit, FaultReset
+from pdgw.durations import MS
+
+_RETRY_VALUE_NS: Final = 1000 * MS
+"""So long after a failed SDO write the same value is tried again."""
+_NEW_SETPOINT: Final = ControlBit.NEW_SETPOINT
+
+
+class _Sender:
+    """What was last sent of one RPDO."""
+
+    def __init__(self, pdo: Pdo, cob_id: int) -> None:
+        self.pdo = pdo
+        self.cob_id = cob_id
+        self.last = b""
+        self.time = 0
+
+
+class _Values:
+    """The values of an RPDO the drive does not have: set in the cycle, written by SDO in the node's task."""
+
+    def __init__(self, pdo: Pdo) -> None:
+        self.pdo = pdo
+        self.wanted = b""
+        self.written: bytes | None = b""
+        """What the drive holds for certain; None while or after a write that did not end well."""
+        self.refused: bytes | None = None
+        self.retry_at = 0
+        self.error = ""
+
+
+class RpdoSender:
+    """The RPDOs of one drive. ``control``: the one with the Controlword; ``wake`` wakes the node's task."""
+
+    def __init__(
+        self,
+        network: CanNetwork,
+        control: Pdo,
+        node_id: int,
+        feedback: DriveFeedback,
+        wake: Callable[[], None],
+        tell: Callable[[str, str], None],
+    ) -> None:
+        self._network = network
+        self._feedback = feedback
+        self._wake = wake
+        self._tell = tell
+        self.control = _Sender(control, control.cob_id(node_id))
+        self.written: list[_Values] = []
+        """Of the objects without RPDO."""
+        self.refresh_ns = 0
+        """After so long an RPDO is sent again."""
+        self.fault_reset: FaultReset | None = None
+        self.mode_awaited: int | None = None
+        """A mode that 6061h has not shown yet; no speed is sent meanwhile."""
+        self.set_point_refused = False
+        """A new set-point (Controlword.4) does not reach the drive, because its data could not be written; until it falls."""
+        self.motion_asked = False
+        """The last command was to move the drive."""
+        self.command: DriveCommand | None = None
+        """What was sent last, or waits for its turn on the bus."""
+        self.has_turn = False
+        self.all_sent = True
+        self._data_senders: list[_Sender] = []
+        self._starts_early = False
+        """The Controlword is not the last object of its RPDO: the drive may see it before the data behind it."""
+        self._set_point_sent = False
+        self._held_since = -1
+        self._hold_limit_ns = 0
+        self._may_send = True
+        """The interface has taken every frame of this command so far, and no other sender waits."""
+        self._commanded_at = 0
+        """When the command was given that is sent now, or waits for its turn."""
+
+    def take_plan(self, plan: PdoPlan, sdo_timeout_ns: int) -> None:
+        """Send by another plan: nothing of it has been sent yet."""
+        *data, control = plan.rpdos
+        self.control = _Sender(control.pdo, control.cob_id)
+        self._data_senders = [_Sender(item.pdo, item.cob_id) for item in data]
+        self.written = [_Values(pdo) for pdo in plan.written]
+        self._starts_early = control.pdo.attributes[-1] != CONTROL_ATTRIBUTE
+        self._set_point_sent = self.set_point_refused = False
+        self._held_since = -1
+        # Each object takes one time-out at most, and so does what the worker may be doing before.
+        self._hold_limit_ns = (1 + len(self.written_entries)) * sdo_timeout_ns
+
+    @property
+    def written_entries(self) -> list[Entry]:
+        """The objects without RPDO."""
+        return [entry for values in self.written for entry in values.pdo.entries]
+
+    @property
+    def entries(self) -> list[Entry]:
+        """All objects of the command."""
+        sent = [entry for sender in (*self._data_senders, self.control) for entry in sender.pdo.entries]
+        return [*sent, *self.written_entries]
+
+    # -- cyclic -------------------------------------------------------------------------------------------------------
+
+    def send(self, command: DriveCommand, now: int, *, stop: bool) -> bool:
+        """Send what changed or is due for refresh; False when the interface had no room for all of it.
+
+        While data of the command is not in the drive, a rising bit 4 (new set-point) is held back and the other bits pass.
+        """
+        if not self.has_turn:
+            self._commanded_at = now
+        self.command = command
+        self._may_send = stop or self.has_turn or not self._network.waiting
+        self.all_sent = True
+        speed, asked = command.target_velocity, command.controlword
+        if self.fault_reset is not None:
+            command.controlword = self.fault_reset.step(asked, self._feedback.statusword, now)
+        if self.mode_awaited is not None:
+            command.target_velocity = 0
+        for values in self.written:
+            values.wanted = values.pdo.pack(command)
+        complete = True
+        for sender in self._data_senders:
+            complete = self._put(sender, sender.pdo.pack(command), now) and complete
+        word = command.controlword
+        if not word & _NEW_SETPOINT:
+            self._set_point_sent = self.set_point_refused = False
+            self._held_since = -1
+        elif not self._set_point_sent:
+            command.controlword = word & ~_NEW_SETPOINT
+            if self._starts_early and self.control.pdo.pack(command) != self.control.last:
+                complete = False  # the data goes a cycle ahead of the edge
+            if self._may_start(complete, now):
+                command.controlword = word
+        sent = self._put(self.control, self.control.pdo.pack(command), now)
+        if sent and command.controlword & _NEW_SETPOINT:
+            self._set_point_sent = True
+        command.controlword = asked
+        command.target_velocity = speed
+        self.motion_asked = speed != 0 or self._set_point_sent
+        return self.all_sent
+
+    def _put(self, sender: _Sender, data: bytes, now: int) -> bool:
+        """Send an RPDO if it changed or is due; True when this data was sent, now or before.
+
+        Nothing is sent behind a frame that was refused: the Controlword must not overtake its data.
+        """
+        due = now - sender.time >= self.refresh_ns
+        if self.has_turn and sender.time >= self._commanded_at:
+            due = False  # it went out for this command: the next room is for what is still missing
+        if data != sender.last or due:
+            if self._may_send and self._network.put(sender.cob_id, data):
+                sender.last = data
+                sender.time = now
+            else:
+                self._may_send = self.all_sent = False
+        return data == sender.last
+
+    def _may_start(self, sent: bool, now: int) -> bool:
+        """Whether the data of a new set-point is in the drive: all ``sent`` by RPDO and written by SDO."""
+        if self.set_point_refused:
+            return False
+        missing = [values for values in self.written if values.written != values.wanted]
+        if not missing:
+            return sent
+        if self._held_since < 0:
+            self._held_since = now
+            for values in missing:
+                values.refused = None  # a new set-point is a new try
+            self._wake()
+            return False
+        refused = [values.error for values in missing if values.refused == values.wanted]
+        if refused or now - self._held_since > self._hold_limit_ns:
+            self.set_point_refused = True
+            cause = refused[0] if refused else f"data not written within {self._hold_limit_ns // MS} ms"
+            self._tell("set-point", f"not started: {cause}")
+        return False
+
+    # -- in the node's task: what no RPDO carries ----------------------------------------------------------------------
+
+    def write(self, write: Callable[[int, int, bytes], None], now: int) -> None:
+        """Write by SDO what has changed of the objects without RPDO; a refused value is tried again after a second."""
+        for values in self.written:
+            wanted = values.wanted
+            if values.written != wanted and (values.refused != wanted or now >= values.retry_at):
+                self._write_values(write, values, now)
+
+    def _write_values(self, write: Callable[[int, int, bytes], None], values: _Values, now: int) -> None:
+        # Not confirmed while it is written: cycles go on meanwhile.
+        values.written = None
+        data, held_since = values.wanted, self._held_since
+        offset = 0
+        entry = values.pdo.entries[0]
+        try:
+            for entry in values.pdo.entries:
+                size = entry.type.bits // 8
+                write(*entry.address, data[offset : offset + size])
+                offset += size
+        except (SdoAbortedError, SdoCommunicationError, struct.error, ValueError) as error:
+            text = f"{entry}: {error}"
+            if text != values.error:  # told once while it lasts
+                values.error = text
+                self._tell("status", f"object without PDO: {text}")
+            values.retry_at = now + _RETRY_VALUE_NS
+            # A set-point that began meanwhile is a new try.
+            values.refused = data if held_since == self._held_since else None
+        else:
+            values.error = ""
+            values.refused = None
+            values.written = data
