@@ -48,7 +48,9 @@ _PROCESS = {
 }
 """Demands of the moment."""
 _LAST = (Pnu.TELEGRAM, Pnu.OPERATION_PRIORITY)
-"""Another telegram makes the gateway configure the drive anew; with the priority taken away nothing after it can be written."""
+"""Parameters to write last: another telegram makes the gateway configure the drive again; without the priority nothing more
+can be written.
+"""
 
 _TYPE_FIELDS = 2
 """Manufacturer and drive unit type come first in P964; version, date and number of axes may differ."""
@@ -101,7 +103,7 @@ class Dump(BaseModel):
 
     @classmethod
     def load(cls, path: Path) -> Dump:
-        """GatewayError tells what is wrong with the file."""
+        """Check a dump; GatewayError names the error in the file."""
         try:
             return cls.model_validate_json(read_text(path))
         except ValidationError as error:

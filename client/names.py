@@ -1,6 +1,6 @@
-"""Names in full: the description of a parameter has sixteen characters for one (PROFIdrive 6.2.1.4), objects have longer ones.
+"""Complete names: a parameter description has only sixteen characters for one (PROFIdrive 6.2.1.4), objects have longer names.
 
-The names of the data sheets that the package has go on where a device's name ends; a name they do not know stays as it was told.
+The data sheets of the package complete a truncated name; an unknown name stays as it is.
 """
 
 from __future__ import annotations
@@ -28,6 +28,6 @@ def _names() -> Mapping[int, frozenset[str]]:
 
 
 def full_name(pnu: int, told: str) -> str:
-    """The name of which a device has told the beginning; what was told where nothing or several names go on so."""
+    """The complete name for a truncated one; the truncated one itself if no name, or several names, start with it."""
     fitting = {name for name in _names().get(pnu, ()) if name[:NAME_LENGTH].rstrip() == told}
     return fitting.pop() if len(fitting) == 1 else told

@@ -1,9 +1,9 @@
-"""What kind of drive stands behind an axis, as one frozen value: objects with their limits, scaling, modes, homing methods,
-PDO capabilities, faults and quirks.
+"""The type of a drive as one frozen value: objects with their limits, scaling, modes, homing methods, PDO capabilities, faults
+and quirks.
 
-Source: CiA 402 (objects, 6502h, 60E3h), CiA 301 (PDO parameters). Made by ``dsp402.identification.describe`` from the data sheet,
-what the device itself answers, the configuration and the overlay of its family (``dsp402.identification.overlay``). Executors
-take everything that differs between drives from here; what is not known is refused by name, never assumed.
+Source: CiA 402 (objects, 6502h, 60E3h), CiA 301 (PDO parameters). ``dsp402.identification.describe`` makes it from the data
+sheet, the answers of the device, the configuration and the overlay of its family (``dsp402.identification.overlay``).
+Executors read every difference between drives from here. Unknown values are refused by name, never assumed.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ class Scaling:
 
     references: Mapping[Quantity, Reference] = field(default_factory=dict)
     unknown: Mapping[Quantity, str] = field(default_factory=dict)
-    """Why a quantity is not known, and the configuration key that gives it."""
+    """Why a quantity is unknown, and the configuration key that sets it."""
     missing: Mapping[Quantity, tuple[str, ...]] = field(default_factory=dict)
-    """Keys of the configuration that give what is not known."""
+    """Configuration keys for unknown quantities."""
     rated_speed_rpm: Fraction | None = None
     """100 % of a speed in rpm of the motor."""
     position_range: tuple[int, int] | None = None
@@ -144,13 +144,13 @@ class Quirks:
     mode_shown_in_operation_only: bool = False
     """6061h follows 6060h only when the operation is enabled."""
     fault_reset_edges: int = 1
-    """So many rising edges of Controlword 7 take a drive out of its fault."""
+    """Number of rising edges of Controlword 7 that end a fault."""
     boot_ms: int = 0
     """So long after power-on or reset it answers nothing."""
     fault_number: tuple[int, int] | None = None
     """The object with the manufacturer's own fault number."""
     sync_loss_periods: int = 0
-    """So many periods (1006h) without SYNC stop it in operation in a cyclic synchronous mode; 0: not known to."""
+    """Number of periods (1006h) without SYNC after which the drive stops in a cyclic synchronous mode; 0: unknown."""
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ class DriveType:
             raise Dsp402Error(attribute, _ABSENT, ", ".join(sorted(self.entries))) from None
 
     def limits(self, attribute: str) -> tuple[int, int]:
-        """Smallest and largest value the drive takes for the object behind an image attribute."""
+        """Smallest and largest value that the drive accepts for the object of an image attribute."""
         return self.entry(attribute).limits
 
     @property
@@ -195,7 +195,7 @@ class DriveType:
         return self._first(Mode.VELOCITY, Mode.CYCLIC_VELOCITY, Mode.VL_VELOCITY)
 
     def mode_for(self, wanted: Mode | None) -> int | None:
-        """6060h for a mode that is wanted: profile velocity stands for the mode of speeds the drive offers."""
+        """6060h for a requested mode: profile velocity means the speed mode that the drive offers."""
         offered = self.speed_mode if wanted is Mode.VELOCITY else None
         return wanted if offered is None else offered
 

@@ -11,7 +11,7 @@ from typing import Final
 from pdgw.durations import SECOND
 
 MODE_CONFIRM_NS: Final = SECOND
-"""So long may 6061h take to show what 6060h asks for; then the mode counts as not confirmed."""
+"""Longest time until 6061h shows the mode of 6060h; then the mode counts as not confirmed."""
 
 
 class Mode(enum.IntEnum):

@@ -1,8 +1,8 @@
 """The object catalogue of CiA 402 drives, declared once.
 
-Source: CiA DSP 402 V2.0, CiA DS 301 V4.01. Defaults and limits are a device's own: they come from its data sheet
-(``dsp402.identification.describe``). A manufacturer's objects, and units that say more than the profile, are in the overlay of
-its family (``dsp402.identification.overlay``). Simulator, PDO layouts, parameter channel and decoder derive from this table.
+Source: CiA DSP 402 V2.0, CiA DS 301 V4.01. Defaults and limits come from the data sheet of a device
+(``dsp402.identification.describe``). A manufacturer's objects and special units are in the overlay of its family
+(``dsp402.identification.overlay``). Simulator, PDO layouts, parameter channel and decoder use this table.
 """
 
 from __future__ import annotations

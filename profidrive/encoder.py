@@ -52,7 +52,7 @@ _CONTROL_REQUESTED = _ZSW2_ENC.bit("CONTROL_REQUESTED").mask
 _DEVICE_LIFE = _ZSW2_ENC.bit("SIGN_OF_LIFE")
 
 PARKED_NS = 100 * MS
-"""G1_ZSW.14 stands at least so long, because masters poll it."""
+"""Minimum time of G1_ZSW.14 = 1, because masters poll it."""
 PRESET_SETTLE_NS = 200 * MS
 """How long after its answer a preset may still appear as a jump of the position; it is confirmed when it did."""
 
@@ -158,9 +158,9 @@ _IN_ERROR = frozenset((_S.ERROR, _S.ACKNOWLEDGING))
 
 @dataclass(frozen=True, slots=True)
 class PresetRequest:
-    """The position has to become ``value`` (``relative``: be shifted by it), in measuring units.
+    """Request to set the position to ``value`` (``relative``: shift it by ``value``), in measuring units.
 
-    ``position`` is what it has to become now, below the total range: an encoder that has absolute presets only takes it.
+    ``position`` is the resulting position below the total range, for encoders with absolute presets only.
     """
 
     value: int
@@ -169,14 +169,12 @@ class PresetRequest:
 
 
 class SensorInterface:
-    """One sensor: ``step`` once per cycle.
+    """One sensor. Call ``step`` once per cycle.
 
-    ``preset_value`` is P65000: absolute 0..total range - 1, relative any Integer32. While ``preset_request`` is not None
-    the owner has to carry it out and call ``preset_done`` or ``preset_failed``; a request that is gone (parked, an error)
-    needs no answer. ``error`` is the code shown last.
-
-    G1_XIST1 counts from the first position on, across wraps of the total range and untouched by presets. G1_XIST3 is the
-    same count in 64 bit, but a preset and the end of parking set it to the position.
+    ``preset_value`` is P65000: absolute 0..total range - 1, relative any Integer32. While ``preset_request`` is not None, the
+    owner must execute it and call ``preset_done`` or ``preset_failed``; a request that disappears (parking, an error) needs no
+    answer. ``error`` is the last shown code. G1_XIST1 counts from the first position, across wraps of the total range; presets
+    do not change it. G1_XIST3 is the same count in 64 bit, but a preset and the end of parking set it to the position.
     """
 
     def __init__(self, total_range: int, *, preset_supported: bool = True) -> None:
@@ -223,7 +221,7 @@ class SensorInterface:
         self._answered(SensorEvent.DONE, None)
 
     def preset_failed(self, error: SensorError = SensorError.MEMORY) -> None:
-        """The sensor did not take the preset; ``error`` tells the PLC why."""
+        """The sensor rejected the preset; ``error`` is the code for the PLC."""
         self._answered(SensorEvent.FAILED, error)
 
     def measured(self, search: Search, positions: Mapping[int, int]) -> None:
@@ -247,9 +245,9 @@ class SensorInterface:
     ) -> tuple[int, int, int]:
         """One cycle; returns G1_ZSW, G1_XIST1 and G1_XIST2.
 
-        ``g1_stw``: None without a PLC, then nothing is requested and a request that stands when it comes back is no edge.
-        ``position``: in measuring units; not looked at when not ``valid``. ``now``: monotonic nanoseconds. ``error``: one
-        that is present. A position that was valid once and is no longer is a sensor group error.
+        ``g1_stw``: None without a PLC; then nothing is requested, and a request that is present when the PLC returns is no
+        edge. ``position``: in measuring units; ignored if not ``valid``. ``now``: monotonic nanoseconds. ``error``: present
+        error. A position that becomes invalid is a sensor group error.
         """
         word = 0 if g1_stw is None else g1_stw & _EVERYTHING
         edges = word & ~self._previous
@@ -381,7 +379,7 @@ class EncoderControl:
     def step(self, word: int | None, *, fault: bool, warning: bool) -> int:
         """One cycle: STW2_ENC (None without a PLC), a present fault or warning; returns ZSW2_ENC.
 
-        An acknowledge that stands when the PLC comes, or takes control, is no edge.
+        An acknowledge that is present when the PLC connects, or takes control, is no edge.
         """
         if word is None:
             self.sign_of_life.reset()

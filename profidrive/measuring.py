@@ -45,14 +45,14 @@ class Trouble(enum.Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Search:
-    """What the device has to look for; another object for each activation. ``functions``: a mask, bit 0 is function 1."""
+    """Positions that the device must latch; a new object for each activation. ``functions``: a mask, bit 0 is function 1."""
 
     on_the_fly: bool
     functions: int
 
 
 class Measuring:
-    """One sensor; ``step`` once per cycle. While ``wanted`` is not None the owner has to look and to call ``found``."""
+    """One sensor. Call ``step`` once per cycle. While ``wanted`` is not None, the owner must search and call ``found``."""
 
     def __init__(self) -> None:
         self.wanted: Search | None = None

@@ -1,7 +1,7 @@
-"""Sign of life between controller and device: STW2/ZSW2 and STW2_ENC/ZSW2_ENC bits 12-15, in both directions.
+"""Sign of life between controller and device: bits 12-15 of STW2/ZSW2 and STW2_ENC/ZSW2_ENC, in both directions.
 
-Source: PROFIdrive profile 4.1 (controller and device sign of life, P925), the encoder profile. Left out: the relation of
-the controller's application cycle to the bus cycle; one ``step`` is one application cycle.
+Source: PROFIdrive profile 4.1 (controller and device sign of life, P925), the encoder profile. Not here: the relation of the
+controller's application cycle to the bus cycle; one ``step`` is one application cycle.
 """
 
 from __future__ import annotations

@@ -310,7 +310,7 @@ def telegram(number: int) -> Telegram:
 
 
 def likeliest(numbers: Iterable[int]) -> int:
-    """Of telegrams of which nothing but the length is known, the one to assume: best known layout first, then lowest number."""
+    """Select a telegram if only the length is known: best-known layout first, then lowest number."""
     return min(numbers, key=lambda number: (TELEGRAMS[number].confidence, number))
 
 

@@ -1,7 +1,7 @@
-"""The control and status words of the telegrams, bit by bit, and how well each is known.
+"""The control and status words of the telegrams, bit by bit, with the confidence of each.
 
 Source: PROFIdrive profile 4.1 chapter 6.3, PROFIdrive encoder profile 4.1, the manufacturer's guide chapters 4.3 and 6, public
-manuals of drives. The signal catalogue (``signals``) says which signal has which bits; ask it by name.
+manuals of drives. The signal catalogue (``signals``) maps signals to bits; use bits by name.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _UNVERIFIED = Confidence.UNVERIFIED
 
 @dataclass(frozen=True, slots=True)
 class Bit:
-    """One bit or a bit range of a control or status word; ``meaning`` tells what 1 stands for."""
+    """One bit or a bit range of a control or status word; ``meaning``: meaning of 1."""
 
     position: int
     name: str

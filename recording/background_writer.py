@@ -14,14 +14,14 @@ log = logging.getLogger("gateway")
 
 T = TypeVar("T")
 END_S = 2.0
-"""So long the end of the gateway waits for what was not written yet."""
+"""Longest time that the end of the gateway waits for unwritten data."""
 _WAITS = 20
 _WAITING = 100_000
 """Items that may wait: some 10 s of a full bus at 1 Mbit/s."""
 
 
 def wait_for_end(thread: threading.Thread) -> None:
-    """Two seconds in short waits: where the process itself is held up meanwhile, that takes the thread one of them alone."""
+    """Two seconds in short waits: if the process itself is paused, the thread loses only one of them."""
     for _ in range(_WAITS):
         thread.join(END_S / _WAITS)
         if not thread.is_alive():

@@ -1,7 +1,7 @@
-"""Everything an Ethernet interface sends and receives, into a pcapng file with the times the kernel stamped (Linux).
+"""Capture of everything that an Ethernet interface sends and receives, as pcapng with the kernel's time stamps (Linux).
 
 The kernel collects the frames in a ring of blocks (linux/if_packet.h, TPACKET_V3) and wakes the reader once for each block, so
-that what is recorded is hardly disturbed by it.
+the recording hardly disturbs the recorded process.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class EthernetCapture:
 
     def __init__(self, interface: str, path: Path) -> None:
         self.lost = 0
-        """Frames that came faster than they could be written; known at the end."""
+        """Frames that arrived faster than they could be written; valid at the end."""
         try:
             self._socket = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, 0)
         except OSError as error:

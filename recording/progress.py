@@ -30,7 +30,7 @@ def with_progress_of(items: Iterator[T], title: str, count: int) -> Iterator[T]:
 
 
 def with_progress(items: Iterator[T], title: str, size: int | None, position: Callable[[], int]) -> Iterator[T]:
-    """The items, with a bar: ``size`` bytes are to be read (None: not known), ``position`` have been so far."""
+    """The items with a progress bar: ``size`` is the number of bytes (None: unknown), ``position`` the bytes that were read."""
     if size is None or size < PROGRESS_FROM or not sys.stderr.isatty() or sys.stdout.isatty():
         yield from items
         return

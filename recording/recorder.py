@@ -37,10 +37,10 @@ _WELL_KNOWN: Final = {"cyclic port": CYCLIC_PORT}
 
 
 class Captures:
-    """``gateway.pcapng`` in a folder; when it is full it gets the time of its end in its name and another one begins.
+    """Write ``gateway.pcapng`` in a folder; a full file gets the time of its end in its name, and a new one begins.
 
-    ``size``: bytes of each at most, ``files``: so many full ones are kept. What an earlier run left counts as a full one. Raises
-    OSError as files do.
+    ``size``: maximum bytes of each, ``files``: number of full ones to keep, those of earlier runs included. Raises OSError as
+    files do.
     """
 
     def __init__(self, folder: Path, configuration: str, size: int, files: int) -> None:

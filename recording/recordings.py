@@ -1,7 +1,7 @@
-"""Captures of both buses, opened for the timeline (as a stream) and for replay (as one ``Recording``).
+"""Open captures of both buses for the timeline (as a stream) and for replay (as one ``Recording``).
 
-Axes come from the configuration, from telegrams and nodes given by hand, or are inferred from the frames. Each file has a clock
-of its own unless it holds both buses.
+Axes come from the configuration, from given telegrams and nodes, or are inferred from the frames. Each file has its own clock
+unless it contains both buses.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ _MIN_TOLERANCE_CYCLES = 4
 CONFIGURATION = "gateway.toml"
 """Beside captures: the configuration they were made with."""
 _STRETCH_NS = 2 * SECOND
-"""So much of each capture is looked at in turn before a timeline begins."""
+"""Part of each capture that is read in turn before a timeline begins."""
 _LOOK_AT = 50_000
 _FEW_CHANGES = 4
 """After so many packets so few changes of words are enough."""
@@ -61,10 +61,8 @@ Notify = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Known:
-    """What is known beforehand; ``cycle_ns`` and ``watchdog_factor`` None: measured.
-
-    ``choices``: the user's for each axis, by DO-ID.
-    """
+    """Known facts; ``cycle_ns`` and ``watchdog_factor`` None: measured. ``choices``: the user's settings for each axis, by
+    DO-ID."""
 
     settings: Settings = field(default_factory=Settings)
     choices: dict[int, AxisSettings] = field(default_factory=dict)
@@ -172,7 +170,7 @@ class Opening:
     shifted: frozenset[str]
     """The files whose clock is not the PLC's."""
     assumed: tuple[str, ...] = ()
-    """What was not given and is not in the captures either."""
+    """Facts that neither the user nor the captures contain."""
 
     def records(self) -> Iterator[Record]:
         """All packets of all files in the order of time, on the PLC's clock."""
@@ -319,7 +317,7 @@ class _Reading:
 
 
 def _clocks(offset_ns: int | None, one_clock: bool, looking: Lookahead, cycle_ns: int) -> Clocks:
-    """The clocks of both buses: as told, the same one, or as the edges tell."""
+    """The clocks of both buses: given, one clock, or from the edges."""
     if offset_ns is not None:
         return Clocks(offset_ns)
     return Clocks(0, origin=ONE_CLOCK) if one_clock else looking.clocks(cycle_ns)
@@ -331,7 +329,7 @@ def _seen(buses: Mapping[str, set[BusKind]]) -> set[BusKind]:
 
 
 def _with_axes(files: Sequence[str], known: Known, notify: Notify) -> tuple[Known, list[str]]:
-    """The axes, inferred where they are not given, and what is assumed."""
+    """The axes, inferred if not given, with the assumptions."""
     if STANDARD_INPUT in files:
         raise GatewayError("-: captures of both buses are read more than once; give files instead of standard input")
     assumed = []

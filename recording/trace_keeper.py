@@ -1,6 +1,6 @@
-"""Keeping what was before and after a fault or a stop: a process beside the gateway that looks at its ring and writes files.
+"""Save the ring around a fault or a stop: a process beside the gateway that reads its ring and writes files.
 
-It costs the exchange nothing, and it is still there when the gateway is not.
+It does not delay the exchange, and it continues after the end of the gateway.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from pdgw.recording.trace_file import is_alive, save
 log = logging.getLogger("trace")
 
 _SILENT_S = 1.0
-"""So long without a cycle, and the process is looked for."""
+"""After this time without a cycle, check whether the process still exists."""
 _NOT_ASKED = frozenset(
     reason.name
     for reason in Reason
@@ -34,7 +34,7 @@ _NOT_ASKED = frozenset(
 
 @dataclass(frozen=True)
 class Choice:
-    """What is kept and where. ``files``: so many, the oldest go."""
+    """What to save, and where. ``files``: maximum number; the oldest are deleted."""
 
     directory: Path
     triggers: frozenset[Trigger]
@@ -57,7 +57,7 @@ class Keeper:
         self.kept: list[Path] = []
 
     def poll(self) -> None:
-        """Look at what came; write what is due."""
+        """Read new records; write the files that are due."""
         for cycle in self._reader.cycles(after=self._seen):
             self._seen = cycle.sequence
             last, self._last = self._last, cycle
@@ -124,10 +124,8 @@ class Keeper:
 
 
 def follow(path: Path, choice: Choice, wait: Callable[[float], bool], pause_s: float = 0.25) -> None:
-    """Keep what happens in the ring called ``path``, also in those that replace it.
-
-    ``wait`` sleeps so many seconds; True: the end is asked for.
-    """
+    """Save the events of the ring at ``path``, also of those that replace it. ``wait`` sleeps this number of seconds; True:
+    end requested."""
     while True:
         try:
             reader = RingReader(path)

@@ -1,4 +1,4 @@
-"""What is known before a capture is decoded: from the user, and from a look at its begin."""
+"""Facts for the decoder before a capture: from the user, and from the start of the capture."""
 
 from __future__ import annotations
 
@@ -96,9 +96,10 @@ def _eds_files(texts: Sequence[str]) -> tuple[dict[int, Path], Path | None]:
 
 
 def look_ahead(file: str, settings: Settings) -> tuple[Settings, int | None, str]:
-    """The telegrams as far as the begin of a file shows them, the time of its first cyclic frame, and what to tell the user.
+    """The telegrams from the start of a file, the time of its first cyclic frame, and notes for the user.
 
-    So the first packets are read as the last ones, and times count as in ``pdgw timeline``. Damage is told when it is reached.
+    So the first packets are decoded like the last ones, and times count as in ``pdgw timeline``. Damage is reported when it is
+    reached.
     """
     decoder = Decoder(replace(settings, axes=(), dictionary=None))
     zero_ns = None

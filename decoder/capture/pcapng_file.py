@@ -14,7 +14,7 @@ from pdgw.decoder.capture.pcap import PCAPNG_MAGIC
 from pdgw.decoder.frames.records import LinkType
 
 CONFIGURATION: Final = "pdgw configuration\n"
-"""How the comment begins that holds the gateway's configuration."""
+"""Start of the comment that contains the gateway's configuration."""
 _SECTION, _INTERFACE, _PACKET = 0x0A0D0D0A, 1, 6
 _BYTE_ORDER: Final = 0x1A2B3C4D
 _COMMENT, _IF_NAME, _IF_TSRESOL = 1, 2, 9

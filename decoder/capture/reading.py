@@ -11,10 +11,10 @@ from pdgw.decoder.frames.records import Record
 
 
 def read_records(path: str | PathLike[str], telegrams: Sequence[int] = ()) -> Iterator[Record]:
-    """The records of a capture of either bus (pcap, pcapng, candump, python-can's logs), one for each packet, in order.
+    """Read the records of a capture of either bus (pcap, pcapng, candump, python-can's logs), one for each packet, in order.
 
     ``telegrams``: those of the axes, in the order of the frame; without them they are inferred, and the first frames are
-    undecided. Raises CaptureError for a file that cannot be opened, is no known format or ends early, ProfidriveError for a
+    undecided. Raises CaptureError for a file that cannot be opened, has an unknown format or ends early, ProfidriveError for a
     telegram that does not exist.
     """
     decoder = Decoder(Settings(given_axes(telegrams)))

@@ -1,4 +1,4 @@
-"""Opening what is to be decoded: a file or standard input, its format told by its content, else by its name."""
+"""Open a file or standard input; the content determines the format, else the name."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ FORMATS: Final = "pcap, pcapng, candump, .asc, .blf, .csv, .db, .mf4, .trc"
 
 @dataclass
 class Source:
-    """Packets to decode; a context manager that closes what was opened. ``size`` is None where it is not known."""
+    """Packets to decode; a context manager that closes its source. ``size`` is None if unknown."""
 
     name: str
     packets: Iterator[Packet | CanPacket]

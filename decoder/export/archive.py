@@ -36,7 +36,7 @@ _UNFINISHED: Final = ".unfinished"
 
 @dataclass(frozen=True, slots=True)
 class ArchiveOptions:
-    """What is taken out of each file; ``signals`` are the columns, the others as in ``pdgw decode``."""
+    """Columns and options for each file; ``signals`` are the columns, the others as in ``pdgw decode``."""
 
     signals: tuple[str, ...]
     telegrams: tuple[int, ...] = ()
@@ -46,9 +46,8 @@ class ArchiveOptions:
     filter_text: str | None = None
 
     def knowledge(self, embedded: str = "") -> Knowledge:
-        """What is known beforehand, with the configuration ``embedded`` in a capture; GatewayError or ProfidriveError when
-        something cannot be used.
-        """
+        """Known facts, with the configuration ``embedded`` in a capture; GatewayError or ProfidriveError if something cannot
+        be used."""
         known = known_beforehand(self.telegrams, self.config, self.eds, self.ports, embedded=embedded)
         if not self.signals:
             raise GatewayError("--parquet: name the signals of the table, like --signal NSOLL_A --signal NIST_A")
@@ -108,7 +107,7 @@ def write_data_set(
 
 
 def _known(file: str, options: ArchiveOptions) -> tuple[Knowledge, str]:
-    """What is known of a file, and what is to be told: without other options by the configuration it has in it."""
+    """Known facts of a file and notes for the user; without other options from its embedded configuration."""
     embedded = configuration_in(Path(file)) if options.config is None and not options.telegrams else ""
     if not embedded:
         return options.knowledge(), ""

@@ -1,6 +1,7 @@
-"""A trace of both buses as one self-contained HTML file: curves, states, words with their bits, the timeline behind each mark.
+"""A trace of both buses as one HTML file without other files: curves, states, words with their bits, the timeline at each
+mark.
 
-``TracePage`` takes the records and entries of ``decoder.timeline.builder`` in the order of time. What repeats is not kept.
+``TracePage`` takes the records and entries of ``decoder.timeline.builder`` in the order of time. Repetitions are omitted.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ Units = tuple[ProcessData, ...] | None
 
 
 class Writer(Protocol):
-    """Takes packets, then is finished once, also after an error in the capture."""
+    """Write packets; ``finish`` is called once, also after an error in the capture."""
 
     def take(self, record: Record, units: Units) -> None: ...
 

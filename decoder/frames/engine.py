@@ -31,7 +31,7 @@ __all__ = ["Axis", "CanPacket", "Decoder", "Packet", "Settings", "given_axes"]
 
 
 class Packet(NamedTuple):
-    """A captured packet: ``link`` tells how ``data`` begins, ``channel`` is the interface's name."""
+    """A captured packet: ``link`` is the link type of ``data``, ``channel`` the name of the interface."""
 
     number: int
     time_ns: int
@@ -51,12 +51,12 @@ class CanPacket(NamedTuple):
 
 @dataclass(frozen=True)
 class Settings:
-    """What is known beforehand; everything has a default.
+    """Known facts before decoding; everything has a default.
 
-    ``axes``: the axes of the cyclic frames in their order, with node-IDs where these are known. ``origin`` says who told.
-    ``station``: whose PROFINET frames are read where several stations have telegrams; empty for the first one.
-    ``dictionary``: EDS/DCF entries by node-ID. Ports: where cyclic frames and RPC packets are looked for (those
-    of PROFINET are known by their interface on every port).
+    ``axes``: the axes of the cyclic frames in their order, with node-IDs if known. ``origin``: source of this knowledge.
+    ``station``: PROFINET station whose frames are decoded if several have telegrams; empty for the first one. ``dictionary``:
+    EDS/DCF entries by node-ID. Ports: UDP ports of cyclic frames and RPC packets (PROFINET calls are recognised by their
+    interface on every port).
     """
 
     axes: Sequence[Axis] = ()
@@ -73,7 +73,7 @@ class Decoder:
 
     settings: Settings = field(default_factory=Settings)
     notices: list[str] = field(default_factory=list)
-    """What the user should know (an inferred telegram); the owner takes them out."""
+    """Notes for the user (an inferred telegram); the owner removes them."""
 
     def __post_init__(self) -> None:
         names = StationNames()
@@ -84,7 +84,7 @@ class Decoder:
 
     @property
     def axes(self) -> tuple[Axis, ...]:
-        """The axes as known so far."""
+        """The axes known at present."""
         return self._cyclic.axes
 
     @property

@@ -17,7 +17,7 @@ from pdgw.profinet.ethernet import ETHERTYPE_LLDP
 
 
 class Carried(enum.Enum):
-    """What was found behind the headers."""
+    """Content after the headers."""
 
     RT = "PROFINET RT"
     LLDP = "LLDP"
@@ -120,7 +120,7 @@ _LOOPBACK_IPV4 = 2
 
 
 def unwrap(link: int, data: bytes) -> Payload:
-    """Take the headers of a packet off. Damaged and foreign packets come back as ``Carried.OTHER`` with a text."""
+    """Remove the headers of a packet. Damaged and unrelated packets are ``Carried.OTHER`` with a text."""
     if link == LinkType.ETHERNET:
         return (
             _typed(int.from_bytes(data[12:14], "big"), data[14:])

@@ -1,8 +1,9 @@
-"""The packet model: what one packet said, as typed records without I/O; here those of the PLC's side, beside it ``can_records``.
+"""The packet model: the content of one packet as typed records without I/O; here the PLC side, in ``can_records`` the CAN
+side.
 
-A ``Record`` is made for every packet, in capture order. Times are nanoseconds of the capture's own clock. Process data is in
-``units``: one ``ProcessData`` for each axis of a cyclic frame, one for a PDO; unpacked when asked for, so that a record nobody
-looks into costs little. ``document`` turns a record into plain data (docs/decoder-schema.md).
+There is one ``Record`` for every packet, in capture order. Times are nanoseconds of the capture's own clock. Process data is
+in ``units``: one ``ProcessData`` for each axis of a cyclic frame, one for a PDO. It is unpacked on first use, so an unused
+record costs little. ``document`` makes plain data of a record (docs/decoder-schema.md).
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ class Tick(NamedTuple):
 
 
 def ticks(recording: AxisRecording, cycle_ns: int) -> list[Tick]:
-    """When the gateway stepped: once before each answer, and by itself where frames stay away for longer than a cycle.
+    """Times of the gateway's steps: one before each answer, and one by itself when no frame arrives for longer than a cycle.
 
     The time of a step is that of the frame it answers.
     """

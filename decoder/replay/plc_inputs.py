@@ -28,7 +28,7 @@ USED: Final = frozenset({Verdict.ACCEPTED, Verdict.PROVIDER_STOP})
 
 
 class Frame(NamedTuple):
-    """A cyclic frame of the PLC: when the gateway dealt with it, and when it had come, where both are known apart."""
+    """A cyclic frame of the PLC: when the gateway processed it, and when it arrived, if both are known."""
 
     time_ns: int
     data: bytes
@@ -73,9 +73,9 @@ class _Found(NamedTuple):
 
 
 class _Events:
-    """The setpoints of one axis, and since which frame (counted from 0) each is certainly in force.
+    """The setpoints of one axis, and the frame (counted from 0) from which each is certainly in force.
 
-    ``orders``: its control words, where the gateway waits before it believes one; None where it believes all at once (Ethernet).
+    ``orders``: its control words, if the gateway may wait for a confirmation; None if orders act at once (Ethernet).
     """
 
     def __init__(self, orders: Orders | None) -> None:
@@ -91,7 +91,7 @@ class _Events:
         self._found: list[_Found] = []
 
     def frame(self, number: int, now: int, values: tuple[int, ...] | None) -> None:
-        """What is in force with an accepted frame, if it is believed at once."""
+        """Orders in force after an accepted frame, without a wait for confirmation."""
         if self._orders is None:
             self.note(now, values)
             return
@@ -205,12 +205,11 @@ def receive_frames(
     watchdog_factor: int = WATCHDOG_FACTOR,
     ended_ns: int | None = None,
 ) -> PlcInputs:
-    """Feed recorded frames to a ``CyclicEndpoint``; all count as coming from one sender.
+    """Send recorded frames to a ``CyclicEndpoint``, all from one sender.
 
-    ``ended_ns``: when the gateway began to end, which is as a loss of the PLC.
-
-    Whether the gateway waited for more frames before it believed one depends on its own receive times to the microsecond: all
-    are believed at once here, and ``Setpoints.certain_ns`` says how long the gateway may have waited.
+    ``ended_ns``: when the gateway began to end, which counts as a loss of the PLC. Whether the gateway waited for more frames
+    before a confirmation depends on its own receive times to the microsecond. Here all orders act at once, and
+    ``Setpoints.certain_ns`` has the longest possible wait of the gateway.
     """
     endpoint = CyclicEndpoint(telegrams, cycle_ns=cycle_ns, watchdog_factor=watchdog_factor, delays=False)
     receiver = _Receiver(endpoint, [Orders(item.setpoints) for item in telegrams])

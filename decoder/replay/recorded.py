@@ -14,10 +14,10 @@ _FAULT_BUFFER: Final = ("FAULT_CODE", "WARN_CODE")
 
 
 class Setpoints(NamedTuple):
-    """From here on these raw values may be in force, from ``certain_ns`` on they are; None without a valid PLC.
+    """From the first time these raw values may be in force, from ``certain_ns`` they are; None without a valid PLC.
 
-    Between the two the gateway may have waited: a connection begins with the fourth frame, and an order that may be an old one
-    has to stand in three (docs/transport.md, "Which frames are new").
+    Between the two the gateway may have waited: a connection begins with the fourth frame, and three frames must contain an
+    order that may be old (docs/transport.md, "Which frames are new").
     """
 
     time_ns: int

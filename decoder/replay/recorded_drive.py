@@ -20,7 +20,7 @@ from pdgw.gateway.axis.values import Configured
 from pdgw.profidrive.signals import signal
 
 _HOME_POSITION_SET: Final = signal("ZSW1").bit("HOME_POSITION_SET", positioning=True).mask
-"""Of the actual values: all that a machine has to be told beside."""
+"""Inputs of a machine beside the actual values."""
 _CONTROL_BY_PLC: Final = signal("STW1").bit("CONTROL_BY_PLC").mask
 _OFF: Final = ControlBit.ENABLE_VOLTAGE | ControlBit.QUICK_STOP
 _OFF_MASK: Final = _OFF | ControlBit.SWITCH_ON

@@ -1,8 +1,8 @@
-"""A recording of both buses: records of the captures sorted by axis, as replay needs them.
+"""A recording of both buses: records of the captures sorted by axis, as input of replay.
 
-``Collector`` takes the records of all captures in any order of the files; ``recording`` puts the CAN side on the PLC's clock.
-Kept is what the gateway took in and sent out, as plain tuples; memory grows with the captures. Left out: frames of several
-PLCs (all count as one sender), nodes that belong to no axis.
+``Collector`` takes the records of all captures in any order of the files; ``recording`` converts the CAN side to the PLC's
+clock. Inputs and outputs of the gateway are kept as plain tuples; memory grows with the captures. Not here: frames of several
+PLCs (all count as one sender), nodes without an axis.
 """
 
 from __future__ import annotations

@@ -1,21 +1,22 @@
-"""Replay: recorded inputs of one axis through today's axis machine, in recorded time, against the recorded outputs.
+"""Replay: recorded inputs of one axis through the axis machine of this version, in recorded time, compared with the recorded
+outputs.
 
-Without I/O; ``decoder.replay.recording`` makes the inputs out of captures. The PLC's frames go through the link's endpoint, the
-drive's values are what its TPDOs carried, and the recorded answers say when the gateway stepped.
+Without I/O; ``decoder.replay.recording`` makes the inputs from captures. The PLC's frames pass the link's endpoint, the
+drive's values are those of its TPDOs, and the recorded answers give the times of the gateway's steps.
 
-A recorder does not tell which TPDO the gateway had at hand when it made a step, nor the exact time of the step. So the
-question asked is: is there, for each step, a choice of inputs within ``tolerance_ns`` of its recorded time - taken in their
-order, none left out for longer than that; of the PLC's frames the newest, or an earlier one where frames and answers cross - with
-which today's axis machine gives exactly the recorded actual values, and each RPDO exactly the recorded payloads in their order?
-Repetitions of a payload (refresh) do not count. Where a step cannot be explained, the search goes back as far as the tolerance
-reaches; when it finds nothing, that step is the difference.
+A recorder does not show which TPDO a step used, nor the exact time of the step. So the question is: for each step, do inputs
+within ``tolerance_ns`` of its recorded time exist with which the axis machine gives exactly the recorded actual values, and
+each RPDO exactly the recorded payloads in their order? Inputs are used in their order, none omitted for longer than the
+tolerance; of the PLC's frames the newest, or an earlier one while frames and answers cross. Repetitions of a payload (refresh)
+do not count. If a step cannot be explained, the search goes back as far as the tolerance; if that fails, this step is the
+difference.
 
-Whether a drive is online is an input (IOPS of the answers), as are references (SDO), the results of SDO writes and what the
-touch probe latched; where a
-silence of the PLC is as long as the watchdog within the tolerance, IOCS tells whether the gateway saw a loss. What the
-machine remembers from before the recording is not known: comparison starts when the drive is configured in the recording,
-or with an OFF while the power stage is off; after a difference likewise. Left out: a telegram changed in operation (P922),
-the words of a sensor that is another node's encoder, the numbers of the fault buffer.
+Whether a drive is online is an input (IOPS of the answers), as are references (SDO), the results of SDO writes and latched
+values of the touch probe. If a silence of the PLC is as long as the watchdog within the tolerance, IOCS shows whether the
+gateway saw a loss. The state of the machine before the recording is unknown: the comparison starts when the drive is
+configured in the recording, or with an OFF while the power stage is off; the same applies after a difference.
+
+Not here: a telegram changed in operation (P922), the words of an external encoder, the numbers of the fault buffer.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode
 
 MAX_DIFFERENCES: Final = 20
-"""After so many differences of an axis no more are looked for."""
+"""Maximum number of differences of an axis."""
 BUDGET: Final = 10_000
 """Choices that are tried for one step that does not fit."""
 _LONGEST_STALL_NS: Final = SECOND
@@ -85,7 +86,7 @@ class _State:
 
 
 class _Inputs(NamedTuple):
-    """One choice for a step: events taken so far, how much the clock is off, and whether it was made at all."""
+    """One choice for a step: number of used events, offset of the clock, and whether the step was made at all."""
 
     setpoints: int
     feedback: int
@@ -377,7 +378,7 @@ class Replayer:
             self._machine.inputs.news.append(SdoAnswer(request, state.done_error))
 
     def _find_sdo(self, now: int) -> Difference | None:
-        """When the writes that the machine asks for since this step were answered, or what was written instead."""
+        """When the writes of the machine since this step were answered, or which other value was written."""
         state, request = self._state, self._machine.outputs.writes
         wrong = None
         if request is not None and state.asked != request:
@@ -436,10 +437,10 @@ def _encode(entry: Entry, value: int) -> bytes:
 
 
 def _times(recording: AxisRecording) -> tuple[list[int], list[int]]:
-    """Since when each event of the set-points may be in force, and since when it is for certain.
+    """For each event of the setpoints: the earliest time, and the certain time, at which it is in force.
 
-    The gateway's own recording has the time of an answer, not that of its step, which is behind the answer before: the first
-    answer behind a loss may belong to a step that was still in time. Then its IOCS is GOOD, and no step before it saw the loss.
+    The gateway's own recording has the time of an answer, not that of its step. The first answer after a loss may belong to a
+    step that was still in time; then its IOCS is GOOD, and no earlier step saw the loss.
     """
     events, answers = recording.setpoints, recording.answers
     times, certain = [event.time_ns for event in events], [event.certain_ns for event in events]

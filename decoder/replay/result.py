@@ -34,9 +34,10 @@ class Difference:
 
 
 class Step(NamedTuple):
-    """One cycle as replayed. ``setpoints`` and ``feedback`` count the events taken so far.
+    """One replayed cycle. ``setpoints`` and ``feedback`` count the used events.
 
-    ``controlword``, ``actuals`` and ``reason`` are those of today's machine; ``compared`` is False while its past is not known.
+    ``controlword``, ``actuals`` and ``reason`` are those of this version's machine; ``compared`` is False while its earlier
+    state is unknown.
     """
 
     time_ns: int

@@ -20,7 +20,7 @@ class Found(NamedTuple):
 
 
 def find_answer(wish: ProbeWish, transfers: Sequence[ProbeTransfer], first: int, begin_ns: int) -> Found | None:
-    """Of the transfers from number ``first`` on, not before ``begin_ns``; None: the wish was taken back, or nothing came."""
+    """From transfer number ``first`` on, not before ``begin_ns``; None: the request was withdrawn, or nothing arrived."""
     function = touch_probe.function(wish.edges, zero_pulse=wish.zero_pulse)
     armed = False
     missing: list[int] = []

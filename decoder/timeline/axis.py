@@ -1,8 +1,8 @@
-"""One axis of a timeline: its words on both buses with their causes, what the PLC's edges came to, and what went wrong.
+"""One axis of a timeline: its words on both buses with their causes, the results of the PLC's edges, and errors.
 
-Today's axis machine is stepped with what the recording shows that the gateway took in. What it decides explains the recorded
-words as long as its Controlword is the recorded one. Where nothing is known of what the gateway remembers (a recording that
-begins in operation) or the Controlwords differ for longer, no reasons are told until they agree again. Without I/O.
+The axis machine of this version is stepped with the recorded inputs of the gateway. Its decisions explain the recorded words
+while its Controlword is the recorded one. If the state of the gateway is unknown (a recording that begins in operation), or
+the Controlwords differ for longer, no reasons are shown until they agree again. Without I/O.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
 SETTLE_NS: Final = 100 * MS
-"""What an edge has come to is judged so long after it, or at the next edge; an ON when the drive has followed it."""
+"""The result of an edge is judged after this time, or at the next edge; an ON when the drive has followed it."""
 RESPONSE_NS: Final = SECOND
 """A drive that has not answered a Controlword for so long has missed it."""
 AGREEMENT_NS: Final = 500 * MS
@@ -50,7 +50,7 @@ _STW1 = signal("STW1")
 
 
 class _Command(NamedTuple):
-    """A Controlword the drive has to answer by changing one of the ``wanted`` bits of its Statusword."""
+    """A Controlword that the drive must answer with a change of one of the ``wanted`` bits of its Statusword."""
 
     edge: Edge
     wanted: int
@@ -348,7 +348,7 @@ class AxisFollower(ObjectFollower):
         recall(self._machine, self._drive.rpdos(), self._words.values.get(WordKind.STATUS))
 
     def _judge(self, control: Edge | None, now: int) -> None:
-        """Tell what the PLC's edges come to, and reasons that come or go."""
+        """Report the results of the PLC's edges, and reasons that start or end."""
         reason = self._machine.outputs.reason
         if control is not None:
             self._settled()

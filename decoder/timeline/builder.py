@@ -55,9 +55,9 @@ _NOTHING: Final[tuple[Entry, ...]] = ()
 class TimelineBuilder:
     """Both buses of one gateway.
 
-    ``axes``: in the order of the frame, with their node-IDs; ``settings``: the choices of the user by DO-ID, defaults are assumed
-    for others. ``watchdog_factor``: the gateway's, None where it is not known. ``one_clock``: both buses were recorded with
-    one, so that no edge comes before its cause. ``delays``: the gateway expected frames that come late.
+    ``axes``: in the order of the frame, with their node-IDs; ``settings``: the user's settings by DO-ID, defaults for others.
+    ``watchdog_factor``: the gateway's, None if unknown. ``one_clock``: both buses were recorded with one clock, so no edge is
+    before its cause. ``delays``: the gateway expected late frames.
     """
 
     def __init__(
@@ -364,7 +364,7 @@ class _Exchange:
 
     @property
     def _setpoints(self) -> list[Sequence[int] | None]:
-        """What is in force: in doubt what the gateway kept, else the newest frame's."""
+        """Setpoints in force: those that the gateway kept if uncertain, else those of the newest frame."""
         newest, judge = self._endpoint.setpoints, self._judge
         if judge is None:
             return list(newest)

@@ -1,9 +1,9 @@
-"""The offset between the clocks of two captures, from the edges both of them show.
+"""The offset between the clocks of two captures, from the edges that both contain.
 
 An edge of STW1 is followed by the same edge of the Controlword, an edge of the Statusword by the same edge of ZSW1, each after
-a short delay. Of all distances between equal edges, those of true pairs lie together: the densest place is the offset. As the
-delays go in opposite directions (PLC to CAN, CAN to PLC), the offset lies between the two groups: the middle is taken and half
-their distance is the uncertainty. Without edges from CAN to PLC the delay of the gateway remains in the offset.
+a short delay. True pairs have similar distances: the most frequent distance between equal edges is the offset. The delays have
+opposite directions (PLC to CAN, CAN to PLC), so the offset is between the two groups: the result is the middle, and half their
+distance is the uncertainty. Without edges from CAN to PLC the delay of the gateway remains in the offset.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from pdgw.profidrive.telegrams import ApplicationMode, telegram
 MAX_EDGES: Final = 300
 """Edges of one bit that are compared: the first ones."""
 _WIDTH_CYCLES = 4
-"""True pairs of both directions lie within so many cycles: gateway and drive answer within one each."""
+"""True pairs of both directions are within this number of cycles: gateway and drive answer within one each."""
 _OUTLIERS = 0.1
 """Share of a group that may be late."""
 _AMBIGUOUS = 0.8
@@ -51,10 +51,10 @@ class AxisWords:
 
 @dataclass(frozen=True)
 class Clocks:
-    """``offset_ns``: the CAN capture's clock minus the PLC's; ``uncertainty_ns``: it may be off by this much.
+    """``offset_ns``: the CAN capture's clock minus the PLC's; ``uncertainty_ns``: its possible error.
 
-    ``pairs`` edges out of ``edges`` agree with it; ``rivals`` is how many agree with the second best offset. ``origin`` says how
-    it became known: ``given``, ``one clock``, ``correlated`` or ``not known`` (0 is taken).
+    ``pairs`` edges out of ``edges`` agree with it; ``rivals`` agree with the second best offset. ``origin``: ``given``, ``one
+    clock``, ``correlated`` or ``not known`` (offset 0).
     """
 
     offset_ns: int

@@ -91,7 +91,7 @@ class ObjectFollower:
                 self._put(Anomaly(now, do_id, AnomalyKind.EMERGENCY, text))
 
     def tick(self, now: int) -> None:
-        """Tell what is overdue."""
+        """Report overdue answers."""
         for bad in self._bad.values():
             if not bad.told and now >= bad.entry.time_ns + self._hold_ns:
                 bad.told = True

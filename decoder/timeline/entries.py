@@ -39,9 +39,8 @@ _CAN_WORDS = (WordKind.CONTROLWORD.value, WordKind.STATUSWORD.value)
 class Edge:
     """A word that changed. ``latency_ns`` counts from ``cause``.
 
-    On edges of the PLC's control word: ``reasons`` are those the gateway had until the next edge or for 100 ms (1 s while the
-    drive is to start and has not), ``outcome`` the one that stood at the end of that and comes last (None: it obeys), ``note``
-    what else became of the frame.
+    On edges of the PLC's control word: ``reasons`` are those of the gateway until the next edge or for 100 ms (1 s while the
+    drive has not started), ``outcome`` the last one (None: the drive follows), ``note`` another result of the frame.
     """
 
     time_ns: int
@@ -66,10 +65,8 @@ class Edge:
         return f"PLC {self.field.name}" if of_plc and self.field.name in _CAN_WORDS else self.field.name
 
     def follow(self, cause: Edge) -> None:
-        """Take an edge for the cause of this one, even if it was taken for a consequence before.
-
-        Recordings are not exact to the step, and no word is the cause of its own cause.
-        """
+        """Set an edge as the cause of this one, even if it was a consequence before. Recordings are not exact to the step, and
+        no word is the cause of its own cause."""
         link: Edge | None = cause
         while link is not None:
             if link.cause is self:
@@ -115,7 +112,7 @@ class Edge:
 
 @dataclass
 class ReasonChange:
-    """Another reason stands (None: the axis obeys). ``settling``: it is part of what an edge came to."""
+    """A new reason (None: the axis follows the PLC). ``settling``: it is part of the result of an edge."""
 
     time_ns: int
     do_id: int

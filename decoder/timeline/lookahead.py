@@ -1,6 +1,6 @@
-"""What has to be known before a timeline can begin: found out in the first part of both captures. Without I/O.
+"""Facts that a timeline needs before it can begin, from the first part of both captures. Without I/O.
 
-Of all words only the changes are kept, so that much can be looked at. The offset of the clocks needs edges on both sides.
+Only the changes of words are kept, so a long part can be read. The offset of the clocks needs edges on both sides.
 """
 
 from __future__ import annotations

@@ -83,7 +83,7 @@ def _outcome(edge: Edge, *, verbose: bool) -> Iterator[str]:
 
 
 def summary_lines(summary: Summary, clocks: Clocks, assumed: Sequence[str] = ()) -> Iterator[str]:
-    """Clocks, what is not known but assumed, latencies of each hop, what the PLC's edges came to, anomalies."""
+    """Clocks, assumptions, latencies of each hop, results of the PLC's edges, anomalies."""
     yield f"clocks: {clocks.text}"
     for text in assumed:
         yield f"assumed: {text}"

@@ -66,7 +66,7 @@ class Words:
         return edge
 
     def explain(self, kind: WordKind, edge: Edge) -> None:
-        """Give a recorded edge the cause of the decision it shows; the decision may also come later."""
+        """Set the cause of a recorded edge to that of the decision it shows; the decision may follow later."""
         decisions = self._decisions[kind]
         while decisions and decisions[0].time_ns < edge.time_ns - self._tolerance:
             decisions.popleft()

@@ -1,11 +1,10 @@
 """Filter expressions: ``stw1.on == 0 and axis == 1``.
 
-Python's syntax for comparisons, ``and``, ``or``, ``not``, ``in``, arithmetic and bit operations on numbers; nothing is ever
-executed but what is written here. Values are those of documents: percent for N2/N4, else raw; text is compared without case.
-
-A signal the packet does not have is the last one known of the same axis, as long as the packet has another signal of the
-expression: so words of different packets can be compared. Any other name a packet does not have makes the comparison unknown;
-unknown is neither true nor false (``not`` keeps it), and only what is true passes.
+Python's syntax for comparisons, ``and``, ``or``, ``not``, ``in``, arithmetic and bit operations on numbers; no other code is
+executed. Values are those of documents: percent for N2/N4, else raw; text is compared without case. If the packet has a signal
+of the expression, other signals have their last known values of the same axis, so words of different packets can be compared.
+Any other missing name makes the comparison unknown; unknown is neither true nor false (``not`` keeps it), and only true
+results pass.
 """
 
 from __future__ import annotations
@@ -53,7 +52,7 @@ _SIGNS: Final[dict[type[ast.unaryop], Callable[[Any], Any]]] = {
 
 
 class Filter:
-    """A compiled expression; ProfidriveError tells position and what is wrong with it."""
+    """A compiled expression; ProfidriveError has the position and the error."""
 
     def __init__(self, text: str, names: Names) -> None:
         self.text = text

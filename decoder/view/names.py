@@ -1,7 +1,7 @@
-"""The names a reader may ask for - fields of packets, signals, objects, bits - and how each is looked up.
+"""The names of fields of packets, signals, objects and bits, and how to look up each.
 
-Names are spelled as identifiers, case ignored: ``stw1.on``, ``target_velocity``, ``frame_id``. What a packet does not have is
-``None``; an unknown name is an error that names it.
+Names are identifiers, case ignored: ``stw1.on``, ``target_velocity``, ``frame_id``. A name that the packet lacks is ``None``;
+an unknown name is an error that contains it.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def part_value(field: Field, raw: Raw, part: str) -> Value:
 
 
 class Names:
-    """Every name that can be asked for: fields of packets, signals of all telegrams, objects of the given dictionaries."""
+    """All valid names: fields of packets, signals of all telegrams, objects of the given dictionaries."""
 
     def __init__(self, dictionaries: Iterable[ObjectNames] = ()) -> None:
         self._parts: dict[str, set[str]] = {}
@@ -137,7 +137,7 @@ class Names:
             parts.add(TEXT_PART)
 
     def getter(self, text: str) -> Getter:
-        """How ``name`` or ``name.part`` is looked up; ProfidriveError names what is not known."""
+        """How to look up ``name`` or ``name.part``; ProfidriveError names an unknown one."""
         name, part = self.split(text)
         if name in RECORD_NAMES:
             return RECORD_NAMES[name]
@@ -161,7 +161,7 @@ class Names:
         return part == TEXT_PART or name in _TEXTS
 
     def split(self, text: str) -> tuple[str, str]:
-        """Identifier and part of a name, checked; ProfidriveError names what is not known."""
+        """Identifier and part of a name, checked; ProfidriveError names an unknown one."""
         head, _, part = text.strip().partition(".")
         name, part = identifier(head), part.strip().lower()
         if name in RECORD_NAMES:

@@ -80,8 +80,9 @@ _INTERPOLATED: Final = (
     "traversing tasks: no profile position mode (6502h); the gateway calculates a position for each SYNC (mode 8)"
 )
 _SDO_STEP: Final = 5
-"""A step between two positions by SDO is at least so many times as long as an answer takes. When within the time of an answer
-the drive read its position is not known."""
+"""A step between two positions by SDO is at least this factor longer than an answer takes. The moment of the reading within
+that time is unknown.
+"""
 _RETRY_VALUE_NS: Final = 1000 * MS
 """So long after a failed SDO write the same value is tried again."""
 _NEW_SETPOINT: Final = ControlBit.NEW_SETPOINT
@@ -157,12 +158,11 @@ class DriveClient(NodeClient[DriveSettings]):
     # -- cyclic -------------------------------------------------------------------------------------------------------
 
     def send(self, command: DriveCommand, now: int, *, stop: bool = False) -> None:
-        """Cyclic: send the RPDOs that changed or are due for refresh, data first, the one with the Controlword last.
+        """Cyclic: send the RPDOs that changed or are due for refresh: data first, the one with the Controlword last.
 
-        What the interface has no room for is sent with the newest values when the turn of this drive comes. A ``stop`` has its
-        turn before all that does not stop anything.
-
-        While data of the command is not in the drive, a rising bit 4 (new set-point) is held back and the other bits pass.
+        If the interface has no room, the newest values are sent when it is this drive's turn. A ``stop`` is sent before all
+        senders without a stop. While data of the command is not in the drive, a rising bit 4 (new setpoint) is delayed; the
+        other bits are sent.
         """
         if self._sending and not self.rpdos.send(command, now, stop=stop):
             self.network.wait(self, stop=stop)
@@ -185,7 +185,7 @@ class DriveClient(NodeClient[DriveSettings]):
     # -- the node's task ------------------------------------------------------------------------------------------------
 
     def learn(self) -> DriveType:
-        """Ask the drive again what it is (in its task) and keep that in ``drive_type``."""
+        """Read the type of the drive again (in its task) and store it in ``drive_type``."""
         answers: dict[tuple[int, int], int] = {}
         for address in questions(self.dictionary):
             try:
@@ -435,7 +435,7 @@ class DriveClient(NodeClient[DriveSettings]):
             self._look_for_dropped_objects(now)
 
     def _watch_units(self, now: int) -> None:
-        """Take the answer to what was asked for, and ask for the next: nothing is waited for while the drive moves."""
+        """Process the answer and send the next request, without waiting, while the drive moves."""
         units = self._units
         if (address := units.asked) is not None:
             is_position = address == (POSITION_ACTUAL, 0)

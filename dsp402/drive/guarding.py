@@ -1,7 +1,8 @@
-"""What stops a drive when the gateway dies, and what tells the gateway that the drive lives: the first of these the drive has.
+"""Guarding in both directions: the drive stops when the gateway dies, and the gateway monitors the drive. The first available
+method is used.
 
-Source: CiA DS 301 V4.02 chapters 7.2.8.3 (node guarding, life guarding, heartbeat) and 7.5.2.35 (event timer of an RPDO), CiA 402
-(6007h). A device that sends heartbeats answers no node guarding: 1017h is 0 where life guarding is taken.
+Source: CiA DS 301 V4.02 chapters 7.2.8.3 (node guarding, life guarding, heartbeat) and 7.5.2.35 (event timer of an RPDO), CiA
+402 (6007h). A device that sends heartbeats answers no node guarding: with life guarding, 1017h is 0.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ class Guarding:
     heartbeat: bool = False
     """The drive sends heartbeats."""
     life_guarding: bool = False
-    """The gateway has to ask the drive for its state again and again, and the drive answers."""
+    """The gateway must request the state of the drive periodically, and the drive answers."""
     rpdos: bool = False
     """The drive stops when the gateway's RPDO does not come any more."""
     sync: bool = False

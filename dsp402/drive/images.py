@@ -1,6 +1,6 @@
-"""What a drive is told and what it tells: the process images the PDO codecs read and write.
+"""Process images of a drive: values to the drive and from the drive, read and written by the PDO codecs.
 
-Attribute names are those of the object catalogue (a test holds them together). Values are raw object values.
+Attribute names are those of the object catalogue (a test compares them). Values are raw object values.
 """
 
 from __future__ import annotations

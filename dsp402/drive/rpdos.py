@@ -88,7 +88,7 @@ class RpdoSender:
         self._held_since = -1
         self._hold_limit_ns = 0
         self._may_send = True
-        """The interface has taken every frame of this command so far, and no other sender waits."""
+        """The interface has accepted every frame of this command, and no other sender waits."""
         self._commanded_at = 0
         """When the command was given that is sent now, or waits for its turn."""
 

@@ -1,4 +1,4 @@
-"""The choices for one drive, beside those of every node, and what follows from them for a drive that is known."""
+"""Settings of one drive beside those of every node, and their consequences for a known drive."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ class DriveSettings(NodeSettings):
     """From one SYNC to the next, where there are traversing tasks: a drive without profile position gets a position then.
     0: there are none."""
     initial_mode: Mode | None = None
-    """6060h to set and confirm (6061h) while configuring, for layouts that do not carry 6060h.
+    """6060h to set and confirm (6061h) during configuration, for layouts without 6060h.
 
-    Profile velocity stands for the mode of speeds the drive offers. With ``sync_period_us`` set-points take effect
-    with SYNC, and 60C2h is that time.
+    Profile velocity means the speed mode that the drive offers. With ``sync_period_us`` setpoints take effect with SYNC, and
+    60C2h is that time.
     """
 
     def interpolates(self, drive: DriveType) -> bool:

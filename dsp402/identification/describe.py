@@ -165,10 +165,8 @@ def signed(dictionary: canopen.ObjectDictionary, address: ObjectAddress) -> bool
 
 
 def _entries(dictionary: canopen.ObjectDictionary, family: Overlay | None, *, vl: bool) -> dict[str, Entry]:
-    """The cyclic objects of the profile that the drive has, and those of the manufacturer that its overlay names.
-
-    ``vl``: speeds are those of velocity mode.
-    """
+    """The cyclic objects of the profile that the drive has, and the manufacturer's objects in its overlay. ``vl``: speeds are
+    those of velocity mode."""
     addresses = {
         entry.attribute: entry.address
         for entry in DRIVE_OBJECTS.entries

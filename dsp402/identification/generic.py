@@ -1,6 +1,6 @@
-"""A CiA 402 drive without a data sheet: which of the profile's objects it has is asked of the device itself.
+"""A CiA 402 drive without a data sheet: the device itself is asked which objects of the profile it has.
 
-Source: CiA 301 and CiA 402. Types and PDO mapping flags are those of the profile; what a device does otherwise needs its EDS.
+Source: CiA 301 and CiA 402. Types and PDO mapping flags are those of the profile; a device that differs needs its EDS.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ def generic_objects() -> tuple[ObjectSpec, ...]:
 
 @cache
 def generic_dictionary() -> canopen.ObjectDictionary:
-    """The object dictionary of a drive nobody asked yet: one for all of them, not to be changed."""
+    """The object dictionary of a drive that was not read yet: one shared object, do not change it."""
     return _dictionary(None, lambda *_: b"")
 
 
 def discovered_dictionary(node_id: int, read: Read) -> canopen.ObjectDictionary:
-    """The object dictionary of the device that ``read`` asks: objects and sub-indices it does not have are left out.
+    """The object dictionary of the device that ``read`` reads, without missing objects and sub-indices.
 
-    Communication parameters and mappings take the device's values as defaults. Raises what ``read`` raises.
+    Communication parameters and mappings have the device's values as defaults. Raises the errors of ``read``.
     """
     dictionary = _dictionary(node_id, read)
     name = read(DEVICE_NAME, 0)
@@ -100,11 +100,8 @@ def recorded_families(answers: Mapping[ObjectAddress, int]) -> tuple[str, ...]:
 
 @lru_cache(maxsize=64)
 def recorded_drive_type(answers: frozenset[tuple[ObjectAddress, int]]) -> DriveType:
-    """The drive behind a recording of these answers.
-
-    What the recording does not show is taken from the package's data sheet of that device; of one that did not tell its
-    identity, from that of the first family that has one.
-    """
+    """The drive of recorded answers. Missing facts come from the package's data sheet of that device; without an identity,
+    from that of the first family that has one."""
     told = dict(answers)
     vendor_id = told.get(IDENTITY_VENDOR)
     sheets = [item for item in overlays().values() if item.eds_path is not None]

@@ -1,7 +1,7 @@
-"""Overlay files: what the data sheets of a family of drives do not say, one TOML file per family in ``dsp402/families``.
+"""Overlay files: facts that the data sheets of a family of drives lack, one TOML file per family in ``dsp402/families``.
 
-An overlay is chosen by the identity object 1018h or by name. It adds to what the data sheet and the device itself tell, and
-never takes their place. Every file names its sources and what in it is unverified.
+An overlay is selected by the identity object 1018h or by name. It adds to the data sheet and the answers of the device, and
+never replaces them. Every file names its sources and what is unverified.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class _Model(BaseModel):
 
 
 class Match(_Model):
-    """Which devices are of the family: every key that is given has to fit."""
+    """Devices of the family: every given key must match."""
 
     vendor_id: Annotated[int, Field(ge=1, le=0xFFFF_FFFF)] | None = None
     """1018h/1; without it the name alone decides."""
@@ -346,9 +346,9 @@ def _by_product(match: Match) -> bool:
 
 
 def units_of(family: Overlay | None, vendor_id: int, product_code: int, name: str) -> FamilyUnits:
-    """What is known about the units of a device with this identity and family.
+    """Known facts about the units of a device with this identity and family.
 
-    A device of no family is believed what it says, unless its maker is known to have families with units of their own.
+    For a device without family, its own objects count, unless its maker has families with units of their own.
     """
     if family is not None:
         return family.family_units

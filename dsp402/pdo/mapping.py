@@ -1,6 +1,6 @@
-"""What the plan of a drive's PDOs is made from while it is being configured: its data sheet, and what it refuses.
+"""Inputs of the PDO plan during configuration: the data sheet, and the refusals of the drive.
 
-Source: CiA DS 301 V4.02 chapter 7.5.2.36. Each refusal is something found out about the drive; the plan is made anew with it.
+Source: CiA DS 301 V4.02 chapter 7.5.2.36. After each refusal, the plan is made again without the refused item.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class DriveMapping:
         self._findings = Findings()
 
     def survey(self, drive: DriveType, cob_ids: Mapping[int, int]) -> None:
-        """Begin anew, with the PDOs that are there. What never came before is still not trusted."""
+        """Start again with the existing PDOs. An object that was never received is still not trusted."""
         findings = self._findings = Findings(dropped=self._findings.dropped)
         for index, cob_id in cob_ids.items():
             key = pdo_of(index)
@@ -51,7 +51,7 @@ class DriveMapping:
         return plan_pdos(needs, drive, node_id, self._findings, sync=sync, sync_rpdos=sync_rpdos)
 
     def drop(self, address: ObjectAddress) -> None:
-        """An object that is taken in a mapping and does not come."""
+        """An object that the drive accepts in a mapping but does not send."""
         self._findings.dropped.add(address)
 
     def learn(self, step: SdoStep, error: SdoAbortedError) -> bool:

@@ -46,18 +46,18 @@ class Findings:
     dead: set[Key] = field(default_factory=set)
     """PDOs that are not valid and cannot be made so."""
     most: dict[Key, int] = field(default_factory=dict)
-    """So many objects it takes."""
+    """Maximum number of objects in it."""
     unmappable: set[ObjectAddress] = field(default_factory=set)
     timerless: set[Key] = field(default_factory=set)
     """TPDOs whose event timer cannot be set."""
     types: dict[Key, int] = field(default_factory=dict)
     """Transmission types that cannot be written, as they are."""
     dropped: set[ObjectAddress] = field(default_factory=set)
-    """Objects taken in a mapping whose values never came."""
+    """Objects accepted in a mapping whose values never arrived."""
 
 
 def found_in_data_sheet(drive: DriveType) -> Findings:
-    """What the data sheet tells of a device nobody asked yet."""
+    """Facts of the data sheet about a device that was not read yet."""
     findings = Findings()
     for direction, slots in ((PdoDirection.RPDO, drive.pdos.rpdos), (PdoDirection.TPDO, drive.pdos.tpdos)):
         for slot in slots:
@@ -226,7 +226,7 @@ class _Direction:
     # -- mappings of the device ---------------------------------------------------------------------------------------------
 
     def _adopt(self, left: Sequence[Entry], *, has_essential: bool) -> list[Pdo]:
-        """Fixed PDOs for what is left, the most useful first; of an RPDO everything in it must be known."""
+        """Fixed PDOs for the remaining objects, the most useful first; every object of an RPDO must be known."""
         dropped = self.findings.dropped
         wanted = {entry.address: entry for entry in left if entry.address not in dropped}
         adopted: list[Pdo] = []
@@ -255,7 +255,7 @@ class _Direction:
         return worth + (1 << len(order) + 1 if self.essential in pdo.attributes else 0)
 
     def _carried(self, number: int, mapping: tuple[int, ...], wanted: Mapping[ObjectAddress, Entry]) -> Pdo | None:
-        """A fixed PDO with gaps for what is not wanted; None where it cannot be used."""
+        """A fixed PDO with gaps for unneeded objects; None if it cannot be used."""
         entries: list[Entry] = []
         bits = 0
         for item in mapping:

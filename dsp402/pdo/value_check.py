@@ -1,7 +1,7 @@
-"""Notices an object that a drive takes in a TPDO's mapping and then does not send: its place in the PDO never changes.
+"""Detects an object that a drive accepts in a TPDO's mapping but does not send: its place in the PDO never changes.
 
-Sans-I/O: the newest bytes of each TPDO come in, and what the object itself holds (by SDO); an object whose bytes have changed
-once is trusted for good. Source: none; CiA 301 has no way to tell.
+Sans-I/O: inputs are the newest bytes of each TPDO and the value of the object (by SDO). An object whose bytes have changed
+once is trusted permanently. Source: none; CiA 301 does not cover this.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class PdoValueCheck:
 
     @property
     def doubts(self) -> Iterator[Doubt]:
-        """What has to be asked for; objects that were not in a frame yet are not."""
+        """Objects to read; without those that were in no frame yet."""
         return (doubt for doubt in tuple(self._doubts) if doubt.first)
 
     def trust(self, doubt: Doubt) -> None:
@@ -77,7 +77,7 @@ class PdoValueCheck:
 
     @property
     def contradicted(self) -> bool:
-        """An object held another value when it was asked for last."""
+        """An object had another value at its last reading."""
         return any(doubt.contradictions for doubt in self._doubts)
 
     def compare(self, doubt: Doubt, held: bytes, now: int) -> bool:

@@ -135,7 +135,7 @@ class Mechanics:
         return self.told_unit(order) or self.noted_unit(order) or (parse_unit(own, order, self.name) if own else None)
 
     def told_unit(self, order: int) -> Unit | Unknown | None:
-        """60A8h to 60AAh; a unit that is told and not known here is not guessed from elsewhere."""
+        """60A8h to 60AAh; an unknown unit is not derived from other objects."""
         index, value = SI_UNITS[order], self.number(SI_UNITS[order])
         if not value:
             return None

@@ -1,7 +1,7 @@
-"""What 100 % of a speed, an acceleration or a position is in a drive's own units, or why it is not known.
+"""100 % of a speed, an acceleration or a position in a drive's own units, or why it is unknown.
 
-``dsp402.units.velocity`` finds the unit of velocities, ``dsp402.units.mechanics`` what a revolution is. Exact rational
-arithmetic; nothing is assumed: what no source tells is refused with the key that settles it. Source: CiA 402, docs/units.md.
+``dsp402.units.velocity`` finds the unit of velocities, ``dsp402.units.mechanics`` the units of a revolution. Exact rational
+arithmetic. Nothing is assumed: an unknown value is refused with the key that sets it. Source: CiA 402, docs/units.md.
 """
 
 from __future__ import annotations

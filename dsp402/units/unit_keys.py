@@ -58,7 +58,7 @@ class FamilyUnits:
     velocity_step: int = 0
     """Index of an object with numerator and denominator: one velocity unit is this many times ``velocity``."""
     only_while_one: frozenset[int] = frozenset()
-    """Such objects that have to be 1/1, or missing, for ``velocity`` to hold."""
+    """Objects that must be 1/1, or missing, for ``velocity`` to apply."""
     increments_per_revolution: Fraction | None = None
     """Of a family whose increments are always the same, in place of 608Fh."""
     position: str = ""
@@ -67,4 +67,4 @@ class FamilyUnits:
     ignores: frozenset[int] = frozenset()
     """Objects the family has and does not apply, or applies otherwise than the profile."""
     ask: str = ""
-    """Why no object tells the units of this device: the configuration has to."""
+    """Why no object shows the units of this device: the configuration must set them."""

@@ -1,6 +1,6 @@
-"""What of a drive has to be read again while it moves: objects that tell its units, and its position where no TPDO has it.
+"""Objects of a drive to read again while it moves: those that define its units, and its position if no TPDO contains it.
 
-Another tool may write a unit object at any time, and the drive then turns faster than it is told. Source: docs/units.md.
+Another tool may write a unit object at any time; then the drive turns faster than commanded. Source: docs/units.md.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class UnitWatch:
         self.read_ns = 0
         """When the position was read last; 0 never."""
         self.asked: ObjectAddress | None = None
-        """What was asked for and not answered yet,"""
+        """Pending request,"""
         self.asked_ns = 0
         """and when."""
         self._begun = self._due = 0
@@ -86,7 +86,7 @@ class UnitWatch:
         return self.asked
 
     def give_up(self, now: int) -> bool:
-        """Whether what was asked for is not waited for any longer."""
+        """Whether the pending request has timed out."""
         if now - self.asked_ns < _PATIENCE_NS:
             return False
         self.asked = None

@@ -1,8 +1,8 @@
-"""The unit of a drive's velocities, by agreement of everything that speaks of it.
+"""The unit of a drive's velocities, by agreement of all sources.
 
-Each source makes a claim: so many units of 60FFh are one rpm of the motor. Claims that differ are refused with both sentences;
-the configuration decides between them. What only describes positions (608Fh, 6091h, 6092h) is believed where 607Fh confirms it.
-Source: CiA 402, docs/units.md.
+Each source makes a claim: the number of units of 60FFh in one rpm of the motor. Claims that differ are refused with both
+texts; the configuration decides between them. Objects that describe only positions (608Fh, 6091h, 6092h) count if 607Fh
+confirms them. Source: CiA 402, docs/units.md.
 """
 
 from __future__ import annotations

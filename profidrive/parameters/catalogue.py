@@ -1,7 +1,7 @@
-"""The profile's parameters, declared once: PNU, name, type, access, elements, texts.
+"""The parameters of the profile, declared once: PNU, name, type, access, elements, texts.
 
-Source: PROFIdrive profile 4.1 chapter 6.2 and 6.3.9, encoder profile 4.2 (docs/parameter-channel.md). What stands behind a
-parameter is bound by the device; the CANopen objects 03E8h..EA5Fh, which are parameters too, have their own dictionary.
+Source: PROFIdrive profile 4.1 chapter 6.2 and 6.3.9, encoder profile 4.2 (docs/parameter-channel.md). The device binds the
+values. CANopen objects 03E8h..EA5Fh, which are also parameters, have their own dictionary.
 """
 
 from __future__ import annotations

@@ -296,7 +296,7 @@ def is_negative(response: bytes) -> bool:
 
 
 def decode_response(data: bytes) -> Response:
-    """A response's bytes as an object; ProfidriveError tells the offset of what is wrong."""
+    """Decode a response; ProfidriveError has the offset of the error."""
     reader = _Reader(data)
     inconsistent = ParameterErrorNumber.NUMBER_OF_VALUES_INCONSISTENT
     reference, response_id, do_id, count = reader.take(4, "response header", inconsistent)

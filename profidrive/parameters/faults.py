@@ -1,7 +1,7 @@
 """The fault buffer: P944 (counter), P945, P947, P948, P949, P952, pure.
 
-Source: PROFIdrive profile 4.1 chapter 6.3.8 (docs/parameter-channel.md): 8 fault situations of 8 faults; subindex n*8 .. n*8+7.
-Situation 0 holds what is not acknowledged; acknowledging moves it to situation 1 and shifts the older ones.
+Source: PROFIdrive profile 4.1 chapter 6.3.8 (docs/parameter-channel.md): 8 fault situations of 8 faults; subindex n*8 ..
+n*8+7. Situation 0 contains unacknowledged faults; an acknowledge moves them to situation 1 and shifts the older situations.
 """
 
 from __future__ import annotations

@@ -84,7 +84,7 @@ def converted(values: Values, data_type: DataType) -> Values:
 
 @dataclass(frozen=True)
 class BoundParameter:
-    """A declared parameter with what stands behind it.
+    """A declared parameter with its functions.
 
     ``get`` returns the present value: a number, the elements of an array, or the bytes of a string. ``set`` takes one number
     (no array of the profile is writable). Both may raise ParameterRefused.
@@ -149,7 +149,7 @@ class BoundParameter:
 
 
 def answer(data: bytes, find: Callable[[int], DriveObjectParameters | None], max_block: int) -> bytes | None:
-    """The response to a request; None where not even a header came. ``find`` gives the DO, None where there is none."""
+    """The response to a request; None without a complete header. ``find`` returns the DO, or None."""
     try:
         request = decode_request(data)
     except RequestError as error:

@@ -51,7 +51,7 @@ from pdgw.durations import MS
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
 Dictionary = Callable[[int], Sequence[Entry] | None]
-"""The EDS/DCF entries of a node-ID, None where none was given; defaults hold the node's own COB-IDs."""
+"""The EDS/DCF entries of a node-ID, None if none was given; defaults contain the node's own COB-IDs."""
 
 LSS: Final = {0x7E4: "LSS response", 0x7E5: "LSS request"}
 _NODE = 0x7F
@@ -82,7 +82,7 @@ _TELLS_FAMILY: Final = (IDENTITY_VENDOR, IDENTITY_PRODUCT, (DEVICE_NAME, 0))
 
 @dataclass(slots=True)
 class _Node:
-    """What is known of one node."""
+    """Known facts of one node."""
 
     axis: int = 0
     names: ObjectNames = field(default_factory=any_drive)
@@ -299,7 +299,7 @@ class CanopenDecoder:
             self._rebuild(node_id, node, mapping)
 
     def _rebuild(self, node_id: int, node: _Node, mapping: int) -> None:
-        """Bring one PDO's layout in line with what is known of its parameters."""
+        """Update one PDO's layout from its known parameters."""
         direction, number = pdo_of(mapping)
         communication = mapping - PDOS_MAX
         before = node.cob_ids.pop(communication, None)

@@ -38,7 +38,7 @@ class ObjectNames:
         self.families = all_families() if families is None else families
 
     def of(self, families: tuple[str, ...]) -> ObjectNames:
-        """The same of a device that has told what it is; what is of no family of drives stays so."""
+        """The same for a device with known identity; a device of no drive family stays unchanged."""
         return self if not self.families or families == self.families else ObjectNames(self._entries.values(), families)
 
     def field(self, entry: Entry) -> Field:
@@ -62,7 +62,7 @@ class ObjectNames:
         return map(self.field, self._entries.values())
 
     def decode(self, index: int, subindex: int, data: bytes) -> Raw | str:
-        """The value SDO data stands for; the bytes themselves where the type is not known or does not fit."""
+        """The value of SDO data; the bytes themselves if the type is unknown or does not fit."""
         entry = self.get(index, subindex)
         if entry is None:
             return int.from_bytes(data, "little") if len(data) in {1, 2, 4, 8} else data
@@ -121,7 +121,7 @@ def catalogue(families: tuple[str, ...]) -> ObjectNames:
 
 
 def any_drive() -> ObjectNames:
-    """The objects of a drive that has not told what it is."""
+    """The objects of a drive without known identity."""
     return catalogue(all_families())
 
 

@@ -39,7 +39,7 @@ class CanRecord(Record):
 
 @dataclass(frozen=True, eq=False)
 class PdoLayout:
-    """The mapping of one PDO in force: what it is called, how its bytes are cut, where the mapping is known from."""
+    """The mapping of one PDO in force: its name, its fields, and its source."""
 
     name: str
     node: int
@@ -173,9 +173,9 @@ class HeartbeatRecord(CanRecord):
 class SdoRecord(CanRecord):
     """One frame of an SDO transfer.
 
-    ``step`` is its place in the transfer (``SdoStep``); ``index``/``subindex`` are those of the transfer, None for a frame
-    of a transfer whose start was not seen. ``value`` (complete bytes) and ``decoded`` come with the frame that completes
-    the transfer; ``abort`` with an abort. ``latency_ns`` is the time since the client's last frame, on the server's frames.
+    ``step`` is its place in the transfer (``SdoStep``); ``index``/``subindex`` are those of the transfer, None if its start
+    was not seen. ``value`` (complete bytes) and ``decoded`` are in the frame that completes the transfer; ``abort`` is in an
+    abort. ``latency_ns`` of a server's frame is the time since the client's last frame.
     """
 
     kind: ClassVar[str] = "sdo"

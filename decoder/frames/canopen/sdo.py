@@ -116,7 +116,7 @@ class SdoChannel:
 
     @staticmethod
     def _acknowledge(transfer: _Transfer, acknowledged: int) -> None:
-        """The receiver took segments 1..n of the block; the others come again in the next one."""
+        """The receiver accepted segments 1..n of the block; the next block repeats the others."""
         block = transfer.block or {}
         for number in range(1, acknowledged + 1):
             _append(transfer, block.get(number, b""))

@@ -1,7 +1,7 @@
-"""PROFINET blocks as plain data: every block that is declared in ``profinet.blocks``, by its fields.
+"""PROFINET blocks as plain data: every block that ``profinet.blocks`` declares, by its fields.
 
-Source: IEC 61158-6-10; the declarations are those the device answers with. Values are shown as they came, allowed or not; what is
-declared nowhere keeps its type and its bytes.
+Source: IEC 61158-6-10; the device uses the same declarations. Values are shown unchanged, valid or not. An undeclared block
+has its type and its bytes.
 """
 
 from __future__ import annotations

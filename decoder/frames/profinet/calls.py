@@ -104,7 +104,7 @@ class RelationCalls:
 
 
 def _asked_text(connection: Connection, fields: Document) -> str:
-    """What is asked for or granted, in one line; the relationships go into ``fields``."""
+    """The request or response in one line; ``fields`` gets the relationships."""
     fields["relations"] = [
         {"direction": relation.direction.value, "frame_id": relation.frame_id, "submodules": len(relation.data)}
         for relation in connection.relations

@@ -1,7 +1,7 @@
-"""Cyclic RT frames: which telegrams they carry, and the struct that takes a whole frame apart in one call.
+"""Cyclic RT frames: their telegrams, and the struct that decodes a whole frame in one call.
 
 Source: docs/transport.md (C_SDU of a static relationship), IEC 61158-6-10 (FrameIDs). The telegrams are given, observed in
-P922 or in a Connect, or inferred from where IOPS and IOCS lie. Left out: fragments.
+P922 or in a Connect, or inferred from the places of IOPS and IOCS. Not here: fragments.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ _LIVE = STATUS_RUN | STATUS_DATA_VALID
 class Axis:
     """One axis of the relationship, in the order of the frame.
 
-    ``node`` is its CANopen node-ID, 0 when not known; ``bus`` the channel that node is on, empty for any. ``slot`` is its
-    PROFINET slot, 0 where the order tells it.
+    ``node`` is its CANopen node-ID, 0 if unknown; ``bus`` the channel of that node, empty for any. ``slot`` is its PROFINET
+    slot, 0 if the order defines it.
     """
 
     do_id: int
@@ -163,7 +163,7 @@ def _combine(one: list[Candidate], other: list[Candidate]) -> list[Candidate]:
 
 
 class CyclicDecoder:
-    """All cyclic frames of a capture. ``notify`` is told how telegrams became known."""
+    """All cyclic frames of a capture. ``notify`` is called with the source of inferred telegrams."""
 
     def __init__(self, axes: Sequence[Axis], notify: Callable[[str], None], station: str = "") -> None:
         for axis in axes:
@@ -179,7 +179,7 @@ class CyclicDecoder:
         self._doubted: Counter[Direction] = Counter()
         self._layouts: dict[_Kind, FrameLayout] = {}
         self._plain: dict[_Kind, tuple[int, FrameLayout]] = {}
-        """Frames whose telegrams are looked for: how many came, and the layout without signals."""
+        """Frames with unknown telegrams: their number, and the layout without signals."""
         self._relations: dict[tuple[int, bytes], tuple[CyclicRelation, Connection]] = {}
         """By FrameID and the destination and source of its frames, empty where these are not known."""
         self._connection: Connection | None = None
@@ -187,7 +187,7 @@ class CyclicDecoder:
 
     @property
     def axes(self) -> tuple[Axis, ...]:
-        """The axes as known so far: given or inferred, with the telegrams observed in P922."""
+        """The axes known at present: given or inferred, with the telegrams observed in P922."""
         if self._given:
             axes = self._given
         elif self._connection is not None:
@@ -247,7 +247,7 @@ class CyclicDecoder:
     def _connected(self, connection: Connection) -> list[tuple[Axis, Place]]:
         """The submodules of drive objects whose lengths are those of a telegram. The n-th drive object is in slot n.
 
-        Outside of PROFIdrive's API, as gateways with plain modules have it, only those in the slots of axes that were told.
+        Outside the API of PROFIdrive (gateways with plain modules), only those in the slots of given axes.
         """
         known = {axis.slot or place: axis for place, axis in enumerate(self.axes, 1)}
         return self._fitting(connection, known)
@@ -352,9 +352,9 @@ class CyclicDecoder:
         return plain
 
     def _doubt(self, direction: Direction, data: bytes) -> None:
-        """Tell once for each direction when the status bytes of live frames lie where those of other telegrams do.
+        """Report once for each direction when the status bytes of live frames are at the places of other telegrams.
 
-        The first frames of a connection have them BAD and tell nothing: later ones are looked at, too.
+        The first frames of a connection have BAD status bytes and prove nothing, so later ones are checked too.
         """
         if direction in self._seen or self._has_bad_object(direction, data[HEADER.size : -TRAILER.size]):
             return

@@ -46,10 +46,11 @@ class _Member:
 
 
 class ProfinetEndpoint:
-    """``setpoints[i]`` are the raw values of axis i, None while it has no valid PLC. Times are those of the capture.
+    """The PLC side of a capture. ``setpoints[i]`` are the raw values of axis i, None while it has no valid PLC. Times are
+    those of the capture.
 
-    Of two relationships of system redundancy the frames of the one that leads count: see ``profinet.connection.redundancy``.
-    Controllers are known by their MAC addresses.
+    Of two relationships of system redundancy, the frames of the leader count: see ``profinet.connection.redundancy``.
+    Controllers are identified by their MAC addresses.
     """
 
     def __init__(self, axes: Sequence[Axis], watchdog_factor: int) -> None:

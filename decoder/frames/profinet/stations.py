@@ -14,7 +14,7 @@ class StationNames:
         self._names: dict[bytes, str] = {}
 
     def learn(self, mac: bytes, name: str) -> None:
-        """A station has told its name, or was given one."""
+        """A station has reported its name, or has received one."""
         if mac in self._names or len(self._names) < _STATIONS_MAX:
             self._names[mac] = name
 
