@@ -6,6 +6,7 @@ Source: the manufacturer's guide chapters 5-7.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 from pdgw.ds301.communication import communication_objects, pdo_objects
@@ -128,6 +129,7 @@ OBJECTS: Final = Catalogue(
 """Profile and manufacturer area of the drive."""
 
 
+@lru_cache(maxsize=8)
 def drive_objects(serial_number: int = 1, pdos: int = 5) -> tuple[ObjectSpec, ...]:
     """Every object of the drive; ``pdos`` is the number of RPDOs and of TPDOs it has."""
     return (

@@ -71,6 +71,10 @@ class NodePdos:
         self._tpdos: list[_Tpdo] = []
         self._events: list[_Tpdo] = []
         """Those that are event-driven."""
+        self._communication = [i for i, sub in node.entries if sub == 1 and is_communication_parameter(i)]
+        """Indices of the communication parameters."""
+        self._made: dict[tuple[int, ...], Pdo] = {}
+        """By the index of the mapping and what was mapped: one object that is written brings all PDOs in line."""
 
     def get(self, can_id: int) -> Pdo | None:
         """What is mapped to a PDO of either direction, by its identifier; None for none."""
@@ -151,11 +155,14 @@ class NodePdos:
         if not count:
             return None
         mapped = [int(self.node.values.get((index, sub), 0)) for sub in range(1, count + 1)]
-        entries = tuple(self._mappable(mapping, direction) for mapping in mapped)
-        try:
-            return Pdo(direction, index - direction.mapping_index + 1, entries)
-        except CanopenError:
-            raise SdoAbortedError(Abort.PDO_LENGTH) from None
+        key = (index, *mapped)
+        if key not in self._made:
+            entries = tuple(self._mappable(mapping, direction) for mapping in mapped)
+            try:
+                self._made[key] = Pdo(direction, index - direction.mapping_index + 1, entries)
+            except CanopenError:
+                raise SdoAbortedError(Abort.PDO_LENGTH) from None
+        return self._made[key]
 
     def map(self) -> None:
         """Bring the PDOs in line with their parameters."""
@@ -164,9 +171,8 @@ class NodePdos:
         self._waiting = {}
         old = {(tpdo.cob_id, tpdo.pdo.attributes): tpdo for tpdo in self._tpdos}
         self._tpdos, self._events = [], []
-        for (index, subindex), cob_id in list(self.node.values.items()):
-            if subindex != 1 or not is_communication_parameter(index):
-                continue
+        for index in self._communication:
+            cob_id = self.node.values.get((index, 1), COB_ID_INVALID)
             if int(cob_id) & COB_ID_INVALID:
                 continue
             direction = direction_of(index)

@@ -9,7 +9,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,10 +18,11 @@ import typer
 from typer.main import get_command
 
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.service.status_client import fetch
 from pdgw.workshop.commands import bench
 from tests.decoder.replay.test_replay import speed
 from tests.support.axis.rig import NODE
-from tests.support.buses import PATIENCE_S
+from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.processes import PATIENT, free_tcp_port, free_udp_port
 
 _ELSEWHERE = """
@@ -184,15 +184,21 @@ def gateway(store: Path) -> Iterator[tuple[int, int, int]]:
             assert "Traceback" not in output, output
 
 
+def drive_on(status: int) -> str:
+    """What the gateway says of its drive; nothing while it does not answer."""
+    try:
+        return str(fetch(status, PATIENCE_S)["axes"][0]["drive"])
+    except GatewayError:
+        return ""
+
+
 @pytest.mark.e2e
 def test_a_gateway_runs_is_asked_and_obeys_the_keyboard(tmp_path: Path) -> None:
     store = tmp_path / "store.json"
     with gateway(store) as (cyclic, acyclic, status):
-        deadline = time.monotonic() + PATIENCE_S
-        while (asked := elsewhere("status", "--port", str(status), "--json")).returncode or json.loads(asked.stdout)[
-            "axes"
-        ][0]["drive"] != "online":
-            assert time.monotonic() < deadline, asked.stderr
+        wait_for(lambda: drive_on(status) == "online", "the drive is online")
+        asked = elsewhere("status", "--port", str(status), "--json")
+        assert json.loads(asked.stdout)["axes"][0]["drive"] == "online", asked.stderr
         parameters = "--gateway", f"127.0.0.1:{acyclic}"
         read = elsewhere("param", "read", "P922", "--json", *parameters)
         assert json.loads(read.stdout)[0]["value"] == 1, read.stderr
