@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from pdgw.ds301.errors import CanopenError
     from pdgw.errors import PdgwError
     from pdgw.gateway.assembly import build_gateway
+    from pdgw.gateway.axis.telegrams import add_telegram
     from pdgw.gateway.configuration.config import GatewayConfig
     from pdgw.gateway.configuration.file import load_config, parse_config
     from pdgw.gateway.daemon import Daemon
@@ -41,6 +42,7 @@ __all__ = [
     "Telegram",
     "World",
     "__version__",
+    "add_telegram",
     "build_gateway",
     "import_eds",
     "load_config",
@@ -64,6 +66,7 @@ _ROOMS = {
     "Signal": "profidrive.signals",
     "Telegram": "profidrive.telegrams",
     "World": "peers.world",
+    "add_telegram": "gateway.axis.telegrams",
     "build_gateway": "gateway.assembly",
     "import_eds": "ds301.eds.importer",
     "load_config": "gateway.configuration.file",

@@ -4,7 +4,7 @@ Source: PROFIdrive profile 4.1 chapter 6.3.4 (standard telegrams), the encoder p
 guide chapter 4.3 (1, 9, 100), public manuals of drives and masters (4-6, 102-112, with their ``Confidence``). Left out: free
 telegram configuration (999), supplementary telegrams (700 ff, safety among them).
 
-Adding a telegram is adding one entry to ``TELEGRAMS``.
+Adding a telegram is adding one entry to ``TELEGRAMS``. A user's own is declared in the configuration and known to its process.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
+from typing import Final
 
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.signals import POSITIONER_FORMS, Signal, signal
@@ -198,107 +199,108 @@ _DSC = ", XERR, KPC"
 _TORQUE_SET = f"{_SPEED_SET}, MOMRED"
 _MESSAGE_ACT = f"{_SPEED_ACT}, MELDW"
 
-TELEGRAMS: MappingProxyType[int, Telegram] = MappingProxyType(
-    {
-        telegram.number: telegram
-        for telegram in (
-            _telegram(1, _VELOCITY, "STW1, NSOLL_A", "ZSW1, NIST_A", _AC1),
-            _telegram(2, _VELOCITY, _SPEED_SET, _SPEED_ACT, _AC1),
-            _telegram(3, _VELOCITY, f"{_SPEED_SET}, G1_STW", f"{_SPEED_ACT}, {_G1_ACT}", _AC1_AC4),
-            _telegram(
-                4,
-                _VELOCITY,
-                f"{_SPEED_SET}, G1_STW, G2_STW",
-                f"{_SPEED_ACT}, {_G1_ACT}, {_G2_ACT}",
-                _AC1_AC4,
-                _ONE,
-            ),
-            _telegram(5, _VELOCITY, f"{_SPEED_SET}, G1_STW{_DSC}", f"{_SPEED_ACT}, {_G1_ACT}", _AC4, _UNVERIFIED),
-            _telegram(
-                6,
-                _VELOCITY,
-                f"{_SPEED_SET}, G1_STW, G2_STW{_DSC}",
-                f"{_SPEED_ACT}, {_G1_ACT}, {_G2_ACT}",
-                _AC4,
-                _UNVERIFIED,
-            ),
-            _telegram(7, _POSITIONING, "STW1, SATZANW", "ZSW1, AKTSATZ", _AC3, forms=POSITIONER_FORMS),
-            _telegram(
-                9,
-                _POSITIONING,
-                "STW1, SATZANW, STW2, MDI_TARPOS, MDI_VELOCITY, MDI_ACC, MDI_DEC, MDI_MOD",
-                "ZSW1, AKTSATZ, ZSW2, XIST_A",
-                _AC3,
-            ),
-            _telegram(
-                20,
-                _VELOCITY,
-                "STW1, NSOLL_A",
-                "ZSW1, NIST_A_GLATT, IAIST_GLATT, MIST_GLATT, PIST_GLATT, MELD_NAMUR",
-                _AC1,
-            ),
-            _telegram(81, _ENCODER, "STW2_ENC, G1_STW", _ENC_ACT),
-            _telegram(82, _ENCODER, "STW2_ENC, G1_STW", _ENC_ACT + ", NIST_A"),
-            _telegram(83, _ENCODER, "STW2_ENC, G1_STW", _ENC_ACT + ", NIST_B"),
-            _telegram(84, _ENCODER, "STW2_ENC, G1_STW", "ZSW2_ENC, G1_ZSW, G1_XIST3, G1_XIST2, NIST_B"),
-            _telegram(
-                100,
-                ApplicationMode.TRANSPARENT,
-                "Controlword, Modes of Operation, Target Torque, Target Position, Profile Velocity,"
-                "Profile Acceleration, Profile Deceleration, Dynamic Speed Limit, Dynamic Torque Limit,"
-                "Digital Outputs, Digital Outputs Mask, Target Velocity",
-                "Statusword, Modes of Operation Display, Position Actual Value, Velocity Demand Value,"
-                "Velocity Actual Value, Current Actual Value, DC-link Circuit Voltage, Digital Inputs,"
-                "Analogue Input 1, Analogue Input 2, Encoder Position Value, Error Code",
-            ),
-            _telegram(102, _VELOCITY, f"{_TORQUE_SET}, G1_STW", f"{_MESSAGE_ACT}, {_G1_ACT}", _AC1_AC4),
-            _telegram(
-                103,
-                _VELOCITY,
-                f"{_TORQUE_SET}, G1_STW, G2_STW",
-                f"{_MESSAGE_ACT}, {_G1_ACT}, {_G2_ACT}",
-                _AC1_AC4,
-                _ONE,
-            ),
-            _telegram(105, _VELOCITY, f"{_TORQUE_SET}, G1_STW{_DSC}", f"{_MESSAGE_ACT}, {_G1_ACT}", _AC4),
-            _telegram(
-                106,
-                _VELOCITY,
-                f"{_TORQUE_SET}, G1_STW, G2_STW{_DSC}",
-                f"{_MESSAGE_ACT}, {_G1_ACT}, {_G2_ACT}",
-                _AC4,
-                _UNVERIFIED,
-            ),
-            _telegram(
-                110,
-                _POSITIONING,
-                "STW1, SATZANW, POS_STW, STW2, OVERRIDE, MDI_TARPOS, MDI_VELOCITY, MDI_ACC, MDI_DEC, MDI_MOD",
-                "ZSW1, AKTSATZ, POS_ZSW, ZSW2, MELDW, XIST_A",
-                _AC3,
-                _ONE,
-                POSITIONER_FORMS,
-            ),
-            _telegram(
-                111,
-                _POSITIONING,
-                "STW1, POS_STW1, POS_STW2, STW2, OVERRIDE, MDI_TARPOS, MDI_VELOCITY, MDI_ACC, MDI_DEC, USER",
-                "ZSW1, POS_ZSW1, POS_ZSW2, ZSW2, MELDW, XIST_A, NIST_B, FAULT_CODE, WARN_CODE, USER",
-                _AC3,
-                forms=POSITIONER_FORMS,
-            ),
-            _telegram(
-                112,
-                _POSITIONING,
-                "STW1, POS_STW1, POS_STW2, STW2, OVERRIDE, MDI_TARPOS_F, MDI_VELOCITY_F, MDI_ACC_F, MDI_DEC_F,"
-                "RESERVED_2, REF_COORDINATE",
-                "ZSW1, POS_ZSW1, POS_ZSW2, ZSW2, RESERVED, XIST_F, VIST_F, MELDW, FAULT_CODE, WARN_CODE",
-                _AC3,
-                _ONE,
-            ),
-        )
-    }
-)
+_CATALOGUE: dict[int, Telegram] = {
+    telegram.number: telegram
+    for telegram in (
+        _telegram(1, _VELOCITY, "STW1, NSOLL_A", "ZSW1, NIST_A", _AC1),
+        _telegram(2, _VELOCITY, _SPEED_SET, _SPEED_ACT, _AC1),
+        _telegram(3, _VELOCITY, f"{_SPEED_SET}, G1_STW", f"{_SPEED_ACT}, {_G1_ACT}", _AC1_AC4),
+        _telegram(
+            4,
+            _VELOCITY,
+            f"{_SPEED_SET}, G1_STW, G2_STW",
+            f"{_SPEED_ACT}, {_G1_ACT}, {_G2_ACT}",
+            _AC1_AC4,
+            _ONE,
+        ),
+        _telegram(5, _VELOCITY, f"{_SPEED_SET}, G1_STW{_DSC}", f"{_SPEED_ACT}, {_G1_ACT}", _AC4, _UNVERIFIED),
+        _telegram(
+            6,
+            _VELOCITY,
+            f"{_SPEED_SET}, G1_STW, G2_STW{_DSC}",
+            f"{_SPEED_ACT}, {_G1_ACT}, {_G2_ACT}",
+            _AC4,
+            _UNVERIFIED,
+        ),
+        _telegram(7, _POSITIONING, "STW1, SATZANW", "ZSW1, AKTSATZ", _AC3, forms=POSITIONER_FORMS),
+        _telegram(
+            9,
+            _POSITIONING,
+            "STW1, SATZANW, STW2, MDI_TARPOS, MDI_VELOCITY, MDI_ACC, MDI_DEC, MDI_MOD",
+            "ZSW1, AKTSATZ, ZSW2, XIST_A",
+            _AC3,
+        ),
+        _telegram(
+            20,
+            _VELOCITY,
+            "STW1, NSOLL_A",
+            "ZSW1, NIST_A_GLATT, IAIST_GLATT, MIST_GLATT, PIST_GLATT, MELD_NAMUR",
+            _AC1,
+        ),
+        _telegram(81, _ENCODER, "STW2_ENC, G1_STW", _ENC_ACT),
+        _telegram(82, _ENCODER, "STW2_ENC, G1_STW", _ENC_ACT + ", NIST_A"),
+        _telegram(83, _ENCODER, "STW2_ENC, G1_STW", _ENC_ACT + ", NIST_B"),
+        _telegram(84, _ENCODER, "STW2_ENC, G1_STW", "ZSW2_ENC, G1_ZSW, G1_XIST3, G1_XIST2, NIST_B"),
+        _telegram(
+            100,
+            ApplicationMode.TRANSPARENT,
+            "Controlword, Modes of Operation, Target Torque, Target Position, Profile Velocity,"
+            "Profile Acceleration, Profile Deceleration, Dynamic Speed Limit, Dynamic Torque Limit,"
+            "Digital Outputs, Digital Outputs Mask, Target Velocity",
+            "Statusword, Modes of Operation Display, Position Actual Value, Velocity Demand Value,"
+            "Velocity Actual Value, Current Actual Value, DC-link Circuit Voltage, Digital Inputs,"
+            "Analogue Input 1, Analogue Input 2, Encoder Position Value, Error Code",
+        ),
+        _telegram(102, _VELOCITY, f"{_TORQUE_SET}, G1_STW", f"{_MESSAGE_ACT}, {_G1_ACT}", _AC1_AC4),
+        _telegram(
+            103,
+            _VELOCITY,
+            f"{_TORQUE_SET}, G1_STW, G2_STW",
+            f"{_MESSAGE_ACT}, {_G1_ACT}, {_G2_ACT}",
+            _AC1_AC4,
+            _ONE,
+        ),
+        _telegram(105, _VELOCITY, f"{_TORQUE_SET}, G1_STW{_DSC}", f"{_MESSAGE_ACT}, {_G1_ACT}", _AC4),
+        _telegram(
+            106,
+            _VELOCITY,
+            f"{_TORQUE_SET}, G1_STW, G2_STW{_DSC}",
+            f"{_MESSAGE_ACT}, {_G1_ACT}, {_G2_ACT}",
+            _AC4,
+            _UNVERIFIED,
+        ),
+        _telegram(
+            110,
+            _POSITIONING,
+            "STW1, SATZANW, POS_STW, STW2, OVERRIDE, MDI_TARPOS, MDI_VELOCITY, MDI_ACC, MDI_DEC, MDI_MOD",
+            "ZSW1, AKTSATZ, POS_ZSW, ZSW2, MELDW, XIST_A",
+            _AC3,
+            _ONE,
+            POSITIONER_FORMS,
+        ),
+        _telegram(
+            111,
+            _POSITIONING,
+            "STW1, POS_STW1, POS_STW2, STW2, OVERRIDE, MDI_TARPOS, MDI_VELOCITY, MDI_ACC, MDI_DEC, USER",
+            "ZSW1, POS_ZSW1, POS_ZSW2, ZSW2, MELDW, XIST_A, NIST_B, FAULT_CODE, WARN_CODE, USER",
+            _AC3,
+            forms=POSITIONER_FORMS,
+        ),
+        _telegram(
+            112,
+            _POSITIONING,
+            "STW1, POS_STW1, POS_STW2, STW2, OVERRIDE, MDI_TARPOS_F, MDI_VELOCITY_F, MDI_ACC_F, MDI_DEC_F,"
+            "RESERVED_2, REF_COORDINATE",
+            "ZSW1, POS_ZSW1, POS_ZSW2, ZSW2, RESERVED, XIST_F, VIST_F, MELDW, FAULT_CODE, WARN_CODE",
+            _AC3,
+            _ONE,
+        ),
+    )
+}
+TELEGRAMS: Final = MappingProxyType(_CATALOGUE)
 """Every telegram by its number."""
+OWN_NUMBERS: Final = range(999, 0x8000)
+"""Of a user's own telegrams: 999 is the profile's free configuration, and no vendor's telegram has a higher number."""
 
 
 def telegram(number: int) -> Telegram:
@@ -307,6 +309,32 @@ def telegram(number: int) -> Telegram:
         return TELEGRAMS[number]
     except KeyError:
         raise ProfidriveError("telegram", number, f"one of {sorted(TELEGRAMS)}") from None
+
+
+def own_telegram(number: int, like: Telegram, setpoints: Sequence[str], actuals: Sequence[str]) -> Telegram:
+    """A user's own telegram: signals by name in the form that ``like`` gives them, with its mode and classes.
+
+    ProfidriveError for a number outside of ``OWN_NUMBERS``, an unknown signal, or one that stands twice.
+    """
+    if number not in OWN_NUMBERS:
+        raise ProfidriveError("number of a telegram of your own", number, f"{OWN_NUMBERS[0]}..{OWN_NUMBERS[-1]}")
+
+    def half(direction: Direction, names: Sequence[str]) -> TelegramHalf:
+        twice = [name for position, name in enumerate(names) if name in names[:position]]
+        if twice:
+            raise ProfidriveError(f"{direction.value}s of telegram {number}", ", ".join(twice), "each signal once")
+        known = like.half(direction)
+        signals = (known.signal(name) if name in known.names else signal(name) for name in names)
+        return TelegramHalf(number, direction, like.mode, tuple(signals))
+
+    halves = half(Direction.SETPOINT, setpoints), half(Direction.ACTUAL, actuals)
+    return Telegram(number, like.mode, *halves, like.classes)
+
+
+def register(own: Telegram) -> None:
+    """Make a user's own telegram known to this process; ProfidriveError where its number has another layout already."""
+    if _CATALOGUE.setdefault(own.number, own) != own:
+        raise ProfidriveError("telegram", f"{own.number} with two layouts", "a number for each layout")
 
 
 def likeliest(numbers: Iterable[int]) -> int:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Final, overload
 
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation, PdoLayout, with_second_position, without_position
@@ -15,7 +17,17 @@ from pdgw.gateway.axis.adapters.transparent import TransparentAdapter
 from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.dsc import DscForm
-from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationClass, ApplicationMode, Telegram, telegram
+from pdgw.profidrive.signals import SignalQuantity
+from pdgw.profidrive.telegrams import (
+    TELEGRAMS,
+    ApplicationClass,
+    ApplicationMode,
+    Direction,
+    Telegram,
+    own_telegram,
+    register,
+    telegram,
+)
 
 
 class Kind(enum.Enum):
@@ -65,41 +77,107 @@ DRIVE_TELEGRAMS: dict[int, DriveTelegram] = {
     112: _POSITIONER,
 }
 
-DRIVE_TELEGRAM_NUMBERS = tuple(sorted(DRIVE_TELEGRAMS))
-"""The telegrams a drive axis can be given (P922)."""
 
-DSC_TELEGRAM_NUMBERS = tuple(n for n, row in sorted(DRIVE_TELEGRAMS.items()) if row.kind is Kind.DSC)
+class Numbers(Sequence[int]):
+    """Numbers of drive telegrams with a property, in their order; a user's own ones too, as soon as they are known."""
+
+    def __init__(self, having: Callable[[int], bool]) -> None:
+        self._having = having
+
+    def __contains__(self, number: object) -> bool:
+        return isinstance(number, int) and number in DRIVE_TELEGRAMS and self._having(number)
+
+    def __iter__(self) -> Iterator[int]:
+        return (number for number in sorted(DRIVE_TELEGRAMS) if self._having(number))
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+    @overload
+    def __getitem__(self, place: int) -> int: ...
+    @overload
+    def __getitem__(self, place: slice) -> Sequence[int]: ...
+    def __getitem__(self, place: int | slice) -> int | Sequence[int]:
+        return tuple(self)[place]
+
+
+def _has(signal_name: str) -> Callable[[int], bool]:
+    return lambda number: signal_name in telegram(number).setpoints.names
+
+
+def _is(*kinds: Kind) -> Callable[[int], bool]:
+    return lambda number: DRIVE_TELEGRAMS[number].kind in kinds
+
+
+DRIVE_TELEGRAM_NUMBERS: Final = Numbers(lambda _: True)
+"""The telegrams a drive axis can be given (P922)."""
+DSC_TELEGRAM_NUMBERS: Final = Numbers(_is(Kind.DSC))
 """Telegrams that need to know where the loop is closed."""
-CENTRAL_TELEGRAM_NUMBERS = tuple(n for n in DRIVE_TELEGRAM_NUMBERS if ApplicationClass.CENTRAL in telegram(n).classes)
+CENTRAL_TELEGRAM_NUMBERS: Final = Numbers(lambda number: ApplicationClass.CENTRAL in telegram(number).classes)
 """Telegrams in which the PLC may close the position loop: with SYNC, their setpoints take effect at the SYNC too."""
-POSITIONER_TELEGRAM_NUMBERS = tuple(n for n, row in sorted(DRIVE_TELEGRAMS.items()) if row.kind is Kind.POSITIONER)
+POSITIONER_TELEGRAM_NUMBERS: Final = Numbers(_is(Kind.POSITIONER))
 """Those of them that need a positioner in the configuration."""
-FLOAT_TELEGRAM_NUMBERS = tuple(
-    n for n in POSITIONER_TELEGRAM_NUMBERS if any(item.is_float for item in telegram(n).setpoints.signals)
+FLOAT_TELEGRAM_NUMBERS: Final = Numbers(
+    lambda number: (
+        number in POSITIONER_TELEGRAM_NUMBERS and any(item.is_float for item in telegram(number).setpoints.signals)
+    )
 )
 """Those of them with positions in a unit of the user's choice."""
-SPEED_TELEGRAM_NUMBERS = tuple(
-    n for n, row in sorted(DRIVE_TELEGRAMS.items()) if row.kind in {Kind.SPEED, Kind.TORQUE, Kind.LOAD}
-)
+SPEED_TELEGRAM_NUMBERS: Final = Numbers(_is(Kind.SPEED, Kind.TORQUE, Kind.LOAD))
 """Those of them that jog with speeds of their own."""
-FIRST_ENCODER_NUMBERS = tuple(
-    n
-    for n, row in sorted(DRIVE_TELEGRAMS.items())
-    if row.kind is not Kind.DSC and "G1_STW" in telegram(n).setpoints.names
-)
+FIRST_ENCODER_NUMBERS: Final = Numbers(lambda number: number not in DSC_TELEGRAM_NUMBERS and _has("G1_STW")(number))
 """Those of them whose G1 may be an encoder of its own: they need the drive's position for nothing else. XERR of DSC
 counts in G1, and its loop is closed with the drive's position."""
-SECOND_SENSOR_NUMBERS = tuple(n for n in DRIVE_TELEGRAM_NUMBERS if "G2_STW" in telegram(n).setpoints.names)
+SECOND_SENSOR_NUMBERS: Final = Numbers(_has("G2_STW"))
 """Those of them with the words of G2."""
-TASK_TELEGRAM_NUMBERS = tuple(
-    sorted((*POSITIONER_TELEGRAM_NUMBERS, *(n for n, row in DRIVE_TELEGRAMS.items() if row.kind is Kind.POSITIONING)))
-)
+TASK_TELEGRAM_NUMBERS: Final = Numbers(_is(Kind.POSITIONER, Kind.POSITIONING))
 """Those of them with traversing tasks."""
-
-ENCODER_TELEGRAM_NUMBERS = tuple(
+ENCODER_TELEGRAM_NUMBERS: Final = tuple(
     sorted(number for number, item in TELEGRAMS.items() if item.mode is ApplicationMode.ENCODER)
 )
 """The telegrams an encoder can be given (P922)."""
+
+_LIKE: Final = (*SPEED_TELEGRAM_NUMBERS, *DSC_TELEGRAM_NUMBERS)
+_FILLERS: Final = frozenset({"USER", "RESERVED", "RESERVED_2"})
+_PAIRS: Final = (("STW2", "ZSW2"), ("G1_STW", "G1_ZSW"), ("G2_STW", "G2_ZSW"))
+"""A control word and the status word that answers it."""
+
+
+def add_telegram(number: int, like: int, setpoints: Sequence[str], actuals: Sequence[str]) -> Telegram:
+    """Make a user's own telegram known to this process, with the signals of both directions by name.
+
+    It is carried out as telegram ``like`` is. It needs the speed of ``like`` and the signals that all telegrams carried out
+    so have, and may have those that one of them has, STW2 with ZSW2, and fillers. GatewayError or ProfidriveError says what
+    does not fit.
+    """
+    if like not in _LIKE:
+        raise GatewayError(f"like = {like}: a telegram of your own can be like one of {sorted(_LIKE)}")
+    model = telegram(like)
+    own = own_telegram(number, model, setpoints, actuals)
+    family = [telegram(item) for item in _LIKE if DRIVE_TELEGRAMS[item] is DRIVE_TELEGRAMS[like]]
+    for direction, life in ((Direction.SETPOINT, "STW2"), (Direction.ACTUAL, "ZSW2")):
+        names = {item.name for item in own.half(direction).signals}
+        halves = [{item.name for item in other.half(direction).signals} for other in family]
+        speeds = {item.name for item in model.half(direction).signals if item.quantity is SignalQuantity.SPEED}
+        needed, known = set.intersection(*halves) | speeds, set.union(*halves) | _FILLERS | {life}
+        where = f"telegram {number}, {direction.value}s"
+        if missing := needed - names:
+            raise GatewayError(f"{where}: {_listed(missing)} missing; a telegram like {like} needs {_listed(needed)}")
+        if impossible := names - known:
+            raise GatewayError(
+                f"{where}: a telegram like {like} cannot have {_listed(impossible)}; possible: {_listed(known)}"
+            )
+    for control, status in _PAIRS:
+        if (control in own.setpoints.names) != (status in own.actuals.names):
+            raise GatewayError(f"telegram {number}: {control} and {status} belong together: set both or none")
+    _adapter(DRIVE_TELEGRAMS[like].kind, own, AxisSettings()).check()
+    register(own)
+    DRIVE_TELEGRAMS[number] = DRIVE_TELEGRAMS[like]
+    return own
+
+
+def _listed(names: set[str]) -> str:
+    return ", ".join(sorted(names))
 
 
 def drive_telegram(number: int, form: DscForm = DscForm.SPEED) -> DriveTelegram:

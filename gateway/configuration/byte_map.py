@@ -78,13 +78,13 @@ def frame_maps(config: GatewayConfig) -> tuple[FrameMap, FrameMap]:
 
 def _frame_map(config: GatewayConfig, direction: Direction) -> FrameMap:
     layout = CSduLayout([telegram(item.telegram) for item in config.objects], direction)
-    other = "actual values" if direction is Direction.SETPOINT else "setpoints"
+    own, other = ("setpoints", "actual values") if direction is Direction.SETPOINT else ("actual values", "setpoints")
     axes = []
     for position, item in enumerate(config.objects):
         half, offset = layout.halves[position], layout.offsets[position]
         iops, iocs = layout.iops[position], layout.iocs[position]
         states = (
-            (iops, "IOPS", "the gateway uses the {1} of the axis"),
+            (iops, "IOPS", f"the {own} of the axis are valid"),
             (iocs, "IOCS", f"the {other} of the axis are used"),
         )
         places = _signals(item, half, offset)

@@ -54,6 +54,7 @@ from pdgw.gateway.configuration.tables.environment import (
     TransportConfig,
 )
 from pdgw.gateway.configuration.tables.positioner import BlockConfig, PositionerConfig
+from pdgw.gateway.configuration.tables.telegram import TelegramConfig
 from pdgw.gateway.configuration.tables.web import MqttConfig, WebConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.format_version import at_most
@@ -309,6 +310,8 @@ class GatewayConfig(Section):
     """Of the format; a file without it has the first one."""
     name: DisplayName | None = None
     """Of the gateway; None: "pdgw", with PROFINET the name of station."""
+    telegram: Annotated[tuple[TelegramConfig, ...], BeforeValidator(as_list)] = ()
+    """Telegrams of the user's own. Before the axes, which may have them."""
     can: Annotated[tuple[CanConfig, ...], BeforeValidator(as_list), Field(min_length=1)]
     transport: TransportConfig = TransportConfig()
     parameters: ParametersConfig = ParametersConfig()

@@ -20,6 +20,7 @@ from pdgw.gateway.configuration.tables.environment import (
     TraceConfig,
     TransportConfig,
 )
+from pdgw.gateway.configuration.tables.telegram import TelegramConfig
 from pdgw.gateway.configuration.tables.web import MqttConfig, WebConfig
 from pdgw.gateway.configuration.toml_file import parse_toml, read_text, told, toml_text
 from pdgw.gateway.errors import GatewayError
@@ -28,6 +29,7 @@ from pdgw.gateway.store import default_store
 Item = TypeVar("Item", AxisConfig, EncoderConfig)
 FileSection = TypeVar("FileSection", WebConfig, MqttConfig)
 SECTIONS: dict[str, type[BaseModel]] = {
+    "telegram": TelegramConfig,
     "can": CanConfig,
     "transport": TransportConfig,
     "parameters": ParametersConfig,
