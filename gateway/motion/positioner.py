@@ -336,7 +336,7 @@ class Positioner:
     def _drop(self) -> None:
         self._forget()
         outcome = self.outcome
-        outcome.probe = outcome.acknowledged = False
+        outcome.probe = outcome.acknowledged = self._owed = False
         outcome.shown = _OFF
         outcome.outputs = 0
 

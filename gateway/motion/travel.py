@@ -89,7 +89,7 @@ class Course:
     def drop(self) -> None:
         """No goal any more: ramp to standstill."""
         self.goal = self.speed = self.held = None
-        self.queued = self.first_serial = 0
+        self.sent = self.queued = self.first_serial = 0
         self._at_limit = False
 
     def in_range(self, target: int, absolute: bool, direction: Direction = Direction.SHORTEST) -> bool:

@@ -38,6 +38,8 @@ class TorqueLimit:
 
     def restarted(self) -> None:
         """The drive has its own or its last limit again: write the new one once."""
+        if self._notes.writes == self._writes:
+            self._notes.writes = None
         self._writes = None
         self._held = -1 if self._base else 0
         self._refused = -1

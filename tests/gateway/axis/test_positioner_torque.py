@@ -135,3 +135,16 @@ def test_a_drive_that_restarted_is_given_its_own_torque_limit_once() -> None:
     for _ in range(5):
         hand(OFF, State.READY_TO_SWITCH_ON)
         assert hand.stepper.sdo_request is None
+
+
+def test_an_answer_from_before_a_restart_is_no_answer_to_the_request_after_it() -> None:
+    hand = positioner().enable()
+    hand.stepper.drive_restarted()
+    hand(OFF, State.SWITCH_ON_DISABLED)
+    hand.stepper.drive_restarted()
+    hand.stepper.sdo_done(None)
+    hand(OFF, State.SWITCH_ON_DISABLED)
+    assert hand.stepper.sdo_request == OWN
+    hand.stepper.sdo_done(None)
+    hand(OFF, State.SWITCH_ON_DISABLED)
+    assert hand.stepper.sdo_request is None

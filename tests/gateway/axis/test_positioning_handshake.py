@@ -436,6 +436,15 @@ def test_a_task_that_replaces_one_at_a_limit_has_half_a_second_of_its_own() -> N
     assert hand(ON, AT_LIMIT) & HALT
 
 
+def test_a_task_behind_one_that_ended_at_a_limit_has_half_a_second_of_its_own() -> None:
+    hand = at_limit(HALF_A_SECOND - 5)
+    hand(ON, AT_LIMIT | StatusBit.TARGET_REACHED)
+    assert hand.actuals["ZSW1"] & REACHED
+    hand(ON | ACTIVATE, AT_LIMIT, MDI_TARPOS=POSITION.to_wire(-5_000))
+    assert not any(hand(ON, AT_LIMIT | (0 if i else TAKEN)) & HALT for i in range(HALF_A_SECOND))
+    assert hand(ON, AT_LIMIT) & HALT
+
+
 def test_a_task_with_speed_0_does_not_resume_the_task_that_a_limit_stopped() -> None:
     hand = at_limit(HALF_A_SECOND)
     assert hand(ON, AT_LIMIT) & HALT
