@@ -34,7 +34,7 @@ _COMMANDS = {
     Pnu.LOAD_DEVICE,
     Pnu.SAVE_DEVICE,
 }
-"""Writing these does something; they are no settings."""
+"""Parameters whose write starts an action; they are not settings."""
 _PROCESS = {
     DRIVE_OBJECTS.attribute(name).index
     for name in (

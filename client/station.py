@@ -20,7 +20,7 @@ from pdgw.profinet.rpc.dcerpc import OBJECT_PREFIX, Flags, PacketType, RpcHeader
 from pdgw.profinet.rpc.records import NIL, Operation
 
 Call = Callable[[Any], Any]
-"""Carries out an ``RpcCall`` or ``ServiceCall``; GatewayError when nobody answers."""
+"""Execute an ``RpcCall`` or ``ServiceCall``; GatewayError without an answer."""
 _NAME: Final = "pdgw-param"
 _SESSION: Final = 1
 _ACTIVITY_TIMEOUT: Final = 1000
@@ -68,7 +68,7 @@ class StationAccess:
             raise GatewayError(f"{self._name}: the device rejects device access: {result.status.text}")
 
     def close(self) -> None:
-        """End it; GatewayError when nobody answers."""
+        """End the relationship; GatewayError without an answer."""
         block = ReleaseReq(ar_uuid=self.ar_uuid, session_key=_SESSION, command=ControlCommand.RELEASE)
         self._service(Operation.RELEASE, block.encode())
 
@@ -78,7 +78,7 @@ class StationAccess:
         return result
 
     def _find(self) -> uuid.UUID:
-        """The object UUID of the device, which the endpoint mapper tells."""
+        """The object UUID of the device, from the endpoint mapper."""
         request = epm.lookup_request()
         interface, version = epm.INTERFACE
         for _ in range(_ENTRIES_MAX):

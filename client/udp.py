@@ -60,7 +60,7 @@ class Channel(Protocol):
         """Where it sends from."""
 
     def send(self, data: bytes) -> None:
-        """Send a datagram; OSError when nobody listens there just now."""
+        """Send a datagram; OSError if no program receives there at present."""
 
     def receive(self, timeout_s: float) -> bytes | None:
         """The next datagram, None when none comes in time; OSError as ``send``."""
@@ -137,7 +137,7 @@ class ParameterClient:
         self._references = itertools.cycle(range(1, 256))
         self._channel: Channel = UdpChannel(address) if channel is None else channel
         self.tap: Callable[[bool, bytes], None] = lambda sent, data: None
-        """Told every datagram (sent by us, data)."""
+        """Called with every datagram (sent by us, data)."""
 
     def __enter__(self) -> Self:
         return self

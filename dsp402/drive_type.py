@@ -41,7 +41,7 @@ class Quantity(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """100 % of a quantity in the drive's own units (above 0), and a line that tells it and where it was learned."""
+    """100 % of a quantity in the drive's own units (above 0), and a line with the value and its source."""
 
     value: Fraction
     source: str
@@ -49,7 +49,7 @@ class Reference:
 
 @dataclass(frozen=True)
 class Scaling:
-    """100 % of each quantity in the units of the drive's objects; a quantity that is not known says what would settle it."""
+    """100 % of each quantity in the units of the drive's objects; an unknown quantity has the key that defines it."""
 
     references: Mapping[Quantity, Reference] = field(default_factory=dict)
     unknown: Mapping[Quantity, str] = field(default_factory=dict)
@@ -146,7 +146,7 @@ class Quirks:
     fault_reset_edges: int = 1
     """Number of rising edges of Controlword 7 that end a fault."""
     boot_ms: int = 0
-    """So long after power-on or reset it answers nothing."""
+    """Time after power-on or reset without an answer."""
     fault_number: tuple[int, int] | None = None
     """The object with the manufacturer's own fault number."""
     sync_loss_periods: int = 0
@@ -179,7 +179,7 @@ class DriveType:
         return attribute in self.entries
 
     def entry(self, attribute: str) -> Entry:
-        """The object behind an image attribute; Dsp402Error when the drive lacks it."""
+        """The object of an image attribute; Dsp402Error if the drive lacks it."""
         try:
             return self.entries[attribute]
         except KeyError:
@@ -211,7 +211,7 @@ class DriveType:
 
     @property
     def interpolates(self) -> bool:
-        """Traversing tasks need set-points that somebody makes for each cycle: cyclic synchronous position is all there is."""
+        """Traversing tasks need a generated setpoint for each cycle, because the drive has cyclic synchronous position only."""
         return self.position_mode == Mode.CYCLIC_POSITION
 
     @property

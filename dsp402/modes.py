@@ -67,7 +67,7 @@ SUPPORTED_MODES: Final = {
     8: Mode.CYCLIC_VELOCITY,
     9: Mode.CYCLIC_TORQUE,
 }
-"""Bits of 6502h and the modes they stand for; bits 16 to 31 are the manufacturer's."""
+"""Bits of 6502h and their modes; bits 16 to 31 are the manufacturer's."""
 
 MODE_NAMES: Final = {
     Mode.POSITION: "profile position",

@@ -85,12 +85,12 @@ FURTHER_OBJECTS: tuple[ObjectSpec, ...] = (
         *(Entry(SUPPORTED_HOMING_METHODS, sub, f"Homing method {sub}", _I8, _RO) for sub in range(1, _METHODS + 1)),
     ),
 )
-"""Those with an image attribute are velocity mode's (vl): they stand for it in a drive that has no other mode for a speed."""
+"""Objects with an image attribute belong to velocity mode (vl): they replace it in a drive with no other speed mode."""
 
 VL_ENTRIES: Final[Mapping[str, Entry]] = {
     entry.attribute: entry for spec in FURTHER_OBJECTS for entry in spec.entries if entry.attribute
 }
-"""Of velocity mode (vl), by the image attribute they stand for."""
+"""Objects of velocity mode (vl), by image attribute."""
 _OF_VL: Final = {entry.address: entry for entry in VL_ENTRIES.values()}
 
 

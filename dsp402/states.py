@@ -65,7 +65,7 @@ STATUS_OF: Final = {
 
 
 STATE_BITS: Final = reduce(or_, (pattern.mask for pattern in STATUS_PATTERNS))
-"""All Statusword bits that tell the state."""
+"""All Statusword bits that define the state."""
 
 
 def _decode_table() -> tuple[State | None, ...]:
@@ -205,7 +205,7 @@ def next_state(state: State, controlword: int, previous: int) -> State:
 
 
 EDGE_NS: Final = 50 * MS
-"""So long is each level of a repeated fault reset: the drive has seen it by then."""
+"""Duration of each level of a repeated fault reset, long enough for the drive."""
 
 
 class FaultReset:

@@ -72,7 +72,7 @@ def _services(daemon: Daemon, name: str) -> Iterator[Service]:
 
 
 def _flight_recorder(daemon: Daemon, name: str) -> FlightRecorder | None:
-    """Without the room for it the gateway runs all the same."""
+    """Without room for it, the gateway runs anyway."""
     trace = daemon.config.trace
     directory = trace.directory or run_directory()
     if not trace.enabled or directory is None:

@@ -45,7 +45,7 @@ log = logging.getLogger("gateway")
 _WAITS: Final = OrderDoubt.WAITS
 _SHUTDOWN_NS: Final = 5_000 * MS
 _OFF_CYCLES = 3
-"""So many cycles in a row must no power stage be on before the nodes are left."""
+"""Number of consecutive cycles without power in any drive before the nodes are stopped."""
 
 
 class Service(Protocol):
@@ -76,7 +76,7 @@ class Daemon:
         self.networks: dict[str, CanNetwork] = {}
         self.services: list[Service] = []
         self.watch = CycleWatch()
-        """Told of every cycle when it is done."""
+        """Called at the end of every cycle."""
         self.recorder: FlightRecorder | None = None
         self.started_ns = self.loop.now()
         self.cycles = 0
@@ -270,8 +270,8 @@ class Daemon:
     def run(self) -> None:
         """Run until ``stop``; returns after the drives are stopped and everything is released.
 
-        GatewayError when another master is on a bus. An error nobody expected ends it too, raised here after the drives were
-        left pre-operational.
+        GatewayError when another master is on a bus. An unexpected error also ends it and is raised here after the drives were
+        set to pre-operational.
         """
         try:
             self._listen()
@@ -315,7 +315,7 @@ class Daemon:
             self._begin_stop()
 
     def _begin(self) -> None:
-        """Nobody else is on the buses."""
+        """No other master is on the buses."""
         self._begun = True
         self._on_heartbeat()
         for client in self.clients:

@@ -6,4 +6,4 @@ from pdgw.errors import PdgwError
 
 
 class GatewayError(PdgwError):
-    """A fault of the gateway or its configuration, told in one line a user can act on."""
+    """A fault of the gateway or its configuration, in one line that a user can act on."""

@@ -1,6 +1,6 @@
-"""What the gateway tells about itself: P964, P975 and I&M0.
+"""Identification of the gateway: P964, P975 and I&M0.
 
-The vendor and device numbers are placeholders until the configuration has others: PI assigns them to who sells a device.
+The vendor and device numbers are placeholders until the configuration sets others: PI assigns them to the seller of a device.
 """
 
 from __future__ import annotations

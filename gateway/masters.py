@@ -14,16 +14,14 @@ from pdgw.ds301.pdo import PdoDirection
 from pdgw.durations import MS
 
 LISTEN_NS = 250 * MS
-"""So long a bus is listened to before anything is sent: longer than the usual heartbeat of 100 ms."""
+"""Listening time before the first frame is sent: longer than the usual heartbeat of 100 ms."""
 
 
 def watch_for_masters(
     network: CanNetwork, gateway_node_id: int, drives: Iterable[int], on_found: Callable[[str], None]
 ) -> None:
-    """Have ``on_found`` told, in one line, of every frame on ``network`` that only a master sends.
-
-    ``drives``: the node-IDs of the drives that are ours.
-    """
+    """Call ``on_found`` with one line for every frame on ``network`` that only a master sends. ``drives``: the node-IDs of our
+    drives."""
 
     def watch(cob_id: int, what: str) -> None:
         def found(_data: bytes, _now: int) -> None:

@@ -25,7 +25,7 @@ FORMAT_VERSION = 1
 
 
 class UnitsWitnessed(BaseModel):
-    """A person saw the shaft of an axis turn as far as it was told (axis test): when, which drive, with which units."""
+    """A person has confirmed the turns of an axis' shaft (axis test): date, drive and units."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -125,9 +125,9 @@ def _checksum(parameters: str) -> str:
 
 
 class ParameterStore:
-    """Loads and saves ``DeviceParameters``; without a path it only keeps them in memory.
+    """Load and save ``DeviceParameters``; without a path only in memory.
 
-    ``report`` is told, in one line, about a damaged file and where it was set aside.
+    ``report`` is called with one line about a damaged file and its new place.
     """
 
     def __init__(self, path: Path | None, report: Callable[[str], None]) -> None:

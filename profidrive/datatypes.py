@@ -98,7 +98,7 @@ class DataType(enum.Enum):
 
 _BY_CODE = {data_type.code: data_type for data_type in DataType}
 UNVERIFIED = frozenset({DataType.X2, DataType.X4})
-"""Their codes stand in no public source."""
+"""Types whose codes no public source has."""
 
 
 def n2(reference: Fraction | int, value_range: tuple[int, int], minimum: int | None = None) -> Normalisation:

@@ -371,7 +371,7 @@ class EncoderControl:
         self.fault = False
         """ZSW2_ENC.3: stays until the cause is gone and the PLC acknowledged."""
         self.has_control = False
-        """STW2_ENC.10: the PLC's other words are to be obeyed."""
+        """STW2_ENC.10: accept the PLC's other words."""
         self.acknowledged = False
         """A rising edge of STW2_ENC.7 came in this cycle."""
         self._acknowledge_armed = False
@@ -379,7 +379,7 @@ class EncoderControl:
     def step(self, word: int | None, *, fault: bool, warning: bool) -> int:
         """One cycle: STW2_ENC (None without a PLC), a present fault or warning; returns ZSW2_ENC.
 
-        An acknowledge that is present when the PLC connects, or takes control, is no edge.
+        An acknowledge that is present when the PLC connects, or takes control, is not an edge.
         """
         if word is None:
             self.sign_of_life.reset()

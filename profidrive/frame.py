@@ -1,7 +1,7 @@
 """The PROFINET cyclic (RT) frame: FrameID, C_SDU, APDU status, and the C_SDU layout of a static relationship.
 
-Source: IEC 61158-6-10 (RTC-PDU, APDU-Status), transport decisions of docs/transport.md. The same bytes travel in a UDP
-datagram (port 34962) or behind an Ethernet header with EtherType 8892h; both headers are left to the transport.
+Source: IEC 61158-6-10 (RTC-PDU, APDU-Status), transport decisions of docs/transport.md. The same bytes are in a UDP datagram
+(port 34962) or after an Ethernet header with EtherType 8892h; the transport adds both headers.
 """
 
 from __future__ import annotations
@@ -84,10 +84,10 @@ def is_newer(counter: int, last: int) -> bool:
 
 
 class CSduLayout:
-    """Where the data objects of several axes lie in one frame of a static relationship.
+    """The places of the data objects of several axes in one frame of a static relationship.
 
-    For each axis in order: telegram words, then its IOPS byte; after the last axis one IOCS byte per axis. Offsets
-    count from the first byte of the frame (the FrameID), so that a codec can work on the whole datagram.
+    For each axis in order: telegram words, then its IOPS byte; after the last axis one IOCS byte per axis. Offsets count from
+    the first byte of the frame (the FrameID), so that a codec can work on the whole datagram.
     """
 
     def __init__(self, telegrams: Sequence[Telegram], direction: Direction) -> None:

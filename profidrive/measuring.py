@@ -1,10 +1,9 @@
 """Reference mark search and measurement on the fly: bits 0-7 of G1_STW and 0-7 of G1_ZSW. Sans-I/O.
 
 Source: PROFIdrive profile 4.1 chapter 6.3.6 (sensor interface). Functions 1 to 4 of a measurement are probe 1 rising, falling,
-probe 2 rising, falling; of the reference mark search only function 1, the zero pulse, exists here. Left out: the level of the
-probes (G1_ZSW.8, .9), which drives tell in no standard way.
-
-A value is available until it was read; a read shows it in G1_XIST2 as long as its command stands.
+probe 2 rising, falling; of the reference mark search only function 1, the zero pulse, exists here. Not here: the level of the
+probes (G1_ZSW.8, .9), which no standard object reports. A value is available until it was read; a read shows it in G1_XIST2
+while its command is set.
 """
 
 from __future__ import annotations
@@ -59,7 +58,7 @@ class Measuring:
         self.on_the_fly = False
         """Of the command given last."""
         self.value: int | None = None
-        """What a read that stands shows."""
+        """Value of the present read command."""
         self.trouble: Trouble | None = None
         """Of this step."""
         self._values: dict[int, int] = {}

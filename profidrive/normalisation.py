@@ -10,11 +10,11 @@ from pdgw.profidrive.errors import ProfidriveError
 class Normalisation:
     """Exact conversion between a physical integer and a fixed-point fraction of a reference.
 
-    ``reference`` is the physical value (in the units of the integer) that 100 % stands for; ``full_scale`` is
-    the wire value of 100 %; ``wire_range`` and ``value_range`` are the limits results saturate at.
+    ``reference`` is the physical value (in the units of the integer) of 100 %; ``full_scale`` is the wire value of 100 %;
+    ``wire_range`` and ``value_range`` limit the results.
 
-    value -> wire truncates toward zero (the published examples demand it), wire -> value rounds to nearest, half
-    away from zero, so that a value written and read back is itself (true while reference < full_scale / 2).
+    value -> wire truncates toward zero (the published examples require it), wire -> value rounds to nearest, half away from
+    zero, so that a value written and read back is itself (true while reference < full_scale / 2).
     """
 
     def __init__(

@@ -25,7 +25,7 @@ class SensorFormat:
     resolution: int
     """Rotary: measuring units per revolution; linear: nm per measuring unit."""
     turns: int = 1
-    """Revolutions that can be told apart; 1: single-turn, 0: incremental or linear."""
+    """Distinguishable revolutions; 1: single-turn, 0: incremental or linear."""
     shift_xist1: int = 0
     """Bits G1_XIST1 is shifted to the left."""
     shift_xist2: int = 0
@@ -47,7 +47,7 @@ _NUMBERS = tuple(item.name for item in fields(SensorFormat) if item.name not in 
 
 
 def encode_sensor_format(sensors: Sequence[SensorFormat]) -> tuple[int, ...]:
-    """The 31 elements of P979; ProfidriveError for no or too many sensors, or a number that is no Unsigned32.
+    """The 31 elements of P979; ProfidriveError for no or too many sensors, or a number outside Unsigned32.
 
     One sensor gives the header 5112h: five indices per sensor, one sensor, structure version 1.2.
     """

@@ -22,11 +22,11 @@ def following(counter: int) -> int:
 
 
 class SignOfLife:
-    """Watches the controller's counter and makes the device's own.
+    """Monitor the controller's counter and generate the device's own.
 
-    Monitoring and the own counter start with the controller's first counter other than 0, so that a controller without a
-    sign of life is neither watched nor answered. A counter is right when it follows the last one received, or is the one
-    due after so many cycles. ``failed`` is True while more failures than tolerated came in succession.
+    Both start with the controller's first counter other than 0, so a controller without a sign of life is not monitored or
+    answered. A counter is correct if it follows the last one, or is the one due after the number of cycles that passed.
+    ``failed`` is True after more consecutive failures than tolerated.
     """
 
     COUNTERS: ClassVar[frozenset[str]] = frozenset({"received", "due", "_own"})

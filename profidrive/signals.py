@@ -110,7 +110,7 @@ class Signal:
             yield positions[position]
 
     def word(self, *names: str, positioning: bool = False) -> int:
-        """A word with these bits set, all others 0; ProfidriveError for a name that is no bit of it."""
+        """A word with these bits set, all others 0; ProfidriveError for an unknown name."""
         word = 0
         for name in names:
             word |= self.bit(name, positioning=positioning).mask
@@ -126,7 +126,7 @@ class Signal:
         return None if full_scale is None else raw * 100 / full_scale
 
     def raw(self, percent: float) -> int:
-        """The wire value nearest to a percentage; ProfidriveError for a signal that is no N2 or N4, or one out of its range."""
+        """The wire value nearest to a percentage; ProfidriveError for a signal other than N2 or N4, or one out of its range."""
         full_scale = _FULL_SCALE.get(self.type)
         if full_scale is None:
             raise ProfidriveError(

@@ -5,4 +5,4 @@ from typing import Final
 from pdgw.durations import MS
 
 TOLERANCE_NS: Final = 50 * MS
-"""So far recorded times may be off in a replay: a busy machine lets a recorder or the gateway's reader wait for some cycles."""
+"""Tolerance of recorded times in a replay: a busy machine delays a recorder or the gateway's reader by some cycles."""

@@ -116,7 +116,7 @@ class Recorder:
 
 
 class RecordedPort:
-    """A UDP port whose datagrams are recorded; ``port_number`` stands for its own in the file."""
+    """A UDP port whose datagrams are recorded; ``port_number`` is its number in the file."""
 
     def __init__(self, port: DatagramPort, recorder: Recorder, loop: Loop, port_number: int) -> None:
         self._port = port

@@ -52,7 +52,7 @@ _STRETCH_NS = 2 * SECOND
 """Part of each capture that is read in turn before a timeline begins."""
 _LOOK_AT = 50_000
 _FEW_CHANGES = 4
-"""After so many packets so few changes of words are enough."""
+"""After this number of packets, this smaller number of changes of words is enough."""
 _EVIDENCE = {BusKind.PLC: "cyclic frames", BusKind.CAN: "CAN frames"}
 _AXIS_NODE = re.compile(r"(?:(\d{1,3})=)?(\d{1,3})")
 
@@ -159,7 +159,7 @@ class Loaded:
 
 @dataclass(frozen=True)
 class Opening:
-    """What the first part of captures told, enough to follow them from the start in one pass."""
+    """Result of the first part of captures, enough to read them from the start in one pass."""
 
     files: tuple[str, ...]
     known: Known
@@ -409,7 +409,7 @@ def _decoded_from(source: Source, settings: Settings, notify: Notify) -> Iterato
 
 
 def nanoseconds(seconds: float | None) -> int | None:
-    """An option in seconds; None stays None. GatewayError for what is no time."""
+    """An option in seconds; None stays None. GatewayError for an invalid time."""
     if seconds is None:
         return None
     try:

@@ -50,7 +50,7 @@ class Keeper:
         self._reader = reader
         self._choice = choice
         self._seen = reader.newest_cycle
-        """A stop that was there before is nobody's news."""
+        """A stop that was already there is not reported."""
         self._last: Cycle | None = None
         self._pending: tuple[int, str] | None = None
         """When, and what happened first."""

@@ -13,10 +13,8 @@ if TYPE_CHECKING:
 
 
 def configured_axes(config: GatewayConfig, telegrams: Sequence[int] = ()) -> list[Axis]:
-    """Axes and encoders in the order of the frame; ``telegrams`` stand in for the configured ones.
-
-    ProfidriveError for an unknown telegram.
-    """
+    """Axes and encoders in the order of the frame; ``telegrams`` replace the configured ones. ProfidriveError for an unknown
+    telegram."""
     single = len(config.can) == 1
     return [
         Axis(

@@ -93,7 +93,7 @@ def _frame(identifier: bytes, data: bytes, remote: bool = False) -> CanFrame:
 
 
 def _date(text: bytes, line: bytes, offset: int, name: str) -> bytes:
-    """Seconds of a date. The log does not tell its time zone: read as UTC."""
+    """Seconds of a date. The log has no time zone: read as UTC."""
     try:
         moment = datetime.fromisoformat(text.decode()).replace(tzinfo=UTC)
     except ValueError as error:
@@ -122,7 +122,7 @@ def _other_forms(line: bytes, offset: int, name: str) -> tuple[bytes, bytes, byt
 
 
 def candump_line(message: can.Message) -> str:
-    """A frame as ``candump -L`` writes it: ``(seconds.microseconds) channel id#data`` and nothing behind it.
+    """A frame as ``candump -L`` writes it: ``(seconds.microseconds) channel id#data`` and nothing after it.
 
     python-can's own writer adds R or T for the direction, which Wireshark 4.0 does not read.
     """
@@ -148,7 +148,7 @@ def message_packet(number: int, message: can.Message) -> CanPacket:
 
 
 def read_messages(messages: Iterable[can.Message], name: str, position: Callable[[], int]) -> Iterator[CanPacket]:
-    """The frames python-can reads; ``position`` tells how far the file was read."""
+    """The frames python-can reads; ``position`` is the read position in the file."""
     number = 0
     iterator = iter(messages)
     while True:

@@ -24,7 +24,7 @@ from pdgw.gateway.errors import GatewayError
 _LOOK_AT: Final = 20_000
 """Packets that are looked at for telegrams and the first cyclic frame."""
 _LOOK_AT_CAN: Final = 2_000
-"""Without any cyclic frame so many are enough."""
+"""Number of packets that are enough without any cyclic frame."""
 _NODE_FILE = re.compile(r"(\d{1,3})=(.+)")
 
 

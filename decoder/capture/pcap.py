@@ -41,7 +41,7 @@ _ENHANCED_HEAD = 24
 """Up to the captured length."""
 _ENHANCED_DATA = 28
 _ENHANCED_ROOM = 32
-"""Bytes of a block that are no data."""
+"""Bytes of a block other than data."""
 _ORDERS = {b"\x4d\x3c\x2b\x1a": "<", b"\x1a\x2b\x3c\x4d": ">"}
 _IF_NAME = 2
 _IF_TSRESOL = 9
@@ -111,7 +111,7 @@ class _Interface:
     offset_ns: int
     snap: int
     nanoseconds: int
-    """Of one time unit, 0 where that is no whole number."""
+    """Nanoseconds of one time unit, 0 if not a whole number."""
 
     def time_ns(self, high: int, low: int) -> int:
         numerator, denominator = self.unit

@@ -47,7 +47,7 @@ class PcapngWriter:
         if configuration:
             options = _option(_COMMENT, (CONFIGURATION + configuration).encode()[:_COMMENT_MAX]) + bytes(4)
         self.size = self._file.write(_block(_SECTION, struct.pack("<IHHq", _BYTE_ORDER, 1, 0, -1) + options))
-        """Bytes so far."""
+        """Number of bytes written."""
 
     def write(self, link: LinkType, name: str, time_ns: int, data: bytes) -> None:
         """One packet of an interface."""
@@ -95,7 +95,7 @@ _ETHERNET = bytes.fromhex("020000000002 020000000001 0800")
 
 
 def udp_packet(source: tuple[str, int], target: tuple[str, int], data: bytes) -> bytes:
-    """A datagram behind Ethernet, IPv4 (correct checksum) and UDP (none) headers."""
+    """A datagram after Ethernet, IPv4 (correct checksum) and UDP (none) headers."""
     udp = struct.pack(">HHHH", source[1], target[1], 8 + len(data), 0) + data
     ends = b"".join(bytes(int(part) for part in host.split(".")) for host, _ in (source, target))
     head = struct.pack(">BBHHHBBH8s", 0x45, 0, 20 + len(udp), 0, 0, 64, 17, 0, ends)

@@ -40,7 +40,7 @@ class Source:
     packets: Iterator[Packet | CanPacket]
     size: int | None = None
     position: Callable[[], int] = field(default=lambda: 0)
-    """Bytes read so far."""
+    """Number of bytes read."""
     closing: ExitStack = field(default_factory=ExitStack)
 
     def __enter__(self) -> Source:
@@ -53,7 +53,7 @@ class Source:
 
 
 def open_source(path: str) -> Source:
-    """A capture or log by its path, ``-`` for standard input; CaptureError when it cannot be opened or is no format known."""
+    """A capture or log by its path, ``-`` for standard input; CaptureError if it cannot be opened or has an unknown format."""
     if path == STANDARD_INPUT:
         return source_of_stream("standard input", "", sys.stdin.buffer, None, ExitStack())
     file = Path(path)
@@ -113,7 +113,7 @@ def _messages(name: str, suffix: str, stream: Any, size: int | None, closing: Ex
 
 
 def _whole(packets: Iterator[Packet | CanPacket], name: str, size: int, announced: int) -> Iterator[Packet | CanPacket]:
-    """python-can's reader ends a shortened BLF file without a word; its header tells how long it was."""
+    """python-can's reader does not report a truncated BLF file; its header has the right length."""
     yield from packets
     if size < announced:
         raise CaptureError(name, size, f"the file is incomplete: its header announces {announced} bytes")

@@ -26,7 +26,7 @@ class Window:
 
     @property
     def offset(self) -> int:
-        """Bytes of the stream used so far."""
+        """Number of used bytes of the stream."""
         return self.base + self.at
 
     @property

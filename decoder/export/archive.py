@@ -94,7 +94,7 @@ def captures_of(paths: Sequence[str]) -> list[str]:
 def write_data_set(
     files: Sequence[str], root: Path, options: ArchiveOptions, jobs: int | None = None
 ) -> Iterator[Part]:
-    """Write the parts of all files, ``jobs`` (None: one for each core) at a time; they are told in the order of the files."""
+    """Write the parts of all files, ``jobs`` (None: one for each core) at a time; results come in the order of the files."""
     options.knowledge()
     root.mkdir(parents=True, exist_ok=True)
     jobs = min(jobs or os.cpu_count() or 1, len(files))

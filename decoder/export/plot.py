@@ -26,7 +26,7 @@ _STATUS_NAMES: Final = ("statusword", "zsw1", "zsw2_enc")
 _OPERATION, _FAULT, _OTHER = "operation", "fault", "off"
 _COLOURS: Final = {_OPERATION: "#72b7b2", _FAULT: "#e45756", _OTHER: "#dddddd"}
 _OPACITY: Final = {_OPERATION: 0.16, _FAULT: 0.35, _OTHER: 0.0}
-"""Behind curves."""
+"""Background of the curves."""
 
 Units = tuple[ProcessData, ...] | None
 
@@ -161,7 +161,7 @@ def save(figure: Any, path: Path, what: str, *, dpi: int = 100) -> None:
 
 
 def shade(place: Any, spans: Sequence[tuple[float, float, str]], shortest_s: float = 0.0) -> None:
-    """The states of an axis behind its curves, each at least ``shortest_s`` long."""
+    """The states of an axis in the background of its curves, each at least ``shortest_s`` long."""
     labels = {_OPERATION, _FAULT}
     for begin, end, state in spans:
         if state != _OTHER:

@@ -96,7 +96,7 @@ class JsonWriter:
 
 
 _LEADING: Final = ("axis", "node")
-"""Columns every table has behind the time."""
+"""Columns of every table after the time."""
 
 
 def _table(titles: Sequence[str], names: Names) -> Columns:

@@ -7,7 +7,7 @@ from collections.abc import Hashable, Iterator
 from typing import Final, Generic, TypeVar
 
 REMEMBERED: Final = 256
-"""Calls, requests and the like whose answers are waited for."""
+"""Calls and requests that wait for an answer."""
 
 K = TypeVar("K", bound=Hashable)
 V = TypeVar("V")

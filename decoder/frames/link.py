@@ -27,7 +27,7 @@ class Carried(enum.Enum):
 
 
 class Payload(NamedTuple):
-    """The bytes behind the headers. Ports and addresses only for UDP; ``text`` says what else it is."""
+    """The bytes after the headers. Ports and addresses only for UDP; ``text`` describes other packets."""
 
     carried: Carried
     data: bytes

@@ -39,7 +39,7 @@ _SKIPPED = re.compile(r"0[xX]|[\s,:]+")
 
 
 def parse_hex(text: str) -> bytes:
-    """Hexadecimal text with spaces, line ends, commas, colons and 0x prefixes; ProfidriveError tells the offset of bad text."""
+    """Hexadecimal text with spaces, line ends, commas, colons and 0x prefixes; ProfidriveError has the offset of bad text."""
     digits: list[str] = []
     offset = 0
     while offset < len(text):

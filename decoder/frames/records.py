@@ -154,7 +154,7 @@ class Record:
 
 @dataclass(frozen=True, eq=False)
 class FrameLayout:
-    """Where everything lies in a cyclic frame of one length: one struct for the whole frame.
+    """The places of all values in a cyclic frame of one length: one struct for the whole frame.
 
     ``axes`` are (axis, node, layout, first value, position of IOPS, position of IOCS); positions count unpacked values.
     """

@@ -22,7 +22,7 @@ SENDER: Final[Address] = ("", 0)
 _NEVER: Final = (1 << 63) - 1
 """Later than every time."""
 _NO_FRAME: Final = _NEVER
-"""Behind the last frame."""
+"""After the last frame."""
 USED: Final = frozenset({Verdict.ACCEPTED, Verdict.PROVIDER_STOP})
 """Frames with these verdicts make the gateway step."""
 
@@ -82,10 +82,10 @@ class _Events:
         self._orders = orders
         self._order: tuple[int, ...] | None = None
         self._believed = 0
-        """The frame with which the present order is believed at the latest."""
+        """The latest frame that confirms the present order."""
         self._connected = False
         self._dropped = False
-        """An order was replaced before it was believed for certain."""
+        """An order was replaced before it was certainly confirmed."""
         self._changed = -CONFIRMING_FRAMES
         """The frame that changed the order last."""
         self._found: list[_Found] = []

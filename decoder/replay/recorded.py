@@ -56,16 +56,17 @@ class ProbeTransfer(NamedTuple):
 
 
 class Learned(NamedTuple):
-    """What the gateway has learned of the drive: it was (re-)configured, or its references were read anew or are assumed."""
+    """Known facts of the gateway about the drive: it was (re-)configured, or its references were read again or are assumed."""
 
     time_ns: int
     configured: Configured
 
 
 class Answer(NamedTuple):
-    """What a frame to the PLC said about one axis: raw actual values, IOPS (the drive is there), IOCS (so is the PLC).
+    """Content of a frame to the PLC for one axis: raw actual values, IOPS (the drive is connected), IOCS (the PLC is
+    connected).
 
-    Over PROFINET the IOCS does not tell whether the PLC is there: None.
+    Over PROFINET the IOCS does not show whether the PLC is connected: None.
     """
 
     time_ns: int
@@ -105,7 +106,7 @@ class AxisRecording:
     can_end_ns: int = 0
     """The last frame of the drive or to it."""
     watchdog_ns: int = 0
-    """After so long a silence the PLC is lost."""
+    """Silence after which the PLC is lost."""
     paced: bool = False
     """The gateway sends with a timing of its own (PROFINET), whatever the PLC's frames do."""
     rpdos: tuple[Pdo, ...] = ()

@@ -75,7 +75,7 @@ class RecordedDrive:
         return True
 
     def parts(self, layout: PdoLayout) -> PdoParts:
-        """Where the values of a PDO lie."""
+        """The places of the values in a PDO."""
         return self._parts.get(layout) or self._parts.setdefault(layout, _parts(layout, self.families))
 
     def learn(self, record: SdoRecord) -> tuple[int | None, int] | None:

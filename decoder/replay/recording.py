@@ -73,11 +73,11 @@ class _Node:
 
 
 class Collector:
-    """Feed ``add`` every record of both captures.
+    """Call ``add`` with every record of both captures.
 
-    ``axes``: in the order of the frame, with their node-IDs; ``settings`` the choices of the user by DO-ID. ``in_order``: the
-    records are in the order in which the gateway dealt with them, as it writes them itself: a frame that had waited in the kernel
-    has an earlier time than what stands before it, and counts from its place on.
+    ``axes``: in the order of the frame, with their node-IDs; ``settings``: the user's settings by DO-ID. ``in_order``: the
+    records are in the order in which the gateway processed them, as in its own recording: a frame that had waited in the
+    kernel has an earlier time than the record before it, and counts from its place.
     """
 
     def __init__(

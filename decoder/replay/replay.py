@@ -287,7 +287,7 @@ class Replayer:
         return step, difference if compare else None
 
     def _doubt(self, tick: Tick, taken: int) -> OrderDoubt:
-        """Whether an order was in doubt: where that is possible, the recorded answer hides reached and acknowledged."""
+        """Whether an order was not confirmed: if possible, the recorded answer hides reached and acknowledged."""
         if not self._recording.delays:
             return OrderDoubt.NONE
         times, answer = self._setpoint_times, tick.answer
@@ -334,7 +334,7 @@ class Replayer:
             self._machine.inputs.news.append(configured)
 
     def _recognise(self, values: Sequence[int], tick: Tick) -> None:
-        """With an OFF while the drive is not powered, the machine's state is what the recording tells."""
+        """With an OFF while the drive is not powered, the machine's state follows from the recording."""
         word, state = values[0], self._state
         if state.known:
             return

@@ -84,7 +84,7 @@ class RpdoComparison:
         place.cursors.clear()
 
     def compare(self, place: Place, now: int, command: DriveCommand, *, online: bool) -> Difference | None:
-        """A step's RPDOs against the recording; the place goes on where they fit."""
+        """Compare a step's RPDOs with the recording; the position advances if they match."""
         if place.span < 0 or now > self._spans[place.span].end:
             self.follow(place, now)
             if place.span < 0:

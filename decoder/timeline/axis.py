@@ -37,9 +37,9 @@ from pdgw.profidrive.telegrams import ApplicationMode, telegram
 SETTLE_NS: Final = 100 * MS
 """The result of an edge is judged after this time, or at the next edge; an ON when the drive has followed it."""
 RESPONSE_NS: Final = SECOND
-"""A drive that has not answered a Controlword for so long has missed it."""
+"""A drive that has not answered a Controlword within this time has missed it."""
 AGREEMENT_NS: Final = 500 * MS
-"""So long have the recorded and today's Controlword to agree, or to differ, until it counts."""
+"""Time for which the recorded and the computed Controlword must agree, or differ, until it counts."""
 NOT_VALID: Final = "not evaluated: no valid frame (stale, stopped, or IOPS BAD)"
 DROPPED: Final = "not evaluated: sent in too few frames, may be an old frame"
 OVERTAKEN: Final = "not evaluated: the frame was dropped or overtaken by a newer one"
@@ -65,7 +65,7 @@ class _Settling:
     reasons: dict[Reason | None, None] = field(default_factory=dict)
     last: Reason | None = None
     time_ns: int = SETTLE_NS
-    """So long after the edge it is judged: a drive that is to start has as long as for any answer."""
+    """Time from the edge to its result: a drive that starts has as long as for any answer."""
 
     def add(self, reason: Reason | None, *, awaited: bool) -> None:
         self.reasons[reason] = None
@@ -340,7 +340,7 @@ class AxisFollower(ObjectFollower):
             self._recognise(setpoints)
 
     def _recognise(self, setpoints: Sequence[int]) -> None:
-        """With an OFF while the drive is not powered, the machine's state is what the recording tells."""
+        """With an OFF while the drive is not powered, the machine's state follows from the recording."""
         if not tells_state(setpoints[0], self._image.statusword, transparent=self._transparent):
             return
         self._known = True

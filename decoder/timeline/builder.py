@@ -43,11 +43,11 @@ HOLD_NS: Final = RESPONSE_NS + 100 * MS
 """Longer than anything an entry waits for."""
 _TICK_NS: Final = 10 * MS
 _UNUSED: Final = 8
-"""So many answers in a row that do not use the PLC's frames are more than frames and answers crossing."""
+"""Number of consecutive answers without use of the PLC's frames that cannot be a crossing of frames and answers."""
 _JUDGED: Final = 16
 """Steps of the cycle counter after which it is known how it counts."""
 _COUNTER_CYCLES: Final = 10
-"""A counter that is a clock may be off by so many cycles: a recorder and a busy sender wait."""
+"""Tolerance in cycles of a counter that is a clock: a recorder and a busy sender wait."""
 _VERDICTS = {Verdict.STALE: AnomalyKind.STALE, Verdict.PROVIDER_STOP: AnomalyKind.STOPPED}
 _NOTHING: Final[tuple[Entry, ...]] = ()
 
@@ -192,7 +192,7 @@ class _CycleCounter:
         self._usual = 0
         self._count = 0
         self._clock = False
-        """A step was no multiple of the usual one and told the time that had passed."""
+        """A step was not a multiple of the usual one and matched the time that had passed."""
 
     def restart(self) -> None:
         """A new relationship counts from anywhere."""
@@ -420,7 +420,7 @@ class _Exchange:
         return Anomaly(now, 0, AnomalyKind.WATCHDOG, text)
 
     def _watch(self, now: int) -> None:
-        """Without answers of the gateway, only the silence of the PLC tells about its watchdog."""
+        """Without answers of the gateway, only the silence of the PLC shows its watchdog."""
         watchdog_ns = self._silence_ns
         silence = now - self._last_frame
         if not self._endpoint.connected or silence <= watchdog_ns:

@@ -1,4 +1,4 @@
-"""What a timeline tells of every drive object, drive or encoder: events of its node, data that are marked bad. Without I/O."""
+"""Entries of a timeline for every drive object, drive or encoder: events of its node, data marked as bad. Without I/O."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Put = Callable[[Entry], None]
 
 @dataclass
 class _Bad:
-    """Process data that are marked bad, by whom, and the entry that tells it."""
+    """Process data marked as bad, the side that marked it, and its entry."""
 
     who: str
     entry: Anomaly

@@ -89,7 +89,7 @@ class Lookahead:
         return median_cycle_ns(self._frames)
 
     def clocks(self, cycle_ns: int) -> Clocks:
-        """The offset of the clocks as far as the edges tell it."""
+        """The offset of the clocks, from the edges."""
         return correlate(self.words, {do_id: axis.telegram for do_id, axis in self._axes.items()}, cycle_ns)
 
 

@@ -15,7 +15,7 @@ _SERIES_NS = 10 * SECOND
 
 
 def entry_lines(entry: TimelineEntry, zero_ns: int, *, verbose: bool = False) -> Iterator[str]:
-    """The lines of one entry; none for a reason that is told with its edge (unless ``verbose``)."""
+    """The lines of one entry; none for a reason that is shown with its edge (unless ``verbose``)."""
     who = f"axis {entry.do_id}" if entry.do_id else "all"
     head = f"{(entry.time_ns - zero_ns) / SECOND:12.6f}  {who:<8}"
     if isinstance(entry, Edge):

@@ -122,7 +122,7 @@ def record_tree(record: Record, units: Sequence[ProcessData] | None = None) -> I
 
 
 _HEXADECIMAL = {"frame_id": 4, "cob_id": 3, "index": 4, "code": 4, "register": 2, "abort": 8, "command": 2, "state": 2}
-"""Fields shown as so many hexadecimal digits."""
+"""Number of hexadecimal digits of fields."""
 
 
 def _branch(key: str, value: Any, depth: int) -> Iterator[str]:

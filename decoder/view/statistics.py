@@ -1,7 +1,7 @@
-"""What a capture amounts to: rates, jitter, gaps of the cycle counter, bus load by identifier.
+"""Statistics of a capture: rates, jitter, gaps of the cycle counter, bus load by identifier.
 
 Constant memory: means and deviations are kept, not the times. Bus load counts data frames without and with the most stuff bits
-possible (``ds301.bus.load``); the truth lies between.
+possible (``ds301.bus.load``); the true value is between them.
 """
 
 from __future__ import annotations

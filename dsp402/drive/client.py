@@ -84,7 +84,7 @@ _SDO_STEP: Final = 5
 that time is unknown.
 """
 _RETRY_VALUE_NS: Final = 1000 * MS
-"""So long after a failed SDO write the same value is tried again."""
+"""Time after which a failed SDO write is repeated."""
 _NEW_SETPOINT: Final = ControlBit.NEW_SETPOINT
 _OFF: Final = (State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.FAULT)
 """States of a drive that has no power, and gets none without two commands."""
@@ -112,7 +112,7 @@ class DriveClient(NodeClient[DriveSettings]):
     ) -> None:
         self.feedback = DriveFeedback()
         self.drive_type: DriveType | None = None
-        """What kind of drive it is, made anew at each start and after a write to an object it depends on."""
+        """The type of the drive, made again at each start and after a write to an object it depends on."""
         self.homing_method = 0
         self.guarding: Guarding | None = None
         """What stops this drive when the gateway dies; None before its first start."""
@@ -139,7 +139,7 @@ class DriveClient(NodeClient[DriveSettings]):
         self._wake.set()
 
     def reconfigure(self, layout: PdoLayout, settings: DriveSettings) -> None:
-        """Another layout: map the PDOs anew; the drive must not be in operation."""
+        """Another layout: map the PDOs again; the drive must not be in operation."""
         self._change(layout, settings)
 
     @property

@@ -22,7 +22,7 @@ from pdgw.dsp402.states import ControlBit, FaultReset
 from pdgw.durations import MS
 
 _RETRY_VALUE_NS: Final = 1000 * MS
-"""So long after a failed SDO write the same value is tried again."""
+"""Time after which a failed SDO write is repeated."""
 _NEW_SETPOINT: Final = ControlBit.NEW_SETPOINT
 
 
@@ -69,7 +69,7 @@ class RpdoSender:
         self.written: list[_Values] = []
         """Of the objects without RPDO."""
         self.refresh_ns = 0
-        """After so long an RPDO is sent again."""
+        """Time after which an RPDO is sent again."""
         self.fault_reset: FaultReset | None = None
         self.mode_awaited: int | None = None
         """A mode that 6061h has not shown yet; no speed is sent meanwhile."""
@@ -83,7 +83,7 @@ class RpdoSender:
         self.all_sent = True
         self._data_senders: list[_Sender] = []
         self._starts_early = False
-        """The Controlword is not the last object of its RPDO: the drive may see it before the data behind it."""
+        """The Controlword is not the last object of its RPDO: the drive may process it before the data after it."""
         self._set_point_sent = False
         self._held_since = -1
         self._hold_limit_ns = 0
@@ -156,9 +156,9 @@ class RpdoSender:
         return self.all_sent
 
     def _put(self, sender: _Sender, data: bytes, now: int) -> bool:
-        """Send an RPDO if it changed or is due; True when this data was sent, now or before.
+        """Send an RPDO if it changed or is due; True if this data was sent, now or before.
 
-        Nothing is sent behind a frame that was refused: the Controlword must not overtake its data.
+        Nothing is sent after a refused frame: the Controlword must not overtake its data.
         """
         due = now - sender.time >= self.refresh_ns
         if self.has_turn and sender.time >= self._commanded_at:

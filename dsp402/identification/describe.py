@@ -38,7 +38,7 @@ from pdgw.dsp402.units.unit_keys import UnitKeys
 _NO_WINDOW = 0xFFFF_FFFF
 """6067h of a drive that does not use it."""
 PROFILE_AREA = range(0x6000, 0x6800)
-"""Of the first axis; what lies outside is the manufacturer's."""
+"""Objects of the first axis; others belong to the manufacturer."""
 OPTIONAL_OBJECTS: Final = frozenset(
     entry.address
     for layout in LAYOUTS.values()

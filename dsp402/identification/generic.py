@@ -94,7 +94,7 @@ def recorded_answer(address: ObjectAddress, data: bytes) -> int | None:
 
 
 def recorded_families(answers: Mapping[ObjectAddress, int]) -> tuple[str, ...]:
-    """The families the drive behind a recording of these answers may be of."""
+    """The possible families of a drive with these recorded answers."""
     return families_of(answers.get(IDENTITY_VENDOR), answers.get(IDENTITY_PRODUCT, 0))
 
 

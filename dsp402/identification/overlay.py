@@ -173,12 +173,12 @@ class Overlay(_Model):
     sources: Annotated[tuple[str, ...], Field(min_length=1)]
     unverified: tuple[str, ...] = ()
     hints: tuple[str, ...] = ()
-    """For whoever writes the configuration: what the drive cannot tell about itself."""
+    """Hints for the configuration: facts that the drive cannot report."""
     match: Match = Match()
     eds: str = ""
     """Data sheet of the family in ``dsp402/eds``, for a device with the product code it describes."""
     objects: dict[str, Object] = {}
-    """Objects of the manufacturer by the image attribute they stand for."""
+    """Objects of the manufacturer by their image attribute."""
     unit_texts: dict[str, tuple[Address, ...]] = {}
     """Units of the profile's objects for a reader, where they say more than the profile does, with the objects that have them."""
     modes: dict[int, str] = {}
@@ -296,7 +296,7 @@ def all_families() -> tuple[str, ...]:
 
 @lru_cache(maxsize=64)
 def families_of(vendor_id: int | None, product_code: int = 0, name: str = "") -> tuple[str, ...]:
-    """The families a device may be of, by name: every one while it has not told its vendor-ID, else the one that fits, if any."""
+    """The possible families of a device, by name: all while its vendor-ID is unknown, else the matching one, if any."""
     if vendor_id is None:
         return all_families()
     found = overlay_for(vendor_id, product_code, name)

@@ -36,7 +36,7 @@ class Operation(enum.Enum):
     VELOCITY_WITH_TORQUE = "velocity with torque limit"
     """And with what a message word is made from."""
     VELOCITY_WITH_LOAD = "velocity with load"
-    """And with the current, where the drive tells it."""
+    """And with the current, if the drive reports it."""
     POSITIONING = "positioning"
     POSITIONER = "positioner"
     """Positions and speeds in turn, with what a message word is made from."""
@@ -171,7 +171,7 @@ def with_objects(layout: PdoLayout, entries: Mapping[str, Entry]) -> PdoLayout:
 
 
 def with_second_position(layout: PdoLayout) -> PdoLayout:
-    """The layout with the position of the drive's second encoder (60E4h) in its last TPDO, or one of its own behind it."""
+    """The layout with the position of the drive's second encoder (60E4h) in its last TPDO, or in an additional one."""
     *tpdos, last = layout.tpdos
     own = pdo(last.direction, last.number + 1, "second_position")
     if last.size + own.size > PDO_BYTES:

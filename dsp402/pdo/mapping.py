@@ -55,7 +55,7 @@ class DriveMapping:
         self._findings.dropped.add(address)
 
     def learn(self, step: SdoStep, error: SdoAbortedError) -> bool:
-        """What a refused write tells; False when that is nothing new, or nothing about the drive's PDOs."""
+        """Learn from a refused write; False if that is not new, or does not concern the drive's PDOs."""
         if error.code in _NOT_NOW:
             return False
         key = pdo_of(step.index)

@@ -1,7 +1,7 @@
-"""What one revolution of a motor is in the units of its drive: positions, gear and lengths, each with the object it is from.
+"""One revolution of a motor in the units of its drive: positions, gear and lengths, each with its source object.
 
-Exact rational arithmetic. A ratio of 1/1 is the default of an object that the drive does not use: it tells nothing.
-Source: CiA 402 (608Fh, 6091h to 6093h, 60A8h, 6089h, 608Ah), docs/units.md.
+Exact rational arithmetic. A ratio of 1/1 is the default of an object that the drive does not use: it states nothing. Source:
+CiA 402 (608Fh, 6091h to 6093h, 60A8h, 6089h, 608Ah), docs/units.md.
 """
 
 from __future__ import annotations
@@ -50,14 +50,14 @@ UNIT_RATIOS = (
     ACCELERATION_FACTOR,
 )
 UNIT_OBJECTS: frozenset[int] = frozenset({*SI_UNITS, *(index for pair in NOTATIONS for index in pair), *UNIT_RATIOS})
-"""Every object that tells a unit."""
+"""Every object that defines a unit."""
 _UNIT_NAMES: dict[str, int] = {f"{index:04X}h": index for index in sorted(UNIT_OBJECTS)}
 _WITNESS = (Fraction(1, 5), Fraction(5))
 """A limit of the velocity that confirms a unit is within this of the motor's speed."""
 
 
 class Known(NamedTuple):
-    """A value, where it was learned, and whether a position object (608Fh, 6091h, 6092h) was believed for it."""
+    """A value, its source, and whether it uses a position object (608Fh, 6091h, 6092h)."""
 
     value: Fraction
     source: str
@@ -65,7 +65,7 @@ class Known(NamedTuple):
 
 
 class Unknown(NamedTuple):
-    """Why a value is not known, and the key of the configuration that settles it."""
+    """Why a value is unknown, and the key of the configuration that defines it."""
 
     why: str
     key: str = "velocity_unit"
@@ -80,7 +80,7 @@ def amount(value: Fraction) -> str:
 
 
 def unit_object(value: object) -> int:
-    """The index of an object that tells a unit, written as ``60A9h``; ValueError lists those there are."""
+    """The index of an object that defines a unit, written as ``60A9h``; ValueError lists the possible ones."""
     try:
         return _UNIT_NAMES[str(value)]
     except KeyError:
@@ -119,7 +119,7 @@ class Mechanics:
         return value if value is not None and 0 < value < NO_LIMIT else None
 
     def ratio(self, index: int) -> Fraction | None:
-        """Sub-index 1 over sub-index 2; None where the drive does not tell it: missing, 0, negative or the default 1/1."""
+        """Sub-index 1 over sub-index 2; None if it is missing, 0, negative or the default 1/1."""
         ratio = _ratio(self.answers, index)
         return None if ratio == 1 else ratio
 
@@ -224,7 +224,7 @@ class Mechanics:
         return self.increments or Unknown("608Fh does not define the increments of a revolution")
 
     def per_rpm(self, unit: Unit | Unknown, what: str) -> Found:
-        """So many of this unit are one rpm (velocity) or rpm/s (acceleration) of the motor."""
+        """Number of this unit in one rpm (velocity) or rpm/s (acceleration) of the motor."""
         if isinstance(unit, Unknown):
             return unit
         turn = self.turn(unit.kind)

@@ -119,10 +119,10 @@ def find_scaling(
     vl: bool = False,
     range_is_limit: bool = False,
 ) -> Scaling:
-    """The scaling of a drive that gave these answers (``SCALING_OBJECTS``).
+    """The scaling of a drive with these answers (``SCALING_OBJECTS``).
 
     ``name``: the overlay's, for messages. ``vl``: the speed setpoint is 6042h, not 60FFh. ``range_is_limit``: 607Bh limits the
-    targets. Dsp402Error for a key that is no unit.
+    targets. Dsp402Error for a key with an invalid unit.
     """
     mechanics = Mechanics(answers, keys or UnitKeys(), family or FamilyUnits(), name)
     known: dict[Quantity, Reference] = {}

@@ -24,7 +24,7 @@ class UnitKeys:
     """Position units in one revolution of the motor."""
     acceleration_unit: str = ""
     gear: Fraction | None = None
-    """Revolutions of the motor in one of the shaft behind the gear."""
+    """Revolutions of the motor in one of the output shaft of the gear."""
     rated_acceleration: Fraction | None = None
     """100 % of an acceleration or deceleration in rpm/s of the motor."""
     ignored_unit_objects: frozenset[int] = frozenset()

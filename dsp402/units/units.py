@@ -18,7 +18,7 @@ class Kind(enum.Enum):
     """What is counted; the value is its name in units a person writes."""
 
     TURN = "rev"
-    """Revolutions of the shaft behind the gear."""
+    """Revolutions of the output shaft of the gear."""
     POSITION = "counts"
     """Position units of the drive (607Ah, 6064h)."""
     INCREMENT = "inc"

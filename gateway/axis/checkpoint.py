@@ -35,7 +35,7 @@ _PACKAGE = __name__.partition(".")[0]
 _VALUES = (enum.Enum, Normalisation, DriveFeedback)
 """Objects that no step changes."""
 _FIXED = (Telegram, AxisSettings, DriveFeedback, MappingProxyType)
-"""What a part keeps for ever."""
+"""Attributes of a part that never change."""
 
 
 def _names(item: object) -> tuple[str, ...]:
@@ -63,7 +63,7 @@ def _is_part(value: object) -> bool:
 
 
 def _is_fixed(value: object) -> bool:
-    """Whether an attribute keeps this value for ever."""
+    """Whether an attribute keeps this value permanently."""
     return _is_part(value) or callable(value) or isinstance(value, _FIXED)
 
 
@@ -121,7 +121,7 @@ class _Part:
         passing, aside = _declared(kind, "PASSING"), _declared(kind, "ASIDE")
         every = [name for name in _names(item) if name not in passing]
         self._always = [value for value in (getattr(item, name) for name in every) if _is_part(value)]
-        """Parts that it has for ever."""
+        """Permanent parts of the machine."""
         self._looked_through: object = None
         self._children: list[object] = []
         names = self.names = tuple(name for name in every if not _is_fixed(getattr(item, name)))
@@ -199,9 +199,9 @@ class Checkpoint(NamedTuple):
 
 
 class Checkpoints:
-    """Steps, saves and restores one machine, which nothing else changes; the feedback it reads is not part of it.
+    """Step, save and restore one machine that nothing else changes; the feedback it reads is not part of it.
 
-    ``any_counter``: every input is relative to the machine's counters (``COUNTERS``), so that one counter stands for all others.
+    ``any_counter``: every input is relative to the machine's counters (``COUNTERS``), so one counter represents all others.
     """
 
     def __init__(self, machine: AxisMachine, *, any_counter: bool = False) -> None:
@@ -273,10 +273,8 @@ class Checkpoints:
         self._is_fresh = True
 
     def fingerprint(self) -> tuple[Hashable, ...]:
-        """Equal for two moments of the machine from which its words and commands go on alike, whatever the time of day.
-
-        Two machines' are not comparable.
-        """
+        """Equal for two moments of the machine after which its words and commands are equal, whatever the time of day. Values
+        of two machines are not comparable."""
         if not self._is_fresh:
             self._look(self._parts)
             self._is_fresh = True

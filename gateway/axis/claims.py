@@ -1,7 +1,7 @@
-"""What an axis says of the PLC's present setpoint or task: bits that are 0 while an order is in doubt.
+"""Status bits about the PLC's present setpoint or task: 0 while an order is not confirmed.
 
-Source: docs/transport.md chapter 1, "Which frames are new". While an order waits or was dropped, the axis has an older task. That
-this one is reached or acknowledged is no answer to the PLC's newest order. Left out: facts of the axis (standstill, limits, home
+Source: docs/transport.md chapter 1, "Which frames are new". While an order waits or was dropped, the axis has an older task.
+Its "reached" and "acknowledged" do not answer the PLC's newest order. Not here: facts of the axis (standstill, limits, home
 position).
 """
 

@@ -87,7 +87,7 @@ class Demand:
     )
 
     ASIDE: ClassVar[frozenset[str]] = frozenset({"*"})
-    """What of it outlives a step, the adapter tells (``Adapter.kept``)."""
+    """``Adapter.kept`` lists the fields that are valid beyond a step."""
 
     def __init__(self) -> None:
         self.connected = False
@@ -230,7 +230,7 @@ _SHOWN: dict[State | None, int] = {
     None: _FAULT,
 }
 STATE_MASK: Final = len(STATE_OF_STATUS) - 1
-"""The bits of a Statusword that tell its state."""
+"""The Statusword bits that show its state."""
 SHOWN_STATE: Final = tuple(_SHOWN[state] for state in STATE_OF_STATUS)
 """Flags of the state (ZSW1 bits 0-3 and 6) by the Statusword's ``STATE_MASK``."""
 SHOWN_UNCOMMANDED: Final = tuple(

@@ -1,4 +1,4 @@
-"""The encoder machine: one ``step`` is one cycle of one channel of an encoder behind telegrams 81 to 84.
+"""The encoder machine: one ``step`` is one cycle of one channel of an encoder with telegrams 81 to 84.
 
 Sensor commands become presets (6003h, 6010h/n), position and speed G1_XIST1/2/3 and NIST_A/B. Source: docs/dsp406-encoder.md
 "Encoder telegrams".
@@ -53,7 +53,7 @@ _LATCHED = (
 
 
 class EncoderInputs:
-    """What one step of an encoder is made from; one object, filled anew for each step. ``news`` is emptied by the step."""
+    """Inputs of one step of an encoder; one object, filled again for each step. The step empties ``news``."""
 
     __slots__ = ("doubt", "news", "now", "ok", "setpoints", "source")
 
@@ -131,7 +131,7 @@ class EncoderMachine:
         return bool(source.alarms or source.error_register)
 
     def adopt(self, other: EncoderMachine) -> None:
-        """Go on for the machine of another telegram of the same encoder."""
+        """Continue after the machine of another telegram of the same encoder."""
         self.channel.sensor.preset_value = other.channel.sensor.preset_value
         self._node = other._node
         self._node.tell_to(self.outputs)

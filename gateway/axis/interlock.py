@@ -29,7 +29,7 @@ from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.reasons import Reason
 
 QUICK_STOP_STANDING_NS: Final = 200 * MS
-"""A drive that stays in Quick Stop Active at standstill for so long (option codes 5-8) gets Disable Voltage."""
+"""A drive that stays in Quick Stop Active at standstill for this time (option codes 5-8) gets Disable Voltage."""
 COMMAND_SHOWN_NS: Final = 300 * MS
 """Longest time until the Statusword shows a command.
 
@@ -131,7 +131,7 @@ class Interlock:
         self._off_seen = False
         self._standing_since = -1
         self._shown: Drive | None = None
-        """What the Statusword showed in the cycle before, while the PLC is obeyed."""
+        """The Statusword of the previous cycle, while the drive follows the PLC."""
         self._steady = False
         """Fast path: in operation as requested, nothing to report."""
         self._steady_status = 0
@@ -144,11 +144,11 @@ class Interlock:
 
     @property
     def released(self) -> bool:
-        """The PLC is obeyed: an OFF does nothing but stop."""
+        """The drive follows the PLC: an OFF only stops."""
         return self.phase is _FOLLOW or self.phase is _PASS
 
     def restarted(self) -> None:
-        """The drive booted or was configured anew: no standing ON may start it, no standing acknowledge is an edge."""
+        """The drive booted or was configured again: a constant ON may not start it, a constant acknowledge is not an edge."""
         self.phase = CELLS[(self.phase * DRIVES + Drive.RESTARTED) * WISHES + PowerWish.OFF].phase
         self._acknowledge_armed = self._steady = False
         self._shown = None
@@ -256,7 +256,7 @@ class Interlock:
         return cell.controlword
 
     def _changed(self, drive: Drive, shown: Drive | None, now: int) -> Drive:
-        """The drive shows another state while it is obeyed: its own doing, or an answer to a command?"""
+        """The drive shows another state while it follows the PLC: by itself, or as the answer to a command?"""
         if drive is Drive.OPERATING:
             if self._enabling:
                 self._disabled_at = now - COMMAND_SHOWN_NS

@@ -110,7 +110,7 @@ class AxisMachine:
         self.settings = settings
         self.adapter = make_adapter(number, settings)
         self.claims = claims(self.telegram.actuals)
-        """Hidden while an order is in doubt."""
+        """Bits that are 0 while an order is not confirmed."""
         self.inputs = Inputs(feedback)
         self.outputs = Outputs(len(self.telegram.actuals.signals), Reason.NO_PLC)
         self.demand = Demand()
@@ -174,7 +174,7 @@ class AxisMachine:
             self.life.tolerate(failures)
 
     def adopt(self, other: AxisMachine) -> None:
-        """Go on for the machine of another telegram of the same drive; the interlock of the new one is locked."""
+        """Continue after the machine of another telegram of the same drive; the interlock of the new one is locked."""
         self._node = other._node
         self._node.tell_to(self.outputs)
         self.notes.troubles = self._node.troubles

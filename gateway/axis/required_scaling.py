@@ -24,7 +24,7 @@ _REFERENCES = {
 
 
 def quantity_of(signal: Signal) -> Quantity | None:
-    """What a signal is a fraction of; None for one that is no fraction, or of none of these quantities."""
+    """The quantity that a signal is a fraction of; None for a signal in other units."""
     if signal.quantity is None or signal.type not in {DataType.N2, DataType.N4}:
         return None
     return _REFERENCES.get(signal.quantity)

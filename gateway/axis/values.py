@@ -55,7 +55,7 @@ class NodeNotice:
 
 @dataclass(frozen=True, slots=True)
 class RestartAsked:
-    """The gateway itself restarts the node (P972): its boot-up and absence are no fault."""
+    """The gateway itself restarts the node (P972): its boot-up and absence are not faults."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +99,7 @@ class FaultRead:
 class ProbeWish:
     """Positions to be latched by the drive's touch probe. ``edges``: 0 to 3 as ``dsp402.drive.touch_probe`` counts them.
 
-    No two wishes are equal: a position that was latched for an earlier one is no answer to a later one.
+    No two wishes are equal: a position that was latched for an earlier one does not answer a later one.
     """
 
     edges: tuple[int, ...]
@@ -145,7 +145,7 @@ def gateway_fault(number: FaultNumber, detail: str, now: int) -> FaultRecord:
 
 
 class EncoderInput(Protocol):
-    """What one channel of an encoder tells; raw object values."""
+    """Values of one channel of an encoder; raw object values."""
 
     @property
     def position(self) -> int:
@@ -169,7 +169,7 @@ class EncoderInput(Protocol):
 
     @property
     def error_register(self) -> int:
-        """1001h, as the last EMCY told it."""
+        """1001h of the last EMCY."""
 
     @property
     def error_code(self) -> int:
@@ -191,7 +191,7 @@ class SensorInput:
 
 
 class Inputs:
-    """What one step of an axis is made from; one object, filled anew for each step. ``news`` is emptied by the step."""
+    """Inputs of one step of an axis; one object, filled again for each step. The step empties ``news``."""
 
     ASIDE: ClassVar[frozenset[str]] = frozenset({"now"})
     PASSING: ClassVar[frozenset[str]] = frozenset(
@@ -294,7 +294,7 @@ class Outputs:
         self.reason = reason
         """Why the axis does not do what the PLC asks; None: it does."""
         self.warning = False
-        """A warning of the gateway stands."""
+        """A warning of the gateway is active."""
         self.eventful = False
         """The step has something in ``faults``, ``told``, ``acknowledged``, ``emergency_over`` or ``read_fault``."""
         self.faults: list[FaultRecord] = []
@@ -304,7 +304,7 @@ class Outputs:
         self.acknowledged = False
         """The fault buffer moves on: the PLC acknowledged and the device has left its fault."""
         self.emergency_over = False
-        """The device told that it has no error any more."""
+        """The device has reported the end of its errors."""
         self.brake: Brake = Brake.NONE
         """Action beside the Controlword because the drive does not follow it."""
         self.known_off = True

@@ -65,7 +65,7 @@ def missing_lines(drive: DriveType, *numbers: int, settings: AxisSettings = _USU
 def planned(
     drive: DriveType, number: int, node_id: int = 1, *, sync: bool = False, settings: AxisSettings = _USUAL
 ) -> PdoPlan:
-    """What would travel in which PDO, as far as the data sheet tells; Dsp402Error when no plan is possible."""
+    """The planned PDOs, by the data sheet; Dsp402Error if no plan is possible."""
     needs, made = _needs(drive, number, settings)
     cyclic = number in DSC_TELEGRAM_NUMBERS or (sync and number in CENTRAL_TELEGRAM_NUMBERS) or made
     return plan_pdos(needs, drive, node_id, found_in_data_sheet(drive), sync=sync or cyclic, sync_rpdos=cyclic)

@@ -26,7 +26,7 @@ _GOOD = f"{IOPS_GOOD:02X}h good"
 class Place:
     """One value in a frame. Offsets in bytes: ``in_frame`` from the FrameID, ``in_object`` from the axis' first byte.
 
-    ``axis`` is the DO-ID, 0 for what belongs to the frame; ``signal`` is None for what is no signal.
+    ``axis`` is the DO-ID, 0 for a value of the frame; ``signal`` is None for a value that is not a signal.
     """
 
     in_frame: int
@@ -37,7 +37,7 @@ class Place:
     in_object: int | None = None
     unit: str = ""
     full: str = ""
-    """What stands for 100 %, or which values there are."""
+    """Value of 100 %, or the allowed values."""
     description: str = ""
     signal: Signal | None = None
 

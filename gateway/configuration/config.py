@@ -93,7 +93,7 @@ SignedRatio = Annotated[Fraction, BeforeValidator(_fraction), Field(ge=-(10**6),
 
 
 def as_list(value: object) -> object:
-    """A table where an array of tables may stand."""
+    """A table in place of an array of tables."""
     return [value] if isinstance(value, dict) else value
 
 
@@ -374,7 +374,7 @@ class GatewayConfig(Section):
 
     @property
     def _places(self) -> list[Place]:
-        """Where each of ``objects`` stands in the file."""
+        """The line of each of ``objects`` in the file."""
         sections = (("axis", self.axis), ("encoder", self.encoder))
         return [(section, number) for section, items in sections for number in range(len(items))]
 

@@ -76,7 +76,7 @@ def _beside(item: Item, path: Path) -> Item:
 
 
 def _files_beside(section: FileSection, path: Path) -> FileSection:
-    """As ``_beside``, for every file of a section; whether it is there is told by who needs it, with its rights."""
+    """As ``_beside``, for every file of a section; the program that needs a file checks whether it exists, with its rights."""
     files = {name: path.parent / value for name, value in section if isinstance(value, Path)}
     return section.model_copy(update=files)
 

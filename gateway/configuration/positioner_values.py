@@ -30,7 +30,7 @@ _I16, _I32, _U16, _U32 = DataType.INTEGER16, DataType.INTEGER32, DataType.UNSIGN
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """A parameter and the key of the configuration it stands for."""
+    """A parameter and its key in the configuration."""
 
     spec: ParameterSpec
     key: str
@@ -95,7 +95,7 @@ _TASKS: Final = {
 _NEXT: Final = (BlockNext.END, BlockNext.CONTINUE_WITH_STOP, BlockNext.FLYING, BlockNext.EXTERNAL)
 _MODES: Final = (BlockMode.ABSOLUTE, BlockMode.RELATIVE)
 _NEXT_SHIFT, _MODE_SHIFT = 4, 8
-"""P2623: bits 4-7 how it goes on, 8-11 how the position is meant."""
+"""P2623: bits 4-7 ``next``, bits 8-11 absolute or relative position."""
 _EMPTY_ROW: Final = (INACTIVE, 0, 600, PERCENT_MAX, PERCENT_MAX, 1, 0, 0)
 
 Row = tuple[int, ...]

@@ -24,7 +24,7 @@ from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf
 
 CONFIRMING_FRAMES = 3
-"""So many frames in a row make an order credible that might be an old one."""
+"""Number of consecutive frames that confirm an order that may be old."""
 
 _STW1 = signal("STW1")
 _NO_STOP = _STW1.bit("NO_COAST_STOP").mask | _STW1.bit("NO_QUICK_STOP").mask
@@ -60,7 +60,7 @@ _SIGN_OF_LIFE = "SIGN_OF_LIFE"
 
 
 class Orders:
-    """The control words of a telegram as one value: all that can start something. A sign of life is no order."""
+    """The control words of a telegram as one value: everything that can start something. A sign of life is not an order."""
 
     def __init__(self, half: TelegramHalf) -> None:
         mask = [0] * len(half.signals)
@@ -176,7 +176,7 @@ class Confirmation:
         """The last one, and the bits in which it differed from the order in force."""
 
     def restart(self, order: tuple[int, ...] | None, repeats: int) -> None:
-        """A new connection: ``order`` stood in its last ``repeats`` frames."""
+        """A new connection: its last ``repeats`` frames contained ``order``."""
         self._newest = order
         self._repeats = repeats
         self.forget()

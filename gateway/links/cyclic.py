@@ -165,7 +165,7 @@ class CyclicEndpoint:
         return f"{self._misfit}; expected: {self.frame_size} bytes for telegrams {numbers}"
 
     def continue_from(self, previous: CyclicEndpoint) -> None:
-        """Follow an endpoint with other telegrams: its counts go on, and its cycle counter, or the PLC would see old frames."""
+        """Follow an endpoint with other telegrams: continue its counts and its cycle counter, or the PLC would see old frames."""
         self._counter = previous._counter
         self.counters = previous.counters
         self.watchdog_expiries = previous.watchdog_expiries

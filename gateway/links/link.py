@@ -29,7 +29,7 @@ _ACCEPTED: Final = Verdict.ACCEPTED
 
 
 def silence(cycles: int) -> str:
-    """A loss by the watchdog, as log and fault 103 tell it."""
+    """A loss by the watchdog, as in the log and fault 103."""
     return f"no valid frame for {cycles} cycles"
 
 

@@ -17,9 +17,9 @@ from pdgw.durations import SECOND
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, is_newer
 
 SEQUENCE_FRAMES: Final = 4
-"""So many frames in a row make a sequence."""
+"""Number of consecutive frames that make a sequence."""
 WRAP_NS: Final = (1 << 16) * COUNTER_UNIT_NS
-"""After so long the counter has the same value again: 2.048 s."""
+"""Time after which the counter has the same value again: 2.048 s."""
 _COUNTS: Final = 0xFFFF
 _DRIFT: Final = 50
 """The clocks may differ by 1/50: twice the 1 % a PLC is allowed, as both directions are reckoned from the fastest frame."""
@@ -41,11 +41,11 @@ class Order(enum.Enum):
 
 
 class _Run:
-    """Frames that belong together.
+    """Frames of one sequence.
 
-    ``credit``: by how much (ns) the counter may get ahead of the time that passed. ``repeats``: so many frames in a row, the
-    newest included, had the same ``command``. ``started_at``: frames the present sequence had then. ``old_until``: these are
-    old frames up to that time.
+    ``credit``: by how much (ns) the counter may advance more than the time that passed. ``repeats``: number of frames with the
+    same ``command``, up to the newest. ``started_at``: frames of the present sequence at its start. ``old_until``: up to that
+    time these are old frames.
     """
 
     def __init__(

@@ -110,7 +110,7 @@ class UdpSocket:
         return arrival(seconds * SECOND + nanoseconds, time.time_ns(), self._loop.now(), self._emptied)
 
     def send(self, data: bytes | bytearray, address: Address) -> None:
-        """Send without waiting; a failure is counted, the next cycle sends anew."""
+        """Send without waiting; a failure is counted, and the next cycle sends again."""
         try:
             self._socket.sendto(data, address)
         except OSError:

@@ -1,7 +1,7 @@
-"""Traversing blocks: what a positioner runs by number, alone or as a chain.
+"""Traversing blocks: tasks of a positioner by number, alone or as a chain.
 
-Source: basic positioners of public drive manuals (docs/motion.md). A block that continues goes on with the next number. Left
-out: conditions on digital inputs, jerk limits.
+Source: basic positioners of public drive manuals (docs/motion.md). A block that continues is followed by the next number. Not
+here: conditions on digital inputs, jerk limits.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class BlockTask(enum.Enum):
 
 
 class BlockNext(enum.Enum):
-    """How a block goes on."""
+    """How a block continues."""
 
     END = "end"
     CONTINUE_WITH_STOP = "continue-with-stop"

@@ -123,7 +123,7 @@ class BlockChain:
         return outcome.fixed_stop and block.next is not BlockNext.END
 
     def follow(self, now: int) -> None:
-        """Go on with the next block."""
+        """Continue with the next block."""
         follower = self.follower()
         if follower is None:
             return

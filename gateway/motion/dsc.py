@@ -1,10 +1,10 @@
-"""Dynamic servo control (DSC) of telegrams 5, 6, 105 and 106: position error and gain of the PLC to a position or speed setpoint.
+"""Dynamic servo control (DSC) of telegrams 5, 6, 105 and 106: position error and gain of the PLC to a position or speed
+setpoint.
 
-Source: the rule of public technology manuals, in words: speed = NSOLL_B + KPC x (XERR - (newest position - position the
-controller used)). Exact integer arithmetic. KPC = 0 is DSC off, NSOLL_B alone is the speed. Only meant for a purely
-proportional position loop in the PLC. Left out: the SYNC and the modes 8 and 9 it needs (executors), torque.
-
-Choices no public source settles: KPC in 0.001/s, +XERR moves forward (``xerr_sign`` turns it round).
+Source: the rule of public technology manuals: speed = NSOLL_B + KPC x (XERR - (newest position - position the controller
+used)). Exact integer arithmetic. KPC = 0 is DSC off, NSOLL_B alone is the speed. Only for a purely proportional position loop
+in the PLC. Not here: the SYNC and the modes 8 and 9 it needs (executors), torque. Choices without a public source: KPC in
+0.001/s, +XERR moves forward (``xerr_sign`` reverses it).
 """
 
 from __future__ import annotations
@@ -173,7 +173,7 @@ class Dsc:
         self._loop = loop.as_integer_ratio()
 
     def stop(self) -> None:
-        """Operation ended: DSC starts anew, near the axis."""
+        """Operation ended: DSC starts again, near the axis."""
         self.setpoint.clear()
 
     def step(self, nsoll_b: int, xerr: int, kpc: int, position: int, *, fresh: bool = True) -> DscSetpoint:

@@ -18,10 +18,10 @@ class Direction(IntEnum):
 
 
 def way(start: int, target: int, modulo: int, direction: Direction, window: int) -> int:
-    """From a position (across any number of turns) to one in 0..``modulo`` - 1, signed.
+    """The way from a position (across any number of turns) to one in 0..``modulo`` - 1, signed.
 
-    A target no further away than ``window`` is the shortest way whatever the direction: an axis that stands a little beside its
-    target does not turn round. Half a turn is forward.
+    A target within ``window`` is reached by the shortest way in any direction, so an axis slightly beside its target does not
+    turn round. Half a turn is forward.
     """
     forward = (target - start) % modulo
     shortest = forward if 2 * forward <= modulo else forward - modulo

@@ -21,7 +21,7 @@ from pdgw.gateway.motion.travel import Course
 from pdgw.gateway.reasons import Reason
 
 SHOWN_NS: Final = 100 * MS
-"""POS_ZSW1.11 shows homing and a set reference point at least so long, because masters poll it."""
+"""Minimum time of POS_ZSW1.11 = 1 for homing and a set reference point, because masters poll it."""
 _BOTH = (True, True)
 _KEPT = frozenset({State.MDI, State.SETTING_UP, State.BLOCK})
 """Functions an intermediate stop keeps, and an edge during it replaces."""
@@ -105,7 +105,7 @@ class Positioner:
         self._pending: _Task | None = None
         self._task: _Task | None = None
         self._owed = False
-        """STW1.6 has stood since the edge of the task: it is to be acknowledged."""
+        """STW1.6 is still 1 after the edge of the task: acknowledge the task."""
         self._armed = (False, False)
         self._jog = 0
         self._homing_until = 0
@@ -253,7 +253,7 @@ class Positioner:
             self._set_reference_point()
 
     def _find_edges(self) -> None:
-        """Rising edges of this step; bits that stood before operation are none."""
+        """Rising edges of this step; bits that were 1 before operation are not edges."""
         asked = self._asked
         before = self._levels
         self._levels = (asked.activate, asked.external_block_change, asked.set_reference_point, asked.homing)
@@ -288,7 +288,7 @@ class Positioner:
         )
 
     def _changed(self) -> bool:
-        """Continuous update: other values than those in force, while STW1.6 stands."""
+        """Continuous update: values other than those in force, while STW1.6 = 1."""
         asked, task = self._asked, self._task
         if not (asked.continuous_update and asked.activate and asked.mdi and task is not None):
             return False
@@ -300,7 +300,7 @@ class Positioner:
         return True
 
     def _jog_bit(self) -> int:
-        """1 or 2 for the jog bit that stands alone, 0 for none or both."""
+        """1 or 2 if only this jog bit is 1, 0 for none or both."""
         asked = self._asked
         return 0 if asked.jog_1 is asked.jog_2 else 1 if asked.jog_1 else 2
 

@@ -34,7 +34,7 @@ class Profile:
         self.speed = 0
 
     def stand(self, position: int) -> None:
-        """Stand here."""
+        """Stay at standstill here."""
         self.position = position
         self.speed = 0
 

@@ -25,7 +25,7 @@ class _OfAsked:
 
     __slots__ = ()
     ASIDE: ClassVar[frozenset[str]] = frozenset({"*"})
-    """Made anew from each frame. ``Adapter.kept`` lists the values that an adapter keeps from one frame to the next."""
+    """Filled again from each frame. ``Adapter.kept`` lists the values that an adapter keeps from one frame to the next."""
 
 
 @dataclass(slots=True, eq=False)
@@ -105,7 +105,7 @@ class Seen(_OfSeen):
     position: int = 0
     standstill: bool = True
     stopped: bool = True
-    """It stands, and the drive does not ramp any more."""
+    """The axis is at standstill, and the drive has ended its ramp."""
     given: int = 0
     taken: int = 0
     executing: int = 0
@@ -207,7 +207,7 @@ class Outcome(_OfOutcome):
     probe: bool = False
     """The probe is to be armed: passive homing."""
     warning: Reason | None = None
-    """Stands until a reject or the next task."""
+    """Active until a reject or the next task."""
     reason: Reason | None = None
     """Why nothing moves just now."""
 
@@ -261,6 +261,6 @@ class PositionerSettings:
     probe: bool = False
     """The drive may have a touch probe (60B8h)."""
     modulo: int = 0
-    """Positions of the user are 0 to this - 1; 0: they go on. ``Seen`` and ``Motion`` count on across the turns in any case."""
+    """Positions of the user are 0 to this value - 1; 0: no wrap. ``Seen`` and ``Motion`` always count across the turns."""
     distance_range: tuple[int, int] = DataType.INTEGER32.integer_range
     """How far the drive can be sent with one relative task; at first all that a telegram can ask for."""

@@ -17,7 +17,7 @@ from pdgw.gateway.motion.requests import FULL, Asked, Motion, MotionKind, Outcom
 from pdgw.gateway.reasons import Reason
 
 FIXED_STOP_NS: Final = 100 * MS
-"""Standing at the torque limit for so long is the fixed stop."""
+"""Time at standstill at the torque limit that makes a fixed stop."""
 LIMIT_STANDING_NS: Final = 500 * MS
 """If a drive reports an internal limit and is at standstill for this time with a setpoint or task, the limit (a limit switch)
 stops it. A drive with a limited speed has left standstill by then.

@@ -52,7 +52,7 @@ _WITHHOLD_HEARTBEAT: Final = Brake.WITHHOLD_HEARTBEAT
 
 
 class Axis(DriveObject):
-    """A drive object (DO) with a drive behind it."""
+    """A drive object (DO) with a drive."""
 
     kind: ClassVar[str] = "axis"
 
@@ -230,7 +230,7 @@ class Axis(DriveObject):
 
     @property
     def withholds_heartbeat(self) -> bool:
-        """The drive obeys nothing else: without the gateway's heartbeat its own abort option stops it."""
+        """The drive follows no command: without the gateway's heartbeat its own abort option stops it."""
         return self.machine.outputs.brake is _WITHHOLD_HEARTBEAT
 
     def owns(self, index: int, subindex: int) -> bool:
@@ -262,7 +262,7 @@ class Axis(DriveObject):
 
     @property
     def _own_format(self) -> SensorFormat:
-        """The drive's own position, counted from power-on; not valid while a revolution is no known number of units."""
+        """The drive's own position, counted from power-on; not valid while the units of a revolution are unknown."""
         drive = self.drive.drive_type
         counts = drive.scaling.counts_per_revolution if drive is not None else None
         if counts is None or counts.denominator != 1:

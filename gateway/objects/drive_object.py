@@ -58,7 +58,7 @@ _NOTICE_OF_STATUS = {
 
 
 class DriveObject(abc.ABC):
-    """A drive object with a node behind it, which it may share with others."""
+    """A drive object with a node, which may have several drive objects."""
 
     kind: ClassVar[str]
     """``axis`` or ``encoder``, in the log."""
@@ -91,7 +91,7 @@ class DriveObject(abc.ABC):
         self.happenings: deque[Happening] = deque(maxlen=KEPT)
         """Faults, warnings and reasons, the oldest first."""
         self.gateway_stops = False
-        """The gateway is being stopped: nobody has lost the PLC."""
+        """The gateway is being stopped: this is not a loss of the PLC."""
         self._writes: tuple[SdoWrite, ...] | None = None
         """What the last SDO job writes."""
         self._future: Future[None] | None = None
@@ -140,7 +140,7 @@ class DriveObject(abc.ABC):
 
     @abc.abstractmethod
     def owns(self, index: int, subindex: int) -> bool:
-        """The gateway itself writes this object: nobody else may."""
+        """Whether the gateway itself writes this object, so that no client may."""
 
     @abc.abstractmethod
     def is_reference(self, index: int, subindex: int) -> bool:
@@ -148,7 +148,7 @@ class DriveObject(abc.ABC):
 
     @abc.abstractmethod
     def read_references(self, client: NodeClient[Any]) -> None:
-        """Read the copies anew, as a job of the node."""
+        """Read the copies again, as a job of the node."""
 
     @abc.abstractmethod
     def references_changed(self) -> None:
@@ -186,7 +186,7 @@ class DriveObject(abc.ABC):
 
     @property
     def warning(self) -> bool:
-        """A warning of the gateway stands."""
+        """A warning of the gateway is active."""
         return self.outputs.warning
 
     @property

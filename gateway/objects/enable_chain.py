@@ -110,7 +110,7 @@ class _Chain:
         self._links[enable] = ChainLink(enable, False, reason, evidence or reason.value, remedy or reason.remedy)
 
     def judge_node(self, offline: Reason) -> bool:
-        """Bus and node; False when nothing can be said of the device behind them."""
+        """Bus and node; False if the device cannot be judged."""
         network, client = self.item.network, self.item.client
         if not network.healthy:
             self.breaks(Reason.BUS_LOST, f"bus {network.name}: bus-off, or its interface is lost")

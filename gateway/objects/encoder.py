@@ -1,4 +1,4 @@
-"""An encoder as a drive object: a channel of a CiA 406 encoder behind telegrams 81 to 84, or as G1 of a drive's telegram 3.
+"""An encoder as a drive object: a channel of a CiA 406 encoder with telegrams 81 to 84, or as G1 of a drive's telegram 3.
 
 Several channels of a multi-sensor device are several drive objects with one client. Source: docs/dsp406-encoder.md "Encoder
 telegrams".
@@ -89,7 +89,7 @@ class ChannelInput:
 
 
 class EncoderObject(DriveObject):
-    """A drive object (DO) with one channel of an encoder behind it."""
+    """A drive object (DO) with one channel of an encoder."""
 
     kind: ClassVar[str] = "encoder"
 

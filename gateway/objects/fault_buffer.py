@@ -20,11 +20,11 @@ EMCY_WARNING_BIT = 14
 
 
 class ToldFault(NamedTuple):
-    """A fault as the status document tells it; ``id`` counts the faults and warnings of a drive object from 1."""
+    """A fault as in the status document; ``id`` counts the faults and warnings of a drive object from 1."""
 
     id: int
     active: bool
-    """Not acknowledged; of a warning: it stands."""
+    """Not acknowledged; of a warning: active."""
     record: FaultRecord
 
 
@@ -77,7 +77,7 @@ class FaultLog:
         self._emergency = 0
 
     def emergency_over(self) -> None:
-        """The device told that it has no error any more."""
+        """The device has reported the end of its errors."""
         self._emergency = 0
 
     def clear(self) -> None:
@@ -87,7 +87,7 @@ class FaultLog:
         self.active = False
 
     def told(self, *, present: bool, newest: int | None = None) -> list[ToldFault]:
-        """The history with its ids, newest first; ``newest``: so many of it. ``present`` as in ``warnings``."""
+        """The history with its ids, newest first; ``newest``: maximum number. ``present`` as in ``warnings``."""
         warnings = self.warnings(present=present)
         seen: set[int] = set()
         result: list[ToldFault] = []

@@ -63,7 +63,7 @@ class AcyclicServer:
         self._task = self._loop.spawn(self._serve, "acyclic server")
 
     def stop(self) -> None:
-        """Requests in work are dropped; nobody is answered any more."""
+        """Drop requests in work without an answer."""
         if self._task is not None:
             self._task.kill()
         self._manager.stop()

@@ -54,7 +54,7 @@ ABORT_ERRORS: dict[int, Number] = {
     Abort.GENERAL: Number.NOT_EXECUTABLE_IN_STATE,
     Abort.TIMEOUT: Number.NOT_EXECUTABLE_IN_STATE,
 }
-"""What the PLC is told for an SDO abort; any other is the manufacturer's error 65h, with the abort code in the log."""
+"""Error numbers for SDO abort codes; any other is the manufacturer's error 65h, with the abort code in the log."""
 
 _FORMATS: dict[int, DataType] = {
     item.code: data_type
@@ -141,9 +141,9 @@ class ObjectAccess:
         return self.run(lambda client: client.read(index, subindex), f"read {index:04X}h/{subindex}", context.deadline)
 
     def write(self, index: int, subindex: int, data: bytes, context: RequestContext) -> None:
-        """SDO download, refused while a guarded object would change under a powered axis; copies of the gateway follow.
+        """SDO download; refused if it would change a guarded object of a powered axis. The copies of the gateway follow.
 
-        When a copy cannot be read anew the node is brought up again: its references are unknown until then.
+        If a copy cannot be read again, the node is started again: its references are unknown until then.
         """
         owner = self.owner
         what = f"write {index:04X}h/{subindex}"

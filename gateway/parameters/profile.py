@@ -128,7 +128,7 @@ class BoundObject:
         self._parameters[pnu] = lambda _: parameter
 
     def bind_action(self, pnu: int, action: Callable[[RequestContext], None]) -> None:
-        """P970 and the like: writing 1 does ``action``, 0 nothing; 0 is read when it is done."""
+        """P970 and similar: writing 1 does ``action``, 0 nothing; 0 is read when it is done."""
         self._parameters[pnu] = lambda context: BoundParameter(
             PARAMETERS[pnu], lambda: 0, lambda value: action(context) if value else None
         )
@@ -199,7 +199,7 @@ def _store_is_saved(daemon: Daemon, change: Callable[[DeviceParameters], None]) 
 
 
 class NodeObject(BoundObject):
-    """A drive object with a node behind it: what axes and encoders have in common."""
+    """A drive object with a node: common part of axes and encoders."""
 
     def __init__(self, daemon: Daemon, owner: DriveObject) -> None:
         super().__init__(owner.do_id)

@@ -43,7 +43,7 @@ _REQUEST_ID_OFFSET = 1
 _OUTSTANDING = 32
 """Requests of all callers that are in work or whose answers were not fetched yet."""
 _TOLD = 16
-"""So many addresses that may not write are named in the log."""
+"""Maximum number of unauthorised addresses that the log names."""
 _STORED: dict[int, tuple[str, ...]] = {
     1: ("im1_function", "im1_location"),
     2: ("im2_date",),
@@ -162,7 +162,7 @@ class Records:
         self._forget()
 
     def _forget(self) -> None:
-        """Answers nobody fetches do not fill the memory: the oldest go."""
+        """Limit the memory for unread answers: the oldest are discarded."""
         done = [owner for owner, request in self._requests.items() if request.done()]
         for owner in done[: max(0, len(self._requests) - _OUTSTANDING)]:
             del self._requests[owner]

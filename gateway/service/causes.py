@@ -11,7 +11,7 @@ from pdgw.gateway.reasons import AxisState, Reason
 CAUSE_KEYS: Final = ("do_id", "label", "state", "state_id", "sentence", "reason", "reason_id", "remedy", "cause")
 """What ``causes`` needs of the status of a drive object."""
 _FINE: Final = (AxisState.OBEYS.name, AxisState.OFF.name)
-"""States that need nobody."""
+"""States that need no action."""
 _ORDER: Final = tuple(state.name for state in reversed(AxisState))
 """The worst first."""
 

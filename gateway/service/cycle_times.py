@@ -42,7 +42,7 @@ class CycleListener(Protocol):
 
 
 class CycleWatch:
-    """The one place the cyclic loop tells of its cycles."""
+    """The only call of the cyclic loop about its cycles."""
 
     def __init__(self) -> None:
         self.periods = Histogram()

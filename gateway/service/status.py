@@ -1,4 +1,4 @@
-"""What a running daemon tells about itself, as one JSON document on a loopback TCP port."""
+"""Status of a running daemon, as one JSON document on a loopback TCP port."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def clock_time(seconds: float) -> str:
 
 
 def fault_status(item: DriveObject, newest: int | None = None) -> list[dict[str, Any]]:
-    """Faults and warnings of a drive object, newest first; ``newest``: so many of them."""
+    """Faults and warnings of a drive object, newest first; ``newest``: maximum number."""
     return [_fault(item, told) for told in item.fault_log.told(present=item.warning, newest=newest)]
 
 
@@ -205,7 +205,7 @@ def snapshot(daemon: Daemon) -> dict[str, Any]:
 
 
 def encoded(daemon: Daemon) -> Iterator[bytes]:
-    """The snapshot as one line of JSON, one drive object at a time: between two parts the exchange goes on."""
+    """The snapshot as one line of JSON, one drive object at a time: the exchange continues between two parts."""
     yield json.dumps(_head(daemon))[:-1].encode()
     axes = (axis_status(axis) for axis in daemon.axes)
     encoders = (encoder_status(encoder) for encoder in daemon.encoders)

@@ -37,13 +37,13 @@ FRAME: Final = struct.Struct("@QqIBBBB8s")
 _CYCLE_HEAD: Final = "@QqIHHH6x"
 """Sequence, time, flags, bytes of the frame from and to the PLC, time to the answer in microseconds (65535: as much or more)."""
 _OBJECT: Final = "iiHHBBBx"
-"""Velocity, position, Statusword, Controlword, code of the reason, flags, faults so far modulo 256."""
+"""Velocity, position, Statusword, Controlword, code of the reason, flags, number of faults modulo 256."""
 OBJECT_FIELDS: Final = 7
 HEAD_FIELDS: Final = 6
 
 
 class Word(IntEnum):
-    """Numbers of 64 bits behind the start of the file, by their index in units of eight bytes."""
+    """Numbers of 64 bits after the start of the file, by their index in units of eight bytes."""
 
     WALL_OFFSET = 4
     """Wall clock minus monotonic clock in nanoseconds, signed."""
@@ -76,7 +76,7 @@ class ObjectFlag(IntFlag):
     GOOD = 2
     """The actual values are valid."""
     ACTIVE_FAULT = 4
-    """A fault stands that is not acknowledged."""
+    """A fault is not acknowledged."""
 
 
 @dataclass(frozen=True)

@@ -144,7 +144,7 @@ class RingReader:
 
     @property
     def replaced(self) -> bool:
-        """Another ring, or none, has this name now: open it anew."""
+        """Another ring, or none, has this name now: open it again."""
         try:
             return os.stat(self.path).st_ino != self._inode
         except OSError:

@@ -28,7 +28,7 @@ log = logging.getLogger("gateway")
 
 _MEGABYTE: Final = 1 << 20
 _ANCHOR_NS: Final = SECOND
-"""So often the ring is told the wall clock and who the PLC is."""
+"""Interval at which the ring gets the wall clock and the address of the PLC."""
 _LONGEST_US: Final = 0xFFFF
 _OTHER_FRAMES: Final = 200
 """CAN frames a second and bus beside the PDOs: heartbeats, SDOs."""

@@ -35,11 +35,11 @@ except ImportError:  # Windows
 
 PREVIOUS = ".previous" + SUFFIX
 _MODE = 0o440
-"""Nobody opens the ring for writing by mistake; the gateway has it open already."""
+"""No other program opens the ring for writing by mistake; the gateway has it open already."""
 _LOCK_MODE = 0o600
 """Who may read it could lock it."""
 _NAMES = 9
-"""So many gateways of one name may run on a machine, each with a file of its own."""
+"""Maximum number of gateways of one name on a machine, each with its own file."""
 _U64: Final = (1 << 64) - 1
 _pack_frame: Final = FRAME.pack_into
 _FRAME_SIZE: Final = FRAME.size

@@ -161,7 +161,7 @@ def _pack_values(item: Values) -> bytes:
 
 
 class _Reader:
-    """Reads a block from left to right; errors tell the offset."""
+    """Read a block from left to right; errors contain the offset."""
 
     def __init__(self, data: bytes) -> None:
         self.data = data

@@ -61,7 +61,7 @@ class Description:
     has_texts: bool = False
     low: int = 0
     high: int = 0
-    """Limits are 0 where the type's own range applies or the type is no integer."""
+    """Limits are 0 if the type's own range applies or the type is not an integer."""
     reset_only: bool = False
     unit: tuple[int, int] | None = None
     """Variable and conversion index; None: the value has no unit that is described."""

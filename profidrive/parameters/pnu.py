@@ -1,4 +1,4 @@
-"""Numbers of the profile's parameters by name; what each is stands in ``profidrive.parameters.catalogue``.
+"""Numbers of the profile's parameters by name; ``profidrive.parameters.catalogue`` describes them.
 
 Source: PROFIdrive profile 4.1 chapter 6.2 and 6.3.9, encoder profile 4.2.
 """

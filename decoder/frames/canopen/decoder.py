@@ -105,7 +105,7 @@ class _Node:
         return families_of(self.vendor_id, self.product_code, self.name)
 
     def identify(self, index: int, subindex: int, value: int | float | bytes | str | None) -> None:
-        """One of what tells the family."""
+        """A value that identifies the family."""
         if index == DEVICE_NAME:
             self.name = value if isinstance(value, str) else ""
         elif isinstance(value, int) and subindex == 1:
@@ -280,7 +280,8 @@ class CanopenDecoder:
                 self._rebuild(node_id, node, mapping)
 
     def _learn(self, node_id: int, node: _Node, index: int, subindex: int, value: bytes, decoded: Raw | str) -> None:
-        """An object was read or written: the device type tells the profile, the identity the family, PDOs their mappings."""
+        """An object was read or written: the device type identifies the profile, the identity the family; PDO parameters give
+        mappings."""
         if (index, subindex) == (DEVICE_TYPE, 0) and not node.has_dictionary:
             node.names = profile_catalogue(int.from_bytes(value, "little"), node.families) or node.names
         if (index, subindex) in _TELLS_FAMILY:

@@ -80,14 +80,16 @@ _INTERFACE_BYTES: Final = frozenset(
 def is_profinet_call(data: bytes) -> bool:
     """Whether the datagram of any port is an RPC packet of PROFINET.
 
-    Only the first request needs port 34964: many devices answer from a port of their own, and the controller goes on there.
+    Only the first request needs port 34964: many devices answer from another port, and the controller continues there.
     """
     return len(data) >= HEADER_SIZE and data[0] == VERSION and data[INTERFACE_AT] in _INTERFACE_BYTES
 
 
 class AcyclicDecoder:
-    """All RPC packets of a capture. ``observe`` is told the telegram (DO-ID, number) of every P922 read or written,
-    ``connect`` every Connect the device accepted; it says whether that is of interest.
+    """All RPC packets of a capture.
+
+    ``observe`` is called with the telegram (DO-ID, number) of every P922 that is read or written, ``connect`` with every
+    accepted Connect; it returns whether that is of interest.
     """
 
     def __init__(
@@ -193,7 +195,7 @@ class AcyclicDecoder:
         return AcyclicRecord(*base, f"{head}{self._contents(block, record, fields)}{outcome}", fields, latency)
 
     def _contents(self, block: RecordBlock, record: bytes, fields: Document) -> str:
-        """What is in a record that is no parameter request or response."""
+        """Content of a record other than a parameter request or response."""
         if block.index == RECORD_MULTIPLE and block.type is BlockType.WRITE_REQUEST:
             writes = split_multiple(record)
             fields["record"]["writes"] = [_write_document(item) | {"data": data.hex()} for item, data in writes]

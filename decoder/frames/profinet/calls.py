@@ -34,7 +34,7 @@ Base = tuple[int, int, str, bytes]
 
 
 class RelationCalls:
-    """All relationships of a capture. ``connect`` is told every Connect a device granted, and says whether it is of interest."""
+    """All relationships of a capture. ``connect`` is called with every accepted Connect and returns whether it is of interest."""
 
     def __init__(self, connect: Callable[[Connection], bool], names: StationNames) -> None:
         self._connect = connect

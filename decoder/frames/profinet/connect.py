@@ -57,7 +57,7 @@ class Connection:
     ar: ArBlockReq | None = None
     device_mac: bytes | None = None
     station: str = ""
-    """The device's name, where something told it."""
+    """The device's name, if known."""
     redundancy_hold_ns: int = 0
     """Redundancy data hold time of a relationship of system redundancy; 0: of any other."""
 

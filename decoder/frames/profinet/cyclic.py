@@ -68,7 +68,7 @@ def unit_layout(number: int, direction: Direction) -> ProcessDataLayout:
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """Where an axis lies in a frame; offsets count from the first byte of the frame, the FrameID."""
+    """The place of an axis in a frame; offsets count from the first byte of the frame, the FrameID."""
 
     axis: Axis
     data: int
@@ -130,7 +130,7 @@ _BY_SIZE = {direction: _of_size(direction) for direction in Direction}
 
 
 def infer(c_sdu: bytes, direction: Direction) -> list[Candidate]:
-    """Which telegrams explain where the GOOD status bytes of a C_SDU lie, fewest axes first; empty when none do."""
+    """The telegrams that explain the places of the GOOD status bytes of a C_SDU, fewest axes first; empty if none do."""
     used = len(c_sdu.rstrip(b"\0"))
     found: list[Candidate] = []
 
@@ -269,7 +269,7 @@ class CyclicDecoder:
         return found
 
     def _relation(self, frame_id: int, addresses: bytes) -> tuple[CyclicRelation, Connection] | None:
-        """The relationship of a frame, the newest where its addresses do not tell."""
+        """The relationship of a frame; the newest one if its addresses are ambiguous."""
         if addresses:
             return self._relations.get((frame_id, addresses)) or self._relations.get((frame_id, b""))
         found = (item for (known, _), item in reversed(self._relations.items()) if known == frame_id)
@@ -290,7 +290,7 @@ class CyclicDecoder:
         return replace(layout, controller=connection.controller_mac)
 
     def observe(self, do_id: int, number: int) -> None:
-        """P922 of a DO was seen. An unknown telegram is told and ignored."""
+        """P922 of a DO was seen. An unknown telegram is reported and ignored."""
         if self._observed.get(do_id) == number:
             return
         if number not in TELEGRAMS:

@@ -32,7 +32,7 @@ _VERDICTS: Final = {
     cpm.Verdict.STALE: Verdict.STALE,
 }
 _Output = tuple[int, Callable[[bytes, int], tuple[int, ...]], int, int]
-"""Number of an axis, its codec, where its data and IOPS lie in the frame."""
+"""Number of an axis, its codec, and the places of its data and IOPS in the frame."""
 
 
 @dataclass

@@ -1,7 +1,7 @@
 """PROFINET frames beside the cyclic ones: DCP, alarms, LLDP.
 
-Source: IEC 61158-6-10 (DCP-PDU, RTA-PDU), IEEE 802.1AB, by what ``profinet`` declares of them. What stations tell of their names
-is kept for whoever needs them. PTCP and fragments are only named.
+Source: IEC 61158-6-10 (DCP-PDU, RTA-PDU), IEEE 802.1AB, by the declarations of ``profinet``. Names of stations are kept for
+other parts. PTCP and fragments are only named.
 """
 
 from __future__ import annotations
@@ -179,7 +179,7 @@ class FrameDecoder:
     # -- LLDP ---------------------------------------------------------------------------------------------------------
 
     def lldp(self, base: Base, addresses: bytes) -> Record:
-        """A frame behind EtherType 88CCh."""
+        """A frame after EtherType 88CCh."""
         number, time_ns, channel, data = base
         try:
             # The codec of the device reads whole Ethernet frames.

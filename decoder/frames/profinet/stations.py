@@ -1,4 +1,4 @@
-"""Which station has which MAC address, as DCP and Connect tell it."""
+"""MAC addresses of stations, from DCP and Connect."""
 
 from __future__ import annotations
 

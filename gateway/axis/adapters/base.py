@@ -19,7 +19,7 @@ _ENABLE_OPERATION: Final = _STW1.bit("ENABLE_OPERATION").mask
 _CONTROL_BY_PLC: Final = _STW1.bit("CONTROL_BY_PLC").mask
 _FAULT_ACKNOWLEDGE: Final = _STW1.bit("FAULT_ACKNOWLEDGE").mask
 _TASK_BITS: Final = _STW1.word("NO_INTERMEDIATE_STOP", "JOG_1_ON", "JOG_2_ON", "START_HOMING", positioning=True)
-"""None of them stands in the intermediate stop of a traversing task."""
+"""None of them is in the intermediate stop of a traversing task."""
 _STANDING: Final = Flag.STANDING | signal("ZSW1").bit("OPERATION_ENABLED").mask
 POWER_BITS: Final = _ON | _NO_COAST_STOP | _NO_QUICK_STOP | _ENABLE_OPERATION
 """Bits 0-3 of STW1 and of the Controlword."""
@@ -70,7 +70,7 @@ class SignalAdapter:
         return first
 
     def check(self) -> None:
-        """GatewayError names the signals that this adapter neither reads nor writes: they would be ignored, or 0 for ever."""
+        """GatewayError names the signals that this adapter neither reads nor writes: they would be ignored, or 0 permanently."""
         names = (*self.telegram.setpoints.names, *self.telegram.actuals.names)
         unserved = [name for name in names if name not in self.served]
         if unserved:

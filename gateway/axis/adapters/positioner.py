@@ -151,7 +151,7 @@ class PositionerAdapter(ControlWordAdapter):
         raise NotImplementedError
 
     def read_values(self, setpoints: Sequence[int]) -> None:
-        """What is no bit of a control word."""
+        """Values that are not bits of a control word."""
 
     def _read_stw1(self, word: int) -> None:
         asked = self.asked
@@ -187,7 +187,8 @@ class BlockAdapter(PositionerAdapter):
 
 
 class _FloatValues:
-    """The same of telegram 112, in the user's unit of length; what is no number is a task with speed 0, which is refused."""
+    """The same of telegram 112, in the user's unit of length; a value that is not a number is a task with speed 0, which is
+    rejected."""
 
     __slots__ = (
         "_first",

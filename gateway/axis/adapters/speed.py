@@ -73,7 +73,7 @@ class SpeedAdapter(ControlWordAdapter):
 
 
 class LoadAdapter(SpeedAdapter):
-    """Telegram 20: current, torque, power and the NAMUR word behind the speed."""
+    """Telegram 20: current, torque, power and the NAMUR word after the speed."""
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram, settings)

@@ -52,7 +52,7 @@ class Notes:
 
     def __init__(self) -> None:
         self.warning = False
-        """A warning of the executor stands."""
+        """A warning of the executor is active."""
         self.reason: Reason | None = None
         self.faults: list[tuple[FaultNumber, str]] = []
         """New faults and warnings with their details."""
@@ -117,7 +117,7 @@ class AxisCycle:
 
     @property
     def stopped(self) -> bool:
-        """The axis stands, and the drive does not ramp any more."""
+        """The axis is at standstill, and the drive has ended its ramp."""
         feedback = self.feedback
         return self.standstill and (
             feedback.statusword & StatusBit.TARGET_REACHED != 0 or feedback.velocity_actual == 0
@@ -142,7 +142,7 @@ class Executor:
         raise NotImplementedError
 
     def restarted(self) -> None:
-        """The drive booted or was configured anew; cycles out of operation follow (``power_table``)."""
+        """The drive booted or was configured again; cycles out of operation follow (``power_table``)."""
 
     def lost(self) -> None:
         """The drive is not there; called after the step of such a cycle."""
@@ -170,7 +170,7 @@ class Executor:
 
 
 def known(value: Fraction | None, what: str, key: str) -> Fraction:
-    """A scaling of the drive; Dsp402Error where nothing tells it."""
+    """A scaling of the drive; Dsp402Error if it is unknown."""
     if value is None:
         raise Dsp402Error(what, "not known", f"a drive that reports it, or the key {key}")
     return value
@@ -203,7 +203,7 @@ class LimitWatch:
         self._since = -1
 
     def reset(self) -> None:
-        """It does not stand there."""
+        """The axis is not at standstill there."""
         self._since = -1
 
     def step(self, wants_to_move: bool, cycle: AxisCycle) -> bool:

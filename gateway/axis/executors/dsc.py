@@ -1,7 +1,7 @@
 """Cyclic synchronous position (6060h = 8) or velocity (9) for DSC: telegrams 5, 6, 105 and 106.
 
-Source: docs/motion.md "DSC". These modes have no ramp of their own: a ramp stop is made here, cycle by cycle, with 60C6h. While
-the axis is not in operation the setpoint is where it stands.
+Source: docs/motion.md "DSC". These modes have no ramp: this module makes a ramp stop, cycle by cycle, with 60C6h. While the
+axis is not in operation, the setpoint is its actual position.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ class DscExecutor(Executor):
         return result.reason
 
     def _freeze(self, dsc: Dsc) -> None:
-        """On with the demand speed of the moment STW1.5 fell; XERR and KPC do not count, DSC starts anew afterwards."""
+        """Continue with the demand speed from the moment STW1.5 fell; XERR and KPC are ignored, DSC starts again afterwards."""
         command = self.command
         if not self._frozen:
             self._frozen = True
@@ -171,7 +171,7 @@ class DscExecutor(Executor):
         return self._out_of_date
 
     def _held_at_limit(self) -> Reason | None:
-        """An axis that stood at a limit of the drive does not move on when it is released: it waits for speed 0 and KPC 0."""
+        """An axis that was stopped at a limit of the drive does not move after the release until speed 0 and KPC 0."""
         command, cycle = self.command, self.cycle
         wants = self._velocity != 0 or command.target_position != cycle.feedback.position_actual
         if self._limit.step(wants, cycle):

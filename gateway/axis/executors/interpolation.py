@@ -100,7 +100,7 @@ class Interpolation:
         self._range = _ALL_POSITIONS
         """Of set-points. One that wraps (607Bh) limits them too: whether a drive takes a jump by a range for none is unknown."""
         self._turns_on = True
-        """There is no range: positions go on past the end of their 32 bits, as every drive's do."""
+        """Without a range, positions continue beyond 32 bits, as in every drive."""
         self._window: int | None = None
         self._mode = _POSITION
         """What the executor asked for last, of the two."""

@@ -27,7 +27,7 @@ _RAMPS = (Action.RAMP, Action.RAMP_END)
 
 
 class MotionExecutor(Executor):
-    """One axis' positioner and the drive behind it."""
+    """The positioner of one axis, and its drive."""
 
     SERIALS: ClassVar[frozenset[str]] = frozenset({"_homing_begun"})
     POSITION_FOLLOWS: ClassVar[int] = 0

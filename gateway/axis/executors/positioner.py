@@ -54,11 +54,11 @@ _FOLLOWING_ERROR = StatusBit.MODE_13
 _ENDLESS = (-(1 << 62), (1 << 62) - 1)
 """Where a modulo axis can be sent, whose position is counted on across the ends."""
 _AT_LIMIT = 20
-"""The torque is at its limit within one part in so many."""
+"""Divisor of the torque limit: within this part, the torque is at its limit."""
 
 
 class PositionerExecutor(MotionExecutor):
-    """One axis' positioner and the drive behind it. GatewayError without the user's choices for a positioner."""
+    """The positioner of one axis, and its drive. GatewayError without the user's settings for a positioner."""
 
     SERIALS: ClassVar[frozenset[str]] = frozenset({"_anchored"})
     POSITION_FOLLOWS: ClassVar[int] = 2
@@ -82,7 +82,7 @@ class PositionerExecutor(MotionExecutor):
         self._ring: Ring | None = None
         """Of a modulo axis."""
         self._anchored = 0
-        """Serial of the motion before which the drive was sent to where it stands."""
+        """Serial number of the motion before which the drive was sent to its actual position."""
         self._warned: Reason | None = None
         self._inputs = 0
         """The digital inputs as they were looked at last."""
@@ -126,7 +126,7 @@ class PositionerExecutor(MotionExecutor):
         self.positioner.set_ranges(positions, distances)
 
     def _make_ring(self, scaling: Scaling, units: DriveUnits) -> Ring:
-        """How the position of this drive goes on; Dsp402Error where it wraps after something else than the modulo range."""
+        """How the position of this drive counts; Dsp402Error if it wraps at another value than the modulo range."""
         if not scaling.position_wraps or scaling.position_range is None:
             low, high = CanType.I32.integer_range
             return Ring(low, high - low + 1)

@@ -33,7 +33,7 @@ SPEED_LIMITS = DataType.INTEGER16.integer_range
 SPEED_WINDOW_NS: Final = 50 * MS
 """Time over which a differentiated speed is a mean."""
 STANDING_NS: Final = 100 * MS
-"""Without a new position for this long, and for several of the usual intervals, an encoder stands."""
+"""Without a new position for this time, and for several usual intervals, an encoder is at standstill."""
 _STANDING_INTERVALS = 4
 _POSITIONS = 1 << 32
 """Of a drive's 6064h, taken as unsigned."""
@@ -62,7 +62,8 @@ class EncoderReferences:
     def linear(
         cls, parameters: EncoderParameters, mm_per_second: Fraction, channel: int | None = None
     ) -> EncoderReferences:
-        """Of a linear encoder; ``mm_per_second``: 100 % of the speed. One that does not tell its step is refused later."""
+        """Scaling of a linear encoder; ``mm_per_second``: 100 % of the speed. An encoder with an unknown step is refused
+        later."""
         step = parameters.position_step or parameters.resolution  # 0.001 mm
         if not step:
             return cls(parameters.total_range, Fraction(0), channel)
@@ -85,8 +86,8 @@ class SpeedFromPosition:
     def step(self, count: int, time: int, now: int) -> int:
         """Mean speed over the last 50 ms, or over the last interval if positions arrive less often.
 
-        ``count``: position across wraps; ``time``: its arrival, ``now``: monotonic nanoseconds. 0 before the second position, and
-        when no position arrived for so long that the encoder must be at standstill.
+        ``count``: position across wraps; ``time``: its arrival, ``now``: monotonic nanoseconds. 0 before the second position,
+        and when the encoder must be at standstill because no position arrived.
         """
         samples = self._samples
         if not samples or time > samples[-1][0]:

@@ -58,7 +58,7 @@ class SpeedExecutor(Executor):
         self._tolerance = 0
         self._limit = LimitWatch()
         self._stopped = 0
-        """The setpoint with which the axis stood at a limit; 0: none."""
+        """The setpoint at which the axis was stopped at a limit; 0: none."""
         self._limited = False
         """A limit of 60FFh cuts the PLC's setpoint."""
         self._sent = 0

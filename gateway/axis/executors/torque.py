@@ -45,7 +45,7 @@ def message_word(drive: DriveType) -> MessageWord:
 
 
 def message_of(message: MessageWord, feedback: DriveFeedback, troubles: Troubles) -> int:
-    """MELDW of what a drive tells."""
+    """MELDW from the reports of a drive."""
     statusword = feedback.statusword
     return message.word(
         feedback.velocity_actual,

@@ -1,6 +1,6 @@
-"""The torque limit (6072h) of a positioner by SDO: lowered for a fixed stop, and the drive's own again behind it.
+"""The torque limit (6072h) of a positioner by SDO: lowered for a fixed stop, and the drive's own value afterwards.
 
-Source: docs/motion.md "Traversing blocks". The positioner's PDOs have no room for 6072h, and a fixed stop is not in a hurry.
+Source: docs/motion.md "Traversing blocks". The positioner's PDOs have no room for 6072h, and a fixed stop is not urgent.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class TorqueLimit:
 
     @property
     def base(self) -> int:
-        """The limit the drive had at start, in 1/1000 of the rated torque; 0 for one that does not tell."""
+        """The limit of the drive at start, in 1/1000 of the rated torque; 0 if unknown."""
         return self._base
 
     def set_base(self, limit: int) -> None:

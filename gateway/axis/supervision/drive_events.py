@@ -39,7 +39,7 @@ _STAGE_TEMPERATURE: Final = 0x4200
 _MOTOR_TEMPERATURE: Final = 0x4300
 """EMCY classes 42xxh temperature of the device and 43xxh of the drive (CiA 402)."""
 _VALUE_BYTES: Final = 4
-"""So many of an EMCY's manufacturer bytes are P949's value."""
+"""Number of an EMCY's manufacturer bytes in P949."""
 FAULTY: Final = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 """The power stage is on."""
@@ -52,7 +52,7 @@ UNPOWERED: Final = (
 )
 """Nothing turns the axis."""
 WATCHED: Final = STATE_MASK | StatusBit.INTERNAL_LIMIT
-"""Statusword bits whose changes are told."""
+"""Statusword bits whose changes are reported."""
 _DISABLED: Final = (State.SWITCHED_ON, State.READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED)
 _COMMAND: Final = CONTROLWORDS[Action.ENABLE_OPERATION]
 

@@ -29,7 +29,7 @@ class LifeWords:
         """There is no PLC: more failures in succession than tolerated."""
 
     def tolerate(self, failures: int) -> None:
-        """P925; counting starts anew."""
+        """P925; the count starts again."""
         self.counters = SignOfLife(failures)
         self.lost = False
 

@@ -66,7 +66,7 @@ class StopWatch:
         """That was of no use: the drive was not off when it was there again."""
 
     def over(self) -> None:
-        """The drive is off, or obeys the PLC again."""
+        """The drive is off, or follows the PLC again."""
         self._begin_anew()
         self._nmt_tried = False
 

@@ -1,7 +1,7 @@
-"""Whether an axis turns as fast as it shows and as it is told: position against clock, speed against setpoint.
+"""Whether an axis turns as fast as it shows and as commanded: position against clock, speed against setpoint.
 
-60FFh and 606Ch share their unit and agree even when it is wrong; the position 6064h, with a clock, does not. The check is pure:
-the values of a cycle in, a contradiction out. Source: docs/units.md "The check in operation".
+60FFh and 606Ch share their unit and agree even if it is wrong; the position 6064h over time does not. The check is pure: the
+values of a cycle in, a contradiction out. Source: docs/units.md "The check in operation".
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ SAMPLE_NS: Final = 100 * MS
 _COMPARE_NS: Final = 10 * MS
 """Speeds are compared so often: the cycle has no time for more. The way they make is added up in every cycle."""
 _STEPS: Final = 4
-"""The median of so many steps counts: one jump of the position (homing, preset) is none."""
+"""Number of steps for the median: one jump of the position (homing, preset) does not count."""
 _FAULT: Final = 5.0
 _WARNING: Final = 1.25
 """Largest factor between two speeds, in either direction."""
@@ -44,7 +44,7 @@ _RAMP_MARGIN: Final = 2
 
 
 class VelocityCheck:
-    """One axis. ``step`` in each cycle; ``locked``: a contradiction was found, and nobody has acknowledged it yet."""
+    """One axis. Call ``step`` in each cycle; ``locked``: a contradiction was found and is not acknowledged."""
 
     INSTANTS: ClassVar[Mapping[str, int]] = {
         "_at": SAMPLE_NS,

@@ -61,7 +61,7 @@ def _to(mac: bytes) -> list[Instruction]:
 
 
 def real_time_filter(mac: bytes) -> list[Instruction]:
-    """Frames to this station that are no DCP."""
+    """Frames to this station other than DCP."""
     return [
         *_to(mac),
         (LOAD_HALF, 0, 0, _FRAME_ID_AT),

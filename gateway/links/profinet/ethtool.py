@@ -41,7 +41,7 @@ def medium_of(command: bytes) -> Medium:
 
 
 def read_medium(sock: socket.socket, interface: str) -> Medium:
-    """What an interface runs at; unknown where its driver does not tell."""
+    """Speed and duplex mode of an interface; unknown if its driver does not report them."""
     import fcntl  # noqa: PLC0415 (not there on Windows)
 
     command = ctypes.create_string_buffer(_COMMAND.pack(_ETHTOOL_GSET, *[0] * 17), _COMMAND.size)

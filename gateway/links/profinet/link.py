@@ -62,7 +62,7 @@ class Served(Diagnosed, Protocol):
 
 
 class _Places:
-    """Where input data and IOPS of each drive object lie in the frames of one provider, and the IOPS it has."""
+    """The place of input data and IOPS of each drive object in the frames of one provider, and its IOPS."""
 
     def __init__(self, provider: Provider, objects: int) -> None:
         self.data = [provider.place((slot, TELEGRAM_SUBSLOT)) for slot in range(1, objects + 1)]
@@ -466,7 +466,7 @@ class ProfinetLink:
             self._pump()
 
     def _serve(self) -> None:
-        """Calls run in a task: one that writes to the disk waits there, and the exchange goes on."""
+        """Calls run in a task: one that writes to the disk waits there, and the exchange continues."""
         while True:
             data, source = self._datagrams.get()
             try:
@@ -514,7 +514,7 @@ class ProfinetLink:
         return True
 
     def _pump(self) -> None:
-        """Send what waits, tell what happened, be called again in time."""
+        """Send waiting frames, report events, and set the timer for the next call."""
         self._send_waiting()
         for event in self.device.events():
             self._on_event(event)

@@ -50,7 +50,7 @@ COUNTS: Final = (
 )
 """What ``Engine.counts`` returns, in this order. Frames that ``take`` returned are not among those received."""
 _SILENT_CYCLES: Final = 4
-"""After so many cycles of the gateway without a step of the drive objects their data is not valid any more."""
+"""Number of cycles of the gateway without a step of the drive objects after which their data is not valid."""
 _ALL: Final = 0xFF
 
 

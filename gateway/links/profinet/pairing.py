@@ -17,7 +17,7 @@ LONGEST_NS: Final = 8 * MS
 """Frames of longer cycles are not paired: they wake the process seldom, and an alarm or a frame out of its time, which waits
 for the next input frame too, would wait for long."""
 _WAIT_NS: Final = MS // 10
-"""So long waits a frame that is at its time: what controllers vary by is less."""
+"""Waiting time of a punctual frame; the jitter of controllers is smaller."""
 _LOOK_NS: Final = 500 * MS
 """Interval of this measurement: clocks may drift by some 50 us each second."""
 

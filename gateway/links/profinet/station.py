@@ -42,7 +42,7 @@ class StationKeeper:
         self._refused: Refused | None = None
         self._refused_at = 0
         self.address = IpSuite()
-        """What the interface has; another one that is not from here is somebody else's."""
+        """The address of the interface; one that was not set here belongs to another program."""
 
     def first_name(self) -> str:
         """The name to start with."""
@@ -83,7 +83,7 @@ class StationKeeper:
         return True
 
     def address_taken(self) -> bool:
-        """Whether somebody else has changed the interface's address; ``address`` is the present one."""
+        """Whether another program has changed the interface's address; ``address`` is the present one."""
         before, self.address = self.address, self._port.ip()
         if self.address == before:
             return False
