@@ -14,9 +14,9 @@ demo: $(STAMP)
 demo-profinet: $(STAMP)
 	$(BIN)/pdgw demo --profinet --out demo-out/profinet
 
-# Two tests at a time, each worker with its half in the order of the files (what starts processes before all others), then what the
-# other one has left.
-TOGETHER := -n 2 --dist worksteal
+# Three tests at a time, each worker with its third in the order of the files (what starts processes before all others), then what
+# the others have left. Three keep two cores busy: the worker with the tests that start processes waits for most of its time.
+TOGETHER := -n 3 --dist worksteal
 
 test: $(STAMP)
 	$(BIN)/pytest $(TOGETHER)

@@ -36,11 +36,7 @@ _RPM: Final = (
 )
 _SPEED_ONLY: Final = ("vl", "csv", "no-range")
 _POSITION_ONLY: Final = ("csp",)
-_TABLES: Final = """\
-dsc = "speed"
-following_window = 100000
-jog_1_speed_rpm = -150
-jog_2_speed_rpm = 150
+POSITIONER: Final = """\
 [axis.positioner]
 lu_per_revolution = 10000
 lu_per_unit = 1000
@@ -49,7 +45,14 @@ max_velocity = 30000
 max_acceleration = 2000
 max_deceleration = 2000
 position_window = 20
-[[axis.block]]
+"""
+"""The positioner of an axis on a shaft without an end."""
+_TABLES: Final = f"""\
+dsc = "speed"
+following_window = 100000
+jog_1_speed_rpm = -150
+jog_2_speed_rpm = 150
+{POSITIONER}[[axis.block]]
 number = 1
 position = 20000
 velocity = 6000

@@ -20,6 +20,7 @@ from pdgw.peers.drive import Latency, SimulatedDrive
 from pdgw.peers.plc.exchange.cycling import CyclingPlc
 from pdgw.peers.world import World
 from pdgw.profidrive.telegrams import telegram
+from pdgw.workshop.soak.plan import POSITIONER
 
 TRANSPARENT = 100
 WATCHED_NS = 900 * MS
@@ -45,16 +46,6 @@ simulate = true
 on_plc_loss = "ramp"
 {keys}"""
 _DSC = 'dsc = "speed"\nfollowing_window = 100000\n'
-_POSITIONER = """\
-[axis.positioner]
-lu_per_revolution = 10000
-lu_per_unit = 1000
-velocity_per = "minute"
-max_velocity = 30000
-max_acceleration = 2000
-max_deceleration = 2000
-position_window = 20
-"""
 
 
 class Ending(enum.Enum):
@@ -86,7 +77,7 @@ class Site:
     """A gateway with one axis of a telegram, at one cycle time."""
 
     def __init__(self, number: int, cycle_ms: int) -> None:
-        keys = _DSC if number in DSC_TELEGRAM_NUMBERS else _POSITIONER if number in POSITIONER_TELEGRAM_NUMBERS else ""
+        keys = _DSC if number in DSC_TELEGRAM_NUMBERS else POSITIONER if number in POSITIONER_TELEGRAM_NUMBERS else ""
         config = parse_config(_CONFIGURATION.format(cycle_ms=cycle_ms, number=number, keys=keys))
         self.number = number
         self.world = World(0)
