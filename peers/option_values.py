@@ -35,7 +35,7 @@ MOTIONS: Final = (
 )
 """What ``parse_motion`` of simulated encoders takes."""
 CONSOLE_COMMANDS: Final = (
-    "fault N (1-12), fault NAME [parameter=value ...], clear [NAME], di1 on|off, probe 1|2 on|off, motion MOTION [CHANNEL], "
+    "fault N (1-12), fault NAME [PARAMETER=VALUE ...], clear [NAME], di1 on|off, probe 1|2 on|off, motion MOTION [CHANNEL], "
     "faults, status, quit"
 )
 """What the console of simulated devices takes."""

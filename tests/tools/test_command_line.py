@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.text import Text
 from typer.core import TyperOption
 from typer.testing import CliRunner, Result
 
@@ -100,6 +101,12 @@ def test_the_help_shows_what_is_to_be_typed(name: str) -> None:
     output = invoke(name, "--help").output
     assert "Usage: " in output
     assert "<bool>" not in output
+
+
+@pytest.mark.parametrize(("name", "command"), EVERY, ids=[name for name, _ in EVERY])
+def test_no_bracket_of_a_help_text_is_taken_for_markup(name: str, command: Any) -> None:
+    texts = [command.help or "", *(getattr(item, "help", None) or "" for item in command.params)]
+    assert [text for text in texts if Text.from_markup(text).plain != text] == []
 
 
 PRODUCT = [

@@ -56,7 +56,7 @@ def decode(
     interface: Annotated[str | None, typer.Option(help="Listen on a network interface (root).")] = None,
     can: Annotated[str | None, typer.Option(help="Listen on a python-can bus, like socketcan:can0@500000.")] = None,
     telegram: Annotated[
-        list[int] | None, typer.Option(help="Telegram of the data; repeat for each axis [default: inferred].")
+        list[int] | None, typer.Option(help="Telegram of the data; repeat for each axis (default: inferred).")
     ] = None,
     config: Annotated[Path | None, typer.Option(help="The gateway's configuration: axes, nodes, ports, EDS.")] = None,
     eds: Annotated[list[str] | None, typer.Option(help="EDS or DCF of the nodes, or NODE=FILE.")] = None,
@@ -74,7 +74,7 @@ def decode(
     jobs: Annotated[
         int | None,
         typer.Option(
-            "--jobs", "-j", min=1, help="Number of files at the same time, with --parquet FOLDER [default: cores]."
+            "--jobs", "-j", min=1, help="Number of files at the same time, with --parquet FOLDER (default: cores)."
         ),
     ] = None,
     plot: Annotated[Path | None, typer.Option(callback=to_be_written, help="Picture of --signal over time.")] = None,
@@ -82,7 +82,7 @@ def decode(
         bool, typer.Option("--stats", help="Show rates, jitter, counter gaps and bus load instead.")
     ] = False,
     bitrate: Annotated[
-        int | None, typer.Option(min=1, help="Bit rate for the bus load, bit/s [default: 1000000].")
+        int | None, typer.Option(min=1, help="Bit rate for the bus load, bit/s (default: 1000000).")
     ] = None,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Show the full tree with every bit.")] = False,
     changes_only: Annotated[bool, typer.Option("--changes-only", help="Show only changes.")] = False,

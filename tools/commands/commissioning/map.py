@@ -66,7 +66,7 @@ def map_(
             help="text, csv, st (IEC 61131-3 Structured Text), plcopen (XML of it), scl (Siemens) or udt (its data types).",
         ),
     ] = Format.TEXT,
-    out: Annotated[Path | None, typer.Option(help="Output file [default: standard output].")] = None,
+    out: Annotated[Path | None, typer.Option(help="Output file (default: standard output).")] = None,
     gsdml: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="PROFINET: also write the device description (GSDML) to this folder."),

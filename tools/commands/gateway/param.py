@@ -157,7 +157,7 @@ def write(
     gateway: Annotated[str, GATEWAY] = _DEFAULT,
     do_id: Annotated[int, DO] = 1,
     type_name: Annotated[
-        str | None, typer.Option("--type", help="Data type [default: the type that the device reports].")
+        str | None, typer.Option("--type", help="Data type (default: the type that the device reports).")
     ] = None,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:

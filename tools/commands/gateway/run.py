@@ -69,15 +69,15 @@ def run(
     telegram: Annotated[
         list[int] | None,
         typer.Option(
-            help="Telegram of the simulated axes; repeat to give one for each [default: 1].", show_default=False
+            help="Telegram of the simulated axes; repeat to give one for each (default: 1).", show_default=False
         ),
     ] = None,
-    axes: Annotated[int | None, typer.Option(min=1, max=32, help="Number of simulated axes [default: 1].")] = None,
+    axes: Annotated[int | None, typer.Option(min=1, max=32, help="Number of simulated axes (default: 1).")] = None,
     encoders: Annotated[
         int | None, typer.Option(min=0, max=32, help="Number of simulated encoders, on the shafts of the axes.")
     ] = None,
     encoder_telegram: Annotated[
-        int | None, typer.Option(help=f"Telegram of the simulated encoders [default: {SIMULATED_ENCODER_TELEGRAM}].")
+        int | None, typer.Option(help=f"Telegram of the simulated encoders (default: {SIMULATED_ENCODER_TELEGRAM}).")
     ] = None,
     listen: Annotated[str | None, typer.Option(help="Address towards the PLC.")] = None,
     peer: Annotated[str | None, typer.Option(help="Address of the PLC, needed when --listen is not loopback.")] = None,
@@ -100,7 +100,7 @@ def run(
         bool, typer.Option("--web", help="Serve the page as `pdgw web` does, in a process of its own.")
     ] = False,
     log_level: Annotated[LogLevel, typer.Option(help="Log level.")] = LogLevel.INFO,
-    log_file: Annotated[Path | None, typer.Option(help="Log file [default: standard error].")] = None,
+    log_file: Annotated[Path | None, typer.Option(help="Log file (default: standard error).")] = None,
     log_format: Annotated[
         LogFormat, typer.Option(help="Text with dates, JSON, or journal prefixes if standard error is the journal.")
     ] = LogFormat.AUTO,

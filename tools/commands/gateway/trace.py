@@ -87,11 +87,11 @@ def watch(
     ring: Ring = None,
     on: Annotated[
         list[Trigger] | None,
-        typer.Option("--on", help="Trigger; repeat for several [default: both].", show_default=False),
+        typer.Option("--on", help="Trigger; repeat for several (default: both).", show_default=False),
     ] = None,
     to: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Folder of the files [default: the state directory].", show_default=False),
+        typer.Option(metavar="DIR", help="Folder of the files (default: the state directory).", show_default=False),
     ] = None,
     before: Annotated[int, typer.Option(min=0, help="Seconds before.")] = 10,
     after: Annotated[int, typer.Option(min=0, help="Seconds after.")] = 5,

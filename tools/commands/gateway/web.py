@@ -26,9 +26,11 @@ _ANYWHERE = "0.0.0.0"
 
 def web(
     config: Annotated[Path, typer.Argument(help="The configuration file of the gateway.", show_default=False)],
-    listen: Annotated[str | None, typer.Option(help="ADDRESS:PORT of the page, instead of [web] listen.")] = None,
+    listen: Annotated[
+        str | None, typer.Option(help="ADDRESS:PORT of the page (default: listen of the table web).")
+    ] = None,
     log_level: Annotated[LogLevel, typer.Option(help="Log level.")] = LogLevel.INFO,
-    log_file: Annotated[Path | None, typer.Option(help="Log file [default: standard error].")] = None,
+    log_file: Annotated[Path | None, typer.Option(help="Log file (default: standard error).")] = None,
     log_format: Annotated[
         LogFormat, typer.Option(help="Text with dates, JSON, or journal prefixes if standard error is the journal.")
     ] = LogFormat.AUTO,

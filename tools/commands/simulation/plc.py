@@ -82,12 +82,12 @@ def plc(
     telegram: Annotated[
         list[int] | None,
         typer.Option(
-            help="With --interactive: telegram of the axes; repeat to give one for each [default: 1].",
+            help="With --interactive: telegram of the axes; repeat to give one for each (default: 1).",
             show_default=False,
         ),
     ] = None,
     axes: Annotated[
-        int | None, typer.Option(min=1, max=32, help="With --interactive: number of axes [default: 1].")
+        int | None, typer.Option(min=1, max=32, help="With --interactive: number of axes (default: 1).")
     ] = None,
     cycle_ms: Annotated[float, typer.Option(min=0.5, max=512, help="Cycle time.")] = 4,
     interactive: Annotated[bool, typer.Option("--interactive", help="Control the axes with the keyboard.")] = False,
