@@ -6,6 +6,7 @@ import gc
 import hashlib
 import re
 import weakref
+from contextlib import nullcontext
 from itertools import islice
 from random import Random
 
@@ -13,6 +14,7 @@ import pytest
 from typer import Typer
 from typer.testing import CliRunner
 
+from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.settings import ControlLost, PlcLossReaction
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
@@ -27,7 +29,7 @@ from pdgw.workshop.soak.plan import CYCLES_MS, PART_CYCLES, SHORTEST_PART_NS, dr
 from pdgw.workshop.soak.planted import DEFECTS
 from pdgw.workshop.soak.trace import clock
 from pdgw.workshop.soak.troubles import TROUBLES, UNPLUGGED
-from pdgw.workshop.soak.watch import SoakAxis
+from pdgw.workshop.soak.watch import SoakAxis, ViolationError
 from pdgw.workshop.soak.words import Words
 
 APP = Typer()
@@ -129,6 +131,29 @@ def test_frame_that_was_overtaken_is_no_reason_for_another_off(
     life.play(life.loop.now() + 300 * MS)
     assert bytes(late) in [frame[2] for frame in frames]
     assert reasons == []
+
+
+@pytest.mark.parametrize("seen", [False, True], ids=["before the drive left operation", "behind that"])
+def test_start_after_doubt_counts_when_gateway_enables_drive_that_left_operation(seen: bool) -> None:
+    """An enable input that is back within a cycle starts the drive by the Enable Operation of a ramp, which was there before."""
+    life = Life(next(parts(7, 1, [1])), keep_telegrams=True)
+    axis, loop = life.axes[0], life.loop
+    axis.drive.model.watchers.clear()
+    axis.asked(loop.now(), bytes([0x04, 0x7F, 0, 0]), certain=True)
+    axis.commanded(loop.now(), 0xF)
+    axis._entered(State.OPERATION_ENABLED)
+    loop.run_for(MS)
+    axis.doubt("provider STOP")
+    loop.run_for(MS)
+    axis.commanded(loop.now(), 0xF)
+    loop.run_for(MS)
+    axis._entered(State.SWITCHED_ON)
+    loop.run_for(MS)
+    if seen:
+        axis.commanded(loop.now(), 0xF)
+    expected = pytest.raises(ViolationError, match="provider STOP") if seen else nullcontext()
+    with expected:
+        axis._entered(State.OPERATION_ENABLED)
 
 
 def test_rpdo_to_drive_after_power_on_is_no_controlword() -> None:

@@ -78,6 +78,9 @@ class SoakAxis:
         """Bits 0 to 3 of the last Controlword."""
         self._commanded_at = -1
         self._enabled = -1
+        """When Enable Operation was sent last, and"""
+        self._left = -1
+        """when the drive left operation last."""
         self._doubt = (0, "power on")
         self._previous = drive.model.state
         self._changed = now
@@ -176,14 +179,17 @@ class SoakAxis:
             self.starts += 1
             since, why = self._doubt
             # What it was told before the doubt a drive may still do: it waited for its enable input, or a controller that was cut
-            # off held the frame, with the stop behind it.
-            if self._enabled > since and self._armed < 0:
+            # off held the frame, with the stop behind it. A ramp keeps Enable Operation: an enable input that was away for less
+            # than a cycle lets the drive go on by what was sent before it left operation.
+            if self._enabled > max(since, self._left) and self._armed < 0:
                 raise ViolationError(
                     f"{self.name}: started without OFF and ON after a doubt ({why}, {(now - since) / MS:.0f} ms ago; "
                     f"OFF {self._ago(self._off)}, ON {self._ago(self._on)})"
                 )
         elif state in {State.FAULT_REACTION_ACTIVE, State.FAULT}:
             self.doubt("fault of the drive")
+        if self._previous is State.OPERATION_ENABLED and state is not State.OPERATION_ENABLED:
+            self._left = now
         self._previous = state
         self._changed = now
 
