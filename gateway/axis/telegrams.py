@@ -167,6 +167,9 @@ def add_telegram(number: int, like: int, setpoints: Sequence[str], actuals: Sequ
             raise GatewayError(
                 f"{where}: a telegram like {like} cannot have {_listed(impossible)}; possible: {_listed(known)}"
             )
+        first = model.half(direction).names[0]
+        if own.half(direction).names[0] != first:
+            raise GatewayError(f"{where}: {first} must come first, as in every telegram with a control word")
     for control, status in _PAIRS:
         if (control in own.setpoints.names) != (status in own.actuals.names):
             raise GatewayError(f"telegram {number}: {control} and {status} belong together: set both or none")

@@ -23,8 +23,8 @@ OWN = """
 [[telegram]]
 number = 1001
 like = 102
-setpoints = ["NSOLL_B", "STW1", "G1_STW", "USER", "MOMRED", "STW2"]
-actuals = ["MELDW", "ZSW1", "NIST_B", "ZSW2", "G1_ZSW", "G1_XIST1", "G1_XIST2"]
+setpoints = ["STW1", "G1_STW", "USER", "NSOLL_B", "MOMRED", "STW2"]
+actuals = ["ZSW1", "MELDW", "NIST_B", "ZSW2", "G1_ZSW", "G1_XIST1", "G1_XIST2"]
 """
 SPEED = (["STW1", "NSOLL_A"], ["ZSW1", "NIST_A"])
 WORDS = {"STW1": [0x047F, 0x047F, 0x047E, 0x047B, 0x047D, 0x043F, 0x04FF], "MOMRED": [0, 0x2000], "G1_STW": [0, 0x2000]}
@@ -69,10 +69,10 @@ def test_map_and_device_description_have_it(tmp_path: Path) -> None:
     config = parse_config(file(1001, OWN))
     setpoints, _ = frame_maps(config)
     assert [place.name for place in setpoints.places if place.axis == 1][:6] == [
-        "NSOLL_B",
         "STW1",
         "G1_STW",
         "USER",
+        "NSOLL_B",
         "MOMRED",
         "STW2",
     ]
@@ -95,6 +95,8 @@ def test_map_and_device_description_have_it(tmp_path: Path) -> None:
         ),
         (1001, 1, (SPEED[0], [*SPEED[1], "XIST_A"]), "actuals: a telegram like 1 cannot have XIST_A"),
         (1001, 1, (SPEED[0], [*SPEED[1], "NIST_B"]), "SpeedAdapter neither reads nor writes NIST_B"),
+        (1001, 1, (SPEED[0][::-1], SPEED[1]), "setpoints: STW1 must come first"),
+        (1001, 1, (SPEED[0], SPEED[1][::-1]), "actuals: ZSW1 must come first"),
         (1001, 1, ([*SPEED[0], "STW2"], SPEED[1]), "STW2 and ZSW2 belong together"),
         (1001, 1, (["STW1", "NSOL_A"], SPEED[1]), "did you mean NSOLL_A"),
         (1001, 1, (["STW1", "NSOLL_A", "STW1"], SPEED[1]), "'STW1' is not allowed, expected each signal once"),
