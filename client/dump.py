@@ -198,7 +198,7 @@ def other_telegram(pairs: Sequence[Pair]) -> tuple[int, int] | None:
 
 @dataclass(frozen=True, slots=True)
 class Restored:
-    """What became of a restore: an element for each setting that was tried, with its error where it failed.
+    """Result of a restore: an element for each setting that was tried, with its error where it failed.
 
     ``taken_back``: what had been written has its old value again; ``stuck`` could not be given it back.
     """

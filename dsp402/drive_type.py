@@ -20,12 +20,12 @@ from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp402.modes import Mode
 
 VL_RAMP: Final = 0x70
-"""Controlword of velocity mode (vl): enable ramp, unlock ramp, reference ramp. All three let the set-point through."""
+"""Controlword of velocity mode (vl): enable ramp, unlock ramp, reference ramp. All three let the setpoint through."""
 _ABSENT = "not an object of this drive"
 
 
 class Quantity(enum.Enum):
-    """What set-points and actual values can be fractions of; the value is its name in messages."""
+    """What setpoints and actual values can be fractions of; the value is its name in messages."""
 
     SPEED = "speed"
     """60FFh, 606Ch."""

@@ -96,7 +96,7 @@ class ControlBit:
     """Active low: 0 requests the quick stop."""
     ENABLE_OPERATION: Final = 1 << 3
     NEW_SETPOINT: Final = 1 << 4
-    """Profile position: new set-point; homing: operation start."""
+    """Profile position: new setpoint; homing: operation start."""
     CHANGE_IMMEDIATELY: Final = 1 << 5
     RELATIVE: Final = 1 << 6
     FAULT_RESET: Final = 1 << 7
@@ -118,7 +118,7 @@ class StatusBit:
     TARGET_REACHED: Final = 1 << 10
     INTERNAL_LIMIT: Final = 1 << 11
     MODE_12: Final = 1 << 12
-    """Set-point acknowledge (1), speed is 0 (3), homing attained (6)."""
+    """Setpoint acknowledge (1), speed is 0 (3), homing attained (6)."""
     MODE_13: Final = 1 << 13
     """Following error (1), max slippage (3), homing error (6)."""
 

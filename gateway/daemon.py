@@ -61,7 +61,7 @@ class Daemon:
 
     ``ethernet``: the interface of the PROFINET link; None opens the configured one.
 
-    Raises GatewayError or CanopenError from the constructor when a port or a CAN interface cannot be had.
+    Raises GatewayError or CanopenError from the constructor if a port or a CAN interface cannot be opened.
     """
 
     def __init__(
@@ -225,7 +225,7 @@ class Daemon:
         return [*(axis.client for axis in self.axes), *(node.client for node in self.encoder_nodes)]
 
     def check_telegram_change(self, changed: DriveObject, asked_by: str | None) -> None:
-        """GatewayError when another telegram cannot be selected now. ``asked_by``: the address that wants it, if any."""
+        """GatewayError when another telegram cannot be selected now. ``asked_by``: the address of the request, if any."""
         if changed.powered or not changed.outputs.known_off:
             raise GatewayError(
                 f"{changed.label}: the telegram cannot be changed: the axis is in operation, or was when it was "

@@ -8,7 +8,7 @@ from __future__ import annotations
 from importlib.metadata import version
 
 VENDOR_ID = 0xFFFF
-"""Not assigned to anybody."""
+"""Not assigned."""
 DEVICE_ID = 0x0402
 ORDER_ID = "PDGW"
 HARDWARE_REVISION = 1

@@ -61,14 +61,14 @@ class Platform(Protocol):
         """Everything of the gateway runs on it."""
 
     def open_can(self, config: CanConfig) -> CanPort:
-        """A CAN interface; CanopenError when it cannot be had."""
+        """A CAN interface; CanopenError if it cannot be opened."""
 
     def open_udp(self, listen: str, port: int, purpose: str) -> DatagramPort:
-        """A UDP port; GatewayError when it cannot be had."""
+        """A UDP port; GatewayError if it cannot be opened."""
 
 
 def open_configured_bus(config: CanConfig) -> can.BusABC:
-    """The python-can bus of a [can] table; CanopenError when it cannot be had."""
+    """The python-can bus of a [can] table; CanopenError if it cannot be opened."""
     return open_bus(config.interface, config.channel, config.bitrate, **config.extra)
 
 

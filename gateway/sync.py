@@ -1,4 +1,4 @@
-"""SYNC of a bus: sent after the RPDOs of each cycle; how evenly, and how old the positions are that set-points are made from.
+"""SYNC of a bus: sent after the RPDOs of each cycle; how evenly, and how old the positions are that setpoints are made from.
 
 Source: CiA 301 (SYNC), docs/motion.md "DSC". SYNC follows the PLC's frame, there is no PLL. What is measured is shown
 (``pdgw status``); nothing is decided by it.
@@ -41,7 +41,7 @@ class Spread:
 
 
 class SyncProducer:
-    """The SYNC of one bus; ``axes``: those on it that take their set-points with it."""
+    """The SYNC of one bus; ``axes``: those on it that take their setpoints with it."""
 
     def __init__(self, network: CanNetwork, period_ns: int, axes: Sequence[Axis], clock: Callable[[], int]) -> None:
         self.network = network
@@ -49,7 +49,7 @@ class SyncProducer:
         self.jitter = Spread()
         """Of the intervals, from the period."""
         self.dead_times: dict[int, Spread] = {axis.do_id: Spread() for axis in axes}
-        """By DO: from the SYNC at which a position was measured to the middle of the period in which the set-point made from it
+        """By DO: from the SYNC at which a position was measured to the middle of the period in which the setpoint made from it
         is in force."""
         self._axes = axes
         self._clock = clock

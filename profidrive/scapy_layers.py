@@ -1,9 +1,9 @@
 """scapy layers for the cyclic frame with PROFIdrive telegrams: the readable reference beside the struct codec.
 
 Source: IEC 61158-6-10 by way of ``scapy.contrib.pnio`` (frame, IOPS/IOCS), telegram content generated from
-``profidrive.telegrams``. Not used on the cyclic path. A capture does not say which telegrams it carries, so
-``bind`` has to be told; it also replaces scapy's own cyclic layer on UDP, which needs an Ethernet header below it and
-refuses more than 12 bytes of padding.
+``profidrive.telegrams``. Not used on the cyclic path. A capture does not name its telegrams, so ``bind`` needs
+them; it also replaces scapy's own cyclic layer on UDP, which needs an Ethernet header below it and rejects more than 12 bytes of
+padding.
 
     >>> bind([1])
     >>> IP() / UDP(dport=34962) / cyclic_frame([1], Direction.SETPOINT, [{"STW1": 0x047F, "NSOLL_A": 0x2000}])

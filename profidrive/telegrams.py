@@ -314,7 +314,7 @@ def telegram(number: int) -> Telegram:
 def own_telegram(number: int, like: Telegram, setpoints: Sequence[str], actuals: Sequence[str]) -> Telegram:
     """A user's own telegram: signals by name in the form that ``like`` gives them, with its mode and classes.
 
-    ProfidriveError for a number outside of ``OWN_NUMBERS``, an unknown signal, or one that stands twice.
+    ProfidriveError for a number outside of ``OWN_NUMBERS``, an unknown signal, or a repeated one.
     """
     if number not in OWN_NUMBERS:
         raise ProfidriveError("number of a telegram of your own", number, f"{OWN_NUMBERS[0]}..{OWN_NUMBERS[-1]}")

@@ -42,7 +42,7 @@ _NICE: Final = 10
 
 
 class EthernetCapture:
-    """Records from ``__enter__`` to ``__exit__``; GatewayError where the interface or the file cannot be had."""
+    """Records from ``__enter__`` to ``__exit__``; GatewayError if the interface or the file cannot be opened."""
 
     def __init__(self, interface: str, path: Path) -> None:
         self.lost = 0

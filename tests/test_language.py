@@ -1,7 +1,7 @@
 """The language of everything a person reads: no word of the list in ``tests/language.toml``.
 
-Read are the help of every command, the texts of messages, the texts of the web page, and the documents. Words in code, names and
-keys are not read.
+Read are the help of every command, the texts of messages, the texts of the web page, the documents, and the docstrings of some
+packages. Words in code, names and keys are not read.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ PACKAGES: Final = (
     *("client", "decoder", "ds301", "dsp402", "dsp406", "gateway", "pdgw"),
     *("peers", "profidrive", "profinet", "recording", "tools", "web"),
 )
+DOCUMENTED: Final = ("client", "decoder", "dsp402", "gateway", "profidrive", "recording")
+"""Packages whose docstrings are read; the others follow."""
 _WORDS: Final = 3
 """A literal with fewer words is a name or a key."""
 
@@ -119,6 +121,27 @@ def messages(package: str) -> list[tuple[str, str]]:
     ]
 
 
+def docstrings(source: str) -> Iterator[tuple[int, str]]:
+    """The documentation of a module, its classes, functions and values."""
+    for node in ast.walk(ast.parse(source)):
+        body = getattr(node, "body", None)
+        for statement in body if isinstance(body, list) else ():
+            value = statement.value if isinstance(statement, ast.Expr) else None
+            if isinstance(value, ast.Constant) and isinstance(value.value, str):
+                yield statement.lineno, value.value.replace("``", "`")
+
+
+@pytest.mark.parametrize("package", DOCUMENTED)
+def test_the_docstrings_have_no_word_of_the_list(package: str) -> None:
+    wrong = [
+        f"{path.relative_to(ROOT)}:{line}: {found}: {' '.join(text.split())[:90]}"
+        for path in sorted((ROOT / package).rglob("*.py"))
+        for line, text in docstrings(path.read_text("utf-8"))
+        if (found := found_in(text))
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
 @cache
 def prose_of(name: str) -> list[tuple[int, str]]:
     """The lines of a document."""
@@ -158,6 +181,7 @@ def test_the_gate_finds_a_word_of_the_list_in_each_kind_of_text() -> None:
     assert not found_in("set `stand_by` and {told}")
     assert [text for _, text in literals('x = f"the axis {told} stands there"')] == ["the axis x stands there"]
     assert [text for _, text in page_texts("html`<p>Nobody is here.</p>`")] == ["Nobody is here."]
+    assert [text for _, text in docstrings('x = 1\n"""Told ``so``."""\n')] == ["Told `so`."]
     assert [text for _, text in prose("a\n```\ntold\n```\n[b](told.md)")] == ["a", "[b]"]
 
 

@@ -29,7 +29,7 @@ from pdgw.decoder.view.filter import Filter
 from pdgw.gateway.errors import GatewayError
 
 ENDINGS: Final = frozenset((".pcap", ".pcapng", ".log", ".asc", ".blf", ".trc", ".csv", ".mf4", ".db"))
-"""Of the files of a folder that are taken for captures."""
+"""Suffixes of the files in a folder that count as captures."""
 _SINGLE: Final = ".parquet"
 _UNFINISHED: Final = ".unfinished"
 
@@ -60,7 +60,7 @@ class ArchiveOptions:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What became of one file: its rows by axis; ``error`` when it is damaged, with everything before the damage written."""
+    """Result for one file: its rows by axis; ``error`` when it is damaged, with everything before the damage written."""
 
     file: str
     axes: dict[int, int]

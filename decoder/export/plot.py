@@ -32,7 +32,7 @@ Units = tuple[ProcessData, ...] | None
 
 
 class Curve:
-    """Points of one curve; beyond ``most`` every second one is dropped, again and again."""
+    """Points of one curve; beyond ``most`` every second one is dropped, repeatedly."""
 
     def __init__(self, most: int = MAX_POINTS) -> None:
         self._most = most

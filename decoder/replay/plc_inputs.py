@@ -48,7 +48,7 @@ class Relation(NamedTuple):
 
 
 class Received(NamedTuple):
-    """What became of one frame of the PLC."""
+    """Result of one frame of the PLC."""
 
     time_ns: int
     verdict: Verdict

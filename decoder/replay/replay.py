@@ -120,7 +120,7 @@ class Replayer:
             limit = max(_LONGEST_STALL_NS, recording.watchdog_ns)  # a standstill up to there may be a loss
             self._sent_tolerance = max(tolerance_ns, min(longest, limit))
         settings = recording.settings
-        if not settings.cycle_ns:  # set-points of mode 8 are made for each cycle
+        if not settings.cycle_ns:  # setpoints of mode 8 are made for each cycle
             settings = replace(settings, cycle_ns=cycle_ns)
         self._machine = AxisMachine(recording.telegram.number, settings, DriveFeedback())
         self._checkpoints = Checkpoints(self._machine)

@@ -1,9 +1,8 @@
-"""A timeline out of the records of both buses as they come: entries in the order of time, in constant memory.
+"""A timeline from the records of both buses as they arrive: entries in the order of time, in constant memory.
 
-Facts are taken from the recording: whether the gateway has the PLC (IOCS of its answers) and the drive (IOPS). Where it has no
-answers, and over PROFINET, whose IOCS do not tell, the watchdog decides. An entry is held back until all that belongs to it has
-come (``HOLD_NS`` of recorded time), then it is given out and forgotten. Without I/O; one clock
-(``decoder.timeline.lookahead`` finds the offset).
+Connection of the PLC (IOCS of the answers) and of the drive (IOPS) are recorded facts. Without answers, and over PROFINET,
+whose IOCS do not show it, the watchdog decides. An entry is delayed until it is complete (``HOLD_NS`` of recorded time). Without
+I/O; one clock (``decoder.timeline.lookahead`` finds the offset).
 
     >>> builder = TimelineBuilder(axes, settings, cycle_ns=4_000_000)
     >>> for record in records:

@@ -1,4 +1,4 @@
-"""Which packets, and which of their units and signals, the reader wants to see."""
+"""Selection of packets, and of their units and signals."""
 
 from __future__ import annotations
 

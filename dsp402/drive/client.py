@@ -1,7 +1,7 @@
 """The drive client: brings one CiA 402 drive into operation on a bus and keeps watching it.
 
 The cyclic side (``refresh``, ``send``) never blocks; what every node needs is in ``ds301.node.client``, this adds the RPDOs, the
-guarding of the gateway by the drive, mode of operation and references. A set-point starts nothing before its data is in the
+guarding of the gateway by the drive, mode of operation and references. A setpoint starts nothing before its data is in the
 drive (docs/translation.md "PDO layouts"), which takes SDO writes where the drive has too few RPDOs.
 """
 
@@ -206,7 +206,7 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _apply_times(self) -> None:
         super()._apply_times()
-        # On SYNC the drive expects a new set-point each time.
+        # On SYNC the drive expects a new setpoint each time.
         self.rpdos.refresh_ns = 0 if self._sync_period_us else self.settings.rpdo_refresh_ms * MS
 
     @property

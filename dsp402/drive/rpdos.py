@@ -1,6 +1,6 @@
 """The RPDOs of a drive: what is sent of each command, in which order, and what is written by SDO instead.
 
-The data RPDOs go before the Controlword. A set-point starts nothing before its data is in the drive (docs/translation.md "PDO
+The data RPDOs go before the Controlword. A setpoint starts nothing before its data is in the drive (docs/translation.md "PDO
 layouts"). Nothing here waits; ``write`` is called in the node's task.
 """
 
@@ -74,7 +74,7 @@ class RpdoSender:
         self.mode_awaited: int | None = None
         """A mode that 6061h has not shown yet; no speed is sent meanwhile."""
         self.set_point_refused = False
-        """A new set-point (Controlword.4) does not reach the drive, because its data could not be written; until it falls."""
+        """A new setpoint (Controlword.4) does not reach the drive, because its data could not be written; until it falls."""
         self.motion_asked = False
         """The last command was to move the drive."""
         self.command: DriveCommand | None = None
@@ -120,7 +120,7 @@ class RpdoSender:
     def send(self, command: DriveCommand, now: int, *, stop: bool) -> bool:
         """Send what changed or is due for refresh; False when the interface had no room for all of it.
 
-        While data of the command is not in the drive, a rising bit 4 (new set-point) is held back and the other bits pass.
+        While data of the command is not in the drive, a rising bit 4 (new setpoint) is delayed and the other bits are sent.
         """
         if not self.has_turn:
             self._commanded_at = now
@@ -172,7 +172,7 @@ class RpdoSender:
         return data == sender.last
 
     def _may_start(self, sent: bool, now: int) -> bool:
-        """Whether the data of a new set-point is in the drive: all ``sent`` by RPDO and written by SDO."""
+        """Whether the data of a new setpoint is in the drive: all ``sent`` by RPDO and written by SDO."""
         if self.set_point_refused:
             return False
         missing = [values for values in self.written if values.written != values.wanted]
@@ -181,7 +181,7 @@ class RpdoSender:
         if self._held_since < 0:
             self._held_since = now
             for values in missing:
-                values.refused = None  # a new set-point is a new try
+                values.refused = None  # a new setpoint is a new try
             self._wake()
             return False
         refused = [values.error for values in missing if values.refused == values.wanted]
@@ -217,7 +217,7 @@ class RpdoSender:
                 values.error = text
                 self._tell("status", f"object without PDO: {text}")
             values.retry_at = now + _RETRY_VALUE_NS
-            # A set-point that began meanwhile is a new try.
+            # A setpoint that began meanwhile is a new try.
             values.refused = data if held_since == self._held_since else None
         else:
             values.error = ""

@@ -42,7 +42,7 @@ class DriveSettings(NodeSettings):
         return self.interpolation_us > 0 and drive.interpolates
 
     def sync_period_of(self, drive: DriveType) -> int:
-        """From one SYNC to the next where set-points take effect with it, microseconds; 0: they do not."""
+        """From one SYNC to the next where setpoints take effect with it, microseconds; 0: they do not."""
         return self.interpolation_us if self.interpolates(drive) else self.sync_period_us
 
     def guarding_of(self, drive: DriveType, control_index: int) -> Wanted:

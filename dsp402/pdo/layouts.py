@@ -46,7 +46,7 @@ class Operation(enum.Enum):
 
 
 INTERPOLATED: Final = frozenset({"profile_velocity", "profile_acceleration", "profile_deceleration", "target_velocity"})
-"""Commands that a drive is not sent whose set-points are made for each cycle."""
+"""Commands that a drive is not sent whose setpoints are made for each cycle."""
 
 
 def interpolated(layout: PdoLayout) -> PdoLayout:

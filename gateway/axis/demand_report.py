@@ -110,7 +110,7 @@ class Demand:
         self.fresh = False
         """The request is from a frame of this cycle; used by telegrams with DSC."""
         self.torque_reduction = 0
-        """Fraction of the torque limit that is taken away (N2); 0 or below: nothing."""
+        """Reduction of the torque limit, as a fraction (N2); 0 or below: nothing."""
         self.motion: Asked | None = None
         """Request to a positioner: always the same object, None in telegrams without one."""
         self.raw: Sequence[int] | None = None

@@ -73,7 +73,7 @@ class AxisSettings:
     """G1 is an encoder of its own, not the drive's position."""
     second_sensor: SecondSensor = SecondSensor.NONE
     cycle_ns: int = 0
-    """Of the PLC, and from one SYNC to the next; needed where set-points are made for each cycle."""
+    """Of the PLC, and from one SYNC to the next; needed where setpoints are made for each cycle."""
     dsc: DscChoices | None = None
     """Needed by telegrams 5, 6, 105 and 106."""
     intermediate_stop_reached: bool = False

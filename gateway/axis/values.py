@@ -109,7 +109,7 @@ class ProbeWish:
 
 @dataclass(frozen=True, slots=True)
 class ProbeAnswer:
-    """What became of a ``ProbeWish``; an answer to a withdrawn one counts for nothing. ``positions``: by edge."""
+    """Result of a ``ProbeWish``; an answer to a withdrawn one is ignored. ``positions``: by edge."""
 
     wish: ProbeWish
     positions: Mapping[int, int]
@@ -235,7 +235,7 @@ class Inputs:
         self.warning_code = 0
         """The first warning (P953); likewise."""
         self.set_point_refused = False
-        """A new set-point does not reach the drive, because its data could not be written."""
+        """A new setpoint does not reach the drive, because its data could not be written."""
         self.sensors = (SensorInput(), SensorInput())
         """The encoders that are G1 and G2; without a source a position of the drive."""
         self.news: list[News] = []

@@ -148,7 +148,7 @@ def path_text(location: Location, sections: Sections) -> str:
 
 
 def line_of(text: str, location: Location, sections: Sections) -> int:
-    """The line of a key, of its table's header where the key is missing; 0 when it cannot be told."""
+    """The line of a key, or of its table's header if the key is missing; 0 if unknown."""
     if not location:
         return 0
     section, *rest = location

@@ -42,7 +42,7 @@ _STATUS_USED: Final = STATUS_DATA_VALID | STATUS_PRIMARY | STATUS_RUN
 
 
 class Verdict(enum.Enum):
-    """What became of a received datagram; the value is the name of its counter."""
+    """Result of a received datagram; the value is the name of its counter."""
 
     ACCEPTED = "accepted"
     PROVIDER_STOP = "provider stop"

@@ -4,7 +4,7 @@ Source: docs/transport.md chapter 1. The CycleCounter is a clock of 31.25 us tha
 seconds late, "newer" is not enough: its advance must fit the time that passed. ``SEQUENCE_FRAMES`` consecutive frames with this
 property make a connection. Frames outside the present sequence are followed as a possible new one, so a PLC that restarts with
 any counter is connected after the same number of frames. A sequence that ran in parallel to an older present one, and continues
-after it, is no restart: these are old frames. Not here: the content of frames (``confirmation``).
+after it, is not a restart: these are old frames. Not here: the content of frames (``confirmation``).
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ class FrameSequence:
         self._present: _Run | None = None
         self._followed: list[_Run] = []
         self.elapsed_ns = 0
-        """By the PLC's clock, since the present sequence was taken up."""
+        """By the PLC's clock, since the start of the present sequence."""
         self.repeats = 0
         """Number of frames with the same command, up to the newest one, when a sequence becomes the present one."""
 

@@ -32,7 +32,7 @@ def arrival(stamp: int, wall: int, now: int, emptied: int) -> int:
 
 
 class UdpSocket:
-    """A bound UDP socket; GatewayError names address and port when it cannot be had."""
+    """A bound UDP socket; GatewayError names address and port if it cannot be opened."""
 
     def __init__(self, loop: Loop, listen: str, port: int, purpose: str) -> None:
         self._loop = loop

@@ -1,7 +1,7 @@
 """A chain of traversing blocks at work: which block runs, when it is done, what follows.
 
 Source: basic positioners of public drive manuals (docs/motion.md). The gateway runs the chain; only flying blocks give the drive
-a second set-point beside the one that runs.
+a second setpoint beside the one that runs.
 """
 
 from __future__ import annotations

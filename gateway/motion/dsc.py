@@ -50,7 +50,7 @@ def highest_gain(dead_time: int) -> int:
 
 
 def longest_hold_ns(dead_time: int) -> int:
-    """How long (ns) a set-point may be held without a new one.
+    """How long (ns) a setpoint may be held without a new one.
 
     Its age is dead time too: from T + age = pi / (2 x KPC) on the loop oscillates, with the highest gain from 4.27 T on.
     """

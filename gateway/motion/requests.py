@@ -141,7 +141,7 @@ class _OfMotion:
 
 @dataclass(slots=True, eq=False)
 class Motion(_OfMotion):
-    """The motion wished. A new ``serial`` is a new set-point; the same one is never given twice, only the newest waits."""
+    """The motion wished. A new ``serial`` is a new setpoint; the same one is never given twice, only the newest waits."""
 
     kind: MotionKind = MotionKind.STAND
     serial: int = 0
@@ -155,7 +155,7 @@ class Motion(_OfMotion):
     acceleration: int = FULL
     deceleration: int = FULL
     immediate: bool = True
-    """False: the set-point waits in the drive for the end of the one that runs."""
+    """False: the setpoint waits in the drive for the end of the one that runs."""
     torque: int | None = None
     """Torque limit in 1/1000 of the rated torque, None for the axis' own."""
 
@@ -229,7 +229,7 @@ class PositionerChoices:
     homing_method: int | None = None
     """6098h; None: no homing."""
     waiting_setpoints: bool = True
-    """The drive keeps a set-point for after the one that runs (set of set-points)."""
+    """The drive keeps a setpoint for after the one that runs (set of setpoints)."""
     blocks: tuple[Block, ...] = ()
     clamping_torque: int | None = None
     """Of a task with STW2.8, in 1/1000 of the rated torque; None: only blocks move to a fixed stop."""
@@ -257,7 +257,7 @@ class PositionerSettings:
     clamping_torque: int | None = None
     """With STW2.8, in 1/1000; None: only blocks move to a fixed stop."""
     waiting_setpoints: bool = True
-    """The drive keeps a set-point for after the one that runs (set of set-points)."""
+    """The drive keeps a setpoint for after the one that runs (set of setpoints)."""
     probe: bool = False
     """The drive may have a touch probe (60B8h)."""
     modulo: int = 0

@@ -35,7 +35,7 @@ class Goal:
     kind: MotionKind
     target: int
     distance: int | None
-    """Relative, as long as no set-point of it was given to the drive."""
+    """Relative, as long as no setpoint of it was given to the drive."""
     velocity: int
     acceleration: int
     deceleration: int
@@ -62,7 +62,7 @@ class Course:
         """User's coordinate minus the drive's."""
         self.goal: Goal | None = None
         self.sent = 0
-        """Serial of the newest set-point of the goal, 0 while there is none."""
+        """Serial of the newest setpoint of the goal, 0 while there is none."""
         self.speed: Goal | None = None
         """The goal of a function with a speed as asked for, without software limits."""
         self.held: Reason | None = None
@@ -70,7 +70,7 @@ class Course:
         self.first_serial = 0
         """Of the task that runs, 0 while nothing of it was sent."""
         self.queued = 0
-        """Serial of the set-point that waits in the drive, 0 for none."""
+        """Serial of the setpoint that waits in the drive, 0 for none."""
         self.limits: tuple[int, int] | None = None
         """The software limits, while they are watched."""
         self._limit_since = -1
@@ -195,7 +195,7 @@ class Course:
         self.goal = self.speed = None
         self.queued = 0
 
-    # -- set-points -----------------------------------------------------------------------------------------------------
+    # -- setpoints -----------------------------------------------------------------------------------------------------
 
     def follow(self, asked: Asked, now: int) -> None:
         """Bring the motion in line with the goal: hold, resume, override, software limits."""
@@ -270,7 +270,7 @@ class Course:
         self.queued = motion.serial
 
     def take_queued(self) -> None:
-        """The drive has gone over to the set-point that waited: it is the goal now."""
+        """The drive has gone over to the setpoint that waited: it is the goal now."""
         motion = self.outcome.motion
         self.aim(
             Goal(

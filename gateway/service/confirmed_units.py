@@ -20,7 +20,7 @@ def witnessed(date: str, serial_number: int, scaling: Scaling) -> UnitsWitnessed
 
 
 def witness_text(kept: UnitsWitnessed | None, serial_number: int, scaling: Scaling) -> str:
-    """For a person: whether the units that this drive has now have been witnessed."""
+    """For a person: whether the present units of this drive are confirmed."""
     if kept is None:
         return NEVER
     now = witnessed(kept.date, serial_number, scaling)

@@ -30,7 +30,7 @@ def run_directory() -> Path | None:
 
 
 def prepared(directory: Path) -> Path:
-    """The directory, made when it is missing; GatewayError when it cannot be had, or others own it or may write in it."""
+    """The directory, made when it is missing; GatewayError if it cannot be used, or if other users own it or may write in it."""
     try:
         directory.mkdir(mode=_PRIVATE, parents=True, exist_ok=True)
         found = directory.lstat()

@@ -274,7 +274,7 @@ def test_views_and_pages_of_files_are_accessible_fit_a_telephone_and_need_no_mou
             ("axes", "Axis 1"),
             ("axis/1", "From the PLC"),
             ("axis/3", "Encoder 3"),
-            ("plc", "What became of them"),
+            ("plc", "Result"),
             ("buses", "worst case planned"),
             ("parameters", "No parameter is read yet"),
             ("events", "PLC connected"),

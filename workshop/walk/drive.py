@@ -20,7 +20,7 @@ _ONLY_IN_FULL = (State.NOT_READY_TO_SWITCH_ON, State.FAULT_REACTION_ACTIVE)
 def anything(mode: int, *, tasks: bool, full: bool) -> list[Shown]:
     """Each state, standing and turning where that makes a difference, no state, a lost and a restarted drive.
 
-    ``mode``: 6061h. ``tasks``: set-points are acknowledged. ``full``: also what the machine treats as another of them.
+    ``mode``: 6061h. ``tasks``: setpoints are acknowledged. ``full``: also what the machine treats as another of them.
     """
     states = [state for state in STATUS_OF if full or state not in _ONLY_IN_FULL]
     shown = [Shown(state.value, STATUS_OF[state] | _VOLTAGE) for state in states]

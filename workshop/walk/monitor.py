@@ -111,7 +111,7 @@ class Memory(NamedTuple):
     edge: bool = False
     """One of them rose in operation, and no motion was started since; or the motion it started is interrupted."""
     started: bool = False
-    """The last command moved: New Set-point, or a speed."""
+    """The last command moved: New Setpoint, or a speed."""
     given: bool = False
     """A motion was started in the present operation, and not rejected: it goes on after an intermediate stop."""
     quick_stop: bool = False

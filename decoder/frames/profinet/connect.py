@@ -1,7 +1,7 @@
-"""What a PROFINET Connect says about cyclic frames: FrameIDs, directions, where the data of each submodule lies.
+"""Cyclic frames by a PROFINET Connect: FrameIDs, directions, places of the data of each submodule.
 
-Source: IEC 61158-6-10, by the blocks ``profinet.blocks.connect`` declares. Read only, to understand a capture: what a device
-would refuse is read all the same, other blocks are skipped. Left out: multicast relationships, several API numbers with the
+Source: IEC 61158-6-10, by the blocks ``profinet.blocks.connect`` declares. For captures only: a Connect that a
+device would refuse is decoded too, other blocks are skipped. Not here: multicast relationships, several API numbers with the
 same slots.
 """
 

@@ -41,7 +41,7 @@ class DcpRecord(StationRecord):
 
 @dataclass(slots=True)
 class LldpRecord(StationRecord):
-    """Who the neighbour is."""
+    """Name of the LLDP neighbour."""
 
     kind: ClassVar[str] = "lldp"
 

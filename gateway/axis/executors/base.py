@@ -61,7 +61,7 @@ class Notes:
         self.probe: ProbeWish | None = None
         """Positions the drive has to latch."""
         self.writes: tuple[SdoWrite, ...] | None = None
-        """SDO writes that are wanted, until they are answered, withdrawn or replaced."""
+        """Requested SDO writes, until they are answered, withdrawn or replaced."""
 
     def forget(self) -> None:
         """Clear the reason. A method, because a type checker would assume that an assigned None is still there after the next
@@ -158,7 +158,7 @@ class Executor:
         """The writes of the notes are done (None) or failed (the reason)."""
 
     def probed(self, answer: ProbeAnswer) -> None:
-        """What became of the probe of the notes."""
+        """Result of the probe of the notes."""
 
     def step(self) -> Reason | None:
         """One cycle: the command with bits 0-3 and 7 of the Controlword as given, and the report.

@@ -46,7 +46,7 @@ class DscExecutor(Executor):
         self._message: MessageWord | None = None
         self._torque = 0
         self._deceleration = 1
-        """Velocity units that a ramp takes away in one cycle."""
+        """Velocity units by which a ramp slows down in one cycle."""
         self._way = (0, 1)
         """Position units in one cycle at a velocity of one unit."""
         self._rest = 0
@@ -58,7 +58,7 @@ class DscExecutor(Executor):
         self._limit = LimitWatch()
         self._held = False
         self._heard = 0
-        """When the newest set-points came; this cycle while DSC is off."""
+        """When the newest setpoints came; this cycle while DSC is off."""
         self._out_of_date = False
         """No new setpoints for too long: the axis stops, whatever arrives during the stop."""
 

@@ -1,4 +1,4 @@
-"""Profile position and profile velocity for a drive that has neither: the gateway makes the set-points of mode 8.
+"""Profile position and profile velocity for a drive that has neither: the gateway makes the setpoints of mode 8.
 
 Source: CiA 402-2 (profile position and its handshake, cyclic synchronous position), docs/motion.md "Drives with cyclic
 synchronous position alone". An executor of tasks commands and sees a drive of modes 1, 3 and 6 (``wished``, ``seen``); what the
@@ -73,7 +73,7 @@ def _offered(drive: DriveType) -> DriveType:
 
 @dataclass(frozen=True, slots=True)
 class _Setpoint:
-    """A set-point of profile position as it was taken, in units of the profile."""
+    """A setpoint of profile position as it was taken, in units of the profile."""
 
     target: int
     speed: int
@@ -98,7 +98,7 @@ class Interpolation:
         self._ramp_unit = 1
         """and of one acceleration unit."""
         self._range = _ALL_POSITIONS
-        """Of set-points. One that wraps (607Bh) limits them too: whether a drive takes a jump by a range for none is unknown."""
+        """Of setpoints. One that wraps (607Bh) limits them too: whether a drive takes a jump by a range for none is unknown."""
         self._turns_on = True
         """Without a range, positions continue beyond 32 bits, as in every drive."""
         self._window: int | None = None
@@ -107,7 +107,7 @@ class Interpolation:
         self._setpoint: _Setpoint | None = None
         self._queued: _Setpoint | None = None
         self._deceleration = 1
-        """Of the newest set-point, in units of the profile: a stop uses it."""
+        """Of the newest setpoint, in units of the profile: a stop uses it."""
         self._acknowledged = False
         self._word = 0
         """Controlword of the cycle before."""
@@ -222,7 +222,7 @@ class Interpolation:
 
     @property
     def _demanded(self) -> int:
-        """The set-point."""
+        """The setpoint."""
         return wrapped(self._position) if self._turns_on else self._position
 
     def _stand(self, feedback: DriveFeedback) -> None:
@@ -251,7 +251,7 @@ class Interpolation:
         return self._held != 0
 
     def _turn(self, word: int, feedback: DriveFeedback) -> bool:
-        """Profile velocity; True when it wants to move."""
+        """Profile velocity; True if the drive must move."""
         wished, profile = self.wished, self._profile
         if wished.profile_deceleration:
             self._deceleration = wished.profile_deceleration * self._ramp_unit
@@ -274,7 +274,7 @@ class Interpolation:
         return direction != 0
 
     def _travel(self, word: int, feedback: DriveFeedback) -> bool:
-        """Profile position; True when it wants to move."""
+        """Profile position; True if the drive must move."""
         before, profile = self._word, self._profile
         if word & _HALT:
             self._setpoint = self._queued = None
@@ -317,7 +317,7 @@ class Interpolation:
         self._deceleration = setpoint.deceleration
 
     def _target(self, word: int) -> int:
-        """Where the set-point ends, in position units."""
+        """Where the setpoint ends, in position units."""
         target = self.wished.target_position
         if self._turns_on:
             self._profile.position -= (self._position - self._demanded) * self._resolution

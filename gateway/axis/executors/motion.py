@@ -1,6 +1,6 @@
-"""A positioner's motions on a drive, as far as all telegrams with tasks have them: what may start a motion stands here alone.
+"""A positioner's motions on a drive, as far as all telegrams with tasks have them: everything that may start a motion is here.
 
-Source: docs/motion.md, docs/translation.md. A motion starts by CW.4, which rises here for a set-point that was not given yet and
+Source: docs/motion.md, docs/translation.md. A motion starts by CW.4, which rises here for a setpoint that was not given yet and
 for a homing whose method the drive has taken; never with the fall of Halt, nor before the drive shows the mode.
 """
 
@@ -45,7 +45,7 @@ class MotionExecutor(Executor):
         """What 607Ah can hold."""
         self._setpoint_bit = False
         self._bits = 0
-        """Controlword bits of the set-point given last, beside CW.4."""
+        """Controlword bits of the setpoint given last, beside CW.4."""
         self._homing_begun = 0
         """Serial of the homing that was begun."""
         self._attained = 0

@@ -253,7 +253,7 @@ class PositionerExecutor(MotionExecutor):
                 seen.taken = seen.given
                 self._setpoint_bit = False
         elif not statusword & ACKNOWLEDGED and seen.taken == seen.given:
-            # A set-point that waits keeps the acknowledge until the drive goes over to it.
+            # A setpoint that waits keeps the acknowledge until the drive goes over to it.
             seen.executing = seen.taken
             seen.reached = statusword & _TARGET_REACHED != 0
 
@@ -271,7 +271,7 @@ class PositionerExecutor(MotionExecutor):
         if mode.mode != wanted and not self.cycle.standstill:
             return self._slow_down()
         if mode.halted:
-            return 0  # Halt falls alone: a set-point or a mode together with it is not allowed
+            return 0  # Halt falls alone: a setpoint or a mode together with it is not allowed
         if kind is _HOMING:
             return self._home_axis(motion)
         if not mode.confirmed(wanted):
@@ -284,7 +284,7 @@ class PositionerExecutor(MotionExecutor):
         return self._bits | (NEW_SETPOINT if self._setpoint_bit else 0)
 
     def _crosses(self, ring: Ring, motion: Motion, units: LengthUnits) -> bool:
-        """A set-point that was not given yet leads across an end of what the drive shows."""
+        """A setpoint that was not given yet leads across an end of what the drive shows."""
         if motion.kind is not MotionKind.POSITION or motion.distance is not None or motion.serial == self._seen.given:
             return False
         return ring.target(units.to_drive(motion.target)) is None
@@ -384,7 +384,7 @@ def _settings(choices: PositionerChoices) -> PositionerSettings:
         choices.jog_distances,
         choices.software_limits,
         choices.reference_coordinate,
-        # A set-point that waits could not be told from which turn it counts.
+        # A setpoint that waits could not be told from which turn it counts.
         waiting_setpoints=choices.waiting_setpoints and not choices.modulo,
         clamping_torque=choices.clamping_torque,
         probe=True,

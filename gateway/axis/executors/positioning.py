@@ -155,7 +155,7 @@ class PositioningExecutor(MotionExecutor):
         if goal is not None and motion.kind is MotionKind.STAND:
             return HALT | self._interrupted(goal)
         if mode.halted:
-            # Halt falls alone; a new set-point or a mode together with it is not allowed.
+            # Halt falls alone; a new setpoint or a mode together with it is not allowed.
             self._resumed_at = self.cycle.feedback.position_actual
             self._end_set_point()
         else:

@@ -231,7 +231,7 @@ class SensorWords:
         return self.channel.preset_write
 
     def answered(self, answer: PresetAnswer) -> None:
-        """An answer to a preset that is no longer wanted counts for nothing."""
+        """An answer to a withdrawn preset is ignored."""
         channel = self.channel
         if answer.write is not channel.preset_write:
             return

@@ -28,15 +28,15 @@ _FEWEST_COUNTS: Final = 20
 """A step of fewer position units is too small to be compared. Neither is one in which 606Ch varies by more than its mean: an axis
 that accelerates and brakes between two Statuswords shows speeds that say nothing about its way."""
 _OVERSPEED: Final = 1.5
-"""Times the setpoint,"""
+"""Largest allowed speed, times the setpoint."""
 _OVERSPEED_NS: Final = 500 * MS
-"""for so long, is no overshoot."""
+"""A speed above it for this time is not an overshoot."""
 _GROWING: Final = 1.2
-"""Above this, times the setpoint,"""
+"""Speed, times the setpoint, from which growth is checked."""
 _GROWTH: Final = 1.01
-"""a speed that is so many times the one a step before"""
+"""Smallest growth from one step to the next."""
 _GROWTH_STEPS: Final = 5
-"""so often in a row keeps growing."""
+"""Number of consecutive steps with growth."""
 _POSITIONS: Final = 1 << 32
 """Position units after which the position wraps, unless 607Bh has fewer."""
 _RAMP_MARGIN: Final = 2

@@ -29,10 +29,10 @@ from pdgw.profinet.station import IpSuite, check_name
 _NODE: Final = NodeSettings(node_id=1)
 """What holds of a node where the file says nothing."""
 _MISSPELT = 0.85
-"""A further [can] key as similar as this to one of ours is taken for a slip of the pen."""
+"""A further [can] key this similar to a known key counts as a typing error."""
 
 Integer = Annotated[int, Strict()]
-"""true is no number here, and neither is "3"."""
+"""true and "3" are not numbers here."""
 Boolean = Annotated[bool, Strict()]
 Port = Annotated[Integer, Field(ge=0, le=65535)]
 DeviceNumber = Annotated[Integer, Field(ge=0, le=65535)]
@@ -49,7 +49,7 @@ DisplayName = Annotated[
 
 
 class DriveObjectSection(Section):
-    """What every drive object has: one node behind it, and its telegram."""
+    """Keys of every drive object: one node, and its telegram."""
 
     do_id: Annotated[Integer, Field(ge=1, le=254)]
     name: DisplayName | None = None
@@ -114,9 +114,9 @@ class TransportConfig(Section):
     snmp_community: Annotated[str, Field(min_length=1, max_length=32, pattern=r"^[!-~]+$")] | None = None
     """By which the SNMP agent of ``profinet`` answers, mostly "public"; None: there is no agent."""
     snmp_write_community: Annotated[str, Field(min_length=1, max_length=32, pattern=r"^[!-~]+$")] | None = None
-    """By which sysContact, sysName and sysLocation are written; None: by nobody."""
+    """Community that may write sysContact, sysName and sysLocation; None: none."""
     switchover_ms: Annotated[Integer, Field(ge=3, le=2000)] | None = None
-    """Two controllers (system redundancy S2): the axes may keep the last setpoints for so long while neither leads. None: one."""
+    """System redundancy S2: longest time (ms) with the last setpoints and without a leader. None: one controller."""
     vendor_id: DeviceNumber = identity.VENDOR_ID
     device_id: DeviceNumber = identity.DEVICE_ID
     listen: IPv4Address = IPv4Address("127.0.0.1")
@@ -126,7 +126,7 @@ class TransportConfig(Section):
     watchdog_factor: Annotated[Integer, Field(ge=1, le=WATCHDOG_FACTOR_MAX)] = WATCHDOG_FACTOR
     peer: IPv4Address | None = None
     direct: Boolean = False
-    """Nothing but cables and switches lies between PLC and ``udp``: no frame comes late. Loopback always is."""
+    """Only cables and switches are between PLC and ``udp``: no frame is late. Loopback always is direct."""
     status_port: Port = STATUS_PORT
     """``pdgw status`` on loopback."""
     parameter_timeout_ms: Annotated[Integer, Field(ge=100, le=60_000)] = 2000
@@ -188,10 +188,10 @@ class ParametersConfig(Section):
     """Who may use the parameter channel."""
 
     write_from: tuple[IPv4Network, ...] | None = None
-    """Addresses and networks parameters may be written from. None: everybody where ``listen`` is loopback, nobody otherwise."""
+    """Addresses and networks parameters may be written from. None: all senders if ``listen`` is loopback, else none."""
 
     def writers(self, listen: IPv4Address) -> tuple[IPv4Network, ...] | None:
-        """The networks that may write; None for everybody."""
+        """The networks that may write; None for all senders."""
         if self.write_from is None:
             return None if listen.is_loopback else ()
         return self.write_from

@@ -91,7 +91,7 @@ class PositionerConfig(BaseModel):
     reference_coordinate: _Position = 0
     homing_method: _Integer | None = None
     set_of_setpoints: Annotated[bool, Strict()] = True
-    """The drive keeps a set-point for after the one that runs."""
+    """The drive keeps a setpoint for after the one that runs."""
 
     clamping_torque: Annotated[_Integer, Field(ge=1, le=TORQUE_MAX)] | None = None
     """Of a task with STW2.8, in 1/1000 of the rated torque."""
@@ -100,7 +100,7 @@ class PositionerConfig(BaseModel):
     velocity_per: Literal["second", "minute"] | None = None
     """Telegram 112: the time of velocities."""
     modulo_range: _Distance = 0
-    """Of a rotary axis: LU after which positions begin anew."""
+    """LU after which the positions of a rotary axis wrap."""
     modulo_correction: Annotated[bool, Strict()] = False
     """Positions are 0 to ``modulo_range`` - 1."""
 
@@ -173,4 +173,4 @@ SIMULATED_BLOCKS: tuple[dict[str, int | str], ...] = (
     {"number": 4, "position": 60_000, "velocity": 3000, "next": "external"},
     {"number": 5, "position": 0, "velocity": 15_000},
 )
-"""A chain: one set-point on the fly, a pause when the PLC says so, a slow way, and back when the PLC says so again."""
+"""A chain: one setpoint on the fly, a pause when the PLC says so, a slow way, and back when the PLC says so again."""

@@ -47,7 +47,7 @@ def _is_host(text: str) -> str:
 
 
 class WebConfig(Section):
-    """The page. Whoever reaches it sees everything and changes nothing."""
+    """The page. A client that reaches it can read everything and change nothing."""
 
     listen: Annotated[str, Strict(), AfterValidator(_is_address)] = f"127.0.0.1:{WEB_PORT}"
     token_file: Path | None = None
@@ -85,7 +85,7 @@ class WebConfig(Section):
 
 
 class MqttConfig(Section):
-    """The broker that is told what the axes do; nothing is taken from it."""
+    """The broker for the states of the axes; the gateway receives nothing from it."""
 
     host: Annotated[str, Field(min_length=1, max_length=253), AfterValidator(_is_host)]
     port: Annotated[Integer, Field(ge=1, le=65535)] = 1883

@@ -140,7 +140,7 @@ class EthernetPort(Protocol):
 
 
 class RawEthernet:
-    """An Ethernet interface of the machine; GatewayError when it cannot be had. ``use_engine``: the native engine, if built."""
+    """An Ethernet interface of the machine; GatewayError if it cannot be opened. ``use_engine``: the native engine, if built."""
 
     def __init__(self, loop: Loop, interface: str, *, use_engine: bool = False) -> None:
         self._loop = loop

@@ -112,7 +112,7 @@ class ProfinetLink:
         self._exchange: Callable[[], None] = lambda: None
         self._closed = False
         self._answering = False
-        """The input frame is due, and goes out as soon as it has the answer to the frame that was taken for it."""
+        """The input frame is due, and is sent as soon as it contains the answer to the frame that was read for it."""
         self._watch: Timer | None = None
         self._receivable = False
         self._limit_ns = 0
@@ -124,7 +124,7 @@ class ProfinetLink:
         """Actual values of the last step and whether they are valid: what a new relationship begins with."""
         self._places: dict[ApplicationRelation, _Places] = {}
         self._outputs: list[tuple[int, Callable[[bytes, int], tuple[int, ...]], int, int]] = []
-        """Drive objects with output data: number, codec, where data and IOPS lie in the consumer's frame."""
+        """Drive objects with output data: number, codec, places of data and IOPS in the consumer's frame."""
         self.setpoints: list[Sequence[int] | None] = [None] * len(objects)
         self.doubts = (OrderDoubt.NONE,) * len(objects)
         self.layout_token = object()

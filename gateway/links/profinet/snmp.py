@@ -22,7 +22,7 @@ _AT_ONCE = 2
 
 
 def open_port(interface: str) -> socket.socket:
-    """The agent's socket; GatewayError where the port cannot be had."""
+    """The agent's socket; GatewayError if the port cannot be opened."""
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         sock.setsockopt(socket.SOL_SOCKET, _SO_BINDTODEVICE, interface.encode() + b"\0")

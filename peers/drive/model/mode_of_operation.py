@@ -18,7 +18,7 @@ class ModeOfOperation:
     makes_torque: ClassVar[bool] = False
     """It sets the torque itself."""
     synchronous: ClassVar[bool] = False
-    """It needs a set-point with each SYNC."""
+    """It needs a setpoint with each SYNC."""
 
     def __init__(self, drive: DriveModel) -> None:
         self.drive = drive
@@ -37,7 +37,7 @@ class ModeOfOperation:
         """A Controlword in operation."""
 
     def received(self) -> None:
-        """New set-points may be in the image."""
+        """New setpoints may be in the image."""
 
     def move(self) -> None:
         """One tick in operation."""
@@ -55,7 +55,7 @@ class ModeOfOperation:
         return bool(word & ControlBit.NEW_SETPOINT and not previous & ControlBit.NEW_SETPOINT)
 
     def _allowed(self, word: int, previous: int) -> bool:
-        """Resetting Halt and setting bit 4 in one Controlword is not allowed: the set-point is not taken."""
+        """Resetting Halt and setting bit 4 in one Controlword is not allowed: the setpoint is not taken."""
         return not (word | previous) & ControlBit.HALT
 
 

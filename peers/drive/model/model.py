@@ -81,7 +81,7 @@ class DriveModel:
         self.watchers: list[Callable[[State], None]] = []
         """Called with each state that is entered."""
         self.started = 0
-        """Set-points and homings that were begun, since the device was made."""
+        """Setpoints and homings that were begun, since the device was made."""
         self.power_on()
 
     def power_on(self) -> None:

@@ -75,7 +75,7 @@ class CyclicPosition(ModeOfOperation):
 
 
 class ProfilePosition(ModeOfOperation):
-    """Set-points by a handshake, each with its speed and ramps; one may wait for the end of another."""
+    """Setpoints by a handshake, each with its speed and ramps; one may wait for the end of another."""
 
     def __init__(self, drive: DriveModel) -> None:
         super().__init__(drive)

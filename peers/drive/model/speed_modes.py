@@ -81,7 +81,7 @@ class VelocityMode(_SpeedMode):
 
 
 class CyclicVelocity(_SpeedMode):
-    """The master makes the ramp: the drive follows as fast as it can. A set-point that stays away: the speed stays."""
+    """The master makes the ramp: the drive follows as fast as it can. A setpoint that stays away: the speed stays."""
 
     synchronous = True
 
@@ -124,7 +124,7 @@ class Torque(ModeOfOperation):
 
 
 class CyclicTorque(Torque):
-    """Without torque the motor runs out. A set-point that stays away: the torque stays."""
+    """Without torque the motor runs out. A setpoint that stays away: the torque stays."""
 
     synchronous = True
 

@@ -29,7 +29,7 @@ class CyclingPlc:
         self.silent = False
         """It sends nothing, and goes on listening."""
         self.before_frame: list[Callable[[int], None]] = []
-        """Called with the time in each cycle, to change set-points."""
+        """Called with the time in each cycle, to change setpoints."""
         self._loop = loop
         self._port = port
         self._cycle_ns = cycle_ns
@@ -42,7 +42,7 @@ class CyclingPlc:
         self._timer = self._loop.call_at(self._due, self._cycle)
 
     def restart(self, port: DatagramPort, telegrams: Sequence[Telegram] | None = None) -> None:
-        """The PLC starts again: another port, a new relationship, the same set-points; other telegrams begin with zeros."""
+        """The PLC starts again: another port, a new relationship, the same setpoints; other telegrams begin with zeros."""
         self._port.close()
         before = self.endpoint
         self.endpoint = PlcEndpoint(before.telegrams if telegrams is None else telegrams, self._cycle_ns)
@@ -58,7 +58,7 @@ class CyclingPlc:
         self._port.close()
 
     def set(self, values: Mapping[str, int], axis: int = 0) -> None:
-        """Other set-points from the next frame on; see ``PlcEndpoint.set``."""
+        """Other setpoints from the next frame on; see ``PlcEndpoint.set``."""
         self.endpoint.set(axis, values)
 
     def value(self, name: str, axis: int = 0) -> int | None:

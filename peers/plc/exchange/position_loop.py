@@ -26,7 +26,7 @@ class PositionLoop:
         """Of the last step, increments."""
 
     def step(self, target: float, actuals: Mapping[str, int], feed_forward_rpm: float = 0.0) -> dict[str, int]:
-        """One cycle: the set-points for a target, from the actual values of the last frame."""
+        """One cycle: the setpoints for a target, from the actual values of the last frame."""
         whole = round(target)
         self.error = target - whole + difference(whole, actuals["G1_XIST1"])
         if self.dsc:

@@ -124,7 +124,7 @@ class Plant:
         self.until(lambda: self.link.connected and self.plc.phase is Phase.DATA, "data exchange")
 
     def set(self, slot: int, *values: int) -> None:
-        """Set-points of a drive object; what is not given is 0."""
+        """Setpoints of a drive object; what is not given is 0."""
         half = telegram(self.daemon.objects[slot - 1].telegram.number).setpoints
         given = (*values, *([0] * (len(half.signals) - len(values))))
         self.plc.set_output((slot, 2), half.encode(given))
