@@ -1,7 +1,7 @@
 """``python -m pdgw.workshop.wheels FOLDER``: compiled wheels of the last commit, one for each Python at hand.
 
 auditwheel repairs each wheel and names the oldest C library that it runs on. Then the wheel is installed in a fresh environment
-and runs a chapter of the demo. Wheels for all Pythons and processors come from cibuildwheel with the settings of pyproject.toml.
+and runs a simulated drive. Wheels for all Pythons and processors come from cibuildwheel with the settings of pyproject.toml.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from pdgw.workshop.installation import Environment
 from pdgw.workshop.release import PINS_OF_RUNTIME, ReleaseError, built_wheel, commit, commit_time, run, unpack
 from pdgw.workshop.sbom import ROOT
 
-_TRIAL = ("demo", "--chapter", "basics", "--out", "out")
+_TRIAL = ROOT / "examples" / "gateway_in_a_test.py"
+"""A gateway with a simulated drive."""
 _LINK = "cc -shared"
 """Without the search paths for libraries of the Python that builds, which no other machine has."""
 
@@ -120,7 +121,7 @@ def tried(python: Path, wheel: Path) -> str:
         version = fresh.run("pdgw", "--version").strip()
         if f", {COMPILED}," not in version:
             raise ReleaseError(f"{wheel.name}: installs as {version}, expected a compiled build")
-        fresh.run("pdgw", *_TRIAL)
+        fresh.run("python", str(_TRIAL))
         return version
 
 
