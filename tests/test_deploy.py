@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 import subprocess
@@ -127,15 +126,3 @@ def test_the_image_is_built_from_a_digest_and_from_pins_with_hashes() -> None:
     # Its context is the folder of a release, with that release's pins.
     assert re.findall(r"--require-hashes -r (\S+)", text) == [PINS]
     assert "sha256sum --check --quiet " + SUMS in text
-
-
-@pytest.mark.skipif(shutil.which("logrotate") is None, reason="logrotate is not installed")
-def test_logrotate_accepts_its_file(tmp_path: Path) -> None:
-    (tmp_path / "x.log").write_text("a line\n")
-    rules = tmp_path / "rules"
-    rules.write_text((ROOT / "deploy" / "logrotate" / "pdgw").read_text().replace("/var/log/pdgw", str(tmp_path)))
-    os.chmod(rules, 0o644)
-    command = [shutil.which("logrotate") or "", "--force", "--state", str(tmp_path / "state"), str(rules)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert (tmp_path / "x.log.1").read_text() == "a line\n"

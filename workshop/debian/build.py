@@ -25,8 +25,7 @@ NAME = "profidrive-gateway"
 DEPLOY = ROOT / "deploy"
 SCRIPTS = ("postinst", "prerm", "postrm")
 CONFIGURATION = "etc/pdgw/gateway.toml"
-LOG_ROTATION = "etc/logrotate.d/profidrive-gateway"
-CONFFILES = (CONFIGURATION, LOG_ROTATION)
+CONFFILES = (CONFIGURATION,)
 _PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
 _NEXT_PYTHON = f"{sys.version_info.major}.{sys.version_info.minor + 1}"
 
@@ -86,7 +85,6 @@ def contents(tree: Path, version: str) -> None:
         _copy(units / name, documents / "systemd" / name)
     _copy(ROOT / "LICENSE", documents / "copyright")
     _write_compressed(documents / "changelog.gz", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"))
-    _copy(DEPLOY / "logrotate" / "pdgw", tree / LOG_ROTATION)
     _write(tree / CONFIGURATION, example())
     for name, text in pages(version).items():
         _write_compressed(tree / "usr/share/man/man1" / f"{name}.gz", text)
@@ -130,7 +128,7 @@ Section: net
 Priority: optional
 Installed-Size: {size_kib}
 Depends: python3 (>= {_PYTHON}), python3 (<< {_NEXT_PYTHON}), systemd | systemd-standalone-sysusers
-Recommends: logrotate, iproute2
+Recommends: iproute2
 Description: PROFIdrive-to-CANopen gateway
  A PLC commands CiA 402 drives and CiA 406 encoders with PROFIdrive telegrams
  over UDP or PROFINET. The package contains the gateway, its web page and the

@@ -126,9 +126,7 @@ def check(package: Path, root: Root) -> None:
     _expect(not root.has("/opt/pdgw") and not root.has("/usr/bin/pdgw"), "a removal left the program")
     _report("removed", "configuration and state are kept")
     root("dpkg", "--purge", NAME)
-    left = [
-        path for path in (f"/{CONFIGURATION}", "/var/lib/pdgw", "/etc/logrotate.d/profidrive-gateway") if root.has(path)
-    ]
+    left = [path for path in (f"/{CONFIGURATION}", "/var/lib/pdgw") if root.has(path)]
     _expect(not left, f"a purge left {left}")
     _expect(root.has("/etc/pdgw/press.toml"), "a purge removed a configuration that is not of the package")
     _report("purged", "a configuration of the user is kept")
