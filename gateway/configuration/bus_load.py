@@ -32,8 +32,6 @@ _POSITION_SIZE = 8
 _TPDOS = 4
 """TPDOs with a COB-ID of the pre-defined connection set."""
 _SDO_SIZE = 8
-_SDO_NS: Final = 4 * MS
-"""From one SDO of the parameter channel to the next (``sdo_interval_ms``)."""
 _ANY_NODE = 0
 """Who answers an SDO request: one node at a time."""
 HEARTBEATS: Final = 2
@@ -108,7 +106,7 @@ class Latest:
 
 def latest(frames: Sequence[CyclicFrames], bitrate: int, cycle_time_ms: float) -> list[Latest]:
     """Response times with the parameter channel in use; a frame has to be sent before it is due again, or within the cycle."""
-    rate = SECOND / max(sdo_gap_ns(bus_load(frames, bitrate), bitrate), _SDO_NS)
+    rate = SECOND / sdo_gap_ns(bus_load(frames, bitrate), bitrate)
     sdo = (
         CyclicFrames("SDO request", _SDO_SIZE, rate, SDO_REQUEST + 1, GATEWAY_NODE_ID),
         CyclicFrames("SDO answer", _SDO_SIZE, rate, SDO_RESPONSE + 1, _ANY_NODE),

@@ -1,10 +1,19 @@
-"""A drive whose RPDOs are all due in each cycle, on a bus that has room for one frame at a time."""
+"""The room of a bus: for the RPDOs of a cycle, and for the SDOs of the parameter channel beside them."""
 
 from __future__ import annotations
 
+from itertools import pairwise
+
+import pytest
+
+from pdgw.ds301.bus.load import DEFAULT_BITRATE, bus_load, sdo_gap_ns
+from pdgw.ds301.connection_set import SDO_REQUEST
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.durations import MS, SECOND
+from pdgw.gateway.configuration.bus_load import cyclic_frames
+from pdgw.profidrive.parameters.codec import ParameterAddress
 from tests.support.axis.limit_cycle import Site
+from tests.support.daemon import axis, configuration, serving
 
 
 def test_drive_on_sync_sends_each_rpdo_once_per_turn_after_an_outage() -> None:
@@ -23,3 +32,22 @@ def test_drive_on_sync_sends_each_rpdo_once_per_turn_after_an_outage() -> None:
     site.loop.run_for(SECOND)
     assert axis.drive.status is NodeStatus.ONLINE
     site.close()
+
+
+@pytest.mark.parametrize(("more", "pause_ns"), [("", 0), ("\nsdo_interval_ms = 20", 20 * MS)])
+def test_sdos_of_parameters_follow_each_other_as_fast_as_the_plan_of_the_bus_allows(more: str, pause_ns: int) -> None:
+    config = configuration(axis(1, more=f"simulate = true{more}"))
+    frames = cyclic_frames(config.axes_of(config.can[0]), {}, config.transport.cycle_time_ms)
+    gap = sdo_gap_ns(bus_load(frames, DEFAULT_BITRATE), DEFAULT_BITRATE)
+    requests: list[int] = []
+
+    def listen(can_id: int, _data: bytes, sent: int, now: int) -> None:
+        if sent and can_id == SDO_REQUEST + 1:
+            requests.append(now)
+
+    with serving(config) as (daemon, client):
+        daemon.networks[config.can[0].name].tap = listen
+        client.request([ParameterAddress(0x6080, 0, 1), ParameterAddress(0x6081, 0, 1)] * 4)
+    found = [after - before for before, after in pairwise(requests)]
+    assert len(found) == 7
+    assert all(max(gap, pause_ns) <= item < max(gap, pause_ns) + 3 * MS for item in found)

@@ -61,8 +61,8 @@ class DriveObjectSection(Section):
     eds: Path | None = None
     heartbeat_ms: Annotated[Integer, Field(ge=10, le=10_000)] = _NODE.heartbeat_ms
     sdo_timeout_ms: Annotated[Integer, Field(ge=10, le=60_000)] = _NODE.sdo_timeout_ms
-    sdo_interval_ms: Annotated[Integer, Field(ge=0, le=1000)] = 4
-    """Pause of the parameter channel between two SDOs."""
+    sdo_interval_ms: Annotated[Integer, Field(ge=0, le=1000)] = 0
+    """Pause of the parameter channel between two SDOs, beside what the plan of the bus leaves room for."""
 
 
 class CanConfig(BaseModel):
