@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web client recording peers tools workshop
 
-.PHONY: demo demo-profinet test test-paused tour test-can test-plc lint format bench measured fuzz limit-cycles soak planted walk walk-all docs screenshots site compiled test-compiled bench-compiled pins wheels wheels-docker release deb test-deb clean
+.PHONY: demo demo-profinet test test-paused tour test-can test-plc lint format bench counts measured fuzz limit-cycles soak planted walk walk-all docs screenshots site compiled test-compiled bench-compiled pins wheels wheels-docker release deb test-deb clean
 
 demo: $(STAMP)
 	$(BIN)/pdgw demo
@@ -61,6 +61,10 @@ format: $(STAMP)
 
 bench: $(STAMP)
 	$(BIN)/python -m pdgw.workshop bench
+
+# Processor instructions of an axis cycle, compared with the golden ones of this Python; `make test` compares bytecodes and system calls.
+counts: $(STAMP)
+	$(BIN)/python -m pdgw.workshop.counts.instructions
 
 # The figures that the documents quote, on a quiet machine: as the benchmarks print them, with date and machine.
 MEASURED := docs/measured

@@ -125,6 +125,7 @@ ROWS = {
     "workshop.bench.processes": _ALL,
     "workshop.bench.profinet": f"{_ALL} workshop.bench.measuring workshop.bench.processes",
     "workshop.commands": f"{_ALL} workshop",
+    "workshop.counts": f"{_FIELD} gateway peers workshop.bench workshop.bench.processes",
     "workshop.conformance": f"{_FIELD} gateway peers",
     "workshop.debian": f"{_ALL} workshop.release workshop.installation workshop.sbom",
     "workshop.documents": f"{_ALL} workshop.conformance",

@@ -23,7 +23,8 @@ from pdgw.workshop.bench.measuring.measure import nanoseconds_per_call
 GOALS_NS = {1: 10_000, 9: 20_000, 111: 12_000}
 """Goals of the project for one axis-cycle."""
 _CYCLE_NS = MS
-_FRAMES = 4096
+FRAMES = 4096
+"""Different ones, after which they are sent again."""
 _PEER = ("127.0.0.1", 40000)
 _ENABLED = 0x0637
 
@@ -50,7 +51,7 @@ def axis_cycle(number: int) -> Callable[[], object]:
     inputs.drive_ok = True
     now = _enable(endpoint, machine, plc, number)
     # The cycle counter goes on when they are sent again: it wraps after a whole number of times.
-    frames = [_frame(plc, number, value) for value in range(1, _FRAMES + 1)]
+    frames = [_frame(plc, number, value) for value in range(1, FRAMES + 1)]
     tpdos = [_tpdos(layout, value, command.modes_of_operation) for value in range(1, 17)]
     position = 0
     good = [True]
@@ -58,7 +59,7 @@ def axis_cycle(number: int) -> Callable[[], object]:
     def run() -> object:
         nonlocal position, now
         now += _CYCLE_NS
-        endpoint.receive(frames[position % _FRAMES], _PEER, now)
+        endpoint.receive(frames[position % FRAMES], _PEER, now)
         position += 1
         for pdo, data in tpdos[position & 15]:
             pdo.unpack_into(data, feedback)
