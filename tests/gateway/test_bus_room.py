@@ -13,7 +13,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.bus_load import cyclic_frames
 from pdgw.profidrive.parameters.codec import ParameterAddress
 from tests.support.axis.limit_cycle import Site
-from tests.support.daemon import axis, configuration, serving
+from tests.support.gateways.daemon import axis, configuration, serving
 
 
 def test_drive_on_sync_sends_each_rpdo_once_per_turn_after_an_outage() -> None:
