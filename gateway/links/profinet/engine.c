@@ -21,7 +21,9 @@
 #include <string.h>
 #include <sys/eventfd.h>
 #include <sys/prctl.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
+#include <sys/syscall.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -238,6 +240,20 @@ static long long now_ns(void)
     return (long long)at.tv_sec * SECOND + at.tv_nsec;
 }
 
+/* At usual scheduling: short turns, which Linux from 6.12 on begins sooner. Elsewhere it is refused, and nothing changes. */
+static void ask_for_short_turns(void)
+{
+    struct {
+        uint32_t size, policy;
+        uint64_t flags;
+        int32_t nice;
+        uint32_t priority;
+        uint64_t slice_ns, deadline, period;
+    } wanted = {.size = sizeof wanted, .nice = getpriority(PRIO_PROCESS, 0), .slice_ns = 100000};
+    if (sched_getscheduler(0) == SCHED_OTHER)
+        (void)syscall(SYS_sched_setattr, 0, &wanted, 0);
+}
+
 static void *run(void *argument)
 {
     Engine *e = argument;
@@ -246,6 +262,7 @@ static void *run(void *argument)
     int watched = 2;
     prctl(PR_SET_NAME, "pdgw-cyclic");
     prctl(PR_SET_TIMERSLACK, 1UL);
+    ask_for_short_turns();
     while (!atomic_load(&e->stopping)) {
         int size = provide(e, now_ns(), frame);
         if (size) {
