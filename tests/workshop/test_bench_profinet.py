@@ -6,14 +6,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
+from pdgw.tools.demo import namespaces
+from pdgw.workshop.bench.profinet import profinet
 from pdgw.workshop.bench.profinet.profinet import (
     ECHO_BYTES,
     ECHO_PORT,
     FLOOR_FRAME_ID,
     Cost,
+    Period,
+    ProfinetRow,
     echoes_in,
     first_answer,
     first_of_floor,
@@ -21,6 +26,7 @@ from pdgw.workshop.bench.profinet.profinet import (
     records_in,
     row_of,
 )
+from pdgw.workshop.commands.bench import app
 from tests.support.gateways.daemon import axis
 from tests.support.gateways.profinet_daemon import configuration, plant
 from tests.support.readers import captures
@@ -73,3 +79,18 @@ def test_the_percentiles_of_a_period_are_those_of_the_gaps() -> None:
     assert (found.frames, found.p50_ms, found.p99_ms, found.max_ms) == (101, 1, 1, 5)
     with pytest.raises(GatewayError, match="2 frames are too few"):
         period(times[:2])
+
+
+def test_a_row_that_is_refused_leaves_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    def measure(cycle_ms: int, seconds: float, *, realtime: bool, native: bool) -> ProfinetRow:
+        if native:
+            raise GatewayError("the controller did not come to 'data'")
+        period, cost = Period(9, 1.0, 1.1, 1.2), Cost(0.1, 1 << 20, 0.5)
+        return ProfinetRow(cycle_ms, native, period, period, 0, cost, cost, 1, 1, 1, 1, 24, 24)
+
+    monkeypatch.setattr(profinet, "measure", measure)
+    monkeypatch.setattr(profinet, "exchanges", lambda: (False, True))
+    monkeypatch.setattr(namespaces, "inside", lambda: True)
+    result = CliRunner().invoke(app, ["profinet", "--cycle-time-ms", "2"])
+    assert "refused: 2 ms, native: the controller did not come to 'data'" in result.output
+    assert "1.100 ms" in result.output

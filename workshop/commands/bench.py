@@ -139,13 +139,17 @@ def over_profinet(
         namespaces.enter("pdgw.workshop")
     if realtime:
         use_real_time_priority()  # refused here, before anything is measured without it
-    rows = []
+    rows, refused = [], []
     with _progress() as status:
         for cycle_ms, native in product(cycle_time_ms or profinet.CYCLES_MS, profinet.exchanges()):
             status.update(f"PROFINET, {cycle_ms} ms{', native' if native else ''}")
-            rows.append(profinet.measure(cycle_ms, seconds, realtime=realtime, native=native))
+            try:
+                rows.append(profinet.measure(cycle_ms, seconds, realtime=realtime, native=native))
+            except GatewayError as error:
+                refused.append({"cycle_ms": cycle_ms, "native": native, "refused": str(error)})
     if as_json:
         documents = [asdict(row) | {"ratio_p99": row.ratio_p99, "ratio_record": row.ratio_record} for row in rows]
+        documents += refused
         typer.echo(json.dumps({"machine": machine() | {"realtime": realtime}, "rows": documents}, indent=2))
         return
     console = Console()
@@ -186,6 +190,10 @@ def over_profinet(
         )
     console.print(costs)
     console.print(times)
+    for refusal in refused:
+        name = "native" if refusal["native"] else "Python"
+        text = f"refused: {refusal['cycle_ms']} ms, {name}: {refusal['refused']}"
+        console.print(text, markup=False, highlight=False)
 
 
 @app.command("settings")

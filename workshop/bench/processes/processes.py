@@ -164,11 +164,7 @@ class Gateway:
 
     def cpu_ns(self) -> int | None:
         """CPU time used so far, all threads; None where the system does not tell (not Linux)."""
-        try:
-            threads = list(Path(f"/proc/{self._process.pid}/task").iterdir())
-            return sum(int((thread / "schedstat").read_text().split()[0]) for thread in threads)
-        except OSError:
-            return None
+        return cpu_ns(self._process.pid)
 
     def resident_bytes(self) -> int | None:
         """Memory in use; None where the system does not tell."""
@@ -177,6 +173,15 @@ class Gateway:
         except OSError:
             return None
         return int(pages) * os.sysconf("SC_PAGE_SIZE")
+
+
+def cpu_ns(pid: int) -> int | None:
+    """CPU time that a process used so far, all threads; None where the system does not tell (not Linux)."""
+    try:
+        threads = list(Path(f"/proc/{pid}/task").iterdir())
+        return sum(int((thread / "schedstat").read_text().split()[0]) for thread in threads)
+    except OSError:
+        return None
 
 
 @cache

@@ -34,7 +34,7 @@ from pdgw.profidrive.frame import COUNTER_UNIT_NS, IOPS_GOOD
 from pdgw.profidrive.telegrams import Direction
 from pdgw.recording.ethernet_capture import EthernetCapture
 from pdgw.tools.demo.namespaces import HERE, VethPair
-from pdgw.workshop.bench.processes.processes import USUAL_SCHEDULING
+from pdgw.workshop.bench.processes.processes import USUAL_SCHEDULING, cpu_ns
 
 CYCLES_MS: Final = (1, 2, 4, 32)
 STATION: Final = "press-1"
@@ -237,9 +237,7 @@ def _expect(plc: subprocess.Popen[str], word: str) -> None:
 
 
 def _cpu_s(pid: int) -> float:
-    """Of all threads, as the scheduler counts it."""
-    tasks = Path(f"/proc/{pid}/task").glob("*/schedstat")
-    return sum(int(task.read_text(encoding="ascii").split()[0]) for task in tasks) / SECOND
+    return (cpu_ns(pid) or 0) / SECOND
 
 
 def _resident_bytes(pid: int) -> int:
