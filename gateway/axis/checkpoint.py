@@ -10,6 +10,7 @@ immutable value, or a container of such. A class declares beside its attributes 
 | ``PASSING`` | every step sets them before it reads them, they only count, or never change: neither saved nor compared |
 | ``SERIALS`` | numbers that only grow, are only compared with each other, and are 0 for none: compared by their order |
 | ``COUNTERS`` | numbers that run round, 0 for none: compared as they are, or by whether they are 0 (``any_counter``) |
+| ``SUPERVISION`` | compared only with ``stops``: only the brakes beside the Controlword depend on them; ``*``: all |
 | ``ASIDE`` | saved, but not compared: no word and no command depends on them (caches, what the log has had); ``*``: all |
 """
 
@@ -114,11 +115,13 @@ class _Part:
         "values",
     )
 
-    def __init__(self, item: object, *, any_counter: bool) -> None:
+    def __init__(self, item: object, *, any_counter: bool, stops: bool) -> None:
         self.item = item
         kind: Any = type(item)
         self._kind = kind
         passing, aside = _declared(kind, "PASSING"), _declared(kind, "ASIDE")
+        if not stops:
+            aside |= _declared(kind, "SUPERVISION")
         every = [name for name in _names(item) if name not in passing]
         self._always = [value for value in (getattr(item, name) for name in every) if _is_part(value)]
         """Permanent parts of the machine."""
@@ -130,7 +133,7 @@ class _Part:
         self.number = -1
         values = self.get(item)
         self._containers = tuple(i for i, value in enumerate(values) if isinstance(value, _CONTAINERS))
-        ages: Mapping[str, int] = getattr(item, "INSTANTS", {})
+        ages: Mapping[str, int] = {} if "*" in aside else getattr(item, "INSTANTS", {})
         self.instants = tuple((i, ages[name]) for i, name in enumerate(names) if name in ages)
         serials = _declared(kind, "SERIALS")
         self.serials = tuple(i for i, name in enumerate(names) if name in serials)
@@ -202,10 +205,12 @@ class Checkpoints:
     """Step, save and restore one machine that nothing else changes; the feedback it reads is not part of it.
 
     ``any_counter``: every input is relative to the machine's counters (``COUNTERS``), so one counter represents all others.
+    ``stops``: the supervision of stops is compared too (``SUPERVISION``).
     """
 
-    def __init__(self, machine: AxisMachine, *, any_counter: bool = False) -> None:
+    def __init__(self, machine: AxisMachine, *, any_counter: bool = False, stops: bool = False) -> None:
         self._machine = machine
+        self._stops = stops
         self._any_counter = any_counter
         self._numbers: dict[Hashable, int] = {}
         self._tree: dict[int, _Part] = {}
@@ -231,7 +236,9 @@ class Checkpoints:
         while waiting:
             item = waiting.pop()
             if id(item) not in found:
-                part = found[id(item)] = known.get(id(item)) or _Part(item, any_counter=self._any_counter)
+                part = found[id(item)] = known.get(id(item)) or _Part(
+                    item, any_counter=self._any_counter, stops=self._stops
+                )
                 self._look([part])
                 waiting += part.children()
         self._tree = found

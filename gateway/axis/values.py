@@ -259,7 +259,8 @@ class Outputs:
             "faults",
         }
     )
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"actuals", "brake", "known_off"})
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"actuals", "brake"})
+    SUPERVISION: ClassVar[frozenset[str]] = frozenset({"known_off"})
 
     __slots__ = (
         "acknowledged",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -29,6 +30,7 @@ from pdgw.gateway.axis.power_table import (
     Row,
 )
 from pdgw.gateway.axis.settings import PlcLossReaction
+from pdgw.gateway.axis.supervision.stop_supervision import StopWatch
 from pdgw.gateway.motion.mdi import MdiPositioner
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.sign_of_life import SignOfLife
@@ -37,6 +39,7 @@ from pdgw.workshop.walk.cases import Case
 Patch = pytest.MonkeyPatch
 DEFAULT = Case(1)
 RAMP = Case(1, PlcLossReaction.RAMP)
+GUARDING = Case(1, guarding=True)
 _FOLLOW = (Phase.FOLLOW,)
 _QUICK_STOP = (PowerWish.QUICK_STOP,)
 
@@ -87,6 +90,17 @@ def standing_task_bit_starts(patch: Patch) -> None:
     patch.setattr(MdiPositioner, "_find_edges", wrong)
 
 
+def brake_ends_with_the_drive(patch: Patch) -> None:
+    step = StopWatch.step
+
+    def wrong(self: StopWatch, action: Action, operating: bool, seen: bool, *rest: Any) -> bool:
+        if not seen:
+            self.over()
+        return step(self, action, operating, seen, *rest)
+
+    patch.setattr(StopWatch, "step", wrong)
+
+
 PLANTED: dict[str, tuple[Case, Callable[[Patch], None]]] = {
     "forgotten OFF": (
         DEFAULT,
@@ -130,6 +144,8 @@ PLANTED: dict[str, tuple[Case, Callable[[Patch], None]]] = {
         Case(2, life=1),
         lambda patch: patch.setattr(SignOfLife, "failed", False),
     ),
+    "drive that does not stop left alone": (GUARDING, lambda patch: patch.setattr(StopWatch, "step", lambda *_: False)),
+    "brake released when the drive is lost": (GUARDING, brake_ends_with_the_drive),
     "standing task bit starts": (Case(9), standing_task_bit_starts),
     "refusal without reason": (DEFAULT, each_cell(lambda cell: replace(cell, reason=None))),
 }

@@ -21,10 +21,11 @@ from pdgw.gateway.motion.dsc import DscChoices, DscForm
 from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.peers.drive import shape
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
-from pdgw.workshop.walk.drive import anything
+from pdgw.workshop.walk.brakes import BrakeMonitor
+from pdgw.workshop.walk.drive import anything, guarded
 from pdgw.workshop.walk.machine import Transducer
 from pdgw.workshop.walk.monitor import Expected, Monitor
-from pdgw.workshop.walk.plc import RAW, frames, is_central, with_life
+from pdgw.workshop.walk.plc import RAW, frames, is_central, stops, with_life
 from pdgw.workshop.walk.recovery import recovery
 from pdgw.workshop.walk.search import Result, walk
 from pdgw.workshop.walk.values import Plc
@@ -55,6 +56,8 @@ class Case:
     resume: bool = False
     hold: bool = False
     full: bool = False
+    guarding: bool = False
+    """The brakes beside the Controlword, with what guarding tells of the drive, instead of the Controlword."""
     life: int | None = None
     """P925, with a PLC that has a sign of life; None: without one."""
     tick_ns: int = TICK_NS
@@ -68,6 +71,7 @@ class Case:
                 self.on_plc_loss.value,
                 *(["resume"] if self.resume else []),
                 *(["hold"] if self.hold else []),
+                *(["guarding"] if self.guarding else []),
                 *([] if self.life is None else ["sign of life"]),
             ]
         )
@@ -85,16 +89,18 @@ class Case:
             own_ramp=is_central(number),
             life=self.life,
         )
-        result = walk(machine, Monitor(expected), first_only=first_only)
-        if not result.violations:
+        monitor = BrakeMonitor() if self.guarding else Monitor(expected)
+        result = walk(machine, monitor, first_only=first_only)
+        if not result.violations and not self.guarding:
             off, acknowledge, on = (next(item for item in plc if item.word & 0x8F == word) for word in (0xE, 0x8E, 0xF))
             result.stuck = recovery(machine, range(len(machine)), self._mode, off, acknowledge, on)
         return result
 
     def machine(self, kind: Callable[..., Walked]) -> Walked:
         """The axis machine, with all inputs; ``kind``: Transducer, or what is made from it."""
-        inputs = product(self._frames(), anything(self._mode, tasks=self._tasks, full=self.full))
-        return kind(self.number, self._settings(), drive(), self.tick_ns, inputs)
+        shown = anything(self._mode, tasks=self._tasks, full=self.full)
+        inputs = product(self._frames(), guarded(shown) if self.guarding else shown)
+        return kind(self.number, self._settings(), drive(), self.tick_ns, inputs, guarding=self.guarding)
 
     @property
     def _tasks(self) -> bool:
@@ -106,6 +112,8 @@ class Case:
 
     def _frames(self) -> list[Plc]:
         made = frames(self.number, full=self.full)
+        if self.guarding:
+            made = stops(made)
         return made if self.life is None else list(with_life(made))
 
     def _settings(self) -> AxisSettings:
@@ -136,7 +144,7 @@ def short() -> Iterator[Case]:
 
 
 def selected() -> Iterator[Case]:
-    """In CI: each reaction to a loss and each choice once; the sign of life, DSC, and traversing tasks."""
+    """In CI: each reaction to a loss and each choice once; the sign of life, the guarding, DSC, and traversing tasks."""
     quick_stop, ramp, coast = PlcLossReaction.QUICK_STOP, PlcLossReaction.RAMP, PlcLossReaction.COAST
     yield Case(1, quick_stop)
     yield Case(1, quick_stop, resume=True, hold=True)
@@ -145,6 +153,7 @@ def selected() -> Iterator[Case]:
     yield Case(RAW, quick_stop)
     yield Case(RAW, ramp)
     yield Case(2, life=1)
+    yield Case(1, guarding=True)
     yield Case(5)
     yield Case(9)
 

@@ -41,3 +41,13 @@ def anything(mode: int, *, tasks: bool, full: bool) -> list[Shown]:
             Shown("restarted, Operation Enabled", _OPERATING, TURNING, restarted=True),
         ]
     return [item._replace(mode=mode) for item in shown]
+
+
+def guarded(shown: list[Shown]) -> list[Shown]:
+    """Each of them, and what guarding tells of a drive beside: its node is stopped, or it was found without power."""
+    lost = next(item for item in shown if not item.ok)
+    return [
+        *shown,
+        lost._replace(name="lost, node stopped", stopped=True),
+        lost._replace(name="lost, found without power", found_off=True),
+    ]

@@ -10,7 +10,8 @@ from pdgw.durations import SECOND
 from pdgw.gateway.axis.checkpoint import Checkpoint, Checkpoints
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.values import Configured
+from pdgw.gateway.axis.supervision.stop_supervision import Brake
+from pdgw.gateway.axis.values import Configured, NodeNotice, Notice
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.profidrive.sign_of_life import following
 from pdgw.profidrive.signals import signal
@@ -31,11 +32,14 @@ class Transducer:
         drive: DriveType,
         tick_ns: int,
         inputs: Iterable[tuple[Plc, Shown]] = (),
+        *,
+        guarding: bool = False,
     ) -> None:
         self._machine = AxisMachine(number, settings, DriveFeedback())
         self._drive = drive
         self._tick = tick_ns
-        self._checkpoints = Checkpoints(self._machine, any_counter=True)
+        self._checkpoints = Checkpoints(self._machine, any_counter=True, stops=guarding)
+        self._guarding = guarding
         self._states: list[Checkpoint] = []
         self._number_of: dict[Hashable, int] = {}
         self._rows: list[dict[int, tuple[int, int]]] = []
@@ -94,12 +98,14 @@ class Transducer:
         inputs, outputs = self._machine.inputs, self._machine.outputs
         inputs.now += self._tick
         inputs.setpoints, inputs.fresh = self._setpoints(plc), plc.fresh
-        inputs.drive_ok = shown.ok
+        inputs.drive_ok, inputs.node_stopped = shown.ok, shown.stopped
         feedback = inputs.feedback
         feedback.statusword, feedback.velocity_actual = shown.statusword, shown.velocity
         feedback.modes_of_operation_display, feedback.position_actual = shown.mode, shown.position
         if shown.restarted:
             inputs.news.append(Configured(self._drive))
+        if shown.found_off:
+            inputs.news.append(NodeNotice(Notice.OFF, "", inputs.now))
         self._checkpoints.step()
         command = outputs.command
         return Output(
@@ -110,4 +116,5 @@ class Transducer:
             outputs.actuals[0],
             "" if outputs.reason is None else outputs.reason.name,
             any(fault.number == FaultNumber.ENABLE_UNASKED for fault in outputs.faults),
+            outputs.brake if self._guarding else Brake.NONE,
         )

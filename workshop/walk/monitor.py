@@ -186,6 +186,8 @@ def _life(expected: Expected, memory: Memory, plc: Plc) -> tuple[bool, int]:
 class Monitor:
     """Checks one step after the other."""
 
+    first = Memory()
+
     def __init__(self, expected: Expected) -> None:
         self._expected = expected
 

@@ -120,6 +120,12 @@ def with_life(made: Iterable[Plc]) -> Iterator[Plc]:
             )
 
 
+def stops(made: Iterable[Plc]) -> list[Plc]:
+    """No frame, OFF1, OFF3 and ON of them."""
+    words = {bits | CONTROL for bits in (OFF1, OFF3, ENABLE)}
+    return [item for item in made if item is LOST or item.word & (ENABLE | CONTROL | ACKNOWLEDGE) in words]
+
+
 def is_central(number: int) -> bool:
     """A telegram in which the gateway makes the ramps itself (DSC)."""
     return number in CENTRAL_TELEGRAM_NUMBERS and "XERR" in telegram(number).setpoints.names

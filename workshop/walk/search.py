@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+import enum
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field
+from typing import Any, Protocol
 
 from pdgw.workshop.walk.machine import Transducer
-from pdgw.workshop.walk.monitor import Memory, Monitor, Rule
 from pdgw.workshop.walk.recovery import Stuck
 from pdgw.workshop.walk.values import Output, Plc, Shown
 
 _Node = tuple[int, int]
 """Numbers of a state and of a memory."""
+
+
+class Checks(Protocol):
+    """A monitor: what must never happen, with the memory that it needs from step to step."""
+
+    @property
+    def first(self) -> Hashable:
+        """The memory before the first step."""
+
+    def step(self, memory: Any, plc: Plc, shown: Shown, output: Output, /) -> tuple[Hashable, Sequence[enum.Enum]]:
+        """The memory after a step, and the rules that it breaks."""
 
 
 @dataclass(slots=True)
@@ -31,7 +44,7 @@ class Step:
 class Violation:
     """A broken rule with the shortest way to it."""
 
-    rule: Rule
+    rule: enum.Enum
     trace: list[Step]
 
     def __str__(self) -> str:
@@ -46,7 +59,7 @@ class Result:
     states: int = 0
     machine_states: int = 0
     transitions: int = 0
-    violations: dict[Rule, Violation] = field(default_factory=dict)
+    violations: dict[enum.Enum, Violation] = field(default_factory=dict)
     stuck: Stuck | None = None
     """Where the axis does not come back to operation, or an OFF not to power off."""
 
@@ -56,7 +69,7 @@ class Result:
         return f"{numbers}, {self.transitions} transitions, {found} violations"
 
 
-def walk(machine: Transducer, monitor: Monitor, *, first_only: bool = False) -> Result:
+def walk(machine: Transducer, monitor: Checks, *, first_only: bool = False) -> Result:
     """Everything that is reachable; of each rule that is broken the shortest trace, or ``first_only`` the first violation."""
     result = Result()
     first: _Node = (0, 0)
@@ -92,14 +105,14 @@ def walk(machine: Transducer, monitor: Monitor, *, first_only: bool = False) -> 
 class _Judge:
     """The monitor with numbered memories: what it says is computed once and then looked up."""
 
-    def __init__(self, machine: Transducer, monitor: Monitor) -> None:
+    def __init__(self, machine: Transducer, monitor: Checks) -> None:
         self._machine = machine
         self._monitor = monitor
-        self._memories = [Memory()]
-        self._number_of = {Memory(): 0}
-        self._said: dict[tuple[int, int, int], tuple[int, list[Rule]]] = {}
+        self._memories = [monitor.first]
+        self._number_of = {monitor.first: 0}
+        self._said: dict[tuple[int, int, int], tuple[int, Sequence[enum.Enum]]] = {}
 
-    def __call__(self, memory: int, number: int, output: int) -> tuple[int, list[Rule]]:
+    def __call__(self, memory: int, number: int, output: int) -> tuple[int, Sequence[enum.Enum]]:
         key = (memory, number, output)
         said = self._said.get(key)
         if said is None:

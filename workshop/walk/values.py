@@ -5,6 +5,8 @@ from __future__ import annotations
 import enum
 from typing import NamedTuple
 
+from pdgw.gateway.axis.supervision.stop_supervision import Brake
+
 
 class Life(enum.Enum):
     """What the sign of life of a frame does (STW2 bits 12 to 15)."""
@@ -43,6 +45,10 @@ class Shown(NamedTuple):
     """6061h."""
     position: int = 0
     """6064h."""
+    stopped: bool = False
+    """Its heartbeat, or its answer to node guarding, says Stopped (NMT)."""
+    found_off: bool = False
+    """It is lost, and was found without power by SDO."""
 
 
 class Output(NamedTuple):
@@ -61,3 +67,5 @@ class Output(NamedTuple):
     """Why the axis does not do what is asked; empty: it does."""
     guarded: bool
     """The guard behind everything had to replace an Enable Operation."""
+    brake: Brake = Brake.NONE
+    """Only in a walk of the guarding."""

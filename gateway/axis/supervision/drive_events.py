@@ -232,7 +232,8 @@ class Acknowledgement:
 class DriveWatch:
     """What a drive shows of its own accord, by its Statusword."""
 
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"fault_began", "fault_since", "shown"})
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"fault_began", "fault_since"})
+    SUPERVISION: ClassVar[frozenset[str]] = frozenset({"shown"})
 
     __slots__ = ("_outputs", "_repetitions", "fault_began", "fault_since", "shown")
 

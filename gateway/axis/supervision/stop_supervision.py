@@ -8,6 +8,7 @@ is withheld, so that the abort option 6007h of the drive is the last brake. Sour
 from __future__ import annotations
 
 import enum
+from collections.abc import Mapping
 from typing import ClassVar, Final
 
 from pdgw.gateway.axis.power_table import Action
@@ -43,7 +44,7 @@ class StopWatch:
         "runs",
     )
 
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"*"})
+    SUPERVISION: ClassVar[frozenset[str]] = frozenset({"*"})
 
     def __init__(self, reaction_ns: int, stop_time_ns: int) -> None:
         self._reaction = reaction_ns
@@ -64,6 +65,12 @@ class StopWatch:
         """The node has shown NMT Stopped; it leaves that when it is brought up again."""
         self._nmt_tried = False
         """That was of no use: the drive was not off when it was there again."""
+
+    @property
+    def INSTANTS(self) -> Mapping[str, int]:  # noqa: N802 (as in classes with the same ages for every axis)
+        """See ``gateway.axis.checkpoint``."""
+        stopped = self._reaction + RAMP_MARGIN * self._stop_time
+        return {"_began": stopped, "_standing_command": self._reaction + 1, "_braked": self._reaction}
 
     def over(self) -> None:
         """The drive is off, or follows the PLC again."""
@@ -101,13 +108,13 @@ class StopWatch:
             self._speed = speed
         elif now - self._began <= self._reaction:
             self._speed = max(self._speed, speed)  # it still gathers what was asked before
-        if operating and action is not Action.RAMP:
-            if self._standing_command < 0:
-                self._standing_command = now
-            disobeys = now - self._standing_command > self._reaction
-        else:
+        disobeys = action in _HOLDS_POWER and speed > max(window, self._allowed(now))
+        if not operating or action is Action.RAMP:
             self._standing_command = -1
-            disobeys = action in _HOLDS_POWER and speed > max(window, self._allowed(now))
+        elif self._standing_command < 0:
+            self._standing_command = now
+        elif now - self._standing_command > self._reaction:
+            disobeys = True
         if disobeys:
             self.brake = Brake.WITHHOLD_HEARTBEAT if self._nmt_tried else Brake.NMT_STOP
             self._braked = now

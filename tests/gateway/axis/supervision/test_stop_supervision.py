@@ -49,6 +49,16 @@ def test_a_drive_that_ignores_a_stop_is_stopped_by_nmt_and_told_once(word: int |
     assert "speed 3000" in bench.stepper.events[-1].text
 
 
+def test_quick_stop_is_watched_by_speed_also_while_statusword_changes() -> None:
+    """A Statusword of no state now and then begins the reaction time of Operation Enabled anew, and not that of the speed."""
+    watch = StopWatch(REACTION, CYCLE)
+    watch.reference = TURNING
+    at = range(0, 2 * REACTION, REACTION // 4)
+    found = [watch.step(Action.QUICK_STOP, n != 5, True, False, TURNING, 30, now) for n, now in enumerate(at, 1)]
+    assert found.index(True) == 5
+    assert watch.brake is Brake.NMT_STOP
+
+
 def test_a_node_that_does_not_show_nmt_stopped_either_loses_the_gateways_heartbeat() -> None:
     bench = turning()
     assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
