@@ -55,7 +55,7 @@ class Element:
 
     @property
     def error_text(self) -> str:
-        """The error in words."""
+        """Text of the error."""
         return "" if self.error is None else f"{self.error:02X}h: {error_text(self.error)}"
 
     def document(self) -> dict[str, object]:

@@ -49,8 +49,8 @@ class SyncProducer:
         self.jitter = Spread()
         """Of the intervals, from the period."""
         self.dead_times: dict[int, Spread] = {axis.do_id: Spread() for axis in axes}
-        """By DO: from the SYNC at which a position was measured to the middle of the period in which the setpoint made from it
-        is in force."""
+        """Dead times by DO: from the SYNC that samples a position to the middle of the period in which the resulting setpoint
+        acts."""
         self._axes = axes
         self._clock = clock
         self._last = self._before = 0

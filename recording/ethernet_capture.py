@@ -26,8 +26,9 @@ from pdgw.gateway.links.udp import SO_TIMESTAMPNS
 
 _SOL_PACKET, _PACKET_RX_RING, _PACKET_STATISTICS, _PACKET_VERSION, _TPACKET_V3 = 263, 5, 6, 10, 2
 _REQUEST: Final = struct.Struct("7I")
-"""Size and number of blocks, size and number of frames (only their product counts), milliseconds until a block is handed out,
-private bytes, features."""
+"""Size and number of blocks, size and number of frames (only their product counts), milliseconds until a block is delivered,
+private bytes, features.
+"""
 _BLOCK_SIZE, _BLOCKS, _FRAME_SIZE, _HANDED_OUT_MS = 1 << 20, 16, 1 << 11, 100
 _BLOCK: Final = struct.Struct("8x3I")
 """Whose it is, frames in it, offset of the first one."""

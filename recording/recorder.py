@@ -80,7 +80,7 @@ class Captures:
 
 
 class Recorder:
-    """Writes on a thread of its own what the gateway's loop hands it."""
+    """Writer thread for the data of the gateway's loop."""
 
     def __init__(self, folder: Path, config: GatewayConfig, size: int = CAPTURE_SIZE, files: int = CAPTURES) -> None:
         text = config_text(config)

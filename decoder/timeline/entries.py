@@ -60,7 +60,7 @@ class Edge:
 
     @property
     def name(self) -> str:
-        """The word's name; telegram 100 calls the PLC's words as the drive's are called."""
+        """Name of the word; in telegram 100, the PLC's words have the names of the drive's words."""
         of_plc = self.kind in {WordKind.CONTROL, WordKind.STATUS}
         return f"PLC {self.field.name}" if of_plc and self.field.name in _CAN_WORDS else self.field.name
 
@@ -131,7 +131,7 @@ class ReasonChange:
 
 
 class AnomalyKind(enum.Enum):
-    """What can go wrong; the value is its name in the summary."""
+    """Kinds of anomalies; the value is the name in the summary."""
 
     STALE = "stale frames"
     DROPPED = "dropped frames"
@@ -150,7 +150,7 @@ class AnomalyKind(enum.Enum):
 
 @dataclass
 class Anomaly:
-    """Something that should not be; ``do_id`` 0 concerns all axes."""
+    """An anomaly; ``do_id`` 0 concerns all axes."""
 
     time_ns: int
     do_id: int

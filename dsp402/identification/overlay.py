@@ -80,9 +80,9 @@ class Match(_Model):
     vendor_id: Annotated[int, Field(ge=1, le=0xFFFF_FFFF)] | None = None
     """1018h/1; without it the name alone decides."""
     product_codes: tuple[int, ...] = ()
-    """1018h/2,"""
+    """1018h/2: the product codes."""
     product_code_range: tuple[int, int] | None = None
-    """or its first and last value."""
+    """Or the first and last product code."""
     names: tuple[str, ...] = ()
     """Patterns (``EPOS4*``) of the device name 1008h or the product name of the data sheet, in any case."""
 

@@ -28,7 +28,7 @@ CONFIRMING_FRAMES = 3
 
 _STW1 = signal("STW1")
 _NO_STOP = _STW1.bit("NO_COAST_STOP").mask | _STW1.bit("NO_QUICK_STOP").mask
-"""OFF2 and OFF3 in STW1, and in the Controlword, which has the same bits: they start nothing. Those of STW1 release no lock."""
+"""OFF2 and OFF3 in STW1 and in the Controlword, which has the same bits: they start nothing. Those of STW1 release no lock."""
 _ON = _STW1.bit("ON").mask
 _ENABLE = _STW1.bit("ENABLE_OPERATION").mask
 _TASK = _STW1.bit("ACTIVATE_TASK", positioning=True).mask

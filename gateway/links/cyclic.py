@@ -305,7 +305,7 @@ class CyclicEndpoint:
             self._accept_orders(data, ordered)
 
     def _accept_orders(self, data: bytes, ordered: int) -> None:
-        """A frame that may order something else than is in force; ``ordered``: its bits that do."""
+        """A frame with new orders; ``ordered``: the bits that differ from those in force."""
         values, orders = self._decode(data)
         if None in orders:
             bad = orders.count(None)

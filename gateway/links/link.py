@@ -67,7 +67,7 @@ class Link(Protocol):
         """Whether more data may wait after the last ``receive``."""
 
     def poll(self, now: int) -> bool:
-        """The watchdog; True when it expires in this call, or sees that the relationship has ended."""
+        """Check the watchdog; True if it expires in this call, or if the relationship has ended."""
 
     @property
     def loss(self) -> str:

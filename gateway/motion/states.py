@@ -14,7 +14,7 @@ from types import MappingProxyType
 
 
 class State(enum.Enum):
-    """The function that runs; ``value`` for the reader."""
+    """States of the positioner: the active function; ``value`` is its name for people."""
 
     OFF = "not in operation"
     IDLE = "idle"

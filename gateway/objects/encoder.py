@@ -167,7 +167,7 @@ class EncoderObject(DriveObject):
 
     @property
     def powered(self) -> bool:
-        """An encoder moves nothing."""
+        """False: an encoder has no power stage."""
         return False
 
     @property

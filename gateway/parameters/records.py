@@ -50,7 +50,7 @@ _STORED: dict[int, tuple[str, ...]] = {
     3: ("im3_descriptor",),
     4: ("im4_signature",),
 }
-"""Where the parameter store keeps the writable identification."""
+"""Storage of the writable identification (I&M)."""
 
 
 @dataclass(frozen=True, slots=True)

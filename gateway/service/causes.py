@@ -13,7 +13,7 @@ CAUSE_KEYS: Final = ("do_id", "label", "state", "state_id", "sentence", "reason"
 _FINE: Final = (AxisState.OBEYS.name, AxisState.OFF.name)
 """States that need no action."""
 _ORDER: Final = tuple(state.name for state in reversed(AxisState))
-"""The worst first."""
+"""Order of the states, the worst first."""
 
 
 def causes(items: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -42,7 +42,7 @@ class ServiceManager:
         counters.add("service", "failures", "messages", "the service manager did not accept", lambda: self.failures)
 
     def start(self) -> None:
-        """Ports and buses are open."""
+        """Report that ports and buses are open."""
         self._tell(b"READY=1")
 
     def cycle(self, now: int, accepted: bool, answered: int) -> None:

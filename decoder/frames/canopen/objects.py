@@ -127,7 +127,7 @@ def any_drive() -> ObjectNames:
 
 @cache
 def encoder_catalogue() -> ObjectNames:
-    """The objects of the encoder profile, of all its device types together."""
+    """The objects of the encoder profile, for all device types."""
     specs = [spec for device in DEVICES.values() for spec in encoder_objects(device)]
     return ObjectNames((entry for spec in reversed(specs) for entry in spec.entries), ())
 

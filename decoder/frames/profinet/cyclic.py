@@ -213,7 +213,7 @@ class CyclicDecoder:
         return len(self._seen) == len(Direction)
 
     def connect(self, connection: Connection) -> bool:
-        """A Connect was seen: from now on its FrameIDs are read as it says. False where it is not that of the chosen station."""
+        """Use the FrameIDs of a new Connect. False if it is not from the chosen station."""
         self._layouts.clear()
         for relation in connection.relations:
             if len(self._relations) >= _MAX_KINDS:

@@ -374,7 +374,7 @@ class FloatAdapter(WideAdapter):
 
 
 def _mode(outcome: Outcome, asked: Asked) -> State:
-    """The function that runs or is done; else the one that an edge of STW1.6 would start."""
+    """The active or last function; else the one that an edge of STW1.6 would start."""
     if outcome.shown is not State.IDLE or outcome.state not in _SELECTABLE:
         return outcome.shown
     return State.BLOCK if not asked.mdi else State.SETTING_UP if asked.setting_up else State.MDI

@@ -42,7 +42,7 @@ class Progress(enum.Enum):
 
 
 class Homing:
-    """The drive's side of one homing after the other."""
+    """Homing on the drive, for successive homings."""
 
     INSTANTS: ClassVar[Mapping[str, int]] = {"_since": HOMING_STALE_NS, "_idle_since": HOMING_UNATTAINED_NS}
 

@@ -80,7 +80,7 @@ class PositionerExecutor(MotionExecutor):
         """The drive has no 6084h: 6083h is its acceleration and its deceleration."""
         self._torque = TorqueLimit(self.notes)
         self._ring: Ring | None = None
-        """Of a modulo axis."""
+        """Position counter of a modulo axis."""
         self._anchored = 0
         """Serial number of the motion before which the drive was sent to its actual position."""
         self._warned: Reason | None = None

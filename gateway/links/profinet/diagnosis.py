@@ -57,7 +57,7 @@ def message_class(error_code: int) -> MessageClass:
 
 
 class Node(Protocol):
-    """The node of a drive object."""
+    """A node of a drive object, with its status."""
 
     @property
     def status(self) -> NodeStatus: ...
