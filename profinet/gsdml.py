@@ -16,25 +16,9 @@ from xml.etree.ElementTree import Element, SubElement
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import ApplicationMode, Direction, Telegram, TelegramHalf
+from pdgw.profinet import model
 from pdgw.profinet.blocks.alarm import MESSAGE_CLASS_TEXTS, MessageClass
 from pdgw.profinet.blocks.connect import AR_NUMBERS
-from pdgw.profinet.model import (
-    ACCESS_POINT_IDENT,
-    ACCESS_POINT_SUBSLOT,
-    API_PROFIDRIVE,
-    DAP_IDENT,
-    DAP_MODULE_IDENT,
-    DAP_SLOT,
-    INTERFACE_IDENT,
-    INTERFACE_SUBSLOT,
-    MIN_DEVICE_INTERVAL,
-    OBJECTS_MAX,
-    PORT_IDENT,
-    PORT_SUBSLOT,
-    TELEGRAM_SUBSLOT,
-    ObjectKind,
-    telegram_ident,
-)
 from pdgw.profinet.station import MAU_100BASE_TX_FULL, MAU_1000BASE_T_FULL, Identity
 
 _NAMESPACE = "http://www.profibus.com/GSDML/2003/11/DeviceProfile"
@@ -53,8 +37,8 @@ _HEADER = (
 )
 _REFERENCE = (("ISO15745Part", "4"), ("ISO15745Edition", "1"), ("ProfileTechnology", "GSDML"))
 _KIND_TEXTS = {
-    ObjectKind.AXIS: ("Axis", "A drive with its telegram; parameters by the access point in subslot 1"),
-    ObjectKind.ENCODER: ("Encoder", "An encoder with its telegram; parameters by the access point in subslot 1"),
+    model.ObjectKind.AXIS: ("Axis", "A drive with its telegram; parameters by the access point in subslot 1"),
+    model.ObjectKind.ENCODER: ("Encoder", "An encoder with its telegram; parameters by the access point in subslot 1"),
 }
 _MODE_TEXTS = {
     ApplicationMode.VELOCITY: "speed control",
@@ -114,7 +98,7 @@ class GsdmlWriter:
         self,
         identity: Identity,
         vendor: str,
-        telegrams: Mapping[ObjectKind, Sequence[Telegram]],
+        telegrams: Mapping[model.ObjectKind, Sequence[Telegram]],
         *,
         redundant: bool = False,
         snmp: Snmp = Snmp.NONE,
@@ -164,7 +148,9 @@ class GsdmlWriter:
                 self._submodule(submodules, telegram)
         diagnosis = SubElement(process, "ChannelDiagList")
         for number in MessageClass:
-            item = SubElement(diagnosis, "ProfileChannelDiagItem", API=str(API_PROFIDRIVE), ErrorType=str(int(number)))
+            item = SubElement(
+                diagnosis, "ProfileChannelDiagItem", API=str(model.API_PROFIDRIVE), ErrorType=str(int(number))
+            )
             SubElement(item, "Name", TextId=self._texts.id(MESSAGE_CLASS_TEXTS[number]))
         self._texts.write(process)
 
@@ -184,11 +170,11 @@ class GsdmlWriter:
             "DeviceAccessPointItem",
             ID="DAP",
             PNIO_Version=VERSION,
-            PhysicalSlots=f"{DAP_SLOT}..{OBJECTS_MAX}",
-            ModuleIdentNumber=_hex(DAP_MODULE_IDENT),
-            MinDeviceInterval=str(MIN_DEVICE_INTERVAL),
+            PhysicalSlots=f"{model.DAP_SLOT}..{model.OBJECTS_MAX}",
+            ModuleIdentNumber=_hex(model.DAP_MODULE_IDENT),
+            MinDeviceInterval=str(model.MIN_DEVICE_INTERVAL),
             DNS_CompatibleName=identity.product,
-            FixedInSlots=str(DAP_SLOT),
+            FixedInSlots=str(model.DAP_SLOT),
             ObjectUUID_LocalIndex=str(identity.instance),
             DeviceAccessSupported="true",
             MultipleWriteSupported="true",
@@ -207,13 +193,15 @@ class GsdmlWriter:
         SubElement(item, "IOConfigData", MaxInputLength=str(_DATA_MAX), MaxOutputLength=str(_DATA_MAX))
         useable = SubElement(item, "UseableModules")
         for kind in self._telegrams:
-            SubElement(useable, "ModuleItemRef", ModuleItemTarget=_module_id(kind), AllowedInSlots=f"1..{OBJECTS_MAX}")
+            SubElement(
+                useable, "ModuleItemRef", ModuleItemTarget=_module_id(kind), AllowedInSlots=f"1..{model.OBJECTS_MAX}"
+            )
         virtual = SubElement(item, "VirtualSubmoduleList")
         point = SubElement(
             virtual,
             "VirtualSubmoduleItem",
             ID="DAP_1",
-            SubmoduleIdentNumber=_hex(DAP_IDENT),
+            SubmoduleIdentNumber=_hex(model.DAP_IDENT),
             Writeable_IM_Records="1 2 3 4",
             MayIssueProcessAlarm="false",
         )
@@ -237,8 +225,8 @@ class GsdmlWriter:
             parent,
             "InterfaceSubmoduleItem",
             ID="INTERFACE",
-            SubmoduleIdentNumber=_hex(INTERFACE_IDENT),
-            SubslotNumber=str(INTERFACE_SUBSLOT),
+            SubmoduleIdentNumber=_hex(model.INTERFACE_IDENT),
+            SubslotNumber=str(model.INTERFACE_SUBSLOT),
             TextId=self._texts.id("Interface"),
             SupportedRT_Classes="RT_CLASS_1",
             SupportedProtocols="LLDP" if self._snmp is Snmp.NONE else "SNMP;LLDP",
@@ -255,8 +243,8 @@ class GsdmlWriter:
             parent,
             "PortSubmoduleItem",
             ID="PORT_1",
-            SubmoduleIdentNumber=_hex(PORT_IDENT),
-            SubslotNumber=str(PORT_SUBSLOT),
+            SubmoduleIdentNumber=_hex(model.PORT_IDENT),
+            SubslotNumber=str(model.PORT_SUBSLOT),
             TextId=self._texts.id("Port 1"),
             MaxPortRxDelay="350",
             MaxPortTxDelay="160",
@@ -267,14 +255,14 @@ class GsdmlWriter:
 
     # -- drive objects ------------------------------------------------------------------------------------------------
 
-    def _module(self, parent: Element, kind: ObjectKind, telegrams: Sequence[Telegram]) -> None:
+    def _module(self, parent: Element, kind: model.ObjectKind, telegrams: Sequence[Telegram]) -> None:
         name, text = _KIND_TEXTS[kind]
         item = SubElement(
             parent,
             "ModuleItem",
             ID=_module_id(kind),
             ModuleIdentNumber=_hex(kind.ident),
-            PhysicalSubslots=f"{ACCESS_POINT_SUBSLOT}..{TELEGRAM_SUBSLOT}",
+            PhysicalSubslots=f"{model.ACCESS_POINT_SUBSLOT}..{model.TELEGRAM_SUBSLOT}",
         )
         self._info(item, name, text)
         virtual = SubElement(item, "VirtualSubmoduleList")
@@ -282,9 +270,9 @@ class GsdmlWriter:
             virtual,
             "VirtualSubmoduleItem",
             ID=f"ACCESS_POINT_{kind.name}",
-            SubmoduleIdentNumber=_hex(ACCESS_POINT_IDENT),
-            API=str(API_PROFIDRIVE),
-            FixedInSubslots=str(ACCESS_POINT_SUBSLOT),
+            SubmoduleIdentNumber=_hex(model.ACCESS_POINT_IDENT),
+            API=str(model.API_PROFIDRIVE),
+            FixedInSubslots=str(model.ACCESS_POINT_SUBSLOT),
             MayIssueProcessAlarm="false",
         )
         SubElement(point, "IOData")
@@ -295,7 +283,7 @@ class GsdmlWriter:
                 useable,
                 "SubmoduleItemRef",
                 SubmoduleItemTarget=_submodule_id(telegram),
-                AllowedInSubslots=str(TELEGRAM_SUBSLOT),
+                AllowedInSubslots=str(model.TELEGRAM_SUBSLOT),
             )
 
     def _submodule(self, parent: Element, telegram: Telegram) -> None:
@@ -303,8 +291,8 @@ class GsdmlWriter:
             parent,
             "SubmoduleItem",
             ID=_submodule_id(telegram),
-            SubmoduleIdentNumber=_hex(telegram_ident(telegram)),
-            API=str(API_PROFIDRIVE),
+            SubmoduleIdentNumber=_hex(model.telegram_ident(telegram)),
+            API=str(model.API_PROFIDRIVE),
             MayIssueProcessAlarm="false",
         )
         data = SubElement(item, "IOData")
@@ -328,7 +316,7 @@ class GsdmlWriter:
                     SubElement(item, "BitDataItem", BitOffset=offset, TextId=self._texts.id(text))
 
 
-def _module_id(kind: ObjectKind) -> str:
+def _module_id(kind: model.ObjectKind) -> str:
     return f"MODULE_{kind.name}"
 
 

@@ -11,25 +11,7 @@ from fractions import Fraction
 from typing import NamedTuple
 
 from pdgw.ds301.objects import ObjectAddress
-from pdgw.dsp402.indices import (
-    ACCELERATION_DIMENSION,
-    ACCELERATION_FACTOR,
-    ACCELERATION_NOTATION,
-    FEED_CONSTANT,
-    GEAR_RATIO,
-    MAX_MOTOR_SPEED,
-    POSITION_DIMENSION,
-    POSITION_ENCODER_RESOLUTION,
-    POSITION_FACTOR,
-    POSITION_NOTATION,
-    SI_UNIT_ACCELERATION,
-    SI_UNIT_POSITION,
-    SI_UNIT_VELOCITY,
-    VELOCITY_DIMENSION,
-    VELOCITY_ENCODER_FACTOR,
-    VELOCITY_FACTOR,
-    VELOCITY_NOTATION,
-)
+from pdgw.dsp402 import indices
 from pdgw.dsp402.units.unit_keys import FamilyUnits, UnitKeys
 from pdgw.dsp402.units.units import Kind, Unit, dimension_unit, parse_unit, si_unit
 from pdgw.durations import SECONDS_PER_MINUTE
@@ -38,16 +20,16 @@ Answers = Mapping[ObjectAddress, int]
 
 NO_LIMIT = 0x7FFF_FFFF
 """A limit of this size or above is none, and no reference either."""
-SI_UNITS = (SI_UNIT_POSITION, SI_UNIT_VELOCITY, SI_UNIT_ACCELERATION)
+SI_UNITS = (indices.SI_UNIT_POSITION, indices.SI_UNIT_VELOCITY, indices.SI_UNIT_ACCELERATION)
 NOTATIONS = (
-    (POSITION_NOTATION, POSITION_DIMENSION),
-    (VELOCITY_NOTATION, VELOCITY_DIMENSION),
-    (ACCELERATION_NOTATION, ACCELERATION_DIMENSION),
+    (indices.POSITION_NOTATION, indices.POSITION_DIMENSION),
+    (indices.VELOCITY_NOTATION, indices.VELOCITY_DIMENSION),
+    (indices.ACCELERATION_NOTATION, indices.ACCELERATION_DIMENSION),
 )
 UNIT_RATIOS = (
-    *range(POSITION_ENCODER_RESOLUTION, VELOCITY_ENCODER_FACTOR + 1),
-    VELOCITY_FACTOR,
-    ACCELERATION_FACTOR,
+    *range(indices.POSITION_ENCODER_RESOLUTION, indices.VELOCITY_ENCODER_FACTOR + 1),
+    indices.VELOCITY_FACTOR,
+    indices.ACCELERATION_FACTOR,
 )
 UNIT_OBJECTS: frozenset[int] = frozenset({*SI_UNITS, *(index for pair in NOTATIONS for index in pair), *UNIT_RATIOS})
 """Every object that defines a unit."""
@@ -125,7 +107,7 @@ class Mechanics:
 
     def witnessed(self, per_rpm: Fraction, limit: int | None) -> bool:
         """Whether a limit of the velocity in these units (``per_rpm`` of them are one rpm) is about the motor's speed."""
-        rated: Fraction | int | None = self.limit(MAX_MOTOR_SPEED) or self.keys.rated_speed_rpm
+        rated: Fraction | int | None = self.limit(indices.MAX_MOTOR_SPEED) or self.keys.rated_speed_rpm
         return limit is not None and rated is not None and _WITNESS[0] <= limit / per_rpm / rated <= _WITNESS[1]
 
     def unit(self, order: int, configured: str, key: str, own: str) -> Unit | Unknown | None:
@@ -159,13 +141,13 @@ class Mechanics:
         fixed = self.family.increments_per_revolution
         if fixed is not None:
             return Known(fixed, f"{self.name}: {amount(fixed)} inc/rev")
-        ratio = self.ratio(POSITION_ENCODER_RESOLUTION)
+        ratio = self.ratio(indices.POSITION_ENCODER_RESOLUTION)
         return None if ratio is None else Known(ratio, f"608Fh: {amount(ratio)} inc/rev", True)
 
     def _gear(self) -> Known:
         if self.keys.gear is not None:
             return Known(self.keys.gear, "gear")
-        ratio = self.ratio(GEAR_RATIO)
+        ratio = self.ratio(indices.GEAR_RATIO)
         return Known(Fraction(1), "") if ratio is None else Known(ratio, "6091h", True)
 
     def _position_unit(self) -> Unit | Unknown | None:
@@ -177,7 +159,7 @@ class Mechanics:
         if keys.counts_per_revolution is not None:
             counts = keys.counts_per_revolution
             return Known(counts, f"counts_per_revolution = {amount(counts)}")
-        unit, factor, feed = self.position_unit, self.ratio(POSITION_FACTOR), self.ratio(FEED_CONSTANT)
+        unit, factor, feed = self.position_unit, self.ratio(indices.POSITION_FACTOR), self.ratio(indices.FEED_CONSTANT)
         if isinstance(unit, Unknown):
             return unit
         if unit is not None and unit.kind is Kind.TURN:

@@ -9,19 +9,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from pdgw.ds301.objects import ObjectAddress
-from pdgw.dsp402.indices import (
-    FEED_CONSTANT,
-    GEAR_RATIO,
-    POSITION_ACTUAL,
-    POSITION_ENCODER_RESOLUTION,
-    POSITION_FACTOR,
-    SI_UNIT_VELOCITY,
-    VELOCITY_DIMENSION,
-    VELOCITY_ENCODER_FACTOR,
-    VELOCITY_ENCODER_RESOLUTION,
-    VELOCITY_FACTOR,
-    VELOCITY_NOTATION,
-)
+from pdgw.dsp402 import indices
 from pdgw.durations import MS, SECOND
 
 _FAST_NS: Final = 50 * MS
@@ -29,18 +17,18 @@ _BEGINNING_NS: Final = 2 * SECOND
 """From the first command to move: units that are wrong have to show soon."""
 _SLOW_NS: Final = 100 * MS
 _PATIENCE_NS: Final = 200 * MS
-_POSITION: Final = (POSITION_ACTUAL, 0)
+_POSITION: Final = (indices.POSITION_ACTUAL, 0)
 _WATCHED: Final = (
-    SI_UNIT_VELOCITY,
-    VELOCITY_FACTOR,
-    VELOCITY_ENCODER_FACTOR,
-    VELOCITY_NOTATION,
-    VELOCITY_DIMENSION,
-    VELOCITY_ENCODER_RESOLUTION,
-    POSITION_ENCODER_RESOLUTION,
-    GEAR_RATIO,
-    FEED_CONSTANT,
-    POSITION_FACTOR,
+    indices.SI_UNIT_VELOCITY,
+    indices.VELOCITY_FACTOR,
+    indices.VELOCITY_ENCODER_FACTOR,
+    indices.VELOCITY_NOTATION,
+    indices.VELOCITY_DIMENSION,
+    indices.VELOCITY_ENCODER_RESOLUTION,
+    indices.POSITION_ENCODER_RESOLUTION,
+    indices.GEAR_RATIO,
+    indices.FEED_CONSTANT,
+    indices.POSITION_FACTOR,
 )
 """What the unit of velocities can depend on, the likeliest first."""
 

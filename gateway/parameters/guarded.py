@@ -22,21 +22,7 @@ from pdgw.ds301.communication import (
     SYNC_WINDOW,
 )
 from pdgw.ds301.pdo import PDO_PARAMETERS
-from pdgw.dsp402.indices import (
-    ABORT_OPTION,
-    ACCELERATION_FACTOR,
-    FAULT_REACTION_OPTION,
-    MAX_DECELERATION,
-    MAX_MOTOR_SPEED,
-    MAX_PROFILE_VELOCITY,
-    MOTION_PROFILE_TYPE,
-    POLARITY,
-    POSITION_ENCODER_RESOLUTION,
-    PROFILE_DECELERATION,
-    QUICK_STOP_OPTION,
-    SI_UNIT_POSITION,
-    SI_UNIT_VELOCITY,
-)
+from pdgw.dsp402 import indices
 
 
 class Check(enum.Enum):
@@ -85,31 +71,38 @@ GUARDED: tuple[GuardedRange, ...] = (
         Check.CONFIGURATION,
     ),
     GuardedRange(NMT_STARTUP, NMT_STARTUP, "NMT start-up: the drive would start by itself", Check.CONFIGURATION),
-    GuardedRange(ABORT_OPTION, ABORT_OPTION, "reaction of the drive when the gateway dies", Check.CONFIGURATION),
     GuardedRange(
-        QUICK_STOP_OPTION,
-        FAULT_REACTION_OPTION,
+        indices.ABORT_OPTION, indices.ABORT_OPTION, "reaction of the drive when the gateway dies", Check.CONFIGURATION
+    ),
+    GuardedRange(
+        indices.QUICK_STOP_OPTION,
+        indices.FAULT_REACTION_OPTION,
         "reaction to quick stop, shutdown, disable, Halt and faults",
         Check.NOTHING,
     ),
-    GuardedRange(POLARITY, POLARITY, "polarity: sign of every value", Check.NOTHING),
-    GuardedRange(MAX_PROFILE_VELOCITY, MAX_MOTOR_SPEED, "speed limits: value of 100 %", Check.REFERENCES),
+    GuardedRange(indices.POLARITY, indices.POLARITY, "polarity: sign of every value", Check.NOTHING),
     GuardedRange(
-        PROFILE_DECELERATION,
-        MOTION_PROFILE_TYPE,
+        indices.MAX_PROFILE_VELOCITY, indices.MAX_MOTOR_SPEED, "speed limits: value of 100 %", Check.REFERENCES
+    ),
+    GuardedRange(
+        indices.PROFILE_DECELERATION,
+        indices.MOTION_PROFILE_TYPE,
         "deceleration, quick stop deceleration and ramp type: braking",
         Check.REFERENCES,
     ),
     GuardedRange(
-        POSITION_ENCODER_RESOLUTION,
-        ACCELERATION_FACTOR,
+        indices.POSITION_ENCODER_RESOLUTION,
+        indices.ACCELERATION_FACTOR,
         "resolutions, ratios and factors: meaning of every value",
         Check.REFERENCES,
     ),
     GuardedRange(
-        SI_UNIT_POSITION, SI_UNIT_VELOCITY, "units of position and velocity: meaning of every value", Check.REFERENCES
+        indices.SI_UNIT_POSITION,
+        indices.SI_UNIT_VELOCITY,
+        "units of position and velocity: meaning of every value",
+        Check.REFERENCES,
     ),
-    GuardedRange(MAX_DECELERATION, MAX_DECELERATION, "maximum deceleration: braking", Check.REFERENCES),
+    GuardedRange(indices.MAX_DECELERATION, indices.MAX_DECELERATION, "maximum deceleration: braking", Check.REFERENCES),
 )
 """In the order of their indices; everything else may be written at any time."""
 

@@ -7,30 +7,7 @@ from dataclasses import dataclass, field
 from uuid import UUID
 
 from pdgw.profidrive.frame import C_SDU_MIN
-from pdgw.profinet.blocks.connect import (
-    ACTIVE_BY_INITIATOR,
-    ADVANCED_STARTUP,
-    BEST_EFFORT,
-    FRAME_ID_BY_DEVICE,
-    LT_RT,
-    TAG_HIGH,
-    TAG_LOW,
-    TAG_RT,
-    AlarmCrBlockReq,
-    ArBlockReq,
-    ArType,
-    DataDescription,
-    ExpectedSlot,
-    ExpectedSubmodule,
-    ExpectedSubmoduleBlockReq,
-    IocrApi,
-    IocrBlockReq,
-    IocrType,
-    Place,
-    RtClass,
-    SrInfoBlock,
-    SubmoduleDirection,
-)
+from pdgw.profinet.blocks import connect as connect_blocks
 from pdgw.profinet.connection.connect import CyclicPlan, DataObject
 from pdgw.profinet.model import Module, Submodule, Subslot
 from pdgw.profinet.wire import Block
@@ -49,16 +26,16 @@ class Layout:
     iocs: Mapping[Subslot, int]
 
 
-def _direction(submodule: Submodule) -> SubmoduleDirection:
-    return SubmoduleDirection((1 if submodule.inputs else 0) | (2 if submodule.outputs else 0))
+def _direction(submodule: Submodule) -> connect_blocks.SubmoduleDirection:
+    return connect_blocks.SubmoduleDirection((1 if submodule.inputs else 0) | (2 if submodule.outputs else 0))
 
 
-def provides(submodule: Submodule, kind: IocrType) -> bool:
+def provides(submodule: Submodule, kind: connect_blocks.IocrType) -> bool:
     """Whether a relationship carries this submodule's data and IOPS. A submodule without data is an input."""
     direction = _direction(submodule)
-    if kind is IocrType.OUTPUT:
-        return direction in {SubmoduleDirection.OUTPUT, SubmoduleDirection.INPUT_OUTPUT}
-    return direction is not SubmoduleDirection.OUTPUT
+    if kind is connect_blocks.IocrType.OUTPUT:
+        return direction in {connect_blocks.SubmoduleDirection.OUTPUT, connect_blocks.SubmoduleDirection.INPUT_OUTPUT}
+    return direction is not connect_blocks.SubmoduleDirection.OUTPUT
 
 
 @dataclass(frozen=True)
@@ -87,7 +64,7 @@ class Project:
     reduction_ratio: int = 4
     data_hold: int = 3
     advanced: bool = True
-    rt_class: RtClass = RtClass.RT_CLASS_1
+    rt_class: connect_blocks.RtClass = connect_blocks.RtClass.RT_CLASS_1
     activity_timeout: int = 200
     records: Sequence[tuple[int, int, int, int, bytes]] = field(default=())
     """Written before PrmEnd: API, slot, subslot, index, data."""
@@ -101,7 +78,7 @@ class Project:
             for subslot, item in module.submodules.items()
         }
 
-    def layout(self, kind: IocrType, order: Sequence[Subslot] | None = None, gap: int = 0) -> Layout:
+    def layout(self, kind: connect_blocks.IocrType, order: Sequence[Subslot] | None = None, gap: int = 0) -> Layout:
         """Data objects in this order, ``gap`` unused bytes before each, then the IOCS."""
         submodules = self.submodules
         places = list(submodules) if order is None else list(order)
@@ -112,66 +89,70 @@ class Project:
             item = submodules[place]
             if provides(item, kind):
                 offset += gap
-                data[place] = DataObject(offset, item.inputs if kind is IocrType.INPUT else item.outputs)
+                data[place] = DataObject(offset, item.inputs if kind is connect_blocks.IocrType.INPUT else item.outputs)
                 offset = data[place].iops + 1
-        other = IocrType.OUTPUT if kind is IocrType.INPUT else IocrType.INPUT
+        other = (
+            connect_blocks.IocrType.OUTPUT if kind is connect_blocks.IocrType.INPUT else connect_blocks.IocrType.INPUT
+        )
         for place in places:
             if provides(submodules[place], other):
                 iocs[place] = offset + gap
                 offset += gap + 1
         return Layout(max(offset, C_SDU_MIN), data, iocs)
 
-    def ar(self, ar_uuid: UUID, session: int, mac: bytes, initiator: UUID, name: str) -> ArBlockReq:
-        return ArBlockReq(
-            ar_type=ArType.IO if self.redundancy is None else ArType.REDUNDANT,
+    def ar(self, ar_uuid: UUID, session: int, mac: bytes, initiator: UUID, name: str) -> connect_blocks.ArBlockReq:
+        return connect_blocks.ArBlockReq(
+            ar_type=connect_blocks.ArType.IO if self.redundancy is None else connect_blocks.ArType.REDUNDANT,
             ar_uuid=ar_uuid,
             session_key=session,
             initiator_mac=mac,
             initiator_object=initiator,
-            properties=ACTIVE_BY_INITIATOR | (ADVANCED_STARTUP if self.advanced else 0),
+            properties=connect_blocks.ACTIVE_BY_INITIATOR | (connect_blocks.ADVANCED_STARTUP if self.advanced else 0),
             activity_timeout=self.activity_timeout,
-            rt_port=LT_RT,
+            rt_port=connect_blocks.LT_RT,
             station_name=name,
         )
 
-    def iocr(self, kind: IocrType, layout: Layout) -> IocrBlockReq:
+    def iocr(self, kind: connect_blocks.IocrType, layout: Layout) -> connect_blocks.IocrBlockReq:
         apis = sorted({module.api for module in self.modules.values()})
 
-        def items(api: int, offsets: Mapping[Subslot, int]) -> tuple[Place, ...]:
+        def items(api: int, offsets: Mapping[Subslot, int]) -> tuple[connect_blocks.Place, ...]:
             return tuple(
-                Place(slot=slot, subslot=subslot, offset=offset)
+                connect_blocks.Place(slot=slot, subslot=subslot, offset=offset)
                 for (slot, subslot), offset in offsets.items()
                 if self.modules[slot].api == api
             )
 
         data = {place: item.offset for place, item in layout.data.items()}
-        used = tuple(IocrApi(api=api, data=items(api, data), iocs=items(api, layout.iocs)) for api in apis)
-        first = INPUT_FRAME_ID if self.rt_class is RtClass.RT_CLASS_1 else 0xC001
-        return IocrBlockReq(
+        used = tuple(
+            connect_blocks.IocrApi(api=api, data=items(api, data), iocs=items(api, layout.iocs)) for api in apis
+        )
+        first = INPUT_FRAME_ID if self.rt_class is connect_blocks.RtClass.RT_CLASS_1 else 0xC001
+        return connect_blocks.IocrBlockReq(
             iocr_type=kind,
-            reference=INPUT_REFERENCE if kind is IocrType.INPUT else OUTPUT_REFERENCE,
-            lt=LT_RT,
+            reference=INPUT_REFERENCE if kind is connect_blocks.IocrType.INPUT else OUTPUT_REFERENCE,
+            lt=connect_blocks.LT_RT,
             properties=self.rt_class,
             data_length=layout.length,
-            frame_id=first if kind is IocrType.INPUT else FRAME_ID_BY_DEVICE,
+            frame_id=first if kind is connect_blocks.IocrType.INPUT else connect_blocks.FRAME_ID_BY_DEVICE,
             send_clock=self.send_clock,
             reduction_ratio=self.reduction_ratio,
             phase=1,
             sequence=0,
-            frame_send_offset=BEST_EFFORT,
+            frame_send_offset=connect_blocks.BEST_EFFORT,
             watchdog=self.data_hold,
             data_hold=self.data_hold,
-            tag=TAG_RT,
+            tag=connect_blocks.TAG_RT,
             multicast_mac=bytes(6),
             apis=tuple(item for item in used if item.data or item.iocs),
         )
 
-    def expected(self) -> list[ExpectedSubmoduleBlockReq]:
+    def expected(self) -> list[connect_blocks.ExpectedSubmoduleBlockReq]:
         """One block per slot, as real controllers do."""
         return [
-            ExpectedSubmoduleBlockReq(
+            connect_blocks.ExpectedSubmoduleBlockReq(
                 slots=(
-                    ExpectedSlot(
+                    connect_blocks.ExpectedSlot(
                         api=module.api,
                         slot=slot,
                         ident=module.ident,
@@ -185,50 +166,53 @@ class Project:
             for slot, module in self.modules.items()
         ]
 
-    def alarm(self) -> AlarmCrBlockReq:
-        return AlarmCrBlockReq(
+    def alarm(self) -> connect_blocks.AlarmCrBlockReq:
+        return connect_blocks.AlarmCrBlockReq(
             cr_type=1,
-            lt=LT_RT,
+            lt=connect_blocks.LT_RT,
             properties=0,
             rta_timeout=1,
             rta_retries=3,
             reference=ALARM_REFERENCE,
             max_length=200,
-            tag_high=TAG_HIGH,
-            tag_low=TAG_LOW,
+            tag_high=connect_blocks.TAG_HIGH,
+            tag_low=connect_blocks.TAG_LOW,
         )
 
-    def blocks(self, ar: ArBlockReq) -> list[Block]:
+    def blocks(self, ar: connect_blocks.ArBlockReq) -> list[Block]:
         """A Connect request."""
         blocks = [
             ar,
-            self.iocr(IocrType.INPUT, self.layout(IocrType.INPUT)),
-            self.iocr(IocrType.OUTPUT, self.layout(IocrType.OUTPUT)),
+            self.iocr(connect_blocks.IocrType.INPUT, self.layout(connect_blocks.IocrType.INPUT)),
+            self.iocr(connect_blocks.IocrType.OUTPUT, self.layout(connect_blocks.IocrType.OUTPUT)),
             *self.expected(),
             self.alarm(),
         ]
         if self.redundancy is not None:
-            blocks.append(SrInfoBlock(hold_factor=self.redundancy.hold_ms, properties=self.redundancy.properties))
+            blocks.append(
+                connect_blocks.SrInfoBlock(hold_factor=self.redundancy.hold_ms, properties=self.redundancy.properties)
+            )
         return blocks
 
-    def plan(self, kind: IocrType, frame_id: int) -> CyclicPlan:
+    def plan(self, kind: connect_blocks.IocrType, frame_id: int) -> CyclicPlan:
         """What the controller's own protocol machines need."""
         layout = self.layout(kind)
         return CyclicPlan(self.iocr(kind, layout), frame_id, layout.data, layout.iocs)
 
 
-def _expected(subslot: int, submodule: Submodule) -> ExpectedSubmodule:
+def _expected(subslot: int, submodule: Submodule) -> connect_blocks.ExpectedSubmodule:
     direction = _direction(submodule)
     lengths = []
-    if direction is not SubmoduleDirection.OUTPUT:
-        lengths.append((IocrType.INPUT, submodule.inputs))
+    if direction is not connect_blocks.SubmoduleDirection.OUTPUT:
+        lengths.append((connect_blocks.IocrType.INPUT, submodule.inputs))
     if submodule.outputs:
-        lengths.append((IocrType.OUTPUT, submodule.outputs))
-    return ExpectedSubmodule(
+        lengths.append((connect_blocks.IocrType.OUTPUT, submodule.outputs))
+    return connect_blocks.ExpectedSubmodule(
         subslot=subslot,
         ident=submodule.ident,
         properties=direction,
         descriptions=tuple(
-            DataDescription(direction=kind, length=length, length_iocs=1, length_iops=1) for kind, length in lengths
+            connect_blocks.DataDescription(direction=kind, length=length, length_iocs=1, length_iops=1)
+            for kind, length in lengths
         ),
     )

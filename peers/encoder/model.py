@@ -10,24 +10,10 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from pdgw.dsp406 import objects
 from pdgw.dsp406.errors import Dsp406Error
 from pdgw.dsp406.faults import COMMISSIONING_FAULT, ENCODER_FAULTS, SENSOR_DEFECT, EncoderFault
 from pdgw.dsp406.kinds import EncoderDevice
-from pdgw.dsp406.objects import (
-    CAM_HIGH_LIMIT,
-    CAM_HYSTERESIS,
-    CAM_LOW_LIMIT,
-    CAMS,
-    MEASURING_STEPS,
-    MODULE_IDENTIFICATION,
-    OPERATING_PARAMETERS,
-    TOTAL_RANGE,
-    UNITS_PER_REVOLUTION,
-    UNUSED,
-    WORK_AREA_HIGH,
-    WORK_AREA_LOW,
-    encoder_catalogue,
-)
 from pdgw.dsp406.registers import OPERATING_RESERVED, Alarm, Operating, Warnings
 from pdgw.dsp406.semantics import Chain, area_state, cam_active, cam_state, chain, speed_value
 from pdgw.durations import MS, SECOND
@@ -109,7 +95,7 @@ class EncoderModel:
 
     def reset(self) -> None:
         """The firmware starts again; faults, motion, offsets and operating time stay."""
-        for entry in encoder_catalogue(self.device).entries:
+        for entry in objects.encoder_catalogue(self.device).entries:
             if entry.attribute:
                 setattr(self, entry.attribute, entry.default)
         for number, channel in self.channels.items():
@@ -188,14 +174,14 @@ class EncoderModel:
     def chain(self) -> Chain:
         """Code sequence, scaling and range as the objects say now."""
         read, resolution = self.read, self.device.resolution
-        operating = read(OPERATING_PARAMETERS, 0)
+        operating = read(objects.OPERATING_PARAMETERS, 0)
         linear = self.device.is_linear
         return chain(
             counterclockwise=bool(operating & Operating.COUNTERCLOCKWISE),
             scaling=bool(operating & Operating.SCALING),
-            numerator=resolution if linear else read(UNITS_PER_REVOLUTION, 0),
-            denominator=read(MEASURING_STEPS, 1) if linear else resolution,
-            wanted_range=read(TOTAL_RANGE, 0),
+            numerator=resolution if linear else read(objects.UNITS_PER_REVOLUTION, 0),
+            denominator=read(objects.MEASURING_STEPS, 1) if linear else resolution,
+            wanted_range=read(objects.TOTAL_RANGE, 0),
             steps=self.device.steps,
         )
 
@@ -204,7 +190,7 @@ class EncoderModel:
         if self._power_on < 0:
             self._power_on = now
         self._time = now - self._power_on
-        low, high = self.read(MODULE_IDENTIFICATION, 2), self.read(MODULE_IDENTIFICATION, 3)
+        low, high = self.read(objects.MODULE_IDENTIFICATION, 2), self.read(objects.MODULE_IDENTIFICATION, 3)
         for channel in self.channels.values():
             channel.move(self._time)
             physical = math.floor(channel.mechanical * self.device.steps_per_unit)
@@ -224,7 +210,7 @@ class EncoderModel:
 
     def _diagnose(self) -> None:
         """Commissioning diagnostics: they look at the sensor while it stands still."""
-        if not self.read(OPERATING_PARAMETERS, 0) & Operating.COMMISSIONING_DIAGNOSTICS:
+        if not self.read(objects.OPERATING_PARAMETERS, 0) & Operating.COMMISSIONING_DIAGNOSTICS:
             self._drop_diagnosis()
         elif all(channel.stands for channel in self.channels.values()):
             if SENSOR_DEFECT in self.faults:
@@ -244,27 +230,30 @@ class EncoderModel:
             setattr(self, f"position_{number}", position)
             setattr(self, f"speed_{number}", self._speed(channel, present))
             setattr(self, f"cam_state_{number}", self._cams(number, channel, position, present.total_range))
-            limits = self.read(WORK_AREA_LOW, number), self.read(WORK_AREA_HIGH, number)
+            limits = self.read(objects.WORK_AREA_LOW, number), self.read(objects.WORK_AREA_HIGH, number)
             setattr(self, f"area_state_{number}", area_state(position, *limits, out_of_range=channel.out_of_range))
         self.offset = self.channels[1].offset
-        operating = self.read(OPERATING_PARAMETERS, 0) & ~OPERATING_RESERVED
+        operating = self.read(objects.OPERATING_PARAMETERS, 0) & ~OPERATING_RESERVED
         self.operating_status = operating | Operating.COMMISSIONING_DIAGNOSTICS
-        self.operating_time = UNUSED if self._hours is None else self._hours + self._time // _TENTH_OF_AN_HOUR
+        self.operating_time = objects.UNUSED if self._hours is None else self._hours + self._time // _TENTH_OF_AN_HOUR
 
     def _speed(self, channel: _Channel, present: Chain) -> int:
         if self.device.is_linear:
-            steps = channel.speed * 100 / self.read(MEASURING_STEPS, 2)
+            steps = channel.speed * 100 / self.read(objects.MEASURING_STEPS, 2)
             return speed_value(-steps if present.counterclockwise else steps)
         return speed_value(present.speed(channel.speed * self.device.steps_per_unit))
 
     def _cams(self, number: int, channel: _Channel, position: int, total_range: int) -> int:
         enable: int = getattr(self, f"cam_enable_{number}")
         active = 0
-        for cam in range(CAMS):
+        for cam in range(objects.CAMS):
             if enable >> cam & 1:
-                low, high = self.read(CAM_LOW_LIMIT + cam, number), self.read(CAM_HIGH_LIMIT + cam, number)
+                low, high = (
+                    self.read(objects.CAM_LOW_LIMIT + cam, number),
+                    self.read(objects.CAM_HIGH_LIMIT + cam, number),
+                )
                 was = bool(channel.active_cams >> cam & 1)
-                is_ = cam_active(position, low, high, self.read(CAM_HYSTERESIS + cam, number), was, total_range)
+                is_ = cam_active(position, low, high, self.read(objects.CAM_HYSTERESIS + cam, number), was, total_range)
                 active |= is_ << cam
         channel.active_cams = active
         return cam_state(active, enable, getattr(self, f"cam_polarity_{number}"))

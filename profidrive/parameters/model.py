@@ -12,21 +12,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.parameters import codec
 from pdgw.profidrive.parameters.catalogue import NAME_SIZE, ParameterSpec
-from pdgw.profidrive.parameters.codec import (
-    HEADER_SIZE,
-    MAX_ELEMENTS,
-    ZERO,
-    Attribute,
-    ParameterAddress,
-    Request,
-    RequestError,
-    RequestId,
-    Response,
-    Values,
-    decode_request,
-    encode_response,
-)
 from pdgw.profidrive.parameters.description import UNITS, Description
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.profidrive.parameters.errors import ParameterRefused
@@ -43,10 +30,10 @@ class Parameter(Protocol):
     def texts(self) -> Sequence[str]:
         """The text array, empty where there is none."""
 
-    def read(self, subindex: int, elements: int) -> Values:
+    def read(self, subindex: int, elements: int) -> codec.Values:
         """``elements`` values from ``subindex``; 0 means the one of a non-array."""
 
-    def write(self, subindex: int, elements: int, values: Values) -> None:
+    def write(self, subindex: int, elements: int, values: codec.Values) -> None:
         """The other way round."""
 
     def description(self) -> Description:
@@ -68,7 +55,7 @@ def generic(data_type: DataType) -> DataType | None:
     return _GENERIC.get(data_type.size) if data_type.char else None
 
 
-def converted(values: Values, data_type: DataType) -> Values:
+def converted(values: codec.Values, data_type: DataType) -> codec.Values:
     """Written values as their parameter's type: the type itself, or Byte, Word, Double word of the same size.
 
     ParameterRefused with incorrect data type otherwise.
@@ -79,7 +66,7 @@ def converted(values: Values, data_type: DataType) -> Values:
         raise ParameterRefused(Number.INCORRECT_DATA_TYPE)
     count = len(values.values)
     raw = struct.pack(f">{count}{values.format.char}", *values.values)
-    return Values(data_type, struct.unpack(f">{count}{data_type.char}", raw))
+    return codec.Values(data_type, struct.unpack(f">{count}{data_type.char}", raw))
 
 
 @dataclass(frozen=True)
@@ -102,21 +89,21 @@ class BoundParameter:
     def texts(self) -> Sequence[str]:
         return self.spec.texts if self.own_texts is None else self.own_texts()
 
-    def read(self, subindex: int, elements: int) -> Values:
+    def read(self, subindex: int, elements: int) -> codec.Values:
         data_type = self.format or self.spec.type
         value = self.get()
         if not self.spec.array:
             if subindex or elements > (len(value) if isinstance(value, bytes) else 1):
                 raise ParameterRefused(Number.NO_ARRAY)
-            return Values(data_type, value if isinstance(value, bytes) else (value,))  # type: ignore[arg-type]
+            return codec.Values(data_type, value if isinstance(value, bytes) else (value,))  # type: ignore[arg-type]
         if elements == 0:
             raise ParameterRefused(Number.ADDRESS_IMPERMISSIBLE)
         items: Sequence[int] = value  # type: ignore[assignment]
         if subindex + elements > len(items):
             raise ParameterRefused(Number.FAULTY_SUBINDEX, max(subindex, len(items)) if elements > 1 else None)
-        return Values(data_type, tuple(items[subindex : subindex + elements]))
+        return codec.Values(data_type, tuple(items[subindex : subindex + elements]))
 
-    def write(self, subindex: int, elements: int, values: Values) -> None:
+    def write(self, subindex: int, elements: int, values: codec.Values) -> None:
         if self.set is None:
             raise ParameterRefused(Number.VALUE_CANNOT_BE_CHANGED)
         if subindex or elements > 1:
@@ -151,61 +138,65 @@ class BoundParameter:
 def answer(data: bytes, find: Callable[[int], DriveObjectParameters | None], max_block: int) -> bytes | None:
     """The response to a request; None without a complete header. ``find`` returns the DO, or None."""
     try:
-        request = decode_request(data)
-    except RequestError as error:
+        request = codec.decode_request(data)
+    except codec.RequestError as error:
         return error.response()
-    return encode_response(respond(request, find(request.do_id), max_block))
+    return codec.encode_response(respond(request, find(request.do_id), max_block))
 
 
-def respond(request: Request, drive_object: DriveObjectParameters | None, max_block: int) -> Response:
+def respond(request: codec.Request, drive_object: DriveObjectParameters | None, max_block: int) -> codec.Response:
     """As ``answer``, for a decoded request."""
     values = []
-    room = max_block - HEADER_SIZE
+    room = max_block - codec.HEADER_SIZE
     for place, address in enumerate(request.addresses):
         # Each of those that follow may need room for an error.
         reserved = _ERROR_SIZE * (len(request.addresses) - place - 1)
         item = _one(request, place, address, drive_object, room - reserved)
         room -= _size(item)
         values.append(item)
-    if request.request_id is RequestId.CHANGE and not any(item.failed for item in values):
+    if request.request_id is codec.RequestId.CHANGE and not any(item.failed for item in values):
         values = []
-    return Response(request.reference, request.request_id, request.do_id, len(request.addresses), tuple(values))
+    return codec.Response(request.reference, request.request_id, request.do_id, len(request.addresses), tuple(values))
 
 
 def _one(
-    request: Request, place: int, address: ParameterAddress, drive_object: DriveObjectParameters | None, room: int
-) -> Values:
+    request: codec.Request,
+    place: int,
+    address: codec.ParameterAddress,
+    drive_object: DriveObjectParameters | None,
+    room: int,
+) -> codec.Values:
     try:
         if drive_object is None:
             raise ParameterRefused(Number.DO_DOES_NOT_EXIST)
         _check(address)
         parameter = drive_object.parameter(address.pnu)
-        if request.request_id is RequestId.REQUEST:
+        if request.request_id is codec.RequestId.REQUEST:
             item = _read(parameter, address)
         else:
             item = _write(drive_object, parameter, address, request.values[place])
         if _size(item) > room:
             raise ParameterRefused(Number.RESPONSE_TOO_LONG)
     except ParameterRefused as refused:
-        return Values.error(refused.number, refused.subindex)
+        return codec.Values.error(refused.number, refused.subindex)
     return item
 
 
-def _check(address: ParameterAddress) -> None:
+def _check(address: codec.ParameterAddress) -> None:
     if (
         address.pnu == 0
-        or address.attribute not in set(Attribute)
-        or address.elements > MAX_ELEMENTS
+        or address.attribute not in set(codec.Attribute)
+        or address.elements > codec.MAX_ELEMENTS
         or address.subindex > _HIGHEST_SUBINDEX
-        or (address.elements == 0 and address.subindex and address.attribute != Attribute.DESCRIPTION)
+        or (address.elements == 0 and address.subindex and address.attribute != codec.Attribute.DESCRIPTION)
     ):
         raise ParameterRefused(Number.ADDRESS_IMPERMISSIBLE)
 
 
-def _read(parameter: Parameter, address: ParameterAddress) -> Values:
-    if address.attribute == Attribute.VALUE:
+def _read(parameter: Parameter, address: codec.ParameterAddress) -> codec.Values:
+    if address.attribute == codec.Attribute.VALUE:
         return parameter.read(address.subindex, address.elements)
-    if address.attribute == Attribute.DESCRIPTION:
+    if address.attribute == codec.Attribute.DESCRIPTION:
         if address.elements > 1:
             raise ParameterRefused(Number.ADDRESS_IMPERMISSIBLE)
         return parameter.description().values(address.subindex)
@@ -215,18 +206,18 @@ def _read(parameter: Parameter, address: ParameterAddress) -> Values:
     count = max(1, address.elements)
     if address.subindex + count > len(texts):
         raise ParameterRefused(Number.FAULTY_SUBINDEX)
-    if count * NAME_SIZE > MAX_ELEMENTS:
+    if count * NAME_SIZE > codec.MAX_ELEMENTS:
         raise ParameterRefused(Number.RESPONSE_TOO_LONG)
     chosen = texts[address.subindex : address.subindex + count]
-    return Values(DataType.VISIBLE_STRING, b"".join(text.encode("ascii").ljust(NAME_SIZE) for text in chosen))
+    return codec.Values(DataType.VISIBLE_STRING, b"".join(text.encode("ascii").ljust(NAME_SIZE) for text in chosen))
 
 
 def _write(
-    drive_object: DriveObjectParameters, parameter: Parameter, address: ParameterAddress, values: Values
-) -> Values:
-    if address.attribute == Attribute.DESCRIPTION:
+    drive_object: DriveObjectParameters, parameter: Parameter, address: codec.ParameterAddress, values: codec.Values
+) -> codec.Values:
+    if address.attribute == codec.Attribute.DESCRIPTION:
         raise ParameterRefused(Number.DESCRIPTION_CANNOT_BE_CHANGED)
-    if address.attribute == Attribute.TEXT:
+    if address.attribute == codec.Attribute.TEXT:
         raise ParameterRefused(Number.TEXT_CANNOT_BE_CHANGED)
     if values.format in {DataType.ZERO, DataType.ERROR}:
         raise ParameterRefused(Number.ILLEGAL_FORMAT)
@@ -234,10 +225,10 @@ def _write(
         raise ParameterRefused(Number.NUMBER_OF_VALUES_INCONSISTENT)
     drive_object.check_writable(address.pnu)
     parameter.write(address.subindex, address.elements, values)
-    return ZERO
+    return codec.ZERO
 
 
-def _size(item: Values) -> int:
+def _size(item: codec.Values) -> int:
     """Bytes of a value area in a response."""
     content = len(item.values) * (1 if isinstance(item.values, bytes) else item.format.size)
     return 2 + content + (content & 1)

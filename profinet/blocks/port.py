@@ -9,89 +9,73 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
-from pdgw.profinet.wire import (
-    FIRST_FIELD,
-    Block,
-    Structure,
-    WireError,
-    align,
-    array,
-    between,
-    one_of,
-    padding,
-    rest,
-    split,
-    text,
-    u8,
-    u16,
-    u32,
-)
+from pdgw.profinet import wire
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckedPeer(Structure):
+class CheckedPeer(wire.Structure):
     """The port that the project has at the other end of the cable. An empty name is not checked."""
 
-    port_id: str = text(size="B")
-    chassis_id: str = text(size="B")
+    port_id: str = wire.text(size="B")
+    chassis_id: str = wire.text(size="B")
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckPeers(Block):
+class CheckPeers(wire.Block):
     """Which neighbour the project has; a port has one."""
 
     TYPE: ClassVar[int] = 0x020A
-    number_of_peers: int = u8(one_of(1))
-    peers: tuple[CheckedPeer, ...] = array(CheckedPeer, count=lambda before: int(before["number_of_peers"]))
-    pad: None = align()
+    number_of_peers: int = wire.u8(wire.one_of(1))
+    peers: tuple[CheckedPeer, ...] = wire.array(CheckedPeer, count=lambda before: int(before["number_of_peers"]))
+    pad: None = wire.align()
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckLineDelay(Block):
+class CheckLineDelay(wire.Block):
     """Longest line delay in ns. The gateway measures none."""
 
     TYPE: ClassVar[int] = 0x020B
-    reserved: None = padding(2)
-    line_delay: int = u32()
+    reserved: None = wire.padding(2)
+    line_delay: int = wire.u32()
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckMauType(Block):
+class CheckMauType(wire.Block):
     """Which speed and duplex mode the port must have."""
 
     TYPE: ClassVar[int] = 0x020C
-    mau_type: int = u16()
+    mau_type: int = wire.u16()
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckLinkState(Block):
+class CheckLinkState(wire.Block):
     """A link that must be up; a link that is down ends the relationship."""
 
     TYPE: ClassVar[int] = 0x021C
-    link_state: int = u16()
+    link_state: int = wire.u16()
 
 
 @dataclass(frozen=True, kw_only=True)
-class AdjustDomainBoundary(Block):
+class AdjustDomainBoundary(wire.Block):
     """Where a synchronisation domain ends: nothing passes through a device with one port."""
 
     TYPE: ClassVar[int] = 0x0209
-    reserved: None = padding(2)
-    ingress: int = u32()
-    egress: int = u32()
-    properties: int = u16()
-    pad: None = align()
+    reserved: None = wire.padding(2)
+    ingress: int = wire.u32()
+    egress: int = wire.u32()
+    properties: int = wire.u16()
+    pad: None = wire.align()
 
 
 @dataclass(frozen=True, kw_only=True)
-class AdjustMulticastBoundary(Block):
+class AdjustMulticastBoundary(wire.Block):
     """Where multicast ends: nothing passes through a device with one port."""
 
     TYPE: ClassVar[int] = 0x0210
-    reserved: None = padding(2)
-    boundary: int = u32()
-    properties: int = u16()
-    pad: None = align()
+    reserved: None = wire.padding(2)
+    boundary: int = wire.u32()
+    properties: int = wire.u16()
+    pad: None = wire.align()
 
 
 NO_LLDP: Final = 1 << 0
@@ -99,47 +83,47 @@ NO_LLDP: Final = 1 << 0
 
 
 @dataclass(frozen=True, kw_only=True)
-class AdjustPeerToPeerBoundary(Block):
+class AdjustPeerToPeerBoundary(wire.Block):
     """Whether the port sends LLDP frames (``NO_LLDP``)."""
 
     TYPE: ClassVar[int] = 0x0224
-    reserved: None = padding(2)
-    boundary: int = u32()
-    properties: int = u16()
-    pad: None = align()
+    reserved: None = wire.padding(2)
+    boundary: int = wire.u32()
+    properties: int = wire.u16()
+    pad: None = wire.align()
 
 
 @dataclass(frozen=True, kw_only=True)
-class AdjustDcpBoundary(Block):
+class AdjustDcpBoundary(wire.Block):
     """Which DCP frames are not forwarded: nothing passes through a device with one port."""
 
     TYPE: ClassVar[int] = 0x0225
-    reserved: None = padding(2)
-    boundary: int = u32()
-    properties: int = u16()
-    pad: None = align()
+    reserved: None = wire.padding(2)
+    boundary: int = wire.u32()
+    properties: int = wire.u16()
+    pad: None = wire.align()
 
 
 @dataclass(frozen=True, kw_only=True)
-class PortData(Block):
+class PortData(wire.Block):
     """Checks or adjustments of one port. The standard has slot and subslot ignored."""
 
-    PARTS: ClassVar[dict[int, type[Block]]]
-    reserved: None = padding(2)
-    slot: int = u16()
-    subslot: int = u16()
-    blocks: bytes = rest()
+    PARTS: ClassVar[dict[int, type[wire.Block]]]
+    reserved: None = wire.padding(2)
+    slot: int = wire.u16()
+    subslot: int = wire.u16()
+    blocks: bytes = wire.rest()
 
-    def parts(self) -> Iterator[Block]:
+    def parts(self) -> Iterator[wire.Block]:
         """Yield what is inside; WireError for a damaged block and for one that this device does not have."""
         content = self.blocks
         # Some controllers pad a block with zeros; no type inside begins with one.
         while content := content.lstrip(b"\0"):
-            kind, data = next(split(content))
+            kind, data = next(wire.split(content))
             part = self.PARTS.get(kind)
             if part is None:
                 allowed = ", ".join(f"{known:04X}h" for known in self.PARTS)
-                raise WireError(f"block in {type(self).__name__}", f"{kind:04X}h", allowed, FIRST_FIELD)
+                raise wire.WireError(f"block in {type(self).__name__}", f"{kind:04X}h", allowed, wire.FIRST_FIELD)
             yield part.decode(data)
             content = content[len(data) :]
 
@@ -149,7 +133,7 @@ class PortDataCheck(PortData):
     """What the device checks at its port."""
 
     TYPE: ClassVar[int] = 0x0200
-    PARTS: ClassVar[dict[int, type[Block]]] = {
+    PARTS: ClassVar[dict[int, type[wire.Block]]] = {
         part.TYPE: part for part in (CheckPeers, CheckLineDelay, CheckMauType, CheckLinkState)
     }
 
@@ -159,7 +143,7 @@ class PortDataAdjust(PortData):
     """What the device adjusts at its port. Speed and link state are the operating system's."""
 
     TYPE: ClassVar[int] = 0x0202
-    PARTS: ClassVar[dict[int, type[Block]]] = {
+    PARTS: ClassVar[dict[int, type[wire.Block]]] = {
         part.TYPE: part
         for part in (AdjustDomainBoundary, AdjustMulticastBoundary, AdjustPeerToPeerBoundary, AdjustDcpBoundary)
     }
@@ -170,28 +154,28 @@ STANDARD_LLDP: Final = 1 << 0
 
 
 @dataclass(frozen=True, kw_only=True)
-class InterfaceAdjust(Block):
+class InterfaceAdjust(wire.Block):
     """How LLDP frames name the station."""
 
     TYPE: ClassVar[int] = 0x0250
-    reserved: None = padding(2)
-    mode: int = u32(between(0, 1))
+    reserved: None = wire.padding(2)
+    mode: int = wire.u32(wire.between(0, 1))
 
 
 @dataclass(frozen=True, kw_only=True)
-class NetworkComponentCheck(Block):
+class NetworkComponentCheck(wire.Block):
     """Limits of dropped frames, which this device does not count."""
 
     TYPE: ClassVar[int] = 0x0230
-    reserved: None = padding(2)
-    required: int = u32()
-    demanded: int = u32()
-    fault: int = u32()
+    reserved: None = wire.padding(2)
+    required: int = wire.u32()
+    demanded: int = wire.u32()
+    fault: int = wire.u32()
 
 
 @dataclass(frozen=True, kw_only=True)
-class FastStartUpAdjust(Block):
+class FastStartUpAdjust(wire.Block):
     """Times of a fast start-up, which this device does not have."""
 
     TYPE: ClassVar[int] = 0x0608
-    content: bytes = rest()
+    content: bytes = wire.rest()

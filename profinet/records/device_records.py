@@ -12,25 +12,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 from uuid import UUID
 
+from pdgw.profinet.blocks import records as blocks
 from pdgw.profinet.blocks.alarm import Severity
 from pdgw.profinet.blocks.connect import LT_RT
-from pdgw.profinet.blocks.records import (
-    Api,
-    ApiData,
-    ArData,
-    ArEntry,
-    ArIocr,
-    ExpectedIdentification,
-    IdentApi,
-    IdentificationData,
-    IdentSlot,
-    IdentSubmodule,
-    ImFilterDevice,
-    ImFilterSubmodules,
-    LogData,
-    LogEntry,
-    RealIdentification,
-)
 from pdgw.profinet.model import (
     ACCESS_POINT_SUBSLOT,
     DAP_SLOT,
@@ -199,7 +183,7 @@ class DeviceRecords:
             scope, severities = _DIAGNOSIS[index]
             return self._diagnosis.record(self._model, self._scope(scope, relation, block), severities)
         if index in _REAL:
-            return self._identification(RealIdentification, self._scope(_REAL[Index(index)], relation, block))
+            return self._identification(blocks.RealIdentification, self._scope(_REAL[Index(index)], relation, block))
         if index in _EXPECTED:
             return self._expected(_EXPECTED[Index(index)], self._needed(relation), block)
         match index:
@@ -207,10 +191,10 @@ class DeviceRecords:
                 diff = self._needed(relation).plan.diff
                 return b"" if diff is None else diff.encode()
             case Index.AR_DATA:
-                return ArData(ars=tuple(map(self._relation, self._relations()))).encode()
+                return blocks.ArData(ars=tuple(map(self._relation, self._relations()))).encode()
             case Index.API_DATA:
                 apis = sorted({module.api for module in self._model.modules.values()})
-                return ApiData(apis=tuple(Api(api=api) for api in apis)).encode()
+                return blocks.ApiData(apis=tuple(blocks.Api(api=api) for api in apis)).encode()
             case Index.LOG_DATA:
                 return self._log(now)
             case Index.IM_FILTER:
@@ -293,20 +277,20 @@ class DeviceRecords:
 
     # -- content ------------------------------------------------------------------------------------------------------
 
-    def _identification(self, kind: type[IdentificationData], places: Iterable[Subslot]) -> bytes:
+    def _identification(self, kind: type[blocks.IdentificationData], places: Iterable[Subslot]) -> bytes:
         return kind(apis=self._tree(places)).encode()
 
-    def _tree(self, places: Iterable[Subslot]) -> tuple[IdentApi, ...]:
-        apis: dict[int, dict[int, list[IdentSubmodule]]] = {}
+    def _tree(self, places: Iterable[Subslot]) -> tuple[blocks.IdentApi, ...]:
+        apis: dict[int, dict[int, list[blocks.IdentSubmodule]]] = {}
         for slot, subslot in places:
             module = self._model.modules[slot]
-            item = IdentSubmodule(subslot=subslot, ident=module.submodules[subslot].ident)
+            item = blocks.IdentSubmodule(subslot=subslot, ident=module.submodules[subslot].ident)
             apis.setdefault(module.api, {}).setdefault(slot, []).append(item)
         return tuple(
-            IdentApi(
+            blocks.IdentApi(
                 api=api,
                 slots=tuple(
-                    IdentSlot(slot=slot, ident=self._model.modules[slot].ident, submodules=tuple(items))
+                    blocks.IdentSlot(slot=slot, ident=self._model.modules[slot].ident, submodules=tuple(items))
                     for slot, items in slots.items()
                 ),
             )
@@ -314,24 +298,26 @@ class DeviceRecords:
         )
 
     def _expected(self, scope: Scope, relation: ApplicationRelation, block: RecordBlock) -> bytes:
-        apis: dict[int, list[IdentSlot]] = {}
+        apis: dict[int, list[blocks.IdentSlot]] = {}
         for slot in relation.plan.expected:
             if scope is not Scope.AR and (slot.api, slot.slot) != (block.api, block.slot):
                 continue
             items = tuple(
-                IdentSubmodule(subslot=item.subslot, ident=item.ident)
+                blocks.IdentSubmodule(subslot=item.subslot, ident=item.ident)
                 for item in slot.submodules
                 if scope is not Scope.SUBSLOT or item.subslot == block.subslot
             )
             if items:
-                apis.setdefault(slot.api, []).append(IdentSlot(slot=slot.slot, ident=slot.ident, submodules=items))
+                apis.setdefault(slot.api, []).append(
+                    blocks.IdentSlot(slot=slot.slot, ident=slot.ident, submodules=items)
+                )
         if not apis:
             raise RecordRefused(AccessError.INVALID_SLOT)
-        return ExpectedIdentification(
-            apis=tuple(IdentApi(api=api, slots=tuple(slots)) for api, slots in apis.items())
+        return blocks.ExpectedIdentification(
+            apis=tuple(blocks.IdentApi(api=api, slots=tuple(slots)) for api, slots in apis.items())
         ).encode()
 
-    def _relation(self, relation: ApplicationRelation) -> ArEntry:
+    def _relation(self, relation: ApplicationRelation) -> blocks.ArEntry:
         plan = relation.plan
         ar, alarm = plan.ar, plan.alarm
         iocrs = []
@@ -339,7 +325,7 @@ class DeviceRecords:
             if cyclic is not None and machine is not None:
                 counter, data_status, transfer_status = machine.status
                 iocrs.append(
-                    ArIocr(
+                    blocks.ArIocr(
                         iocr_type=cyclic.block.iocr_type,
                         properties=cyclic.block.properties,
                         frame_id=cyclic.frame_id,
@@ -350,7 +336,7 @@ class DeviceRecords:
                         responder_port=LT_RT,
                     )
                 )
-        return ArEntry(
+        return blocks.ArEntry(
             ar_uuid=ar.ar_uuid,
             ar_type=ar.ar_type,
             properties=ar.properties,
@@ -361,22 +347,22 @@ class DeviceRecords:
             local_reference=0 if alarm is None else relation.reference,
             remote_reference=0 if alarm is None else alarm.reference,
             server_name="",
-            apis=tuple(Api(api=api) for api in sorted({slot.api for slot in plan.expected})),
+            apis=tuple(blocks.Api(api=api) for api in sorted({slot.api for slot in plan.expected})),
         )
 
     def _filter(self) -> bytes:
         points = [(DAP_SLOT, DAP_SUBSLOT)]
         points += [(slot, ACCESS_POINT_SUBSLOT) for slot in self._model.modules if slot != DAP_SLOT]
-        submodules = ImFilterSubmodules(apis=self._tree(points)).encode()
-        device = ImFilterDevice(apis=self._tree(points[:1])).encode()
+        submodules = blocks.ImFilterSubmodules(apis=self._tree(points)).encode()
+        device = blocks.ImFilterDevice(apis=self._tree(points[:1])).encode()
         return submodules + bytes(-len(submodules) % 4) + device
 
     def _log(self, now: int) -> bytes:
         entries = tuple(
-            LogEntry(time=item.time_ns.to_bytes(8, "big"), ar_uuid=item.ar_uuid, status=item.status, detail=0)
+            blocks.LogEntry(time=item.time_ns.to_bytes(8, "big"), ar_uuid=item.ar_uuid, status=item.status, detail=0)
             for item in self.log
         )
-        return LogData(time=now.to_bytes(8, "big"), entries=entries).encode()
+        return blocks.LogData(time=now.to_bytes(8, "big"), entries=entries).encode()
 
 
 class Access:

@@ -15,24 +15,8 @@ from uuid import UUID
 
 from pdgw.durations import SECOND
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profinet.rpc import dcerpc
+from pdgw.profinet.rpc import dcerpc, records
 from pdgw.profinet.rpc.dcerpc import Flags, PacketType, Reassembly, RejectStatus, RpcHeader
-from pdgw.profinet.rpc.records import (
-    BLOCK_SIZE,
-    RECORD_MULTIPLE,
-    AccessError,
-    BlockType,
-    Operation,
-    PnioStatus,
-    RecordBlock,
-    RecordRefused,
-    UnknownArUuid,
-    decode_arguments,
-    decode_block,
-    encode_arguments,
-    encode_block,
-    split_multiple,
-)
 
 _ACTIVITIES = 64
 """Callers remembered; the longest silent one is forgotten first."""
@@ -165,76 +149,78 @@ class RpcServer(Generic[Source]):
 class RecordHandler(Protocol):
     """What serves the records; both raise RecordRefused."""
 
-    def read(self, block: RecordBlock, *, implicit: bool) -> bytes:
+    def read(self, block: records.RecordBlock, *, implicit: bool) -> bytes:
         """The data of a record."""
 
-    def write(self, block: RecordBlock, data: bytes) -> None:
+    def write(self, block: records.RecordBlock, data: bytes) -> None:
         """Take the data of a record."""
 
 
 class NoRecords:
     """Serves nothing yet."""
 
-    def read(self, block: RecordBlock, *, implicit: bool) -> bytes:
+    def read(self, block: records.RecordBlock, *, implicit: bool) -> bytes:
         """RecordHandler."""
-        raise RecordRefused(AccessError.STATE_CONFLICT)
+        raise records.RecordRefused(records.AccessError.STATE_CONFLICT)
 
-    def write(self, block: RecordBlock, data: bytes) -> None:
+    def write(self, block: records.RecordBlock, data: bytes) -> None:
         """RecordHandler."""
-        raise RecordRefused(AccessError.STATE_CONFLICT)
+        raise records.RecordRefused(records.AccessError.STATE_CONFLICT)
 
 
-RECORD_OPERATIONS = frozenset({Operation.READ, Operation.WRITE, Operation.READ_IMPLICIT})
+RECORD_OPERATIONS = frozenset({records.Operation.READ, records.Operation.WRITE, records.Operation.READ_IMPLICIT})
 
 
 def serve_record(handler: RecordHandler, header: RpcHeader, body: bytes) -> bytes | RejectStatus:
     """Execute a read or write of records; the NDR body of the response."""
-    operation = Operation(header.operation)
-    expected = BlockType.WRITE_REQUEST if operation is Operation.WRITE else BlockType.READ_REQUEST
+    operation = records.Operation(header.operation)
+    expected = (
+        records.BlockType.WRITE_REQUEST if operation is records.Operation.WRITE else records.BlockType.READ_REQUEST
+    )
     try:
-        maximum, arguments = decode_arguments(body, little=header.little_endian)
-        block, data = decode_block(arguments)
+        maximum, arguments = records.decode_arguments(body, little=header.little_endian)
+        block, data = records.decode_block(arguments)
         if block.type is not expected:
             raise ProfidriveError("BlockType", f"{block.type:04X}h", f"{expected:04X}h")
     except ProfidriveError:
         return RejectStatus.PROTOCOL_ERROR
-    status = PnioStatus()
+    status = records.PnioStatus()
     answer = b""
     try:
-        if operation is not Operation.WRITE:
-            answer = handler.read(block, implicit=operation is Operation.READ_IMPLICIT)
+        if operation is not records.Operation.WRITE:
+            answer = handler.read(block, implicit=operation is records.Operation.READ_IMPLICIT)
             if len(answer) > block.length:
-                raise RecordRefused(AccessError.INVALID_PARAMETER)
-        elif block.index == RECORD_MULTIPLE:
+                raise records.RecordRefused(records.AccessError.INVALID_PARAMETER)
+        elif block.index == records.RECORD_MULTIPLE:
             answer = _write_multiple(handler, data)
         else:
             handler.write(block, data)
-        if len(answer) + BLOCK_SIZE > maximum:
-            raise RecordRefused(AccessError.INVALID_PARAMETER)
-    except RecordRefused as error:
+        if len(answer) + records.BLOCK_SIZE > maximum:
+            raise records.RecordRefused(records.AccessError.INVALID_PARAMETER)
+    except records.RecordRefused as error:
         status = error.status(operation)
         answer = b""
-    length = block.length if operation is Operation.WRITE and not status.value and not answer else len(answer)
-    arguments = encode_block(block.answer(length, status)) + answer
-    return encode_arguments(status.value, arguments, max(maximum, len(arguments)), little=header.little_endian)
+    length = block.length if operation is records.Operation.WRITE and not status.value and not answer else len(answer)
+    arguments = records.encode_block(block.answer(length, status)) + answer
+    return records.encode_arguments(status.value, arguments, max(maximum, len(arguments)), little=header.little_endian)
 
 
 def _write_multiple(handler: RecordHandler, data: bytes) -> bytes:
     """Each write inside has its own status; one that is refused stops no other."""
     try:
-        writes = split_multiple(data)
+        writes = records.split_multiple(data)
     except ProfidriveError as error:
-        raise RecordRefused(AccessError.INVALID_PARAMETER) from error
+        raise records.RecordRefused(records.AccessError.INVALID_PARAMETER) from error
     answers = []
     for block, content in writes:
-        status = PnioStatus()
+        status = records.PnioStatus()
         try:
             handler.write(block, content)
-        except UnknownArUuid:
+        except records.UnknownArUuid:
             raise
-        except RecordRefused as error:
-            status = error.status(Operation.WRITE)
-        answers.append(encode_block(block.answer(0 if status.value else block.length, status)))
+        except records.RecordRefused as error:
+            status = error.status(records.Operation.WRITE)
+        answers.append(records.encode_block(block.answer(0 if status.value else block.length, status)))
     return b"".join(answers)
 
 
@@ -256,4 +242,4 @@ class RecordServer(RpcServer[Source]):
             return serve_record(handler(source, header.activity) if callable(handler) else handler, header, body)
 
         interface = (dcerpc.DEVICE_INTERFACE, dcerpc.INTERFACE_VERSION)
-        super().__init__({interface: execute}, max_record + BLOCK_SIZE + 64, boot_time)
+        super().__init__({interface: execute}, max_record + records.BLOCK_SIZE + 64, boot_time)

@@ -20,20 +20,7 @@ from pdgw.gateway.objects.axis import Axis
 from pdgw.peers.drive import DriveModel, SimulatedDriveNode
 from pdgw.peers.drive.device import EDS_PATH
 from pdgw.profidrive.signals import signal
-from pdgw.workshop.conformance.bench import (
-    CHANNEL,
-    CONFIGURES,
-    CYCLE_MS,
-    ENCODER_DO,
-    LOSSES,
-    QUIET_CYCLES,
-    Activity,
-    Bench,
-    Case,
-    Device,
-    Reaction,
-    Result,
-)
+from pdgw.workshop.conformance import bench as rig
 
 _NODE = 5
 _NO_QUICK_STOP = signal("STW1").bit("NO_QUICK_STOP").mask
@@ -44,47 +31,47 @@ _TURNING_RPM = 500
 _STANDING_CYCLES = 150
 """So long an axis stands before the fault goes: longer than what takes it for stopped."""
 
-DRIVE_CASES: tuple[Case, ...] = (
-    Case("slow-sdo", Reaction.GOES_ON, activity=Activity.START, values={"delay_ms": 10}),
-    Case("sdo-timeout", Reaction.REFUSES, (121,), Activity.START, sdo_timeout_ms=100),
-    Case("sdo-timeout", Reaction.GOES_ON),
-    Case("sdo-toggle-error", Reaction.REFUSES, (121,), Activity.START),
-    Case("wrong-identity", Reaction.REFUSES, (106,), Activity.START),
-    Case("object-missing", Reaction.REFUSES, (106,), Activity.START),
+DRIVE_CASES: tuple[rig.Case, ...] = (
+    rig.Case("slow-sdo", rig.Reaction.GOES_ON, activity=rig.Activity.START, values={"delay_ms": 10}),
+    rig.Case("sdo-timeout", rig.Reaction.REFUSES, (121,), rig.Activity.START, sdo_timeout_ms=100),
+    rig.Case("sdo-timeout", rig.Reaction.GOES_ON),
+    rig.Case("sdo-toggle-error", rig.Reaction.REFUSES, (121,), rig.Activity.START),
+    rig.Case("wrong-identity", rig.Reaction.REFUSES, (106,), rig.Activity.START),
+    rig.Case("object-missing", rig.Reaction.REFUSES, (106,), rig.Activity.START),
     # Made for telegram 1, the mapping need not be written.
-    Case("fixed-pdo-mapping", Reaction.GOES_ON, activity=Activity.START),
-    Case("fixed-pdo-mapping", Reaction.REFUSES, (106,), Activity.START, telegram=9),
-    Case("mapping-abort", Reaction.REFUSES, (106,), Activity.START, telegram=9),
-    Case("two-pdos", Reaction.GOES_ON, activity=Activity.START, telegram=100),
-    Case("lost-pdos", Reaction.GOES_ON),
-    Case("lost-pdos", Reaction.STOPS, (101,), values={"every": 1}),
-    Case("lost-pdos", Reaction.STOPS, (101,), values={"every": 1}, beside={"turns-in-pre-operational": {}}),
-    Case("duplicated-pdos", Reaction.GOES_ON),
-    Case("late-pdos", Reaction.GOES_ON),
-    Case("heartbeat-stops", Reaction.REFUSES, (106,), Activity.START),
-    Case("heartbeat-stops", Reaction.STOPS, (101,)),
-    Case("emcy-burst", Reaction.GOES_ON, (10,)),
-    Case("bus-off", Reaction.STOPS, (101,)),
-    Case("error-passive", Reaction.GOES_ON, (12,)),
-    Case("reboot", Reaction.STOPS, (105,)),
-    Case("reboot", Reaction.STOPS, (105,), telegram=100),
-    Case("no-homing-attained", Reaction.STANDS, (109,), Activity.HOMING, telegram=9),
-    Case("late-status", Reaction.GOES_ON),
-    Case("bouncing-status", Reaction.STOPS, (122,)),
-    Case("bouncing-status", Reaction.STOPS, (122,), telegram=100),
-    Case("unknown-state", Reaction.STOPS, (107,)),
-    Case("unknown-state", Reaction.STOPS, (107,), telegram=100),
-    Case("mode-display-stuck", Reaction.REFUSES, (106,), Activity.START),
-    Case("mode-display-stuck", Reaction.STANDS, (110,), Activity.HOMING, telegram=9),
-    Case("limit-switch", Reaction.STANDS, (112,)),
-    Case("enable-input-dropped", Reaction.STOPS, (122,)),
-    Case("enable-input-dropped", Reaction.STOPS, (122,), telegram=100),
-    Case("drive-fault", Reaction.STOPS, (10,)),
-    Case("under-voltage", Reaction.STOPS, (6,)),
-    Case("reboot-in-motion", Reaction.STOPS, (105,)),
-    Case("deaf", Reaction.STOPS, (125,), Activity.STOPPING),
-    Case("stop-ramp-missing", Reaction.STOPS, (125,), Activity.STOPPING),
-    Case("turns-in-pre-operational", Reaction.GOES_ON),
+    rig.Case("fixed-pdo-mapping", rig.Reaction.GOES_ON, activity=rig.Activity.START),
+    rig.Case("fixed-pdo-mapping", rig.Reaction.REFUSES, (106,), rig.Activity.START, telegram=9),
+    rig.Case("mapping-abort", rig.Reaction.REFUSES, (106,), rig.Activity.START, telegram=9),
+    rig.Case("two-pdos", rig.Reaction.GOES_ON, activity=rig.Activity.START, telegram=100),
+    rig.Case("lost-pdos", rig.Reaction.GOES_ON),
+    rig.Case("lost-pdos", rig.Reaction.STOPS, (101,), values={"every": 1}),
+    rig.Case("lost-pdos", rig.Reaction.STOPS, (101,), values={"every": 1}, beside={"turns-in-pre-operational": {}}),
+    rig.Case("duplicated-pdos", rig.Reaction.GOES_ON),
+    rig.Case("late-pdos", rig.Reaction.GOES_ON),
+    rig.Case("heartbeat-stops", rig.Reaction.REFUSES, (106,), rig.Activity.START),
+    rig.Case("heartbeat-stops", rig.Reaction.STOPS, (101,)),
+    rig.Case("emcy-burst", rig.Reaction.GOES_ON, (10,)),
+    rig.Case("bus-off", rig.Reaction.STOPS, (101,)),
+    rig.Case("error-passive", rig.Reaction.GOES_ON, (12,)),
+    rig.Case("reboot", rig.Reaction.STOPS, (105,)),
+    rig.Case("reboot", rig.Reaction.STOPS, (105,), telegram=100),
+    rig.Case("no-homing-attained", rig.Reaction.STANDS, (109,), rig.Activity.HOMING, telegram=9),
+    rig.Case("late-status", rig.Reaction.GOES_ON),
+    rig.Case("bouncing-status", rig.Reaction.STOPS, (122,)),
+    rig.Case("bouncing-status", rig.Reaction.STOPS, (122,), telegram=100),
+    rig.Case("unknown-state", rig.Reaction.STOPS, (107,)),
+    rig.Case("unknown-state", rig.Reaction.STOPS, (107,), telegram=100),
+    rig.Case("mode-display-stuck", rig.Reaction.REFUSES, (106,), rig.Activity.START),
+    rig.Case("mode-display-stuck", rig.Reaction.STANDS, (110,), rig.Activity.HOMING, telegram=9),
+    rig.Case("limit-switch", rig.Reaction.STANDS, (112,)),
+    rig.Case("enable-input-dropped", rig.Reaction.STOPS, (122,)),
+    rig.Case("enable-input-dropped", rig.Reaction.STOPS, (122,), telegram=100),
+    rig.Case("drive-fault", rig.Reaction.STOPS, (10,)),
+    rig.Case("under-voltage", rig.Reaction.STOPS, (6,)),
+    rig.Case("reboot-in-motion", rig.Reaction.STOPS, (105,)),
+    rig.Case("deaf", rig.Reaction.STOPS, (125,), rig.Activity.STOPPING),
+    rig.Case("stop-ramp-missing", rig.Reaction.STOPS, (125,), rig.Activity.STOPPING),
+    rig.Case("turns-in-pre-operational", rig.Reaction.GOES_ON),
 )
 """At least one for each fault of a drive (a test)."""
 
@@ -118,10 +105,10 @@ class _Trace:
         return "at standstill"
 
 
-class DriveBench(Bench):
+class DriveBench(rig.Bench):
     """An axis of the gateway, a drive, and a PLC whose setpoints are ``values``."""
 
-    def __init__(self, case: Case) -> None:
+    def __init__(self, case: rig.Case) -> None:
         super().__init__(case)
         config = AxisConfig(
             do_id=1,
@@ -129,10 +116,10 @@ class DriveBench(Bench):
             telegram=case.telegram,
             eds=EDS_PATH,
             sdo_timeout_ms=case.sdo_timeout_ms,
-            g1=ENCODER_DO if case.device is Device.SENSOR else None,
+            g1=rig.ENCODER_DO if case.device is rig.Device.SENSOR else None,
         )
-        self.axis = Axis(config, self.network, CYCLE_MS)
-        self.drive = self.world.drive(CHANNEL, _NODE, powered=False)
+        self.axis = Axis(config, self.network, rig.CYCLE_MS)
+        self.drive = self.world.drive(rig.CHANNEL, _NODE, powered=False)
         self.objects.append(self.axis)
         self.devices.append(self.drive)
         self.values = dict.fromkeys(self.axis.telegram.setpoints.names, 0)
@@ -199,24 +186,24 @@ class DriveBench(Bench):
         self.until(lambda: abs(self.model.ramp.speed) > _TURNING_RPM, "turning")
 
 
-def run_drive_case(case: Case, result: Result) -> None:
+def run_drive_case(case: rig.Case, result: rig.Result) -> None:
     """Run one case into its result."""
     bench = DriveBench(case)
     with bench.running(result):
-        if case.reaction is Reaction.REFUSES:
+        if case.reaction is rig.Reaction.REFUSES:
             _refused(bench, result)
         else:
             _in_operation(bench, result)
 
 
-def _refused(bench: DriveBench, result: Result) -> None:
+def _refused(bench: DriveBench, result: rig.Result) -> None:
     """OFF and ON have no effect while the fault stands; without it the standing ON has none either."""
     case = bench.case
     bench.off()
     bench.until(lambda: bench.told(case.numbers), f"fault {case.numbers}")
     bench.cycles(3)
     bench.on()
-    bench.cycles(QUIET_CYCLES)
+    bench.cycles(rig.QUIET_CYCLES)
     _note(bench, result, 0)
     if bench.axis.good:
         result.failures.append("values are shown as good")
@@ -227,35 +214,35 @@ def _refused(bench: DriveBench, result: Result) -> None:
     bench.enable()
 
 
-def _in_operation(bench: DriveBench, result: Result) -> None:
+def _in_operation(bench: DriveBench, result: rig.Result) -> None:
     case = bench.case
     bench.online()
     bench.enable()
-    if case.activity is not Activity.HOMING:
+    if case.activity is not rig.Activity.HOMING:
         bench.turn()
     mark = len(bench.trace.states)
     bench.sent.clear()
     _set_in(bench)
-    if case.reaction is Reaction.STOPS:
+    if case.reaction is rig.Reaction.STOPS:
         bench.until(lambda: bench.standing() and bench.model.state not in POWERED, "drive stopped")
-    elif case.reaction is Reaction.STANDS:
+    elif case.reaction is rig.Reaction.STANDS:
         bench.until(bench.standing, "drive stands")
     if case.numbers:
         bench.until(lambda: bench.told(case.numbers), f"fault {case.numbers}")
-    if LOSSES.intersection(case.numbers):
-        bench.until(lambda: CONFIGURES in bench.sent, "configured again")
-    bench.cycles(_STANDING_CYCLES if case.reaction is Reaction.STANDS else QUIET_CYCLES)
+    if rig.LOSSES.intersection(case.numbers):
+        bench.until(lambda: rig.CONFIGURES in bench.sent, "configured again")
+    bench.cycles(_STANDING_CYCLES if case.reaction is rig.Reaction.STANDS else rig.QUIET_CYCLES)
     _note(bench, result, mark)
-    result.stopped = bench.trace.stopped_by(mark, case.reaction is Reaction.STANDS)
-    if case.reaction is Reaction.GOES_ON:
+    result.stopped = bench.trace.stopped_by(mark, case.reaction is rig.Reaction.STANDS)
+    if case.reaction is rig.Reaction.GOES_ON:
         _goes_on(bench, result, mark)
-    elif case.reaction is Reaction.STANDS:
+    elif case.reaction is rig.Reaction.STANDS:
         if not bench.standing():
             result.failures.append("the axis moves again")
         if bench.axis.reason is None:
             result.failures.append("no reason is shown")
         bench.drive.do(lambda node: node.behave())
-        bench.cycles(QUIET_CYCLES)
+        bench.cycles(rig.QUIET_CYCLES)
         if not bench.standing():
             result.restarted = True
             result.failures.append("moves on by itself")
@@ -271,17 +258,17 @@ def _in_operation(bench: DriveBench, result: Result) -> None:
 
 def _set_in(bench: DriveBench) -> None:
     case = bench.case
-    if case.activity is not Activity.START:
+    if case.activity is not rig.Activity.START:
         bench.misbehave()
-    if case.activity is Activity.STOPPING:
+    if case.activity is rig.Activity.STOPPING:
         bench.values[bench.word] &= ~_NO_QUICK_STOP
-    if case.activity is Activity.HOMING:
+    if case.activity is rig.Activity.HOMING:
         bench.values["SATZANW"] = _HOMING_HERE
         bench.values["MDI_VELOCITY"] = 0x1000
         bench.values[bench.word] |= _START_HOMING
 
 
-def _goes_on(bench: DriveBench, result: Result, mark: int) -> None:
+def _goes_on(bench: DriveBench, result: rig.Result, mark: int) -> None:
     if bench.trace.states[mark:]:
         names = ", ".join(state.value for state, _ in bench.trace.states[mark:])
         result.failures.append(f"operation was left: {names}")
@@ -294,26 +281,26 @@ def _goes_on(bench: DriveBench, result: Result, mark: int) -> None:
     bench.drive.do(lambda node: node.behave())
 
 
-def _note(bench: DriveBench, result: Result, mark: int) -> None:
+def _note(bench: DriveBench, result: rig.Result, mark: int) -> None:
     """What was sent, told and shown while the fault stood."""
     result.sent = list(bench.sent)
     result.numbers = bench.numbers()
     result.reason = bench.axis.reason.value if bench.axis.reason else ""
-    if bench.case.reaction is not Reaction.GOES_ON and bench.trace.starts(mark):
+    if bench.case.reaction is not rig.Reaction.GOES_ON and bench.trace.starts(mark):
         result.restarted = True
 
 
-def _no_restart(bench: DriveBench, result: Result, mark: int) -> None:
+def _no_restart(bench: DriveBench, result: rig.Result, mark: int) -> None:
     """The device behaves again and boots if it was refused; the ON that stands all the time starts nothing."""
 
     def mend(node: SimulatedDriveNode) -> None:
         node.behave()
-        if bench.case.reaction is Reaction.REFUSES:
+        if bench.case.reaction is rig.Reaction.REFUSES:
             node.restart()
 
     bench.drive.do(mend)
     bench.online()
-    bench.cycles(QUIET_CYCLES)
+    bench.cycles(rig.QUIET_CYCLES)
     if bench.trace.starts(mark):
         result.restarted = True
         result.failures.append("started by itself")

@@ -37,40 +37,13 @@ from pdgw.profidrive.parameters.codec import (
 )
 from pdgw.profidrive.parameters.pnu import Pnu
 from pdgw.profinet.records.device_records import Index
-from pdgw.profinet.rpc import epm
-from pdgw.profinet.rpc.dcerpc import (
-    CONTROLLER_INTERFACE,
-    DEVICE_INTERFACE,
-    HEADER_SIZE,
-    INTERFACE_AT,
-    VERSION,
-    Flags,
-    PacketType,
-    Reassembly,
-    RejectStatus,
-    RpcHeader,
-    decode_packet,
-    decode_status,
-)
-from pdgw.profinet.rpc.records import (
-    RECORD_GLOBAL,
-    RECORD_LOCAL,
-    RECORD_MULTIPLE,
-    BlockType,
-    Operation,
-    PnioStatus,
-    RecordBlock,
-    decode_arguments,
-    decode_block,
-    split_answers,
-    split_multiple,
-)
+from pdgw.profinet.rpc import dcerpc, epm, records
 
 _MAX_BODY = 1 << 16
-_PARAMETER_RECORDS = {RECORD_LOCAL: "parameters, local", RECORD_GLOBAL: "parameters, global"}
+_PARAMETER_RECORDS = {records.RECORD_LOCAL: "parameters, local", records.RECORD_GLOBAL: "parameters, global"}
 _FIRST_SYSTEM_INDEX: Final = 0x8000
 """Records below are the manufacturer's own."""
-_INTERFACES: Final = frozenset({DEVICE_INTERFACE, CONTROLLER_INTERFACE})
+_INTERFACES: Final = frozenset({dcerpc.DEVICE_INTERFACE, dcerpc.CONTROLLER_INTERFACE})
 _INDEXES: Final = frozenset(Index)
 _INTERFACE_BYTES: Final = frozenset(
     octets for uuid in (*_INTERFACES, epm.INTERFACE[0]) for octets in (uuid.bytes, uuid.bytes_le)
@@ -82,7 +55,9 @@ def is_profinet_call(data: bytes) -> bool:
 
     Only the first request needs port 34964: many devices answer from another port, and the controller continues there.
     """
-    return len(data) >= HEADER_SIZE and data[0] == VERSION and data[INTERFACE_AT] in _INTERFACE_BYTES
+    return (
+        len(data) >= dcerpc.HEADER_SIZE and data[0] == dcerpc.VERSION and data[dcerpc.INTERFACE_AT] in _INTERFACE_BYTES
+    )
 
 
 class AcyclicDecoder:
@@ -101,13 +76,13 @@ class AcyclicDecoder:
         self._observe = observe
         self.relations = RelationCalls(connect, names or StationNames())
         self._calls: BoundedDict[tuple[UUID, int], int] = BoundedDict()
-        self._bodies: BoundedDict[tuple[UUID, int, bool], Reassembly] = BoundedDict()
+        self._bodies: BoundedDict[tuple[UUID, int, bool], dcerpc.Reassembly] = BoundedDict()
         self._requests: BoundedDict[tuple[Hashable, int, int], tuple[int, Request]] = BoundedDict()
 
     def decode(self, number: int, time_ns: int, channel: str, data: bytes, peers: frozenset[bytes]) -> Record:
         """The record of one UDP payload; ``peers`` are the two addresses."""
         try:
-            header, body = decode_packet(data)
+            header, body = dcerpc.decode_packet(data)
         except ProfidriveError as error:
             return OtherRecord(number, time_ns, channel, data, text=f"not an RPC packet: {error}")
         base = (number, time_ns, channel, data)
@@ -119,10 +94,10 @@ class AcyclicDecoder:
         }
         latency = self._latency(header, time_ns)
         head = f"{fields['operation']} {fields['packet']}"
-        if header.packet_type in {PacketType.REJECT, PacketType.FAULT}:
+        if header.packet_type in {dcerpc.PacketType.REJECT, dcerpc.PacketType.FAULT}:
             fields["reject_status"], text = _reject(header, body)
             return AcyclicRecord(*base, f"{head}: {text}", fields, latency)
-        if header.packet_type not in {PacketType.REQUEST, PacketType.RESPONSE}:
+        if header.packet_type not in {dcerpc.PacketType.REQUEST, dcerpc.PacketType.RESPONSE}:
             return AcyclicRecord(*base, head, fields, latency)
         if header.interface == epm.INTERFACE[0]:
             fields["operation"] = "endpoint-mapper-lookup"
@@ -138,19 +113,19 @@ class AcyclicDecoder:
             fields["error"] = str(error)
             return AcyclicRecord(*base, f"{head}: {error}", fields, latency)
 
-    def _latency(self, header: RpcHeader, time_ns: int) -> int | None:
+    def _latency(self, header: dcerpc.RpcHeader, time_ns: int) -> int | None:
         key = (header.activity, header.sequence)
-        if header.packet_type is PacketType.REQUEST:
+        if header.packet_type is dcerpc.PacketType.REQUEST:
             self._calls.put(key, time_ns)
             return None
         asked = self._calls.get(key)
         return None if asked is None else max(0, time_ns - asked)
 
-    def _whole(self, header: RpcHeader, body: bytes) -> bytes | None:
-        if Flags.FRAGMENT not in header.flags:
+    def _whole(self, header: dcerpc.RpcHeader, body: bytes) -> bytes | None:
+        if dcerpc.Flags.FRAGMENT not in header.flags:
             return body
-        key = (header.activity, header.sequence, header.packet_type is PacketType.REQUEST)
-        reassembly = self._bodies.get(key) or Reassembly(_MAX_BODY)
+        key = (header.activity, header.sequence, header.packet_type is dcerpc.PacketType.REQUEST)
+        reassembly = self._bodies.get(key) or dcerpc.Reassembly(_MAX_BODY)
         self._bodies.put(key, reassembly)
         whole = reassembly.add(header, body)
         if whole is not None:
@@ -160,24 +135,27 @@ class AcyclicDecoder:
     def _call(
         self,
         base: tuple[int, int, str, bytes],
-        header: RpcHeader,
+        header: dcerpc.RpcHeader,
         body: bytes,
         fields: Document,
         latency: int | None,
         peers: frozenset[bytes],
     ) -> Record:
-        is_request = header.packet_type is PacketType.REQUEST
+        is_request = header.packet_type is dcerpc.PacketType.REQUEST
         head = f"{fields['operation']} {fields['packet']}"
-        first, arguments = decode_arguments(body, little=header.little_endian)
-        status = PnioStatus() if is_request else PnioStatus.of(first)
+        first, arguments = records.decode_arguments(body, little=header.little_endian)
+        status = records.PnioStatus() if is_request else records.PnioStatus.of(first)
         if not is_request:
             fields["status"] = {"raw": status.value, "text": status_text(status)}
         outcome = "" if is_request or not status.value else f": {status_text(status)}"
         if header.operation in OPERATIONS and arguments and not status.value:
             return self.relations.record(base, header, head, arguments, fields, latency, is_request=is_request)
-        if header.operation not in {Operation.READ, Operation.WRITE, Operation.READ_IMPLICIT} or not arguments:
+        if (
+            header.operation not in {records.Operation.READ, records.Operation.WRITE, records.Operation.READ_IMPLICIT}
+            or not arguments
+        ):
             return AcyclicRecord(*base, f"{head}, {len(arguments)} bytes{outcome}", fields, latency)
-        block, record = decode_block(arguments)
+        block, record = records.decode_block(arguments)
         fields["record"] = {
             "index": block.index,
             "api": block.api,
@@ -188,20 +166,20 @@ class AcyclicDecoder:
         }
         head += f" of {_record_name(block.index)}, {place_text(block.slot, block.subslot)}"
         if block.index in _PARAMETER_RECORDS and record:
-            if block.type is BlockType.WRITE_REQUEST:
+            if block.type is records.BlockType.WRITE_REQUEST:
                 return self._request(base, head, record, fields, peers)
-            if block.type is BlockType.READ_RESPONSE:
+            if block.type is records.BlockType.READ_RESPONSE:
                 return self._response(base, head, record, fields, peers)
         return AcyclicRecord(*base, f"{head}{self._contents(block, record, fields)}{outcome}", fields, latency)
 
-    def _contents(self, block: RecordBlock, record: bytes, fields: Document) -> str:
+    def _contents(self, block: records.RecordBlock, record: bytes, fields: Document) -> str:
         """Content of a record other than a parameter request or response."""
-        if block.index == RECORD_MULTIPLE and block.type is BlockType.WRITE_REQUEST:
-            writes = split_multiple(record)
+        if block.index == records.RECORD_MULTIPLE and block.type is records.BlockType.WRITE_REQUEST:
+            writes = records.split_multiple(record)
             fields["record"]["writes"] = [_write_document(item) | {"data": data.hex()} for item, data in writes]
             return f": {'; '.join(_written(item) for item, _ in writes)}"
-        if block.index == RECORD_MULTIPLE and record:
-            answers = split_answers(record)
+        if block.index == records.RECORD_MULTIPLE and record:
+            answers = records.split_answers(record)
             fields["record"]["writes"] = [
                 _write_document(item) | {"status": {"raw": item.status.value, "text": item.status.text}}
                 for item in answers
@@ -273,8 +251,8 @@ def _parameters(document: Document) -> str:
 
 
 def _operation_name(operation: int) -> str:
-    known = operation in set(Operation)
-    return Operation(operation).name.lower().replace("_", "-") if known else f"operation-{operation}"
+    known = operation in set(records.Operation)
+    return records.Operation(operation).name.lower().replace("_", "-") if known else f"operation-{operation}"
 
 
 def _record_name(index: int) -> str:
@@ -285,26 +263,30 @@ def _record_name(index: int) -> str:
     return f"{index:04X}h ({Index(index).name.lower().replace('_', ' ')})" if index in _INDEXES else f"{index:04X}h"
 
 
-def _write_document(block: RecordBlock) -> Document:
+def _write_document(block: records.RecordBlock) -> Document:
     return {"index": block.index, "api": block.api, "slot": block.slot, "subslot": block.subslot}
 
 
-def _written(block: RecordBlock) -> str:
+def _written(block: records.RecordBlock) -> str:
     text = f"{_record_name(block.index)}, {place_text(block.slot, block.subslot)}"
-    return text if block.type is BlockType.WRITE_REQUEST or not block.status.value else f"{text}: {block.status.text}"
+    return (
+        text
+        if block.type is records.BlockType.WRITE_REQUEST or not block.status.value
+        else f"{text}: {block.status.text}"
+    )
 
 
-def _length(block: RecordBlock, record: bytes) -> str:
+def _length(block: records.RecordBlock, record: bytes) -> str:
     if record:
         return f", {len(record)} bytes"
-    return f", up to {block.length} bytes" if block.type is BlockType.READ_REQUEST else ""
+    return f", up to {block.length} bytes" if block.type is records.BlockType.READ_REQUEST else ""
 
 
-def _reject(header: RpcHeader, body: bytes) -> tuple[int | None, str]:
+def _reject(header: dcerpc.RpcHeader, body: bytes) -> tuple[int | None, str]:
     try:
-        status = decode_status(body, little=header.little_endian)
+        status = dcerpc.decode_status(body, little=header.little_endian)
     except ProfidriveError as error:
         return None, str(error)
-    known = status in set(RejectStatus)
-    text = RejectStatus(status).name.lower().replace("_", " ") if known else "unknown status"
+    known = status in set(dcerpc.RejectStatus)
+    text = dcerpc.RejectStatus(status).name.lower().replace("_", " ") if known else "unknown status"
     return status, f"{text} ({status:08X}h)"

@@ -17,25 +17,9 @@ from itertools import count, zip_longest
 from typing import Any, Final, NamedTuple
 
 from pdgw.durations import MS, SECOND
+from pdgw.peers.plc.structured_text import types
 from pdgw.peers.plc.structured_text.functions import FUNCTIONS, blocks, conversion
 from pdgw.peers.plc.structured_text.tokens import StructuredTextError, Token, tokens
-from pdgw.peers.plc.structured_text.types import (
-    BOOL,
-    ELEMENTARY,
-    INTEGER_LITERAL,
-    REAL_LITERAL,
-    TIME,
-    Array,
-    Elementary,
-    Kind,
-    Structure,
-    Type,
-    Unit,
-    Value,
-    Variable,
-    Variables,
-    copied,
-)
 
 SECTIONS = ("VAR_INPUT", "VAR_OUTPUT", "VAR_IN_OUT", "VAR", "VAR_TEMP")
 _UNITS = ("PROGRAM", "FUNCTION_BLOCK", "FUNCTION")
@@ -62,10 +46,10 @@ _REAL = struct.Struct("<f")
 class Expression(NamedTuple):
     """A value as text of Python. ``writable``: the same text can be assigned to."""
 
-    type: Type
+    type: types.Type
     code: str
     writable: bool = False
-    constant: Value = None
+    constant: types.Value = None
 
 
 def _quotient(dividend: Any, divisor: Any) -> Any:
@@ -87,7 +71,7 @@ _NAMES: Final[dict[str, Any]] = {
     "remainder": lambda dividend, divisor: dividend - divisor * _quotient(dividend, divisor),
     "place": _place,
     "real": lambda value: _REAL.unpack(_REAL.pack(value))[0],
-    "copied": copied,
+    "copied": types.copied,
     "Failed": StructuredTextError,
     "failures": _FAILURES,
     **{f"standard_{name}": rule.does for name, rule in FUNCTIONS.items()},
@@ -107,12 +91,12 @@ class Compiler:
 
     def __init__(self, now: Callable[[], int], *texts: str, files: Sequence[str] = ()) -> None:
         """``texts`` are read one after the other; ``files``: their names, for messages."""
-        self.structures: dict[str, Structure] = {}
-        self.units: dict[str, Unit] = blocks(now)
+        self.structures: dict[str, types.Structure] = {}
+        self.units: dict[str, types.Unit] = blocks(now)
         self._tokens = [token for text, file in zip_longest(texts, files, fillvalue="") for token in tokens(text, file)]
         self._tokens.append(Token("end", "", self._tokens[-1].line if self._tokens else "line 1"))
         self._at = 0
-        self._unit = Unit("", "", {})
+        self._unit = types.Unit("", "", {})
         self._names: dict[str, Any] = {**_NAMES, **{f"body_{name}": unit.body for name, unit in self.units.items()}}
         self._lines: list[tuple[str, str]] = []
         """The text of the present unit for Python, and the line that each of its lines is of."""
@@ -166,7 +150,7 @@ class Compiler:
         name = self._new_name()
         self._expect(":")
         self._expect("STRUCT")
-        structure = Structure(name, {})
+        structure = types.Structure(name, {})
         while not self._accept("END_STRUCT"):
             self._variable(structure.fields, "")
         self._expect(";")
@@ -174,16 +158,16 @@ class Compiler:
 
     def _new_name(self) -> str:
         name = self._name()
-        if name in self.structures or name in self.units or name in ELEMENTARY or name in FUNCTIONS:
+        if name in self.structures or name in self.units or name in types.ELEMENTARY or name in FUNCTIONS:
             raise self._error(f"{name} is already declared")
         return name
 
     def _program_unit(self, kind: str) -> None:
-        unit = self._unit = Unit(kind, self._new_name(), {})
+        unit = self._unit = types.Unit(kind, self._new_name(), {})
         if kind == "FUNCTION":
             self._expect(":")
             unit.result = self._type()
-            unit.variables[unit.name] = Variable(unit.result, "VAR")
+            unit.variables[unit.name] = types.Variable(unit.result, "VAR")
         while section := self._accept(*SECTIONS):
             constant = bool(self._accept("CONSTANT"))
             while not self._accept("END_VAR"):
@@ -225,17 +209,17 @@ class Compiler:
         self._emit("except failures as error:")
         self._emit(" raise Failed(f'{lines[error.__traceback__.tb_lineno]}: {error}') from error")
 
-    def _compiled(self) -> Callable[[Variables], None]:
+    def _compiled(self) -> Callable[[types.Variables], None]:
         """The function of the lines that were emitted."""
         names = self._names | {"lines": ["", *(line for _, line in self._lines)]}
         try:
             exec("\n".join(text for text, _ in self._lines), names)
         except (SyntaxError, RecursionError, MemoryError) as error:
             raise self._error(f"the statements or parentheses of {self._unit.name} are nested too deep") from error
-        body: Callable[[Variables], None] = names["body"]
+        body: Callable[[types.Variables], None] = names["body"]
         return body
 
-    def _variable(self, into: dict[str, Variable], section: str, *, constant: bool = False) -> None:
+    def _variable(self, into: dict[str, types.Variable], section: str, *, constant: bool = False) -> None:
         names = [self._name()]
         while self._accept(","):
             names.append(self._name())
@@ -250,9 +234,9 @@ class Compiler:
         for name in names:
             if name in into or name in self.units:
                 raise self._error(f"{name} is already declared")
-            into[name] = Variable(type_, section, start, constant)
+            into[name] = types.Variable(type_, section, start, constant)
 
-    def _type(self) -> Type:
+    def _type(self) -> types.Type:
         name = self._name()
         if name == "ARRAY":
             self._expect("[")
@@ -261,18 +245,18 @@ class Compiler:
             high = self._integer()
             self._expect("]")
             self._expect("OF")
-            return Array(low, high, self._type())
+            return types.Array(low, high, self._type())
         if name == "STRING" and self._accept("["):
             length = self._integer()
             self._expect("]")
-            return Elementary("STRING", Kind.STRING, length)
-        found = ELEMENTARY.get(name) or self.structures.get(name) or self.units.get(name)
-        if found is None or (isinstance(found, Unit) and found.kind != "FUNCTION_BLOCK"):
+            return types.Elementary("STRING", types.Kind.STRING, length)
+        found = types.ELEMENTARY.get(name) or self.structures.get(name) or self.units.get(name)
+        if found is None or (isinstance(found, types.Unit) and found.kind != "FUNCTION_BLOCK"):
             raise self._error(f"{name}: unknown type (it must be declared before its use)")
         return found
 
     def _integer(self) -> int:
-        value = self._fitting(self._expression(), ELEMENTARY["LINT"]).constant
+        value = self._fitting(self._expression(), types.ELEMENTARY["LINT"]).constant
         if value is None:
             raise self._error("expected an integer")
         return int(value)
@@ -310,7 +294,7 @@ class Compiler:
     def _assignment_or_call(self) -> None:
         line = self._token.line
         target = self._path(self._name())
-        if isinstance(target.type, Unit):
+        if isinstance(target.type, types.Unit):
             self._call(target.type, target.code)
             self._expect(";")
             return
@@ -325,7 +309,7 @@ class Compiler:
         key = "IF"
         while key in {"IF", "ELSIF"}:
             word = "if" if key == "IF" else "elif"
-            self._emit(f"{word} {self._fitting(self._expression(), BOOL).code}:")
+            self._emit(f"{word} {self._fitting(self._expression(), types.BOOL).code}:")
             self._expect("THEN")
             with self._deeper():
                 self._statements("ELSIF", "ELSE", "END_IF")
@@ -389,7 +373,7 @@ class Compiler:
         line = self._token.line
         self._emit(f"for _ in range({_LOOPS_AT_MOST}):")
         with self._deeper():
-            self._emit(f"if not {self._fitting(self._expression(), BOOL).code}: break")
+            self._emit(f"if not {self._fitting(self._expression(), types.BOOL).code}: break")
             self._expect("DO")
             self._body_of_a_loop("END_WHILE")
         self._emit("else:")
@@ -404,7 +388,7 @@ class Compiler:
 
     # -- calls --------------------------------------------------------------------------------------------------------
 
-    def _call(self, unit: Unit, instance: str) -> None:
+    def _call(self, unit: types.Unit, instance: str) -> None:
         """A call of a block with named arguments: inputs, then the body, then outputs."""
         own = f"n{next(self._numbers)}"
         self._emit(f"{own} = {instance}")
@@ -422,7 +406,7 @@ class Compiler:
                     raise self._error(f"{name} is an output: write => instead of :=")
                 references.discard(name)
                 by_reference = variable.section == "VAR_IN_OUT"
-                if by_reference and isinstance(variable.type, Elementary):
+                if by_reference and isinstance(variable.type, types.Elementary):
                     raise self._error(f"{name}: VAR_IN_OUT is supported for structures and arrays only")
                 self._emit(f"{own}[{name!r}] = {given.code if by_reference else _copy(given.type, given.code)}")
             else:
@@ -484,25 +468,27 @@ class Compiler:
             (bound[key].type for key in rule.parameters if key in rule.like and bound[key].constant is None),
             next(bound[key].type for key in rule.parameters if key in rule.like),
         )
-        if not isinstance(type_, Elementary) or type_.kind not in rule.kinds:
+        if not isinstance(type_, types.Elementary) or type_.kind not in rule.kinds:
             raise self._error(f"{name} does not accept a {type_.name}")
         values = ", ".join(
-            self._fitting(bound[key], type_ if key in rule.like else ELEMENTARY[rule.others[key]]).code
+            self._fitting(bound[key], type_ if key in rule.like else types.ELEMENTARY[rule.others[key]]).code
             for key in rule.parameters
         )
         return Expression(type_, _cut(type_, f"standard_{name}({values})"))
 
     # -- expressions --------------------------------------------------------------------------------------------------
 
-    def _fitting(self, given: Expression, type_: Type) -> Expression:
+    def _fitting(self, given: Expression, type_: types.Type) -> Expression:
         """The same expression as this type: a literal takes it, anything else has it."""
-        if given.type is type_ or given.type == type_ or (isinstance(type_, Array) and given.type == type_):
+        if given.type is type_ or given.type == type_ or (isinstance(type_, types.Array) and given.type == type_):
             return given
-        if isinstance(type_, Elementary) and isinstance(given.type, Elementary):
-            if type_.kind is Kind.STRING and given.type.kind is Kind.STRING:
+        if isinstance(type_, types.Elementary) and isinstance(given.type, types.Elementary):
+            if type_.kind is types.Kind.STRING and given.type.kind is types.Kind.STRING:
                 return given._replace(type=type_)
-            whole = type_.kind in {Kind.BITS, Kind.SIGNED, Kind.UNSIGNED}
-            fits = (given.type is INTEGER_LITERAL and whole) or (given.type is REAL_LITERAL and type_.kind is Kind.REAL)
+            whole = type_.kind in {types.Kind.BITS, types.Kind.SIGNED, types.Kind.UNSIGNED}
+            fits = (given.type is types.INTEGER_LITERAL and whole) or (
+                given.type is types.REAL_LITERAL and type_.kind is types.Kind.REAL
+            )
             if fits and given.constant is None:
                 return given._replace(type=type_)  # chosen among literals
             if fits and type_.holds(given.constant):
@@ -524,16 +510,18 @@ class Compiler:
 
     def _binary(self, left: Expression, sign: str, right: Expression, level: int) -> tuple[Expression, str]:
         """The value, and its text before it is cut."""
-        if left.type in {INTEGER_LITERAL, REAL_LITERAL}:
+        if left.type in {types.INTEGER_LITERAL, types.REAL_LITERAL}:
             left = self._fitting(left, right.type)
         right = self._fitting(right, left.type)
         type_ = left.type
-        if not isinstance(type_, Elementary) or not _fits(type_.kind, sign, level):
+        if not isinstance(type_, types.Elementary) or not _fits(type_.kind, sign, level):
             raise self._error(f"{sign} does not accept a {type_.name}")
         code = _LEVELS[level][sign].format(left.code, right.code)
         if level < _LOGIC:
             return Expression(type_, f"({code})"), code
-        return Expression(BOOL, f"({code})") if level < _COMPARISON else Expression(type_, _cut(type_, code)), code
+        return Expression(types.BOOL, f"({code})") if level < _COMPARISON else Expression(
+            type_, _cut(type_, code)
+        ), code
 
     def _unary(self) -> Expression:
         sign = self._accept("NOT", "-")
@@ -543,10 +531,10 @@ class Compiler:
         type_ = given.type
         if sign == "-" and given.constant is not None:
             return given._replace(code=_text(-given.constant), constant=-given.constant)
-        allowed = {Kind.BOOL, Kind.BITS} if sign == "NOT" else {Kind.SIGNED, Kind.REAL}
-        if not isinstance(type_, Elementary) or type_.kind not in allowed:
+        allowed = {types.Kind.BOOL, types.Kind.BITS} if sign == "NOT" else {types.Kind.SIGNED, types.Kind.REAL}
+        if not isinstance(type_, types.Elementary) or type_.kind not in allowed:
             raise self._error(f"{sign} does not accept a {type_.name}")
-        if sign == "NOT" and type_.kind is Kind.BOOL:
+        if sign == "NOT" and type_.kind is types.Kind.BOOL:
             return Expression(type_, f"(not {given.code})")
         return Expression(type_, _cut(type_, f"{'~' if sign == 'NOT' else '-'}{given.code}"))
 
@@ -558,23 +546,23 @@ class Compiler:
         token = self._next()
         if token.kind == "word":
             if token.key in {"TRUE", "FALSE"}:
-                return _literal(BOOL, token.key == "TRUE")
+                return _literal(types.BOOL, token.key == "TRUE")
             if self._token.text == "(" and token.key not in self._unit.variables:
                 return self._function(token.key)
             return self._path(token.key)
         if token.kind == "integer":
             *heads, digits = token.key.replace("_", "").split("#")
             base = int(heads.pop()) if heads and heads[-1].isdigit() else 10
-            literal = _literal(INTEGER_LITERAL, int(digits, base))
-            if heads and heads[0] not in ELEMENTARY:
+            literal = _literal(types.INTEGER_LITERAL, int(digits, base))
+            if heads and heads[0] not in types.ELEMENTARY:
                 raise self._error(f"{heads[0]}# is not a type")
-            return self._fitting(literal, ELEMENTARY[heads[0]]) if heads else literal
+            return self._fitting(literal, types.ELEMENTARY[heads[0]]) if heads else literal
         if token.kind == "real":
-            return _literal(REAL_LITERAL, float(token.text.replace("_", "")))
+            return _literal(types.REAL_LITERAL, float(token.text.replace("_", "")))
         if token.kind == "time":
-            return _literal(TIME, duration(token.text.partition("#")[2]))
+            return _literal(types.TIME, duration(token.text.partition("#")[2]))
         if token.kind == "string":
-            return _literal(ELEMENTARY["STRING"], re.sub(r"\$(.)", r"\1", token.text[1:-1]))
+            return _literal(types.ELEMENTARY["STRING"], re.sub(r"\$(.)", r"\1", token.text[1:-1]))
         self._at -= 1
         raise self._error(f"{token.text!r}: expected a value")
 
@@ -591,60 +579,60 @@ class Compiler:
 
     def _field(self, of: Expression) -> Expression:
         name = self._name()
-        fields = of.type.fields if isinstance(of.type, Structure) else {}
-        if isinstance(of.type, Unit):
+        fields = of.type.fields if isinstance(of.type, types.Structure) else {}
+        if isinstance(of.type, types.Unit):
             fields = {
                 key: item for key, item in of.type.variables.items() if item.section in {"VAR_INPUT", "VAR_OUTPUT"}
             }
         if name not in fields:
             raise self._error(f"{of.type.name} has no {name}")
         # Outputs of a block are its own; inputs of this block cannot be written either.
-        writable = of.writable and not (isinstance(of.type, Unit) and fields[name].section == "VAR_OUTPUT")
+        writable = of.writable and not (isinstance(of.type, types.Unit) and fields[name].section == "VAR_OUTPUT")
         return Expression(fields[name].type, f"{of.code}[{name!r}]", writable)
 
     def _element(self, of: Expression) -> Expression:
         index = self._expression()
         self._expect("]")
-        if not isinstance(of.type, Array):
+        if not isinstance(of.type, types.Array):
             raise self._error(f"{of.type.name} is not an array")
-        if index.type is INTEGER_LITERAL:
-            index = self._fitting(index, ELEMENTARY["DINT"])
+        if index.type is types.INTEGER_LITERAL:
+            index = self._fitting(index, types.ELEMENTARY["DINT"])
         low, high = of.type.low, of.type.high
         inside = index.constant is not None and low <= index.constant <= high
         place = index.constant - low if inside else f"place({index.code}, {low}, {high})"
         return Expression(of.type.element, f"{of.code}[{place}]", of.writable)
 
 
-def _literal(type_: Elementary, value: Value) -> Expression:
+def _literal(type_: types.Elementary, value: types.Value) -> Expression:
     return Expression(type_, _text(value), False, value)
 
 
-def _text(value: Value) -> str:
+def _text(value: types.Value) -> str:
     """A constant for Python."""
     if isinstance(value, float) and not math.isfinite(value):
         return f"float('{value}')"
     return f"({value!r})"
 
 
-def _cut(type_: Elementary, code: str) -> str:
+def _cut(type_: types.Elementary, code: str) -> str:
     """A result as its type holds it: what ``type_.cut`` does, as text."""
     mask, half = (1 << type_.bits) - 1, 1 << type_.bits >> 1
-    if type_.kind in {Kind.BITS, Kind.UNSIGNED}:
+    if type_.kind in {types.Kind.BITS, types.Kind.UNSIGNED}:
         return f"({code} & {mask})"
-    if type_.kind is Kind.SIGNED:
+    if type_.kind is types.Kind.SIGNED:
         return f"(({code} + {half} & {mask}) - {half})"
-    return f"real({code})" if type_.kind is Kind.REAL and type_.bits == 32 else f"({code})"
+    return f"real({code})" if type_.kind is types.Kind.REAL and type_.bits == 32 else f"({code})"
 
 
-def _copy(type_: Type, code: str) -> str:
+def _copy(type_: types.Type, code: str) -> str:
     """A structure or an array is copied where it is assigned."""
-    return code if isinstance(type_, Elementary) else f"copied({code})"
+    return code if isinstance(type_, types.Elementary) else f"copied({code})"
 
 
-def _calling(unit: Unit) -> Callable[[Variables], Value]:
+def _calling(unit: types.Unit) -> Callable[[types.Variables], types.Value]:
     """A function of its arguments by name: each call has variables of its own."""
 
-    def call(given: Variables) -> Value:
+    def call(given: types.Variables) -> types.Value:
         own = unit.initial
         own.update(given)
         unit.body(own)
@@ -653,15 +641,15 @@ def _calling(unit: Unit) -> Callable[[Variables], Value]:
     return call
 
 
-def _is_whole(type_: Type) -> bool:
-    return isinstance(type_, Elementary) and type_.kind in {Kind.SIGNED, Kind.UNSIGNED}
+def _is_whole(type_: types.Type) -> bool:
+    return isinstance(type_, types.Elementary) and type_.kind in {types.Kind.SIGNED, types.Kind.UNSIGNED}
 
 
-def _fits(kind: Kind, sign: str, level: int) -> bool:
+def _fits(kind: types.Kind, sign: str, level: int) -> bool:
     if level < _LOGIC:
-        return kind in {Kind.BOOL, Kind.BITS}
+        return kind in {types.Kind.BOOL, types.Kind.BITS}
     if level < _COMPARISON:
-        return sign in {"=", "<>"} or kind not in {Kind.BOOL, Kind.BITS}
-    if kind is Kind.TIME:
+        return sign in {"=", "<>"} or kind not in {types.Kind.BOOL, types.Kind.BITS}
+    if kind is types.Kind.TIME:
         return sign in {"+", "-"}
-    return kind in {Kind.SIGNED, Kind.UNSIGNED} or (kind is Kind.REAL and sign != "MOD")
+    return kind in {types.Kind.SIGNED, types.Kind.UNSIGNED} or (kind is types.Kind.REAL and sign != "MOD")
