@@ -59,6 +59,8 @@ class NativeEthernet(FakeEthernet):
         """Every engine, the present one last."""
         self.held_up = False
         """Python is not woken."""
+        self.changes: dict[str, int] = {}
+        """Of the next engine's table."""
         self._due: Timer | None = None
 
     @property
@@ -67,7 +69,7 @@ class NativeEthernet(FakeEthernet):
         return self.made[-1] if self._due is not None else None
 
     def engine(self, table: Table) -> Engine | None:
-        engine = engine_type()(**table)
+        engine = engine_type()(**{**table, **self.changes})
         self.made.append(engine)
         self.listening = False
         self._wait(engine)

@@ -28,7 +28,7 @@ from pdgw.gateway.links.link import silence
 from pdgw.gateway.links.profinet.diagnosis import Diagnosed, present_classes
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
 from pdgw.gateway.links.profinet.identity import profinet_model
-from pdgw.gateway.links.profinet.native import COUNTS, Engine, table_of
+from pdgw.gateway.links.profinet.native import COUNTS, VERDICTS, Engine, table_of
 from pdgw.gateway.links.profinet.pairing import LONGEST_NS, Pairing
 from pdgw.gateway.links.profinet.station import StationKeeper
 from pdgw.gateway.links.udp import Address
@@ -107,8 +107,10 @@ class ProfinetLink:
         self._stepped = 0
         """When the drive objects had made their last step."""
         self._orders_lost = False
-        self._counted = dict.fromkeys(COUNTS, 0)
-        """By all engines."""
+        self.invalid = 0
+        """Input frames whose data the engine marked as BAD."""
+        self._held_up = False
+        """It did so, or sent none, since it was looked last."""
         self._exchange: Callable[[], None] = lambda: None
         self._closed = False
         self._answering = False
@@ -152,50 +154,42 @@ class ProfinetLink:
         for verdict in Verdict:
             counters.add("link", verdict.name.lower(), "frames", verdict.value, partial(self._count_of, verdict))
         device = self.device
-        counters.add(
-            "link", "foreign", "frames", "unknown relationship", lambda: device.foreign + self._native("foreign")
-        )
+        counters.add("link", "foreign", "frames", "unknown relationship", lambda: device.foreign)
         counters.add(
             "link", "watchdog_expiries", "times", "no frame in time while connected", lambda: self.watchdog_expiries
         )
         counters.add("link", "switchovers", "times", "for the other redundant controller", lambda: self.switchovers)
         counters.add("link", "connects_refused", "times", "Connect refused", lambda: device.cm.refusals)
         counters.add("link", "dcp_refused", "blocks", "DCP Set rejected", lambda: device.dcp.refused)
+        counters.add("link", "errors", "frames", "send or receive failed", lambda: self.port.errors)
+        counters.add("link", "sent", "frames", "cyclic frames to the controller", lambda: device.cm.cyclic.sent)
         counters.add(
-            "link",
-            "errors",
-            "frames",
-            "send or receive failed",
-            lambda: self.port.errors + self._native("errors") + self._native("dropped"),
+            "link", "missed", "frames", "cyclic frames not sent in their cycle", lambda: device.cm.cyclic.missed
         )
-        cyclic = device.cm.cyclic
-        counters.add(
-            "link", "sent", "frames", "cyclic frames to the controller", lambda: cyclic.sent + self._native("sent")
-        )
-        counters.add(
-            "link",
-            "missed",
-            "frames",
-            "cyclic frames not sent in their cycle",
-            lambda: cyclic.missed + self._native("missed") + self._native("withheld"),
-        )
-        counters.add(
-            "link",
-            "invalid",
-            "frames",
-            "cyclic frames with bad data: the gateway was held up",
-            lambda: self._native("invalid"),
-        )
+        counters.add("link", "invalid", "frames", "sent with BAD data: the gateway was held up", lambda: self.invalid)
 
     def _count_of(self, verdict: Verdict) -> int:
-        return self.device.cm.cyclic.received[verdict] + self._native(verdict)
+        return self.device.cm.cyclic.received[verdict]
 
-    def _native(self, name: str | Verdict) -> int:
-        """Of what the engines counted. What Python took of them it counts itself."""
-        if self._engine is not None:
-            for item, count in zip(COUNTS, self._engine.counts(), strict=True):
-                self._counted[item] += count
-        return self._counted[name]
+    def _count(self) -> None:
+        """What the engine counted, as if Python had received and sent it."""
+        if self._engine is None:
+            return
+        counts = dict(zip(COUNTS, self._engine.counts(), strict=True))
+        cyclic, octets = self.device.cm.cyclic, self.device.cm.records.octets
+        for verdict in VERDICTS:
+            cyclic.received[verdict] += counts[verdict]
+        cyclic.sent += counts["sent"]
+        cyclic.missed += counts["missed"] + counts["withheld"]
+        octets[0] += counts["octets in"]
+        octets[1] += counts["octets out"]
+        self.device.foreign += counts["foreign"]
+        self.port.errors += counts["errors"] + counts["dropped"]
+        held_up = counts["invalid"] + counts["withheld"]
+        if held_up and not self._held_up:
+            log.error("the gateway was held up: %d input frames with BAD data or not sent", held_up)
+        self._held_up = held_up > 0
+        self.invalid += counts["invalid"]
 
     def serve_records(self, records_of: Callable[[str], RecordHandler]) -> None:
         """Who serves parameter access and I&M from now on, for the host that asks."""
@@ -401,6 +395,7 @@ class ProfinetLink:
         self._keeper.keep(field, text)
 
     def status(self) -> dict[str, object]:
+        self._count()
         relation = self.device.relation
         station = self.station
         return {
@@ -600,7 +595,7 @@ class ProfinetLink:
         self._consumer = None
         if self._engine is not None:
             self.port.give_back(self._engine)
-            self._native("sent")
+            self._count()
             self._engine = self._lent = None
         if self._pairing is not None:
             self._pairing.end()
@@ -609,6 +604,7 @@ class ProfinetLink:
     def _on_watch(self) -> None:
         """What is wrong with the drive objects, as diagnosis of their access points."""
         self._watch = self._loop.call_later(_DIAGNOSIS_NS, self._on_watch)
+        self._count()
         changed = False
         for index, item in enumerate(self._objects):
             present = present_classes(item)

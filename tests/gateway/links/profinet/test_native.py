@@ -446,6 +446,32 @@ def test_orders_that_were_lost_stop_the_drive_as_a_lost_plc_does(
         assert model.state.name != "OPERATION_ENABLED"
 
 
+def test_what_the_engine_counted_is_counted_by_the_device(tmp_path: Path) -> None:
+    with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=400, native=True) as site:
+        site.connect()
+        site.run(200 * MS)
+        cyclic, octets = site.link.device.cm.cyclic, site.link.device.cm.records.octets
+        before = cyclic.sent, cyclic.received[Verdict.ACCEPTED], *octets
+        site.run(400 * MS)
+        after = cyclic.sent, cyclic.received[Verdict.ACCEPTED], *octets
+        sent, received, came, went = (new - old for new, old in zip(after, before, strict=True))
+        assert 98 <= min(sent, received) <= max(sent, received) <= 102
+        assert (came, went) == (64 * received, 64 * sent)
+        assert site.link.invalid == 0
+
+
+def test_a_stall_is_logged_and_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=400, native=True) as site:
+        port = site.port
+        assert isinstance(port, NativeEthernet)
+        port.changes["bound_ns"] = 3 * CYCLE // 8  # input frames are half a cycle behind the last step: always too old
+        site.connect()
+        site.run(200 * MS)
+        assert site.link.invalid > 0
+        assert caplog.text.count("the gateway was held up: ") == 1
+        assert site.word() == -1, "the controller sees it"
+
+
 @pytest.mark.parametrize("wanted", [True, False])
 def test_the_engine_is_used_only_where_it_is_wanted(
     wanted: bool, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
