@@ -183,15 +183,17 @@ class Interlock:
             and not acknowledge
         ):
             return self._steady_word
-        connected = wish is not None and wish not in _WITHOUT_PLC
+        if wish is None:
+            wish = self._no_plc
+        connected = wish not in _WITHOUT_PLC
         if connected is not self._connected:
             self._connected = connected
             self._off_seen = self._acknowledge_armed = False
             if connected:
                 self.plc_was_there = True
         phase = self.phase
-        if wish is None or not connected:
-            wish = self._no_plc if wish is None else max(wish, self._no_plc)
+        if not connected:
+            wish = max(wish, self._no_plc)
             armed = enables = False
         else:
             enables = wish in _ENABLED
