@@ -7,7 +7,7 @@ import sys
 import time
 from pathlib import Path
 
-from pdgw.workshop.walk.cases import full, selected, short
+from pdgw.workshop.walk.cases import every, full, selected, short
 
 
 def main() -> int:
@@ -15,13 +15,17 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="walk", description="Walk every state of an axis.")
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--short", action="store_true", help="what the tests walk")
-    which.add_argument("--all", action="store_true", help="all choices with all telegrams, in hours")
+    which.add_argument("--all", action="store_true", help="every telegram, in minutes")
+    which.add_argument(
+        "--full", action="store_true", help="all choices with all telegrams in the full alphabet, in hours"
+    )
     parser.add_argument("--only", default="", help="walk only cases whose name contains this text")
     parser.add_argument("--figures", type=Path, help="write what was walked to this file")
     options = parser.parse_args()
     broken = False
     figures = []
-    for case in short() if options.short else full() if options.all else selected():
+    chosen = {options.short: short, options.all: every, options.full: full}.get(True, selected)
+    for case in chosen():
         if options.only not in case.name:
             continue
         began = time.process_time()

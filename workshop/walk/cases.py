@@ -15,7 +15,7 @@ from pdgw.dsp402.identification.describe import answers_of_defaults, describe
 from pdgw.dsp402.modes import Mode
 from pdgw.durations import MS
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction
-from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
+from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, ENCODER_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
 from pdgw.gateway.motion.blocks import Block
 from pdgw.gateway.motion.dsc import DscChoices, DscForm
 from pdgw.gateway.motion.requests import PositionerChoices
@@ -35,6 +35,8 @@ TICK_NS = 200 * MS
 """One step of the walk. The ages that make a difference (200, 300, 500 ms) are one to three steps: a moment inside each time, at
 its end and behind it is there, and no more states than that."""
 FINE_TICK_NS = 100 * MS
+NOT_WALKED = dict.fromkeys(ENCODER_TELEGRAM_NUMBERS, "an encoder has no power stage and no motion")
+"""Telegrams of no case, with the reason."""
 STOP_TIME_NS = FINE_TICK_NS // 2
 """What the check of the speed allows a drive falls to the setpoint within one step."""
 
@@ -156,6 +158,13 @@ def selected() -> Iterator[Case]:
     yield Case(1, guarding=True)
     yield Case(5)
     yield Case(9)
+
+
+def every() -> Iterator[Case]:
+    """Each telegram of a drive once with the defaults, then what is in ``selected`` beside that."""
+    once = [Case(number) for number in DRIVE_TELEGRAM_NUMBERS]
+    yield from once
+    yield from (case for case in selected() if case not in once)
 
 
 def full() -> Iterator[Case]:
