@@ -79,7 +79,7 @@ def _outcome(edge: Edge, *, verbose: bool) -> Iterator[str]:
         yield f"{_INDENT}-> {'; then: '.join(reason.value for reason in edge.reasons)}"
     else:
         passing = [reason.value for reason in edge.reasons] if verbose else []
-        yield f"{_INDENT}-> {'; then: '.join([*passing, 'obeyed'])}"
+        yield f"{_INDENT}-> {'; then: '.join([*passing, 'executed'])}"
 
 
 def summary_lines(summary: Summary, clocks: Clocks, assumed: Sequence[str] = ()) -> Iterator[str]:

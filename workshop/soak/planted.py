@@ -148,7 +148,7 @@ DEFECTS: Final[Mapping[str, Defect]] = {
         _replaced(CyclicEndpoint, "lose_setpoints", lambda self: None),
     ),
     "off-forgotten": Defect(
-        "an ON is obeyed without an OFF before it", _unguarded(_wrapped(Interlock, "step", _off_forgotten))
+        "an ON without an OFF before it starts the drive", _unguarded(_wrapped(Interlock, "step", _off_forgotten))
     ),
     "loss-without-stop": Defect(
         "a lost PLC does not stop the drive",
@@ -170,18 +170,25 @@ DEFECTS: Final[Mapping[str, Defect]] = {
         ),
     ),
     "lost-drive-followed": Defect(
-        "a drive that is silent counts as there", _unguarded(_wrapped(Interlock, "step", _never_lost))
+        "a silent drive counts as online", _unguarded(_wrapped(Interlock, "step", _never_lost))
     ),
-    "emcy-lost": Defect("an EMCY is not entered", _replaced(NodeWatch, "_emergency", lambda self, notice: None)),
+    "emcy-lost": Defect(
+        "an EMCY is not in the fault buffer", _replaced(NodeWatch, "_emergency", lambda self, notice: None)
+    ),
     "speed-doubled": Defect("the drive gets twice the speed", _wrapped(SpeedAdapter, "read", _speed_doubled)),
     "reached-always": Defect(
         "ZSW1.10 is always 1",
         _wrapped(ControlWordAdapter, "status", lambda method, self, flags: method(self, flags | Flag.REACHED)),
     ),
-    "provider-stop-ignored": Defect("a PLC in STOP is obeyed", _wrapped(CyclicEndpoint, "_check", _stop_accepted)),
-    "iops-ignored": Defect("setpoints with IOPS BAD are obeyed", _wrapped(CyclicEndpoint, "_decode", _iops_ignored)),
+    "provider-stop-ignored": Defect(
+        "the drive follows a PLC in STOP", _wrapped(CyclicEndpoint, "_check", _stop_accepted)
+    ),
+    "iops-ignored": Defect(
+        "the drive follows setpoints with IOPS BAD", _wrapped(CyclicEndpoint, "_decode", _iops_ignored)
+    ),
     "stale-statusword": Defect(
-        "a Statusword older than the command is trusted", _unguarded(_replaced(interlock, "_LEAVING", Drive.OPERATING))
+        "a Statusword older than the command counts as new",
+        _unguarded(_replaced(interlock, "_LEAVING", Drive.OPERATING)),
     ),
     "quick-stop-coasts": Defect("Quick Stop is sent as Shutdown", _replaced(interlock, "CELLS", _QUICK_STOP_COASTS)),
 }

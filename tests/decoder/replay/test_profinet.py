@@ -129,5 +129,5 @@ def test_the_timeline_tells_of_relationships_stops_and_losses(recorded: tuple[Pl
     )
     assert has("axis 1", "diagnosis, slot 1.1, Communication error to the higher-level control system appears") == 2
     assert has("axis 2", "diagnosis, slot 2.1, Communication error to the higher-level control system appears") == 2
-    assert has("STW1", "047Eh -> 047Fh", "-> obeyed") == 5
+    assert has("STW1", "047Eh -> 047Fh", "-> executed") == 5
     assert has("STW1", "047Eh -> 047Fh", "then: PLC lost") == 1, "the release comes right behind the last ON before it"

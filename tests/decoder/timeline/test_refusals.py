@@ -153,7 +153,7 @@ def test_a_drive_that_takes_its_time_to_start_has_obeyed(tmp_path: Path) -> None
     assert edge.after == 0x047F
     assert edge.outcome is None
     assert edge.reasons == (Reason.NOT_OPERATING,)
-    assert "-> obeyed" in "\n".join(entry_lines(edge, found.opening.begin_ns))
+    assert "-> executed" in "\n".join(entry_lines(edge, found.opening.begin_ns))
 
 
 def test_a_drive_that_does_not_start_within_a_second_has_not_obeyed(tmp_path: Path) -> None:
