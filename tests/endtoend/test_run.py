@@ -9,72 +9,23 @@ import signal
 import socket
 import subprocess
 import threading
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import can
 import pytest
 
 from pdgw.gateway.service.status_client import fetch
-from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
-from pdgw.profidrive.telegrams import telegram
 from pdgw.recording.recorder import CAPTURE
 from pdgw.tools.commands.capture.replay import replay
 from pdgw.tools.commands.capture.timeline import timeline
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.cli import pdgw
+from tests.support.gateways.socket_plc import SocketPlc
 from tests.support.processes import COMMAND, free_tcp_port, free_udp_port, running, wait_for_text
 
 pytestmark = pytest.mark.e2e
-CYCLE = 10_000_000
-"""Half of the shortest cycle that a gateway is configured to here: every frame more costs both sides as much as it proves."""
-OFF, ON = 0x047E, 0x047F
 LONG_CYCLE = ("--cycle-time-ms", "100")
 """So long may the PLC be busy with something else, or not get the processor, before it is lost: a hundred times that."""
-
-
-class LittlePlc:
-    """The least a PLC has to do."""
-
-    def __init__(self, port: int, numbers: list[int]) -> None:
-        self.endpoint = PlcEndpoint([telegram(number) for number in numbers], CYCLE)
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.connect(("127.0.0.1", port))
-        self.socket.settimeout(CYCLE / 1e9)
-
-    def exchange(self) -> None:
-        try:
-            self.socket.send(self.endpoint.build(time.monotonic_ns()))
-            while True:
-                self.endpoint.receive(self.socket.recv(2048))
-        except (TimeoutError, ConnectionRefusedError):
-            return
-
-    def until(self, condition: Callable[[], bool], what: str) -> None:
-        deadline = time.monotonic() + PATIENCE_S
-        while not condition():
-            assert time.monotonic() < deadline, f"{what}: {self.endpoint.actuals}"
-            self.exchange()
-
-    def signal(self, axis: int, name: str) -> int:
-        actuals = self.endpoint.actuals[axis]
-        return -1 if actuals is None else actuals[name]
-
-    def enable(self, axis: int) -> None:
-        first = next(iter(self.endpoint.setpoints[axis]))
-        off = 0x043E if self.endpoint.telegrams[axis].number == 9 else OFF
-        self.endpoint.set(axis, {first: off})
-        self.until(lambda: self.signal(axis, "ZSW1") & 0x4F == 0x01, "ready")
-        self.endpoint.set(axis, {first: off | 1})
-        self.until(lambda: self.signal(axis, "ZSW1") & 0x4F == 0x07, "operation")
-
-    def stays_off(self, axis: int) -> None:
-        """The ON that still stands does not start it; on a busy machine its drive may be lost meanwhile."""
-        for _ in range(50):
-            self.exchange()
-            actuals = self.endpoint.actuals[axis]
-            assert actuals is None or not actuals["ZSW1"] & 0x04, "started by a standing ON"
 
 
 def test_a_simulated_axis_and_its_encoder_turn_whatever_else_comes_and_stop_with_the_provider(tmp_path: Path) -> None:
@@ -83,7 +34,7 @@ def test_a_simulated_axis_and_its_encoder_turn_whatever_else_comes_and_stop_with
     options = [*LONG_CYCLE, "--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", str(status)]
     options += ["--encoders", "1", "--encoder-telegram", "83"]
     with running("run", "--simulate", *options, log=log) as process:
-        plc = LittlePlc(port, [1, 83])
+        plc = SocketPlc(("127.0.0.1", port), [1, 83])
         plc.enable(0)
         plc.endpoint.set(0, {"NSOLL_A": 0x2000})
         plc.until(lambda: plc.signal(0, "NIST_A") == 0x2000, "1500 rpm of the drive")
@@ -126,7 +77,7 @@ def test_no_signal_ends_the_gateway_without_the_stop_sequence_and_all_it_wrote_i
     options = [*LONG_CYCLE, "--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", "0"]
     options += ["--log-file", str(log), "--can-log", str(frames), "--record", str(tmp_path / "record")]
     with running("run", "--simulate", *options, log=tmp_path / "stderr") as process:
-        LittlePlc(port, [1]).enable(0)
+        SocketPlc(("127.0.0.1", port), [1]).enable(0)
         process.send_signal(signal.SIGUSR1)
         wait_for_text("signal ignored", log, process)
         log.rename(moved)

@@ -11,9 +11,9 @@ import pytest
 
 from pdgw.gateway.trace.place import rings, run_directory
 from pdgw.peers.bus import INTERFACE, ServedBus
-from tests.endtoend.test_run import LittlePlc
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.cli import pdgw
+from tests.support.gateways.socket_plc import SocketPlc
 from tests.support.processes import PATIENT, free_tcp_port, free_udp_port, running
 
 pytestmark = pytest.mark.e2e
@@ -66,7 +66,7 @@ def test_whoever_is_killed_the_drive_is_stopped_told_and_not_started_again_by_a_
 
         first, _ = drive("drive.log")
         killed = gateway("first.log")
-        plc = LittlePlc(port, [1])
+        plc = SocketPlc(("127.0.0.1", port), [1])
         plc.enable(0)
         first.kill()
         plc.until(lambda: plc.endpoint.actuals[0] is None, "IOPS BAD")

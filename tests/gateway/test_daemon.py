@@ -30,6 +30,7 @@ from pdgw.peers.world import World
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.gateways import machine
 from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, running, until, world_of
+from tests.support.gateways.socket_plc import SocketPlc
 from tests.support.processes import free_tcp_port
 
 
@@ -351,8 +352,8 @@ def test_the_status_port_tells_axes_and_counters_whoever_else_has_connected_to_i
     port = free_tcp_port()
     config = machine.configuration()
     with machine.running(config, lambda d: d.services.append(StatusServer(d, port))) as daemon:
-        plc = machine.Plc(daemon, [1])
-        plc.until(lambda: plc.state() == 0x40, "online")
+        plc = SocketPlc(daemon.address, [1])
+        plc.until(lambda: plc.signal(0, "ZSW1") & 0x4F == 0x40, "online")
         # Who connects and leaves disturbs nobody.
         socket.create_connection(("127.0.0.1", port)).close()
         document = fetch(port, PATIENCE_S)

@@ -262,7 +262,7 @@ def test_faults_1_to_12_stop_report_and_need_their_cause_removed(number: int) ->
     bench.run(1)
     assert bench.model.state is State.FAULT_REACTION_ACTIVE
     fault = DRIVE_FAULTS[number]
-    emcy = next(data for can_id, data in bench.frames if can_id == 0x81)
+    emcy = bench.sent(0x81)[0]
     assert struct.unpack("<HB5x", emcy) == (fault.error_code, fault.error_register)
     assert (bench.model.error_code, bench.node.read(0x603F), bench.node.read(0x1003, 1)) == (
         number,

@@ -19,45 +19,30 @@ from pdgw.dsp406.kinds import LINEAR, ROTARY, EncoderDevice, multi_sensor
 from pdgw.durations import MS
 from pdgw.peers.encoder import Motion, SimulatedEncoderNode
 from pdgw.peers.encoder.motion import Follower, constant_speed, parse_motion, points, recorded, sine, still
+from tests.support.drives.node_bench import NodeBench
 
 NODE = 5
 TPDO1, TPDO2 = 0x180 + NODE, 0x380 + NODE
 
 
-class Bench:
-    """An encoder node in steps of 1 ms; keeps what it sends."""
+class Bench(NodeBench[SimulatedEncoderNode]):
+    """An encoder node."""
 
     def __init__(self, *motions: Motion, device: EncoderDevice = ROTARY, operating_time: int | None = 0) -> None:
-        self.frames: list[tuple[int, int, bytes]] = []
-        self.node = SimulatedEncoderNode(
-            NODE, self._sent, device=device, motions=motions, operating_time=operating_time
+        super().__init__(
+            lambda send: SimulatedEncoderNode(
+                NODE, send, device=device, motions=motions, operating_time=operating_time
+            ),
+            1000 * MS,
         )
-        self.now = 1000 * MS
-        self.node.start(self.now)
         self.run(1)
-
-    def _sent(self, can_id: int, data: bytes) -> None:
-        self.frames.append((self.node.now // MS, can_id, data))
-
-    def run(self, milliseconds: int) -> None:
-        for _ in range(milliseconds):
-            self.now += MS
-            self.node.poll(self.now)
-
-    def nmt(self, command: NmtCommand) -> None:
-        self.node.receive(0, bytes((command, NODE)), self.now)
 
     def operate(self) -> None:
         self.nmt(NmtCommand.START)
 
-    def write(self, index: int, value: int, subindex: int = 0) -> None:
-        entry = self.node.entry(index, subindex)
-        data = value.to_bytes(entry.type.bits // 8, "little", signed=entry.type.char.islower())
-        self.node.set_data(index, subindex, data, check_writable=True)
-
     def abort(self, index: int, value: int, subindex: int = 0) -> Abort:
         with pytest.raises(Exception, match="Code") as caught:
-            self.write(index, value, subindex)
+            self.set(index, value, subindex)
         return Abort(caught.value.code)  # type: ignore[attr-defined]
 
     def read(self, index: int, subindex: int = 0) -> int:
@@ -65,12 +50,12 @@ class Bench:
         data = self.node.get_data(index, subindex, check_readable=True)
         return int.from_bytes(data, "little", signed=entry.type.char.islower())
 
-    def sent(self, can_id: int) -> list[tuple[int, bytes]]:
+    def timed(self, can_id: int) -> list[tuple[int, bytes]]:
         return [(time, data) for time, identifier, data in self.frames if identifier == can_id]
 
     @property
     def emcy(self) -> list[tuple[int, int]]:
-        return [(int.from_bytes(data[:2], "little"), data[2]) for _, data in self.sent(0x80 + NODE)]
+        return [(int.from_bytes(data[:2], "little"), data[2]) for data in self.sent(0x80 + NODE)]
 
 
 # -- position, scaling, preset, speed ---------------------------------------------------------------------------------
@@ -79,15 +64,15 @@ class Bench:
 def test_position_code_sequence_scaling_and_status() -> None:
     bench = Bench(still(1.25))
     assert bench.read(0x6004) == 5120
-    bench.write(0x6000, 1)
+    bench.set(0x6000, 1)
     assert bench.read(0x6004) == 4096 * 4096 - 5120
-    bench.write(0x6001, 360)
-    bench.write(0x6002, 3600)
+    bench.set(0x6001, 360)
+    bench.set(0x6002, 3600)
     assert bench.read(0x6004) == 4096 * 4096 - 5120  # scaling is not switched on
-    bench.write(0x6000, 4)
+    bench.set(0x6000, 4)
     assert bench.read(0x6004) == 450
     assert bench.read(0x6500) == 0b110
-    bench.write(0x6000, 5)
+    bench.set(0x6000, 5)
     assert bench.read(0x6004) == 3600 - 450
 
 
@@ -102,19 +87,19 @@ def test_preset_then_read_gives_the_preset(
     operating: int, units: int, wanted: int, position: float, data: st.DataObject
 ) -> None:
     bench = Bench(still(position))
-    bench.write(0x6001, units)
-    bench.write(0x6002, wanted)
-    bench.write(0x6000, operating)
+    bench.set(0x6001, units)
+    bench.set(0x6002, wanted)
+    bench.set(0x6000, operating)
     total = min(wanted, units * 4096) if operating & 4 else 4096 * 4096
     preset = data.draw(st.integers(0, total - 1))
     before = bench.read(0x6004)
-    bench.write(0x6003, preset)
+    bench.set(0x6003, preset)
     assert bench.read(0x6004) == preset
     assert (before + bench.read(0x6509)) % total == preset
     assert bench.abort(0x6003, total) is Abort.VALUE_TOO_HIGH
     bench.nmt(NmtCommand.RESET_NODE)
     for index, value in ((0x6001, units), (0x6002, wanted), (0x6000, operating)):
-        bench.write(index, value)
+        bench.set(index, value)
     assert bench.read(0x6004) == preset  # the offset is kept
 
 
@@ -122,12 +107,12 @@ def test_speed_in_measuring_units_per_second_follows_scaling_and_direction() -> 
     bench = Bench(constant_speed(2.0))
     bench.run(50)
     assert bench.read(0x6030, 1) == 8192
-    bench.write(0x6001, 360)
-    bench.write(0x6000, 5)
+    bench.set(0x6001, 360)
+    bench.set(0x6000, 5)
     bench.run(50)
     assert bench.read(0x6030, 1) == -720
     bench.node.model.set_motion(constant_speed(100.0))
-    bench.write(0x6000, 0)
+    bench.set(0x6000, 0)
     bench.run(50)
     assert bench.read(0x6030, 1) == 32767
 
@@ -135,7 +120,7 @@ def test_speed_in_measuring_units_per_second_follows_scaling_and_direction() -> 
 def test_a_preset_in_motion_changes_no_speed() -> None:
     bench = Bench(constant_speed(2.0))
     bench.run(50)
-    bench.write(0x6003, 0)
+    bench.set(0x6003, 0)
     bench.run(20)
     assert bench.read(0x6030, 1) == 8192
 
@@ -145,11 +130,11 @@ def test_a_linear_encoder_counts_its_steps_and_leaves_its_scale() -> None:
     bench.run(500)
     assert bench.read(0x6004) == 105 * 200
     assert bench.read(0x6030, 1) == 10  # mm/s, in steps of 1 mm/s
-    bench.write(0x6005, 10, 2)
+    bench.set(0x6005, 10, 2)
     bench.run(10)
     assert bench.read(0x6030, 1) == 100
-    bench.write(0x6005, 1000, 1)
-    bench.write(0x6000, 4)
+    bench.set(0x6005, 1000, 1)
+    bench.set(0x6000, 4)
     assert bench.read(0x6004) == 105
     assert bench.read(0x6400, 1) == 0
     bench.run(1600)
@@ -162,7 +147,7 @@ def test_every_channel_of_a_multi_sensor_device_is_an_encoder_of_its_own() -> No
     bench.run(100)
     assert [bench.read(0x6020, n) for n in (1, 2, 3)] == [4096, 4096 * 4096 - 410, 0]
     assert [bench.read(0x6030, n) for n in (1, 2, 3)] == [0, -4096, 0]
-    bench.write(0x6010, 77, 3)
+    bench.set(0x6010, 77, 3)
     assert [bench.read(0x6020, n) for n in (1, 3)] == [4096, 77]
     assert bench.read(0x6509) == 0  # the offset of channel 1
     assert bench.abort(0x6010, 1, 4) is Abort.NO_SUCH_SUBINDEX
@@ -192,37 +177,37 @@ def test_tpdo1_is_driven_by_the_cyclic_timer_alone() -> None:
     bench = Bench(constant_speed(1.0))
     bench.operate()
     bench.run(50)
-    assert bench.sent(TPDO1) == []
-    bench.write(0x6200, 7)
+    assert bench.timed(TPDO1) == []
+    bench.set(0x6200, 7)
     bench.run(70)
-    times = [time for time, _ in bench.sent(TPDO1)]
+    times = [time for time, _ in bench.timed(TPDO1)]
     assert {b - a for a, b in pairwise(times)} == {7}
     assert len(times) == 10
-    bench.write(0x6200, 0)
+    bench.set(0x6200, 0)
     bench.frames.clear()
     bench.run(50)
-    assert bench.sent(TPDO1) == []
+    assert bench.timed(TPDO1) == []
 
 
 def test_late_polls_do_not_stretch_the_cyclic_timer() -> None:
     bench = Bench()
-    bench.write(0x6200, 2)
+    bench.set(0x6200, 2)
     bench.operate()
     for microseconds in range(0, 100_000, 1300):
         bench.node.poll(bench.now + microseconds * 1000)
-    assert len(bench.sent(TPDO1)) == pytest.approx(50, abs=1)
+    assert len(bench.timed(TPDO1)) == pytest.approx(50, abs=1)
 
 
 def test_tpdo1_with_type_255_is_sent_on_change() -> None:
     bench = Bench(points([(0, 0.0), (0.1, 0.0), (0.11, 0.001)]))
-    bench.write(0x1800, 0x8000_0000 | TPDO1, 1)
-    bench.write(0x1800, 255, 2)
-    bench.write(0x1800, TPDO1, 1)
+    bench.set(0x1800, 0x8000_0000 | TPDO1, 1)
+    bench.set(0x1800, 255, 2)
+    bench.set(0x1800, TPDO1, 1)
     bench.operate()
     bench.run(90)
-    assert len(bench.sent(TPDO1)) == 1
+    assert len(bench.timed(TPDO1)) == 1
     bench.run(100)
-    assert [int.from_bytes(data, "little") for _, data in bench.sent(TPDO1)] == [0, 1, 2, 3, 4]
+    assert [int.from_bytes(data, "little") for _, data in bench.timed(TPDO1)] == [0, 1, 2, 3, 4]
 
 
 def test_tpdo2_is_sent_on_sync_with_the_position_of_that_moment_and_on_remote_request() -> None:
@@ -246,14 +231,14 @@ def test_tpdo2_is_sent_on_sync_with_the_position_of_that_moment_and_on_remote_re
 
 def test_cams_enable_polarity_and_area_of_a_channel() -> None:
     bench = Bench(points([(0, 0.0), (10, 10.0)]))
-    bench.write(0x6301, 0b1000_0011, 1)
-    bench.write(0x6302, 0b1000_0000, 1)
+    bench.set(0x6301, 0b1000_0011, 1)
+    bench.set(0x6302, 0b1000_0000, 1)
     for cam, low, high in ((0, 4096, 8192), (1, 4096 * 4095, 4096), (7, 0, 8191), (2, 0, 100_000)):
-        bench.write(0x6310 + cam, low, 1)
-        bench.write(0x6320 + cam, high, 1)
-    bench.write(0x6330, 4096, 1)
-    bench.write(0x6401, 2048, 1)
-    bench.write(0x6402, 6144, 1)
+        bench.set(0x6310 + cam, low, 1)
+        bench.set(0x6320 + cam, high, 1)
+    bench.set(0x6330, 4096, 1)
+    bench.set(0x6401, 2048, 1)
+    bench.set(0x6402, 6144, 1)
     seen = []
     for _ in range(4):
         bench.run(1000)
@@ -265,11 +250,11 @@ def test_cams_enable_polarity_and_area_of_a_channel() -> None:
 def test_a_cam_switched_off_forgets_its_hysteresis() -> None:
     bench = Bench(points([(0, 0.0), (1, 1.0)]))
     for index, value in ((0x6301, 1), (0x6320, 100), (0x6330, 5000)):
-        bench.write(index, value, 1)
+        bench.set(index, value, 1)
     bench.run(500)
     assert bench.read(0x6300, 1) == 1
-    bench.write(0x6301, 0, 1)
-    bench.write(0x6301, 1, 1)
+    bench.set(0x6301, 0, 1)
+    bench.set(0x6301, 1, 1)
     assert bench.read(0x6300, 1) == 0
 
 
@@ -315,7 +300,7 @@ def test_an_unknown_fault_is_named() -> None:
 def test_commissioning_diagnostics_find_a_defect_at_standstill() -> None:
     bench = Bench(points([(0, 0.0), (0.1, 1.0)]))
     bench.node.model.inject("sensor-defect")
-    bench.write(0x6000, 2)
+    bench.set(0x6000, 2)
     bench.run(50)
     assert (bench.read(0x6503), bench.emcy) == (0, [])  # it turns
     bench.run(100)
@@ -325,7 +310,7 @@ def test_commissioning_diagnostics_find_a_defect_at_standstill() -> None:
     assert (bench.read(0x6503), bench.emcy[1:]) == (0, [(0, 0)])  # looked again: in order
     bench.node.model.inject("sensor-defect")
     bench.run(1)
-    bench.write(0x6000, 0)
+    bench.set(0x6000, 0)
     assert bench.read(0x6503) == 0
 
 
@@ -344,19 +329,19 @@ def test_store_and_restore() -> None:
     bench = Bench(still(2.0))
     settings = ((0x6000, 0, 4), (0x6001, 0, 100), (0x6301, 1, 3), (0x6310, 1, 50), (0x6200, 0, 20), (0x1800, 3, 5))
     for index, subindex, value in settings:
-        bench.write(index, value, subindex)
-    bench.write(0x6003, 10)
+        bench.set(index, value, subindex)
+    bench.set(0x6003, 10)
     bench.nmt(NmtCommand.RESET_NODE)
     bench.run(1)
     assert [bench.read(index, subindex) for index, subindex, _ in settings] == [0] + [4096] + [0] * 4
     for index, subindex, value in settings:
-        bench.write(index, value, subindex)
-    bench.write(0x1010, SAVE_SIGNATURE, 1)
+        bench.set(index, value, subindex)
+    bench.set(0x1010, SAVE_SIGNATURE, 1)
     bench.nmt(NmtCommand.RESET_NODE)
     bench.run(1)
     assert [bench.read(index, subindex) for index, subindex, _ in settings] == [value for *_, value in settings]
     assert bench.read(0x6004) == 10
-    bench.write(0x1011, LOAD_SIGNATURE, 1)
+    bench.set(0x1011, LOAD_SIGNATURE, 1)
     bench.nmt(NmtCommand.RESET_NODE)
     bench.run(1)
     assert [bench.read(index, subindex) for index, subindex, _ in settings] == [0] + [4096] + [0] * 4
@@ -367,7 +352,7 @@ def test_store_and_restore() -> None:
 @given(st.integers(0, 0x7FF), st.binary(max_size=8), st.booleans())
 def test_arbitrary_frames_never_upset_the_node(can_id: int, data: bytes, remote: bool) -> None:
     bench = Bench(constant_speed(1.0), Follower(0x181, 2, 4096.0), device=multi_sensor(2))
-    bench.write(0x6200, 1)
+    bench.set(0x6200, 1)
     bench.operate()
     if remote:
         bench.node.receive_remote(can_id, bench.now)

@@ -10,64 +10,50 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State, StatusBit, state_of
-from pdgw.durations import MS
 from pdgw.peers.drive import DriveModel, SimulatedDriveNode
 from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
 from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
 from pdgw.peers.node.node import SimulatedNode
+from tests.support.drives.node_bench import NodeBench
 
 NODE = 5
 SDO_REQUEST, SDO_ANSWER, TPDO, RPDO, HEARTBEAT, EMCY = 0x605, 0x585, 0x185, 0x205, 0x705, 0x85
 
 
-class Bench:
-    """A drive node, every frame it sends with its time in ms, and a master in a few lines."""
+class Bench(NodeBench[SimulatedDriveNode]):
+    """A drive node, and a master in a few lines."""
 
     def __init__(self) -> None:
-        self.sent: list[tuple[int, int, bytes]] = []
-        self.now = 0
-        self.node = SimulatedDriveNode(NODE, lambda can_id, data: self.sent.append((self.now // MS, can_id, data)))
-        self.node.start(0)
+        super().__init__(lambda send: SimulatedDriveNode(NODE, send))
 
     @property
     def model(self) -> DriveModel:
         return self.node.model
 
-    def run(self, milliseconds: int) -> None:
-        for _ in range(milliseconds):
-            self.now += MS
-            self.node.poll(self.now)
-
-    def frame(self, can_id: int, data: bytes) -> None:
-        self.node.receive(can_id, data, self.now)
-
     def read(self, index: int, subindex: int = 0) -> bytes | None:
         """The answer frame to an upload request, None when none came at once."""
-        self.sent.clear()
+        self.frames.clear()
         self.frame(SDO_REQUEST, struct.pack("<BHB4x", 0x40, index, subindex))
-        answers = self.of(SDO_ANSWER)
+        answers = self.sent(SDO_ANSWER)
         return answers[0] if answers else None
 
     def write(self, index: int, subindex: int, value: int, size: int) -> int:
         """The abort code of a download, 0 when it was taken."""
-        self.sent.clear()
+        self.frames.clear()
         data = value.to_bytes(4, "little", signed=value < 0)
         self.frame(SDO_REQUEST, struct.pack("<BHB", 0x23 | (4 - size) << 2, index, subindex) + data)
-        answer = self.of(SDO_ANSWER)[0]
+        answer = self.sent(SDO_ANSWER)[0]
         return int(struct.unpack_from("<I", answer, 4)[0]) if answer[0] == 0x80 else 0
-
-    def of(self, can_id: int) -> list[bytes]:
-        return [data for _, sent_id, data in self.sent if sent_id == can_id]
 
     def operate(self, speed: int = 2000) -> None:
         """Telegram 1's PDOs are the default mapping; speed in 0.5 rpm."""
         self.write(0x1800, 5, 20, 2)
         self.write(0x6060, 0, Mode.VELOCITY, 1)
-        self.frame(0, bytes((NmtCommand.START, NODE)))
+        self.nmt(NmtCommand.START)
         for word in (0x06, 0x07, 0x0F):
             self.command(word, speed)
         assert self.model.state is State.OPERATION_ENABLED
-        self.sent.clear()
+        self.frames.clear()
 
     def command(self, word: int, speed: int = 0) -> None:
         self.frame(RPDO, struct.pack("<Hi", word, speed))
@@ -136,9 +122,9 @@ def test_slow_sdo_answers_after_its_delay(bench: Bench) -> None:
     bench.node.misbehave("slow-sdo", delay_ms=30)
     assert bench.read(0x1000) is None
     bench.run(29)
-    assert not bench.of(SDO_ANSWER)
+    assert not bench.sent(SDO_ANSWER)
     bench.run(1)
-    assert bench.of(SDO_ANSWER) == [struct.pack("<BHBI", 0x43, 0x1000, 0, 0x0002_0192)]
+    assert bench.sent(SDO_ANSWER) == [struct.pack("<BHBI", 0x43, 0x1000, 0, 0x0002_0192)]
 
 
 def test_sdo_timeout_leaves_each_nth_request_without_an_answer(bench: Bench) -> None:
@@ -150,10 +136,10 @@ def test_sdo_toggle_error_answers_in_segments_with_the_wrong_toggle_bit(bench: B
     bench.node.misbehave("sdo-toggle-error")
     assert bench.read(0x1000) == struct.pack("<BHBI", 0x41, 0x1000, 0, 4)
     bench.frame(SDO_REQUEST, b"\x60" + bytes(7))
-    assert bench.of(SDO_ANSWER)[1] == b"\x17\x92\x01\x02\0\0\0\0"
+    assert bench.sent(SDO_ANSWER)[1] == b"\x17\x92\x01\x02\0\0\0\0"
     assert bench.read(0x1008)[0] == 0x41  # type: ignore[index]
     bench.frame(SDO_REQUEST, b"\x60" + bytes(7))
-    assert bench.of(SDO_ANSWER)[1][0] & 0x10
+    assert bench.sent(SDO_ANSWER)[1][0] & 0x10
 
 
 def test_wrong_identity_shows_another_vendor(bench: Bench) -> None:
@@ -197,17 +183,17 @@ def test_lost_pdos_misses_commands_and_values(bench: Bench) -> None:
     bench.command(0x02)
     bench.run(100)
     assert bench.model.state is State.OPERATION_ENABLED
-    assert not bench.of(TPDO)
+    assert not bench.sent(TPDO)
 
 
 def test_duplicated_pdos_come_again_at_once(bench: Bench) -> None:
     bench.operate(0)
     bench.run(100)
-    once = len(bench.of(TPDO))
-    bench.sent.clear()
+    once = len(bench.sent(TPDO))
+    bench.frames.clear()
     bench.node.misbehave("duplicated-pdos", copies=2)
     bench.run(100)
-    assert len(bench.of(TPDO)) == 3 * once
+    assert len(bench.sent(TPDO)) == 3 * once
 
 
 def test_late_pdos_keep_their_order(bench: Bench) -> None:
@@ -219,57 +205,57 @@ def test_late_pdos_keep_their_order(bench: Bench) -> None:
     bench.run(2)
     assert bench.model.state is State.QUICK_STOP_ACTIVE
     bench.run(1000)
-    speeds = [struct.unpack_from("<i", data, 2)[0] for data in bench.of(TPDO)]
+    speeds = [struct.unpack_from("<i", data, 2)[0] for data in bench.sent(TPDO)]
     assert speeds[: speeds.index(max(speeds))] == sorted(speeds[: speeds.index(max(speeds))])
 
 
 def test_heartbeat_stops_but_the_boot_up_message_does_not(bench: Bench) -> None:
     bench.write(0x1017, 0, 10, 2)
     bench.node.misbehave("heartbeat-stops")
-    bench.sent.clear()
+    bench.frames.clear()
     bench.run(50)
-    assert not bench.of(HEARTBEAT)
+    assert not bench.sent(HEARTBEAT)
     bench.frame(0, bytes((NmtCommand.RESET_COMMUNICATION, NODE)))
-    assert bench.of(HEARTBEAT) == [b"\0"]
+    assert bench.sent(HEARTBEAT) == [b"\0"]
 
 
 def test_an_emcy_burst_has_its_count_and_its_content(bench: Bench) -> None:
-    bench.sent.clear()
+    bench.frames.clear()
     bench.node.misbehave("emcy-burst", code=0x2310, register=3, count=5, period_ms=4)
     bench.run(100)
-    assert [time for time, _, _ in bench.sent] == [3, 6, 10, 14, 18]
-    assert set(bench.of(EMCY)) == {b"\x10\x23\x03" + bytes(5)}
+    assert [time for time, _, _ in bench.frames] == [3, 6, 10, 14, 18]
+    assert set(bench.sent(EMCY)) == {b"\x10\x23\x03" + bytes(5)}
 
 
 def test_bus_off_hears_and_says_nothing_until_it_recovers(bench: Bench) -> None:
     bench.node.misbehave("bus-off", recovery_ms=50)
     assert bench.read(0x1000) is None
     bench.run(49)
-    assert not bench.sent
+    assert not bench.frames
     bench.run(1)
-    assert bench.of(EMCY) == [b"\x40\x81\0" + bytes(5)]
+    assert bench.sent(EMCY) == [b"\x40\x81\0" + bytes(5)]
     assert bench.read(0x1000) is not None
 
 
 def test_error_passive_tells_and_is_late(bench: Bench) -> None:
-    bench.sent.clear()
+    bench.frames.clear()
     bench.node.misbehave("error-passive", delay_ms=9)
     bench.run(100)
-    assert bench.of(EMCY) == [b"\x20\x81\x11" + bytes(5)]
+    assert bench.sent(EMCY) == [b"\x20\x81\x11" + bytes(5)]
     assert bench.read(0x1000) is None
     bench.run(9)
-    assert bench.of(SDO_ANSWER)
+    assert bench.sent(SDO_ANSWER)
     bench.node.behave("error-passive")
-    assert bench.of(EMCY) == [bytes(8)]
+    assert bench.sent(EMCY) == [bytes(8)]
 
 
 def test_reboot_is_silent_then_boots_with_power_on_values(bench: Bench) -> None:
     bench.operate()
     bench.node.misbehave("reboot", off_ms=30)
     bench.run(29)
-    assert not bench.sent
+    assert not bench.frames
     bench.run(1)
-    assert bench.of(HEARTBEAT) == [b"\0"]
+    assert bench.sent(HEARTBEAT) == [b"\0"]
     assert bench.node.state is NmtState.PRE_OPERATIONAL
     bench.run(2)
     assert bench.model.state is State.SWITCH_ON_DISABLED
@@ -282,7 +268,7 @@ def test_reboot_in_motion_waits_for_the_motion(bench: Bench) -> None:
     assert bench.node.state is NmtState.OPERATIONAL
     bench.command(0x0F, 2000)
     bench.run(1000)
-    assert bench.of(HEARTBEAT) == [b"\0"]
+    assert bench.sent(HEARTBEAT) == [b"\0"]
     assert bench.node.state is NmtState.PRE_OPERATIONAL
 
 

@@ -16,6 +16,7 @@ from pdgw.durations import MS
 from pdgw.peers.drive import ENGEL, LINEAR_AXIS, SHAPES, Machine, SimulatedDriveNode, shape
 from pdgw.peers.drive.model.shapes import SYNCHRONOUS
 from tests.support.drives.drive_types import described
+from tests.support.drives.node_bench import NodeBench
 
 NODE = 3
 ALL = sorted(SHAPES)
@@ -23,14 +24,11 @@ DRIVEN = [name for name in ALL if name not in {"slow-boot", "two-edges", "csp"}]
 """By a speed, as soon as they are switched on."""
 
 
-class Bench:
-    """A drive of a shape, commanded through its objects, in virtual time."""
+class Bench(NodeBench[SimulatedDriveNode]):
+    """A drive of a shape, commanded through its objects and looked at when it says that something is due."""
 
     def __init__(self, name: str, machine: Machine | None = None) -> None:
-        self.sent: list[tuple[int, bytes]] = []
-        self.node = SimulatedDriveNode(NODE, lambda *frame: self.sent.append(frame), shape=shape(name), machine=machine)
-        self.now = 0
-        self.node.start(self.now)
+        super().__init__(lambda send: SimulatedDriveNode(NODE, send, shape=shape(name), machine=machine))
         self.run(1)
 
     def run(self, milliseconds: int) -> None:
@@ -43,11 +41,7 @@ class Bench:
         self.node.poll(self.now)
 
     def write(self, index: int, value: int, subindex: int = 0) -> None:
-        entry = self.node.entry(index, subindex)
-        size = entry.type.bits // 8
-        self.node.set_data(
-            index, subindex, value.to_bytes(size, "little", signed=entry.type.char.islower()), check_writable=True
-        )
+        self.set(index, value, subindex)
         self.node.touch()
 
     def enable(self, mode: int) -> None:
@@ -157,21 +151,21 @@ def test_four_pdos_of_each_direction() -> None:
 def test_a_slow_drive_says_nothing_for_15_s_after_each_reset() -> None:
     bench = Bench("slow-boot")
     for _ in range(2):
-        bench.sent.clear()
+        bench.frames.clear()
         bench.run(14_990)
         bench.node.receive(0x600 + NODE, struct.pack("<BHB4x", 0x40, 0x1000, 0), bench.now)
-        assert bench.sent == []
+        assert bench.frames == []
         bench.run(20)
-        assert bench.sent == [(0x700 + NODE, b"\0")]
+        assert [frame[1:] for frame in bench.frames] == [(0x700 + NODE, b"\0")]
         bench.node.receive(0, bytes((NmtCommand.RESET_NODE, NODE)), bench.now)
 
 
 def test_a_guarded_drive_answers_with_its_state_and_a_toggle() -> None:
     bench = Bench("node-guarding")
-    bench.sent.clear()
+    bench.frames.clear()
     for _ in range(3):
         bench.node.receive_remote(0x700 + NODE, bench.now)
-    assert bench.sent == [(0x700 + NODE, bytes([state])) for state in (0x7F, 0xFF, 0x7F)]
+    assert [frame[1:] for frame in bench.frames] == [(0x700 + NODE, bytes([state])) for state in (0x7F, 0xFF, 0x7F)]
 
 
 def test_a_drive_whose_master_stops_guarding_reacts_as_6007h_says() -> None:

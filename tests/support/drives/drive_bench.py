@@ -4,35 +4,26 @@ from __future__ import annotations
 
 import struct
 
+from pdgw.ds301.nmt import NmtCommand
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State
-from pdgw.durations import MS
 from pdgw.peers.drive import LINEAR_AXIS, Machine, SimulatedDriveNode
+from tests.support.drives.node_bench import NodeBench
 
 NODE = 1
 SMALL = Machine(negative_limit=-20_000, positive_limit=20_000, negative_stop=-30_000, positive_stop=30_000)
 
 
-class Bench:
-    """A drive on a desk: SDOs and time by hand."""
+class Bench(NodeBench[SimulatedDriveNode]):
+    """A drive in operation, commanded by SDOs."""
 
     def __init__(self, machine: Machine | None = None, mode: int = Mode.VELOCITY) -> None:
-        self.frames: list[tuple[int, bytes]] = []
-        self.node = SimulatedDriveNode(
-            NODE, lambda can_id, data: self.frames.append((can_id, data)), machine=machine or LINEAR_AXIS
-        )
+        super().__init__(lambda send: SimulatedDriveNode(NODE, send, machine=machine or LINEAR_AXIS))
         self.model = self.node.model
-        self.now = 0
-        self.node.start(0)
         self.run(2)
         self.write(0x6060, 0, mode)
-        self.node.receive(0, bytes((1, NODE)), self.now)
+        self.nmt(NmtCommand.START)
         self.run(1)
-
-    def run(self, milliseconds: int) -> None:
-        for _ in range(milliseconds):
-            self.now += MS
-            self.node.poll(self.now)
 
     def write(self, index: int, subindex: int, value: int) -> int:
         """An SDO download; returns 0 or the abort code the node answered."""
@@ -43,8 +34,8 @@ class Bench:
     def download(self, index: int, subindex: int, data: bytes) -> int:
         self.frames.clear()
         command = 0x23 | (4 - len(data)) << 2
-        self.node.receive(0x601, struct.pack("<BHB", command, index, subindex) + data.ljust(4, b"\0"), self.now)
-        answer = next(data for can_id, data in self.frames if can_id == 0x581)
+        self.frame(0x601, struct.pack("<BHB", command, index, subindex) + data.ljust(4, b"\0"))
+        answer = self.sent(0x581)[0]
         return int.from_bytes(answer[4:], "little") if answer[0] == 0x80 else 0
 
     def control(self, word: int, milliseconds: int = 1) -> None:

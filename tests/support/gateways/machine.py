@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import socket
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -12,10 +10,8 @@ from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.platform import open_configured_bus
-from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.simulation.configured_devices import add_device, simulated_devices
 from pdgw.peers.simulation.devices import Simulation
-from pdgw.profidrive.telegrams import telegram
 from tests import conftest
 from tests.support import buses
 from tests.support.gateways import daemon as in_world
@@ -27,31 +23,6 @@ def configuration() -> GatewayConfig:
     can = f'[can]\ninterface = "virtual"\nchannel = "{buses.channel()}"\n'
     axis = in_world.axis(1, more=f"simulate = true\n{PATIENT}")
     return in_world.configuration(axis, can=can, transport="cycle_time_ms = 20\nwatchdog_factor = 255")
-
-
-class Plc:
-    """Sends a frame for each one it takes."""
-
-    def __init__(self, daemon: Daemon, numbers: list[int]) -> None:
-        self.endpoint = PlcEndpoint([telegram(n) for n in numbers], daemon.cycle_ns)
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.connect(daemon.address)
-        self._socket.settimeout(daemon.cycle_ns / 1e9)
-
-    def until(self, condition: Callable[[], object], what: str) -> None:
-        deadline = time.monotonic() + buses.PATIENCE_S
-        while not condition():
-            assert time.monotonic() < deadline, f"{what}: {self.endpoint.actuals}"
-            self._socket.send(self.endpoint.build(time.monotonic_ns()))
-            try:
-                while True:
-                    self.endpoint.receive(self._socket.recv(2048))
-            except TimeoutError:
-                continue
-
-    def state(self) -> int:
-        actuals = self.endpoint.actuals[0]
-        return -1 if actuals is None else actuals["ZSW1"] & 0x4F
 
 
 @contextmanager
