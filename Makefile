@@ -127,6 +127,7 @@ docs: $(STAMP)
 	$(BIN)/python -m pdgw.workshop.walk --short --figures docs/walk.txt
 	$(BIN)/python -m pdgw.workshop.documents.tables
 	$(BIN)/python -m pdgw.workshop.documents.commands
+	$(BIN)/python -m pdgw.workshop.documents.measured
 	$(BIN)/python -m pdgw.workshop.documents.plc_blocks
 	$(BIN)/python -m pdgw.workshop.documents.plc_timing
 	$(BIN)/python -c "from tests.support.documents import statements; statements.write()"

@@ -15,13 +15,14 @@ from pdgw import __version__
 _HOT: Final = "pdgw.gateway.links.cyclic"
 """A module that every compiled build has compiled."""
 COMPILED: Final = "compiled"
+PURE: Final = "pure Python"
 _ENGINE: Final = "pdgw.gateway.links.profinet.engine"
 
 
 def kind() -> str:
     """``compiled`` or ``pure Python``."""
     spec = find_spec(_HOT)
-    return "pure Python" if spec is None or (spec.origin or "").endswith(".py") else COMPILED
+    return PURE if spec is None or (spec.origin or "").endswith(".py") else COMPILED
 
 
 def build() -> str:

@@ -114,6 +114,7 @@ def run(
     from pdgw.gateway.configuration.file import load_config
     from pdgw.gateway.service import realtime
     from pdgw.gateway.service.build import build_text
+    from pdgw.gateway.service.measured import beyond_measured
     from pdgw.tools.service.child_processes import devices_beside, keeper_beside, page_beside
     from pdgw.tools.service.run_log import CanRecorder, RunLog, on_signals
 
@@ -147,6 +148,8 @@ def run(
         run_log = RunLog(log_level, log_file, log_format)
         at_end.callback(run_log.stop)
         log.info("pdgw %s; %s", build_text(), config or "simulated devices")
+        if beyond := beyond_measured(len(chosen.axis), chosen.transport.cycle_time_ms):
+            log.warning("%s", beyond)
         for level, text in scheduling:
             log.log(level, "%s", text)
         recorder = CanRecorder(can_log) if can_log is not None else None
