@@ -27,7 +27,7 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { FRAME_MAX = 2048, WAITING = 32, OTHERS = WAITING / 2, NEW = 4, SECOND = 1000000000 };
+enum { FRAME_MAX = 2048, WAITING = 32, OTHERS = WAITING / 2, NEW = 4, STACK = 256 << 10, SECOND = 1000000000 };
 /* VERDICTS and COUNTS in native.py have the same order; the first seven are a Consumer's. */
 enum { ACCEPTED, STOPPED, NO_DATA, LENGTH, TRANSFER, NOT_VALID, STALE, FOREIGN, OTHER, VERDICTS };
 enum { SENT = VERDICTS, MISSED, INVALID, WITHHELD, DROPPED, ERRORS, OCTETS_IN, OCTETS_OUT, COUNTS };
@@ -299,7 +299,11 @@ static PyObject *start(Engine *e, PyObject *argument)
     e->socket_fd = descriptor;
     sigfillset(&all);
     pthread_sigmask(SIG_BLOCK, &all, &before); /* signals are for Python's thread */
-    int error = pthread_create(&e->thread, NULL, run, e);
+    pthread_attr_t attributes;
+    pthread_attr_init(&attributes);
+    pthread_attr_setstacksize(&attributes, STACK); /* of 8 MiB with locked memory all would be used */
+    int error = pthread_create(&e->thread, &attributes, run, e);
+    pthread_attr_destroy(&attributes);
     pthread_sigmask(SIG_SETMASK, &before, NULL);
     if (error) {
         errno = error;
