@@ -339,8 +339,9 @@ class DriveModel:
                 if self.latency.status_ms:
                     self._time = end - left * MS
                     self._update()
-            self._time = end
-            self._update()
+            if self._time < end:
+                self._time = end
+                self._update()
         else:
             self._time = end
             if self.disguises or self._late_status.next_change is not None:
