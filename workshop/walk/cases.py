@@ -146,7 +146,7 @@ def short() -> Iterator[Case]:
 
 
 def selected() -> Iterator[Case]:
-    """In CI: each reaction to a loss and each choice once; the sign of life, the guarding, DSC, and traversing tasks."""
+    """In CI: each reaction to a loss and each choice once; the sign of life, the guarding, and traversing tasks."""
     quick_stop, ramp, coast = PlcLossReaction.QUICK_STOP, PlcLossReaction.RAMP, PlcLossReaction.COAST
     yield Case(1, quick_stop)
     yield Case(1, quick_stop, resume=True, hold=True)
@@ -156,7 +156,6 @@ def selected() -> Iterator[Case]:
     yield Case(RAW, ramp)
     yield Case(2, life=1)
     yield Case(1, guarding=True)
-    yield Case(5)
     yield Case(9)
 
 
