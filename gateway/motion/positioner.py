@@ -463,7 +463,9 @@ class Positioner:
             outcome.reached = False
         block = self._chain.block
         outcome.block = 0 if block is None else block.number
-        outcome.homing = state is _HOMING or self._now < self._homing_until
+        if self._now >= self._homing_until:
+            self._homing_until = 0
+        outcome.homing = state is _HOMING or self._homing_until > 0
         if asked.hardware_limits:
             outcome.negative_limit, outcome.positive_limit = seen.negative_limit, seen.positive_limit
         else:

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from pdgw.dsp402.states import State
 from pdgw.gateway.axis import interlock, power_table
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.interlock import Interlock
@@ -32,9 +33,12 @@ from pdgw.gateway.axis.power_table import (
 from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.supervision.stop_supervision import StopWatch
 from pdgw.gateway.motion.mdi import MdiPositioner
+from pdgw.gateway.motion.positioner import Positioner
+from pdgw.gateway.motion.states import Event
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.sign_of_life import SignOfLife
 from pdgw.workshop.walk.cases import Case
+from pdgw.workshop.walk.values import Plc, Shown
 
 Patch = pytest.MonkeyPatch
 DEFAULT = Case(1)
@@ -42,6 +46,21 @@ RAMP = Case(1, PlcLossReaction.RAMP)
 GUARDING = Case(1, guarding=True)
 _FOLLOW = (Phase.FOLLOW,)
 _QUICK_STOP = (PowerWish.QUICK_STOP,)
+
+
+UNPOWERED_STATES = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON)
+
+
+class Narrow(Case):
+    """Only what the way to a defect needs: the walk of everything takes a minute."""
+
+    def _frames(self) -> list[Plc]:
+        kept = ("OFF1", "OFF1 ack", "ON+enable", "homing", "jog")
+        return [item for item in super()._frames() if item.name.rpartition(" ")[0] in kept]
+
+    def _shown(self) -> list[Shown]:
+        kept = (*(state.value for state in UNPOWERED_STATES), "Operation Enabled")
+        return [item for item in super()._shown() if item.name.startswith(kept)]
 
 
 def cells(patch: Patch, changed: tuple[Cell, ...]) -> None:
@@ -101,6 +120,28 @@ def brake_ends_with_the_drive(patch: Patch) -> None:
     patch.setattr(StopWatch, "step", wrong)
 
 
+def standing_homing_bit_starts(patch: Patch) -> None:
+    asked = MdiPositioner._homing_asked
+
+    def wrong(self: MdiPositioner) -> bool:
+        self._homing_edge = self._asked.homing
+        return asked(self)
+
+    patch.setattr(MdiPositioner, "_homing_asked", wrong)
+
+
+def standing_homing_bit_of_a_positioner_starts(patch: Patch) -> None:
+    events = Positioner._events
+    patch.setattr(Positioner, "_events", lambda self: {**events(self), Event.HOMING: lambda: self._asked.homing})
+
+
+def homing_goes_on_without_its_bit(patch: Patch) -> None:
+    patch.setattr(MdiPositioner, "_homes", lambda _: True)
+    events = MdiPositioner._events
+    never = {Event.HOMING_WITHDRAWN: lambda: False}
+    patch.setattr(MdiPositioner, "_events", lambda self: {**events(self), **never})
+
+
 PLANTED: dict[str, tuple[Case, Callable[[Patch], None]]] = {
     "forgotten OFF": (
         DEFAULT,
@@ -147,6 +188,20 @@ PLANTED: dict[str, tuple[Case, Callable[[Patch], None]]] = {
     "drive that does not stop left alone": (GUARDING, lambda patch: patch.setattr(StopWatch, "step", lambda *_: False)),
     "brake released when the drive is lost": (GUARDING, brake_ends_with_the_drive),
     "standing task bit starts": (Case(9), standing_task_bit_starts),
+    "standing homing bit starts": (Narrow(9, homing=True), standing_homing_bit_starts),
+    "homing goes on without its bit": (Narrow(9, homing=True), homing_goes_on_without_its_bit),
+    "standing homing bit of a positioner starts": (
+        Narrow(110, homing=True),
+        standing_homing_bit_of_a_positioner_starts,
+    ),
+    "standing jog bit starts": (
+        Narrow(110, jog=True),
+        lambda patch: patch.setattr(Positioner, "_jog_asked", lambda self: self._jog_bit() > 0),
+    ),
+    "jog goes on without its bit": (
+        Narrow(110, jog=True),
+        lambda patch: patch.setattr(Positioner, "_jog_bit", lambda self: self._jog or 1),
+    ),
     "refusal without reason": (DEFAULT, each_cell(lambda cell: replace(cell, reason=None))),
 }
 

@@ -15,7 +15,12 @@ from pdgw.dsp402.identification.describe import answers_of_defaults, describe
 from pdgw.dsp402.modes import Mode
 from pdgw.durations import MS
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction
-from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, ENCODER_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
+from pdgw.gateway.axis.telegrams import (
+    DRIVE_TELEGRAM_NUMBERS,
+    ENCODER_TELEGRAM_NUMBERS,
+    POSITIONER_TELEGRAM_NUMBERS,
+    TASK_TELEGRAM_NUMBERS,
+)
 from pdgw.gateway.motion.blocks import Block
 from pdgw.gateway.motion.dsc import DscChoices, DscForm
 from pdgw.gateway.motion.requests import PositionerChoices
@@ -25,10 +30,10 @@ from pdgw.workshop.walk.brakes import BrakeMonitor
 from pdgw.workshop.walk.drive import anything, guarded
 from pdgw.workshop.walk.machine import Transducer
 from pdgw.workshop.walk.monitor import Expected, Monitor
-from pdgw.workshop.walk.plc import RAW, frames, is_central, stops, with_life
+from pdgw.workshop.walk.plc import HOMING_METHOD, RAW, frames, is_central, stops, with_life
 from pdgw.workshop.walk.recovery import recovery
 from pdgw.workshop.walk.search import Result, walk
-from pdgw.workshop.walk.values import Plc
+from pdgw.workshop.walk.values import Plc, Shown
 
 Walked = TypeVar("Walked", bound=Transducer)
 TICK_NS = 200 * MS
@@ -62,6 +67,10 @@ class Case:
     """The brakes beside the Controlword, with what guarding tells of the drive, instead of the Controlword."""
     life: int | None = None
     """P925, with a PLC that has a sign of life; None: without one."""
+    homing: bool = False
+    """Traversing tasks, and homing,"""
+    jog: bool = False
+    """or jog, between them."""
     tick_ns: int = TICK_NS
 
     @property
@@ -75,6 +84,8 @@ class Case:
                 *(["hold"] if self.hold else []),
                 *(["guarding"] if self.guarding else []),
                 *([] if self.life is None else ["sign of life"]),
+                *(["homing"] if self.homing else []),
+                *(["jog"] if self.jog else []),
             ]
         )
 
@@ -100,7 +111,7 @@ class Case:
 
     def machine(self, kind: Callable[..., Walked]) -> Walked:
         """The axis machine, with all inputs; ``kind``: Transducer, or what is made from it."""
-        shown = anything(self._mode, tasks=self._tasks, full=self.full)
+        shown = self._shown()
         inputs = product(self._frames(), guarded(shown) if self.guarding else shown)
         return kind(self.number, self._settings(), drive(), self.tick_ns, inputs, guarding=self.guarding)
 
@@ -112,8 +123,11 @@ class Case:
     def _mode(self) -> int:
         return (Mode.POSITION if self._tasks else Mode.VELOCITY).value
 
+    def _shown(self) -> list[Shown]:
+        return anything(self._mode, tasks=self._tasks, homing=self.homing, jog=self.jog, full=self.full)
+
     def _frames(self) -> list[Plc]:
-        made = frames(self.number, full=self.full)
+        made = frames(self.number, homing=self.homing, jog=self.jog, full=self.full)
         if self.guarding:
             made = stops(made)
         return made if self.life is None else list(with_life(made))
@@ -134,6 +148,7 @@ class Case:
                 max_acceleration=1000,
                 max_deceleration=1000,
                 position_window=5,
+                homing_method=HOMING_METHOD,
                 blocks=(Block(0, position=1000, velocity=1000),),
             ),
         )
@@ -160,9 +175,11 @@ def selected() -> Iterator[Case]:
 
 
 def every() -> Iterator[Case]:
-    """Each telegram of a drive once with the defaults, then what is in ``selected`` beside that."""
+    """Each telegram of a drive once with the defaults, then homing, jog, and what is in ``selected`` beside that."""
     once = [Case(number) for number in DRIVE_TELEGRAM_NUMBERS]
     yield from once
+    yield from (Case(number, homing=True) for number in TASK_TELEGRAM_NUMBERS)
+    yield from (Case(number, jog=True) for number in POSITIONER_TELEGRAM_NUMBERS)
     yield from (case for case in selected() if case not in once)
 
 
@@ -170,4 +187,5 @@ def full() -> Iterator[Case]:
     """All choices with all telegrams in the full alphabet: hours."""
     for number in DRIVE_TELEGRAM_NUMBERS:
         for loss, resume, hold in product(PlcLossReaction, (False, True), (False, True)):
-            yield Case(number, loss, resume, hold, full=True, tick_ns=FINE_TICK_NS)
+            homing, jog = number in TASK_TELEGRAM_NUMBERS, number in POSITIONER_TELEGRAM_NUMBERS
+            yield Case(number, loss, resume, hold, full=True, homing=homing, jog=jog, tick_ns=FINE_TICK_NS)

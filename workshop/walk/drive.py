@@ -5,6 +5,7 @@ What a real drive does, with any latency, any refusal and any lie, is one of the
 
 from __future__ import annotations
 
+from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
 from pdgw.workshop.walk.values import Shown
 
@@ -17,10 +18,11 @@ _OFF = STATUS_OF[State.SWITCH_ON_DISABLED] | _VOLTAGE
 _ONLY_IN_FULL = (State.NOT_READY_TO_SWITCH_ON, State.FAULT_REACTION_ACTIVE)
 
 
-def anything(mode: int, *, tasks: bool, full: bool) -> list[Shown]:
+def anything(mode: int, *, tasks: bool, homing: bool, jog: bool, full: bool) -> list[Shown]:
     """Each state, standing and turning where that makes a difference, no state, a lost and a restarted drive.
 
-    ``mode``: 6061h. ``tasks``: setpoints are acknowledged. ``full``: also what the machine treats as another of them.
+    ``mode``: 6061h. ``tasks``: setpoints are acknowledged. ``homing``: the drive takes SDO writes, and homes. ``jog``: it
+    shows the mode of a speed. ``full``: also what the machine treats as another of them.
     """
     states = [state for state in STATUS_OF if full or state not in _ONLY_IN_FULL]
     shown = [Shown(state.value, STATUS_OF[state] | _VOLTAGE) for state in states]
@@ -33,6 +35,20 @@ def anything(mode: int, *, tasks: bool, full: bool) -> list[Shown]:
     ]
     if tasks:
         shown.append(Shown("Operation Enabled, acknowledged", _OPERATING | StatusBit.MODE_12, TURNING))
+    if homing:
+        homed = _OPERATING | StatusBit.MODE_12 | StatusBit.TARGET_REACHED
+        shown += [
+            Shown("Operation Enabled, parameters taken", _OPERATING, answer=""),
+            Shown("Operation Enabled, homes", _OPERATING, TURNING, mode=Mode.HOMING),
+            Shown("Operation Enabled, homed", homed, mode=Mode.HOMING),
+        ]
+    if jog:
+        shown.append(Shown("Operation Enabled, velocity mode", _OPERATING, mode=Mode.VELOCITY))
+    if homing and full:
+        shown += [
+            Shown("Operation Enabled, parameters refused", _OPERATING, answer="refused"),
+            Shown("Operation Enabled, homing error", _OPERATING | StatusBit.MODE_13, mode=Mode.HOMING),
+        ]
     if full:
         shown += [
             Shown("Operation Enabled, turns", _OPERATING, TURNING),
@@ -40,7 +56,7 @@ def anything(mode: int, *, tasks: bool, full: bool) -> list[Shown]:
             Shown("Quick Stop Active, turns", STATUS_OF[State.QUICK_STOP_ACTIVE] | _VOLTAGE, TURNING),
             Shown("restarted, Operation Enabled", _OPERATING, TURNING, restarted=True),
         ]
-    return [item._replace(mode=mode) for item in shown]
+    return [item if item.mode else item._replace(mode=mode) for item in shown]
 
 
 def guarded(shown: list[Shown]) -> list[Shown]:

@@ -11,10 +11,11 @@ from pdgw.gateway.axis.checkpoint import Checkpoint, Checkpoints
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
-from pdgw.gateway.axis.values import Configured, NodeNotice, Notice
+from pdgw.gateway.axis.values import Configured, NodeNotice, Notice, SdoAnswer
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.profidrive.sign_of_life import following
 from pdgw.profidrive.signals import signal
+from pdgw.workshop.walk.plc import HOMING_METHOD
 from pdgw.workshop.walk.values import Life, Output, Plc, Shown
 
 _START = 1000 * SECOND
@@ -103,9 +104,12 @@ class Transducer:
         feedback.statusword, feedback.velocity_actual = shown.statusword, shown.velocity
         feedback.modes_of_operation_display, feedback.position_actual = shown.mode, shown.position
         if shown.restarted:
-            inputs.news.append(Configured(self._drive))
+            inputs.news.append(Configured(self._drive, HOMING_METHOD))
         if shown.found_off:
             inputs.news.append(NodeNotice(Notice.OFF, "", inputs.now))
+        writes = self._machine.notes.writes
+        if shown.answer is not None and writes is not None:
+            inputs.news.append(SdoAnswer(writes, shown.answer or None))
         self._checkpoints.step()
         command = outputs.command
         return Output(

@@ -10,6 +10,7 @@ import enum
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.workshop.walk.plc import (
@@ -18,6 +19,8 @@ from pdgw.workshop.walk.plc import (
     DO_NOT_REJECT,
     ENABLES_SETPOINT,
     FUNCTIONS,
+    HOME,
+    JOG,
     NO_INTERMEDIATE_STOP,
 )
 from pdgw.workshop.walk.values import Life, Output, Plc, Shown
@@ -53,7 +56,8 @@ class Rule(enum.Enum):
     SWITCH_ON = "Switch On only on the PLC's ON, after an OFF in this connection and after the last loss or fault"
     KEPT = "Enable Operation is kept only in operation or for a ramp"
     MOTION = "no speed without operation, and none but 0 on a ramp"
-    TASK = "a task starts only in operation, by an edge of the PLC"
+    TASK = "a task, a homing and a jog start only in operation, by an edge of the PLC"
+    WITHDRAWN = "homing and jog move only while their bit is 1"
     RAMP = "OFF1 and a loss with a ramp keep the power on until standstill"
     OFF2 = "OFF2 takes the voltage off in the same step, in every state"
     OFF3 = "OFF3 and a loss with a quick stop brake in the same step"
@@ -234,6 +238,9 @@ class Monitor:
             edge = commanded and operates and (memory.edge or rises or interrupted)
             if starts and not (commanded and (memory.started or edge)):
                 broken.append(Rule.TASK)
+            homes = cw & _NEW_SETPOINT != 0 and output.mode == Mode.HOMING
+            if (homes and not active & HOME) or (output.velocity and not active & JOG):
+                broken.append(Rule.WITHDRAWN)
             given = given or (edge and starts)
             edge = edge and not (starts and not memory.started)
         elif output.velocity and not commanded and not (expected.own_ramp and ramp) and not expected.raw:

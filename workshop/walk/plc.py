@@ -8,7 +8,6 @@ from struct import pack
 from pdgw.gateway.axis.telegrams import (
     CENTRAL_TELEGRAM_NUMBERS,
     DSC_TELEGRAM_NUMBERS,
-    POSITIONER_TELEGRAM_NUMBERS,
     TASK_TELEGRAM_NUMBERS,
 )
 from pdgw.profidrive.signals import signal
@@ -62,9 +61,10 @@ _VALUES = {
     "Modes of Operation": 3,
 }
 """Setpoints that stand; the others are 0."""
-_MDI, _HOMING_METHOD = 0x8000, 35
+_MDI = 0x8000
+HOMING_METHOD = 35
 _OF_TELEGRAM = {
-    9: {"SATZANW": _MDI | _HOMING_METHOD, "MDI_TARPOS": 0x1000_0000, "MDI_VELOCITY": 0x2000_0000},
+    9: {"SATZANW": _MDI | HOMING_METHOD, "MDI_TARPOS": 0x1000_0000, "MDI_VELOCITY": 0x2000_0000},
 }
 """Those of telegram 9 are fractions of a reference; SATZANW of the others selects traversing block 0."""
 RAW = 100
@@ -72,8 +72,11 @@ RAW = 100
 LOST = Plc("no PLC", None)
 
 
-def frames(number: int, *, full: bool) -> list[Plc]:
-    """What a PLC can send in one cycle; ``full``: also what differs only by Disable Operation, or by bits that do not count."""
+def frames(number: int, *, homing: bool, jog: bool, full: bool) -> list[Plc]:
+    """What a PLC can send in one cycle, with ``homing`` and ``jog`` of telegrams with tasks.
+
+    ``full``: also what differs only by Disable Operation, or by bits that do not count.
+    """
     names = telegram(number).setpoints.names
     chosen = _VALUES | _OF_TELEGRAM.get(number, {})
     values = tuple(chosen.get(name, 0) for name in names[1:])
@@ -97,10 +100,8 @@ def frames(number: int, *, full: bool) -> list[Plc]:
             "intermediate stop": enable & ~NO_INTERMEDIATE_STOP,
             "reject": enable & ~DO_NOT_REJECT,
         }
-        if full:
-            words["homing"] = enable | HOME
-        if full and number in POSITIONER_TELEGRAM_NUMBERS:
-            words["jog"] = enable | JOG
+        for name, chosen_bit in (("homing", HOME),) * homing + (("jog", JOG),) * jog:
+            words |= {name: enable | chosen_bit, f"OFF1 {name}": OFF1 | standing | control | chosen_bit}
     made = [frame(name, word) for name, word in words.items()]
     if number in DSC_TELEGRAM_NUMBERS:
         made.append(

@@ -49,6 +49,8 @@ class Shown(NamedTuple):
     """Its heartbeat, or its answer to node guarding, says Stopped (NMT)."""
     found_off: bool = False
     """It is lost, and was found without power by SDO."""
+    answer: str | None = None
+    """To the SDO writes that the machine asks for: empty when they are taken, else why not; None: no answer."""
 
 
 class Output(NamedTuple):

@@ -125,6 +125,10 @@ class Homing:
     def give_up(self) -> None:
         """An answer that still comes is to nothing."""
         self._answer = None
+        self._writes = ()
+        self._since = 0
+        self._idle_since = -1
+        self._attained_seen_low = False
 
     def prepare(self) -> Progress:
         """READY when the drive has accepted method and speeds and confirmed mode 6."""
@@ -143,8 +147,6 @@ class Homing:
         if not self._mode.confirmed(Mode.HOMING):
             return Progress.WAITS
         self._since = self._cycle.now
-        self._idle_since = -1
-        self._attained_seen_low = False
         return Progress.READY
 
     def run(self) -> Progress:

@@ -18,6 +18,7 @@ from pdgw.gateway.axis.executors.mode import ModeSwitch
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.motion.positioner import Positioner
 from pdgw.gateway.motion.requests import Asked, HomingResult, Motion, Outcome, Seen
+from pdgw.gateway.motion.states import State
 
 HALT = ControlBit.HALT
 NEW_SETPOINT = ControlBit.NEW_SETPOINT
@@ -88,6 +89,8 @@ class MotionExecutor(Executor):
             self._stop()
             mode.halted = ramps
             extra = HALT if ramps else 0
+        if self._homing_begun and outcome.state is not State.HOMING:
+            self._forget_homing()
         self.command.controlword = cycle.controlword | extra
         self.command.modes_of_operation = mode.mode
         return outcome
@@ -106,8 +109,14 @@ class MotionExecutor(Executor):
         seen.given = seen.taken = seen.executing = self.positioner.outcome.motion.serial
         self._end_set_point()
         self._mode.give_up()
-        self.homing.give_up()
+        self._forget_homing()
         self.command.target_velocity = 0
+
+    def _forget_homing(self) -> None:
+        """No homing runs, nor has one ended that is still asked for."""
+        self._homing_begun = self._attained = 0
+        self._seen.homing = HomingResult.RUNNING
+        self.homing.give_up()
 
     def _end_set_point(self) -> None:
         self._setpoint_bit = False
@@ -146,9 +155,8 @@ class MotionExecutor(Executor):
         return 0
 
     def _begin_homing(self, motion: Motion) -> None:
+        self._forget_homing()
         self._homing_begun = self._seen.given = motion.serial
-        self._seen.homing = HomingResult.RUNNING
-        self._attained = 0
 
     def _homing_ends(self, result: HomingResult) -> None:
         seen = self._seen

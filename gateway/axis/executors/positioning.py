@@ -149,7 +149,6 @@ class PositioningExecutor(MotionExecutor):
             if self._seen.homing is not HomingResult.RUNNING:
                 notes.warning = False
             self._end_set_point()
-            self.homing.give_up()
             mode.give_up()
         goal = mdi.goal
         if goal is not None and motion.kind is MotionKind.STAND:
