@@ -82,10 +82,10 @@ def disable_pdo(direction: PdoDirection, number: int, node_id: int) -> SdoStep:
 
 
 def is_taken(step: SdoStep, found: int) -> bool:
-    """Whether a communication parameter that a device does not let be written does what ``step`` wants.
+    """Whether a communication parameter that a device does not accept already has the effect of ``step``.
 
-    A COB-ID that stays valid is right while its PDO is mapped, and for one that is not used: it is the node's own. Remote
-    requests are never made, and both event-driven transmission types come with the event timer.
+    A COB-ID that stays valid is right while its PDO is mapped, and for an unused one: it is the node's own. Remote requests
+    are never made, and both event-driven transmission types come with the event timer.
     """
     if step.subindex == _COB_ID:
         return found | COB_ID_NO_REMOTE in (

@@ -1,6 +1,6 @@
-"""Counters: whoever counts registers the count with a name, a unit and a meaning, and every display lists them all.
+"""Counters: each is registered with a name, a unit and a meaning, and every display lists them all.
 
-Counts stay plain integers where they are made, which is the hot path; a registration says how one is read.
+Counts stay plain integers in the hot path; a registration defines how to read one.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ class Counter:
     name: str
     unit: str
     meaning: str
-    """A sentence's worth, for whoever sees it rise."""
+    """One sentence for a reader who sees it rise."""
     read: Callable[[], int]
 
 
@@ -36,7 +36,7 @@ class Counters:
         return iter(tuple(self._counters.values()))
 
     def values(self) -> list[dict[str, object]]:
-        """Everything counted so far, as plain data."""
+        """All counters as plain data."""
         return [
             {"part": item.part, "name": item.name, "value": item.read(), "unit": item.unit, "meaning": item.meaning}
             for item in self

@@ -12,7 +12,7 @@ ERROR_PASSIVE: Final = 0x8120
 HEARTBEAT_ERROR: Final = 0x8130
 BUS_OFF_RECOVERED: Final = 0x8140
 PDO_LENGTH_ERROR: Final = 0x8210
-"""Codes that the gateway tells, or a simulated node sends, by itself."""
+"""Codes that the gateway, or a simulated node, sends by itself."""
 COMMUNICATION_ERROR: Final = 1 << 0 | 1 << 4
 """Error register 1001h with such a code: generic, communication."""
 

@@ -48,7 +48,7 @@ class CanType(enum.Enum):
 
 COMMUNICATION_AREA: Final = range(0x1000, 0x2000)
 MANUFACTURER_AREA: Final = range(0x2000, 0x6000)
-"""Indices of what CiA 301 itself and what a manufacturer defines; a device profile has those behind."""
+"""Indices of CiA 301 itself and of manufacturers; those of a device profile follow."""
 
 
 ObjectAddress = tuple[int, int]

@@ -24,7 +24,7 @@ COB_ID_INVALID = 1 << 31
 COB_ID_NO_REMOTE = 1 << 30
 """Bit 30: no remote request of the PDO is answered."""
 PDOS_MAX: Final = 0x200
-"""So many PDOs of one direction there can be: indices of their communication parameters, behind them those of their mapping."""
+"""Number of PDOs of one direction: indices of their communication parameters, followed by those of their mapping."""
 _PREDEFINED: Final = 4
 """PDOs 1 to 4 are in the pre-defined connection set."""
 _HIGHEST_SHORT_NODE_ID: Final = 0x3F
@@ -114,7 +114,7 @@ def unpack_into(data, image):
 
 @cache
 def _compiled(attributes: tuple[str, ...]) -> CodeType:
-    """The codec of entries with these attributes: a device's PDOs are mapped anew at each start, mostly the same ones."""
+    """The codec of entries with these attributes: a device's PDOs are mapped again at each start, mostly the same ones."""
     return compile(_CODEC.format(values=", ".join(f"image.{name}" for name in attributes)), "<PDO>", "exec")
 
 

@@ -109,4 +109,4 @@ ENCODER_FAULTS: MappingProxyType[str, EncoderFault] = MappingProxyType(
 COMMISSIONING_FAULT = EncoderFault(
     "commissioning diagnostics", "The diagnostics found a defect.", 0x5000, 0x21, Alarm.COMMISSIONING_DIAGNOSTICS
 )
-"""What the diagnostics report; it is no cause of its own."""
+"""Result of the diagnostics; not a cause of its own."""

@@ -1,4 +1,4 @@
-"""What an encoder tells: the process images the PDO codecs write, and the parameters that give the values their meaning.
+"""Values of an encoder: the process images that the PDO codecs write, and the parameters that define their meaning.
 
 Attribute names are those of the profile's table (``dsp406.objects.PROFILE``). Values are raw object values.
 """
@@ -77,7 +77,7 @@ class EncoderParameters:
     resolution: int = 0
     """6501h: steps per revolution, of a linear encoder 0.001 mm."""
     turns: int = 0
-    """6502h; 0 stands for 65536, the largest number of revolutions."""
+    """6502h; 0 means 65536, the largest number of revolutions."""
     offset: int = 0
     """6509h."""
     operating_time: int = 0

@@ -1,6 +1,6 @@
-"""An open PROFIdrive-to-CANopen gateway. The rooms of the house are its sub-packages, see docs/architecture.md.
+"""An open PROFIdrive-to-CANopen gateway.
 
-The front door: what a program of its own usually needs. Each name is loaded when it is first used.
+docs/architecture.md describes the sub-packages. This module exports the names for programs; each is loaded on first use.
 """
 
 from __future__ import annotations

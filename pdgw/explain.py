@@ -1,7 +1,7 @@
-"""What pydantic finds wrong, in words for the user: which key, which value, what is allowed. One function for all of them, in
-no room: whoever reads a file may import it.
+"""Errors of pydantic as texts for the user: key, value, and what is allowed.
 
-A check of a whole file that concerns one place of it raises ``misplaced``, so that the place can be told.
+Every package that reads a file may import this function. A check of a whole file that concerns one place raises ``misplaced``,
+so that the message names the place.
 """
 
 from __future__ import annotations

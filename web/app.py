@@ -42,7 +42,7 @@ _DIGITS_MAX = 16
 
 
 class Parameters(Protocol):
-    """The parameter channel, read on threads; RequestError for a text that is no parameter, GatewayError without an answer."""
+    """The parameter channel, read on threads; RequestError for an invalid text, GatewayError without an answer."""
 
     def read(self, do_id: int, text: str) -> list[dict[str, Any]]:
         """Elements with name, unit and what they say."""
@@ -59,7 +59,7 @@ Capture = Callable[[Path, float, str], bytes]
 
 
 class Allowance:
-    """So many reads in any second."""
+    """Maximum number of reads in any second."""
 
     def __init__(self, per_s: int) -> None:
         self._times: deque[float] = deque(maxlen=per_s)

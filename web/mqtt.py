@@ -1,12 +1,12 @@
-"""What an MQTT broker is told: the state of each drive object when it changes, and events. Nothing is taken from it.
+"""Publish to an MQTT broker: the state of each drive object when it changes, and events. Nothing is received from it.
 
-    TOPIC/NAME/online               "1"; "0" is the last will, and what is said while the gateway does not answer   retained
+    TOPIC/NAME/online               "1"; "0" is the last will, and sent while the gateway does not answer   retained
     TOPIC/NAME/axis/DO/state        {"state", "sentence", "reason", "remedy", "fault", ...} on change               retained
     TOPIC/NAME/encoder/DO/state     the same
     TOPIC/NAME/event                one event as in the page's list
 
-paho's own thread connects, and connects again; what is to be said waits in its queue for a limited time only: after a new
-connection the present states are said, not those of the outage.
+paho's own thread connects and reconnects. Messages wait in its queue for a limited time: after a new connection the present
+states are sent, not those of the outage.
 """
 
 from __future__ import annotations
@@ -88,7 +88,8 @@ def made_client(config: MqttConfig, client_id: str) -> Client:
 
 
 class Publisher:
-    """Tells a broker about the gateway of a watch, from ``start`` to ``stop``. ``name``: of the gateway, for the topics."""
+    """Publish the state of the gateway of a watch to a broker, from ``start`` to ``stop``. ``name``: of the gateway, for the
+    topics."""
 
     def __init__(self, config: MqttConfig, watch: Watch) -> None:
         self._config = config

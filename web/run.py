@@ -1,4 +1,4 @@
-"""``pdgw web`` as a process: the server, the watch and, where configured, the MQTT publisher, until it is told to end."""
+"""``pdgw web`` as a process: the server, the watch and, if configured, the MQTT publisher, until a signal ends it."""
 
 from __future__ import annotations
 

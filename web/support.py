@@ -23,7 +23,7 @@ VENDORED = Path(__file__).parent / "static" / "vendor" / "vendored.json"
 _CAPTURE_S = 30
 PACKAGE = "profidrive-gateway"
 _SECRET = re.compile(r'^(\s*"?[\w-]*(?:pass|secret|token|key|user)[\w-]*"?\s*=\s*).*$', re.IGNORECASE | re.MULTILINE)
-"""Keys of a python-can interface or of ours that may hold, or lead to, something nobody else has to see."""
+"""Keys of a python-can interface or of ours that may contain secrets."""
 
 
 def public_config(config: GatewayConfig) -> str:

@@ -220,7 +220,7 @@ class _Live:
 
 
 def _parts(reader: RingReader, after: int, last: int) -> Iterator[list[Cycle]]:
-    """The cycles behind ``after`` in pieces: other threads run between them, and no more than a piece is in memory."""
+    """The cycles after ``after`` in pieces: other threads run between them, and only one piece is in memory."""
     while after < last:
         upto = min(after + 2000, last)
         yield reader.cycles(after, upto=upto)

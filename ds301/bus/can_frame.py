@@ -11,7 +11,7 @@ from typing import Final
 CAN_FRAME: Final = struct.Struct("=IB3x8s")
 """Identifier with flags, length 0..8, data."""
 FD_FRAME_SIZE: Final = 72
-"""``struct canfd_frame``: what is read has to be so long that a frame of CAN FD is not taken for a classic one."""
+"""``struct canfd_frame``: the read buffer has its length, so that a CAN FD frame does not look like a classic one."""
 STANDARD_ID: Final = 0x7FF
 EXTENDED_ID: Final = 0x1FFF_FFFF
 """Identifiers of 11 and of 29 bits, without flags."""

@@ -31,18 +31,18 @@ log = logging.getLogger("gateway")
 PdoCallback = Callable[[bytes, int], None]
 """(data, monotonic receive time in ns)."""
 FrameListener = Callable[[can.Message], None]
-"""Sees every frame sent and received (``is_rx`` tells). It must only queue."""
+"""Called with every frame sent and received (``is_rx``). It must only queue."""
 FrameTap = Callable[[int, bytes, int, int], object]
 """Identifier with the flags of SocketCAN, data, 1 for a frame that was sent, monotonic nanoseconds."""
 _OPERATIONAL: Final = bytes((NmtState.OPERATIONAL,))
 _ONE_BYTE: Final = bytes(1)
 """Of a request: the length alone is sent."""
 _BUSY_NS: Final = 100 * MS
-"""An interface that takes no frame for so long is not healthy; a full queue now and then is nothing."""
+"""An interface that accepts no frame for this time is not healthy; a queue that is full for a moment is normal."""
 _ASK_AGAIN_NS: Final = 5 * MS
-"""An interface that has not reported room for so long is tried again."""
+"""An interface that has not reported room for this time is tried again."""
 _BRING_UPS: Final = 16
-"""Nodes configured at a time where nobody has counted what the bus has room for."""
+"""Nodes configured at a time if the load of the bus is unknown."""
 _QUARTER: Final = 4
 """Part of the time for an answer that a request may wait before it is sent."""
 _SDO_FRAMES: Final = 1024
@@ -56,7 +56,7 @@ _FIRST_PAUSE_NS: Final = 100 * MS
 _LONGEST_PAUSE_NS: Final = 2_000 * MS
 """Between two tries to open an interface that was lost."""
 _WORKING_NS: Final = 50 * MS
-"""An interface that is down can be opened, and is lost in the next turn: so long it has to last."""
+"""An interface that is down can be opened and is lost in the next turn: minimum time for a successful opening."""
 
 
 class CanNetwork(Receiver):
@@ -88,9 +88,9 @@ class CanNetwork(Receiver):
         """False from a bus-off or a lost interface until a frame passes again."""
         self.listeners: list[FrameListener] = []
         self.tap: FrameTap | None = None
-        """Told of every frame in the cheapest way."""
+        """Called with every frame, at the lowest cost."""
         self.waiting = False
-        """Senders wait for room: whoever does not stop anything waits behind them."""
+        """Senders wait for room: senders without a stop wait after them."""
         self._send_queue = SendQueue()
         self._first_frames = FrameQueue(self.put)
         """NMT commands, heartbeat, node guarding."""
@@ -113,7 +113,7 @@ class CanNetwork(Receiver):
         self._busy_since = -1
         self._pause = _FIRST_PAUSE_NS
         self._reopening: Timer | None = None
-        """The next try, or the end of the doubt whether the last one was good."""
+        """Time of the next try, or of the confirmation of the last one."""
         self._working = True
         self._register_counters()
 
@@ -157,7 +157,7 @@ class CanNetwork(Receiver):
         self._pdos[cob_id] = callback
 
     def unsubscribe_pdo(self, cob_id: int) -> None:
-        """End a subscription; none is no error."""
+        """End a subscription; a missing one is not an error."""
         self._pdos.pop(cob_id, None)
 
     def watch(self, look: Callable[[int], None]) -> None:
@@ -186,9 +186,9 @@ class CanNetwork(Receiver):
             self._looking = self.loop.call_later(_LOOK_NS, self._look)
 
     def send(self, cob_id: int, data: bytes) -> bool:
-        """Send a frame, or queue it until the interface has room; True when the interface took it at once.
+        """Send a frame, or queue it until the interface has room; True if the interface accepted it at once.
 
-        NMT commands, heartbeat and node guarding do not wait behind setpoints. False and counted when the interface is lost.
+        NMT commands, heartbeat and node guarding do not wait for setpoints. False and counted when the interface is lost.
         """
         if cob_id == NMT or cob_id & _FUNCTION == ERROR_CONTROL:
             return self.send_first(cob_id, data)
@@ -208,9 +208,10 @@ class CanNetwork(Receiver):
         return False
 
     def leave_room(self, sdo_gap_ns: int, answer_ns: int) -> None:
-        """Send one SDO request in ``sdo_gap_ns``, and configure only so many nodes at a time that none waits long for its turn.
+        """Send one SDO request in ``sdo_gap_ns``, and limit the number of nodes that are configured at a time, so that none
+        waits long for its turn.
 
-        ``answer_ns``: the shortest time within which a node has to answer a request, the wait before it is sent included.
+        ``answer_ns``: the shortest time within which a node must answer a request, including the wait before it is sent.
         """
         self._sdo_gap = sdo_gap_ns
         self.bring_ups.limit = max(1, answer_ns // _QUARTER // sdo_gap_ns)
@@ -283,7 +284,7 @@ class CanNetwork(Receiver):
         return self.send(cob_id | REMOTE, _ONE_BYTE)
 
     def drop_waiting(self) -> None:
-        """Forget what has not gone out: a node is lost, and what it was told before must not reach it behind its stop."""
+        """Drop unsent frames of a lost node: earlier commands must not reach it after its stop."""
         if self._port is not None:
             self._port.drop()
 
@@ -330,7 +331,7 @@ class CanNetwork(Receiver):
             self.malformed += 1
 
     def on_other_frame(self, can_id: int, data: bytes, *, extended: bool, remote: bool) -> None:
-        """A frame that is none of CANopen's, or a request nobody answers here."""
+        """A frame outside CANopen, or a request to another node."""
         self.received += 1
         self.healthy = True
         if self.tap is not None:
@@ -361,7 +362,7 @@ class CanNetwork(Receiver):
         self.waiting = not self._send_queue.flush()
 
     def on_lost(self, text: str) -> None:
-        """The interface went away: say so and open it again when it is back."""
+        """The interface is lost: report it, and open it again when it is back."""
         self._port = None
         for queue in (self._send_queue, self._first_frames, self._frames):
             queue.clear()

@@ -37,7 +37,7 @@ class AcyclicNetwork(canopen.Network):  # type: ignore[misc]
 
 
 class ObjectAbortedError(SdoAbortedError):  # type: ignore[misc]
-    """A node has aborted the access to one of its objects: told with node, object and the text of the code."""
+    """A node has aborted the access to one of its objects: with node, object and the text of the code."""
 
     def __init__(self, where: str, code: int) -> None:
         super().__init__(code)

@@ -35,13 +35,13 @@ _AT_ONCE: Final = 64
 """Frames taken in one turn of the loop: a flood on one bus must not keep the others waiting."""
 _RECEIVE_TIMEOUT_S: Final = 0.2
 _SEND_QUEUE: Final = 16
-"""Frames that may wait for a driver which takes them slowly. A stop waits behind them."""
+"""Frames that may wait for a slow driver. A stop waits for them."""
 _ROOM: Final = _SEND_QUEUE // 2
 """So few frames left in the queue are reported as room."""
 _SMALLEST_BUFFER: Final = 0
-"""SO_SNDBUF: the kernel takes its minimum, which is about 6 CAN frames. A stop waits behind them."""
+"""SO_SNDBUF: the kernel uses its minimum, which is about 6 CAN frames. A stop waits for them."""
 _FULL_NS: Final = 250 * US
-"""The interface's queue (txqueuelen) is full, and the kernel does not report when it has room: so long until the next try."""
+"""The interface's queue (txqueuelen) is full, and the kernel does not report room: time until the next try."""
 _AF_CAN: Final = getattr(socket, "AF_CAN", None)
 _SEND_TIMEOUT_S: Final = 0.1
 """A driver that may wait for room waits no longer for one frame."""
@@ -69,7 +69,7 @@ class Receiver(Protocol):
         """A frame with an extended identifier, or a remote frame."""
 
     def on_error_frame(self, *, bus_off: bool, passive: bool) -> None:
-        """The controller tells of an error on the bus."""
+        """The controller reports an error on the bus."""
 
     def on_room(self) -> None:
         """The port, which raised PortBusyError before, takes frames again."""
@@ -352,4 +352,4 @@ def _shut_down(bus: can.BusABC) -> None:
 
 
 Opener = Callable[[], CanPort]
-"""Opens the interface, at start and again after it was lost; CanopenError when it cannot be had."""
+"""Open the interface, at start and again after a loss; CanopenError if it cannot be opened."""

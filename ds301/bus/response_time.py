@@ -2,9 +2,9 @@
 
 Source: Davis, Burns, Bril, Lukkien, "Controller Area Network (CAN) schedulability analysis: refuted, revisited and revised"
 (2007); Davis, Kollmann, Pollex, Slomka, "Controller Area Network (CAN) Schedulability Analysis with FIFO Queues" (2011). Every
-sender, the gateway's interface among them, is taken as a FIFO queue: a frame waits for all frames of its sender, and the first
+sender, the gateway's interface among them, counts as a FIFO queue: a frame waits for all frames of its sender, and the first
 of the queue competes with the bus. The bound holds for controllers that send by priority too. Frames take the most stuff bits.
-Not part of it: disturbed frames, EMCY, NMT commands, and traffic nobody planned.
+Not part of it: disturbed frames, EMCY, NMT commands, and unplanned traffic.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ class SendQueue:
         self._others: dict[Sender, None] = {}
 
     def add(self, sender: Sender, *, stop: bool) -> None:
-        """Wait behind all others; ``stop``: only behind other stops. A stop stays a stop until it is sent."""
+        """Wait after all others; ``stop``: only after other stops. A stop stays a stop until it is sent."""
         if stop:
             self._others.pop(sender, None)
             self._stops[sender] = None

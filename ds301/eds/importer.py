@@ -1,9 +1,9 @@
 """Import of EDS and DCF files as they are found in the field: repaired, then read by canopen's own importer.
 
-Source: CiA 306 V1.3. A file is brought into the one form every reader understands. What has one possible meaning is
-repaired and listed with its line; what has none, or two, is refused with every line that has to be corrected. Compact
-sub-objects are written out, which is no repair. Left out: type definitions (DEFTYPE, DEFSTRUCT), modules and
-``CompactPDO``; sections the gateway has no use for are kept as they are.
+Source: CiA 306 V1.3. A file is converted to the form that every reader understands. An entry with one possible meaning is
+repaired and listed with its line; one with none, or two, is rejected with every line to correct. Compact sub-objects are
+written out, which is not a repair. Not here: type definitions (DEFTYPE, DEFSTRUCT), modules and ``CompactPDO``; unused sections
+are kept.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ _PDO_PARTS = tuple((direction.communication_index, direction.mapping_index) for 
 
 
 _FILES = 32
-"""So many different files are kept read."""
+"""Maximum number of parsed files in the cache."""
 _RELATIVE = "$NODEID"
 
 
@@ -198,7 +198,7 @@ def _normalised(sections: Mapping[str, Section], report: Report) -> Texts:
 def _sorted_out(
     sections: Mapping[str, Section], report: Report
 ) -> tuple[dict[int, ObjectSections], dict[str, Section]]:
-    """Objects by index, and the sections that are no objects."""
+    """Objects by index, and the other sections."""
     objects: dict[int, ObjectSections] = {}
     others: dict[str, Section] = {}
     for name, section in sections.items():

@@ -322,7 +322,7 @@ class ObjectWriter:
         return used
 
     def _user_type(self, code: int) -> int:
-        """What stands behind a data type of the file's own; DOMAIN, that is bytes, for one nobody knows."""
+        """The declared type of a data type of the file; DOMAIN (bytes) for an unknown one."""
         try:
             used = number(self._user_types.get(code, ""))
         except ValueRefused:

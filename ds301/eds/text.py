@@ -1,7 +1,7 @@
 """EDS/DCF files as sections and entries with their line numbers, from whatever bytes a real file consists of.
 
-Source: CiA 306 V1.3 (an INI file in ASCII). What an INI reader does not see is no repair: case of names, blanks and tabs
-around them, line ends, comment lines. Left out: the meaning of the sections, see ``ds301.eds.importer``.
+Source: CiA 306 V1.3 (an INI file in ASCII). Differences that an INI reader ignores are not repairs: case of names, blanks and
+tabs around them, line ends, comment lines. Not here: the meaning of the sections, see ``ds301.eds.importer``.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ _OBJECT_LIST = re.compile(r"([0-9a-f]{4})(name|value)", re.IGNORECASE)
 
 
 def decode(data: bytes, report: Report) -> str:
-    """The text of a file; a repair names an encoding that is not ASCII or UTF-8. Refuses what is no text at all."""
+    """The text of a file; a repair names an encoding other than ASCII or UTF-8. Rejects binary data."""
     if len(data) > MAX_SIZE:
         raise EdsError((Problem(0, "", "file size", f"{len(data)} bytes", f"too long, allowed: {MAX_SIZE} bytes"),))
     for mark, encoding in ((codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be")):
@@ -231,7 +231,7 @@ def _header(content: str, line: int, sections: dict[str, Section], report: Repor
 
 
 def _without_comment(section: str, key: str, value: str, line: int, report: Report) -> str:
-    """CiA 306 knows comment lines only; text after blank and semicolon is one all the same, to every reader."""
+    """CiA 306 has comment lines only; every reader also accepts text after blank and semicolon as a comment."""
     match = re.search(r"(?:^|\s);", value)
     if match is None:
         return value

@@ -63,9 +63,9 @@ def is_plain(text: str) -> bool:
 
 
 def number(text: str) -> int | None:
-    """The number a text stands for, None where it says nothing (blank, ``0x``).
+    """The number in a text, None for an empty one (blank, ``0x``).
 
-    ValueRefused where it is no number, or one with two meanings: ``010`` is 8 by CiA 306 and 10 to most tools.
+    ValueRefused for another text, or one with two meanings: ``010`` is 8 by CiA 306 and 10 to most tools.
     """
     digits = _COMMENT.sub("", text).strip().strip("\"'").strip().lower()
     sign = -1 if digits.startswith("-") else 1
@@ -134,9 +134,9 @@ def _relative(text: str) -> int | None:
 
 
 def value_text(data_type: int, text: str) -> tuple[str, bool]:
-    """A DefaultValue or ParameterValue in the spelling every reader understands, and whether that repairs something.
+    """A DefaultValue or ParameterValue in the spelling that every reader understands, and whether this is a repair.
 
-    "" stands for no value. ValueRefused where the text is no value of the type.
+    "" means no value. ValueRefused for a text that is not a value of the type.
     """
     if data_type in NUMBER_OF_BITS:
         return _integer_text(data_type, text)
@@ -240,10 +240,10 @@ def _bytes_text(data_type: int, text: str) -> tuple[str, bool]:
 
 
 def limit_text(data_type: int, text: str, *, lower: bool) -> tuple[str, bool]:
-    """A LowLimit or HighLimit as a decimal or plain number, and whether that repairs something; "" stands for no limit.
+    """A LowLimit or HighLimit as a decimal or plain number, and whether this is a repair; "" means no limit.
 
-    A limit outside the type is the type's own, and so is one that would leave no value of it. ValueRefused where the text is no
-    number.
+    A limit outside the type is replaced by the type's own, and so is one that would leave no value. ValueRefused for a text
+    that is not a number.
     """
     if data_type in REALS:
         return _real_text(text)

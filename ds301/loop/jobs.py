@@ -1,6 +1,6 @@
-"""Jobs for the task of a node, answered by futures.
+"""Jobs for the task of a node, with futures as answers.
 
-Whoever wants something of a node hands in a call; the node's task runs one after the other between what it does otherwise.
+A client of a node adds a call; the node's task runs the calls one after the other between its own work.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ T = TypeVar("T")
 
 
 def settle(future: Future[T], function: Callable[[], T], errors: type[BaseException] = Exception) -> None:
-    """The future has what a function returns or raises: that belongs to whoever asked for it."""
+    """The future has the result or the error of the function, for its caller."""
     try:
         result = function()
     except errors as error:
@@ -40,7 +40,7 @@ class Jobs:
         return future
 
     def run_next(self) -> None:
-        """Run the oldest, unless nobody waits for it any more."""
+        """Run the oldest job, unless its caller has stopped waiting."""
         future, run = self._waiting.popleft()
         if future.set_running_or_notify_cancel():
             run()

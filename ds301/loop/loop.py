@@ -2,7 +2,7 @@
 
 Everything of the gateway runs on one ``Loop``: cyclic exchange, CAN reception, SDO work, parameter requests. A ``SystemLoop``
 has the machine's clock and file descriptors, a ``VirtualLoop`` a clock of its own that jumps to the next
-timer, so that the same code plays a day in minutes and the same run twice. Times are monotonic nanoseconds.
+timer, so that the same code simulates a day in minutes and the same run twice. Times are monotonic nanoseconds.
 
 A ``Task`` is a greenlet: straight code that waits for events. Priority is explicit: file descriptors in the order of their
 priority, then due timers, then one slice of one task; see ``Loop.pace``.
@@ -34,7 +34,7 @@ log = logging.getLogger("gateway")
 
 T = TypeVar("T")
 SLICE_NS: Final = 200_000
-"""A slice of a task is nearly always shorter: it is begun only when nothing is expected for so long."""
+"""A slice of a task is nearly always shorter: it starts only if nothing is expected for this time."""
 _LONGEST_WAIT_S: Final = 3600.0
 
 
@@ -54,7 +54,7 @@ class Timer:
         self.when = when
 
     def cancel(self) -> None:
-        """It will not be called; cancelling twice or afterwards is no error."""
+        """Cancel the call; cancelling twice or afterwards is allowed."""
         self.action = None
 
 
@@ -71,13 +71,13 @@ class Task:
         self._greenlet = greenlet.greenlet(lambda: self._run(function))
 
     def kill(self) -> None:
-        """End it where it waits; a task that has ended or not begun is no error."""
+        """End the task at its wait; a task that has ended or not begun is allowed."""
         if not self.done.is_set():
             self._kill = True
             self.resume()
 
     def resume(self) -> None:
-        """Let it go on in a later slice; only one that waits, and only once."""
+        """Continue the task in a later slice; only one that waits, and only once."""
         if self._parked:
             self._parked = False
             self._loop.add_slice(self._go_on)
@@ -126,7 +126,7 @@ class Loop(abc.ABC):
         """Of everything that runs on the loop."""
         self.task_errors = 0
         self._told: set[tuple[str, type[Exception], str]] = set()
-        """Errors nobody expected: what they ended, their kind and the place they came from."""
+        """Unexpected errors: what they ended, their kind and the place they came from."""
         self.counters.add(
             "loop",
             "task_errors",
@@ -165,7 +165,7 @@ class Loop(abc.ABC):
 
     @abc.abstractmethod
     def remove_reader(self, descriptor: int) -> None:
-        """End it; one that is not watched is no error."""
+        """End the watch; one that is not watched is allowed."""
 
     @abc.abstractmethod
     def add_writer(self, descriptor: int, action: Callable[[], None]) -> None:
@@ -173,7 +173,7 @@ class Loop(abc.ABC):
 
     @abc.abstractmethod
     def remove_writer(self, descriptor: int) -> None:
-        """End it; one that is not watched is no error."""
+        """End the watch; one that is not watched is allowed."""
 
     @abc.abstractmethod
     def close(self) -> None:
@@ -194,7 +194,7 @@ class Loop(abc.ABC):
         heapq.heappush(self._timers, (timer.when, self._number, timer))
 
     def call_later(self, delay: int, action: Callable[[], None]) -> Timer:
-        """Call after so many nanoseconds."""
+        """Call after this number of nanoseconds."""
         return self.call_at(self.now() + delay, action)
 
     def spawn(self, function: Callable[[], None], name: str) -> Task:
@@ -205,10 +205,8 @@ class Loop(abc.ABC):
         return task
 
     def unexpected(self, what: str, error: Exception) -> None:
-        """A mistake of the program ended ``what``, and nothing else: counted, and logged with its traceback the first time.
-
-        Whoever asks again and again must not fill the log.
-        """
+        """An internal error ended ``what``, and nothing else: counted, and logged with its traceback the first time, so that a
+        repeated request does not fill the log."""
         self.task_errors += 1
         place = (what, type(error), str(traceback.extract_tb(error.__traceback__, -1)))
         if place not in self._told:
@@ -218,7 +216,7 @@ class Loop(abc.ABC):
             )
 
     def end_tasks(self) -> None:
-        """End every task where it waits: one that waits for ever keeps all that it knows, and the collector cannot help."""
+        """End every task at its wait: a task that waits permanently keeps all its objects, and the collector cannot free them."""
         for task in tuple(self.tasks):
             task.kill()
         while self._slices:
@@ -230,10 +228,10 @@ class Loop(abc.ABC):
 
     @abc.abstractmethod
     def pace(self, expected: int) -> None:
-        """The cyclic exchange has done its part of a cycle and expects the next at ``expected``.
+        """The cyclic exchange has finished its part of a cycle and expects the next at ``expected``.
 
-        One slice may follow at once, others while they end before that time. Whoever calls it goes on calling it, or ends it
-        with 0: nothing is expected.
+        One slice may follow at once, others while they end before that time. The caller must repeat it, or end it with 0:
+        nothing is expected.
         """
 
     def current(self) -> Task:
@@ -243,7 +241,7 @@ class Loop(abc.ABC):
         return self.running
 
     def sleep(self, delay: int) -> None:
-        """Wait so many nanoseconds inside a task."""
+        """Wait this number of nanoseconds inside a task."""
         task = self.current()
         timer = self.call_later(delay, task.resume)
         try:
@@ -289,7 +287,7 @@ class Loop(abc.ABC):
 
 
 class Event:
-    """Something tasks wait for. ``set`` and ``clear`` are for anybody on the loop's thread."""
+    """An event that tasks wait for. Any code on the loop's thread may call ``set`` and ``clear``."""
 
     def __init__(self, loop: Loop) -> None:
         self._loop = loop
@@ -308,7 +306,7 @@ class Event:
         self._set = False
 
     def wait(self, timeout: int | None = None) -> bool:
-        """Until it is set (True) or so many nanoseconds are over, inside a task."""
+        """Wait until it is set (True) or this number of nanoseconds is over, inside a task."""
         if self._set:
             return True
         task = self._loop.current()
@@ -328,7 +326,7 @@ class Mailbox(Generic[T]):
 
     def __init__(self, loop: Loop, limit: int = 64) -> None:
         self._items: deque[T] = deque(maxlen=limit)
-        """Bounded: what nobody fetches must not fill the memory; the oldest go first."""
+        """Limit the memory for unread items; the oldest are discarded."""
         self._filled = Event(loop)
 
     def put(self, item: T) -> bool:

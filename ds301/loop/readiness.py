@@ -15,7 +15,7 @@ WRITABLE: Final = 0x004
 NO_DESCRIPTOR: Final = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 """Errors of ``accept`` when the system has no resources for another connection. The port stays readable meanwhile."""
 _AT_ONCE: Final = 64
-"""Descriptors told of in one call; the kernel goes on with the others in the next one."""
+"""Number of descriptors in one call; the kernel continues with the others in the next one."""
 
 
 class Readiness(Protocol):
@@ -25,7 +25,7 @@ class Readiness(Protocol):
         """What to look for, instead of what was before; neither ends it."""
 
     def wait(self, seconds: float) -> list[tuple[int, int]]:
-        """Descriptors with their states, after so long at most; 0 only looks. It may return sooner with none."""
+        """Descriptors with their states, after this time at most; 0 does not wait. It may return earlier with none."""
 
     def close(self) -> None:
         """Release what it has itself."""

@@ -1,4 +1,4 @@
-"""Turns: so many tasks at a time do something, in the order in which they asked."""
+"""Turns: a limited number of tasks at a time, in the order of their requests."""
 
 from __future__ import annotations
 

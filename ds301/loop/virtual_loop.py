@@ -1,4 +1,4 @@
-"""A loop on a clock of its own: the same code plays a day in minutes, and the same run twice."""
+"""A loop with its own clock: the same code simulates a day in minutes, and the same run twice."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class VirtualLoop(Loop):
 
     @property
     def waiting(self) -> int:
-        """Timers that have not come yet, those that were taken back among them."""
+        """Timers that are not due, with cancelled ones."""
         return len(self._timers)
 
     def run(self) -> None:
@@ -69,7 +69,7 @@ class VirtualLoop(Loop):
             pass
 
     def run_until(self, when: int) -> None:
-        """Play up to a time; the clock shows it afterwards, unless ``stop`` ended it before."""
+        """Run up to a time; the clock shows it afterwards, unless ``stop`` ended it before."""
         self._stopping = False
         while not self._stopping and self._turn(when):
             pass
@@ -77,11 +77,11 @@ class VirtualLoop(Loop):
             self._now = max(self._now, when)
 
     def run_for(self, duration: int) -> None:
-        """Play so many nanoseconds."""
+        """Run for this number of nanoseconds."""
         self.run_until(self._now + duration)
 
     def until(self, condition: Callable[[], object], what: str, limit: int = 10 * SECOND) -> None:
-        """Play until a condition holds after an event; TimeoutError naming ``what`` when it does not within ``limit``."""
+        """Run until a condition is true after an event; TimeoutError with ``what`` if it is not within ``limit``."""
         end = self._now + limit
         self._stopping = False
         while not condition():
@@ -89,7 +89,7 @@ class VirtualLoop(Loop):
                 raise TimeoutError(f"not within {limit / SECOND:g} s: {what}")
 
     def complete(self, function: Callable[[], T], limit: int = 60 * SECOND) -> T:
-        """Run a function as a task and play until it has ended; its result or exception is this call's."""
+        """Run a function as a task until it has ended; return its result or raise its exception."""
         future: Future[T] = Future()
         self.spawn(lambda: settle(future, function), "complete")
         self.until(future.done, "end of the task", limit)

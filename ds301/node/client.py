@@ -50,7 +50,7 @@ _ACYCLIC_PDO_NS: Final = 100 * MS
 _ACYCLIC_FAILURES: Final = 3
 """So often in a row may objects without PDO not be read before their values are too old."""
 _CHECK_AFTER_NS: Final = 200 * MS
-"""A configuration that is being written comes object by object: so long after the last one it is checked."""
+"""A configuration is written object by object: it is checked this time after the last one."""
 _ONLINE: Final = NodeStatus.ONLINE
 
 
@@ -185,7 +185,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         return future
 
     def stop(self) -> None:
-        """NMT pre-operational and end of the task. Whoever moves the device has stopped it before."""
+        """NMT pre-operational and end of the task. The caller must have stopped the device before."""
         if self._task is not None:
             self._task.kill()
         self._sending = False
@@ -416,7 +416,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
             self.loop.sleep(_LOOK_AGAIN_NS)
 
     def _supervise(self) -> None:
-        """Online: run jobs, watch heartbeat, TPDOs and boot-ups. Returns when the node has to be brought up anew."""
+        """Online: run jobs, monitor heartbeat, TPDOs and boot-ups. Returns when the node must be started again."""
         self.network.watch(self._look)
         try:
             self._care()

@@ -1,6 +1,6 @@
-"""Making sure of a node and writing a configuration into it, step by step, in its task.
+"""Check a node and write a configuration into it, step by step, in its task.
 
-Source: CiA DS 301 V4.02 chapter 7.5.2.36. A parameter that cannot be written and is as wanted already is as good as written.
+Source: CiA DS 301 V4.02 chapter 7.5.2.36. A parameter that cannot be written but already has the requested value is accepted.
 """
 
 from __future__ import annotations

@@ -84,10 +84,7 @@ class TpdoSlot:
         self.errors = 0
 
     def receive(self, data: bytes, now: int) -> None:
-        """A frame of the TPDO.
-
-        One shorter than the mapping is no sign of life: its values would be kept for ever.
-        """
+        """A frame of the TPDO. One shorter than the mapping is not a sign of life: its values would be kept permanently."""
         if len(data) < self.pdo.size:
             self.errors += 1
             return

@@ -62,7 +62,7 @@ class PdoPlan:
     written: tuple[Pdo, ...] = ()
     """Objects that are written by SDO when they change, in groups that are written together."""
     read: tuple[Pdo, ...] = ()
-    """Objects that are read by SDO again and again, in groups."""
+    """Objects that are read by SDO periodically, in groups."""
     notes: tuple[str, ...] = field(default=())
     """What was chosen and why, for a person."""
 

@@ -52,10 +52,8 @@ def _download(index: int, subindex: int, data: bytes) -> bytes:
 
 
 class SdoAccess:
-    """Reads and writes the objects of a node; every method is for a task.
-
-    ``error_type`` is the package's error for an abort that is told with the object's name.
-    """
+    """Read and write the objects of a node; every method is for a task. ``error_type`` is the package's error for an abort,
+    with the object's name."""
 
     error_type: ClassVar[type[CanopenError]] = CanopenError
 
@@ -84,7 +82,7 @@ class SdoAccess:
 
     @property
     def _answers_late(self) -> bool:
-        """An answer has come that was given up."""
+        """The answer to an aborted request has arrived."""
         return not self._sdo.responses.empty()
 
     def read(self, index: int, subindex: int = 0) -> bytes:
@@ -110,7 +108,7 @@ class SdoAccess:
         return data
 
     def _upload(self, index: int, subindex: int, *, block: bool) -> tuple[bytes, int | None]:
-        """The bytes of an upload and the size the node told before."""
+        """The bytes of an upload and the size that the node announced."""
         sdo = self._sdo
         deadline = self.loop.now() + _LONGEST_UPLOAD_NS
         data = b""
@@ -125,7 +123,7 @@ class SdoAccess:
     def write(self, index: int, subindex: int, data: bytes) -> None:
         """SDO download, in the node's task only; raises canopen's SdoAbortedError / SdoCommunicationError.
 
-        The late answer to another write, which was given up, does not confirm this one (canopen would take it).
+        The late answer to an aborted write does not confirm this one (canopen would accept it).
         """
         self._settle()
         sdo = self._sdo
@@ -163,10 +161,8 @@ class SdoAccess:
             raise SdoCommunicationError(f"no confirmation of the write of {index:04X}h/{subindex}")
 
     def _urge(self, request: bytes, send: Callable[[bytes], object]) -> bytes:
-        """The answer to an expedited request that is repeated while none comes; an abort is raised as canopen does.
-
-        ValueError where nothing came but what is no SDO.
-        """
+        """The answer to an expedited request that is repeated while none arrives; an abort is raised as canopen does.
+        ValueError if only frames other than SDO arrived."""
         sdo = self._sdo
         asked = request[1:_EXPEDITED_SIZE]
         timeout = int(sdo.RESPONSE_TIMEOUT * SECOND)
@@ -204,13 +200,13 @@ class SdoAccess:
         return answer
 
     def _settle(self) -> None:
-        """A second answer to a request that was repeated must not be taken for one to the next."""
+        """A second answer to a repeated request must not count as the answer to the next one."""
         while self._open and self._next(self._open_until) is not None:
             pass
         self._open = 0
 
     def ask(self, index: int, subindex: int = 0) -> None:
-        """Send the request to read an object and go on at once; ``answered`` has the answer later."""
+        """Send the request to read an object without waiting; ``answered`` has the answer later."""
         now = self.loop.now()
         while not self._sdo.responses.empty():
             self._next(now)

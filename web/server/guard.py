@@ -37,7 +37,7 @@ HEADERS = {
 FAILURES_MAX = 5
 FAILURES_WITHIN_S = 60.0
 _ADDRESSES_MAX = 256
-"""So many addresses that tried are remembered, the latest ones."""
+"""Number of the latest addresses with wrong tokens."""
 _TOKEN_MIN, _TOKEN_MAX = 16, 4096
 _SEALED = ("/api/", "/metrics")
 """What needs the token. The page's own files and the answers to "is it well?" hold nothing of the plant."""
@@ -99,7 +99,7 @@ class Token:
     def __init__(self, token: str) -> None:
         self._digest = hashlib.sha256(token.encode()).digest()
         self.session = hmac.new(token.encode(), b"session of pdgw web", hashlib.sha256).hexdigest()
-        """The value of the cookie. It ends with the token: who changes the file has logged everybody out."""
+        """The value of the cookie. It is derived from the token: another token ends all sessions."""
 
     def opens(self, authorization: str) -> bool:
         """An ``Authorization: Bearer`` header with the token."""
@@ -122,7 +122,7 @@ class Token:
 
 
 def refusal(status: int, text: str, field: str, **headers: str) -> Response:
-    """An error as the interface tells it."""
+    """An error in the format of the interface."""
     return JSONResponse({"error": text, "field": field}, status, {k.replace("_", "-"): v for k, v in headers.items()})
 
 
@@ -170,7 +170,7 @@ class Guard:
         await (self._app if answer is None else answer)(scope, receive, send_guarded)
 
     def answer(self, method: str, path: str, headers: Headers, address: str) -> Response | None:
-        """What the request gets instead of what it asks for; None: it may go on."""
+        """The answer in place of the requested one; None: the request may continue."""
         if method not in {"GET", "HEAD"}:
             return refusal(405, "this page is read-only: GET and HEAD only", "method", allow="GET, HEAD")
         if host_name(headers.get("host", "")) not in self._hosts:

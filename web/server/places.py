@@ -1,7 +1,7 @@
-"""Who keeps a connection to the page: few for each unknown sender, and a newcomer always gets one.
+"""Which connections to the page stay open: few for each unknown sender, and a new one always gets a place.
 
-A connection counts as unknown until it shows the token or carries a stream. Unknown connections end in favour of newer ones, so
-that somebody who opens many takes places from himself first, and /healthz is always answered.
+A connection is unknown until it shows the token or carries a stream. Unknown connections end in favour of newer ones, so a
+sender with many connections loses its own first, and /healthz is always answered.
 """
 
 from __future__ import annotations

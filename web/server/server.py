@@ -1,4 +1,4 @@
-"""The server of the page: uvicorn on one address, with bounds on what strangers can hold of it."""
+"""The server of the page: uvicorn on one address, with limits for unknown senders."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def bounded_protocol(places: Places) -> type[BoundedProtocol]:
 
 
 def listen(config: WebConfig) -> socket.socket:
-    """The port of the page; GatewayError when it cannot be had."""
+    """The port of the page; GatewayError if it cannot be opened."""
     host, port = config.address
     made = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
     try:

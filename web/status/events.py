@@ -18,7 +18,7 @@ from pdgw.web.status.feed import Document
 
 KEPT = 1000
 REPEATS_AMONG = 200
-"""Among so many of the newest events a repeated one is found."""
+"""Number of newest events in which a repeated one is found."""
 _SINCE = re.compile(r", since \d\d:\d\d:\d\d")
 """The time in a sentence; the event has its own."""
 
@@ -66,7 +66,7 @@ class EventLog:
         self._next += 1
 
     def after(self, number: int) -> list[Event]:
-        """Those with a higher number, the oldest first. A number nobody gave gets all."""
+        """Events with a higher number, the oldest first. An unknown number gets all."""
         if number >= self._next:
             number = 0
         found: list[Event] = []
@@ -78,12 +78,12 @@ class EventLog:
         return found
 
     def add_fault(self, do_id: int, fault: Document) -> None:
-        """A fault or warning as the status tells it, with the time it had."""
+        """A fault or warning as in the status, with its time."""
         kind = "warning" if fault["is_warning"] else "fault"
         self.add(fault["time"], kind, do_id, f"{kind} {fault['number']}: {fault['text']}")
 
     def take(self, before: Document | None, document: Document) -> None:
-        """Enter what changed since the last status; after none, how everything stands."""
+        """Enter the changes since the last status; without one, the present state."""
         time = document["time"]
         if before is not None and document["uptime_s"] < before["uptime_s"]:
             before = None
@@ -97,9 +97,9 @@ def _objects(document: Document) -> Iterable[Document]:
 
 
 def changed_faults(before: Document | None, document: Document) -> Iterator[tuple[int, int]]:
-    """Drive objects whose faults are others than in the status before: DO-ID, and the id of the last one that was known.
+    """Drive objects whose faults differ from the status before: DO-ID, and the id of the last known fault.
 
-    A status has only the newest fault of each, and whether it stands; who wants all of them asks for the history.
+    A status has only the newest fault of each, and whether it is active; the history has all of them.
     """
     same_life = before is not None and document["uptime_s"] >= before["uptime_s"]
     known = {item["do_id"]: item for item in _objects(before)} if before is not None and same_life else {}

@@ -23,11 +23,11 @@ log = logging.getLogger("gateway")
 _WATCHED_S = 0.2
 _UNWATCHED_S = 1.0
 ANSWER_WITHIN_S = 1.5
-"""So a gateway that hangs is told within three seconds."""
+"""A gateway that hangs is reported within three seconds."""
 
 
 class Feed:
-    """The newest status of a gateway. ``took`` is called with each new document before anybody is woken."""
+    """The newest status of a gateway. ``took`` is called with each new document before waiting clients are woken."""
 
     def __init__(
         self, ask: Callable[[], Awaitable[Document]], took: Callable[[Document | None, Document], Awaitable[None]]
@@ -52,7 +52,7 @@ class Feed:
         self._message: bytes | None = None
 
     async def run(self) -> None:
-        """Ask, for ever."""
+        """Request the status permanently."""
         while True:
             begin = time.monotonic()
             await self.once()
@@ -112,7 +112,7 @@ class Feed:
 
     @asynccontextmanager
     async def watched(self) -> AsyncIterator[None]:
-        """Somebody looks: ask more often."""
+        """A client reads: request the status more often."""
         self._watchers += 1
         self._wanted.set()
         try:

@@ -21,7 +21,7 @@ from pdgw.web.status.feed import ANSWER_WITHIN_S, Document, Feed
 log = logging.getLogger("gateway")
 
 _LOAD_OVER_S = 1.0
-"""A measured load is the mean of so long at least."""
+"""Minimum time for the mean of a measured load."""
 
 
 def counter(document: Document, part: str, name: str) -> int | None:
