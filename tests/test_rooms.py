@@ -71,6 +71,8 @@ ROWS = {
     "gateway.axis": "profidrive ds301 dsp402 gateway.motion gateway.errors gateway.reasons",
     "gateway.axis.adapters": "profidrive gateway.axis gateway.motion gateway.errors",
     "gateway.axis.executors": "profidrive ds301 dsp402 dsp406 gateway.axis gateway.motion gateway.errors gateway.reasons",
+    "gateway.axis.executors.positions": "profidrive ds301 dsp402 gateway.axis gateway.axis.executors gateway.motion "
+    "gateway.errors gateway.reasons",
     "gateway.axis.supervision": "profidrive ds301 dsp402 gateway.axis gateway.reasons",
     "gateway.configuration": f"{_FIELD} gateway.axis gateway.motion {_LOW}",
     "gateway.configuration.tables": f"{_FIELD} gateway.axis gateway.motion {_LOW}",

@@ -27,10 +27,10 @@ from pdgw.gateway.axis.demand_report import (
 )
 from pdgw.gateway.axis.executors.base import AxisCycle, Executor
 from pdgw.gateway.axis.executors.dsc import DscExecutor
-from pdgw.gateway.axis.executors.interpolation import Interpolation
 from pdgw.gateway.axis.executors.load import LoadExecutor
-from pdgw.gateway.axis.executors.positioner import PositionerExecutor
-from pdgw.gateway.axis.executors.positioning import PositioningExecutor
+from pdgw.gateway.axis.executors.positions.interpolation import Interpolation
+from pdgw.gateway.axis.executors.positions.positioner import PositionerExecutor
+from pdgw.gateway.axis.executors.positions.positioning import PositioningExecutor
 from pdgw.gateway.axis.executors.raw import RawExecutor
 from pdgw.gateway.axis.executors.sensor import DriveSensor, EncoderReferences, SecondDriveSensor, SensorWords
 from pdgw.gateway.axis.executors.speed import SpeedExecutor

@@ -22,7 +22,7 @@ from pdgw.dsp402.states import StatusBit, operates, state_of
 from pdgw.dsp402.units.scaling import SCALING_OBJECTS
 from pdgw.durations import MS
 from pdgw.gateway.axis.demand_report import SHOWN_FAULT
-from pdgw.gateway.axis.executors.positioner import PositionerExecutor
+from pdgw.gateway.axis.executors.positions.positioner import PositionerExecutor
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS, FAULTY, POWERED
 from pdgw.gateway.axis.supervision.stop_supervision import Brake

@@ -11,8 +11,8 @@ from pdgw.dsp402.states import State
 from pdgw.durations import MS
 from pdgw.gateway.axis.demand_report import Demand, Report
 from pdgw.gateway.axis.executors.base import AxisCycle
-from pdgw.gateway.axis.executors.homing import Homing
-from pdgw.gateway.axis.executors.mode import ModeSwitch
+from pdgw.gateway.axis.executors.positions.homing import Homing
+from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber, Reason

@@ -18,7 +18,7 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit
 from pdgw.gateway.axis.demand_report import Demand, Report
 from pdgw.gateway.axis.executors.base import AxisCycle
-from pdgw.gateway.axis.executors.interpolation import Interpolation
+from pdgw.gateway.axis.executors.positions.interpolation import Interpolation
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.reasons import Reason

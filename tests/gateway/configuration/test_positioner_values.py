@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pdgw.client.udp import ParameterClient
-from pdgw.gateway.axis.executors.positioner import PositionerExecutor
+from pdgw.gateway.axis.executors.positions.positioner import PositionerExecutor
 from pdgw.gateway.configuration.positioner_values import BLOCK_ITEMS, ITEMS, LIMIT_KEYS, PositionerValues, row_of
 from pdgw.gateway.configuration.tables.positioner import SIMULATED, BlockConfig, PositionerConfig
 from pdgw.gateway.daemon import Daemon

@@ -10,7 +10,7 @@ from pdgw.gateway.axis.adapters.base import POWER_BITS, WISHES
 from pdgw.gateway.axis.checkpoint import Checkpoints
 from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.encoder_machine import EncoderMachine
-from pdgw.gateway.axis.executors.positioning import PositioningExecutor
+from pdgw.gateway.axis.executors.positions.positioning import PositioningExecutor
 from pdgw.gateway.axis.executors.sensor import DriveSensor, EncoderReferences
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.machine import AxisMachine

@@ -16,7 +16,7 @@ from pdgw.dsp402.objects import HOMING_METHOD
 from pdgw.dsp402.states import StatusBit
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.executors.base import AxisCycle
-from pdgw.gateway.axis.executors.mode import ModeSwitch
+from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.reasons import FaultNumber, Reason
 

@@ -13,8 +13,8 @@ from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.gateway.axis.demand_report import STATE_MASK
 from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisCycle, Executor
-from pdgw.gateway.axis.executors.homing import Homing, Progress
-from pdgw.gateway.axis.executors.mode import ModeSwitch
+from pdgw.gateway.axis.executors.positions.homing import Homing, Progress
+from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.motion.positioner import Positioner
 from pdgw.gateway.motion.requests import Asked, HomingResult, Motion, Outcome, Seen

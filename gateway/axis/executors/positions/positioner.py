@@ -18,10 +18,10 @@ from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.gateway.axis.demand_report import Flag
 from pdgw.gateway.axis.executors.base import AxisCycle, highest, known
-from pdgw.gateway.axis.executors.motion import ACKNOWLEDGED, HALT, NEW_SETPOINT, MotionExecutor
-from pdgw.gateway.axis.executors.task_scaling import position_mode
+from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGED, HALT, NEW_SETPOINT, MotionExecutor
+from pdgw.gateway.axis.executors.positions.task_scaling import position_mode
+from pdgw.gateway.axis.executors.positions.torque_limit import TorqueLimit
 from pdgw.gateway.axis.executors.torque import message_of, message_word
-from pdgw.gateway.axis.executors.torque_limit import TorqueLimit
 from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import BlockTable, BlockTask

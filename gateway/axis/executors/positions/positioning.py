@@ -11,8 +11,8 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.gateway.axis.demand_report import Flag
 from pdgw.gateway.axis.executors.base import AxisCycle
-from pdgw.gateway.axis.executors.motion import ACKNOWLEDGED, HALT, NEW_SETPOINT, MotionExecutor
-from pdgw.gateway.axis.executors.task_scaling import TaskScaling, base_mode
+from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGED, HALT, NEW_SETPOINT, MotionExecutor
+from pdgw.gateway.axis.executors.positions.task_scaling import TaskScaling, base_mode
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.motion.mdi import MdiPositioner
 from pdgw.gateway.motion.modulo import Direction
