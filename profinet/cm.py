@@ -120,7 +120,7 @@ class ContextManager:
         self.refusals = 0
         """Connects that were refused."""
         self.refused: tuple[Address, ConnectRefused] | None = None
-        """The last of them, until it is told."""
+        """The last of them, until it is reported."""
 
     def replug(self, model: DeviceModel) -> None:
         """Other modules are plugged; only while there is no relationship."""

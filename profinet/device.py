@@ -102,7 +102,7 @@ class ProfinetDevice:
         self._watch_due = now
         """When ``poll`` has something else to do than to send input data."""
         self.foreign = 0
-        """Real-time frames of nobody's relationship."""
+        """Real-time frames outside all relationships."""
 
     # -- in -----------------------------------------------------------------------------------------------------------
 
@@ -256,7 +256,7 @@ class ProfinetDevice:
         self._settle(now)
 
     def _check_port(self, now: int) -> None:
-        """Compare the port with what the controller wants there, and adjust it."""
+        """Compare the port with the project of the controller, and adjust it."""
         io = self.cm.io
         written = {} if io is None else io.stored
         if not written and not self._port_faults and not self.station.lldp_adjusted:
@@ -270,7 +270,7 @@ class ProfinetDevice:
         self._port_faults = found
 
     def _settle(self, now: int) -> None:
-        """Tell what became of the relationships, forget those that ended."""
+        """Report the results of relationships, remove ended ones."""
         for relation in self.cm.sweep(now):
             if relation.has_data and relation.ended is not None:
                 self._events.append(Disconnected(relation, relation.ended))
@@ -295,7 +295,7 @@ class ProfinetDevice:
 
     @property
     def quiet(self) -> bool:
-        """Nothing is to be sent or told, and no deadline has come nearer."""
+        """Nothing to send or report, and no deadline is nearer."""
         return not self._outgoing and not self._events and self._next is None
 
     def outgoing(self) -> Sequence[Outgoing]:
@@ -389,7 +389,7 @@ class ProfinetDevice:
                 self._next = 0
 
     def returned(self, place: Subslot) -> None:
-        """A submodule that was lost has valid data again: its controller is told."""
+        """A lost submodule has valid data again: report it to its controller."""
         relation = self.cm.io
         if relation is not None:
             relation.alarms.returned(place)

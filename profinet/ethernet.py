@@ -24,7 +24,7 @@ _TAG = struct.Struct(">HHH")
 
 
 def header(destination: bytes, source: bytes, *, tag: int | None = None, ethertype: int = ETHERTYPE_PROFINET) -> bytes:
-    """What stands before the payload; ``tag`` is the tag control information (priority in bits 15 to 13)."""
+    """Header before the payload; ``tag`` is the tag control information (priority in bits 15 to 13)."""
     if tag is None:
         return destination + source + _TYPE.pack(ethertype)
     return destination + source + _TAG.pack(ETHERTYPE_TAG, tag, ethertype)

@@ -19,7 +19,7 @@ _PORT = re.compile(r"port-\d{3}(-\d{5})?", re.ASCII)
 
 
 def check_name(name: str) -> None:
-    """A name of station; ProfidriveError tells why it is none."""
+    """A name of station; ProfidriveError says why it is invalid."""
     if len(name) > NAME_MAX:
         raise ProfidriveError("station name", f"{len(name)} characters", f"at most {NAME_MAX}")
     labels = name.split(".")
@@ -129,7 +129,7 @@ _CHASSIS_MAC, _PORT_MAC = 4, 3
 
 @dataclass(slots=True)
 class Neighbour:
-    """The device at the other end of the cable, as LLDP shows it. ``chassis``, ``port``: its IDs, each behind its subtype."""
+    """The device at the other end of the cable, from LLDP. ``chassis``, ``port``: its IDs, each after its subtype."""
 
     chassis: bytes
     port: bytes
@@ -176,9 +176,9 @@ class Station:
     medium: Medium = Medium()
     interface_index: int = 1
     lldp_legacy: bool = False
-    """The controller wants the name of station as chassis ID, as devices before V2.3 have it."""
+    """The controller requests the name of station as chassis ID, as in devices before V2.3."""
     lldp_silent: bool = False
-    """The controller wants no LLDP frames."""
+    """The controller requests no LLDP frames."""
 
     @property
     def lldp_adjusted(self) -> bool:

@@ -1,8 +1,8 @@
 """Declared wire formats: a structure is a dataclass whose fields are its layout; codec, checks and error codes derive from it.
 
-A refusal of a PROFINET block names the block (ErrorCode1) and the number of the field in it (ErrorCode2), counted through nested
-lists: 0 type, 1 length, 2 and 3 version, then the fields. Here that number is where the field stands in the declaration.
-Everything is big-endian; only RPC and NDR headers follow the sender (``rpc.dcerpc``).
+A refusal of a PROFINET block names the block (ErrorCode1) and the number of the field in it (ErrorCode2), counted through
+nested lists: 0 type, 1 length, 2 and 3 version, then the fields. Here that number is the place of the field in the
+declaration. Everything is big-endian; only RPC and NDR headers follow the sender (``rpc.dcerpc``).
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from uuid import UUID
 from pdgw.profidrive.errors import ProfidriveError
 
 LENGTH_FIELD = 1
-"""Number of BlockLength: every field that lies beyond the block is an error of its length."""
+"""Number of BlockLength: every field beyond the end of the block is an error of its length."""
 FIRST_FIELD = 4
-"""Number of the first field behind type, length and version."""
+"""Number of the first field after type, length and version."""
 
 
 class WireError(ProfidriveError):
@@ -164,7 +164,7 @@ _NUMBER_OF = "number of "
 
 
 class _Array(_Kind):
-    """Structures one behind the other, behind their number or as many as earlier fields say."""
+    """Successive structures, after their number or as many as earlier fields say."""
 
     def __init__(self, item: type[Structure], minimum: int, count: Callable[[dict[str, Any]], int] | None) -> None:
         self.item = item
@@ -231,7 +231,7 @@ def _field(kind: _Kind, default: Any = dataclasses.MISSING) -> Any:
 
 
 def u8(check: Check | None = None, *, shift: int = 0, default: Any = dataclasses.MISSING) -> Any:
-    """An UNSIGNED8. ``shift``: the standard counts this field elsewhere than where it stands."""
+    """An UNSIGNED8. ``shift``: difference between the standard's number of this field and its place."""
     return _field(_Scalar("B", check, shift), default)
 
 
@@ -259,13 +259,13 @@ _ANY_TEXT = Check(lambda text: True, "any")
 
 
 def text(length: Check | None = None, characters: Check = _ANY_TEXT, *, size: str = "H") -> Any:
-    """Characters behind their number."""
+    """Characters after their number."""
     layout = struct.Struct(">" + size)
     return _field(_Text(layout, length or between(0, 0xFFFF), characters))
 
 
 def array(item: type[Structure], *, minimum: int = 0, count: Callable[[dict[str, Any]], int] | None = None) -> Any:
-    """Structures behind their number (UNSIGNED16), or ``count(earlier fields)`` of them without a number."""
+    """Structures after their number (UNSIGNED16), or ``count(earlier fields)`` of them without a number."""
     return _field(_Array(item, minimum, count))
 
 
@@ -338,7 +338,7 @@ _HEADER_FIELDS = ("type", "length", "version", "version")
 
 
 class Block(Structure):
-    """A structure behind a block header."""
+    """A structure after a block header."""
 
     TYPE: ClassVar[int]
     ERROR_CODE1: ClassVar[int] = 0

@@ -25,7 +25,7 @@ VERSION: Final = 1
 _VERSION_SHIFT = 4
 FLAGS_WINDOW: Final = 0x01
 FLAGS_TACK: Final = 0x11
-"""DATA wants an acknowledgement at once."""
+"""DATA requests an immediate acknowledgement."""
 _FIRST_SEQUENCE, _FIRST_ACK = 0xFFFF, 0xFFFE
 _SEQUENCE_MASK = 0x7FFF
 
@@ -51,7 +51,7 @@ def encode(
 
 
 def following(sequence: int) -> int:
-    """The sequence number behind this one: FFFFh, 0000h .. 7FFFh, 0000h."""
+    """The next sequence number: FFFFh, 0000h .. 7FFFh, 0000h."""
     return (sequence + 1) & _SEQUENCE_MASK
 
 

@@ -1,8 +1,8 @@
-"""Diagnosis of the device: what is wrong with which submodule, as alarms and as records.
+"""Diagnosis of the device: faults of submodules, as alarms and as records.
 
-Source: IEC 61158-6-10 (ChannelDiagnosis), PROFIdrive (message classes). One entry per class and submodule: what appears twice is
-present once. The store holds what is; each relationship tells its controller what it has not told yet, so a fault that flickers
-while an alarm is unacknowledged cannot fill a queue.
+Source: IEC 61158-6-10 (ChannelDiagnosis), PROFIdrive (message classes). One entry per class and submodule: a repeated fault is
+present once. The store has the present faults. Each relationship reports the changes to its controller, so a fault that
+flickers while an alarm is unacknowledged cannot fill a queue.
 """
 
 from __future__ import annotations
@@ -122,7 +122,8 @@ class Notification:
 
 
 class AlarmSource:
-    """What one relationship still has to tell: where ``Diagnosis`` differs from what it told, and submodules that returned."""
+    """Pending reports of one relationship: differences between ``Diagnosis`` and its last reports, and submodules that
+    returned."""
 
     def __init__(self, diagnosis: Diagnosis, model: DeviceModel, places: frozenset[Subslot]) -> None:
         self._diagnosis = diagnosis
@@ -144,7 +145,7 @@ class AlarmSource:
             self._returned.append(place)
 
     def next(self) -> Notification | None:
-        """The next alarm; it counts as told from now on."""
+        """The next alarm; it counts as reported from now on."""
         present = {
             (place, error): severity for place, error, severity in self._diagnosis.all() if place in self._places
         }

@@ -128,7 +128,7 @@ class RedundantUuid:
 
 @dataclass(frozen=True, kw_only=True)
 class SrInfoBlock(Block):
-    """What a redundant relationship wants of the device."""
+    """Requests of a redundant relationship to the device."""
 
     TYPE: ClassVar[int] = 0x010A
     ERROR_CODE1: ClassVar[int] = 0x0A
@@ -149,7 +149,7 @@ class SrInfoBlock(Block):
 
 @dataclass(frozen=True, kw_only=True)
 class Place(Structure):
-    """Where the data object or the IOCS of a submodule lies in the C_SDU."""
+    """Place of the data object or the IOCS of a submodule in the C_SDU."""
 
     slot: int = u16()
     subslot: int = u16()
@@ -243,7 +243,7 @@ class DataDescription(Structure):
     direction: int = u16(one_of(*IocrType))
     length: int = u16(between(0, 1439))
     length_iocs: int = u8(one_of(1), shift=1)
-    """The codes of the two status lengths stand the other way round than the fields."""
+    """The codes of the two status lengths are in the reverse order of the fields."""
     length_iops: int = u8(one_of(1), shift=-1)
 
 

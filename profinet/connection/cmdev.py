@@ -1,7 +1,7 @@
-"""One application relationship: its states, its timers, the protocol machines it owns; sans-I/O.
+"""One application relationship: its states, its timers, its protocol machines; sans-I/O.
 
-Source: IEC 61158-5-10/-6-10 (CMDEV, CMSM, CMPBE). The machine is ``TABLE``; tests walk every state and event. A relationship that
-ended stays ended: the controller has to connect anew, and drives start only by the rules of the axes.
+Source: IEC 61158-5-10/-6-10 (CMDEV, CMSM, CMPBE). The machine is ``TABLE``; tests walk every state and event. An ended
+relationship stays ended: the controller must connect again, and drives start only by the rules of the axes.
 """
 
 from __future__ import annotations
@@ -215,7 +215,7 @@ class ApplicationRelation:
         self._output = output
         self._cyclic = cyclic or CyclicCounters()
         self.alarms = alarms
-        """What the controller has not been told yet."""
+        """Pending notifications to the controller."""
         self._activity_ns = ar.activity_timeout * ACTIVITY_UNIT_NS
         self._activity_due: int | None = now + self._activity_ns
         self._ready_due: int | None = None
@@ -377,7 +377,7 @@ class ApplicationRelation:
         machine.frames.clear()
 
     def send_alarms(self, now: int) -> None:
-        """Tell what has changed, one notification at a time; in a set the relationship that leads does."""
+        """Send changes, one notification at a time; in a redundant set the leading relationship sends them."""
         if not self.alarms.pending or self.backup:
             return
         machine = self.machines.get(Priority.LOW)

@@ -1,7 +1,6 @@
-"""A Connect request read and checked: who asks, where all data lies, what differs from the project.
+"""A Connect request, decoded and checked: the sender, the places of all data, the differences from the project.
 
-Source: IEC 61158-6-10 (Connect service, PNIOStatus). Each refusal names block and field; a request that is refused has changed
-nothing, because nothing here changes anything.
+Source: IEC 61158-6-10 (Connect service, PNIOStatus). Each refusal names block and field. A refused request changes nothing.
 """
 
 from __future__ import annotations

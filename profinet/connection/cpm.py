@@ -24,7 +24,7 @@ STATUS_IGNORE = 0x80
 
 
 class Verdict(enum.Enum):
-    """What became of a cyclic frame; the value is the name of its counter."""
+    """Result of a cyclic frame; the value is the name of its counter."""
 
     __hash__ = object.__hash__  # that of Enum is Python, and one is counted in every cycle
 
@@ -41,10 +41,10 @@ _ACCEPTED = Verdict.ACCEPTED
 
 
 class Consumer:
-    """Receives one cyclic relationship. The caller has checked sender and FrameID.
+    """Receive one cyclic relationship. The caller has checked sender and FrameID.
 
-    ``counters``: to go on counting in. ``of_device``: input frames of system redundancy. Those of a backup have data too, and
-    those whose data is not valid keep the relationship.
+    ``counters``: counters to continue. ``of_device``: input frames of system redundancy. Frames of a backup have data too, and
+    frames with invalid data keep the relationship.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class Consumer:
         self.plan = plan
         self._of_device = of_device
         self.trailer = HEADER.size + block.data_length
-        """Where CycleCounter and status lie, from the FrameID on."""
+        """Places of CycleCounter and status, from the FrameID on."""
         self.size = self.trailer + TRAILER.size
         """Of a frame, from the FrameID on."""
         self.counter: int | None = None
@@ -116,7 +116,7 @@ class Consumer:
         return verdict
 
     def place(self, place: Subslot) -> tuple[int, int] | None:
-        """Where data and IOPS of a submodule lie in ``payload``; None where it has none."""
+        """Places of data and IOPS of a submodule in ``payload``; None without data."""
         return self._places.get(place)
 
     def iocs(self, place: Subslot) -> int | None:

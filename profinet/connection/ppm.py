@@ -36,7 +36,7 @@ class Provider:
         head = ethernet.header(destination, source, tag=block.tag)
         self._start = len(head) + HEADER.size
         self.trailer = self._start + block.data_length
-        """Where CycleCounter and status lie in ``frame``."""
+        """Places of CycleCounter and status in ``frame``."""
         self._plan = plan
         self._proper = frozenset(proper)
         self.step = block.send_clock * block.reduction_ratio
@@ -69,7 +69,7 @@ class Provider:
         self.due = now + self.cycle_ns
 
     def move(self, nanoseconds: int) -> None:
-        """Send later (or, negative, sooner) from the frame behind the next one on: much less than a cycle."""
+        """Send later (negative: earlier) from the frame after the next one on: much less than a cycle."""
         self._move = nanoseconds
 
     def open(self) -> None:
@@ -91,7 +91,7 @@ class Provider:
             self.frame[self._start + offset] = IOPS_BAD
 
     def place(self, place: Subslot) -> tuple[int, int] | None:
-        """Where data and IOPS of a submodule lie in ``frame``; None of one that is not proper or has none."""
+        """Places of data and IOPS of a submodule in ``frame``; None for a submodule that is not proper or has no data."""
         item = self._plan.data.get(place)
         if item is None or place not in self._proper:
             return None
@@ -99,15 +99,15 @@ class Provider:
 
     @property
     def statuses(self) -> Sequence[int]:
-        """Where the IOPS of all submodules lie in ``frame``."""
+        """Places of the IOPS of all submodules in ``frame``."""
         return [self._start + item.iops for item in self._plan.data.values()]
 
     def lend(self) -> None:
-        """Somebody else sends it from now on: ``poll`` has none any more."""
+        """Another sender sends the frame from now on: ``poll`` returns none."""
         self.due = NEVER
 
     def image(self, counter: int) -> bytearray:
-        """The frame as it is now, for somebody else who sends it; ``counter``: CycleCounter of the last one that was sent."""
+        """The present frame, for another sender; ``counter``: CycleCounter of the last sent frame."""
         self.counter = counter
         TRAILER.pack_into(self.frame, self.trailer, counter, self.data_status, 0)
         return self.frame

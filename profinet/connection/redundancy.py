@@ -1,10 +1,10 @@
 """System redundancy S2: which of two relationships with one device leads; sans-I/O.
 
 Source: IEC 61158-6-10 (APDU-Status, SRInfoBlock, ARUUID of IOCARSR) as tshark reads it. The standard's state machine is not
-public. This one follows the edges of DataStatus.State, as a public device stack does: the relationship whose controller was the
-last to ask for the primary role leads, and one that stops asking leads no more. A controller that still asks is told that it does
-not lead. Where nobody leads for longer than the redundancy data hold time, both relationships end. They end too when both
-controllers ask for so long. Left out: R1 and R2 (two interfaces), more than one set of relationships.
+public. This one follows the edges of DataStatus.State, as a public device stack does: the relationship whose controller
+requested the primary role last leads, until it withdraws the request. A controller that still requests it is informed that it
+does not lead. If no relationship leads for longer than the redundancy data hold time, or both controllers request the role for
+this time, both relationships end. Not here: R1 and R2 (two interfaces), more than one set of relationships.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class ArSet(Generic[Member]):
         self.hold_ns = 0
         self._asks: dict[Member, bool] = {}
         self._missing_since: int | None = None
-        """Nobody leads since then, after one did."""
+        """Time since which no relationship leads, after one did."""
         self._disputed_since: int | None = None
         self._disputed = False
         """The dispute has outlasted the hold time."""

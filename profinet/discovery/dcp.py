@@ -268,7 +268,7 @@ class DcpResponder:
     # -- Get ----------------------------------------------------------------------------------------------------------
 
     def _value(self, option: Option) -> bytes:
-        """What a block of ours says behind BlockInfo."""
+        """Content of a block of ours after BlockInfo."""
         station = self._station
         identity = station.identity
         match option:

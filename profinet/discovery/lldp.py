@@ -47,7 +47,7 @@ def _tlv(kind: Tlv, content: bytes) -> bytes:
 
 
 def port_id(station: Station) -> str:
-    """What names the port: with the name of station, unless the controller wants that in the chassis ID."""
+    """Name of the port: with the name of station, unless the controller requests that in the chassis ID."""
     return f"{station.port}.{station.name}" if station.name and not station.lldp_legacy else station.port
 
 
@@ -57,7 +57,7 @@ def chassis_id(station: Station) -> str:
 
 
 def encode(station: Station) -> bytes:
-    """The frame that tells about this station."""
+    """The LLDP frame of this station."""
     identity = station.identity
     local = bytes((_LOCALLY_ASSIGNED,))
     medium = station.medium
@@ -79,7 +79,7 @@ def encode(station: Station) -> bytes:
 
 
 def decode(data: bytes, start: int, now: int) -> Neighbour:
-    """What a neighbour's frame tells; ProfidriveError when it lacks or damages a mandatory TLV."""
+    """Content of a neighbour's frame; ProfidriveError if it lacks or damages a mandatory TLV."""
     found: dict[int, bytes] = {}
     at = start
     while at + _HEADER.size <= len(data):

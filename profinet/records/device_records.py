@@ -133,7 +133,7 @@ class LogItem:
 
 
 class DeviceRecords:
-    """Serves records for whoever asks; the relationship that asks is handed in (None: Read Implicit)."""
+    """Serve records to all callers; each call names the relationship of its caller (None: Read Implicit)."""
 
     def __init__(
         self,
@@ -366,9 +366,10 @@ class DeviceRecords:
 
 
 class Access:
-    """One call's access to the records: who asks is checked here, what is asked in ``DeviceRecords``.
+    """One call's access to the records: the caller is checked here, the request in ``DeviceRecords``.
 
-    Reads are open to everybody who knows the AR, or asks implicitly; writes count only from the relationship's own controller.
+    Any caller that names the AR, or uses Read Implicit, may read; writes are accepted only from the relationship's own
+    controller.
     """
 
     def __init__(

@@ -36,7 +36,7 @@ INTERFACE: Final = (DAP_SLOT, INTERFACE_SUBSLOT)
 _MEDIA_COPPER = 1
 _LINK_UP, _LINK_DOWN = 1, 2
 _SILENCE_NS: Final = 2 * lldp.INTERVAL_NS
-"""A neighbour sends LLDP every 5 s: so long after the link came up its absence is no fault."""
+"""A neighbour sends LLDP every 5 s: within this time after the link came up its absence is not a fault."""
 
 
 class PortIndex(enum.IntEnum):
@@ -86,7 +86,7 @@ def _parts(written: Written, index: PortIndex, kind: type[PortData]) -> Iterable
 
 
 def adjust(written: Written, station: Station) -> None:
-    """Let LLDP be as the controller wants it; the default without its records."""
+    """Set LLDP as the controller requests it; the default without its records."""
     adjusted = written.get((INTERFACE, PortIndex.INTERFACE_ADJUST))
     station.lldp_legacy = adjusted is not None and not InterfaceAdjust.decode(adjusted).mode & STANDARD_LLDP
     boundaries = _parts(written, PortIndex.PORT_DATA_ADJUST, PortDataAdjust)
@@ -96,7 +96,7 @@ def adjust(written: Written, station: Station) -> None:
 
 
 def faults(written: Written, station: Station, now: int) -> set[PortFault]:
-    """What differs at the port from what the controller wants."""
+    """Differences between the port and the controller's project."""
     found: set[PortFault] = set()
     for part in _parts(written, PortIndex.PORT_DATA_CHECK, PortDataCheck):
         match part:

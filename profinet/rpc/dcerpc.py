@@ -99,7 +99,7 @@ _HEAD = struct.Struct("4B3sB")
 _TAILS = {little: struct.Struct(f"{end}16s16s16sIIIHHHHHBB") for little, end in _ENDS.items()}
 HEADER_SIZE = _HEAD.size + _TAILS[True].size
 INTERFACE_AT = slice(_HEAD.size + 16, _HEAD.size + 32)
-"""Where the interface's UUID lies, in the byte order of the packet."""
+"""Place of the interface's UUID, in the byte order of the packet."""
 _U32 = {little: struct.Struct(f"{end}I") for little, end in _ENDS.items()}
 _NO_HINT = 0xFFFF
 

@@ -26,9 +26,9 @@ _REQUEST_MAX = 76
 _REQUEST_MIN = 40
 """Null references carry no UUID."""
 _TAIL = struct.calcsize("=20sI")
-"""Handle and number of entries wanted, at the end of a request."""
+"""Handle and maximum number of entries, at the end of a request."""
 _COUNTS = 16
-"""Entries, maximum, offset and actual count, behind the handle of an answer."""
+"""Entries, maximum, offset and actual count, after the handle of an answer."""
 _ANNOTATION_SIZE = 64
 _FLOOR_UUID, _FLOOR_RPC, _FLOOR_UDP, _FLOOR_IP = 0x0D, 0x0A, 0x08, 0x09
 

@@ -154,7 +154,7 @@ class UnknownArUuid(RecordRefused):
 
 @dataclass(frozen=True, slots=True)
 class RecordBlock:
-    """An IODRead/IODWrite header. ``length`` is RecordDataLength: of the data, or wanted at most in a read request."""
+    """An IODRead/IODWrite header. ``length`` is RecordDataLength: of the data, or the maximum in a read request."""
 
     type: BlockType
     sequence: int
@@ -207,9 +207,9 @@ def encode_block(block: RecordBlock) -> bytes:
 
 
 def decode_block(data: bytes) -> tuple[RecordBlock, bytes]:
-    """The header at the start of NDR arguments and the record data behind it; ProfidriveError names what is wrong.
+    """The header at the start of NDR arguments and the record data after it; ProfidriveError names the error.
 
-    Behind the answer to a RECORD_MULTIPLE are those to its writes (``split_answers``).
+    The answers to the writes of a RECORD_MULTIPLE follow its own answer (``split_answers``).
     """
     if len(data) < BLOCK_SIZE:
         raise ProfidriveError("record block", f"{len(data)} bytes", f"at least {BLOCK_SIZE}")

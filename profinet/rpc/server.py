@@ -66,7 +66,7 @@ class RpcServer(Generic[Source]):
         self._boot_time = boot_time
         self._calls: OrderedDict[tuple[Source, UUID], _Call] = OrderedDict()
         self.on_error: Callable[[Exception], None] = _raise
-        """Told of an error nobody expected in a call. Where it returns the caller gets a FAULT, and the next call is served."""
+        """Called with an unexpected error in a call. If it returns, the caller gets a FAULT, and the next call is served."""
         self.malformed = 0
         """Datagrams that were no RPC packets."""
         self.repeated = 0
