@@ -73,7 +73,8 @@ class MdiPositioner(Positioner):
             self._find_edges()
         if self._state is _BRAKING and asked.operating:
             self._take_while_braking(asked)
-        self._go_on(self._rows)
+        calm = asked.operating and asked.do_not_reject and not self._edges
+        self._go_on(self._calm_rows if calm else self._rows)
         if self._state is not _HOMING:
             course.follow(asked, now)
         if not asked.do_not_reject and outcome.warning is not Reason.REJECTED:

@@ -104,7 +104,7 @@ def standing_task_bit_starts(patch: Patch) -> None:
 
     def wrong(self: MdiPositioner) -> None:
         find(self)
-        self._activated = self._asked.activate
+        self._activated = self._edges = self._asked.activate
 
     patch.setattr(MdiPositioner, "_find_edges", wrong)
 
