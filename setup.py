@@ -79,7 +79,7 @@ NATIVE = sys.platform == "linux" and (WANTED or os.environ.get("PDGW_NATIVE") ==
 ENGINE = Extension(
     "pdgw.gateway.links.profinet.engine",
     ["gateway/links/profinet/engine.c"],
-    extra_compile_args=["-std=gnu11", "-Wall", "-Wextra"],
+    extra_compile_args=["-std=gnu11", "-Wall", "-Wextra", "-g0"],
     py_limited_api=True,
     optional=True,
 )

@@ -26,6 +26,7 @@ from pdgw.workshop.sbom import ROOT
 
 _TRIAL = ROOT / "examples" / "gateway_in_a_test.py"
 """A gateway with a simulated drive."""
+_ENGINE = "pdgw/gateway/links/profinet/engine.abi3.so"
 _LINK = "cc -shared"
 """Without the search paths for libraries of the Python that builds, which no other machine has."""
 
@@ -107,6 +108,8 @@ def check(name: str, files: Mapping[str, bytes], modules: Iterable[str]) -> None
         stem = f"pdgw/{module.removesuffix('.py')}"
         if not any(file.startswith(f"{stem}.cpython-") for file in files) or f"{stem}.py" not in files:
             raise ReleaseError(f"{name}: {stem} is not compiled, or has no source")
+    if _ENGINE not in files:
+        raise ReleaseError(f"{name}: without {_ENGINE}, which is left out if the C compiler fails")
     own = [os.fsencode(path) for path in (Path.home(), ROOT, tempfile.gettempdir())]
     for file, data in files.items():
         if file.endswith(".so") and (paths := [path for path in own if path in data]):

@@ -19,6 +19,7 @@ NAME = "profidrive_gateway-0.9.0-cp311-cp311-manylinux_2_28_x86_64.whl"
 PURE = {"pdgw/a.py": b"a = 1\n", "pdgw/b.py": b"b = 1\n", "pdgw-0.9.0.dist-info/WHEEL": b"Tag: py3-none-any\n"}
 COMPILED = PURE | {
     "pdgw/a.cpython-311-x86_64-linux-gnu.so": b"machine code",
+    "pdgw/gateway/links/profinet/engine.abi3.so": b"machine code",
     "pdgw-0.9.0.dist-info/WHEEL": b"Tag: cp311\n",
 }
 
@@ -63,6 +64,11 @@ def test_every_pattern_of_compiled_modules_names_a_module(tmp_path: Path) -> Non
         (NAME.replace("manylinux_2_28", "linux"), COMPILED, "expected a tag manylinux"),
         (NAME, PURE, "pdgw/a is not compiled"),
         (NAME, {path: data for path, data in COMPILED.items() if path != "pdgw/a.py"}, "or has no source"),
+        (
+            NAME,
+            {path: data for path, data in COMPILED.items() if "engine" not in path},
+            "engine.abi3.so, which is left",
+        ),
         (NAME, COMPILED | {"pdgw/c.so": bytes(ROOT)}, "pdgw/c.so contains the path"),
     ],
 )
