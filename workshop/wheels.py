@@ -123,7 +123,7 @@ def tried(python: Path, wheel: Path) -> str:
         fresh.install("--require-hashes", "--requirement", str(PINS_OF_RUNTIME))
         fresh.install("--no-deps", "--no-index", str(wheel))
         version = fresh.run("pdgw", "--version").strip()
-        if f", {COMPILED}," not in version:
+        if f", {COMPILED}" not in version:
             raise ReleaseError(f"{wheel.name}: installs as {version}, expected a compiled build")
         fresh.run("python", str(_TRIAL))
         return version
