@@ -33,8 +33,9 @@ def installed(folder: Path) -> str:
     verify(folder)
     with tempfile.TemporaryDirectory() as name:
         fresh = Environment(Path(name))
-        fresh.install("--require-hashes", "--requirement", str(folder / PINS))
-        fresh.install("--no-deps", "--no-index", "--find-links", str(folder), f"{PACKAGE}=={version_of(folder)}")
+        files = folder.absolute()
+        fresh.install("--require-hashes", "--requirement", str(files / PINS))
+        fresh.install("--no-deps", "--no-index", "--find-links", str(files), f"{PACKAGE}=={version_of(folder)}")
         fresh.run("pip", "check")
         return fresh.run("pdgw", "--version").strip()
 

@@ -121,7 +121,7 @@ def tried(python: Path, wheel: Path) -> str:
     with tempfile.TemporaryDirectory() as name:
         fresh = Environment(Path(name), python)
         fresh.install("--require-hashes", "--requirement", str(PINS_OF_RUNTIME))
-        fresh.install("--no-deps", "--no-index", str(wheel))
+        fresh.install("--no-deps", "--no-index", str(wheel.absolute()))
         version = fresh.run("pdgw", "--version").strip()
         if f", {COMPILED}" not in version:
             raise ReleaseError(f"{wheel.name}: installs as {version}, expected a compiled build")

@@ -6,11 +6,12 @@ import zipfile
 from collections.abc import Mapping
 from fnmatch import fnmatch
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 
-from pdgw.workshop import wheels
-from pdgw.workshop.release import ReleaseError, same_sources
+from pdgw.workshop import installation, wheels
+from pdgw.workshop.release import SUMS, ReleaseError, same_sources
 from tests.test_forge import PYTHONS, workflow
 from tests.test_package import PROJECT, ROOT
 
@@ -87,3 +88,33 @@ def test_a_release_takes_no_wheel_with_other_sources(tmp_path: Path, other: Mapp
     stale = {path: data for path, data in COMPILED.items() if path != "pdgw/b.py"} | other
     with pytest.raises(ReleaseError, match=r"pdgw/b.py is not that of the commit, build the wheels again"):
         same_sources(written(tmp_path / NAME, stale), pure)
+
+
+class _Environment:
+    """Takes note of what is installed, as the programs of an environment do that work in its folder."""
+
+    installed: ClassVar[list[str]] = []
+
+    def __init__(self, place: Path, python: Path | None = None) -> None:
+        pass
+
+    def install(self, *arguments: str) -> None:
+        self.installed.extend(item for item in arguments if "/" in item)
+
+    def run(self, program: str, *arguments: str) -> str:
+        return "pdgw 0.9.0, compiled, CPython 3.11"
+
+
+def test_files_are_found_from_the_folder_of_the_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`make wheels` and `make release` name them from the folder of the project."""
+    monkeypatch.setattr(_Environment, "installed", [])
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / SUMS).write_text("")
+    (tmp_path / "out" / "profidrive_gateway-0.9.0.tar.gz").write_text("")
+    for module in (wheels, installation):
+        monkeypatch.setattr(module, "Environment", _Environment)
+    wheels.tried(Path("python"), Path("out") / NAME)
+    installation.installed(Path("out"))
+    assert len(_Environment.installed) == 4
+    assert all(Path(item).is_absolute() for item in _Environment.installed)
