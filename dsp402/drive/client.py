@@ -47,6 +47,7 @@ from pdgw.dsp402.objects import (
     CONTROLWORD,
     DRIVE_PROFILE,
     HOMING_METHOD,
+    MAX_TORQUE,
     MODE,
     MODE_DISPLAY,
     STATUSWORD,
@@ -200,6 +201,9 @@ class DriveClient(NodeClient[DriveSettings]):
                 if address in OPTIONAL_OBJECTS and error.code not in NOT_THERE:
                     answers[address] = 0  # the drive has it, and keeps a value of its own where it is not written
         self._compare_identity((answers.get(IDENTITY_VENDOR, 0), answers.get(IDENTITY_PRODUCT, 0)))
+        if (own := self._replaced.get(MAX_TORQUE)) is not None:
+            # What the drive says is what an RPDO has reduced: it would be reduced again at each start.
+            answers[MAX_TORQUE] = int.from_bytes(own, "little")
         self.drive_type = describe(self.dictionary, answers, self.settings.units, self.settings.family)
         self._units = UnitWatch(answers)
         return self.drive_type
@@ -316,8 +320,9 @@ class DriveClient(NodeClient[DriveSettings]):
         for entry in self.rpdos.written_entries:
             self._fetch(*entry.address)
         serial = int.from_bytes(self._read_if_present(*IDENTITY_SERIAL) or b"", "little")
-        if serial != self.serial_number:
+        if serial != self.serial_number and self._replaced:
             self._replaced.clear()
+            self.learn()  # another drive has limits of its own
         self.serial_number = serial
         self._restore_limits()
 

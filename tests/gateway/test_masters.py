@@ -62,6 +62,24 @@ def test_a_master_that_comes_later_ends_the_gateway_after_its_drives_are_stopped
     assert "another master sends the heartbeat of node 127" in str(daemon.failure)
 
 
+def test_torque_reduction_is_of_the_limit_that_the_drive_had_before_it() -> None:
+    """Also behind starts of the node with power on, at which 6072h shows the reduced limit."""
+    with running(configuration(axis(1, telegram_number=102))) as daemon:
+        other = world_of(daemon).bus(CHANNEL).join("another tool")
+        model, plc = drive_of(daemon).model, Plc(daemon, [102])
+        plc.enable()
+        own = model.max_torque
+        for _ in range(3):
+            plc.endpoint.set(0, {"MOMRED": 0x2000})
+            plc.until(lambda: model.max_torque == own // 2, "half of the torque")
+            other.send(NMT, bytes((NmtCommand.ENTER_PRE_OPERATIONAL, 1)))
+            plc.until(lambda: not daemon.axes[0].powered, "a lost node")
+            plc.enable()
+            assert model.max_torque == own // 2
+        plc.endpoint.set(0, {"MOMRED": 0})
+        plc.until(lambda: model.max_torque == own, "the drive's own torque")
+
+
 @pytest.mark.parametrize(
     ("command", "state"),
     [(NmtCommand.ENTER_PRE_OPERATIONAL, "Pre-operational"), (NmtCommand.STOP, "Stopped")],
