@@ -20,7 +20,8 @@ def rows(text: str) -> list[Row]:
     """What the gateway managed in a measurement of the exchange, without rows that another one includes."""
     found: list[Row] = []
     place: Row | None = None
-    for line in text.splitlines():
+    for printed in text.splitlines():
+        line = " ".join(printed.split())  # columns of a fixed width are filled up with blanks
         if match := _FIRST.match(line):
             place = int(match[1]), float(match[2])
         elif place is not None and (match := _GATEWAY.match(line)):
