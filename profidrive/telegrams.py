@@ -173,12 +173,18 @@ def _telegram(
     """``forms``: signals this telegram carries in another form than the catalogue's."""
 
     def half(direction: Direction, names: str) -> TelegramHalf:
-        signals = (forms.get(name) or signal(name) for name in map(str.strip, names.split(",")))
-        return TelegramHalf(number, direction, mode, tuple(signals))
+        return _half(number, direction, mode, map(str.strip, names.split(",")), forms)
 
     return Telegram(
         number, mode, half(Direction.SETPOINT, setpoints), half(Direction.ACTUAL, actuals), classes, confidence
     )
+
+
+def _half(
+    number: int, direction: Direction, mode: ApplicationMode, names: Iterable[str], forms: Mapping[str, Signal]
+) -> TelegramHalf:
+    """One direction of a telegram by the names of its signals, each in its form of ``forms``, else in the catalogue's."""
+    return TelegramHalf(number, direction, mode, tuple(forms.get(name) or signal(name) for name in names))
 
 
 _VELOCITY = ApplicationMode.VELOCITY
@@ -323,9 +329,8 @@ def own_telegram(number: int, like: Telegram, setpoints: Sequence[str], actuals:
         twice = [name for position, name in enumerate(names) if name in names[:position]]
         if twice:
             raise ProfidriveError(f"{direction.value}s of telegram {number}", ", ".join(twice), "each signal once")
-        known = like.half(direction)
-        signals = (known.signal(name) if name in known.names else signal(name) for name in names)
-        return TelegramHalf(number, direction, like.mode, tuple(signals))
+        forms = {item.name: item for item in like.half(direction).signals}
+        return _half(number, direction, like.mode, names, forms)
 
     halves = half(Direction.SETPOINT, setpoints), half(Direction.ACTUAL, actuals)
     return Telegram(number, like.mode, *halves, like.classes)

@@ -24,6 +24,7 @@ from pdgw.profidrive.telegrams import (
     ApplicationMode,
     Direction,
     Telegram,
+    TelegramHalf,
     own_telegram,
     register,
     telegram,
@@ -156,20 +157,8 @@ def add_telegram(number: int, like: int, setpoints: Sequence[str], actuals: Sequ
     own = own_telegram(number, model, setpoints, actuals)
     family = [telegram(item) for item in _LIKE if DRIVE_TELEGRAMS[item] is DRIVE_TELEGRAMS[like]]
     for direction, life in ((Direction.SETPOINT, "STW2"), (Direction.ACTUAL, "ZSW2")):
-        names = {item.name for item in own.half(direction).signals}
-        halves = [{item.name for item in other.half(direction).signals} for other in family]
-        speeds = {item.name for item in model.half(direction).signals if item.quantity is SignalQuantity.SPEED}
-        needed, known = set.intersection(*halves) | speeds, set.union(*halves) | _FILLERS | {life}
-        where = f"telegram {number}, {direction.value}s"
-        if missing := needed - names:
-            raise GatewayError(f"{where}: {_listed(missing)} missing; a telegram like {like} needs {_listed(needed)}")
-        if impossible := names - known:
-            raise GatewayError(
-                f"{where}: a telegram like {like} cannot have {_listed(impossible)}; possible: {_listed(known)}"
-            )
-        first = model.half(direction).names[0]
-        if own.half(direction).names[0] != first:
-            raise GatewayError(f"{where}: {first} must come first, as in every telegram with a control word")
+        others = [other.half(direction) for other in family]
+        _check_half(own.half(direction), model.half(direction), others, _FILLERS | {life})
     for control, status in _PAIRS:
         if (control in own.setpoints.names) != (status in own.actuals.names):
             raise GatewayError(f"telegram {number}: {control} and {status} belong together: set both or none")
@@ -177,6 +166,23 @@ def add_telegram(number: int, like: int, setpoints: Sequence[str], actuals: Sequ
     register(own)
     DRIVE_TELEGRAMS[number] = DRIVE_TELEGRAMS[like]
     return own
+
+
+def _check_half(
+    own: TelegramHalf, model: TelegramHalf, others: Sequence[TelegramHalf], optional: frozenset[str]
+) -> None:
+    """Compare one direction of a user's own telegram with those that are carried out alike; GatewayError if it does not fit."""
+    names, halves = set(own.names), [set(other.names) for other in others]
+    speeds = {item.name for item in model.signals if item.quantity is SignalQuantity.SPEED}
+    needed, known = set.intersection(*halves) | speeds, set.union(*halves) | optional
+    where, like = f"telegram {own.telegram}, {own.direction.value}s", f"a telegram like {model.telegram}"
+    if missing := needed - names:
+        raise GatewayError(f"{where}: {_listed(missing)} missing; {like} needs {_listed(needed)}")
+    if impossible := names - known:
+        raise GatewayError(f"{where}: {like} cannot have {_listed(impossible)}; possible: {_listed(known)}")
+    first = model.names[0]
+    if own.names[0] != first:
+        raise GatewayError(f"{where}: {first} must come first, as in every telegram with a control word")
 
 
 def _listed(names: set[str]) -> str:
