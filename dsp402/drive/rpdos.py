@@ -27,7 +27,7 @@ _NEW_SETPOINT: Final = ControlBit.NEW_SETPOINT
 
 
 class _Sender:
-    """What was last sent of one RPDO."""
+    """One RPDO, and the data and time of its last transmission."""
 
     def __init__(self, pdo: Pdo, cob_id: int) -> None:
         self.pdo = pdo
@@ -78,7 +78,7 @@ class RpdoSender:
         self.motion_asked = False
         """The last command was to move the drive."""
         self.command: DriveCommand | None = None
-        """What was sent last, or waits for its turn on the bus."""
+        """The command that was sent last or that waits for room on the bus; None: nothing is sent."""
         self.has_turn = False
         self.all_sent = True
         self._data_senders: list[_Sender] = []

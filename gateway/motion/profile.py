@@ -27,7 +27,7 @@ def next_speed(speed: int, wanted: int, acceleration: int, deceleration: int) ->
 
 
 class Profile:
-    """Position and speed of an axis for the next cycle. Each method but ``stand`` is one cycle."""
+    """Position and speed of an axis for the next cycle. Each call of a method calculates one cycle, except ``stand``."""
 
     def __init__(self) -> None:
         self.position = 0

@@ -43,9 +43,9 @@ class Goal:
     """The override scales the speed."""
     torque: int | None = None
     direction: Direction = Direction.SHORTEST
-    """For a drive that finds the way of a modulo axis itself;"""
+    """For a drive that finds the way of a modulo axis itself."""
     relative: bool = False
-    """such a drive is given what is left of a relative task by a relative task."""
+    """The task is relative. A drive that finds the way itself gets the rest of it as another relative task."""
 
 
 class Course:

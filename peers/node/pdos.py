@@ -74,7 +74,7 @@ class NodePdos:
         self._communication = [i for i, sub in node.entries if sub == 1 and is_communication_parameter(i)]
         """Indices of the communication parameters."""
         self._made: dict[tuple[int, ...], Pdo] = {}
-        """By the index of the mapping and what was mapped: one object that is written brings all PDOs in line."""
+        """PDOs by index and objects of their mapping: a write to one object makes all PDOs again, mostly the same ones."""
 
     def get(self, can_id: int) -> Pdo | None:
         """What is mapped to a PDO of either direction, by its identifier; None for none."""

@@ -1,7 +1,7 @@
 """A CAN bus in virtual time: arbitration by identifier, bit times, errors, bus-off, cut and short circuits.
 
-Source: Bosch CAN 2.0A (arbitration, fault confinement). Frames take their worst-case bit times (``ds301.bus.load``) unless told
-otherwise. A member has a queue of frames, as SocketCAN has; its oldest one takes part in the arbitration. Left out:
+Source: Bosch CAN 2.0A (arbitration, fault confinement). A frame takes its worst-case bit time (``ds301.bus.load``)
+by default. A member has a queue of frames, as SocketCAN has; its oldest one takes part in the arbitration. Left out:
 error-passive timing, overload frames.
 """
 

@@ -488,7 +488,7 @@ class ProfinetLink:
                 return
             pairing.taken(self._came, found=self._came != before)
         elif self._engine is not None:
-            self._exchange()  # what came is no silence
+            self._exchange()  # take the frames that have arrived before the hold time is checked
             if self._closed:
                 return
         if self._timer is not None:

@@ -1,4 +1,4 @@
-"""The native cyclic engine (``engine.c``), where it was built: its table of protocol facts, and how it is had.
+"""The native cyclic engine (``engine.c``), which a build may lack: its table of protocol facts, and how to make one.
 
 The engine takes the cyclic frames of one relationship over from ``Consumer`` and ``Provider``, in a thread that needs no
 interpreter. It hands each frame whose orders differ from those before it to Python, in their order, and of all others the newest.
@@ -73,7 +73,7 @@ class Engine(Protocol):
         """The input frame from now on, and when the drive objects made the last step."""
 
     def counts(self) -> tuple[int, ...]:
-        """What was counted since the last call: ``COUNTS``."""
+        """The counts since the last call, in the order of ``COUNTS``."""
 
     @property
     def more(self) -> bool:

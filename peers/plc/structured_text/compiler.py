@@ -202,7 +202,7 @@ class Compiler:
 
     @contextmanager
     def _guarded(self) -> Iterator[None]:
-        """What fails while it runs is told with the line of its statement."""
+        """An error at run time is reported with the line of its statement."""
         self._emit("try:")
         with self._deeper():
             yield

@@ -418,7 +418,7 @@ HALF_A_SECOND = 125
 
 
 def at_limit(cycles: int) -> Hand:
-    """A task that stands at a limit of the drive for so many cycles since it was given."""
+    """A task that was given this number of cycles ago, with the drive at its limit since then."""
     hand = positioning().enable()
     hand(ON | ACTIVATE, AT_LIMIT, MDI_TARPOS=POSITION.to_wire(5_000))
     hand(ON, AT_LIMIT | TAKEN)

@@ -384,7 +384,7 @@ def _settings(choices: PositionerChoices) -> PositionerSettings:
         choices.jog_distances,
         choices.software_limits,
         choices.reference_coordinate,
-        # A setpoint that waits could not be told from which turn it counts.
+        # A waiting setpoint starts later: the turn of the axis at that time is not known when it is sent.
         waiting_setpoints=choices.waiting_setpoints and not choices.modulo,
         clamping_torque=choices.clamping_torque,
         probe=True,

@@ -73,7 +73,7 @@ def changed(frame: bytes, changes: Sequence[tuple[int, int]], counter: int, stat
 
 @dataclass
 class Sent:
-    """What becomes of one frame on its way."""
+    """The delay and the damage of one frame."""
 
     after_ns: int = CYCLE
     steps: int = 128
