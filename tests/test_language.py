@@ -28,7 +28,7 @@ PACKAGES: Final = (
 )
 DOCUMENTED: Final = (
     *("client", "decoder", "ds301", "dsp402", "dsp406", "gateway"),
-    *("pdgw", "profidrive", "profinet", "recording", "web"),
+    *("pdgw", "profidrive", "profinet", "recording", "tools", "web"),
 )
 """Packages whose docstrings are read; the others follow."""
 _WORDS: Final = 3

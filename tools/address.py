@@ -1,4 +1,4 @@
-"""Addresses as a person types them."""
+"""Parse addresses typed by the user."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pdgw.gateway.errors import GatewayError
 
 
 def parse_address(text: str, default_port: int) -> tuple[str, int]:
-    """``HOST`` or ``HOST:PORT``; GatewayError otherwise."""
+    """Split ``HOST`` or ``HOST:PORT``; raises GatewayError for any other text."""
     host, _, port = text.partition(":")
     if not host or (port and not (port.isdecimal() and len(port) < 6 and 0 < int(port) < 65536)):
         raise GatewayError(f"address {text!r}: expected HOST or HOST:PORT")

@@ -1,4 +1,4 @@
-"""Commands that ask something of a bus and end: a task on the loop of this machine."""
+"""Run one task on a CAN bus, for commands that end afterwards. The loop runs on this machine's clock."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 
 def complete(loop: Loop, function: Callable[[], T]) -> T:
-    """Run a function as a task and the loop until it has ended; its result or exception is this call's."""
+    """Run the loop until the function has ended as a task. Return its result or raise its exception."""
     future: Future[T] = Future()
 
     def run() -> None:
@@ -27,20 +27,22 @@ def complete(loop: Loop, function: Callable[[], T]) -> T:
         loop.stop()
 
     loop.spawn(run, "command")
-    while not future.done():  # what it uses may stop the loop before
+    while not future.done():  # the function may stop the loop early
         loop.run()
     return future.result(0)
 
 
 @contextmanager
 def opened(config: CanConfig, platform: Platform | None = None) -> Iterator[CanNetwork]:
-    """A bus that is listened to until the end of the block; canopen is quiet meanwhile. CanopenError when it cannot be had."""
+    """Open a bus and receive its frames until the block ends; canopen's log is off. CanopenError when the bus cannot be
+    opened.
+    """
     used = SystemPlatform() if platform is None else platform
     try:
         network = CanNetwork(used.loop, partial(used.open_can, config), config.name)
         network.start()
         try:
-            with quiet("canopen"):  # a node that does not answer is an answer
+            with quiet("canopen"):  # a missing answer is a result here, not an error
                 yield network
         finally:
             network.close()

@@ -1,6 +1,6 @@
-"""``pdgw``: the command line, put together from the table of commands in ``tools.command_table``.
+"""``pdgw``: the command line, built from the table in ``tools.command_table``.
 
-Errors the user can act on end as one line and exit status 1; ``--debug`` shows the rest.
+Errors that the user can correct are one line with exit status 1. ``--debug`` adds the traceback.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pdgw.tools.command_table import COMMANDS, Entry, lazy_group
 from pdgw.tools.termination import INTERRUPTED
 
 _NO_MORE_OUTPUT: Final = (errno.ENOSPC, errno.EIO, errno.EPIPE)
-"""The disk behind standard output is full, or whoever reads it is gone."""
+"""Errors of standard output: the disk is full, or the reader has closed the pipe."""
 
 
 class _Options:
@@ -42,12 +42,12 @@ def options(
         bool, typer.Option("--version", help="Print the version and end.", is_eager=True, callback=_print_version)
     ] = False,
 ) -> None:
-    """The options before a command."""
+    """Options before the command."""
     _Options.debug = debug
 
 
 def command_line(name: str, commands: Mapping[str, Entry], about: str, *, completion: bool = False) -> typer.Typer:
-    """A program with these commands and the options before a command."""
+    """Build a program from a table of commands, with the options before a command."""
     made = typer.Typer(
         name=name,
         cls=lazy_group(commands),
@@ -67,7 +67,7 @@ app = command_line(
 
 
 def main(commands: typer.Typer | None = None) -> None:
-    """Run a command line, that of ``pdgw`` by default; errors the user can act on are one line."""
+    """Run a command line, by default that of ``pdgw``. An error that the user can correct is printed as one line."""
     _open_missing_streams()
     _replace_unknown_characters()
     try:
@@ -87,12 +87,12 @@ def main(commands: typer.Typer | None = None) -> None:
             what = "output: "
             _forget_output()
         _fail(f"{what}{error.strerror or error}")
-    except KeyboardInterrupt:  # outside of what typer watches, while it still loads
+    except KeyboardInterrupt:  # pressed while typer still loads, when typer does not handle it
         sys.exit(INTERRUPTED)
 
 
 def _open_missing_streams() -> None:
-    """Who closed one of them wants to see nothing of it; a file or socket of ours must not get its descriptor."""
+    """Replace closed standard streams, so that no file or socket of the program gets their descriptor."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115 (until the end)
@@ -106,7 +106,7 @@ def _replace_unknown_characters() -> None:
 
 
 def _forget_output() -> None:
-    """What could not be written is not tried again when the interpreter ends."""
+    """Discard what is left in the buffer, so that the interpreter does not try to write it again at its end."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

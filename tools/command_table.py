@@ -1,7 +1,7 @@
-"""Which commands ``pdgw`` has, where each one is, and its line in the help: read without loading any of them.
+"""The commands of ``pdgw``, with module and help line. Reading the table imports none of the commands.
 
-A command's module is imported when the command is called, so that ``pdgw status`` pays for no simulator and ``pdgw --help`` for
-nothing at all. A test holds the lines equal to what the commands themselves say.
+A command's module is imported when the command is called, so that ``pdgw status`` and ``pdgw --help`` start fast. A test
+compares the help lines with those of the commands.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typer.main import get_command
 
 
 def _refuse_repeats(command: Any, ctx: Any, args: list[str]) -> None:
-    """An option with one value that is given twice is refused: typer takes the last."""
+    """Reject an option that is given twice but has one value; typer would use the last value without a message."""
     seen: set[str] = set()
     for option in command.make_parser(ctx).parse_args(args)[2]:
         if not isinstance(option, TyperOption) or option.multiple or option.is_flag:
@@ -29,7 +29,7 @@ def _refuse_repeats(command: Any, ctx: Any, args: list[str]) -> None:
 
 
 def _without_types_of_flags(options: list[Any]) -> list[Any]:
-    """The help shows behind an option what is to be typed, behind a flag nothing: typer shows its type."""
+    """Remove the type that typer prints after a flag in the help. Options with a value keep theirs."""
     for option in options:
         if isinstance(option, TyperOption) and option.is_flag:
             option.metavar = ""
@@ -37,7 +37,7 @@ def _without_types_of_flags(options: list[Any]) -> list[Any]:
 
 
 class _Careful:
-    """Beside a class of typer: no value that was typed is dropped, and the help shows what is to be typed."""
+    """Mixin for typer's classes: rejects repeated options and shows in the help only what the user types."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         return _without_types_of_flags(super().get_params(ctx))  # type: ignore[misc]
@@ -54,12 +54,12 @@ class Command(_Careful, TyperCommand):
 
 
 class Group(_Careful, TyperGroup):
-    """A group of commands, of which some have options of their own."""
+    """A group of commands. Some groups have options of their own."""
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One line of the table: ``target`` is ``module:name`` in ``package``, a function or a group."""
+    """A row of the table: ``target`` is ``module:name`` in ``package`` and names a function or a group."""
 
     target: str
     help: str
@@ -71,7 +71,7 @@ class Entry:
         found = getattr(import_module(f"{self.package}.{module}"), attribute)
         gc.enable()
         holder = typer.Typer(add_completion=False)
-        holder.callback()(lambda: None)  # makes it a group, also with a single command
+        holder.callback()(lambda: None)  # makes it a group even with a single command
         if isinstance(found, typer.Typer):
             for item in found.registered_commands:
                 item.cls = Command
@@ -87,7 +87,7 @@ class Entry:
 
 
 def _add_examples(command: Any, name: str) -> None:
-    """Put the example of each command below its help."""
+    """Add the example of each command to the end of its help."""
     if name in EXAMPLES:
         command.epilog = f"Example: pdgw {EXAMPLES[name]}"
     for below, item in getattr(command, "commands", {}).items():
@@ -141,7 +141,7 @@ COMMANDS: Mapping[str, Entry] = {
         "Run a PLC, the gateway and simulated drives in chapters; report every expectation as pass or fail.",
     ),
 }
-"""The commands of ``pdgw`` in the order of its help."""
+"""The commands of ``pdgw``, in the order of the help."""
 
 SIM_COMMANDS: Mapping[str, Entry] = {
     "plc": Entry(
@@ -170,10 +170,10 @@ SIM_COMMANDS: Mapping[str, Entry] = {
 
 
 def lazy_group(table: Mapping[str, Entry]) -> type[Group]:
-    """The class of a command group (``typer.Typer(cls=...)``) whose commands are those of a table."""
+    """The class of a command group (``typer.Typer(cls=...)``) with the commands of a table."""
 
     class LazyGroup(Group):
-        """Lists stand-ins that know only their help; the command that is called is loaded."""
+        """Lists placeholders that have only a help line, and loads a command when it is called."""
 
         def __init__(self, **attributes: Any) -> None:
             super().__init__(**attributes)
@@ -218,4 +218,4 @@ EXAMPLES: Mapping[str, str] = {
     "sim bus": "sim bus devices.toml --serve",
     "sim inject": "sim inject --port 5000 fault slow-sdo delay_ms=100",
 }
-"""One call of each command, for its help: everything behind ``pdgw``."""
+"""An example of each command for its help, without the leading ``pdgw``."""

@@ -1,4 +1,4 @@
-"""Single keys from a terminal, on POSIX and Windows; characters from a pipe."""
+"""Read single keys from a terminal, on POSIX and Windows, or characters from a pipe."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _AT_ONCE = 64
 
 @contextlib.contextmanager
 def single_keys() -> Iterator[None]:
-    """The terminal gives each key at once and does not print it; as before afterwards. Without a terminal nothing changes."""
+    """Set the terminal to deliver each key at once and without echo; restore it afterwards. No effect without a terminal."""
     if not sys.stdin.isatty() or sys.platform == "win32":
         yield
         return
@@ -28,10 +28,10 @@ def single_keys() -> Iterator[None]:
 
 
 def read_keys() -> str:
-    """The next keys, waiting for one; empty at the end of the input."""
+    """Wait for the next keys and return them; empty at the end of the input."""
     if sys.platform == "win32" and sys.stdin.isatty():
         import msvcrt  # noqa: PLC0415 (there on Windows only)
 
         return msvcrt.getwch()
-    # Past Python's own buffer, which waits for a whole block.
+    # Read past Python's buffer, which waits for a whole block.
     return os.read(sys.stdin.fileno(), _AT_ONCE).decode("utf-8", "replace")

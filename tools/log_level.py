@@ -1,4 +1,4 @@
-"""Silence for what is played: what happens there is in the results, not in the log."""
+"""Silence the log of simulations: their results show what happened."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def quiet(*names: str) -> Iterator[None]:
-    """Nothing of these loggers but what is critical."""
+    """Suppress everything below CRITICAL from these loggers."""
     loggers = [logging.getLogger(name) for name in names]
     levels = [logger.level for logger in loggers]
     for logger in loggers:

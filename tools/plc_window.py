@@ -1,4 +1,4 @@
-"""The PLC simulator in a terminal: a process cycles, this one draws what it tells and hands it the keys."""
+"""The PLC simulator in a terminal: a child process runs the PLC, this one draws its output and passes keys to it."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from pdgw.peers.plc.exchange.view import tables
 from pdgw.tools.keys import read_keys, single_keys
 
 _TOLD = 5
-"""Messages that stay on the screen."""
+"""Number of messages on the screen."""
 _REASONS_S = 1.0
 _STOP_S = 10
 
 
 class Window:
-    """What is on the screen."""
+    """The content of the screen."""
 
     def __init__(self) -> None:
         self.results: list[dict[str, Any]] = []
@@ -39,7 +39,7 @@ class Window:
         self._snapshot: dict[str, Any] | None = None
 
     def take(self, document: dict[str, Any]) -> None:
-        """A line of the cycling process."""
+        """Add a line of output from the PLC process."""
         if "snapshot" in document:
             self._snapshot = document["snapshot"]
         elif "told" in document:
@@ -53,20 +53,20 @@ class Window:
                 self._told.append(f"{result['time_s']:7.3f} s  FAILED {result['name']}: {result['measured']}")
 
     def drawing(self) -> RenderableType:
-        """What was told comes first: a terminal that is too small for all words of a telegram cuts the last ones."""
+        """The messages come first: a small terminal cuts off the last words of a telegram instead."""
         shown = [] if self._snapshot is None else [tables(self._snapshot, self.reasons)]
         return Group(*(Text(text) for text in self._told), *shown)
 
 
 def reasons_of(document: dict[str, Any]) -> list[str]:
-    """Why each axis does not do what it is asked for, in the order of the frame, as the gateway's status says."""
+    """Why each axis is not in operation, in the order of the frame, from the gateway's status."""
     return [str(item.get("reason") or "") for item in (*document["axes"], *document["encoders"])]
 
 
 def watch(arguments: Sequence[str], *, interactive: bool, local: bool) -> tuple[list[dict[str, Any]], int]:
-    """Run ``pdgw`` with these arguments and draw; the results of its expectations and its exit status.
+    """Run ``pdgw`` with these arguments and draw its output. Return the results of its expectations and its exit status.
 
-    ``local``: the gateway is on this machine, its status (at the usual port) says why an axis does not move.
+    ``local``: the gateway is on this machine, and its status (at the usual port) shows why an axis does not move.
     """
     window = Window()
     process = subprocess.Popen(
@@ -87,7 +87,7 @@ def watch(arguments: Sequence[str], *, interactive: bool, local: bool) -> tuple[
                 window.take(json.loads(line))
                 live.update(window.drawing())
     except KeyboardInterrupt:
-        pass  # the other process has it too, and ends
+        pass  # the child gets the signal, too, and ends
     finally:
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(_STOP_S)
@@ -99,7 +99,7 @@ def watch(arguments: Sequence[str], *, interactive: bool, local: bool) -> tuple[
 
 
 def _hand_on(target: IO[str]) -> None:
-    """Keys to the cycling process; its end is theirs."""
+    """Pass keys to the PLC process until it ends."""
     with contextlib.suppress(OSError, ValueError):
         while keys := read_keys():
             target.write(keys)

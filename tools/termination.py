@@ -1,4 +1,4 @@
-"""How a command in the foreground is ended from outside."""
+"""End a command in the foreground on signals."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import signal
 from typing import Final
 
 INTERRUPTED: Final = 130
-"""The exit code of what was ended by Ctrl-C, as shells have it."""
+"""Exit code after Ctrl-C, as used by shells."""
 
 
 def end_as_by_ctrl_c() -> None:
-    """SIGTERM, and the end of the terminal where that is not ignored (nohup): what is open is finished, as after Ctrl-C."""
+    """Handle SIGTERM and SIGHUP like Ctrl-C, so that open files are completed. A SIGHUP ignored by nohup stays ignored."""
     for name in ("SIGTERM", "SIGHUP"):
-        number = getattr(signal, name, None)  # Windows has one of them
+        number = getattr(signal, name, None)  # Windows has only one of them
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, signal.default_int_handler)

@@ -1,1 +1,1 @@
-"""The axis test: the first move of an axis, without a PLC."""
+"""The axis test: first move of an axis without a PLC."""

@@ -1,7 +1,8 @@
-"""The first move of an axis, without a PLC: slow, bounded, watched, and compared over the whole chain.
+"""First move of an axis without a PLC: slow, limited, supervised, and compared from NSOLL_A to the position.
 
-It plays the PLC of a gateway of its own that has this one axis with telegram 1: power, interlock and stops are those of the
-axis machine. What it adds are reasons to stop earlier. The position is read by SDO, so that any drive with a speed can be tried.
+The test acts as the PLC of its own gateway, which has this one axis with telegram 1. Power, interlock and stops are those of
+the axis machine; the test adds reasons to stop earlier. It reads the position by SDO, so that it works with any drive that
+has a speed mode.
 """
 
 from __future__ import annotations
@@ -33,33 +34,35 @@ from pdgw.tools.commissioning.chain_comparison import Measurement, judge, judge_
 TELEGRAM = 1
 _CYCLE_NS = 10 * MS
 _WATCHDOG_FACTOR = 100
-"""PLC and gateway are one process here: what guards it is the heartbeat."""
+"""Watchdog in cycles. It may be long because PLC and gateway are one process; the drive's heartbeat monitoring guards this
+process.
+"""
 _LISTEN_NS = SECOND
-"""A PLC sends more often than this."""
+"""Listening time for another PLC, which sends more often than this."""
 _ONLINE_NS = 60 * SECOND
 _POWER_NS = 15 * SECOND
-"""From one state to the next: a brake may have to open."""
+"""Longest time between two operating states. A brake may have to open."""
 _TYPING_NS = 120 * SECOND
 _SETTLING_NS = 10 * SECOND
-"""From one speed to the next by the drive's own ramps."""
+"""Longest time between two speeds, with the drive's own ramps."""
 _SDO_NS = 2 * SECOND
 _AT_ONCE_NS = 20 * MS
-"""An SDO that took no longer tells the moment of a position well enough."""
+"""Longest SDO transfer whose position has an exact enough time."""
 _READINGS = 5
 _CREEP = Fraction(1, 4)
-"""Of the speed that was asked for comes first: what is wrong shows before it is fast."""
+"""Part of the requested speed that is tested first, so that a fault shows at low speed."""
 _SHORTEST_NS = 500 * MS
-"""Measured at least: some milliseconds of an SDO are a small part of it."""
+"""Shortest measurement. The uncertainty of an SDO, some milliseconds, is small in comparison."""
 _SETTLED = Fraction(10, 100)
 _STILL = Fraction(25, 10_000)
-"""Of 100 %."""
+"""Speeds below this part of 100 % count as standstill."""
 TURNS = "the number of turns"
-"""What has to be typed after the move."""
+"""The input requested after the move."""
 _TOO_FAR, _MARGIN = Fraction(3, 2), Fraction(1, 10)
-"""Times what was commanded, and turns beyond it."""
+"""Greatest position change: this multiple of the commanded turns, plus this margin in turns."""
 _NSOLL, _STW1, _NIST, _ZSW1 = map(signal, ("NSOLL_A", "STW1", "NIST_A", "ZSW1"))
 _QUICK_STOP = _STW1.word("NO_COAST_STOP", "CONTROL_BY_PLC")
-"""OFF3."""
+"""Controlword of OFF3."""
 _OFF = _STW1.word(
     "NO_COAST_STOP",
     "NO_QUICK_STOP",
@@ -75,16 +78,16 @@ _NOT_SO = _ZSW1.word("FAULT", "SWITCHING_ON_INHIBITED")
 
 
 class DoubtError(Exception):
-    """Something is not as it has to be: the drive is stopped. The text says what."""
+    """An unexpected state. The drive is stopped; the text names the cause."""
 
 
 class InterruptError(DoubtError):
-    """The person wants it to end."""
+    """The user has interrupted the test."""
 
 
 @dataclass(frozen=True, slots=True)
 class Choices:
-    """``percent``: the speed, of 100 % of NSOLL, negative for the other direction; ``turns``: of the motor, at that speed."""
+    """``percent``: speed in % of NSOLL's 100 %, negative for the other direction. ``turns``: motor turns at that speed."""
 
     percent: Fraction = Fraction(2)
     turns: Fraction = Fraction(2)
@@ -92,28 +95,28 @@ class Choices:
 
 @dataclass(slots=True)
 class Outcome:
-    """``passed``: it turned as it was told. A factor is what was seen to what was commanded: 1 when all is well."""
+    """``passed``: the drive turned as commanded. A factor is measured divided by commanded, ideally 1."""
 
     passed: bool = False
     interrupted: bool = False
     doubt: str = ""
-    """Why it was stopped."""
+    """Why the drive was stopped, if it was."""
     speed_factor: Fraction | None = None
-    """By 606Ch."""
+    """From 606Ch."""
     position_factor: Fraction | None = None
-    """By 6064h and its time; None where the drive has none, or its unit is not known."""
+    """From 6064h over time; None without 6064h or when its unit is unknown."""
     moved: int | None = None
-    """Of 6064h from the first to the last standstill."""
+    """Change of 6064h from the first to the last standstill."""
     witnessed: bool = False
-    """A person saw the shaft make the turns that were commanded."""
+    """A person has confirmed that the shaft made the commanded turns."""
     scaling: Scaling | None = None
-    """The units that were tested,"""
+    """The scaling that was tested."""
     serial_number: int = 0
-    """and the drive: 1018h/4."""
+    """Serial number of the tested drive (1018h/4)."""
 
 
 def configuration(config: GatewayConfig, do_id: int) -> GatewayConfig:
-    """The axis alone with telegram 1, reached by this process only; GatewayError when there is no such axis."""
+    """Configure the axis alone with telegram 1, on a link inside this process. GatewayError when the axis is missing."""
     axis = next((item for item in config.axis if item.do_id == do_id), None)
     if axis is None:
         raise GatewayError(f"DO {do_id}: not an axis, allowed: {[item.do_id for item in config.axis]}")
@@ -129,10 +132,10 @@ def configuration(config: GatewayConfig, do_id: int) -> GatewayConfig:
 
 
 class AxisTest:
-    """``run`` is for a task on the platform's loop.
+    """The test; ``run`` is a task on the platform's loop.
 
-    ``tell`` shows a line. ``confirm`` is given what has to be typed and calls back, on the loop, with what was; for the turns
-    that a person saw it is given ``TURNS``.
+    ``tell`` prints a line. ``confirm`` gets the text that the user must type, and calls back on the loop with the typed
+    text; ``TURNS`` requests the number of turns that the user saw.
     """
 
     def __init__(
@@ -163,22 +166,24 @@ class AxisTest:
         self._begun: int | None = None
         """Position before the first move."""
         self._raw: int | None = None
-        """6064h as it was read last; ``_way`` goes on where it wraps."""
+        """Last raw value of 6064h. ``_way`` continues across its overflow."""
         self._way = 0
         self._still = Fraction(0)
-        """Velocities up to this are none."""
+        """Velocities up to this count as standstill."""
         self._commanded = Fraction(0)
-        """Turns so far, as commanded, up to ``_watched_at``."""
+        """Commanded turns until ``_watched_at``."""
         self._watched_at = 0
 
     def interrupt(self) -> None:
-        """Stop and end: Ctrl-C. On the loop's thread."""
+        """Stop the drive and end the test (Ctrl-C). Called on the loop's thread."""
         self._interrupted = True
 
     # -- the whole ------------------------------------------------------------------------------------------------------
 
     def run(self) -> Outcome:
-        """GatewayError or CanopenError when it cannot begin: a gateway, a PLC or another master is there, or no interface."""
+        """Run the test. GatewayError or CanopenError when it cannot start: no interface, or a gateway, PLC or other master
+        is active.
+        """
         try:
             self._watch_for_plc()
             self._loop.sleep(_LISTEN_NS)
@@ -230,10 +235,10 @@ class AxisTest:
     # -- nobody else ----------------------------------------------------------------------------------------------------
 
     def _watch_for_plc(self) -> None:
-        """Where a PLC would send to: the port is taken meanwhile, so that no gateway can be started either."""
+        """Occupy the port that a PLC sends to. This detects a PLC and prevents the start of another gateway."""
         transport = self._transport
         if transport.type != "udp":
-            return  # a gateway that serves a PROFINET controller is heard on the CAN bus
+            return  # on PROFINET, a running gateway is detected by its CAN frames
         port = self._platform.open_udp(
             str(transport.listen), transport.cyclic_port, "cyclic port; is a gateway running?"
         )
@@ -285,7 +290,7 @@ class AxisTest:
     # -- the PLC's part -------------------------------------------------------------------------------------------------
 
     def _exchange(self) -> None:
-        """Frames from now on, as a PLC sends them."""
+        """Send frames from now on, as a PLC does."""
         port = self._platform.open_udp("127.0.0.1", 0, "axis test")
         self._ports.append(port)
         endpoint, loop = self._endpoint, self._loop
@@ -305,7 +310,7 @@ class AxisTest:
         self._endpoint.set(0, {_STW1.name: word, _NSOLL.name: wire})
 
     def _shows(self, bit: int) -> bool:
-        """Whether the gateway's ZSW1 has a bit, and no fault."""
+        """Whether the gateway's ZSW1 has a bit set and no fault."""
         actuals = self._endpoint.actuals[0]
         return actuals is not None and bool(actuals[_ZSW1.name] & bit) and not actuals[_ZSW1.name] & _NOT_SO
 
@@ -315,7 +320,7 @@ class AxisTest:
             self._wait(lambda bit=bit: self._shows(bit), _POWER_NS, f"the drive is {what}")  # type: ignore[misc]
 
     def _stop(self, word: int) -> None:
-        """Power off by OFF1 or OFF3; whether the drive obeys is the axis machine's watch, which has further means."""
+        """Remove power by OFF1 or OFF3. The axis machine supervises the stop and escalates if the drive does not follow."""
         self._command(word)
         end = self._loop.now() + _POWER_NS
         while self._axis.powered and not self._daemon.stopped.is_set() and self._loop.now() < end:
@@ -328,7 +333,7 @@ class AxisTest:
     # -- while it moves -------------------------------------------------------------------------------------------------
 
     def _hold(self, drive: DriveType, percent: Fraction) -> Measurement:
-        """Turn at a speed for a bounded way."""
+        """Turn at a speed for a limited distance and measure."""
         axis = self._axis
         wire = _NSOLL.raw(float(percent))
         self._command(_ON, wire)
@@ -366,7 +371,7 @@ class AxisTest:
         return abs(self._axis.drive.feedback.velocity_actual) <= self._still
 
     def _wait(self, condition: Callable[[], object], limit: int, what: str, drive: DriveType | None = None) -> None:
-        """Until a condition holds. ``drive``: it turns meanwhile and is watched."""
+        """Wait until a condition is true. ``drive``: supervise this turning drive meanwhile."""
         end = self._loop.now() + limit
         while not condition():
             if self._loop.now() > end:
@@ -379,7 +384,7 @@ class AxisTest:
                 self._position()
 
     def _undisturbed(self) -> None:
-        """DoubtError when somebody has joined, or wants it to end."""
+        """Raise DoubtError when another PLC sends or the gateway failed, InterruptError when the user interrupts."""
         if self._interrupted:
             raise InterruptError("interrupted")
         if self._stranger:
@@ -388,7 +393,7 @@ class AxisTest:
             raise DoubtError(str(self._daemon.failure))
 
     def _watch(self, drive: DriveType) -> None:
-        """One cycle of turning; DoubtError for whatever is not as it has to be."""
+        """Wait one cycle and check the turning drive. DoubtError when it leaves operation, reverses or runs away."""
         self._loop.sleep(_CYCLE_NS)
         self._undisturbed()
         if not self._shows(_ENABLED):
@@ -405,7 +410,7 @@ class AxisTest:
             raise DoubtError(f"it runs away: {seen}")
 
     def _timed_position(self, drive: DriveType) -> tuple[int, int | None]:
-        """A moment and the position of it: where an answer was held up, of several the one that took least."""
+        """Read a position and its time. If an SDO is slow, use the fastest of several readings."""
         shortest, moment, position = _SDO_NS, 0, None
         for _ in range(_READINGS):
             self._watch(drive)
@@ -419,7 +424,7 @@ class AxisTest:
         return moment, position
 
     def _position(self) -> int | None:
-        """How far 6064h has gone; None for a drive that has none. DoubtError when it has moved further than it was told."""
+        """Distance of 6064h in increments; None for a drive without it. DoubtError when it exceeds the commanded distance."""
         try:
             raw = self._loop.result(
                 self._axis.drive.submit(lambda node: node.read_number(POSITION_ACTUAL, signed=True)), _SDO_NS
@@ -446,7 +451,7 @@ class AxisTest:
         return self._way
 
     def _why(self) -> str:
-        """What gateway and drive say."""
+        """The reason and last faults as the gateway and the drive report them."""
         axis = self._axis
         told = [record.text for record in tuple(axis.faults)[-2:]]
         velocity = axis.drive.feedback.velocity_actual
@@ -464,7 +469,7 @@ class AxisTest:
         outcome.speed_factor, outcome.position_factor = judgement.speed_factor, judgement.position_factor
 
     def _show_way(self, drive: DriveType) -> Fraction:
-        """Show how far 6064h moved; the turns that the shaft has to have made."""
+        """Print how far 6064h moved. Return the turns that the shaft must have made."""
         end, counts = self._position(), drive.scaling.counts_per_revolution
         if end is None or self._begun is None:
             return self._commanded
@@ -473,7 +478,7 @@ class AxisTest:
         return self._commanded if counts is None else abs(Fraction(moved) / counts)
 
     def _ask_for_turns(self, drive: DriveType, turns: Fraction) -> None:
-        """Drive and gateway agree also where both have the wrong resolution: only a person sees the shaft."""
+        """Ask a person for the number of turns: drive and gateway also agree when both have the same wrong resolution."""
         outcome, typed = self.outcome, list[str]()
         outcome.scaling, outcome.serial_number = drive.scaling, self._axis.drive.serial_number
         self._tell("Only a person can check the shaft. How many turns did the mark on the motor shaft make?")
@@ -493,7 +498,7 @@ class AxisTest:
 
 
 def _turns_over(drive: DriveType) -> tuple[int, ...]:
-    """What a position jumps by where it begins anew: between two readings it moves by little."""
+    """Possible jumps of a position at its overflow. Between two readings it moves by much less."""
     spans = [1 << 32]
     scaling = drive.scaling
     if scaling.position_wraps and scaling.position_range is not None:

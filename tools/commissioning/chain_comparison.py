@@ -1,4 +1,4 @@
-"""What was commanded and what was seen of one speed that an axis held: over the whole chain, in numbers and in words."""
+"""Compare commanded and measured speed and position of one measurement, as numbers and as text."""
 
 from __future__ import annotations
 
@@ -10,33 +10,33 @@ from pdgw.durations import SECONDS_PER_MINUTE
 
 _TOLERANCE = Fraction(5, 100)
 _UNCERTAIN_S = Fraction(2, 100)
-"""Of the moment a position is of."""
+"""Uncertainty of the time of a position."""
 
 
 _SEEN_TURNS, _SEEN_SHARE = Fraction(1, 2), Fraction(15, 100)
-"""So exactly does a person see and count turns."""
+"""How exactly a person counts turns: this number, or this share of the turns."""
 
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """A speed that was held, in the drive's units: what was commanded and what was seen."""
+    """One constant speed in the drive's units: commanded and measured values."""
 
     wire: int
     """NSOLL_A."""
     target: int
     """60FFh."""
     velocity: Fraction
-    """606Ch on average."""
+    """Mean of 606Ch."""
     shown: int
     """NIST_A at the end."""
     seconds: Fraction
     moved: int | None
-    """Of 6064h meanwhile; None for a drive that has none."""
+    """Change of 6064h in the measured time; None for a drive without it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """A factor is what was seen to what was commanded, None where that is not known; ``passed``: none of them is off."""
+    """A factor is measured divided by commanded, None if unknown. ``passed``: all factors are within their tolerance."""
 
     passed: bool
     lines: tuple[str, ...]
@@ -45,7 +45,7 @@ class Judgement:
 
 
 def rpm(drive: DriveType, velocity: Fraction | int) -> Fraction:
-    """A velocity of the drive in rpm of the motor, as the scaling has it."""
+    """Convert a velocity of the drive to rpm of the motor."""
     rated = drive.scaling.rated_speed_rpm
     assert rated is not None, "known wherever 100 % of the speed is"
     return velocity * rated / drive.scaling.reference(Quantity.SPEED)
@@ -85,7 +85,7 @@ def judge(drive: DriveType, held: Measurement) -> Judgement:
 
 
 def judge_turns(typed: str, turns: Fraction) -> tuple[bool, str]:
-    """Whether a person typed a number of turns, and what is wrong with it for a shaft that had to make so many."""
+    """Compare the number of turns a person typed with the commanded one: (whether it is a number, what is wrong with it)."""
     try:
         seen = Fraction(typed.strip().replace(",", "."))
     except (ValueError, ZeroDivisionError):

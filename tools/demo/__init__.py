@@ -1,1 +1,1 @@
-"""``pdgw demo``: three processes, one story, a report anyone can check."""
+"""``pdgw demo``: three processes, one scenario and a report."""

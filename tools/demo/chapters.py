@@ -1,6 +1,6 @@
-"""The chapters of the demo: which axes, which devices, which story, and what of it is drawn.
+"""The chapters of the demo: axes, devices, scenario, and the plotted signals.
 
-Another chapter is one entry of ``CHAPTERS`` and a scenario.
+A new chapter is an entry of ``CHAPTERS`` and a scenario file.
 """
 
 from __future__ import annotations
@@ -17,15 +17,17 @@ from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT
 
 _SCENARIOS = Path(__file__).parent.parent / "scenarios"
 _RPM, _POSITION = 3000, 500_000
-"""100 % of speeds and of telegram 9's positions, as in the scenarios."""
+"""100 % of the speeds (rpm) and of telegram 9's positions, as in the scenarios."""
 _RPM_PER_UNIT = 0.5
 _I32: Final = 1 << 31
 _PATIENT_CYCLES, _PATIENT_PERIODS = 250, 750
-"""Watchdog of the gateway, and of drives for SYNC, which crosses one process more: a busy machine holds one up for a second."""
+"""Watchdogs: of the gateway in cycles, of the drives in SYNC periods. They tolerate a pause of a second on a busy machine;
+SYNC crosses one more process.
+"""
 _HEARTBEAT_MS, _SDO_MS, _TPDO_MS, _ENCODER_MS = 2000, 5000, 2000, 20
 
 Values = Mapping[str, int]
-"""Newest setpoints and actual values of an axis by name."""
+"""Newest setpoints and actual values of an axis, by name."""
 
 
 @dataclass(frozen=True)
@@ -35,12 +37,12 @@ class Curve:
     label: str
     value: Callable[[Values], float]
     wanted: bool = False
-    """A set value: drawn in steps."""
+    """A setpoint, drawn in steps."""
 
 
 @dataclass(frozen=True)
 class Panel:
-    """A picture of one axis; ``notes``: how the notes begin that belong to it."""
+    """A plot of one axis. ``notes``: prefix of the notes that belong to it."""
 
     title: str
     unit: str
@@ -55,7 +57,7 @@ def _scaled(name: str, scale: float = 1.0, *, wanted: bool = False) -> Curve:
 
 @dataclass(frozen=True)
 class Chapter:
-    """One story with a gateway of its own. ``axes``: further keys of each [[axis]]; the encoders sit on the shaft of node 1."""
+    """A scenario with its own gateway. ``axes``: further keys of each [[axis]]. The encoders are on the shaft of node 1."""
 
     name: str
     about: str
@@ -68,7 +70,7 @@ class Chapter:
     blocks: Sequence[Mapping[str, Any]] = field(default=())
 
     def gateway(self, can: Mapping[str, Any], transport: str, *, simulate: bool = False) -> str:
-        """The gateway's configuration. Its times let a busy machine pause for a while without anything counting as lost."""
+        """The gateway's configuration. Its timeouts tolerate pauses of a busy machine."""
         parts = [f"[can]\n{_keys(can)}[transport]\n{transport}status_port = 0\ncycle_time_ms = {self.cycle_ms}"]
         parts.append(f"watchdog_factor = {_PATIENT_CYCLES}\n")
         beside = {"simulate": True} if simulate else {}
@@ -84,7 +86,7 @@ class Chapter:
         return "\n".join(parts)
 
     def devices(self, can: Mapping[str, Any], control_port: int) -> str:
-        """The devices on the bus, for ``pdgw sim bus``."""
+        """The description of the devices for ``pdgw sim bus``."""
         drive = {"type": "drive", "axis": "linear", "like": self.like, "sync_tolerance": _PATIENT_PERIODS}
         found = [{"node_id": number, **drive} for number in range(1, len(self.axes) + 1)]
         first = len(self.axes) + 1
@@ -98,12 +100,12 @@ def _times(tpdo_ms: int) -> dict[str, int]:
 
 
 def _keys(table: Mapping[str, Any]) -> str:
-    """Lines of TOML: a number, a text, a truth and a list of them are the same in JSON."""
+    """Format lines of TOML. Numbers, strings, booleans and lists of them are written as in JSON."""
     return "".join(f"{key} = {json.dumps(value)}\n" for key, value in table.items()) + "\n"
 
 
 def _wide(position: int) -> int:
-    """An UNSIGNED32 of the telegram as the signed position it stands for."""
+    """Convert an UNSIGNED32 of the telegram to a signed position."""
     return position - 2 * _I32 if position >= _I32 else position
 
 

@@ -1,4 +1,4 @@
-"""How PLC and gateway of the demo reach each other: UDP on loopback, or PROFINET over a pair of virtual Ethernet interfaces."""
+"""The link between PLC and gateway of the demo: UDP on loopback, or PROFINET on a pair of virtual Ethernet interfaces."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ STATION = "press-1"
 
 
 def free_ports(kind: socket.SocketKind, number: int) -> list[int]:
-    """Different ports of 127.0.0.1 nobody uses, below those the system gives to whoever asks for any.
+    """Find unused ports of 127.0.0.1.
 
-    So nobody gets one until the process it is for has taken it.
+    They are below the range that the system assigns automatically, so that no other program gets them meanwhile.
     """
     found: set[int] = set()
     while len(found) < number:
@@ -30,27 +30,27 @@ def free_ports(kind: socket.SocketKind, number: int) -> list[int]:
 
 
 class DemoLink(Protocol):
-    """One way to connect them."""
+    """A link between PLC and gateway."""
 
     @property
     def capture(self) -> str:
-        """Name of the file with what went over it."""
+        """Name of the capture file of the link."""
 
     @property
     def transport(self) -> str:
-        """Keys of the gateway's ``[transport]``."""
+        """Lines of the gateway's ``[transport]`` section."""
 
     def open(self, out: Path, control_port: int) -> None:
-        """Make what has to be there before the processes; ``control_port`` is the devices' on loopback."""
+        """Create what the processes need. ``control_port``: the devices' port on loopback."""
 
     def plc(self, out: Path) -> list[str]:
         """Options of the PLC simulator."""
 
     def command(self, *arguments: str) -> list[str]:
-        """What runs a command where the PLC is."""
+        """The command line that runs a command on the PLC's side."""
 
     def close(self) -> None:
-        """Take everything away again."""
+        """Remove what ``open`` created."""
 
 
 class OnLoopback:
@@ -79,11 +79,11 @@ class OnLoopback:
         return list(arguments)
 
     def close(self) -> None:
-        """Nothing was made."""
+        """Nothing to remove."""
 
 
 class OnEthernet:
-    """PROFINET: the PLC in a network namespace of its own, its frames recorded with the kernel's time stamps."""
+    """PROFINET: the PLC is in a network namespace of its own; frames have the kernel's time stamps."""
 
     capture = "plc.pcapng"
     transport = f'type = "profinet"\ninterface = "{HERE}"\nstation_name = "{STATION}"\n'
@@ -96,7 +96,7 @@ class OnEthernet:
     def open(self, out: Path, control_port: int) -> None:
         self._pair = pair = self._made.enter_context(VethPair())
         self._made.enter_context(EthernetCapture(HERE, out / self.capture))
-        # The drives' simulator listens on this loopback; the PLC has another one, with the same port on it.
+        # The simulated drives listen on this loopback. The PLC has its own loopback and uses the same port there.
         self._control = control_port
         listener = self._made.enter_context(pair.listener(control_port))
         threading.Thread(target=forward, args=(listener, control_port), name="drive control", daemon=True).start()

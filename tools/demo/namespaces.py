@@ -1,7 +1,7 @@
 """Ethernet without hardware: a pair of virtual interfaces between two network namespaces (Linux, no root needed).
 
-``enter`` runs the present command again in a user and network namespace of its own. There a ``VethPair`` has ``eth1`` in this
-namespace and ``plc`` in a further one; ``command`` runs something there.
+``enter`` restarts the present command in a user and network namespace of its own. A ``VethPair`` has ``eth1`` in this
+namespace and ``plc`` in a second one; ``command`` runs a program there.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ HERE: Final = "eth1"
 THERE: Final = "plc"
 ADDRESS_THERE: Final = "192.168.0.1/24"
 ADDRESS_HERE: Final = "192.168.0.2/24"
-"""For whoever gives this side its address by DCP."""
+"""Address of this side, for a controller that assigns it by DCP."""
 _MARK: Final = "PDGW_IN_NAMESPACE"
 _TOOLS: Final = ("unshare", "nsenter", "ip")
 _PATIENCE_S: Final = 10
@@ -35,12 +35,12 @@ socket.send_fds(way, [b"x"], [listener.fileno()])
 
 
 def inside() -> bool:
-    """Whether ``enter`` has been here."""
+    """Whether this process runs in the namespaces of ``enter``."""
     return _MARK in os.environ
 
 
 def missing() -> str:
-    """Why there can be no namespaces; empty where there can."""
+    """Why namespaces are not available; empty if they are."""
     lacking = [tool for tool in _TOOLS if shutil.which(tool) is None]
     if lacking:
         return f"{', '.join(lacking)} not found; install util-linux and iproute2"
@@ -55,12 +55,12 @@ def missing() -> str:
 
 
 def _unshare() -> list[str]:
-    # Root keeps its rights beyond the network, real-time priority for one; everybody else becomes root of a namespace of users.
+    # Root keeps its other rights, such as real-time priority. Another user becomes root of a user namespace.
     return ["unshare", "--net"] if os.geteuid() == 0 else ["unshare", "--user", "--map-root-user", "--net"]
 
 
 def enter(program: str) -> NoReturn:
-    """Begin the present command of ``python -m PROGRAM`` anew in a namespace; GatewayError where that is not possible."""
+    """Restart the present command of ``python -m PROGRAM`` in a namespace; GatewayError if that fails."""
     why = missing()
     if why:
         raise GatewayError(f"the demo cannot create a network of virtual interfaces: {why}")
@@ -69,7 +69,7 @@ def enter(program: str) -> NoReturn:
 
 
 class VethPair:
-    """The pair, from ``__enter__`` to ``__exit__``."""
+    """The pair of interfaces; exists from ``__enter__`` to ``__exit__``."""
 
     def __init__(self) -> None:
         self._holder = subprocess.Popen(["unshare", "--net", "sleep", "infinity"])
@@ -88,7 +88,7 @@ class VethPair:
         self._end()
 
     def _end(self) -> None:
-        # The kernel removes a namespace some time after its last process: until then the next pair's names are in use.
+        # The kernel removes a namespace some time after its last process. Until then its names stay in use.
         subprocess.run(["ip", "link", "delete", HERE], capture_output=True, check=False)
         self._holder.kill()
         self._holder.wait()
@@ -114,11 +114,11 @@ class VethPair:
                 raise GatewayError(f"{' '.join(command)}: {done.stderr.strip()}")
 
     def command(self, *arguments: str) -> list[str]:
-        """What runs a command in the other namespace."""
+        """The command line that runs a command in the other namespace."""
         return ["nsenter", "--target", str(self._holder.pid), "--net", *arguments]
 
     def listener(self, port: int) -> socket.socket:
-        """A socket that listens on a port of the other namespace's loopback address, for this process."""
+        """Open a listening socket on a port of the other namespace's loopback address, for this process."""
         here, there = socket.socketpair()
         with here, there:
             script = self.command(sys.executable, "-c", _SEND_LISTENER, str(there.fileno()), str(port))
@@ -128,7 +128,9 @@ class VethPair:
 
 
 def forward(listener: socket.socket, port: int) -> None:
-    """Carry each connection to ``listener``, one question and one answer, to a port of this loopback; ends when it is closed."""
+    """Forward each connection of ``listener``, one request and one answer, to a port of this loopback. Ends when it is
+    closed.
+    """
     while True:
         try:
             connection, _ = listener.accept()

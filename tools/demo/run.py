@@ -1,4 +1,4 @@
-"""The orchestrator: starts the processes of a chapter, follows its story, collects the evidence."""
+"""Run a chapter of the demo: start its processes, follow its scenario, collect the results."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from pdgw.tools.demo.trace import plot
 
 STORY_LIMIT_S = 300
 _STOP_S = 60
-"""Nothing that works needs so long to end, on a machine however busy."""
+"""Longest time for a process to end, also on a busy machine."""
 RECORD = "gateway"
-"""The folder of what the gateway itself saw, in its own order."""
+"""Folder of the gateway's own recording."""
 _EVIDENCE = ("report.json", "plc.json", "plc.pcap", "plc.pcapng", "can.log", "trace.png", "trace.html")
 
 
 @dataclass
 class Outcome:
-    """What the demo showed."""
+    """The result of the demo."""
 
     report: dict[str, Any] = field(default_factory=dict)
 
@@ -42,9 +42,9 @@ class Outcome:
 
 
 class Demo:
-    """One run of a chapter with its evidence in ``out``; ``show`` gets each progress document of the PLC.
+    """Runs one chapter and writes its files to ``out``. ``show`` gets each progress document of the PLC.
 
-    ``link``: between PLC and gateway. ``scenario``: another story than the chapter's.
+    ``link``: between PLC and gateway. ``scenario``: replaces that of the chapter.
     """
 
     def __init__(
@@ -64,13 +64,13 @@ class Demo:
         self._logs: list[IO[str]] = []
 
     def run(self) -> Outcome:
-        """Run the story; GatewayError when a process dies, with the end of its log."""
+        """Run the scenario. GatewayError with the end of its log when a process dies."""
         try:
             self.out.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise GatewayError(f"{self.out}: cannot be created: {error.strerror}") from error
         for name in _EVIDENCE:
-            (self.out / name).unlink(missing_ok=True)  # a run that fails leaves no old success
+            (self.out / name).unlink(missing_ok=True)  # so that a failed run leaves no files of an earlier success
         started = time.monotonic()
         with ServedBus() as bus, contextlib.closing(self.link):
             try:
@@ -100,7 +100,7 @@ class Demo:
         return path
 
     def _write_page(self) -> None:
-        """Both captures as a page to look around in."""
+        """Write both captures as an HTML page."""
         files = [str(self.out / name) for name in (self.link.capture, "can.log")]
         opening = look_ahead(files, known_from(self.out / "gateway.toml", [], []), None, lambda _: None)
         write_page(opening, Part(), self.out / "trace.html")
@@ -168,7 +168,7 @@ class Demo:
         return text[-600:] if text else "its log is empty"
 
     def _stop(self) -> dict[str, int]:
-        """The PLC first, then the gateway (it stops the drives), the devices last."""
+        """End the processes: first the PLC, then the gateway, which stops the drives, then the devices."""
         try:
             for name in ("plc", "gateway", "devices"):
                 process = self._processes.get(name)
@@ -178,7 +178,7 @@ class Demo:
                     process.send_signal(signal.SIGTERM)
                 with contextlib.suppress(subprocess.TimeoutExpired):
                     process.wait(_STOP_S)
-        finally:  # also when a second Ctrl-C ends the waiting
+        finally:  # also after a second Ctrl-C
             for process in self._processes.values():
                 if process.poll() is None:
                     process.kill()

@@ -1,4 +1,4 @@
-"""The picture of a chapter, drawn from its capture: set and actual values with the states and what the story says."""
+"""Plot a chapter from its capture: setpoints, actual values, states and the notes of the scenario."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from pdgw.tools.demo.chapters import Chapter, Curve, Panel
 
 _SAMPLE_NS = 4 * MS
 _SEEN_S = 0.08
-"""A fault that is acknowledged at once is to be seen too."""
+"""Shortest drawn fault, in seconds: one that is acknowledged at once stays visible."""
 _COLOURS = {True: ("#f58518", "#b279a2"), False: ("#4c78a8", "#54a24b")}
-"""Of set values, of actual values."""
+"""Colours of setpoints (True) and of actual values (False)."""
 _OF_EVERY_AXIS = "PLC"
-"""How a note begins that belongs to all panels."""
+"""Prefix of a note that belongs to all panels."""
 _TEXT_BELOW = 0.62
 
 
 @dataclass
 class _Seen:
-    """What the capture shows of one axis: the values at each time in seconds, and the status."""
+    """The captured data of one axis: values with times in seconds, and the states."""
 
     newest: dict[str, int] = field(default_factory=dict)
     times: list[float] = field(default_factory=list)
@@ -39,7 +39,7 @@ class _Seen:
     sampled_ns: int = -_SAMPLE_NS
 
     def take(self, unit: ProcessData, now_ns: int) -> None:
-        """An axis' part of a frame; what is marked bad is no value."""
+        """Add an axis' part of a frame, unless its IOPS is BAD."""
         if unit.layout.direction is Direction.ACTUAL and not (unit.iops or 0) & IOPS_GOOD:
             return
         self.states.add("", now_ns / SECOND, unit)
@@ -51,7 +51,7 @@ class _Seen:
 
 
 def _seen(capture: Path, config: Path, begin_s: float) -> Mapping[int, _Seen]:
-    """Each axis of a capture by its place in the frame; times from ``begin_s`` (seconds of the epoch) on."""
+    """Read each axis of a capture by its place in the frame. Times count from ``begin_s`` (seconds of the epoch)."""
     decoder = Decoder(known_from(config, [], []).settings)
     begin_ns = round(begin_s * SECOND)
     found: dict[int, _Seen] = defaultdict(_Seen)
@@ -66,7 +66,7 @@ def _seen(capture: Path, config: Path, begin_s: float) -> Mapping[int, _Seen]:
 def plot(
     chapter: Chapter, capture: Path, config: Path, begin_s: float, notes: list[tuple[float, str]], picture: Path
 ) -> None:
-    """Draw a chapter; ``begin_s``: when its story began. GatewayError when matplotlib is not installed."""
+    """Plot a chapter. ``begin_s``: start of its scenario. GatewayError when matplotlib is not installed."""
     pyplot = pyplot_for("the picture")
     seen = _seen(capture, config, begin_s)
     figure, places = pyplot.subplots(
@@ -79,7 +79,7 @@ def plot(
     )
     for number, (place, panel) in enumerate(zip(places[:, 0], chapter.panels, strict=True)):
         _draw(place, panel, seen[panel.axis])
-        # The texts stand beside the first panel they belong to.
+        # The texts are beside the first panel they belong to.
         first = panel.notes not in {other.notes for other in chapter.panels[:number]}
         _mark(place, _belonging(panel, notes), texts=first)
     places[-1, 0].set_xlabel("time in s")
@@ -89,7 +89,7 @@ def plot(
 
 
 def _belonging(panel: Panel, notes: list[tuple[float, str]]) -> list[tuple[float, str]]:
-    """The notes of a panel, without how they begin."""
+    """The notes of a panel, without their prefix."""
     begin = f"{panel.notes}: "
     return sorted((when, note.removeprefix(begin)) for when, note in notes if note.startswith((begin, _OF_EVERY_AXIS)))
 
@@ -108,7 +108,7 @@ def _draw(place: Any, panel: Panel, seen: _Seen) -> None:
 
 
 def _mark(place: Any, notes: list[tuple[float, str]], *, texts: bool) -> None:
-    """Numbers above the panel, their texts beside it: nothing lies on a curve."""
+    """Draw numbers above the panel and their texts beside it, so that no text covers a curve."""
     for number, (when, _) in enumerate(notes, 1):
         place.axvline(when, color="#555555", lw=0.8, ls=":")
         place.annotate(

@@ -1,1 +1,1 @@
-"""What commands print and write: tables, status, reports, files."""
+"""Output of the commands: tables, status, reports, files."""

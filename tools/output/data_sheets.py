@@ -1,4 +1,4 @@
-"""The import of data sheets (EDS, DCF) as text and as JSON: repairs, and the lines that prevent the import."""
+"""Show the import of data sheets (EDS, DCF) as text and JSON: repairs, and lines that prevent the import."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def imported(file: Path, node_id: int) -> EdsImport | EdsError:
 
 
 def write_repaired(path: Path, text: str) -> None:
-    """Write the repaired text of a file; GatewayError when that fails."""
+    """Write the repaired text of a file; raises GatewayError when that fails."""
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:

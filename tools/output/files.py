@@ -1,4 +1,4 @@
-"""Files that a command is to write."""
+"""Check the files that a command will write."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pdgw.gateway.errors import GatewayError
 
 
 def to_be_written(option: typer.CallbackParam, file: Path | None) -> Path | None:
-    """The callback of an option that names a file: GatewayError before the work when there is no place for it."""
+    """Callback of an option that names an output file. GatewayError before the work if the file cannot be written."""
     if file is not None:
         wrong = errno.EISDIR if file.is_dir() else 0 if file.parent.is_dir() else errno.ENOENT
         if wrong:

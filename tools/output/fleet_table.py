@@ -1,4 +1,4 @@
-"""The status of many gateways as one table: one row for each cause, the worst first."""
+"""The status of many gateways as one table: a row for each cause, the worst first."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pdgw.tools.output.status_check import Health, findings
 
 
 class Row(NamedTuple):
-    """One cause and the gateways that have it."""
+    """A cause and the gateways that have it."""
 
     health: Health
     cause: str
@@ -22,7 +22,7 @@ class Row(NamedTuple):
 
 
 def rows(documents: Mapping[str, dict[str, Any] | None], errors: Mapping[str, str]) -> list[Row]:
-    """The causes of all gateways; ``errors``: why a gateway has no document. A gateway with nothing wrong is in no row."""
+    """The causes of all gateways. ``errors``: why a gateway has no document. A gateway without a problem is in no row."""
     found: dict[str, Row] = {}
     for name, document in documents.items():
         for health, cause, text in _causes(document, errors.get(name, "")):

@@ -1,4 +1,4 @@
-"""The device description for engineering tools (GSDML), written to a file."""
+"""Write the device description for engineering tools (GSDML)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _NO_MAC = bytes(6)
 
 
 def write_gsdml(transport: TransportConfig, folder: Path, option: str) -> Path:
-    """Write the file into a folder; GatewayError names the ``option`` that gave the folder when that cannot be done."""
+    """Write the file to a folder. GatewayError names the ``option`` of the folder when writing fails."""
     kinds = {kind: [telegram(number) for number in numbers] for kind, numbers in TELEGRAMS.items()}
     snmp = Snmp.NONE if transport.snmp_community is None else Snmp.READ
     if transport.snmp_write_community is not None:

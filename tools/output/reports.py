@@ -1,4 +1,4 @@
-"""What a run proved, as JUnit XML for a CI system and as one HTML page for people: with date, version and configuration."""
+"""The results of a run as JUnit XML for CI and as one HTML page, with date, version and configuration."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ HtmlFile = Annotated[
 ]
 
 _NOT_XML = re.compile("[^\\t\\n\\r\\x20-\\ud7ff\\ue000-\\ufffd\\U00010000-\\U0010ffff]")
-"""Characters XML 1.0 cannot hold."""
+"""Characters that XML 1.0 does not allow."""
 _STYLE = (
     ":root{color-scheme:light dark}body{background:Canvas;color:CanvasText}"
     "body{font:14px/1.4 system-ui,sans-serif;margin:1.5rem;max-width:75rem}"
@@ -37,9 +37,9 @@ _STYLE = (
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One thing that was checked.
+    """The result of one check.
 
-    ``detail``: what was seen; ``failures``: what is wrong with it, none when it passed; ``seconds``: what it took.
+    ``detail``: what was measured. ``failures``: what is wrong, empty when it passed. ``seconds``: its duration.
     """
 
     group: str
@@ -55,7 +55,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Report:
-    """``configuration`` is what was tested, as text, empty where the figures say it; ``measured`` are figures by their names."""
+    """``configuration``: what was tested, as text; empty if the figures contain it. ``measured``: figures by name."""
 
     title: str
     checks: tuple[Check, ...] = ()
@@ -72,7 +72,7 @@ class Report:
         return {"date": self.when.isoformat(timespec="seconds"), "version": f"pdgw {__version__}", **self.measured}
 
     def junit(self) -> str:
-        """JUnit XML: one suite, a case for each check, facts and figures as properties."""
+        """Format JUnit XML: one suite, a test case for each check, facts and figures as properties."""
         suite = ElementTree.Element(
             "testsuite",
             name=_plain(self.title),
@@ -101,7 +101,7 @@ class Report:
         return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
 
     def page(self) -> str:
-        """One HTML page that needs nothing else; failures come first."""
+        """Format one self-contained HTML page; failures first."""
         return "\n".join(self._page()) + "\n"
 
     def _page(self) -> Iterator[str]:
@@ -126,7 +126,7 @@ class Report:
         yield "</main></body></html>"
 
     def write(self, junit: Path | None, page: Path | None) -> None:
-        """Both files, those that are wanted; GatewayError when one cannot be written."""
+        """Write the requested files. GatewayError when one cannot be written."""
         for option, path, text in (("--junit", junit, self.junit), ("--html", page, self.page)):
             if path is None:
                 continue
@@ -137,7 +137,7 @@ class Report:
 
 
 def figures(document: Any, name: str = "") -> dict[str, str]:
-    """The figures in plain data by their paths: ``rows.0.axes``."""
+    """The figures in plain data, by path: ``rows.0.axes``."""
     if isinstance(document, dict):
         items: Any = document.items()
     elif isinstance(document, list):

@@ -1,4 +1,4 @@
-"""``pdgw status --check``: one line and an exit code, as monitoring systems call their checks (Nagios, Icinga, Zabbix)."""
+"""``pdgw status --check``: one line and an exit code in the format of monitoring systems (Nagios, Icinga, Zabbix)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Health(IntEnum):
 
 
 class Finding(NamedTuple):
-    """What is wrong, and how much."""
+    """A problem and its severity."""
 
     health: Health
     cause: str
@@ -33,7 +33,7 @@ class Finding(NamedTuple):
 
 
 def findings(document: dict[str, Any]) -> list[Finding]:
-    """Everything that is not as it should be, the worst first."""
+    """All problems in a status document, the worst first."""
     found: list[Finding] = []
     if not document["plc"]["connected"]:
         found.append(Finding(Health.CRITICAL, "no_plc", "no PLC"))
@@ -54,7 +54,7 @@ def findings(document: dict[str, Any]) -> list[Finding]:
 
 
 def check_line(document: dict[str, Any]) -> tuple[Health, str]:
-    """The worst of it, and the line with its figures behind ``|``."""
+    """The worst severity, and the line with the performance data after ``|``."""
     found = findings(document)
     health = found[0].health if found else Health.OK
     items = [*document["axes"], *document["encoders"]]

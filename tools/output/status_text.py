@@ -1,4 +1,4 @@
-"""The status of a gateway as text: each cause, then one line for each drive object; folded at the terminal's width."""
+"""The status of a gateway as text: each cause, then one line for each drive object, folded to the terminal's width."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from pdgw.profidrive.signals import Signal, signal
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
 _USUAL = {"accepted", "answered", "sent", "received", "cycles", "generation", "unconfirmed"}
-"""Counters that rise while all is well: each connect has unconfirmed frames."""
+"""Counters that also rise in normal operation. Each connect, for example, has unconfirmed frames."""
 _DAY_S = 86_400
 
 
 def duration(seconds: float) -> str:
-    """``3 s``, ``12 min 5 s``, ``2 h 3 min``, ``4 d 1 h``."""
+    """Format a duration: ``3 s``, ``12 min 5 s``, ``2 h 3 min``, ``4 d 1 h``."""
     whole = int(seconds)
     units = (("d", whole // _DAY_S), ("h", whole // 3600 % 24), ("min", whole // 60 % 60), ("s", whole % 60))
     shown = [(name, value) for name, value in units if value]
@@ -34,13 +34,13 @@ def _age(age_ms: float) -> str:
 
 
 def cause_sentence(cause: dict[str, Any]) -> str:
-    """Who is not in operation, why, and what to do."""
+    """One sentence: which axes are not in operation, why, and the remedy."""
     remedy = cause["remedy"]
     return f"{cause['who']} {cause['state']}: {cause['reason']}. {remedy[:1].upper()}{remedy[1:]}."
 
 
 def object_lines(document: dict[str, Any], do_id: int, width: int = 80) -> Iterator[str]:
-    """Everything about one drive object; GatewayError when there is none with this number."""
+    """All details of one drive object; GatewayError when it does not exist."""
     for kind, items in (("axis", document["axes"]), ("encoder", document["encoders"])):
         for item in items:
             if item["do_id"] == do_id:
@@ -58,7 +58,7 @@ def object_lines(document: dict[str, Any], do_id: int, width: int = 80) -> Itera
 
 
 def status_lines(document: dict[str, Any], width: int = 80, *, counters: bool = False) -> Iterator[str]:
-    """The overview: each cause once, each drive object in one line; ``counters``: all, not only the abnormal ones."""
+    """The overview: each cause once, each drive object in one line. ``counters``: show all, not only the abnormal ones."""
     plc = document["plc"]
     peer = (
         f"{plc['peer'][0]}:{plc['peer'][1]}"
@@ -104,7 +104,7 @@ def _row(item: dict[str, Any]) -> str:
 
 
 def _station(station: dict[str, Any]) -> str:
-    """The PROFINET device: its name and address, and who has a relationship with it."""
+    """Describe the PROFINET device: name, address and connected controllers."""
     parts = [f"station {station['name'] or 'without a name'}", f"IP {station['ip']}", station["mac"]]
     if not station["link_up"]:
         parts.append("cable off")
@@ -190,7 +190,7 @@ def _object(item: dict[str, Any], kind: str, width: int) -> Iterator[str]:
 
 
 def fault_lines(item: dict[str, Any], width: int) -> Iterator[str]:
-    """The faults of one drive object under its name; nothing when there are none."""
+    """The faults of one drive object after a line with its name; nothing without faults."""
     if item["faults"]:
         yield f"{item['label']}:"
         yield from _faults(item, width)
@@ -204,7 +204,7 @@ def _faults(item: dict[str, Any], width: int) -> Iterator[str]:
 
 
 def _value(item: Signal, raw: int, positioning: bool) -> str:
-    """Name, value and what it says."""
+    """Name, value and meaning of a signal."""
     percent = item.percent(raw)
     if percent is not None:
         return f"{item.name} {percent:.2f} %"

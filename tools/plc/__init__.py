@@ -1,1 +1,1 @@
-"""Code for a PLC, made of a configuration: data types, frames, and function blocks of each kind of telegram."""
+"""Generate code for a PLC from a configuration: data types, frames, and a function block for each telegram."""

@@ -1,4 +1,4 @@
-"""The whole file for a PLC: types, frames, and the blocks of every telegram of a configuration, in one of two languages."""
+"""The complete file for a PLC: types, frames and the blocks of every telegram of a configuration, in one of two languages."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from pdgw.tools.plc.motion import has_axis, motion_blocks
 from pdgw.tools.plc.scl import scl
 
 _LONGEST = 80
-"""Characters of a STRING without a length, where it is shortest."""
+"""Length of a STRING declared without one, on the system with the shortest."""
 
 
 def structured_text(config: GatewayConfig) -> str:
-    """IEC 61131-3 Structured Text, second edition."""
+    """Generate IEC 61131-3 Structured Text, second edition."""
     maps = frame_maps(config)
     return "\n".join([*_code(config, maps), *profinet_variables(maps), ""])
 
 
 def siemens_scl(config: GatewayConfig) -> str:
-    """An external source of TIA Portal."""
+    """Generate an external source for TIA Portal."""
     maps = frame_maps(config)
     text = scl("\n".join([*_code(config, maps), *profinet_block(maps)]))
-    return re.sub(r"\bMC_(?=[A-Z])", "PDGW_MC_", text)  # TIA Portal has instructions of these names
+    return re.sub(r"\bMC_(?=[A-Z])", "PDGW_MC_", text)  # TIA Portal has instructions with these names
 
 
 def siemens_types(config: GatewayConfig) -> str:
-    """The data types alone: a UDT file of TIA Portal."""
+    """Generate the data types alone, as a UDT file for TIA Portal."""
     return "\n\n".join(re.findall(r"^TYPE .*?END_TYPE$", siemens_scl(config), re.DOTALL | re.MULTILINE)) + "\n"
 
 
@@ -57,7 +57,7 @@ def _code(config: GatewayConfig, maps: tuple[FrameMap, FrameMap]) -> Iterator[st
 
 
 def initial_values(config: GatewayConfig, number: int) -> dict[str, str]:
-    """What the configuration says of the scaling of a telegram, the same for all its axes."""
+    """Initial values from the scaling of a telegram in the configuration, which is the same for all its axes."""
     speeds = {
         item.reference_speed if isinstance(item, EncoderConfig) else item.units.rated_speed_rpm
         for item in config.objects
@@ -71,13 +71,13 @@ def initial_values(config: GatewayConfig, number: int) -> dict[str, str]:
     if speed is not None and len(lengths) == 1:
         values["full_velocity"] = f"{float(speed * lengths.pop() / LU_PER_VELOCITY_UNIT):.3f}"
     if any(signal.is_float for signal in telegram(number).setpoints.signals):
-        # The telegram has the gateway's unit of length itself.
+        # The telegram defines its own unit of length.
         values |= {"position_factor": "1.0", "velocity_factor": "1.0"}
     return values
 
 
 def _reasons() -> Iterator[str]:
-    """The text of a reason: the same table as that of ``pdgw status``."""
+    """Lines that assign the text of each reason, from the same table as ``pdgw status``."""
     body = ["Text := '';", "CASE Reason OF"]
     body += [f"    {reason.code}: Text := '{_string(reason.value)}';" for reason in Reason]
     body += ["END_CASE;"]
@@ -86,7 +86,7 @@ def _reasons() -> Iterator[str]:
 
 
 def _string(text: str) -> str:
-    """In a string of these languages, cut at a word."""
+    """Quote a text as a string of these languages, cut at a word if it is too long."""
     while len(text) > _LONGEST:
         text = text.rpartition(" ")[0]
     return text.rstrip(",;:").replace("$", "$$").replace("'", "$'")

@@ -1,6 +1,6 @@
-"""What the generated Structured Text declares, read back from it: for other file formats and for the documents.
+"""Read the declarations of the generated Structured Text, for other file formats and for the documents.
 
-The generated text has one declaration on each line.
+The generated text has one declaration in each line.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ _COMMENT = re.compile(r"\(\* (.*) \*\)$")
 
 
 class Declared(NamedTuple):
-    """A variable or a field; ``section`` is VAR_INPUT ..., empty for a field. ``initial`` is empty where nothing is said."""
+    """A variable or a field. ``section``: VAR_INPUT etc., empty for a field. ``initial``: empty without an initial value."""
 
     section: str
     name: str
@@ -25,7 +25,7 @@ class Declared(NamedTuple):
 
 
 class Declaration(NamedTuple):
-    """A structure (kind TYPE) or a program organisation unit; ``result`` of a function alone."""
+    """A structure (kind TYPE) or a program organisation unit. ``result``: type of a function's result."""
 
     kind: str
     name: str
@@ -39,7 +39,7 @@ class Declaration(NamedTuple):
 
 
 def declarations(text: str) -> Iterator[Declaration]:
-    """Every type and unit of a generated text, in its order."""
+    """All types and units of a generated text, in order."""
     lines = iter(text.split("\n"))
     for line in lines:
         head = _HEAD.match(line)

@@ -1,7 +1,7 @@
-"""Data types of the telegrams and the blocks that make and read whole UDP frames, as Structured Text (second edition).
+"""Structured Text (second edition) for the data types of the telegrams and the blocks that write and read UDP frames.
 
-The frames are made byte by byte and big-endian, whatever the byte order of the PLC is. On PROFINET the PLC's own driver does
-that: there the types and the reading and writing of the submodules are enough.
+Frames are big-endian and written byte by byte, whatever the byte order of the PLC. On PROFINET the PLC's driver does this:
+there the types and the access to the submodules are enough.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ _KINDS = {Direction.SETPOINT: "SET", Direction.ACTUAL: "ACT"}
 _BITS = {1: "BYTE", 2: "WORD", 4: "DWORD", 8: "LWORD"}
 _RESERVED = {"PROGRAM", "TIME", "DATE", "WORD", "BYTE", "LIMIT", "MODE", "OVERRIDE"}
 LOST_AFTER = 50
-"""Calls of PDGW_Read without a new frame until the actual values are no longer good."""
+"""Calls of PDGW_Read without a new frame after which the actual values count as invalid."""
 
 
 def identifier(name: str) -> str:
-    """A name as these languages take it."""
+    """Convert a name to an identifier of these languages."""
     text = re.sub(r"_+", "_", re.sub(r"\W", "_", name)).strip("_")
     return f"{text}_VALUE" if text.upper() in _RESERVED else text
 
 
 def type_of(half: TelegramHalf) -> str:
-    """The name of a telegram's structure."""
+    """Name of a telegram's structure."""
     return f"PDGW_T{half.telegram}_{_KINDS[half.direction]}"
 
 
 def comment(text: str) -> str:
-    """As every edition of the standard takes it."""
+    """Format a comment that every edition of the standard accepts."""
     return f"(* {text} *)"
 
 
 def frame_code(maps: tuple[FrameMap, FrameMap], step: int) -> Iterator[str]:
-    """Types, PDGW_Build and PDGW_Read; ``step`` is what the cycle counter grows by."""
+    """Generate the types, PDGW_Build and PDGW_Read. ``step``: increment of the cycle counter."""
     for name, axis in {type_of(axis.half): axis for frame in maps for axis in frame.axes}.items():
         yield from _structure(name, axis)
     sending, receiving = maps
@@ -57,7 +57,7 @@ def _structure(name: str, axis: AxisMap) -> Iterator[str]:
 
 
 def block(name: str, sections: Sequence[tuple[str, Sequence[str]]], body: Sequence[str]) -> Iterator[str]:
-    """A function block."""
+    """Format a function block."""
     yield f"FUNCTION_BLOCK {name}"
     for kind, lines in sections:
         yield from (kind, *(f"    {line}" for line in lines), "END_VAR")
@@ -67,7 +67,7 @@ def block(name: str, sections: Sequence[tuple[str, Sequence[str]]], body: Sequen
 
 
 def _build(frame: FrameMap, step: int) -> Iterator[str]:
-    """The block that makes the PLC's frame."""
+    """The block that writes the PLC's frame."""
     inputs = [f"axis_{axis.do_id} : {type_of(axis.half)};" for axis in frame.axes]
     inputs += [f"good_{axis.do_id} : BOOL; {comment('from PDGW_Read: actual values arrive')}" for axis in frame.axes]
     body = [_byte(0, f"16#{FRAME_ID_TO_DEVICE >> 8:02X}"), _byte(1, f"16#{FRAME_ID_TO_DEVICE & 0xFF:02X}")]
@@ -99,7 +99,7 @@ def _byte(offset: int, value: str) -> str:
 
 
 def _bytes_of(place: Place, value: str) -> Iterator[str]:
-    """The assignments of one value, the high byte first."""
+    """Assign one value to its bytes, high byte first."""
     bits = _BITS[place.length]
     whole = value if place.type == bits else f"{place.type}_TO_{bits}({value})"
     for position in range(place.length):
@@ -109,7 +109,7 @@ def _bytes_of(place: Place, value: str) -> Iterator[str]:
 
 
 def _read(frame: FrameMap) -> Iterator[str]:
-    """The block that reads the gateway's frame. Without a new and valid one for too long no value is good."""
+    """The block that reads the gateway's frame. The values become invalid after too long without a new valid frame."""
     outputs = [f"axis_{axis.do_id} : {type_of(axis.half)};" for axis in frame.axes]
     for axis in frame.axes:
         outputs.append(f"good_{axis.do_id} : BOOL; {comment('IOPS: the values are valid')}")
@@ -161,7 +161,7 @@ def _value(place: Place) -> str:
 
 
 def profinet_variables(maps: tuple[FrameMap, FrameMap]) -> Iterator[str]:
-    """The same data on PROFINET as a comment: where such variables are declared differs between the systems."""
+    """List the data on PROFINET in a comment: each system declares such variables differently."""
     yield "(* PROFINET: slot n, subslot 2 holds the telegram of axis n. Declare these at the addresses of the submodules:"
     sending, receiving = maps
     for axis in receiving.axes:
@@ -172,7 +172,7 @@ def profinet_variables(maps: tuple[FrameMap, FrameMap]) -> Iterator[str]:
 
 
 def profinet_block(maps: tuple[FrameMap, FrameMap]) -> Iterator[str]:
-    """The same data on PROFINET for TIA Portal, where IOPS, IOCS, counter and byte order are the driver's business."""
+    """The block for TIA Portal on PROFINET, where the driver handles IOPS, IOCS, counter and byte order."""
     sending, receiving = maps
     inputs = [f"hw_{axis.do_id} : HW_IO; {comment('hardware identifier of the submodule')}" for axis in sending.axes]
     inputs += [f"axis_{axis.do_id}_set : {type_of(axis.half)};" for axis in sending.axes]

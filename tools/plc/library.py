@@ -46,7 +46,7 @@ MODES = {
     7: "jog",
     8: "jog by a distance",
 }
-"""Of PDGW_Pos."""
+"""Modes of PDGW_Pos."""
 _CONTROL_WORDS = ("SATZANW", "POS_STW", "POS_STW1", "POS_STW2", "MDI_MOD", "STW2")
 Values = Mapping[str, str]
 
@@ -57,21 +57,21 @@ _KINDS = {
     ApplicationMode.ENCODER: ("encoder", "Encoder"),
     ApplicationMode.TRANSPARENT: ("transparent", "Drive"),
 }
-"""The template, and the name of its blocks."""
+"""The template and the block name of each application mode."""
 
 
 def kind_of(telegram: Telegram) -> str:
-    """Which template makes the block of a telegram."""
+    """Name of the template for a telegram's block."""
     return _KINDS[telegram.mode][0]
 
 
 def block_name(telegram: Telegram) -> str:
-    """The block of a telegram."""
+    """Name of a telegram's block."""
     return f"PDGW_{_KINDS[telegram.mode][1]}_T{telegram.number}"
 
 
 def modes_of(telegram: Telegram) -> tuple[int, ...]:
-    """The modes of PDGW_Pos that a telegram has."""
+    """The modes of PDGW_Pos that a telegram supports."""
     names = _names(telegram)
     needs = {
         1: "ABSOLUTE",
@@ -87,24 +87,24 @@ def modes_of(telegram: Telegram) -> tuple[int, ...]:
 
 
 def _commanded(telegram: Telegram) -> tuple[int, ...]:
-    """The modes of PDGW_AXIS that a telegram has: 0 halt, 1 relative, 2 absolute, 3 velocity, 4 homing."""
+    """The modes of PDGW_AXIS that a telegram supports: 0 halt, 1 relative, 2 absolute, 3 velocity, 4 homing."""
     if kind_of(telegram) == "speed":
         return 0, 3
     return 0, *(mode for mode in modes_of(telegram) if mode <= 4)
 
 
 def telegram_block(telegram: Telegram, values: Values) -> str:
-    """The block of a telegram. ``values``: initial values that the configuration has, by the names in the templates."""
+    """Generate the block of a telegram. ``values``: initial values from the configuration, by the names in the templates."""
     return filled(kind_of(telegram), telegram, values)
 
 
 def axis_block(telegram: Telegram, values: Values) -> str:
-    """The block that carries out PLCopen's commands with the block of a telegram; ``values`` as in ``telegram_block``."""
+    """Generate the block that executes PLCopen's commands with a telegram's block. ``values``: as in ``telegram_block``."""
     return filled("axis", telegram, values)
 
 
 def plain(name: str, values: Values) -> str:
-    """A template without a telegram: ``values``, and reasons."""
+    """Fill in a template that depends on no telegram, with ``values`` and reasons."""
     return _MACRO.sub(
         lambda macro: values[macro[1]] if macro[1] in values else str(Reason[macro[1].removeprefix("reason ")].code),
         template(name),
@@ -112,7 +112,7 @@ def plain(name: str, values: Values) -> str:
 
 
 def filled(name: str, telegram: Telegram, values: Values) -> str:
-    """A template for a telegram."""
+    """Fill in a template for a telegram."""
     modes = modes_of(telegram)
     tasks = [mode for mode in (1, 2, 3, 6) if mode in modes]
     mdi = [mode for mode in (1, 2, 3) if mode in modes]
@@ -149,7 +149,7 @@ def filled(name: str, telegram: Telegram, values: Values) -> str:
 
 
 def _refusal(mdi: Sequence[int], tasks: Sequence[int]) -> str:
-    """Why the gateway does not acknowledge a task: an unknown block, or a target that is not allowed."""
+    """Expression for the reason of a rejected task: unknown block or target out of range."""
     block, target = Reason.TASK_BLOCK_UNKNOWN.code, Reason.TASK_TARGET_RANGE.code
     if mdi and 6 in tasks:
         return f"SEL(G := mode_active = 6, IN0 := {target}, IN1 := {block})"
@@ -174,7 +174,7 @@ def _bits(half: TelegramHalf) -> Iterator[tuple[Signal, Bit]]:
 
 @cache
 def _names(telegram: Telegram) -> frozenset[str]:
-    """Signals and bits."""
+    """Names of all signals and bits of a telegram."""
     found = {bit.name for half in (telegram.setpoints, telegram.actuals) for _, bit in _bits(half)}
     return frozenset(found | set(telegram.setpoints.names) | set(telegram.actuals.names))
 

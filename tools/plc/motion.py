@@ -1,7 +1,6 @@
-"""Blocks with PLCopen's names (Motion Control, part 1) on top of those of the telegrams, with PLCopen's state diagram.
+"""Blocks with PLCopen's names (Motion Control, part 1) and state diagram, based on the blocks of the telegrams.
 
-The blocks MC_... write what they ask for into a structure of the axis, PDGW_Axis_Tn carries it out with the block
-of its telegram.
+A block MC_... writes its command to the structure of the axis. PDGW_Axis_Tn executes it with the block of its telegram.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ STATES = (
     "Stopping",
     "ErrorStop",
 )
-"""PLCopen's, by their number in PDGW_AXIS."""
+"""PLCopen's states by their number in PDGW_AXIS."""
 _VELOCITY, _HOMING = 3, 4
 _INPUTS = {
     "Position": "LREAL; (* in units of PositionFactor *)",
@@ -33,7 +32,7 @@ _INPUTS = {
 
 
 class Command(NamedTuple):
-    """A block that commands a motion: its mode in PDGW_AXIS, its inputs, and the last state it may be commanded in."""
+    """A block that commands a motion: its mode in PDGW_AXIS, its inputs, and the last state that accepts the command."""
 
     name: str
     text: str
@@ -53,12 +52,12 @@ COMMANDS = (
 
 
 def has_axis(telegram: Telegram) -> bool:
-    """It has a block PDGW_Axis."""
+    """Whether the telegram has a block PDGW_Axis."""
     return telegram.mode in {ApplicationMode.VELOCITY, ApplicationMode.POSITIONING}
 
 
 def motion_blocks() -> Iterator[str]:
-    """The type of an axis and the blocks MC_..."""
+    """Generate the type of an axis and the blocks MC_..."""
     yield plain("axis_type", {"states": ", ".join(f"{number} {name}" for number, name in enumerate(STATES))})
     yield plain("administration", {})
     yield from map(_command, COMMANDS)

@@ -1,4 +1,4 @@
-"""PLCopen XML (TC6, version 2.01) of the generated types and blocks, for CODESYS, Beremiz and others that import it."""
+"""Write the generated types and blocks as PLCopen XML (TC6, version 2.01), for CODESYS, Beremiz and others."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ARRAY = re.compile(r"ARRAY\[(\d+)\.\.(\d+)\] OF (\w+)$")
 
 
 def plcopen_xml(text: str) -> str:
-    """The document of a generated Structured Text."""
+    """Convert a generated Structured Text to an XML document."""
     ET.register_namespace("", _SPACE)
     ET.register_namespace("xhtml", _XHTML)
     now = datetime.now(UTC).isoformat(timespec="seconds")

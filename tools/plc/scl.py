@@ -1,4 +1,4 @@
-"""Structured Text as SCL, the language of TIA Portal: the same tokens with marked variables, quoted names and versions."""
+"""Convert Structured Text to SCL of TIA Portal: same tokens, but marked variables, quoted names and versions."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ _VERSION = "\nVERSION : 0.1"
 
 
 def scl(text: str) -> str:
-    """The source text for TIA Portal's external sources."""
+    """Convert a text to an external source of TIA Portal."""
     found = list(pieces(text))
     own = {following(found, at).key for at, token in enumerate(found) if token.key in _UNITS}
     return "".join(_Scl(found, own).text())
 
 
 def following(found: Sequence[Token], at: int, count: int = 1) -> Token:
-    """The token ``count`` places behind this one, without spaces and comments; itself at the end."""
+    """The ``count``-th token after this one, without spaces and comments; this one at the end."""
     rest = (token for token in found[at + 1 :] if token.kind not in {"space", "comment"})
     for _ in range(count - 1):
         next(rest, None)
@@ -65,7 +65,7 @@ class _Scl:
             previous = key
 
     def _begun(self, at: int) -> bool:
-        """The head of the unit is over: there was a section of variables since its keyword."""
+        """Whether the head of the unit has ended: there was a section of variables since its keyword."""
         for token in reversed(self._found[:at]):
             if token.key.startswith("VAR"):
                 return True
@@ -74,7 +74,7 @@ class _Scl:
         return True
 
     def _locals(self, at: int, name: str) -> set[str]:
-        """The variables of a unit, and the name of a function, which is its result."""
+        """The variables of a unit. A function's name is one: it is the result."""
         found, declares, ahead = {name} if self._found[at].key == "FUNCTION" else set(), False, True
         for place in range(at + 1, len(self._found)):
             token = self._found[place]

@@ -1,1 +1,1 @@
-"""What runs beside ``pdgw run``: its log and its child processes."""
+"""Log and child processes of ``pdgw run``."""

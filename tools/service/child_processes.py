@@ -1,4 +1,4 @@
-"""Processes beside a gateway, so that its cycle does not pay for them: simulated devices of its configuration, its page."""
+"""Child processes of a gateway, so that they do not delay its cycle: simulated devices, web page, trace keeper."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service import realtime
 
 _VIRTUAL = "virtual"
-"""python-can's bus inside one process: another process gets one that is served instead."""
+"""python-can's bus inside one process. Between processes a bus server replaces it."""
 _STOP_S = 5.0
 _CHANNEL = "channel = "
 _READY = "; commands: "
@@ -25,14 +25,14 @@ _READY = "; commands: "
 
 @contextlib.contextmanager
 def devices_beside(config: GatewayConfig) -> Iterator[GatewayConfig]:
-    """Start what has ``simulate = true``, a process for each bus; gives the configuration by which the gateway reaches them.
+    """Start the devices with ``simulate = true``, a process for each bus. Yield the configuration that reaches them.
 
-    GatewayError when they cannot be started. They end with the context, and by themselves when this process dies.
+    GatewayError when they cannot be started. They end with the context, or by themselves when this process dies.
     """
     if not any(axis.simulate for axis in config.axis) and not any(encoder.simulate for encoder in config.encoder):
         yield config
         return
-    # Only who simulates pays for loading it.
+    # Import the simulator only where it is used.
     from pdgw.peers.bus import INTERFACE  # noqa: PLC0415
     from pdgw.peers.simulation.configured_devices import bus_file, simulated_devices  # noqa: PLC0415
 
@@ -56,7 +56,7 @@ def devices_beside(config: GatewayConfig) -> Iterator[GatewayConfig]:
 
 @contextlib.contextmanager
 def page_beside(config: GatewayConfig) -> Iterator[None]:
-    """Start ``pdgw web`` for the gateway with this configuration; why it cannot be started, it says itself."""
+    """Start ``pdgw web`` for this configuration. It reports its own errors."""
     with tempfile.TemporaryDirectory(prefix="pdgw-") as directory:
         file = Path(directory) / "gateway.toml"
         file.write_text(config_text(config), encoding="utf-8")
@@ -66,7 +66,9 @@ def page_beside(config: GatewayConfig) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _process(*command: str) -> Iterator[subprocess.Popen[str]]:
-    """One that ends when its standard input does; Ctrl-C is not for it, the drives are needed until they stand."""
+    """Start a child that ends when its standard input closes. It ignores Ctrl-C: drives must answer until they are at
+    standstill.
+    """
     with subprocess.Popen(
         [sys.executable, "-m", "pdgw", *command, "--attached"],
         stdin=subprocess.PIPE,
@@ -79,7 +81,7 @@ def _process(*command: str) -> Iterator[subprocess.Popen[str]]:
             yield process
         finally:
             assert process.stdin is not None
-            with contextlib.suppress(OSError):  # it may be gone already
+            with contextlib.suppress(OSError):  # the child may have ended already
                 process.stdin.close()
             try:
                 process.wait(_STOP_S)
@@ -89,12 +91,13 @@ def _process(*command: str) -> Iterator[subprocess.Popen[str]]:
 
 @contextlib.contextmanager
 def keeper_beside(trace: TraceConfig) -> Iterator[Callable[[Path], None]]:
-    """The process that keeps parts of the flight recorder, if the configuration wants any; gives what tells it the ring.
+    """Start the process that keeps parts of the flight recorder, if configured. Yield a function that passes it the ring's
+    path.
 
-    Started before the gateway takes its priority, which it must not have; it ends by itself when the gateway is gone, in whatever
-    way, after it has kept what was before that.
+    It starts before the gateway raises its priority, so that it does not inherit it. When the gateway ends, in any way, it
+    first keeps what is pending, then ends by itself.
     """
-    if not trace.enabled or not trace.keep or os.name != "posix":  # elsewhere there are no rings
+    if not trace.enabled or not trace.keep or os.name != "posix":  # other systems have no ring files
         yield lambda path: None
         return
     options = [f"--on={item}" for item in trace.keep]
@@ -111,7 +114,7 @@ def keeper_beside(trace: TraceConfig) -> Iterator[Callable[[Path], None]]:
     stdin = process.stdin
 
     def tell(path: Path) -> None:
-        with contextlib.suppress(OSError):  # it may be gone already
+        with contextlib.suppress(OSError):  # the child may have ended already
             stdin.write(f"{path}\n")
             stdin.flush()
 
@@ -125,7 +128,7 @@ def keeper_beside(trace: TraceConfig) -> Iterator[Callable[[Path], None]]:
 
 
 def _channel(bus: CanConfig, process: subprocess.Popen[str]) -> str:
-    """Where a served bus is reached; returns when the devices are powered."""
+    """Wait until the devices are powered. Return the channel of the served bus."""
     channel = ""
     assert process.stdout is not None
     for line in process.stdout:

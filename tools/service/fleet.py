@@ -1,7 +1,7 @@
-"""The gateways of an Ansible inventory, and the status of each from its page.
+"""Read the gateways of an Ansible inventory and query the status of each from its page.
 
-Gateways are the hosts of the group ``gateways`` and of the groups below it. Variables of a host go before those of its groups.
-Relative paths begin in the folder of the inventory.
+Gateways are the hosts of the group ``gateways`` and of the groups below it. Variables of a host override those of its
+groups. Relative paths start in the folder of the inventory.
 Source: https://docs.ansible.com/ansible/latest/inventory_guide/intro_inventory.html (YAML format).
 """
 
@@ -22,23 +22,23 @@ from pdgw.gateway.errors import GatewayError
 
 GROUP: Final = "gateways"
 PATIENCE_S: Final = 5.0
-"""One gateway has this long to answer, from the connection to the last byte."""
+"""Time for a gateway to answer, from the connection to the last byte."""
 _AT_A_TIME: Final = 64
 _LONGEST: Final = 4 << 20
-"""Bytes of a status document at most."""
+"""Size limit of a status document in bytes."""
 _PORT: Final = 8420
 _SERVICE_UNAVAILABLE: Final = 503
 
 
 class Place(NamedTuple):
-    """Where the page of a gateway is."""
+    """Address of a gateway's page."""
 
     name: str
     host: str
     port: int = _PORT
     tls: bool = False
     ca: str = ""
-    """File with the certificates to trust; empty: those of the system."""
+    """File with trusted certificates; empty: those of the system."""
     token_file: str = ""
 
 
@@ -51,7 +51,7 @@ class Answer(NamedTuple):
 
 
 def places(inventory: Path) -> list[Place]:
-    """The gateways of an inventory by name; GatewayError when it cannot be read or has none."""
+    """The gateways of an inventory by name. GatewayError when it cannot be read or has none."""
     try:
         document = yaml.safe_load(inventory.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
@@ -67,13 +67,13 @@ def places(inventory: Path) -> list[Place]:
 
 
 def ask_all(gateways: Sequence[Place]) -> list[Answer]:
-    """The answers of all gateways, in their order; 64 are asked at a time."""
+    """Query all gateways, 64 at a time. The answers have the order of the gateways."""
     with ThreadPoolExecutor(_AT_A_TIME) as pool:
         return list(pool.map(ask, gateways))
 
 
 def ask(place: Place) -> Answer:
-    """Ask one gateway; every failure is a text in the answer."""
+    """Query one gateway. Every failure is a text in the answer."""
     try:
         return Answer(place.name, _get(place))
     except (OSError, http.client.HTTPException, ValueError) as error:
@@ -81,7 +81,7 @@ def ask(place: Place) -> Answer:
 
 
 def _hosts(groups: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Name and variables of each host in ``GROUP``, wherever the group is."""
+    """Name and variables of each host in ``GROUP``, at any depth."""
     found: dict[str, dict[str, Any]] = {}
 
     def walk(name: str, group: Mapping[str, Any] | None, inherited: dict[str, Any], inside: bool) -> None:

@@ -1,4 +1,4 @@
-"""How a line of the log looks: text with its date, JSON for collectors, or what the journal wants."""
+"""Format of a log line: text with its date, JSON for collectors, or prefixed for the journal."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from datetime import datetime
 from enum import StrEnum
 
 _FIELDS = ("event", "do", "bus", "fault")
-"""What a record may tell beside its text: what kind of thing happened, and to whom."""
+"""Attributes of a record beside its text: kind of event, drive object, bus, fault number."""
 _SYSLOG = ((logging.ERROR, 3), (logging.WARNING, 4), (logging.INFO, 6))
 _SYSLOG_DEBUG = 7
 _FLUSH_S = 10.0
-"""So long a line that repeats itself waits until it is told how often."""
+"""Repeats of a line are reported after this time, in seconds."""
 AT_ONCE = 50
-"""Lines of one kind about one object that are written at once, before a storm of them is limited."""
+"""Lines of one kind about one object that are written before they are limited."""
 _PER_SECOND = 1.0
-"""Lines of such a storm that are written."""
+"""Lines per second of one kind that are written then."""
 
 
 class LogLevel(StrEnum):
@@ -31,10 +31,10 @@ class LogLevel(StrEnum):
 
 
 class LogFormat(StrEnum):
-    """Of ``--log-format``."""
+    """Values of ``--log-format``."""
 
     AUTO = "auto"
-    """Levels as prefixes when standard error is the journal, which knows the time itself; else text."""
+    """Level prefixes when standard error is the journal, which adds the time; else text."""
     TEXT = "text"
     JSON = "json"
 
@@ -45,7 +45,7 @@ class _Text(logging.Formatter):
 
 
 class _Json(logging.Formatter):
-    """One object a line: ``time`` (ISO 8601 with its zone), ``level``, ``text``, and of ``_FIELDS`` what the record has."""
+    """One JSON object a line: ``time`` (ISO 8601 with time zone), ``level``, ``text``, and the ``_FIELDS`` of the record."""
 
     def format(self, record: logging.LogRecord) -> str:
         time = datetime.fromtimestamp(record.created).astimezone().isoformat(timespec="milliseconds")
@@ -58,7 +58,7 @@ class _Json(logging.Formatter):
 
 
 class _Journal(logging.Formatter):
-    """sd-daemon(3): the level in front, the time is the journal's."""
+    """Level prefix as in sd-daemon(3), without the time, which the journal adds."""
 
     def format(self, record: logging.LogRecord) -> str:
         level = next((syslog for least, syslog in _SYSLOG if record.levelno >= least), _SYSLOG_DEBUG)
@@ -66,7 +66,7 @@ class _Journal(logging.Formatter):
 
 
 def in_journal() -> bool:
-    """Standard error goes to the journal (systemd.exec(5), JOURNAL_STREAM)."""
+    """Whether standard error is connected to the journal (systemd.exec(5), JOURNAL_STREAM)."""
     device, _, inode = os.environ.get("JOURNAL_STREAM", "").partition(":")
     try:
         status = os.fstat(sys.stderr.fileno())
@@ -76,7 +76,7 @@ def in_journal() -> bool:
 
 
 def formatter(chosen: LogFormat, *, to_file: bool) -> logging.Formatter:
-    """The formatter of a file or of standard error."""
+    """The formatter for a file or for standard error."""
     if chosen is LogFormat.JSON:
         return _Json()
     if chosen is LogFormat.AUTO and not to_file and in_journal():
@@ -85,7 +85,7 @@ def formatter(chosen: LogFormat, *, to_file: bool) -> logging.Formatter:
 
 
 def _waited(since: float, now: float) -> bool:
-    """Long enough by the wall clock, which may be set back meanwhile."""
+    """Whether the time to report is over. The wall clock may be set back meanwhile."""
     return abs(now - since) >= _FLUSH_S
 
 
@@ -96,21 +96,22 @@ class _Kind:
         self.left = float(AT_ONCE)
         self.time = 0.0
         self.dropped: list[logging.LogRecord] = []
-        """The first and the last line since the last one that was written."""
+        """The first and the last omitted line."""
         self.count = 0
 
 
 class Budget:
-    """Limits storms, as of EMCY: lines of one kind about one object. The others are counted, and reported within ten seconds.
+    """Limits many lines of one kind about one object, such as EMCY. Omitted lines are counted and reported within ten
+    seconds.
 
-    A kind is the event, the fault number and the object; for a line without an event the place in the code.
+    A kind is the event, the fault number and the object; for a line without an event, the place in the code.
     """
 
     def __init__(self) -> None:
         self._kinds: dict[tuple[object, ...], _Kind] = {}
 
     def take(self, record: logging.LogRecord) -> list[logging.LogRecord]:
-        """What is to be written for this record: nothing, or how many were left out before it and the record."""
+        """The records to write now: none, or the number of omitted lines and this record."""
         event = getattr(record, "event", None) or (record.pathname, record.lineno)
         kind = self._kinds.setdefault((event, *(getattr(record, name, None) for name in _FIELDS[1:])), _Kind())
         kind.left = min(float(AT_ONCE), kind.left + max(0.0, record.created - kind.time) * _PER_SECOND)
@@ -123,12 +124,12 @@ class Budget:
         return [*_left_out(kind), record]
 
     def due(self, now: float) -> list[logging.LogRecord]:
-        """The counts that have waited long enough."""
+        """The counts that are due."""
         waiting = [kind for kind in self._kinds.values() if kind.count]
         return [told for kind in waiting if _waited(kind.dropped[0].created, now) for told in _left_out(kind)]
 
     def flush(self) -> list[logging.LogRecord]:
-        """All counts."""
+        """All counts that are not reported yet."""
         return [told for kind in self._kinds.values() for told in _left_out(kind)]
 
 
@@ -142,7 +143,7 @@ def _left_out(kind: _Kind) -> list[logging.LogRecord]:
 
 
 class Bundle:
-    """Lines that say the same one after the other are told once, and then how often; ``take`` gives what is to be written.
+    """Writes equal consecutive lines once, and their number later. ``take`` returns the records to write.
 
     A ``Budget`` limits lines that differ.
     """
@@ -154,7 +155,7 @@ class Bundle:
         self._since = 0.0
 
     def take(self, record: logging.LogRecord) -> list[logging.LogRecord]:
-        """A record came."""
+        """Add a record. Return the records to write now."""
         last = self._last
         if last is not None and (last.levelno, last.getMessage()) == (record.levelno, record.getMessage()):
             if not self._count:
@@ -167,12 +168,12 @@ class Bundle:
         return [*told, *self._budget.due(record.created), *self._budget.take(record)]
 
     def due(self, now: float) -> list[logging.LogRecord]:
-        """What has waited long enough; ``now`` as ``time.time``."""
+        """The reports that are due; ``now`` as ``time.time``."""
         repeated = self._repeated() if self._count and _waited(self._since, now) else []
         return [*repeated, *self._budget.due(now)]
 
     def flush(self) -> list[logging.LogRecord]:
-        """What was repeated or left out and not told yet."""
+        """All repetitions and omissions that are not reported yet."""
         return [*self._repeated(), *self._budget.flush()]
 
     def _repeated(self) -> list[logging.LogRecord]:

@@ -1,7 +1,6 @@
-"""What ``pdgw run`` writes beside its work: the log and the record of CAN frames. Neither ever holds up or outlives the gateway.
+"""The log of ``pdgw run`` and its recording of CAN frames. Neither delays the gateway or runs longer than it.
 
-Both are written by threads of their own from bounded queues. What a full disk, or a pipe nobody reads, does not take is counted
-and lost.
+Threads write both from bounded queues. Lines that a full disk or a blocked pipe does not accept are counted and dropped.
 """
 
 from __future__ import annotations
@@ -31,16 +30,16 @@ from pdgw.tools.service.log_format import Bundle, LogFormat, LogLevel, formatter
 log = logging.getLogger("gateway")
 
 _LINES = 10_000
-"""Log records that may wait."""
+"""Capacity of the queue of log records."""
 _LOOK_S = 1.0
-"""So often the bundle of repeated lines is looked at while nothing comes."""
+"""Interval of checking for due reports while no records arrive, in seconds."""
 _PATIENCE_MS = 1000
 _LONGEST_LINE = 2000
-"""Of a log on standard error: a pipe that has room takes so much at once."""
+"""Longest line on standard error: a pipe that is ready accepts this much at once."""
 
 
 class _ToQueue(logging.handlers.QueueHandler):
-    """Never waits for a place in the queue."""
+    """Drops a record when the queue is full; never waits."""
 
     def __init__(self, records: queue.Queue[logging.LogRecord]) -> None:
         super().__init__(records)
@@ -54,14 +53,14 @@ class _ToQueue(logging.handlers.QueueHandler):
 
 
 class _FromQueue(logging.handlers.QueueListener):
-    """Bundles lines that repeat themselves; its end waits for a limited time."""
+    """Bundles repeated lines. Its end waits for a limited time."""
 
     def __init__(self, records: queue.Queue[logging.LogRecord], handler: logging.Handler) -> None:
         super().__init__(records, handler)
         self._records = records
         self._bundle = Bundle()
         self.left = 0
-        """Lines that were still waiting at the end."""
+        """Lines still waiting at the end."""
 
     def dequeue(self, block: bool) -> logging.LogRecord:
         while True:
@@ -80,7 +79,7 @@ class _FromQueue(logging.handlers.QueueListener):
             try:
                 super().handle(record)
             except OSError:
-                # The folder of the log file is not there, or its disk is full: it is looked for at the next line.
+                # The folder of the log file is missing or its disk is full. The next line tries again.
                 for handler in self.handlers:
                     handler.handleError(record)
 
@@ -95,17 +94,17 @@ class _FromQueue(logging.handlers.QueueListener):
             self.enqueue_sentinel()
         except queue.Full:
             self.left = self._records.qsize()
-            return  # nothing is taken any more: the thread ends with the process
+            return  # the output is blocked: the thread ends with the process
         background_writer.wait_for_end(thread)
         self._thread = None
         if thread.is_alive():
-            self.left = self._records.qsize()  # with the sentinel, which stands for the line that is being written
+            self.left = self._records.qsize()  # including the sentinel, which counts as the line being written
         else:
             self._write(self._bundle.flush())
 
 
 class _Taken(logging.Filter):
-    """Passes a record when the file descriptor takes it: a pipe nobody reads would hold the thread, and the process, for ever."""
+    """Passes a record only when the file descriptor is ready: a blocked pipe would block the thread and the process."""
 
     def __init__(self, descriptor: int) -> None:
         super().__init__()
@@ -121,13 +120,13 @@ class _Taken(logging.Filter):
             return False
         text = record.getMessage()
         if len(text) > _LONGEST_LINE:
-            half = _LONGEST_LINE // 2  # what a traceback is about is its last line
+            half = _LONGEST_LINE // 2  # keep the end, too: the last line of a traceback names the error
             record.msg, record.args = f"{text[:half]} ... {text[-half:]}", None
         return True
 
 
 class RunLog:
-    """The gateway's log on standard error (coloured on a terminal) or in a file; other libraries only warn."""
+    """The gateway's log on standard error (coloured on a terminal) or in a file. Other libraries log warnings only."""
 
     def __init__(self, level: LogLevel, file: Path | None, log_format: LogFormat = LogFormat.AUTO) -> None:
         self._failed = 0
@@ -136,10 +135,10 @@ class RunLog:
         records: queue.Queue[logging.LogRecord] = queue.Queue(_LINES)
         self._listener = _FromQueue(records, self._handler)
         self._to_listener = _ToQueue(records)
-        # The queue's side must not format: basicConfig would give it a format of its own, in front of the listener's.
+        # Do not format on the queue's side: basicConfig would add its own format before that of the listener.
         self._to_listener.setFormatter(logging.Formatter("%(message)s"))
         logging.basicConfig(level=logging.ERROR, handlers=[self._to_listener], force=True)
-        logging.getLogger("canopen").setLevel(logging.CRITICAL)  # the drive client reports what concerns the user
+        logging.getLogger("canopen").setLevel(logging.CRITICAL)  # the drive client reports what the user needs
         log.setLevel(level.value.upper())
         self._listener.start()
 
@@ -167,12 +166,12 @@ class RunLog:
 
     @property
     def lost(self) -> int:
-        """Lines nobody took, or that came faster than they could be written."""
+        """Lines dropped because the output was blocked or too slow."""
         taken = 0 if self._taken is None else self._taken.lost
         return self._failed + self._to_listener.lost + self._listener.left + taken
 
     def count_in(self, counters: Counters) -> None:
-        """Show what was lost."""
+        """Count the dropped lines in the gateway's counters."""
         counters.add(
             "log",
             "lost",
@@ -183,21 +182,21 @@ class RunLog:
 
     @property
     def reopens(self) -> bool:
-        """There is a file to open again."""
+        """Whether there is a log file to reopen."""
         return isinstance(self._handler, logging.FileHandler)
 
     def reopen(self) -> None:
-        """Go on in a new file of the same name, after the old one was moved away (SIGHUP)."""
+        """Continue in a new file of the same name, after the old one was renamed (SIGHUP)."""
         handler = self._handler
         if isinstance(handler, logging.FileHandler):
             try:
                 handler.close()  # the next line opens it again
-            except OSError:  # what a full disk has not taken yet
+            except OSError:  # buffered lines that a full disk did not accept
                 self._failed += 1
             log.info("log file opened again")
 
     def stop(self) -> None:
-        """What waits is written, as far as it is taken within two seconds."""
+        """Write the waiting lines, for two seconds at most."""
         self._listener.stop()
 
 
@@ -220,16 +219,16 @@ class CanRecorder:
         )
 
     def record(self, bus: str, message: can.Message) -> None:
-        """Called in the loop, whose messages are used again: a copy is queued.
+        """Record a frame. The loop reuses its messages, so a copy is queued.
 
-        Sent and received frames get the same name ``bus``: python-can names the channel in received ones only.
+        Both directions get the name ``bus``: python-can sets the channel in received frames only.
         """
         recorded = copy.copy(message)
         recorded.channel = bus
         self.writer.put(recorded)
 
     def stop(self) -> None:
-        """As ``BackgroundWriter.stop``."""
+        """Like ``BackgroundWriter.stop``."""
         self.writer.stop()
 
 
@@ -237,16 +236,16 @@ Stop = Callable[[], None]
 
 
 def on_signals(stop: Stop, run_log: RunLog) -> dict[str, Callable[[], None]]:
-    """What each signal does, by its name: none ends the process without the stop sequence."""
+    """The action for each signal, by name. No signal ends the process without the stop sequence."""
 
-    # As by nohup: the end of the terminal is not that of the gateway.
+    # As with nohup: the end of the terminal does not end the gateway.
     kept = hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
 
     def hang_up() -> None:
         if run_log.reopens:
             run_log.reopen()
         elif not kept:
-            stop()  # the terminal is gone
+            stop()  # the terminal is closed
 
     def ignore() -> None:
         log.info("signal ignored")

@@ -1,4 +1,4 @@
-"""``pdgw decode``: a piece of data, a capture, a log or a live bus to names, values and bits."""
+"""``pdgw decode``: decode data, a capture, a log or a live bus into names, values and bits."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from pdgw.decoder.view.selection import Selection
 
 _LATE_NS = 2 * SECOND
-"""Packets may be this much out of order; behind ``--to`` by more, reading stops."""
+"""Greatest disorder of packets in a file. Reading stops when a packet is later than ``--to`` by more than this."""
 
 
 class DirectionOption(StrEnum):
@@ -179,7 +179,7 @@ def decode(
 
 
 def _write_data_set(files: Sequence[str], root: Path, options: ArchiveOptions, jobs: int | None) -> None:
-    """Decode the files, tell what became of each, and end with status 1 when one is damaged."""
+    """Decode the files and print a result for each. The exit status is 1 when a file is damaged."""
     from pdgw.decoder.export.archive import captures_of, write_data_set
     from pdgw.recording.progress import with_progress_of
 
@@ -236,7 +236,7 @@ def _open(file: str | None, interface: str | None, can: str | None) -> Source:
 
 
 def _line_buffered() -> None:
-    """What comes live is to be seen at once, also behind a pipe."""
+    """Show live output at once, also when it goes to a pipe."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(line_buffering=True)
 
@@ -257,7 +257,7 @@ def _run(
     count: int | None,
     zero_ns: int | None,
 ) -> None:
-    """Decode until the end, an interruption or damage; the writers are finished in every case."""
+    """Decode until the end of the input, Ctrl-C or a damaged packet. The writers are closed in each case."""
     from pdgw.recording.progress import with_progress
 
     try:
@@ -269,7 +269,7 @@ def _run(
             for writer in writers:
                 writer.finish()
     except BrokenPipeError:
-        # The reader of the pipe has seen enough; nothing is left to be flushed to it.
+        # The reader has closed the pipe: do not flush at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

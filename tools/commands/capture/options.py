@@ -1,4 +1,4 @@
-"""What the commands on recordings of both buses (`pdgw timeline`, `pdgw replay`) are given alike."""
+"""Options shared by `pdgw timeline` and `pdgw replay`."""
 
 from __future__ import annotations
 

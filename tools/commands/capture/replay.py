@@ -1,4 +1,4 @@
-"""``pdgw replay``: would today's gateway have sent what a recording shows?"""
+"""``pdgw replay``: check whether this version sends the same frames as a recording."""
 
 from __future__ import annotations
 

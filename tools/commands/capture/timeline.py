@@ -1,4 +1,4 @@
-"""``pdgw timeline``: both buses in one timeline, each edge with its cause and every refusal with its reason."""
+"""``pdgw timeline``: merge both buses by time, each edge with its cause and each rejection with its reason."""
 
 from __future__ import annotations
 

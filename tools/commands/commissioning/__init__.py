@@ -1,1 +1,1 @@
-"""Commands for a plant before its gateway runs: configuration, bus, drives, byte map, first move."""
+"""Commands used before the gateway runs: configuration, bus scan, drives, byte map, axis test."""

@@ -1,4 +1,4 @@
-"""``pdgw axis``: one axis while it is brought into service, without a PLC."""
+"""``pdgw axis``: commission one axis without a PLC."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def try_out(
         at_end.callback(platform.loop.close)
         axis_test = AxisTest(reached, do_id, platform, typer.echo, _asking(platform.loop), choices)
         for name in _SIGNALS:
-            if hasattr(signal, name):  # Windows has few of them
+            if hasattr(signal, name):  # Windows lacks most of these signals
                 number = getattr(signal, name)
                 before = signal.signal(number, lambda *_: platform.loop.call_threadsafe(axis_test.interrupt))
                 at_end.callback(signal.signal, number, before)
@@ -83,7 +83,7 @@ def try_out(
 
 
 def _asking(loop: Loop) -> Callable[[str, Callable[[str], None]], None]:
-    """Asks on the terminal while the gateway goes on; the end of the input is no confirmation."""
+    """Return a function that asks on the terminal while the gateway keeps running. The end of the input confirms nothing."""
     from pdgw.tools.commissioning.axis_test import TURNS
 
     def ask(wanted: str, answer: Callable[[str], None]) -> None:

@@ -1,4 +1,4 @@
-"""``pdgw bus``: what is on a CAN bus, before a gateway runs on it."""
+"""``pdgw bus``: scan a CAN bus before a gateway uses it."""
 
 from __future__ import annotations
 

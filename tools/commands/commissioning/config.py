@@ -1,4 +1,4 @@
-"""``pdgw config``: an example, and the check of a file."""
+"""``pdgw config``: print an example configuration, check a file."""
 
 from __future__ import annotations
 
@@ -67,7 +67,9 @@ def check(
 
 
 def _check_buses(config: GatewayConfig) -> bool:
-    """Ask the drives for units and PDOs and print the load; True when a drive did not answer or its telegram cannot be run."""
+    """Read units and PDOs from the drives and print the bus load. True when a drive does not answer or cannot run its
+    telegram.
+    """
     refused = False
     for item in config.can:
         plans = {axis.node_id: _ask(config, axis) for axis in config.axes_of(item)}
@@ -78,7 +80,7 @@ def _check_buses(config: GatewayConfig) -> bool:
 
 
 def _scheduling(config: GatewayConfig) -> str:
-    """What a short cycle needs of the operating system."""
+    """What a short cycle requires from the operating system, as text."""
     from pdgw.gateway.service.realtime import NEEDED_BELOW_MS
 
     asked = (
@@ -90,7 +92,10 @@ def _scheduling(config: GatewayConfig) -> str:
 
 
 def _tell_bus(config: GatewayConfig, bus: CanConfig, plans: Mapping[int, PdoPlan]) -> None:
-    """Print load and latest times of a bus; CanopenError when its cycle cannot hold. ``plans``: of the drives that were asked."""
+    """Print the load of a bus and the longest delay of its frames. CanopenError when the cycle is too short for them.
+
+    ``plans``: PDOs of the drives that answered.
+    """
     from pdgw.ds301.bus.load import DEFAULT_BITRATE, check_load
     from pdgw.gateway.configuration.bus_load import check_cycle, cyclic_frames, latest
 
@@ -106,18 +111,18 @@ def _tell_bus(config: GatewayConfig, bus: CanConfig, plans: Mapping[int, PdoPlan
 
 
 def _start(config: GatewayConfig) -> None:
-    """Whatever else the gateway refuses at its start: it is made in a world of its own; no interface, port or file is touched."""
+    """Find all other errors of a start: build the gateway in a simulated world, without interfaces, ports or files."""
     from pdgw.gateway.assembly import build_gateway
     from pdgw.gateway.configuration.tables.environment import TransportConfig
     from pdgw.peers.world import World
 
-    # A PROFINET link is made of a real interface only.
+    # A PROFINET link needs a real network interface, so UDP replaces it.
     transport = config.transport if config.transport.type == "udp" else TransportConfig()
     build_gateway(config.model_copy(update={"transport": transport, "store": None}), World()).release()
 
 
 def _tell_not_available(axis: AxisConfig, settings: AxisSettings) -> None:
-    """One line for each object that the telegram can do without and that is not in the data sheet."""
+    """Print one line for each optional object of the telegram that the data sheet lacks."""
     from pdgw.dsp402.drive.client import load_eds
     from pdgw.dsp402.identification.describe import described_by_sheet
     from pdgw.gateway.commissioning.telegram_check import not_available
@@ -129,7 +134,7 @@ def _tell_not_available(axis: AxisConfig, settings: AxisSettings) -> None:
 
 
 def _ask(config: GatewayConfig, axis: AxisConfig) -> PdoPlan | None:
-    """Print what 100 % is for an axis and its PDOs; None when its telegram cannot be run with that."""
+    """Read an axis' drive and print its 100 % values and PDOs. None when the drive cannot run the telegram."""
     from pdgw.ds301.errors import CanopenError
     from pdgw.ds301.node.inquiry import Inquiry
     from pdgw.dsp402.drive.client import load_eds
@@ -142,7 +147,7 @@ def _ask(config: GatewayConfig, axis: AxisConfig) -> PdoPlan | None:
         with opened(config.bus_of(axis)) as network, Inquiry(network, axis.node_id, axis.sdo_timeout_ms / 1000) as node:
             drive = complete(network.loop, lambda: probe(node, dictionary, axis.units, axis.family or ""))
     except CanopenError as error:
-        typer.echo(f"DO {axis.do_id}: {error}")  # which says what of the node, its bus or its data sheet is wrong
+        typer.echo(f"DO {axis.do_id}: {error}")  # the text names what is wrong with the node, its bus or its data sheet
         return None
     typer.echo(
         f"DO {axis.do_id}, node {axis.node_id}: {drive.name}" + (f", family {drive.family}" if drive.family else "")

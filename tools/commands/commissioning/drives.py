@@ -1,4 +1,4 @@
-"""``pdgw drives``: the known families of drives; the check of data sheets (EDS, DCF) with family and missing keys."""
+"""``pdgw drives``: list the known drive families; check data sheets (EDS, DCF) and show what they lack."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def _list(*, as_json: bool) -> None:
 
 
 def _show(families: Sequence[Overlay], *, as_json: bool) -> None:
-    """Show what is known about families, its sources and what is unverified."""
+    """Show the facts about families with their sources and what is unverified."""
     if as_json:
         typer.echo(json.dumps([_document(item) for item in families], indent=2))
         return
@@ -109,7 +109,7 @@ def _print_family(item: Overlay) -> None:
 
 
 def _check(files: Sequence[Path], node_id: int, write: Path | None, *, as_json: bool) -> None:
-    """Import each file, name its family and what each telegram lacks with the values of the file."""
+    """Import each file, name its family, and list what each telegram lacks with the values of the file."""
     from rich.console import Console
 
     from pdgw.ds301.eds.importer import EdsImport
@@ -135,7 +135,7 @@ def _check(files: Sequence[Path], node_id: int, write: Path | None, *, as_json: 
 
 
 def _drive_of(result: EdsImport | EdsError) -> DriveType | None:
-    """The drive that a file describes; None for a file that cannot be used or of another device."""
+    """The drive that a file describes. None for an unusable file or another type of device."""
     from pdgw.ds301.eds.text import EdsError
     from pdgw.dsp402.identification.describe import described_by_sheet
     from pdgw.dsp402.objects import CONTROLWORD, STATUSWORD
@@ -146,7 +146,7 @@ def _drive_of(result: EdsImport | EdsError) -> DriveType | None:
 
 
 def _not_available(drive: DriveType, numbers: Iterable[int]) -> dict[int, Sequence[str]]:
-    """What the drive lacks for each telegram that runs without it."""
+    """The optional objects that the drive lacks, for each telegram."""
     from pdgw.gateway.commissioning.telegram_check import not_available
 
     return {number: lines for number in numbers if (lines := not_available(drive, number))}

@@ -1,4 +1,4 @@
-"""``pdgw map``: where every value lies in the frames, for who programs the PLC."""
+"""``pdgw map``: print the place of every value in the frames, for the PLC programmer."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def _udp_text(maps: Maps, width: int | None) -> str:
 
 
 def _profinet_text(maps: Maps, width: int | None) -> str:
-    """The data of each submodule; where they lie in the frame is agreed anew with every connection."""
+    """Describe the data of each submodule. Offsets in the frame are agreed at each connect and are not known here."""
     tables = [
         (
             f"{_SUBMODULE[found.direction]}, subslot 2 of each axis' slot, numbers big-endian",
@@ -139,7 +139,7 @@ def _profinet_text(maps: Maps, width: int | None) -> str:
 
 
 def _tables(tables: Sequence[tuple[str, Sequence[tuple[str, int, Place]]]], width: int | None, remark: str) -> str:
-    """Tables with a title and rows of whose it is, at which byte, and what."""
+    """Format tables with a title. A row has the owner of a value, its byte offset and its name."""
     from rich.console import Console
 
     from pdgw.tools.output.tables import plain_table
@@ -167,7 +167,7 @@ def _tables(tables: Sequence[tuple[str, Sequence[tuple[str, int, Place]]]], widt
 
 
 def _csv(maps: Maps, *, profinet: bool) -> str:
-    """One row for each value. On PROFINET there is no ``offset`` in a frame, and no row of what belongs to the frame."""
+    """One row for each value. On PROFINET the column ``offset`` and the rows of the frame's own fields are missing."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(_COLUMNS)

@@ -1,1 +1,1 @@
-"""The gateway and the commands on one that runs."""
+"""``pdgw run`` and the commands for a running gateway."""

@@ -1,4 +1,4 @@
-"""``pdgw explain``: what happened around the last fault or stop, in at most ten lines."""
+"""``pdgw explain``: show what happened around the last fault or stop, in at most ten lines."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def explain(
 
 
 def explained_line(line: dict[str, Any]) -> str:
-    """Time, who, and what happened."""
+    """Format one line: time, subject, event."""
     at = datetime.fromisoformat(line["time"])
     return f"{at:%H:%M:%S}.{at.microsecond // 1000:03d}  {line['who']}: {line['text']}"
 

@@ -33,7 +33,7 @@ JSON = typer.Option("--json", help="Print JSON.")
 
 @dataclass
 class _Place:
-    """Options of the group."""
+    """Options shared by the commands of the group."""
 
     slot: int = 1
     subslot: int = 1
@@ -92,7 +92,7 @@ def _session(gateway: str, do_id: int) -> Iterator[Session]:
 
 @contextmanager
 def _progress(what: str) -> Iterator[Progress | None]:
-    """A bar for long work on a terminal."""
+    """Show a progress bar for long work, on a terminal only."""
     from rich.console import Console
     from rich.progress import Progress as ProgressBar
 
@@ -105,7 +105,7 @@ def _progress(what: str) -> Iterator[Progress | None]:
 
 
 def _show(session: Session, elements: list[Element], *, as_json: bool) -> None:
-    """Print, and end with status 1 when something failed."""
+    """Print values. The exit status is 1 when a parameter could not be read."""
     from rich.console import Console
 
     from pdgw.client.session import address_text, meaning
@@ -286,7 +286,7 @@ def identify(gateway: Annotated[str, GATEWAY] = _DEFAULT, as_json: Annotated[boo
         return
     table = plain_table("field", "value")
     for name, value in fields.items():
-        table.add_row(name, Text(value))  # of somebody else's device: no markup
+        table.add_row(name, Text(value))  # text from a device: no markup
     Console().print(table)
 
 

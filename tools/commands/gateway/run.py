@@ -1,4 +1,4 @@
-"""``pdgw run``: the daemon."""
+"""``pdgw run``: the gateway as a foreground process or service."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ log = logging.getLogger("gateway")
 
 
 def _log_name(bus: CanConfig) -> str:
-    """What a bus is called in the log: its channel where that is a plain name like can0."""
+    """Name of a bus in the log: its channel if that is a plain name like can0, else its own name."""
     return bus.channel if isinstance(bus.channel, str) and bus.channel.isidentifier() else bus.name
 
 
@@ -50,7 +50,7 @@ def _with_options(config: GatewayConfig, updates: dict[str, object]) -> GatewayC
 
 
 def _told(problem: Problem) -> str:
-    """A problem in the words of the command line."""
+    """Describe a problem with the name of the command-line option instead of the configuration key."""
     section, *key = problem.location or ("",)
     if section != "transport" or not key or problem.names_key:
         return problem.text
@@ -140,8 +140,8 @@ def run(
             "status_port": status_port,
         },
     )
-    if sys.__stderr__ is not None:  # as without a console on Windows
-        faulthandler.enable(sys.__stderr__)  # where it hung, when a service manager's watchdog ends it (SIGABRT)
+    if sys.__stderr__ is not None:  # without a console, as on Windows
+        faulthandler.enable(sys.__stderr__)  # on SIGABRT of a service manager's watchdog, print where each thread was
     with ExitStack() as at_end:
         keep = at_end.enter_context(keeper_beside(chosen.trace))
         scheduling = realtime.apply(chosen.realtime, chosen.transport.cycle_time_ms)
@@ -182,6 +182,6 @@ def run(
         if web:
             at_end.enter_context(page_beside(chosen))
         for name, action in on_signals(daemon.stop, run_log).items():
-            if hasattr(signal, name):  # Windows has few of them
+            if hasattr(signal, name):  # Windows lacks most of these signals
                 signal.signal(getattr(signal, name), _calls(action))
         daemon.run()

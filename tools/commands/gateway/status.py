@@ -1,4 +1,4 @@
-"""``pdgw status``: what a running gateway does, and why an axis does not move."""
+"""``pdgw status``: show what a running gateway does and why an axis does not move."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def _check(port: int) -> None:
 
 
 def _fleet(inventory: Path, *, as_json: bool) -> None:
-    # YAML and threads, which no other form of the command needs.
+    # Imported here: only this form of the command needs YAML and threads.
     from pdgw.tools.output.fleet_table import lines, rows, worst
     from pdgw.tools.service.fleet import ask_all, places
 
@@ -122,7 +122,7 @@ def _fleet(inventory: Path, *, as_json: bool) -> None:
 
 
 def _watch(port: int, do_id: int | None, *, as_json: bool, counters: bool, faults: bool) -> None:
-    """A gateway that does not answer is asked again; on a terminal the picture stays in its place, elsewhere each is printed."""
+    """Print the status repeatedly, also while the gateway does not answer. A terminal is redrawn in place."""
     from rich.console import Console
     from rich.live import Live
     from rich.text import Text

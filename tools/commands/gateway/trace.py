@@ -1,4 +1,4 @@
-"""``pdgw trace``: what the flight recorder of a gateway has, also of one that was killed."""
+"""``pdgw trace``: read the flight recorder of a gateway, also of a killed one."""
 
 from __future__ import annotations
 
@@ -111,8 +111,8 @@ def watch(
         typer.echo(f"watching {path}, files are written to {directory}")
         follow(path, choice, sleeping)
         return
-    # Of a gateway that tells the path on standard input and closes it when it is gone. Only that ends it: it is still there when
-    # a service manager stops all processes of one that died.
+    # The gateway sends the path on standard input and closes it at its own end. Only this ends the watch: signals are
+    # ignored, because a service manager sends them to all processes at once.
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     os.nice(10)
@@ -120,7 +120,7 @@ def watch(
 
 
 def kept_directory() -> Path:
-    """Where kept files go that are told no other place; GatewayError when there is no home directory either."""
+    """Default folder of kept files. GatewayError when there is no home directory."""
     from pdgw.gateway.store import state_directory
 
     state = state_directory()

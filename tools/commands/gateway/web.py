@@ -1,4 +1,4 @@
-"""``pdgw web``: the page of a gateway, its metrics, and what MQTT is told."""
+"""``pdgw web``: serve the page of a gateway and its metrics, and publish to MQTT."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def web(
 
     _stand_back()
     if attached:
-        if hasattr(os, "sched_setaffinity"):  # the processors the gateway has chosen are its own
+        if hasattr(os, "sched_setaffinity"):  # do not inherit the processors that the gateway reserved for itself
             os.sched_setaffinity(0, range(os.cpu_count() or 1))
         threading.Thread(target=_end_with_input, daemon=True).start()
     chosen = load_config(config)
@@ -65,7 +65,7 @@ def web(
 
 
 def _stand_back() -> None:
-    """The exchange goes first: no real-time scheduling, which is inherited from a gateway that has it, and a lower priority."""
+    """Yield the CPU to the exchange: drop an inherited real-time policy and lower the priority."""
     if hasattr(os, "sched_setscheduler") and os.sched_getscheduler(0) != os.SCHED_OTHER:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     if hasattr(os, "nice"):
@@ -92,7 +92,7 @@ def _listening(config: GatewayConfig, listen: str) -> GatewayConfig:
 
 
 def _record_channel(config: GatewayConfig) -> tuple[str, int] | None:
-    """Where the parameter channel is reached from this machine; None on PROFINET, whose records are the controller's."""
+    """Address of the parameter channel on this machine. None on PROFINET, where only the controller reads records."""
     transport = config.transport
     if transport.type == "profinet":
         return None

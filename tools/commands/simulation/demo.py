@@ -26,7 +26,7 @@ CHAPTERS_HELP = "; ".join(f"{item.name}: {item.about}" for item in CHAPTERS.valu
 
 
 class _Story:
-    """The story as it unfolds: live on a terminal, one line per step otherwise."""
+    """Prints the steps as they happen: redrawn on a terminal, else one line for each step."""
 
     def __init__(self, console: Console, chapter: str) -> None:
         self.console = console
@@ -35,7 +35,7 @@ class _Story:
         self.live: Live | None = None
 
     def show(self, document: dict[str, Any]) -> None:
-        if "told" in document:  # such as that no gateway answers yet
+        if "told" in document:  # for example: no gateway answers yet
             self.console.print(document["told"], highlight=False)
             return
         if "note" in document:
@@ -90,7 +90,7 @@ def demo(
     if profinet and not namespaces.inside():
         namespaces.enter("pdgw")
     console = Console()
-    end_as_by_ctrl_c()  # a stopped demo stops its processes
+    end_as_by_ctrl_c()  # stop the processes when the demo is stopped
     try:
         outcomes = [_play(item, out / item.name, console, scenario, profinet=profinet) for item in chosen]
     except KeyboardInterrupt:
@@ -102,7 +102,7 @@ def demo(
 
 
 def _play(chapter: Chapter, out: Path, console: Console, scenario: Path | None, *, profinet: bool) -> Outcome:
-    """One chapter, with its results."""
+    """Run one chapter and print its results."""
     from rich.live import Live
 
     from pdgw.peers.plc.engine import Result
@@ -121,7 +121,7 @@ def _play(chapter: Chapter, out: Path, console: Console, scenario: Path | None, 
     console.print(results_table([Result(**item) for item in outcome.report["results"]]))
     _tell(console, chapter.name, [outcome], out)
     for name, status in outcome.report["exit_codes"].items():
-        if status and name != "plc":  # of the PLC it says that expectations failed
+        if status and name != "plc":  # for the PLC this only means failed expectations
             console.print(f"the {name} process ended with status {status}; see {out / name}.log", highlight=False)
     return outcome
 

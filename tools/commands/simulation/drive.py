@@ -1,6 +1,6 @@
-"""``pdgw sim drive`` and ``pdgw sim bus``: simulated devices on any python-can bus, with faults chosen at run time.
+"""``pdgw sim drive`` and ``pdgw sim bus``: simulate devices on any python-can bus, with faults chosen at run time.
 
-``pdgw sim inject`` gives a running one its commands.
+``pdgw sim inject`` sends commands to running ones.
 """
 
 from __future__ import annotations

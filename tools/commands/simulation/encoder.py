@@ -1,4 +1,4 @@
-"""``pdgw sim encoder``: simulated CiA 406 encoders on any python-can bus, with motions and faults chosen at run time."""
+"""``pdgw sim encoder``: simulate CiA 406 encoders on any python-can bus, with motions and faults chosen at run time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What simulators are given alike."""
+"""Options shared by the simulators."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ControlPort = Annotated[
 
 
 def telegrams_of_axes(telegrams: Sequence[int] | None, axes: int | None) -> list[int]:
-    """The telegram of each axis: one for all of them, or one for each; GatewayError when they are not as many."""
+    """The telegram of each axis, from one number for all axes or one for each. GatewayError when the counts differ."""
     given = list(telegrams or [1])
     if len(given) == 1:
         return given * (axes or 1)
@@ -25,7 +25,7 @@ def telegrams_of_axes(telegrams: Sequence[int] | None, axes: int | None) -> list
 
 
 def only_with(what: str, given: Mapping[str, object]) -> None:
-    """Refuse options that would have no effect: those that are given; GatewayError names the first and ``what`` it goes with."""
+    """Reject options that would have no effect. GatewayError names the first one and ``what`` it needs."""
     for option, value in given.items():
         if value is not None:
             raise GatewayError(f"{option}: only with {what}")

@@ -1,4 +1,4 @@
-"""``pdgw sim plc``: a PLC on UDP or PROFINET that plays a scenario or obeys the keyboard."""
+"""``pdgw sim plc``: simulate a PLC on UDP or PROFINET, controlled by a scenario or the keyboard."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ if TYPE_CHECKING:
 
 _SNAPSHOT_NS = 100 * MS
 _SILENCE_NS = 2 * SECOND
-"""A gateway that has not answered frames for so long is told to be missing: the scenario may wait longer for it."""
+"""Report the gateway as missing after this time without an answer. A scenario may wait longer for it."""
 
 
 def results_table(results: list[Result]) -> Table:
-    """Every expectation with pass or fail."""
+    """A table of all expectations with pass or fail."""
     from pdgw.tools.output.tables import plain_table
 
     grid = plain_table("step", "axis", "expectation", "measured", "after", "")
@@ -53,7 +53,7 @@ def results_table(results: list[Result]) -> Table:
 
 
 class _DriveLink:
-    """Scenario commands to `pdgw sim drive --control-port`."""
+    """Sends the scenario's device commands to `pdgw sim drive --control-port`."""
 
     def __init__(self, port: int | None) -> None:
         self._port = port
@@ -155,7 +155,7 @@ def plc(
         only_with("a scenario", {"--json": as_json, "--junit": junit, "--html": html, "--drive-port": drive_port})
     chosen = load_scenario(scenario) if scenario else None
     if sys.stdout.isatty() and not progress and (chosen is not None or sys.stdin.isatty()):
-        # What draws is another process: the cycle of the PLC does not wait for a terminal.
+        # Another process draws, so that a slow terminal cannot delay the PLC's cycle.
         results, status = watch(sys.argv[1:], interactive=chosen is None, local=address[0].startswith("127."))
         if results:
             Console().print(results_table([Result(**item) for item in results]))
@@ -172,7 +172,7 @@ def plc(
         client = _connected(profinet, name, device_ip, endpoint, cycle_ns)
     engine = Engine(chosen, endpoint) if chosen else None
     output = Output(endpoint, _SILENCE_NS // cycle_ns, as_lines=progress, snapshots=snapshots)
-    end_as_by_ctrl_c()  # the capture is to be complete
+    end_as_by_ctrl_c()  # complete the capture before the end
     begin_s = time.time()
     ended = 0
     try:
@@ -198,7 +198,7 @@ def plc(
 
 
 def _run_program(files: list[Path], address: Address, cycle_ns: int, pcap: Path | None) -> None:
-    """Run a program until its output ``finished``; each change of an output is a line."""
+    """Run a program until its output ``finished`` is true. Print each change of an output."""
     from pdgw.gateway.configuration.toml_file import read_text
     from pdgw.peers.plc.client import PlcClient
     from pdgw.peers.plc.structured_text.controller import Controller
@@ -230,7 +230,7 @@ def _run_program(files: list[Path], address: Address, cycle_ns: int, pcap: Path 
 
 
 def _close(client: PlcRunner, trace: Path | None) -> GatewayError | None:
-    """Release the link; what could not be written of its capture or its trace is told behind the results."""
+    """Close the link. Return the error of an incomplete capture or trace, to be printed after the results."""
     try:
         try:
             client.close()
@@ -243,7 +243,7 @@ def _close(client: PlcRunner, trace: Path | None) -> GatewayError | None:
 
 
 def _report(engine: Engine, scenario: Path, gateway: str) -> Report:
-    """The expectations as checks; a gateway that was not there is one that failed."""
+    """The expectations as checks. A gateway that never answered is a failed check."""
     from pdgw.gateway.configuration.toml_file import read_text
     from pdgw.tools.output.reports import Check, Report
 
@@ -264,7 +264,7 @@ def _report(engine: Engine, scenario: Path, gateway: str) -> Report:
 
 
 def _connected(interface: str, name: str, device_ip: str, endpoint: PlcEndpoint, cycle_ns: int) -> PlcRunner:
-    """The PLC on PROFINET, connected: a scenario begins when data is exchanged."""
+    """Connect a PLC over PROFINET. Return when data is exchanged, so that the scenario starts then."""
     from pdgw.peers.controller.plc import ProfinetPlc
     from pdgw.profinet.station import check_name
 
@@ -288,9 +288,9 @@ def _connected(interface: str, name: str, device_ip: str, endpoint: PlcEndpoint,
 
 
 def _finish(engine: Engine, as_json: Path | None, begin_s: float, *, progress: bool) -> None:
-    """Results, and exit status 1 when something failed or nobody was there to fail.
+    """Print the results. The exit status is 1 when an expectation failed or the gateway never answered.
 
-    ``begin_s``: what their times count from, in seconds of the epoch.
+    ``begin_s``: start of their times, in seconds of the epoch.
     """
     from rich.console import Console
 
@@ -318,20 +318,20 @@ def _finish(engine: Engine, as_json: Path | None, begin_s: float, *, progress: b
 
 
 class Output:
-    """What is told while the PLC runs: JSON lines, or notes and failures as text."""
+    """Output while the PLC runs: JSON lines, or notes and failures as text."""
 
     def __init__(self, endpoint: PlcEndpoint, patience: int, *, as_lines: bool, snapshots: bool) -> None:
-        """``patience``: so many frames without an answer are reported, once."""
+        """``patience``: frames without an answer before this is reported, once."""
         self._endpoint = endpoint
         self._patience: int | None = patience
         self._as_lines = as_lines
         self.draws = as_lines and snapshots
-        """Snapshots go out, which have what the keys do as their title."""
+        """Snapshots are printed; their title lists the keys."""
         self._due = 0
         self._notes = self._results = 0
 
     def show(self, engine: Engine | None, title: str) -> None:
-        """Once a cycle."""
+        """Print new notes and results. Called once a cycle."""
         from pdgw.peers.plc.exchange.view import snapshot
 
         if engine is not None:
@@ -344,14 +344,14 @@ class Output:
                 self._say({"result": asdict(item)}, failed)
         if self._patience is not None and self._endpoint.counters["sent"] >= self._patience:
             self._patience = None
-            if not self._endpoint.counters["received"] and not self.draws:  # snapshots say it
+            if not self._endpoint.counters["received"] and not self.draws:  # snapshots show it
                 self.tell(self._endpoint.why_no_values(0))
         if self.draws and time.monotonic_ns() >= self._due:
             self._due = time.monotonic_ns() + _SNAPSHOT_NS
             self._say({"snapshot": snapshot(self._endpoint, title)}, "")
 
     def tell(self, text: str) -> None:
-        """What the user must know."""
+        """Print a message for the user."""
         if self._as_lines:
             print(json.dumps({"told": text}), flush=True)
         else:
@@ -365,7 +365,7 @@ class Output:
 
 
 def _obey_keys(client: PlcRunner, endpoint: PlcEndpoint, output: Output) -> None:
-    """Keys from standard input, until its end or the exit key."""
+    """Carry out keys from standard input until its end or the exit key."""
     from pdgw.peers.plc.keyboard import Keyboard
 
     keyboard = Keyboard(endpoint, output.tell, client.stop)

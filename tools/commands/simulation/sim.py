@@ -1,4 +1,4 @@
-"""``pdgw sim``: the group of the simulators."""
+"""``pdgw sim``: the command group of the simulators."""
 
 from __future__ import annotations
 
