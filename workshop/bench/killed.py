@@ -25,7 +25,7 @@ from pdgw.gateway.links.udp import UdpSocket
 from pdgw.peers.bus import INTERFACE, ServedBus
 from pdgw.peers.drive import DriveModel, SimulatedDrive
 from pdgw.peers.node.host import simulation_thread
-from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.cycling import CyclingPlc
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.demo.links import free_ports
 from pdgw.workshop.bench.stops import NODE, OFF, ON, SPEED, Stop
@@ -66,10 +66,9 @@ class Plant:
         """When the drive left operation, monotonic nanoseconds; 0 while it operates."""
         self.starts = 0
         """How often it came to operation."""
-        self._gateway = ("127.0.0.1", port)
-        self._endpoint = PlcEndpoint([telegram(1)], _CYCLE_NS)
-        self._socket = self.thread.call(lambda: UdpSocket(self.thread.loop, "127.0.0.1", 0, "PLC"))
-        self._running = True
+        loop = self.thread.loop
+        own = self.thread.call(lambda: UdpSocket(loop, "127.0.0.1", 0, "PLC"))
+        self._plc = CyclingPlc(loop, own, ("127.0.0.1", port), [telegram(1)], _CYCLE_NS)
         self._operating = False
 
     @contextmanager
@@ -77,26 +76,12 @@ class Plant:
         """Drive and PLC, and their end."""
         self.drive.start()
         self.drive.do(lambda node: node.model.disguises.append(self._watch))
-        self.thread.call(self._begin)
+        self.thread.call(self._plc.start)
         try:
             yield
         finally:
-            self._running = False
-            self.thread.call(self._socket.close)
+            self.thread.call(self._plc.stop)
             self.drive.stop()
-
-    def _begin(self) -> None:
-        self._socket.start(self._take)
-        self._exchange()
-
-    def _exchange(self) -> None:
-        if self._running:
-            self._socket.send(self._endpoint.build(self.thread.loop.now()), self._gateway)
-            self.thread.loop.call_later(_CYCLE_NS, self._exchange)
-
-    def _take(self) -> None:
-        while (datagram := self._socket.receive()) is not None:
-            self._endpoint.receive(datagram[0], self.thread.loop.now())
 
     def _watch(self, model: DriveModel, _now: int) -> None:
         operating = model.state is State.OPERATION_ENABLED
@@ -121,7 +106,7 @@ class Plant:
         return self._operating and self.drive.model.velocity_actual > 0
 
     def _set(self, word: int) -> None:
-        self.thread.call(lambda: self._endpoint.set(0, {"STW1": word, "NSOLL_A": SPEED}))
+        self.thread.call(lambda: self._plc.set({"STW1": word, "NSOLL_A": SPEED}))
 
     def _state(self) -> State:
         return self.drive.model.state

@@ -22,9 +22,8 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.links.udp import Address
 from pdgw.peers.drive import SimulatedDrive
-from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
+from pdgw.peers.plc.exchange.cycling import CyclingPlc
 from pdgw.peers.world import World
 from pdgw.peers.world.can_bus import Member
 from pdgw.profidrive.telegrams import telegram
@@ -109,10 +108,9 @@ class Site:
         """Time, identifier and data of every frame the gateway brought onto the bus."""
         self.bus = self.world.bus(CHANNEL)
         self.bus.taps.append(self._note)
-        self._endpoint = PlcEndpoint([telegram(1)], self.daemon.cycle_ns)
-        self._port = self.world.network.open("plc", 0, "PLC")
-        self._port.start(self._take)
-        self._alive = True
+        port = self.world.network.open("plc", 0, "PLC")
+        self.plc = CyclingPlc(self.loop, port, self.daemon.address, [telegram(1)], self.daemon.cycle_ns)
+        self.plc.before_frame.append(self._sends)
         self.last_sent = 0
         """When the PLC's last frame left."""
 
@@ -120,16 +118,9 @@ class Site:
         if sender.name == "gateway":
             self.frames.append((now, can_id, data))
 
-    def _take(self) -> None:
-        while (datagram := self._port.receive()) is not None:
-            self._endpoint.receive(datagram[0], self.loop.now())
-
-    def _exchange(self) -> None:
-        if self._alive:
-            self.last_sent = self.loop.now()
-            address: Address = self.daemon.address
-            self._port.send(self._endpoint.build(self.last_sent), address)
-        self.loop.call_later(self.daemon.cycle_ns, self._exchange)
+    def _sends(self, now: int) -> None:
+        if not self.plc.silent:
+            self.last_sent = now
 
     @property
     def drive(self) -> SimulatedDrive:
@@ -142,7 +133,7 @@ class Site:
     def running(self) -> Iterator[None]:
         """The daemon with its PLC, and their end."""
         self.daemon.start()
-        self._exchange()
+        self.plc.start()
         try:
             yield
         finally:
@@ -153,11 +144,10 @@ class Site:
 
     def turn(self) -> None:
         """OFF, ON, full speed, and then some random time."""
-        self._alive = True
         axis, model = self.daemon.axes[0], self.drive.model
-        self._endpoint.set(0, {"STW1": OFF, "NSOLL_A": SPEED})
+        self.plc.set({"STW1": OFF, "NSOLL_A": SPEED})
         self.until(lambda: axis.good and axis.released and axis.machine.outputs.reason is not None, "OFF is obeyed")
-        self._endpoint.set(0, {"STW1": ON})
+        self.plc.set({"STW1": ON})
         self.until(lambda: model.state is State.OPERATION_ENABLED, "operation")
         self.loop.run_for(2 * SECOND + self.chance.randrange(200 * MS))
         self.frames.clear()
@@ -200,7 +190,7 @@ class Site:
 
     def plc_lost(self) -> int:
         """The PLC sends no more."""
-        self._alive = False
+        self.plc.silent = True
         begin = self.last_sent
         return self.stop_frame() - begin
 
@@ -242,7 +232,7 @@ class Site:
     def deaf(self) -> int:
         """The drive ignores RPDOs; the PLC commands OFF3: from the first stop Controlword to NMT Stop."""
         self.drive.do(lambda node: node.misbehave("deaf"))
-        self._endpoint.set(0, {"STW1": ON & ~0x4})
+        self.plc.set({"STW1": ON & ~0x4})
         begin = self.stop_frame()
         took = self.first(lambda can_id, data: can_id == NMT and data[0] == NmtCommand.STOP) - begin
         self.drive.do(lambda node: node.behave())

@@ -17,8 +17,7 @@ from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.drive import SHAPES, Latency, SimulatedDrive, shape
 from pdgw.peers.drive.model.motion import INCREMENTS_PER_REVOLUTION
-from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
-from pdgw.peers.world import World
+from pdgw.peers.world import Plc, World
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 from pdgw.workshop.conformance.tested import Tested
 
@@ -105,13 +104,7 @@ class _Site:
         self.drive: SimulatedDrive = self.world.drive("world", 1, shape=shape(name), latency=self.latency)
         self.axis = self.daemon.axes[0]
         self.raw = telegram(number).setpoints.mode is ApplicationMode.TRANSPARENT
-        self.endpoint = PlcEndpoint([telegram(number)], self.daemon.cycle_ns)
-        self.port = self.world.network.open("plc", 0, "PLC")
-        self.port.start(self._take)
-
-    def _take(self) -> None:
-        while (datagram := self.port.receive()) is not None:
-            self.endpoint.receive(datagram[0], self.loop.now())
+        self.plc = Plc(self.world, self.daemon)
 
     def exchange(self, until: Callable[[], object], limit_ns: int = _ANSWER_NS) -> bool:
         """Cycle by cycle until a condition holds; False when it does not in time."""
@@ -119,8 +112,7 @@ class _Site:
         while not until():
             if self.loop.now() > end:
                 return False
-            self.port.send(self.endpoint.build(self.loop.now()), self.daemon.address)
-            self.loop.run_for(self.daemon.cycle_ns)
+            self.plc.exchange(0)
         return True
 
     @property
@@ -147,13 +139,13 @@ class _Site:
         """Off with these bits more; 1 is on."""
         if self.raw:
             word = 0x0F if bits == 1 else 0x06 | bits
-            self.endpoint.set(0, {"Controlword": word, "Modes of Operation": Mode.VELOCITY} | _RAW)
+            self.plc.set(0, {"Controlword": word, "Modes of Operation": Mode.VELOCITY} | _RAW)
             if bits == 1:
                 for step in (0x06, 0x07, 0x0F):
-                    self.endpoint.set(0, {"Controlword": step})
+                    self.plc.set(0, {"Controlword": step})
                     self.exchange(lambda: False, _SETTLED_NS)
             return
-        self.endpoint.set(0, {"STW1": _OFF | bits})
+        self.plc.set(0, {"STW1": _OFF | bits})
 
     def move(self) -> bool:
         """Ask for a quarter of the rated speed or for ten revolutions; whether that is what came."""
@@ -164,22 +156,22 @@ class _Site:
             self._start_task(_FREE_RANGE if free else _LIMITED_RANGE)
             return self.exchange(lambda: abs(model.position_actual - _TURNS) <= 1)
         if self.raw:
-            self.endpoint.set(0, {"Target Velocity": 2 * _RPM})
+            self.plc.set(0, {"Target Velocity": 2 * _RPM})
         elif self.number == 3:
-            self.endpoint.set(0, {"NSOLL_B": _QUARTER << 16})
+            self.plc.set(0, {"NSOLL_B": _QUARTER << 16})
         else:
-            self.endpoint.set(0, {"NSOLL_A": _QUARTER})
+            self.plc.set(0, {"NSOLL_A": _QUARTER})
         return self.exchange(lambda: abs(model.ramp.speed - _RPM) < 1) and self.exchange(self._shows_the_speed)
 
     def _start_task(self, reference: int) -> None:
         values = {"SATZANW": 0x8000, "MDI_MOD": 1, "MDI_TARPOS": (_TURNS << 30) // reference, "MDI_VELOCITY": 1 << 29}
-        self.endpoint.set(0, {**values, "MDI_ACC": 0x4000, "MDI_DEC": 0x4000, "STW1": 0x043F})
+        self.plc.set(0, {**values, "MDI_ACC": 0x4000, "MDI_DEC": 0x4000, "STW1": 0x043F})
         self.exchange(lambda: False, _SETTLED_NS)
-        self.endpoint.set(0, {"STW1": 0x047F})
+        self.plc.set(0, {"STW1": 0x047F})
 
     def _shows_the_speed(self) -> bool:
         """The PLC sees what turns."""
-        actuals = self.endpoint.actuals[0]
+        actuals = self.plc.actuals[0]
         if actuals is None:
             return False
         if self.raw:

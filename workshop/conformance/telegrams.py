@@ -18,11 +18,9 @@ from pdgw.gateway.configuration.example import simulated
 from pdgw.gateway.daemon import Daemon
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.plc.engine import Engine
-from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.scenario import Scenario
 from pdgw.peers.simulation.console import Console
-from pdgw.peers.world import World
-from pdgw.profidrive.telegrams import telegram
+from pdgw.peers.world import Plc, World
 from pdgw.workshop.conformance.tested import Tested
 
 Steps = Sequence[Mapping[str, Any]]
@@ -302,33 +300,25 @@ CASES: tuple[Case, ...] = (
 )
 
 
-class _Plc:
+class _Plc(Plc):
     """A PLC in the world, that plays steps of a scenario."""
 
-    def __init__(self, world: World, daemon: Daemon, number: int) -> None:
+    def __init__(self, world: World, daemon: Daemon) -> None:
+        super().__init__(world, daemon)
         self.loop = world.loop
         self.daemon = daemon
-        self.number = number
-        self.endpoint = PlcEndpoint([telegram(number)], daemon.cycle_ns)
         self.console = Console(world.simulations[daemon.config.can[0].name], threading.Event())
-        self.port = world.network.open("plc", 0, "PLC")
-        self.port.start(self._take)
-
-    def _take(self) -> None:
-        while (datagram := self.port.receive()) is not None:
-            self.endpoint.receive(datagram[0], self.loop.now())
 
     def play(self, steps: Steps) -> Engine:
         """Cycle by cycle to the end of the steps."""
-        scenario = Scenario.model_validate({"telegrams": [self.number], "steps": list(steps)})
-        engine = Engine(scenario, self.endpoint)
+        numbers = [item.number for item in self.telegrams]
+        engine = Engine(Scenario.model_validate({"telegrams": numbers, "steps": list(steps)}), self)
         end = self.loop.now() + _LIMIT_NS
         while not engine.finished and self.loop.now() < end:
             engine.step(self.loop.now())
             while engine.drive_commands:
                 self.console.execute(engine.drive_commands.pop(0))
-            self.port.send(self.endpoint.build(self.loop.now()), self.daemon.address)
-            self.loop.run_for(self.daemon.cycle_ns)
+            self.exchange(0)
         return engine
 
 
@@ -343,7 +333,7 @@ def _gateway(number: int) -> Iterator[tuple[_Plc, SimulatedDrive]]:
     try:
         drive = world.simulations[config.can[0].name].device(1)
         assert isinstance(drive, SimulatedDrive)
-        yield _Plc(world, daemon, number), drive
+        yield _Plc(world, daemon), drive
     finally:
         daemon.stop()
 

@@ -73,7 +73,7 @@ class CyclingPlc:
             action(now)
         if not self.silent:
             self._port.send(self.endpoint.build(now), self.gateway)
-        self._due += self._cycle_ns
+        self._due = max(self._due + self._cycle_ns, now)
         self._timer = self._loop.call_at(self._due, self._cycle)
 
     def _receive(self) -> None:
