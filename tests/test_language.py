@@ -28,7 +28,7 @@ PACKAGES: Final = (
 )
 DOCUMENTED: Final = (
     *("client", "decoder", "ds301", "dsp402", "dsp406", "gateway"),
-    *("pdgw", "profidrive", "profinet", "recording", "tools", "web"),
+    *("pdgw", "profidrive", "profinet", "recording", "tools", "web", "workshop"),
 )
 """Packages whose docstrings are read; the others follow."""
 _WORDS: Final = 3

@@ -1,1 +1,1 @@
-"""Proofs and measurements of the product; not part of an installation."""
+"""Verification and measurement of the product; not part of an installation."""

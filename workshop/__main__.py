@@ -15,7 +15,7 @@ COMMANDS: Mapping[str, Entry] = {
     "conformance": _Entry("conformance:app", "Conformance tests of the gateway."),
     "soak": _Entry(
         "soak:soak",
-        "Run a day of random PLC words and faults in virtual time; exit status 1 if a rule is broken.",
+        "Run a day of random PLC words and faults in virtual time; exit status 1 if a rule is violated.",
     ),
     "loop": _Entry(
         "loop:loop",

@@ -1,7 +1,7 @@
-"""``python -m pdgw.workshop.installation FOLDER``: install the files of a release in a fresh environment and start the command.
+"""``python -m pdgw.workshop.installation FOLDER``: install a release in a new environment and start the command.
 
-Packages come from the pins alone, and pip refuses a file whose hash is not among them. The release's own files are checked
-against SHA256SUMS first. Of its wheels pip takes the one that was compiled for this machine and Python, else that of pure Python.
+Packages come only from the pins, and pip rejects a file with another hash. The release's own files are first compared with
+SHA256SUMS. Of its wheels pip takes the one compiled for this machine and Python, else the pure Python one.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def main() -> int:
 
 
 def installed(folder: Path) -> str:
-    """What the installed ``pdgw --version`` prints; ReleaseError when a step fails."""
+    """Output of the installed ``pdgw --version``. ReleaseError when a step fails."""
     verify(folder)
     with tempfile.TemporaryDirectory() as name:
         fresh = Environment(Path(name))
@@ -41,7 +41,7 @@ def installed(folder: Path) -> str:
 
 
 def version_of(folder: Path) -> str:
-    """The version of the files of a release."""
+    """Version of the files of a release."""
     (sdist,) = folder.glob("*.tar.gz")
     return sdist.name.removesuffix(".tar.gz").rpartition("-")[2]
 
@@ -58,12 +58,12 @@ class Environment:
         self.run("pip", "install", "--quiet", "--disable-pip-version-check", *arguments)
 
     def run(self, program: str, *arguments: str) -> str:
-        """What an installed program prints; it works in the folder of the environment."""
+        """Run an installed program in the folder of the environment. Return its output."""
         return run(str(self.place / "bin" / program), *arguments, cwd=self.place)
 
 
 def verify(folder: Path) -> None:
-    """Compare every file with SHA256SUMS; ReleaseError names the first that differs."""
+    """Compare every file with SHA256SUMS. ReleaseError names the first that differs."""
     for line in (folder / SUMS).read_text(encoding="utf-8").splitlines():
         given, name = line.split("  ")
         if digest(folder / name) != given:

@@ -1,7 +1,7 @@
-"""How a position loop over the gateway behaves: following error and stability over gain and cycle time, in virtual time.
+"""Study of a position loop through the gateway: following error and stability by gain and cycle time, in virtual time.
 
-A simulated PLC closes the loop (``peers.plc.position_loop``) over telegram 105: without DSC, and with it in both forms. Each
-point is a gateway with a simulated drive of its own, which goes a small step and then follows a sine. Left out: a load.
+A simulated PLC closes the loop (``peers.plc.position_loop``) over telegram 105: without DSC, and with both forms of DSC. For
+each point a gateway with a simulated drive makes a small step and then follows a sine. The drive has no load.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram
 
 FORMS = {"without DSC": None, "DSC, speed": "speed", "DSC, position": "position"}
-"""Who closes the loop, and the key ``dsc`` of each."""
+"""The forms of the loop, and the key ``dsc`` of each."""
 CYCLES_MS = (1.0, 2.0, 4.0)
 GAINS = (10, 20, 30, 45, 70, 100, 140, 200, 300)
 _NUMBER = 105
@@ -35,14 +35,14 @@ _STEP = 40
 """Increments: small enough that no ramp limits the speed."""
 _STEP_NS, _SINE_NS, _SETTLING_NS = 500 * MS, SECOND, 250 * MS
 _AMPLITUDE, _FREQUENCY = 1024, 1.0
-"""Increments and 1/s of the sine."""
+"""Amplitude of the sine in increments, and its frequency in 1/s."""
 _SETTLED = 4
-"""Increments within which a stable loop stands at the end of the step."""
+"""A stable loop is within this number of increments at the end of the step."""
 
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """What one loop did."""
+    """Result of one loop."""
 
     form: str
     cycle_ms: float
@@ -51,11 +51,11 @@ class Point:
     overshoot: float
     """Share of the step."""
     stable: bool
-    """The step was settled after half a second."""
+    """Whether the step response had ended after half a second."""
     following_error: float
-    """Largest one of the sine in increments of the shaft: target less position at the same moment."""
+    """Largest following error of the sine in increments of the shaft: target minus position at the same time."""
     samples: tuple[tuple[float, float, float], ...]
-    """Of the sine: seconds, target, position."""
+    """Samples of the sine: seconds, target, position."""
 
 
 def sine(seconds: float) -> float:
@@ -102,10 +102,10 @@ class _Life:
         )
         self.target: Callable[[int], float] = lambda _: 0.0
         self.positions: list[tuple[int, float, float]] = []
-        """Time, target and position of the shaft at each frame."""
+        """Time, target, and position of the shaft, at each frame."""
 
     def enable(self) -> None:
-        """OFF, then ON, then the loop is closed where the axis is."""
+        """Send OFF, then ON, then close the loop at the present position."""
         stw1, zsw1 = signal("STW1"), signal("ZSW1")
         self.daemon.start()
         self.plc.start()
@@ -127,14 +127,14 @@ class _Life:
         self.plc.set(self.controller.step(target, actuals))
 
     def follow(self, target: Callable[[int], float], nanoseconds: int) -> list[tuple[int, float, float]]:
-        """Go to a target that moves; what was seen meanwhile."""
+        """Follow a moving target. Return the samples."""
         self.target = target
         self.positions.clear()
         self.loop.run_for(nanoseconds)
         return list(self.positions)
 
     def close(self) -> None:
-        """Everything stops."""
+        """Stop PLC, gateway and drive."""
         self.plc.stop()
         self.daemon.stop()
         self.loop.until(self.daemon.stopped.is_set, "the end of the gateway", 20 * SECOND)
@@ -142,7 +142,7 @@ class _Life:
 
 
 def point(form: str, cycle_ms: float, gain: float) -> Point:
-    """One loop. GatewayError for a form or a cycle there is not."""
+    """Run one loop. GatewayError for an unknown form or cycle."""
     if form not in FORMS:
         raise GatewayError(f"form {form!r} does not exist, allowed: {', '.join(FORMS)}")
     life = _Life(form, cycle_ms, gain)
@@ -167,7 +167,7 @@ def point(form: str, cycle_ms: float, gain: float) -> Point:
 
 
 def study(cycles_ms: Sequence[float] = CYCLES_MS, gains: Sequence[float] = GAINS) -> Iterator[Point]:
-    """Every form with every cycle time and gain; the drive's own loop ("position") has one gain, its own."""
+    """Every form with every cycle time and gain. The drive's own loop ("position") has only its own gain."""
     for form, key in FORMS.items():
         for cycle_ms in cycles_ms:
             for gain in gains if key != "position" else gains[:1]:
@@ -175,7 +175,7 @@ def study(cycles_ms: Sequence[float] = CYCLES_MS, gains: Sequence[float] = GAINS
 
 
 def plot(points: Sequence[Point], picture: Path) -> None:
-    """Following error and overshoot over the gain; GatewayError without matplotlib, or when it cannot be written."""
+    """Plot following error and overshoot by gain. GatewayError without matplotlib, or when the file cannot be written."""
     figure, (errors, steps) = pyplot_for("the picture").subplots(1, 2, figsize=(13, 5), constrained_layout=True)
     colours = dict(
         zip(sorted({item.cycle_ms for item in points}), ("#4c78a8", "#f58518", "#54a24b", "#b279a2"), strict=False)

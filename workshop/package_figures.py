@@ -1,7 +1,7 @@
-"""``python -m pdgw.workshop.package_figures [ROOT]``: files, lines, public names and imports of each package below ROOT.
+"""``python -m pdgw.workshop.package_figures [ROOT]``: files, lines, public names and imports of each package in ROOT.
 
-The row of a package does not count its sub-packages. A row that ends with ``/`` counts them too. An import is a pair of
-modules: both in the packages of the row, or the second outside of them.
+A row does not include sub-packages, unless its name ends with ``/``. An import is a pair of modules: both in the packages of
+the row, or the second one outside.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Module:
     lines: int
     public: int
     imports: frozenset[str]
-    """Each module that it imports, as ``package:module``."""
+    """Each imported module as ``package:module``."""
 
 
 def modules(root: Path) -> Iterator[Module]:
@@ -89,7 +89,7 @@ def table(root: Path) -> Table:
 
 
 def _row(package: str, found: list[Module], title: str) -> tuple[str, ...]:
-    """``package`` with a dot at its end counts its sub-packages too; without a name it is everything."""
+    """``package`` with a dot at its end includes its sub-packages; an empty name includes everything."""
 
     def within(name: str) -> bool:
         return not package or name == package or package.endswith(".") and f"{name}.".startswith(package)

@@ -1,8 +1,8 @@
 """``python -m pdgw.workshop.release FOLDER``: sources, wheels, bill of materials, pins and checksums of the last commit.
 
-The sources and the wheel of pure Python are built twice: from the commit, then from the source distribution of the first time in
-another folder. A release whose files differ by a byte is not written. The compiled wheels of ``make wheels`` are added if they
-have the same sources. Times are those of SOURCE_DATE_EPOCH, else of the commit.
+Sources and pure Python wheel are built twice: from the commit, then from the first source distribution in another folder. A
+release whose files differ by a byte is not written. The compiled wheels of ``make wheels`` are added if they have the same
+sources. File times are SOURCE_DATE_EPOCH, else the time of the commit.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from pdgw.workshop.sbom import ROOT, document
 
 _INFO = "PKG-INFO"
 PINS = "requirements.txt"
-"""In a release: ``PINS_OF_RUNTIME``, the packages that it needs with the hashes of their files."""
+"""File in a release: ``PINS_OF_RUNTIME``, the required packages with the hashes of their files."""
 PINS_OF_RUNTIME = ROOT / "pins" / "runtime.txt"
 SUMS = "SHA256SUMS"
 
@@ -51,8 +51,8 @@ def main() -> int:
 
 
 def release(folder: Path, wheels: Path | None = None) -> list[Path]:
-    """Write the files of a release; ReleaseError when the two builds differ, a wheel of ``wheels`` has other sources, or the
-    folder has files.
+    """Write the files of a release. ReleaseError when the builds differ, a wheel of ``wheels`` has other sources, or the
+    folder is not empty.
     """
     if folder.exists() and any(folder.iterdir()):
         raise ReleaseError(f"{folder}: has files, allowed: an empty or new folder")
@@ -84,7 +84,7 @@ def release(folder: Path, wheels: Path | None = None) -> list[Path]:
 
 
 def same_sources(wheel: Path, pure: Path) -> None:
-    """ReleaseError unless a compiled wheel has every file of the package as the pure one has it."""
+    """ReleaseError unless a compiled wheel contains every file of the package, equal to the pure one."""
     with zipfile.ZipFile(wheel) as one, zipfile.ZipFile(pure) as two:
         names = set(one.namelist())
         for name in two.namelist():
@@ -93,8 +93,8 @@ def same_sources(wheel: Path, pure: Path) -> None:
 
 
 def _built(tree: Path, folder: Path, epoch: int) -> list[Path]:
-    """Source distribution and wheel of a tree."""
-    files = sources(tree)  # the build adds some
+    """Build source distribution and wheel of a tree."""
+    files = sources(tree)  # read first: the build adds files
     wheel = built_wheel(tree, folder, epoch)
     with zipfile.ZipFile(wheel) as archive:
         (metadata,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
@@ -108,7 +108,7 @@ def _built(tree: Path, folder: Path, epoch: int) -> list[Path]:
 def built_wheel(
     tree: Path, folder: Path, epoch: int, *, python: Path = Path(sys.executable), more: Mapping[str, str] | None = None
 ) -> Path:
-    """The wheel of a tree, built by this Python with ``more`` variables in its environment."""
+    """Build the wheel of a tree with this Python. ``more``: further environment variables."""
     words = ("wheel", "--quiet", "--disable-pip-version-check", "--no-deps", "--no-cache-dir")
     constraints = {"PIP_CONSTRAINT": str(tree / "constraints.txt"), "SOURCE_DATE_EPOCH": str(epoch)}
     environment = {**os.environ, **constraints, **(more or {})}
@@ -118,7 +118,7 @@ def built_wheel(
 
 
 def run(*command: str, env: Mapping[str, str] | None = None, cwd: Path | None = None) -> str:
-    """What a command prints; ReleaseError with its last line when it fails. Files that it writes have the usual modes."""
+    """Run a command, return its output. ReleaseError with its last line when it fails. Its files get the usual modes."""
     done = subprocess.run(command, env=env, cwd=cwd, umask=0o022, check=False, capture_output=True, text=True)
     if done.returncode:
         *_, last = (done.stderr or done.stdout).strip().splitlines() or [f"exit status {done.returncode}"]
@@ -137,7 +137,7 @@ def commit_time() -> int:
 
 
 def unpack(archive: bytes, folder: Path) -> None:
-    """The files of a tar archive with modes that do not depend on this machine's umask."""
+    """Unpack a tar archive with modes that do not depend on this machine's umask."""
     folder.mkdir(parents=True)
     with tarfile.open(fileobj=io.BytesIO(archive)) as file:
         file.extractall(folder, filter="data")
@@ -152,7 +152,7 @@ def sources(tree: Path) -> dict[str, tuple[bytes, int]]:
 
 
 def source_distribution(files: dict[str, tuple[bytes, int]], name: str, epoch: int) -> bytes:
-    """A ``.tar.gz``: its bytes depend on names, contents, execute bits and ``epoch`` alone."""
+    """A ``.tar.gz`` whose bytes depend only on names, contents, execute bits and ``epoch``."""
     tar = io.BytesIO()
     with tarfile.open(fileobj=tar, mode="w", format=tarfile.PAX_FORMAT) as archive:
         for path, (data, mode) in sorted(files.items()):

@@ -1,7 +1,7 @@
 """The software bill of materials of a release: CycloneDX 1.6, JSON. Source: https://cyclonedx.org/docs/1.6/json/.
 
-Components are the product's run-time dependencies with those of some extras, in the installed versions (constraints.txt), and the
-files of others that the page consists of. The same input gives the same bytes.
+Components: the run-time dependencies with those of some extras, in the installed versions (constraints.txt), and the
+third-party files of the web page. The same input gives the same bytes.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from pdgw.web.support import PACKAGE, VENDORED, licence
 
 ROOT = Path(__file__).resolve().parent.parent
 EXTRAS = ("mqtt", "plot", "web")
-"""Their packages are installed wherever a release is made."""
+"""Extras whose packages are installed wherever a release is built."""
 Document = dict[str, Any]
 
 
 def _product(extras: Sequence[str]) -> list[str]:
-    """The product's requirements, of its sources: an editable installation may be older."""
+    """The product's requirements from its sources, because an editable installation may be older."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     optional = project["optional-dependencies"]
     return [*project["dependencies"], *(text for extra in extras for text in optional[extra])]
 
 
 def needed(texts: Iterable[str]) -> list[str]:
-    """The normal names of the packages that these requirements mean on this platform."""
+    """The normalized names of the packages that these requirements name on this platform."""
     items = map(Requirement, texts)
     return sorted(
         {canonicalize_name(item.name) for item in items if item.marker is None or item.marker.evaluate({"extra": ""})}
@@ -42,7 +42,7 @@ def needed(texts: Iterable[str]) -> list[str]:
 
 
 def closure(extras: Sequence[str] = ()) -> dict[str, list[str]]:
-    """What each package needs, for the product with these extras and everything below it."""
+    """The requirements of each package, for the product with these extras and all dependencies."""
     found = {PACKAGE: needed(_product(extras))}
     waiting = list(found[PACKAGE])
     while waiting:
@@ -54,7 +54,7 @@ def closure(extras: Sequence[str] = ()) -> dict[str, list[str]]:
 
 
 def document(release: str, epoch: int) -> Document:
-    """The bill of materials of version ``release``; ``epoch``: seconds since 1970."""
+    """The bill of materials of version ``release``. ``epoch``: seconds since 1970."""
     below = closure(EXTRAS)
     required = closure()
     components = [

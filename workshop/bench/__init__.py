@@ -1,1 +1,1 @@
-"""Benchmarks: every figure is a ratio against a floor measured in the same run."""
+"""Benchmarks. Each figure is compared with a floor that is measured in the same run."""

@@ -1,4 +1,4 @@
-"""What the short commands cost: CPU from the start of the process to its end, the least of a few."""
+"""CPU time of the short commands, from process start to end. The best of a few runs counts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _AXES, _PERIOD_NS = 4, 4 * MS
 
 
 def measure() -> dict[str, float]:
-    """Seconds of CPU of ``pdgw --help`` and of ``pdgw status`` of a gateway with four axes."""
+    """CPU seconds of ``pdgw --help``, and of ``pdgw status`` for a gateway with four axes."""
     with running(_AXES, _PERIOD_NS) as (_, daemon):
         daemon.wait_online(_AXES)
         return {
@@ -24,7 +24,7 @@ def measure() -> dict[str, float]:
 
 
 def cpu_s(*arguments: str) -> float:
-    """Of one call of ``pdgw``, user and system; CalledProcessError when it fails."""
+    """CPU seconds of one call of ``pdgw``, user and system. CalledProcessError when it fails."""
     before = os.times()
     command = [sys.executable, "-m", "pdgw", *arguments]
     subprocess.run(command, env=environment(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)

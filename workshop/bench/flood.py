@@ -1,7 +1,8 @@
-"""The cyclic exchange while a stranger floods a port of the gateway, in turn with quiet phases of the same run.
+"""The cyclic exchange while an unknown sender floods a port of the gateway, alternating with quiet phases.
 
-``python -m pdgw.workshop.bench.flood PORT KIND RATE`` is the stranger: it sends so many datagrams a second from its own port,
-``cyclic``: frames as the PLC's, ``acyclic``: calls that read a record; it prints how many left when its standard input ends.
+``python -m pdgw.workshop.bench.flood PORT KIND RATE`` is the sender. It sends RATE datagrams a second from its own port:
+``cyclic``: frames like the PLC's, ``acyclic``: calls that read a record. It prints how many it sent when its standard input
+ends.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ _IM0 = 0xAFF0
 
 @dataclass(frozen=True, slots=True)
 class Flood:
-    """One comparison. ``missed`` counts cycles without an answer in time; ``slept`` those the client itself slept through."""
+    """The result. ``missed``: cycles without an answer in time. ``slept``: cycles that the client itself missed."""
 
     port: str
     quiet: Latency
@@ -43,7 +44,9 @@ class Flood:
 
 
 def measure(port: str, seconds: float, phases: int = 3) -> Flood:
-    """Flood the ``port`` (CYCLIC or ACYCLIC) in so many phases, each after a quiet one, for about ``seconds`` each in sum."""
+    """Flood the ``port`` (CYCLIC or ACYCLIC) in this number of phases, each after a quiet phase. ``seconds``: total of each
+    kind.
+    """
     cycles = max(1, int(seconds * SECOND) // PERIOD_NS // phases)
     plc = PlcDialogue(AXES, PERIOD_NS)
     samples: dict[bool, list[int]] = {False: [], True: []}
@@ -81,15 +84,15 @@ def _stranger(port: str, gateway: Gateway) -> Background:
 
 
 def datagram(kind: str) -> bytes:
-    """What the stranger sends."""
+    """The datagram of the flood."""
     if kind == CYCLIC:
         return bytes(PlcDialogue(AXES, PERIOD_NS).datagram(0))
     return RecordCaller(UUID(int=99), object_uuid(1, 1, 1)).read(0, 0, 1, _IM0, implicit=True).packets[0]
 
 
 def main() -> None:
-    """The stranger."""
-    # In the field it is another machine: here it takes what the others leave.
+    """Send the flood."""
+    # In the field the sender is another machine. Here it gets the lowest priority.
     if hasattr(os, "sched_setscheduler"):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.nice(19)
@@ -103,14 +106,14 @@ def main() -> None:
         print("ready", flush=True)
         due = time.monotonic()
         while not select.select([sys.stdin], [], [], max(0.0, due - time.monotonic()))[0]:
-            # What was not sent while others had the core is sent afterwards, within reason.
+            # Send late what was not sent while the others had the core, within limits.
             due = max(due + _BURST_S, time.monotonic() - _BEHIND_S)
             for _ in range(burst):
                 try:
                     sock.sendto(data, target)
                     sent += 1
                 except (BlockingIOError, ConnectionRefusedError):
-                    continue  # full, or nobody listens just now
+                    continue  # buffer full, or no receiver at the moment
     print(sent, flush=True)
 
 

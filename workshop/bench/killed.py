@@ -1,7 +1,7 @@
-"""What stops the drive when the gateway's process is killed or stands still: the drive's own guarding, on the real clock.
+"""Time until the drive stops when the gateway's process is killed or paused: the drive's own guarding, in real time.
 
-A gateway as `pdgw run` starts it, a simulated drive on a loopback bus and a PLC in this process, on the thread of the simulated
-devices. With SIGSTOP the gateway goes on afterwards, while the PLC's ON still stands: it must not start the drive again.
+The gateway runs as `pdgw run` starts it. A simulated drive on a loopback bus and a PLC run in a thread of this process.
+After a pause (SIGSTOP) the gateway continues while the PLC still sends ON: it must not start the drive again.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ do_id = 1
 node_id = {node}
 telegram = 1
 """
-"""The watchdog tolerates a busy machine; what is measured does not depend on it."""
+"""The long watchdog tolerates a busy machine; the measured times do not depend on it."""
 _MEASURED = "the signal to the drive's own stop (1016h, 6007h)"
 _BOUND = "3 x 100 ms without a heartbeat of the gateway + 50 ms for the machine"
 KILLED = Stop("gateway killed (SIGKILL)", _MEASURED, 350, _BOUND, "real")
@@ -63,9 +63,9 @@ class Plant:
         self.thread = simulation_thread()
         self.drive = SimulatedDrive(bus.connect(), NODE)
         self.left = 0
-        """When the drive left operation, monotonic nanoseconds; 0 while it operates."""
+        """Time at which the drive left operation, monotonic nanoseconds; 0 while it operates."""
         self.starts = 0
-        """How often it came to operation."""
+        """Number of entries to Operation Enabled."""
         loop = self.thread.loop
         own = self.thread.call(lambda: UdpSocket(loop, "127.0.0.1", 0, "PLC"))
         self._plc = CyclingPlc(loop, own, ("127.0.0.1", port), [telegram(1)], _CYCLE_NS)
@@ -73,7 +73,7 @@ class Plant:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Drive and PLC, and their end."""
+        """Run drive and PLC until the block ends."""
         self.drive.start()
         self.drive.do(lambda node: node.model.disguises.append(self._watch))
         self.thread.call(self._plc.start)
@@ -93,7 +93,7 @@ class Plant:
         self._operating = operating
 
     def turn(self) -> None:
-        """OFF until the axis follows, ON, full speed; once more where a busy machine has stopped the drive meanwhile."""
+        """Send OFF until the axis follows, then ON and full speed. Repeat if a busy machine has stopped the drive meanwhile."""
         self._set(OFF)
         self.until(self._turns, "the drive turns")
 
@@ -112,7 +112,7 @@ class Plant:
         return self.drive.model.state
 
     def until(self, condition: Callable[[], object], what: str) -> None:
-        """GatewayError when it does not come."""
+        """Wait for a condition; GatewayError when it does not become true."""
         deadline = time.monotonic() + _PATIENCE_S
         while not condition():
             if time.monotonic() > deadline:
@@ -120,7 +120,7 @@ class Plant:
             time.sleep(_LOOK_S)
 
     def stopped_after(self, begin: int) -> int:
-        """How long after ``begin`` the drive left operation; returns when it stands."""
+        """Wait for standstill. Return the time from ``begin`` until the drive left operation, in nanoseconds."""
         self.until(lambda: self.left, "the drive's own stop")
         took = self.left - begin
         self.until(lambda: self.drive.model.velocity_actual == 0, "standstill")
@@ -128,7 +128,7 @@ class Plant:
 
 
 def real(trials: int) -> Iterator[Stop]:
-    """Both rows with so many losses. GatewayError where a drive starts again by itself."""
+    """Both rows with this number of trials. GatewayError if a drive starts again by itself."""
     chance = Random(1)
     killed, stopped = replace(KILLED, times_ns=[]), replace(STOPPED, times_ns=[])
     with ExitStack() as at_end:

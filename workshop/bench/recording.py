@@ -1,4 +1,4 @@
-"""What the flight recorder and the counting of times cost each cycle, apart from everything else."""
+"""Cost of the flight recorder and of the time statistics in each cycle."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _FRAME = bytes(8)
 
 @dataclass(frozen=True, slots=True)
 class RecordingCost:
-    """Nanoseconds of a cycle with no axis, of each axis, of a CAN frame; and of a cycle without the recorder."""
+    """Nanoseconds of a cycle without axes, of each axis, of a CAN frame; and of a cycle without the recorder."""
 
     cycle_ns: float
     axis_ns: float
@@ -32,7 +32,7 @@ class RecordingCost:
 
 
 def run() -> RecordingCost:
-    """A straight line through the costs with few and with many axes."""
+    """Fit a straight line through the costs with few and with many axes."""
     few, many = (_cost(count) for count in _AXES)
     axis_ns = (many[0] - few[0]) / (_AXES[1] - _AXES[0])
     return RecordingCost(few[0] - axis_ns * _AXES[0], axis_ns, few[1], few[2])
@@ -58,7 +58,7 @@ def _cost(axes: int) -> tuple[float, float, float]:
 
 
 def _cycles(daemon: Daemon) -> Callable[[], object]:
-    """What the cyclic loop calls, with a new time each."""
+    """The function that the cyclic loop calls, with a new time each."""
     watch, now = daemon.watch, daemon.loop.now()
 
     def run() -> None:

@@ -1,8 +1,8 @@
-"""One row of the benchmark: so many axes at one cycle time, against a plain echo of the same run.
+"""One row of the benchmark: a number of axes at one cycle time, compared with a plain echo of the same run.
 
-At 1 ms and above the echo is asked half a period after the gateway, in every cycle; faster, where the two would be in each
-other's way, alone before and after. A row is refused when its axes do not operate, or when its drives were not sent an RPDO for
-each answered cycle.
+From 1 ms on the echo is queried in every cycle, half a period after the gateway. With shorter cycles they would disturb each
+other, so the echo is measured alone before and after. A row is rejected if its axes are not in operation, or if its drives
+did not get an RPDO for each answered cycle.
 """
 
 from __future__ import annotations
@@ -31,59 +31,59 @@ ROWS = (
     (32, 4 * MS),
     (64, 4 * MS),
 )
-"""Axes and cycle time of what ``python -m pdgw.workshop bench`` measures."""
+"""Axes and cycle time of ``python -m pdgw.workshop bench``."""
 _SIDE_BY_SIDE_NS = 1 * MS
 _FLAT_OUT_SHARE = 0.3
-"""Of a row's time."""
+"""Share of a row's time without a fixed cycle."""
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """What was measured. ``missed`` of a latency: cycles whose answer (or RPDO) did not come within the period."""
+    """The figures of a row. ``missed`` of a latency: cycles whose answer (or RPDO) did not arrive within the period."""
 
     axes: int
     period_ns: int
     echo_in: str
-    """The language of the echo: C, or Python where there is no compiler."""
+    """Language of the echo: C, or Python without a compiler."""
     echo: Latency
     gateway: Latency
     echo_at_socket: Latency
     gateway_at_socket: Latency
-    """As the kernel stamps the answers at the client's socket: without the client's own way into the processor."""
+    """From the kernel's time stamps of the answers at the client's socket, without the delay of the client."""
     to_can: Latency
-    """From the PLC's send to the RPDO of the last axis at its drive."""
+    """From the PLC's send to the RPDO at the drive of the last axis."""
     slept: int
-    """Cycles without a frame because the client was not awake."""
+    """Cycles without a frame because the client was not running."""
     echo_per_s: float
-    """Cycles flat out."""
+    """Cycles per second without a fixed cycle."""
     gateway_per_s: float
     lost_flat_out: int
-    """Cycles of these whose RPDO a drive did not get."""
+    """Cycles of these without an RPDO at a drive."""
     cpu_ns_per_cycle: float | None
-    """Of the gateway, all threads; None where the system does not tell."""
+    """CPU time of the gateway, all threads; None where the system has no figure."""
     resident_bytes: int | None
     start_s: float
-    """From the start of the process to all axes online."""
+    """From the start of the process until all axes are online."""
 
     @property
     def ratio_p50(self) -> float:
-        """p50 of the gateway over p50 of the echo."""
+        """p50 of the gateway divided by p50 of the echo."""
         return self.gateway.p50 / self.echo.p50
 
     @property
     def ratio_p99(self) -> float:
-        """As ``ratio_p50``."""
+        """p99 of the gateway divided by p99 of the echo."""
         return self.gateway.p99 / self.echo.p99
 
     @property
     def cpu_share(self) -> float | None:
-        """Of one core, 0..."""
+        """Share of one core, 0 and up."""
         return None if self.cpu_ns_per_cycle is None else self.cpu_ns_per_cycle / self.period_ns
 
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """A row that says nothing, and why."""
+    """A rejected row and the reason."""
 
     axes: int
     period_ns: int
@@ -91,7 +91,7 @@ class Refused:
 
 
 def measure(axes: int, period_ns: int, seconds: float, more: str = USUAL_SCHEDULING) -> Row:
-    """Measure a row for about ``seconds``; GatewayError when the axes do not do what they are told.
+    """Measure a row for about ``seconds``. GatewayError when the axes do not follow.
 
     ``more``: further tables of the gateway's configuration.
     """
@@ -118,7 +118,7 @@ def measure(axes: int, period_ns: int, seconds: float, more: str = USUAL_SCHEDUL
                 answers, at_socket, slept = peer.latency(period_ns), peer.socket_latency(period_ns), peer.slept
                 drives.mark()
                 fastest = flat_out(peer, seconds * _FLAT_OUT_SHARE)
-                drives.report()  # what was under way is at the drives behind this answer
+                drives.report()  # after this answer, all earlier frames have reached the drives
                 lost = max(0, fastest.cycles - min(drives.report()[0]))
             resident = daemon.resident_bytes()
         if not side_by_side:
@@ -143,18 +143,19 @@ def measure(axes: int, period_ns: int, seconds: float, more: str = USUAL_SCHEDUL
 
 
 class Report(Protocol):
-    """What ``Drives`` tell of a measurement."""
+    """The drives' report of a measurement."""
 
     def report(self) -> tuple[list[int], list[tuple[int, int]]]: ...
 
 
 def setpoints_to_can(peer: Peer, plc: PlcDialogue, drives: Report, period_ns: int) -> Latency:
-    """When the setpoint of each cycle was at the last drive; GatewayError unless all drives were served and operate."""
+    """Latency of each cycle's setpoint at the last drive. GatewayError unless all drives got setpoints and operate."""
     rpdos, log = drives.report()
     if not plc.operating(peer.newest):
         words = ", ".join(f"{word:04X}h" for word in plc.states(peer.newest))
         raise GatewayError(f"benchmark: axes left operation: ZSW1 {words}")
-    # On a disturbed machine a frame can be overtaken by the next, and an answer the gateway gave by itself be taken for its own.
+    # On a disturbed machine a frame can arrive after the next one, and a spontaneous answer of the gateway look like its
+    # answer.
     if min(rpdos) < len(peer.samples) - peer.missed - peer.slept:
         raise GatewayError(f"benchmark: {len(peer.samples)} cycles were answered, RPDOs of the axes: {rpdos}")
     highest = max(velocity for _, velocity in log)
@@ -173,7 +174,7 @@ def setpoints_to_can(peer: Peer, plc: PlcDialogue, drives: Report, period_ns: in
 
 
 def idle(axes: int, period_ns: int, seconds: float) -> float | None:
-    """The share of a core that a gateway with ``axes`` online takes while no PLC is there; None as for a row."""
+    """Share of a core used by a gateway with ``axes`` online and no PLC. None where the system has no figure."""
     with running(axes, period_ns) as (_, daemon):
         daemon.wait_online(axes)
         begin, cpu = time.monotonic_ns(), daemon.cpu_ns()

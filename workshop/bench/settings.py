@@ -1,4 +1,4 @@
-"""The same exchange with other choices of the configuration, in turn in one run: real-time priority, no flight recorder."""
+"""The same exchange with other settings, in turn in one run: real-time priority, no flight recorder."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _TURNS = 3
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """One of ``SETTINGS``; ``rows`` are those of its turns."""
+    """A setting of ``SETTINGS``. ``rows``: one for each turn."""
 
     name: str
     rows: tuple[Row, ...]
 
     @property
     def p50(self) -> float:
-        """The best turn's, against its echo."""
+        """p50 relative to the echo, in the best turn."""
         return min(row.ratio_p50 for row in self.rows)
 
     @property
@@ -46,7 +46,7 @@ class Choice:
 
 
 def run(axes: int, period_ns: int, seconds: float, progress: Callable[[str], None]) -> list[Choice]:
-    """Each choice in turn, ``seconds`` for each turn; what the system does not grant is left out."""
+    """Measure each setting in turn, ``seconds`` for each turn. Settings without permission are left out."""
     granted = {name: more for name, more in SETTINGS.items() if name != "[realtime]" or may_be_real_time()}
     rows: dict[str, list[Row]] = {name: [] for name in granted}
     for turn in range(_TURNS):
@@ -57,7 +57,7 @@ def run(axes: int, period_ns: int, seconds: float, progress: Callable[[str], Non
 
 
 def may_be_real_time() -> bool:
-    """Whether the system grants real-time priority to a process like this one."""
+    """Whether the system permits real-time priority for this process."""
     try:
         policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))

@@ -1,8 +1,8 @@
-"""How long it takes until a drive gets its stop: from each loss to the first stop Controlword on the CAN bus.
+"""Time until a drive gets its stop: from each loss to the first stop Controlword on the CAN bus.
 
-Virtual time (``VIRTUAL``): a daemon with default times in a world, a drive that turns, the loss at a random moment of the cycle.
-Where the gateway itself is killed or stands still nobody is left to command anything: there a drive's own guarding of the gateway
-is measured, on the real clock, between processes on a loopback bus (``processes``).
+Virtual time (``VIRTUAL``): a gateway with default timeouts, a turning drive, and the loss at a random time of the cycle.
+When the gateway itself is killed or paused, it can send nothing. Then the drive's own guarding is measured, in real time,
+between processes on a loopback bus (``processes``).
 """
 
 from __future__ import annotations
@@ -44,17 +44,17 @@ node_id = {NODE}
 telegram = 1
 simulate = true
 """
-"""Every time is the default."""
+"""All timeouts have their defaults."""
 OFF, ON, SPEED = 0x047E, 0x047F, 0x4000
 CONTROL = PdoDirection.RPDO.cob_id(1, NODE)
 _STOPS = (Command.QUICK_STOP, Command.DISABLE_VOLTAGE, Command.SHUTDOWN)
 _OUTAGE_NS = 250 * MS
-"""Longer than the time-out of TPDOs, shorter than the drive's own guarding: the drive turns until it is told."""
+"""Longer than the timeout of TPDOs, shorter than the drive's own guarding: the drive turns until it gets a stop."""
 
 
 @dataclass
 class Stop:
-    """One row: what happened, from when to when was measured, what it has to be below and why."""
+    """One row: the event, the start and end of the measured time, its bound and the reason of the bound."""
 
     cause: str
     measured: str
@@ -69,7 +69,7 @@ class Stop:
 
     @property
     def kept(self) -> bool:
-        """Every time was below the bound."""
+        """Whether every time was below the bound."""
         return max(self.times_ns) <= self.bound_ms * MS
 
     def document(self) -> dict[str, object]:
@@ -89,13 +89,13 @@ class Stop:
 
 
 def is_stop(data: bytes) -> bool:
-    """Whether an RPDO 1, whose last object it is, carries a Controlword that takes the enable back."""
+    """Whether the last object of this RPDO 1 is a Controlword that removes the enable."""
     word = int.from_bytes(data[-2:], "little")
     return any(command.matches(word) for command in _STOPS)
 
 
 class Site:
-    """A daemon with one axis that turns, its PLC, and what went over the bus."""
+    """A gateway with one turning axis, its PLC, and the recorded frames of the bus."""
 
     def __init__(self, seed: int) -> None:
         self.world = World(seed)
@@ -105,14 +105,14 @@ class Site:
         self.daemon = build_gateway(config, self.world)
         self.loop = self.world.loop
         self.frames: list[tuple[int, int, bytes]] = []
-        """Time, identifier and data of every frame the gateway brought onto the bus."""
+        """Time, identifier and data of every frame that the gateway sent on the bus."""
         self.bus = self.world.bus(CHANNEL)
         self.bus.taps.append(self._note)
         port = self.world.network.open("plc", 0, "PLC")
         self.plc = CyclingPlc(self.loop, port, self.daemon.address, [telegram(1)], self.daemon.cycle_ns)
         self.plc.before_frame.append(self._sends)
         self.last_sent = 0
-        """When the PLC's last frame left."""
+        """Send time of the PLC's last frame."""
 
     def _note(self, now: int, sender: Member, can_id: int, data: bytes) -> None:
         if sender.name == "gateway":
@@ -131,7 +131,7 @@ class Site:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """The daemon with its PLC, and their end."""
+        """Run the gateway and its PLC until the block ends."""
         self.daemon.start()
         self.plc.start()
         try:
@@ -143,7 +143,7 @@ class Site:
             self.loop.close()
 
     def turn(self) -> None:
-        """OFF, ON, full speed, and then some random time."""
+        """OFF, ON, full speed, then a random time."""
         axis, model = self.daemon.axes[0], self.drive.model
         self.plc.set({"STW1": OFF, "NSOLL_A": SPEED})
         self.until(lambda: axis.good and axis.released and axis.machine.outputs.reason is not None, "OFF is obeyed")
@@ -153,14 +153,14 @@ class Site:
         self.frames.clear()
 
     def until(self, condition: Callable[[], object], what: str) -> None:
-        """GatewayError when it does not come."""
+        """Wait for a condition; GatewayError when it does not become true."""
         try:
             self.loop.until(condition, what, 60 * SECOND)
         except TimeoutError as error:
             raise GatewayError(f"benchmark of stops: {error}") from error
 
     def first(self, wanted: Callable[[int, bytes], bool]) -> int:
-        """When the first such frame of the gateway was through; plays until then."""
+        """Run until the gateway has sent such a frame. Return the time of its end."""
         position = 0
         found = -1
 
@@ -177,11 +177,11 @@ class Site:
         return found
 
     def stop_frame(self) -> int:
-        """When the first stop Controlword was through."""
+        """Time of the end of the first stop Controlword."""
         return self.first(lambda can_id, data: can_id == CONTROL and is_stop(data))
 
     def off(self) -> None:
-        """Play until the drive stands without power."""
+        """Run until the drive is at standstill without power."""
         model = self.drive.model
         self.until(lambda: model.velocity_actual == 0 and model.state is not State.OPERATION_ENABLED, "standstill")
         self.loop.run_for(SECOND)
@@ -189,13 +189,13 @@ class Site:
     # -- the losses ---------------------------------------------------------------------------------------------------
 
     def plc_lost(self) -> int:
-        """The PLC sends no more."""
+        """The PLC stops sending."""
         self.plc.silent = True
         begin = self.last_sent
         return self.stop_frame() - begin
 
     def _from_fault(self, name: str, **values: int) -> int:
-        """From the moment at which the drive gets a fault of its catalogue."""
+        """Measure from the time at which the drive gets a fault of its catalogue."""
         begin = self.loop.now()
         self.drive.do(lambda node: node.misbehave(name, **values))
         took = self.stop_frame() - begin
@@ -203,7 +203,7 @@ class Site:
         return took
 
     def tpdos_lost(self) -> int:
-        """No PDO passes the drive any more, in either direction."""
+        """No PDO reaches or leaves the drive any more."""
         return self._from_fault("lost-pdos", every=1)
 
     def heartbeat_lost(self) -> int:
@@ -211,7 +211,7 @@ class Site:
         return self._from_fault("heartbeat-stops")
 
     def bus_back(self) -> int:
-        """The gateway's wire is cut and joined: from the first moment at which a frame can pass."""
+        """The gateway's bus connection is cut and restored. Measured from the first time at which a frame can pass."""
         self.world.gateway_port(CHANNEL).connect(connected=False)
         self.loop.run_for(_OUTAGE_NS)
         self.frames.clear()
@@ -220,7 +220,7 @@ class Site:
         return self.stop_frame() - begin
 
     def bus_lost(self) -> int:
-        """The wire is cut for good: until the drive brakes by its own guarding."""
+        """The bus connection is cut permanently. Measured until the drive brakes by its own guarding."""
         begin = self.loop.now()
         model = self.drive.model
         self.world.gateway_port(CHANNEL).connect(connected=False)
@@ -230,7 +230,7 @@ class Site:
         return took
 
     def deaf(self) -> int:
-        """The drive ignores RPDOs; the PLC commands OFF3: from the first stop Controlword to NMT Stop."""
+        """The drive ignores RPDOs and the PLC commands OFF3. Measured from the first stop Controlword to NMT Stop."""
         self.drive.do(lambda node: node.misbehave("deaf"))
         self.plc.set({"STW1": ON & ~0x4})
         begin = self.stop_frame()
@@ -246,9 +246,9 @@ _EVENT, _EVENTS = _NODE.tpdo_event_ms, _NODE.tpdo_timeout_factor
 _HEARTBEAT, _HEARTBEATS = _NODE.heartbeat_ms, _NODE.heartbeat_factor
 _REFRESH = _NODE.rpdo_refresh_ms
 _LOOK = 20
-"""The node's task looks so often whether a heartbeat is missing, milliseconds."""
+"""Interval in which the node's task checks for a missing heartbeat, in milliseconds."""
 _FRAME = 1
-"""Frames of others that are on the bus before, milliseconds."""
+"""Delay by other frames on the bus, in milliseconds."""
 _STOP_ON_CAN = "the first stop Controlword on CAN"
 _TPDOS = f"{_EVENTS} x {_EVENT} ms without a TPDO + a cycle + frames"
 _BEATS = f"{_HEARTBEATS} x {_HEARTBEAT} ms without a heartbeat"
@@ -314,11 +314,11 @@ VIRTUAL: tuple[tuple[Stop, Callable[[Site], int]], ...] = (
         Site.deaf,
     ),
 )
-"""The rows with a clock of their own, and what measures one time of each."""
+"""The rows in virtual time, each with the function that measures one time."""
 
 
 def virtual(trials: int) -> Iterator[Stop]:
-    """Each row with so many losses, in worlds of their own; the same ones each time."""
+    """Each row with this number of losses, each in a world of its own. The random times are the same in each run."""
     for row, loss in VIRTUAL:
         measured = replace(row, times_ns=[])
         for seed in range(trials):

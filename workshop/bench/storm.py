@@ -1,7 +1,7 @@
-"""The cyclic exchange under a storm of parameter requests, in turn with quiet phases of the same run.
+"""The cyclic exchange during a storm of parameter requests, alternating with quiet phases of the same run.
 
-``python -m pdgw.workshop.bench.storm PORT AXES`` is the storm: one client for each axis, asking as fast as answers come; it
-prints the number of requests it got answered when its standard input ends.
+``python -m pdgw.workshop.bench.storm PORT AXES`` is the storm: a client for each axis sends a request after each answer. It
+prints the number of answered requests when its standard input ends.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ _MIX = [
     ParameterAddress(947, 0, 8),
     ParameterAddress(0x1018, 1, 4),
 ]
-"""Statusword, velocity, profile, faults, identity: some answered by the gateway, most by the drive."""
+"""Statusword, velocity, profile, faults, identity. The gateway answers some, the drive most."""
 
 
 @dataclass(frozen=True, slots=True)
 class Storm:
-    """One comparison."""
+    """The figures of one comparison."""
 
     quiet: Latency
     storm: Latency
@@ -44,12 +44,12 @@ class Storm:
 
     @property
     def ratio_p99(self) -> float:
-        """p99 with the storm over p99 without."""
+        """p99 with the storm divided by p99 without."""
         return self.storm.p99 / self.quiet.p99
 
 
 def measure(seconds: float, phases: int = 4) -> Storm:
-    """So many quiet and stormy phases in turn, for about ``seconds`` each in sum."""
+    """Run this number of quiet and stormy phases in turn. ``seconds``: total of each kind."""
     cycles = max(1, int(seconds * SECOND) // PERIOD_NS // phases)
     plc = PlcDialogue(AXES, PERIOD_NS)
     requests = 0
@@ -80,7 +80,7 @@ def _ask(port: int, do_id: int, stopping: threading.Event, counts: list[int]) ->
 
 def main() -> None:
     """The storm."""
-    # In the field the storm comes from another machine: here it takes what the others leave.
+    # In the field the storm comes from another machine. Here it gets the lowest priority.
     if hasattr(os, "sched_setscheduler"):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.nice(19)

@@ -1,4 +1,4 @@
-"""What one axis costs per cycle in the hot path: frame bytes to RPDO bytes, TPDO bytes to frame bytes."""
+"""Cost of one axis and cycle in the hot path: frame bytes to RPDO bytes, TPDO bytes to frame bytes."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from pdgw.profidrive.telegrams import telegram
 from pdgw.workshop.bench.measuring.measure import nanoseconds_per_call
 
 GOALS_NS = {1: 10_000, 9: 20_000, 111: 12_000}
-"""Goals of the project for one axis-cycle."""
+"""Goals for one axis cycle, in nanoseconds by telegram."""
 _CYCLE_NS = MS
 FRAMES = 4096
-"""Different ones, after which they are sent again."""
+"""Number of different frames, which are then repeated."""
 _PEER = ("127.0.0.1", 40000)
 _ENABLED = 0x0637
 
 
 @dataclass(frozen=True, slots=True)
 class TranslationCost:
-    """Nanoseconds of one axis-cycle."""
+    """Nanoseconds of one axis cycle."""
 
     telegram: int
     total_ns: float
@@ -39,7 +39,7 @@ class TranslationCost:
 
 
 def axis_cycle(number: int) -> Callable[[], object]:
-    """One whole axis-cycle of a telegram, with new setpoints and a new actual value each time."""
+    """A function for one complete axis cycle of a telegram, with new setpoints and a new actual value each time."""
     chosen = telegram(number)
     plc = PlcEndpoint([chosen], _CYCLE_NS)
     endpoint = CyclicEndpoint([chosen], cycle_ns=_CYCLE_NS)
@@ -50,7 +50,7 @@ def axis_cycle(number: int) -> Callable[[], object]:
     inputs.news.append(Configured(recorded_drive_type(frozenset())))
     inputs.drive_ok = True
     now = _enable(endpoint, machine, plc, number)
-    # The cycle counter goes on when they are sent again: it wraps after a whole number of times.
+    # The cycle counter continues when the frames repeat: it overflows after a whole number of repetitions.
     frames = [_frame(plc, number, value) for value in range(1, FRAMES + 1)]
     tpdos = [_tpdos(layout, value, command.modes_of_operation) for value in range(1, 17)]
     position = 0
@@ -74,7 +74,7 @@ def axis_cycle(number: int) -> Callable[[], object]:
 
 
 def _tpdos(layout: PdoLayout, value: int, mode: int) -> list[tuple[Pdo, bytes]]:
-    """A drive in operation whose speed and position depend on ``value``."""
+    """TPDOs of a drive in operation whose speed and position depend on ``value``."""
     image = DriveFeedback()
     image.statusword = _ENABLED
     image.modes_of_operation_display = mode
@@ -95,7 +95,7 @@ def _frame(plc: PlcEndpoint, number: int, value: int) -> bytes:
 
 
 def _enable(endpoint: CyclicEndpoint, machine: AxisMachine, plc: PlcEndpoint, number: int) -> int:
-    """Bring the axis into operation; returns the time of the last frame."""
+    """Bring the axis into operation. Return the time of the last frame."""
     now = 0
     word = plc.telegrams[0].setpoints.names[0]
     off = {1: 0x047E, 9: 0x043E, 100: 0x0006, 111: 0x043E}[number]

@@ -1,8 +1,8 @@
-"""The cyclic exchange while the page is looked at, and while its process is flooded and killed, in turn with quiet phases.
+"""The cyclic exchange while the page is viewed, and while its process is flooded and killed, alternating with quiet phases.
 
-``python -m pdgw.workshop.bench.watching look PORT`` is the viewers: twenty pages with a trend each, and a scrape of the metrics
-each second; it prints the number of messages they got when its standard input ends. ``... harm PORT PID`` floods the page with
-requests, stops and continues its process, and kills it when the input ends; it prints the number of requests.
+``python -m pdgw.workshop.bench.watching look PORT`` opens twenty pages with a trend each, and reads the metrics each second.
+It prints the number of messages when its standard input ends. ``... harm PORT PID`` floods the page with requests, pauses
+and continues its process, and kills it when the input ends. It prints the number of requests.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ QUIET, WATCHED, HARMED = "quiet", "watched", "harmed"
 
 @dataclass(frozen=True, slots=True)
 class Watching:
-    """One comparison."""
+    """The figures of one comparison."""
 
     quiet: Latency
     watched: Latency
@@ -49,21 +49,21 @@ class Watching:
     messages_per_s: float
     """To all pages together."""
     requests_per_s: float
-    """Of the flood."""
+    """Requests per second of the flood."""
 
     @property
     def ratio_p99(self) -> float:
-        """p99 with twenty pages and a scrape each second over p99 without a page's process."""
+        """p99 with twenty pages and a metrics read each second, divided by p99 without a page process."""
         return self.watched.p99 / self.quiet.p99
 
     @property
     def ratio_p99_harmed(self) -> float:
-        """As ``ratio_p99``, with a page's process that is flooded, stopped and killed."""
+        """The same with a page process that is flooded, paused and killed."""
         return self.harmed.p99 / self.quiet.p99
 
 
 def measure(seconds: float, phases: int = 4) -> Watching:
-    """So many phases of each kind in turn, for about ``seconds`` each in sum."""
+    """Run this number of phases of each kind in turn. ``seconds``: total of each kind."""
     cycles = max(1, int(seconds * SECOND) // PERIOD_NS // phases)
     plc = PlcDialogue(AXES, PERIOD_NS)
     counted = dict.fromkeys((WATCHED, HARMED), 0)
@@ -89,7 +89,7 @@ def measure(seconds: float, phases: int = 4) -> Watching:
 
 @contextmanager
 def _page(config: Path) -> Iterator[tuple[int, subprocess.Popen[bytes]]]:
-    """`pdgw web`, answering; ended when it still lives."""
+    """Start `pdgw web` and wait for its first answer; end it with the block."""
     (port,) = free_ports(socket.SOCK_STREAM, 1)
     command = [sys.executable, "-m", "pdgw", "web", str(config), "--listen", f"127.0.0.1:{port}"]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
@@ -118,13 +118,13 @@ def _stream(port: int, do_id: int) -> socket.socket:
 
 
 def _ended(timeout_s: float, *others: socket.socket) -> tuple[bool, list[socket.socket]]:
-    """Whether the input ended within so long, and which of the others have something."""
+    """Whether the input ended within this time, and which of the others have data."""
     ready = select.select([sys.stdin, *others], [], [], max(0.0, timeout_s))[0]
     return sys.stdin in ready, [item for item in others if item in ready]
 
 
 def look(port: int) -> int:
-    """The viewers; the number of messages."""
+    """View the page. Return the number of messages."""
     streams = [_stream(port, number % AXES + 1) for number in range(PAGES)]
     messages, scrape = 0, time.monotonic()
     while True:
@@ -140,7 +140,7 @@ def look(port: int) -> int:
 
 
 def harm(port: int, process: int) -> int:
-    """The flood, with the page's process frozen every other half second; the number of requests."""
+    """Flood the page and pause its process every other half second. Return the number of requests."""
     requests, frozen, change = 0, False, time.monotonic() + _FREEZE_S
     request = b"GET /api/v1/objects/1/trace?seconds=10 HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
     opened: list[socket.socket] = []
@@ -160,8 +160,8 @@ def harm(port: int, process: int) -> int:
 
 
 def main() -> None:
-    """Viewers or harm."""
-    # In the field they are other machines: here they take what the others leave.
+    """Run the viewers or the flood."""
+    # In the field they are other machines. Here they get the lowest priority.
     if hasattr(os, "sched_setscheduler"):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.nice(19)

@@ -1,4 +1,4 @@
-"""``python -m pdgw.workshop bench``: what the gateway costs, as ratios against a floor measured in the same run."""
+"""``python -m pdgw.workshop bench``: cost of the gateway, compared with a floor that is measured in the same run."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def cycle(
     as_json: AsJson = False,
     realtime: RealTime = False,
 ) -> None:
-    """One row: so many axes at one cycle time against the echo."""
+    """Measure one row: a number of axes at one cycle time, compared with the echo."""
     if realtime:
         use_real_time_priority()
     with _progress() as status:
@@ -138,7 +138,7 @@ def over_profinet(
     if not namespaces.inside():
         namespaces.enter("pdgw.workshop")
     if realtime:
-        use_real_time_priority()  # refused here, before anything is measured without it
+        use_real_time_priority()  # rejects a missing permission before anything is measured without it
     rows, refused = [], []
     with _progress() as status:
         for cycle_ms, native in product(cycle_time_ms or profinet.CYCLES_MS, profinet.exchanges()):
@@ -267,7 +267,7 @@ def timeline(
 
 @app.command("flood")
 def flood_command(seconds: Seconds = 10, as_json: AsJson = False, realtime: RealTime = False) -> None:
-    """Four axes at 4 ms while a stranger sends 20,000 datagrams/s to the cyclic, then to the acyclic port."""
+    """Four axes at 4 ms while an unknown sender sends 20,000 datagrams/s to the cyclic, then to the acyclic port."""
     if realtime:
         use_real_time_priority()
     with _progress() as status:
@@ -282,7 +282,7 @@ def flood_command(seconds: Seconds = 10, as_json: AsJson = False, realtime: Real
 
 @app.command("web")
 def web_command(seconds: Seconds = 10, as_json: AsJson = False, realtime: RealTime = False) -> None:
-    """Eight axes at 1 ms while twenty pages and Prometheus look, and while the page's process is flooded, stopped and killed."""
+    """Eight axes at 1 ms with twenty open pages and Prometheus, and while the page's process is flooded, paused and killed."""
     if realtime:
         use_real_time_priority()
     with _progress() as status:
@@ -320,7 +320,7 @@ def stops_command(
     junit: JUnitFile = None,
     html: HtmlFile = None,
 ) -> None:
-    """How long each loss takes until the drive gets its stop; exit status 1 when one is beyond its bound."""
+    """Measure the time from each loss to the drive's stop; exit status 1 when one exceeds its bound."""
     rows = []
     with _progress() as status, _without_log():
         for row in chain(stops.virtual(trials), killed.real(kills) if kills else ()):
@@ -355,7 +355,7 @@ def _stops_markdown(rows: list[Stop]) -> Iterator[str]:
 
 @contextmanager
 def _without_log() -> Iterator[None]:
-    """The gateways of a benchmark in this process say nothing: what they would say is what is measured."""
+    """Silence the gateways in this process: their events are the purpose of the benchmark."""
     gateway_log = logging.getLogger("gateway")
     before = gateway_log.disabled
     gateway_log.disabled = True
@@ -394,7 +394,7 @@ def _progress() -> Iterator[Status]:
 
 
 def _rows(console: Console, status: Status, seconds: float) -> list[Row | Refused]:
-    """Every row, printed when it is there; one that is refused says why, and the others are measured."""
+    """Print every row when it is measured. A rejected row has its reason; the other rows are still measured."""
     rows: list[Row | Refused] = []
     for axes, period_ns in ROWS:
         status.update(f"{axes} axes at {period_ns / MS:g} ms")
@@ -450,13 +450,13 @@ def _share(value: float | None) -> str:
 
 
 def _micros(item: Latency, period_ns: int) -> Iterator[str]:
-    """Percentiles; one that is a whole period stands for cycles without an answer, and may be longer."""
+    """Percentiles. A value of a whole period means cycles without an answer and may be longer."""
     for value in (item.p50, item.p99, item.p999):
         yield f"{'>= ' if value * US >= period_ns else ''}{value:.0f} us"
 
 
 _WIDTHS = {"axes": 4, "cycle": 7, "": 18, "p50": 12, "p99": 12, "p99.9": 12, "missed": 8, "flat out": 20}
-"""Columns of a row: every one is a table of its own, printed when it is there."""
+"""Widths of the columns. Every row is a table of its own, printed when it is measured."""
 
 
 def _print_row(console: Console, row: Row | Refused, *, first: bool) -> None:

@@ -1,4 +1,4 @@
-"""``python -m pdgw.workshop conformance``: proofs against the gateway in this process."""
+"""``python -m pdgw.workshop conformance``: conformance tests of the gateway in this process."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def faults(
     junit: JUnitFile = None,
     html: HtmlFile = None,
 ) -> None:
-    """Give simulated drives and encoders every fault there is, show what the gateway does. Exit status 1 if a verdict fails."""
+    """Give simulated drives and encoders every known fault and check the gateway's reaction. Exit status 1 if a case fails."""
     known = {case.fault: None for case in CASES}
     for name in only or ():
         if name not in known:
@@ -65,7 +65,7 @@ def telegrams(
     junit: JUnitFile = None,
     html: HtmlFile = None,
 ) -> None:
-    """Ask for the bits of the motion telegrams one by one and show what both sides saw. Exit status 1 if a case fails."""
+    """Set the bits of the motion telegrams one by one and show what both sides see. Exit status 1 if a case fails."""
     known = sorted({case.telegram for case in BITS} | set(NUMBERS))
     for number in only or ():
         if number not in known:
@@ -93,7 +93,7 @@ def shapes(
     junit: JUnitFile = None,
     html: HtmlFile = None,
 ) -> None:
-    """Drives of every shape with telegrams 1, 3, 9 and 100: each moves as told or is refused with its reason."""
+    """Run telegrams 1, 3, 9 and 100 with every variant of a simulated drive: each must follow or be rejected with a reason."""
     for name in only or ():
         shape(name)
     with quiet("gateway", "canopen"):
@@ -112,7 +112,7 @@ def shapes(
 
 
 def _timed(run: Callable[[Case], Found], cases: Iterable[Case]) -> Iterator[tuple[Found, float]]:
-    """What each case gave, with the seconds that it took."""
+    """The result of each case with its duration in seconds."""
     for case in cases:
         began = perf_counter()
         found = run(case)
@@ -195,4 +195,4 @@ def matrix(results: list[Result]) -> Table:
 
 
 _SHOWN = 6
-"""Commands shown of each case; ``--json`` has them all."""
+"""Number of commands shown for each case; ``--json`` has all."""

@@ -1,4 +1,4 @@
-"""``python -m pdgw.workshop loop``: a position loop closed by a simulated PLC, over gain and cycle time."""
+"""``python -m pdgw.workshop loop``: a position loop closed by a simulated PLC, with several gains and cycle times."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def loop(
 ) -> None:
     """Close a position loop in a simulated PLC, with DSC and without: following error and stability, in virtual time."""
     if picture is not None:
-        plot([], picture)  # what cannot be drawn is told before the work
+        plot([], picture)  # report a picture that cannot be drawn before the work
     with quiet("gateway"):
         points = list(study(cycle_ms or CYCLES_MS, gain or GAINS))
     if picture is not None:

@@ -23,7 +23,7 @@ from pdgw.workshop.soak.watch import ViolationError
 
 _HOUR_NS = 3600 * SECOND
 _GROWTH_KIB = 16 * 1024
-"""More memory than after the first hour is a leak."""
+"""Growth of the memory after the first hour that counts as a leak."""
 
 
 def soak(
@@ -43,9 +43,9 @@ def soak(
         bool, typer.Option("--planted", help="Plant defects in the gateway and print when the soak finds each.")
     ] = False,
 ) -> None:
-    """Run a day of random PLC words and faults in virtual time; exit status 1 if a rule is broken.
+    """Run a day of random PLC words and faults in virtual time; exit status 1 if a rule is violated.
 
-    The same seed is the same day. After a failure, `soak --seed N --until SECOND --trace` shows the moment.
+    The same seed gives the same day. After a failure, `soak --seed N --until SECOND --trace` shows the time before it.
     """
     numbers = _numbers(telegrams)
     if trace and until is None:
@@ -108,7 +108,7 @@ def _search(seed: int, axes: int) -> None:
 
 
 def _memory() -> int:
-    """The most this process has had, KiB; 0 where the system does not tell."""
+    """Peak memory of this process in KiB; 0 where the system has no figure."""
     try:
         import resource  # noqa: PLC0415 (not there on Windows)
     except ImportError:
@@ -130,7 +130,7 @@ def _numbers(telegrams: str) -> list[int]:
 
 
 def _parts(seed: int, axes: int, numbers: Sequence[int], end: int) -> Iterator[Part]:
-    """The parts up to a time of the day."""
+    """The parts of the day up to this time."""
     return takewhile(lambda part: part.begin < max(end, 1), parts(seed, axes, numbers))
 
 

@@ -1,1 +1,1 @@
-"""Proofs that run against a gateway and simulated devices in this process."""
+"""Conformance tests with a gateway and simulated devices in this process."""

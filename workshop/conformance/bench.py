@@ -1,7 +1,7 @@
-"""What the cases of drives and encoders have in common: what has to happen, what did, and time that passes for the gateway.
+"""Common parts of the conformance tests for drives and encoders: the cases, their results, and the gateway in virtual time.
 
-A ``Case`` says what the gateway has to do with one fault of one simulated device in a world of its own, in virtual time; a
-``Bench`` has the gateway's side of that world. Left out: the PLC's side (UDP), whose losses the daemon's tests cover.
+A ``Case`` states what the gateway must do with one fault of one simulated device, in a world of its own. A ``Bench`` has the
+gateway's side of this world. Not included: the PLC's side (UDP), whose losses the tests of the gateway cover.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ from pdgw.workshop.conformance.tested import Tested
 CYCLE_MS = 4
 _HEARTBEAT_NS = 50 * MS
 PATIENCE_S = 20.0
-"""No gateway that does what it has to needs so long for one step."""
+"""Longest time for one step, in seconds."""
 CHANNEL = "conformance"
 ENCODER_DO = 2
 QUIET_CYCLES = 50
-"""So long is watched whether something happens by itself."""
+"""Number of cycles in which nothing may happen by itself."""
 LOST, RESTARTED = FaultNumber.NODE_LOST, FaultNumber.NODE_RESTARTED
 LOSSES = frozenset({LOST, RESTARTED, FaultNumber.STOP_IGNORED})
-"""With these the device is lost: a drive that does not stop is stopped by NMT, and silent then."""
+"""Fault numbers after which the device is lost. A drive that does not stop gets NMT Stop and is silent then."""
 CONFIGURES = "NMT enter pre operational"
-"""What the gateway begins a configuration with."""
+"""The gateway's first command of a configuration."""
 
 
 class Device(enum.Enum):
-    """What stands behind the drive object; the value is the text of the matrix."""
+    """The device of a drive object; the value is the text of the matrix."""
 
     DRIVE = "drive"
     ENCODER = "encoder"
@@ -52,7 +52,7 @@ class Device(enum.Enum):
 
 
 class Reaction(enum.Enum):
-    """What has to happen; the value is the text of the matrix. The first four are a drive's, the others an encoder's."""
+    """The required reaction; the value is the text of the matrix. The first four are of drives, the others of encoders."""
 
     STOPS = "power off at standstill, no restart"
     STANDS = "standstill, reason reported"
@@ -70,7 +70,7 @@ class Reaction(enum.Enum):
 
 
 class Activity(enum.Enum):
-    """What the device does when the fault sets in."""
+    """Activity of the device when the fault starts."""
 
     START = "from power-on"
     SPEED = "turning"
@@ -81,23 +81,23 @@ class Activity(enum.Enum):
 
 @dataclass(frozen=True)
 class Case:
-    """One fault in one situation, and what has to happen."""
+    """One fault in one situation, and the required reaction."""
 
     fault: str
     reaction: Reaction
     numbers: tuple[int, ...] = ()
-    """One of these must be told (P947, of warnings P953); without any, nothing may be told."""
+    """One of these fault numbers must be reported (P947, warnings P953). If empty, none may be reported."""
     activity: Activity = Activity.SPEED
     values: dict[str, int] = field(default_factory=dict)
     telegram: int = 1
     sdo_timeout_ms: int = 500
     device: Device = Device.DRIVE
     beside: dict[str, dict[str, int]] = field(default_factory=dict)
-    """Faults the device has from power-on, with their parameters."""
+    """Further faults of the device from power-on, with their parameters."""
 
     @property
     def title(self) -> str:
-        """The fault with what differs from its defaults."""
+        """The fault with its parameters that differ from the defaults."""
         chosen = "".join(f" {key}={value}" for key, value in self.values.items())
         beside = "".join(f" beside {name}{_plain(values)}" for name, values in self.beside.items())
         plain = 1 if self.device is Device.DRIVE else 3 if self.device is Device.SENSOR else 81
@@ -114,17 +114,17 @@ class Result:
 
     case: Case
     sent: list[str] = field(default_factory=list)
-    """Controlwords and NMT commands the gateway sent from the fault on, repetitions left out."""
+    """Controlwords and NMT commands sent since the fault, without repetitions."""
     shown: list[str] = field(default_factory=list)
-    """How the gateway showed the position of an encoder from the fault on, repetitions left out."""
+    """States of the encoder position shown since the fault, without repetitions."""
     numbers: list[int] = field(default_factory=list)
     reason: str = ""
-    """``pdgw status`` while the fault stood."""
+    """Reason in ``pdgw status`` during the fault."""
     stopped: str = ""
-    """How the drive came to rest."""
+    """How the drive stopped."""
     restarted: bool = False
     failures: list[str] = field(default_factory=list)
-    """What should have been otherwise; empty: passed."""
+    """What is wrong; empty: passed."""
     tested: Tested | None = None
 
     @property
@@ -154,11 +154,11 @@ class Result:
 
 
 class StepError(Exception):
-    """A step did not come to its end; the text says which."""
+    """A step did not finish; the text names it."""
 
 
 class Bench(abc.ABC):
-    """The gateway's side of a world of its own, and the simulated devices in it."""
+    """The gateway's side of a world of its own, with its simulated devices."""
 
     def __init__(self, case: Case) -> None:
         self.case = case
@@ -168,16 +168,16 @@ class Bench(abc.ABC):
         self.network = CanNetwork(self.loop, lambda: self.world.open_can(self.can))
         self.sent: list[str] = []
         self.objects: list[DriveObject] = []
-        """In the order of their steps; the first is that of the case."""
+        """In the order of processing; the first is that of the case."""
         self.devices: list[RunningNode[Any]] = []
         """The first has the fault of the case."""
         self.watchers: list[Callable[[int], None]] = []
-        """Called after each cycle."""
+        """Functions called after each cycle."""
         self._beat = 0
         self.network.listeners.append(self._listen)
 
     def power_on(self) -> None:
-        """Bus, devices with what they do wrong from the beginning, and clients start."""
+        """Start bus, devices with their faults from power-on, and clients."""
         case = self.case
         for name, values in case.beside.items():
             self.misbehave(name, values)
@@ -191,7 +191,7 @@ class Bench(abc.ABC):
 
     @contextmanager
     def running(self, result: Result) -> Iterator[None]:
-        """Power on, and clean up after the steps; a step that did not come to its end is a failure in the result."""
+        """Power on, and clean up at the end. A step that does not finish is a failure in the result."""
         result.tested = Tested.of(self.configuration, [device.node for device in self.devices])
         try:
             self.power_on()
@@ -211,14 +211,14 @@ class Bench(abc.ABC):
         self.network.close()
 
     def misbehave(self, name: str | None = None, values: dict[str, int] | None = None) -> None:
-        """The fault of the case, or another, sets in."""
+        """Start the fault of the case, or another one."""
         fault = self.case.fault if name is None else name
         chosen = self.case.values if values is None else values
         self.devices[0].do(lambda node: node.misbehave(fault, **chosen))
 
     @property
     def configuration(self) -> GatewayConfig:
-        """Of a gateway with this bus and these drive objects."""
+        """Configuration of a gateway with this bus and these drive objects."""
         configs = [item.config for item in self.objects]
         return GatewayConfig(
             can=(self.can,),
@@ -234,10 +234,10 @@ class Bench(abc.ABC):
 
     @abc.abstractmethod
     def setpoints(self) -> Sequence[Sequence[int]]:
-        """What the PLC asks of each object now."""
+        """The setpoints that the PLC sends to each object now."""
 
     def command_of(self, message: can.Message) -> str:
-        """A frame of the gateway in words, beside NMT; empty for those that are not of interest."""
+        """Describe a frame of the gateway, except NMT; empty for frames that do not matter."""
         return ""
 
     def _listen(self, message: can.Message) -> None:
@@ -266,7 +266,9 @@ class Bench(abc.ABC):
                 watch(now)
 
     def until(self, condition: Callable[[], object], what: str) -> None:
-        """Cycles until a condition holds; StepError when it does not, or the device is lost although its fault is no loss."""
+        """Run cycles until a condition is true. StepError on timeout, or when the device is lost although its fault does not
+        cause this.
+        """
         deadline = self.loop.now() + int(PATIENCE_S * SECOND)
         while not condition():
             if self.lost:
@@ -277,11 +279,11 @@ class Bench(abc.ABC):
 
     @property
     def lost(self) -> bool:
-        """The device was lost although its fault is no loss."""
+        """Whether the device was lost although its fault does not cause this."""
         return not LOSSES.intersection(self.case.numbers) and LOST in self.numbers()
 
     def told(self, numbers: Iterable[int]) -> bool:
-        """One of the numbers is a record of the object, of a fault also in P947."""
+        """Whether the object has a record with one of the numbers; for a fault, also P947."""
         buffer = {entry.number for entry in self.subject.fault_log.entries()}
         return any(
             record.number in numbers and (record.is_warning or record.number in buffer)
@@ -289,5 +291,5 @@ class Bench(abc.ABC):
         )
 
     def numbers(self) -> list[int]:
-        """What was told so far."""
+        """The numbers reported until now."""
         return list(dict.fromkeys(record.number for record in self.subject.faults))

@@ -1,7 +1,7 @@
-"""Every fault a simulated drive can be given, against an axis of the gateway: is it stopped, told, and not started again?
+"""Every fault of a simulated drive on an axis of the gateway: is it stopped and reported, and not started again?
 
-Source: docs/translation.md "Losses". What has to hold in every case: nothing enters Operation Enabled again before the
-PLC has given a new OFF and ON, and with these it does.
+Source: docs/translation.md "Losses". Rule of all cases: no drive enters Operation Enabled again before the PLC has sent a
+new OFF and ON. With these it does.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _HOMING_HERE = 35
 _HALF_SPEED = 0x2000
 _TURNING_RPM = 500
 _STANDING_CYCLES = 150
-"""So long an axis stands before the fault goes: longer than what takes it for stopped."""
+"""Cycles at standstill before the fault ends: longer than the detection of standstill."""
 
 DRIVE_CASES: tuple[rig.Case, ...] = (
     rig.Case("slow-sdo", rig.Reaction.GOES_ON, activity=rig.Activity.START, values={"delay_ms": 10}),
@@ -38,7 +38,7 @@ DRIVE_CASES: tuple[rig.Case, ...] = (
     rig.Case("sdo-toggle-error", rig.Reaction.REFUSES, (121,), rig.Activity.START),
     rig.Case("wrong-identity", rig.Reaction.REFUSES, (106,), rig.Activity.START),
     rig.Case("object-missing", rig.Reaction.REFUSES, (106,), rig.Activity.START),
-    # Made for telegram 1, the mapping need not be written.
+    # The drive is built for telegram 1, so its mapping need not be written.
     rig.Case("fixed-pdo-mapping", rig.Reaction.GOES_ON, activity=rig.Activity.START),
     rig.Case("fixed-pdo-mapping", rig.Reaction.REFUSES, (106,), rig.Activity.START, telegram=9),
     rig.Case("mapping-abort", rig.Reaction.REFUSES, (106,), rig.Activity.START, telegram=9),
@@ -73,12 +73,12 @@ DRIVE_CASES: tuple[rig.Case, ...] = (
     rig.Case("stop-ramp-missing", rig.Reaction.STOPS, (125,), rig.Activity.STOPPING),
     rig.Case("turns-in-pre-operational", rig.Reaction.GOES_ON),
 )
-"""At least one for each fault of a drive (a test)."""
+"""At least one case for each fault of a drive (checked by a test)."""
 
 
 @dataclass
 class _Trace:
-    """Every state of the drive with its speed on entering it, seen from inside the drive."""
+    """Every state of the drive with its speed at entry, recorded in the drive."""
 
     states: list[tuple[State, float]] = field(default_factory=list)
 
@@ -87,11 +87,11 @@ class _Trace:
             self.states.append((model.state, model.ramp.speed))
 
     def starts(self, since: int) -> int:
-        """How often operation was entered from an index on."""
+        """Number of entries to operation since an index."""
         return sum(state is State.OPERATION_ENABLED for state, _ in self.states[since:])
 
     def stopped_by(self, since: int, standing: bool) -> str:
-        """How the drive stopped after an index, in words."""
+        """Describe how the drive stopped after an index."""
         left = self.states[since:]
         if not left:
             return "by the drive, power on" if standing else "no need"
@@ -106,7 +106,7 @@ class _Trace:
 
 
 class DriveBench(rig.Bench):
-    """An axis of the gateway, a drive, and a PLC whose setpoints are ``values``."""
+    """An axis of the gateway, a drive, and a PLC that sends ``values``."""
 
     def __init__(self, case: rig.Case) -> None:
         super().__init__(case)
@@ -154,11 +154,11 @@ class DriveBench(rig.Bench):
         self.values[self.word] = 0x06 if self.case.telegram == 100 else _OFF
 
     def on(self) -> None:
-        """The ON of a PLC that has done everything before; telegram 100 carries the Controlword itself."""
+        """Set the ON of a PLC whose OFF is done. Telegram 100 carries the Controlword itself."""
         self.values[self.word] = 0x0F if self.case.telegram == 100 else _ON
 
     def enable(self) -> None:
-        """Acknowledge if there is a fault, OFF, ON: operation."""
+        """Acknowledge if there is a fault, then OFF, then ON until operation."""
         self.online()
         off = 0x06 if self.case.telegram == 100 else _OFF
         self.values[self.word] = off
@@ -175,7 +175,7 @@ class DriveBench(rig.Bench):
         self.until(lambda: self.shown() is State.OPERATION_ENABLED, "operation")
 
     def turn(self) -> None:
-        """Half of the reference speed."""
+        """Set half of the reference speed."""
         if self.case.telegram == 100:
             self.values |= {"Modes of Operation": Mode.VELOCITY, "Target Velocity": 3000}
             self.values |= {"Profile Acceleration": 1000, "Profile Deceleration": 1000}
@@ -187,7 +187,7 @@ class DriveBench(rig.Bench):
 
 
 def run_drive_case(case: rig.Case, result: rig.Result) -> None:
-    """Run one case into its result."""
+    """Run one case and store its result."""
     bench = DriveBench(case)
     with bench.running(result):
         if case.reaction is rig.Reaction.REFUSES:
@@ -197,7 +197,7 @@ def run_drive_case(case: rig.Case, result: rig.Result) -> None:
 
 
 def _refused(bench: DriveBench, result: rig.Result) -> None:
-    """OFF and ON have no effect while the fault stands; without it the standing ON has none either."""
+    """OFF and ON have no effect during the fault. After the fault, the still active ON has none either."""
     case = bench.case
     bench.off()
     bench.until(lambda: bench.told(case.numbers), f"fault {case.numbers}")
@@ -282,7 +282,7 @@ def _goes_on(bench: DriveBench, result: rig.Result, mark: int) -> None:
 
 
 def _note(bench: DriveBench, result: rig.Result, mark: int) -> None:
-    """What was sent, told and shown while the fault stood."""
+    """Store what was sent, reported and shown during the fault."""
     result.sent = list(bench.sent)
     result.numbers = bench.numbers()
     result.reason = bench.axis.reason.value if bench.axis.reason else ""
@@ -291,7 +291,7 @@ def _note(bench: DriveBench, result: rig.Result, mark: int) -> None:
 
 
 def _no_restart(bench: DriveBench, result: rig.Result, mark: int) -> None:
-    """The device behaves again and boots if it was refused; the ON that stands all the time starts nothing."""
+    """End the fault, and restart the device if it was rejected. The ON that stays active must not start it."""
 
     def mend(node: SimulatedDriveNode) -> None:
         node.behave()

@@ -1,8 +1,8 @@
-"""Every fault a simulated encoder can be given, against the gateway: is its position marked, told, and back by itself?
+"""Every fault of a simulated encoder on the gateway: is its position marked, the fault reported, and the recovery automatic?
 
-Source: docs/dsp406-encoder.md, docs/translation.md "Losses". What has to hold in every case: no position is shown as good
-that is older than the time-outs allow, and what was shown as an error stays until the PLC acknowledges it. The shaft turns
-evenly, so that each position tells when it was true. ``Device.SENSOR``: the same encoder as G1 of a drive's telegram 3.
+Source: docs/dsp406-encoder.md, docs/translation.md "Losses". Rules of all cases: no position is shown as good that is older
+than the timeouts allow. A position error stays until the PLC acknowledges it. The shaft turns at constant speed, so that
+each position has a known time. ``Device.SENSOR``: the same encoder as G1 of a drive's telegram 3.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ from pdgw.workshop.conformance.drives import DriveBench
 
 _NODE = 6
 _UNITS_PER_SECOND = 4096
-"""One revolution."""
+"""One revolution per second."""
 _STALE_NS = 1000 * MS
-"""The longest time-out of these cases (TPDO: 200 ms, SDO: 500 ms and a few rounds)."""
+"""Longest timeout of these cases (TPDO: 200 ms, SDO: 500 ms and a few rounds)."""
 _CONTROL = signal("STW2_ENC").bit("CONTROL_BY_PLC").mask
 _ACKNOWLEDGE = signal("STW2_ENC").bit("FAULT_ACKNOWLEDGE").mask
 _FAULT = signal("ZSW2_ENC").bit("FAULT").mask
@@ -58,7 +58,7 @@ _POSITION = "position"
 def _cases(
     reaction: Reaction, numbers: tuple[int, ...], *faults: str, activity: Activity = Activity.SPEED
 ) -> tuple[Case, ...]:
-    """The same for several faults, with the encoder telegrams in turn."""
+    """The same case for several faults, with the encoder telegrams in turn."""
     return tuple(
         Case(fault, reaction, numbers, activity, telegram=81 + number % 4, device=Device.ENCODER)
         for number, fault in enumerate(faults)
@@ -93,9 +93,9 @@ ENCODER_CASES: tuple[Case, ...] = (
         telegram=83,
         device=Device.ENCODER,
     ),
-    # 1016h: an encoder moves nothing that its own watch over the gateway could stop.
+    # 1016h: an encoder moves nothing that it could stop by monitoring the gateway.
     *_cases(Reaction.MEASURES, (), "object-missing", activity=Activity.START),
-    # The position is read by SDO then.
+    # Then the position is read by SDO.
     Case("two-pdos", Reaction.MEASURES, (), Activity.START, {"pdos": 0}, telegram=81, device=Device.ENCODER),
     Case(
         "sdo-timeout",
@@ -139,22 +139,22 @@ ENCODER_CASES: tuple[Case, ...] = (
     ),
     Case("wrong-identity", Reaction.G1_MISSING, (106,), Activity.START, telegram=3, device=Device.SENSOR),
 )
-"""At least one for each fault of an encoder (a test)."""
+"""At least one case for each fault of an encoder (checked by a test)."""
 
 
 class _Sight:
-    """What a PLC sees of the position, with its age: the shaft turns evenly from ``zero`` (monotonic ns) on."""
+    """The position as seen by a PLC, and its age. The shaft turns at constant speed from ``zero`` (monotonic ns) on."""
 
     def __init__(self, owner: DriveObject, zero: int | None) -> None:
         self._owner = owner
         self._zero = zero
         self.shown: list[str] = []
-        """Every way it was shown, repetitions left out."""
+        """States of the position that were shown, without repetitions."""
         self.oldest = 0
-        """Nanoseconds: the oldest position that was shown as good."""
+        """Greatest age of a position shown as good, in nanoseconds."""
 
     def value(self, name: str) -> int:
-        """An actual value, 0 where the telegram has none."""
+        """An actual value, 0 if the telegram has none."""
         owner = self._owner
         names = owner.telegram.actuals.names
         return owner.actuals[names.index(name)] if name in names else 0
@@ -173,7 +173,7 @@ class _Sight:
 
     @property
     def measuring(self) -> bool:
-        """An absolute position without any fault."""
+        """Whether an absolute position without any fault is shown."""
         return self._owner.good and bool(self.value("G1_ZSW") & _VALID) and not self.error and not self.fault
 
     def _text(self) -> str:
@@ -186,7 +186,7 @@ class _Sight:
         return text + (", fault" if self.fault else "") + (", warning" if self.warning else "")
 
     def look(self, now: int) -> None:
-        """After each cycle."""
+        """Record the present state; called after each cycle."""
         text = self._text()
         if text not in self.shown[-1:]:
             self.shown.append(text)
@@ -196,7 +196,7 @@ class _Sight:
 
 
 def _encoder(bench: Bench, telegram: int) -> tuple[EncoderObject, SimulatedEncoder, int | None]:
-    """An encoder behind the gateway, the simulated one, and when its shaft was at 0; None where it stands."""
+    """An encoder of the gateway, the simulated device, and the time of its position 0; None at standstill."""
     case = bench.case
     config = EncoderConfig(
         do_id=ENCODER_DO,
@@ -213,7 +213,7 @@ def _encoder(bench: Bench, telegram: int) -> tuple[EncoderObject, SimulatedEncod
 
 
 class _EncoderBench(Bench):
-    """An encoder behind the gateway, and a PLC that requests its absolute position."""
+    """An encoder of the gateway, and a PLC that requests its absolute position."""
 
     def __init__(self, case: Case) -> None:
         super().__init__(case)
@@ -228,14 +228,14 @@ class _EncoderBench(Bench):
         return [(self._stw, self._g1_stw)]
 
     def acknowledge(self) -> None:
-        """The fault, and the error of the sensor."""
+        """Acknowledge the fault and the sensor error."""
         self._stw, self._g1_stw = _CONTROL | _ACKNOWLEDGE, _REQUEST | _SENSOR_ACKNOWLEDGE
         self.cycles(3)
         self._stw, self._g1_stw = _CONTROL, _REQUEST
         self.cycles(3)
 
     def set_in(self) -> None:
-        """The fault of the case; what happened before is of no interest."""
+        """Start the fault of the case and forget what was recorded before."""
         if self.case.activity is Activity.COMMISSIONING:
             written = self.encoder.client.submit(lambda client: client.write(OPERATING_PARAMETERS, 0, _COMMISSIONING))
             self.until(written.done, "diagnostics switched on")
@@ -246,7 +246,7 @@ class _EncoderBench(Bench):
             self.misbehave()
 
     def behave(self) -> None:
-        """The device does again what it should; one that was refused is restarted."""
+        """End the fault; restart a rejected device."""
         _behave(self.simulated, restart=self.case.reaction is Reaction.NEVER_GOOD)
 
 
@@ -260,7 +260,7 @@ def _behave(device: SimulatedEncoder, *, restart: bool) -> None:
 
 
 def run_encoder_case(case: Case, result: Result) -> None:
-    """Run one case of an encoder behind telegrams 81 to 84 into its result."""
+    """Run one case of an encoder with telegrams 81 to 84 and store its result."""
     bench = _EncoderBench(case)
     with bench.running(result), _fresh(bench.sight, result):
         if case.reaction is Reaction.NEVER_GOOD:
@@ -278,7 +278,7 @@ def run_encoder_case(case: Case, result: Result) -> None:
 
 @contextmanager
 def _fresh(sight: _Sight, result: Result) -> Iterator[None]:
-    """However the steps end, no position shown as good may have been too old."""
+    """Check at the end of the steps, however they end, that no position shown as good was too old."""
     try:
         yield
     finally:
@@ -287,7 +287,7 @@ def _fresh(sight: _Sight, result: Result) -> Iterator[None]:
 
 
 def _note(bench: _EncoderBench, result: Result) -> None:
-    """What was sent, told and shown while the fault stood."""
+    """Store what was sent, reported and shown during the fault."""
     result.sent = list(bench.sent)
     result.shown = list(bench.sight.shown)
     result.numbers = bench.numbers()
@@ -309,7 +309,7 @@ def _never_good(bench: _EncoderBench, result: Result) -> None:
 
 
 def _goes_on(bench: _EncoderBench, result: Result) -> None:
-    """The position is good all the time; a fault stays until it is acknowledged, a warning as long as its cause."""
+    """The position stays good. A fault stays until it is acknowledged, a warning as long as its cause."""
     case, sight = bench.case, bench.sight
     if case.reaction is Reaction.WARNS:
         bench.until(lambda: sight.warning, "warning")
@@ -336,7 +336,7 @@ def _goes_on(bench: _EncoderBench, result: Result) -> None:
 
 
 def _invalid(bench: _EncoderBench, result: Result) -> None:
-    """The position is not shown as good from the error on, until the PLC acknowledges."""
+    """The position is not good from the error until the PLC acknowledges it."""
     case, sight = bench.case, bench.sight
     if case.reaction is Reaction.LOSES:
         bench.until(lambda: not bench.encoder.good, "IOPS BAD")
@@ -359,7 +359,7 @@ def _invalid(bench: _EncoderBench, result: Result) -> None:
 
 
 def _acknowledge_in_vain(bench: _EncoderBench, result: Result) -> None:
-    """While the cause stands."""
+    """Acknowledge while the cause is still present: no effect."""
     bench.acknowledge()
     bench.cycles(3)
     if not bench.sight.fault:
@@ -367,7 +367,7 @@ def _acknowledge_in_vain(bench: _EncoderBench, result: Result) -> None:
 
 
 def _latched(bench: _EncoderBench, result: Result) -> None:
-    """Without its cause the fault still stands until the PLC acknowledges it."""
+    """After its cause, the fault stays until the PLC acknowledges it."""
     bench.until(lambda: not bench.encoder.faulty, "end of the cause")
     bench.cycles(QUIET_CYCLES)
     if not bench.sight.fault:
@@ -383,7 +383,7 @@ def _latched(bench: _EncoderBench, result: Result) -> None:
 
 
 class _SensorBench(DriveBench):
-    """A drive with telegram 3, whose G1 is an encoder behind the gateway too; the fault is the encoder's."""
+    """A drive with telegram 3 whose G1 is an encoder of the gateway; the encoder has the fault."""
 
     def __init__(self, case: Case) -> None:
         super().__init__(case)
@@ -403,11 +403,11 @@ class _SensorBench(DriveBench):
         return [*super().setpoints(), (_CONTROL, 0)]
 
     def command_of(self, message: can.Message) -> str:
-        return ""  # the encoder gets NMT only
+        return ""  # the encoder gets only NMT
 
 
 def run_sensor_case(case: Case, result: Result) -> None:
-    """Run one case of an encoder that is G1 of a drive into its result."""
+    """Run one case of an encoder that is G1 of a drive, and store its result."""
     bench = _SensorBench(case)
     sight = bench.sight
     with bench.running(result), _fresh(sight, result):

@@ -1,4 +1,4 @@
-"""The whole matrix of ``conformance faults``: every fault a simulated device can be given, against the gateway.
+"""The complete matrix of ``conformance faults``: every fault of a simulated device on the gateway.
 
 Source: docs/translation.md "Losses". ``run_case`` runs one case in a world of its own, in virtual time.
 """
@@ -12,12 +12,12 @@ from pdgw.workshop.conformance.encoders import ENCODER_CASES, run_encoder_case, 
 __all__ = ["CASES", "Activity", "Case", "Device", "Reaction", "Result", "run_case"]
 
 CASES: tuple[Case, ...] = (*DRIVE_CASES, *ENCODER_CASES)
-"""At least one for each fault of each kind of device (a test)."""
+"""At least one case for each fault of each type of device (checked by a test)."""
 _RUN = {Device.DRIVE: run_drive_case, Device.ENCODER: run_encoder_case, Device.SENSOR: run_sensor_case}
 
 
 def run_case(case: Case) -> Result:
-    """Run one case; what does not hold is in the result, nothing is raised for it."""
+    """Run one case. Failures are in the result; none is raised."""
     result = Result(case)
     _RUN[case.device](case, result)
     return result

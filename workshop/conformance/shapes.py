@@ -1,6 +1,6 @@
-"""``conformance shapes``: drives of every shape with telegrams 1, 3, 9 and 100, through the whole gateway in virtual time.
+"""``conformance shapes``: every drive variant with telegrams 1, 3, 9 and 100, through the complete gateway in virtual time.
 
-Each either moves as it is told - a quarter of the rated speed, or ten revolutions - or is refused with the reason named here.
+Each moves as commanded (a quarter of the rated speed, or ten revolutions), or is rejected with the expected reason.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ node_id = 1
 telegram = {number}
 """
 _ONLINE_NS = 300 * SECOND
-"""A drive that answers SDO after half a second has hundreds of them to answer."""
+"""A drive that answers each SDO after half a second gets hundreds of them."""
 _ANSWER_NS = 20 * SECOND
 _SETTLED_NS = 100 * MS
 _RPM = 750
@@ -59,7 +59,7 @@ REFUSALS: Mapping[tuple[str, int], str] = {
     **{("csp", number): _LACKS for number in (1, 3)},
     ("no-range", 9): "rated_acceleration_rpm_s settles it",
 }
-"""What a shape must be refused for with a telegram, part of the text; without an entry it must move."""
+"""Expected reasons of rejection, a part of the text, by variant and telegram. Without an entry the drive must move."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Outcome:
     latency: Latency
     moved: bool
     text: str
-    """What it did, or the reason it was refused with."""
+    """How it moved, or the reason of its rejection."""
     tested: Tested
     failure: str = ""
 
@@ -93,7 +93,7 @@ class Outcome:
 
 
 class _Site:
-    """A gateway, a drive and a PLC that does what a person would: acknowledges, switches off and on, gives the setpoint."""
+    """A gateway, a drive and a PLC that acknowledges, switches off and on and sets the setpoint."""
 
     def __init__(self, name: str, number: int, seed: int) -> None:
         self.number = number
@@ -107,7 +107,7 @@ class _Site:
         self.plc = Plc(self.world, self.daemon)
 
     def exchange(self, until: Callable[[], object], limit_ns: int = _ANSWER_NS) -> bool:
-        """Cycle by cycle until a condition holds; False when it does not in time."""
+        """Run cycles until a condition is true; False on timeout."""
         end = self.loop.now() + limit_ns
         while not until():
             if self.loop.now() > end:
@@ -117,7 +117,7 @@ class _Site:
 
     @property
     def refusal(self) -> str:
-        """Why the axis does not operate; empty while nothing speaks against it."""
+        """Why the axis is not in operation; empty if there is no reason."""
         client = self.axis.drive
         if client.status is NodeStatus.REFUSED:
             return client.status_text
@@ -125,7 +125,7 @@ class _Site:
         return reference[-1] if reference else ""
 
     def operate(self) -> bool:
-        """Acknowledge until no fault is shown, OFF, ON; False when the drive does not get into operation."""
+        """Acknowledge until no fault is shown, then OFF and ON. False when the drive does not reach operation."""
         state = self.drive.model
         for _ in range(3):
             self._command(ControlBit.FAULT_RESET)
@@ -136,7 +136,7 @@ class _Site:
         return self.exchange(lambda: state.state is State.OPERATION_ENABLED)
 
     def _command(self, bits: int) -> None:
-        """Off with these bits more; 1 is on."""
+        """Send OFF plus these bits; 1 makes it ON."""
         if self.raw:
             word = 0x0F if bits == 1 else 0x06 | bits
             self.plc.set(0, {"Controlword": word, "Modes of Operation": Mode.VELOCITY} | _RAW)
@@ -148,7 +148,7 @@ class _Site:
         self.plc.set(0, {"STW1": _OFF | bits})
 
     def move(self) -> bool:
-        """Ask for a quarter of the rated speed or for ten revolutions; whether that is what came."""
+        """Command a quarter of the rated speed or ten revolutions. Return whether the drive moved so."""
         model = self.drive.model
         if self.number == 9:
             limits = self.axis.drive.drive_type
@@ -170,7 +170,7 @@ class _Site:
         self.plc.set(0, {"STW1": 0x047F})
 
     def _shows_the_speed(self) -> bool:
-        """The PLC sees what turns."""
+        """Whether the PLC sees the actual speed."""
         actuals = self.plc.actuals[0]
         if actuals is None:
             return False
@@ -185,15 +185,15 @@ _RAW = {"Profile Velocity": 6000, "Profile Acceleration": 300, "Profile Decelera
 
 
 def run_case(name: str, number: int, seed: int = 0) -> Outcome:
-    """Run one shape with one telegram; the seed decides the latency of the drive."""
+    """Run one variant with one telegram. The seed sets the latency of the drive."""
     site = _Site(name, number, seed)
     site.daemon.start()
     try:
-        # The PLC waits: a drive is brought up without it, and a slow one needs minutes.
+        # The PLC waits: the drive comes online without it, which takes minutes for a slow one.
         site.loop.until(lambda: site.axis.drive.generation or site.refusal, "the drive", _ONLINE_NS)
         site.exchange(lambda: site.refusal, _SETTLED_NS)
         moved = False
-        # What is found out while it turns stops the drive once.
+        # A problem that is found while the drive turns stops it once.
         for _ in range(2):
             if moved or site.refusal:
                 break

@@ -1,6 +1,6 @@
-"""Bits that several motion telegrams have, walked in each of them: power, speed, sensor, message word, sign of life.
+"""Cases for the bits that several motion telegrams share: power, speed, sensor, message word, sign of life.
 
-The cases of a telegram are played one after the other with the same gateway. Source: docs/telegrams.md, docs/motion.md.
+The cases of a telegram run one after the other with the same gateway. Source: docs/telegrams.md, docs/motion.md.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pdgw.workshop.conformance.telegrams import Case, Step, case_of, see
 
 NUMBERS: Final = (4, 5, 6, 7, 102, 103, 105, 106, 110, 111)
 _OFF: Step = {"set": {"STW1": 0x043E}}
-"""OFF1, and no other stop."""
+"""OFF1 without another stop."""
 _READY: Step = see(**{"ZSW1.READY_TO_SWITCH_ON": 1, "ZSW1.READY_TO_OPERATE": 0})
 _ENABLE: tuple[Step, ...] = (_OFF, _READY, {"hold": "40 ms"}, {"enable": True})
 _ERROR = 0x0F01
@@ -99,7 +99,7 @@ def _message(number: int) -> Iterator[Case]:
 
 
 _UNPARKED: Step = {"hold": "150 ms"}
-"""G1_ZSW.14 stands for 100 ms at least, and nothing is activated meanwhile."""
+"""G1_ZSW.14 stays for at least 100 ms; nothing is activated meanwhile."""
 
 
 def _sensor(number: int) -> Iterator[Case]:
@@ -142,7 +142,7 @@ def _sensor(number: int) -> Iterator[Case]:
 
 
 def _second_sensor(number: int) -> Iterator[Case]:
-    """The drive's second encoder: as G1, but nothing latches its position."""
+    """Cases of the drive's second encoder: as G1, but without measuring probes."""
     clear: Step = {"set": {"G2_STW": 0}}
     acknowledge: Step = {"set": {"G2_STW": 0x8000}}
     nothing = {f"G2_ZSW.{bit.name}": 0 for bit in signal("G2_ZSW").bits if bit.name != "ERROR"}
@@ -269,7 +269,7 @@ def _life(number: int) -> Iterator[Case]:
 
 
 def walk(number: int) -> list[Case]:
-    """What is asked of a telegram, in this order."""
+    """All cases of a telegram, in order."""
     signals = telegram(number).setpoints.names, telegram(number).actuals.names
     cases = list(_power(number))
     if number in {4, 102, 103}:

@@ -1,7 +1,7 @@
-"""``conformance telegrams``: bits of the motion telegrams, asked for one by one through the whole gateway in virtual time.
+"""``conformance telegrams``: set the bits of the motion telegrams one by one, through the complete gateway in virtual time.
 
-Each case plays steps of a PLC scenario against a gateway with a simulated drive, and says which bit of which word it is about,
-what was done, and what was seen on both sides. Source: docs/motion.md. Bits that several telegrams have are in ``shared``.
+Each case runs steps of a PLC scenario with a gateway and a simulated drive. It names the bit and its word, the action, and
+what both sides saw. Source: docs/motion.md. The bits that several telegrams share are in ``shared``.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ _ON_CAN = {
     "60FFh": "target_velocity",
     "6072h": "max_torque",
 }
-"""What is shown of the drive's side."""
+"""Objects shown for the drive's side."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """One bit (or value) of one word; ``did`` and ``steps`` are the same in words and as a scenario."""
+    """One bit or value of one word. ``did`` describes the ``steps`` of the scenario."""
 
     telegram: int
     word: str
@@ -49,7 +49,7 @@ class Case:
     did: str
     steps: Steps
     on_can: Mapping[str, int] | None = None
-    """What the drive must have been sent in the end, by object."""
+    """Required values at the drive in the end, by object."""
 
     @property
     def title(self) -> str:
@@ -101,7 +101,7 @@ def _on(number: int) -> list[dict[str, Any]]:
 
 
 def case_of(number: int, name: str, did: str, *steps: Step, on_can: Mapping[str, int] | None = None) -> Case:
-    """``name``: the word, and its bit behind a dot."""
+    """``name``: the word, and its bit after a dot."""
     word, _, bit = name.partition(".")
     return Case(number, word, bit, did, steps, on_can)
 
@@ -122,7 +122,7 @@ CASES = tuple(_read_cases(Path(__file__).with_suffix(".yaml").read_text(encoding
 
 
 class _Plc(Plc):
-    """A PLC in the world, that plays steps of a scenario."""
+    """A PLC in the world that runs steps of a scenario."""
 
     def __init__(self, world: World, daemon: Daemon) -> None:
         super().__init__(world, daemon)
@@ -131,7 +131,7 @@ class _Plc(Plc):
         self.console = Console(world.simulations[daemon.config.can[0].name], threading.Event())
 
     def play(self, steps: Steps) -> Engine:
-        """Cycle by cycle to the end of the steps."""
+        """Run the steps to their end, one cycle after the other."""
         numbers = [item.number for item in self.telegrams]
         engine = Engine(Scenario.model_validate({"telegrams": numbers, "steps": list(steps)}), self)
         end = self.loop.now() + _LIMIT_NS
@@ -145,7 +145,7 @@ class _Plc(Plc):
 
 @contextmanager
 def _gateway(number: int) -> Iterator[tuple[_Plc, SimulatedDrive]]:
-    """A gateway in a world of its own, its PLC and its drive."""
+    """A gateway in a world of its own, with its PLC and its drive."""
     config = simulated([number])
     world = World(0)
     world.simulate(config)
@@ -160,13 +160,13 @@ def _gateway(number: int) -> Iterator[tuple[_Plc, SimulatedDrive]]:
 
 
 def run_case(case: Case) -> Outcome:
-    """Play one case in a world of its own."""
+    """Run one case in a world of its own."""
     with _gateway(case.telegram) as (plc, drive):
         return _outcome(case, plc, drive)
 
 
 def run_walk(cases: Sequence[Case]) -> list[Outcome]:
-    """Play cases of one telegram one after the other with the same gateway, which is in operation at the begin of each."""
+    """Run cases of one telegram with the same gateway, which is in operation before each."""
     number = cases[0].telegram
     with _gateway(number) as (plc, drive):
         plc.play(_on(number)[:1])

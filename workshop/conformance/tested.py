@@ -1,4 +1,4 @@
-"""What was tested: the configurations of the gateways of a run, and the simulated devices behind them."""
+"""The tested configurations of the gateways of a run, and their simulated devices."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from pdgw.peers.node.node import SimulatedNode
 
 @dataclass(frozen=True, slots=True)
 class Tested:
-    """The gateway of one case. ``devices``: the names of what is behind it (1008h)."""
+    """The gateway of one case. ``devices``: the names (1008h) of its devices."""
 
     devices: str
     configuration: str
-    """TOML, without what is as by default; data sheets by their file names, since every machine has them elsewhere."""
+    """TOML without the defaults. Data sheets have only their file names, because the folders differ between machines."""
 
     @classmethod
     def of(cls, config: GatewayConfig, nodes: Iterable[SimulatedNode]) -> Tested:
-        """A gateway with this configuration and these simulated nodes."""
+        """Create it from a configuration and the simulated nodes."""
         axes = [axis.model_copy(update={"eds": Path(axis.eds.name)}) if axis.eds else axis for axis in config.axis]
         text = config_text(config.model_copy(update={"axis": tuple(axes)}))
         return cls(", ".join(map(_name, nodes)), text.strip())
@@ -34,7 +34,7 @@ def _name(node: SimulatedNode) -> str:
 
 
 def text_of(tested: Iterable[Tested]) -> str:
-    """Each configuration once, behind a comment with the devices it was tested with."""
+    """Each configuration once, after a comment with the tested devices."""
     devices: dict[str, list[str]] = {}
     for item in tested:
         known = devices.setdefault(item.configuration, [])

@@ -1,1 +1,1 @@
-"""Counts that do not depend on how fast or busy the machine is: what a cycle costs, compared with ``golden.toml``."""
+"""Counts of work that are the same on fast, slow and busy machines, compared with ``golden.toml``."""

@@ -1,4 +1,4 @@
-"""What one axis cycle of the translation costs: bytecodes by function, and memory."""
+"""Cost of one axis cycle of the translation: bytecodes by function, and memory."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pdgw.workshop.bench.translation import FRAMES, axis_cycle
 TELEGRAMS = (1, 9, 100, 111)
 _WARM = 64
 _HISTORY = 3 * FRAMES
-"""After so many cycles of 1 ms the gateway forgets as many frames as it keeps."""
+"""After this number of 1 ms cycles the gateway's history of frames is full."""
 _CYCLES = 64
 """A multiple of the 16 different actual values."""
 
@@ -45,9 +45,9 @@ def bytecodes(number: int) -> dict[str, float]:
 
 
 def kept_blocks(number: int) -> float:
-    """Blocks of memory that each axis cycle leaves allocated, when the history of frames is full."""
+    """Memory blocks that each axis cycle leaves allocated when the history of frames is full."""
     gc.collect()
-    gc.disable()  # it empties the interpreter's lists of free tuples, which then fill again
+    gc.disable()  # a collection empties the interpreter's free lists, which would then fill again
     try:
         cycle = _warm(number, _HISTORY)
         before = sys.getallocatedblocks()
@@ -59,7 +59,7 @@ def kept_blocks(number: int) -> float:
 
 
 def peak_bytes(number: int) -> int:
-    """The most memory, in bytes, that an axis cycle has allocated at a time beyond what was there before it."""
+    """Peak of the memory that an axis cycle allocates, in bytes."""
     cycle = _warm(number)
     peaks = []
     tracemalloc.start()

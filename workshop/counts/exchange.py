@@ -1,7 +1,7 @@
 """System calls of the gateway in one cycle of the PLC, on real sockets in one thread.
 
-Outside of the gateway's calls this thread plays the PLC and the drives, so that their frames come in the same order in each run.
-The clock of the gateway's loop is advanced from one event to the next one.
+Between the gateway's calls this thread simulates the PLC and the drives, so that their frames have the same order in each
+run. The clock of the gateway's loop is advanced from one event to the next.
 """
 
 from __future__ import annotations
@@ -40,20 +40,20 @@ CYCLE_NS = 4 * MS
 _OFF, _ON = 0x047E, 0x047F
 _STATE, _IN_OPERATION = 0x4F, 0x07
 _PATIENCE = 4000
-"""Cycles until all axes are in operation."""
+"""Limit of the cycles until all axes are in operation."""
 _CYCLES = 200
 _NO_CALLS = {"fileno"}
 _MODULES = (select, sys.modules[os.name])
 _SPEEDS, _SPEED_STEP = 64, 4
-"""A new setpoint for every drive in each cycle, all of them slow."""
+"""Each drive gets a new low setpoint in each cycle."""
 _HEARTBEAT_MS = 10_000
-"""The drives have the machine's clock, which is another one."""
+"""The simulated drives use the machine's clock, not that of the gateway's loop."""
 _A_MOMENT_S = 1e-6
 _LARGEST = 2048
 
 
 def system_calls(axes: int) -> dict[str, float]:
-    """System calls of one cycle with telegram 1 on every axis, by name: those of the most frequent kind of cycle.
+    """System calls of one cycle with telegram 1 on every axis, by name, in the most frequent kind of cycle.
 
     Cycles in which a heartbeat or a parameter is due have more. GatewayError if the axes do not get into operation.
     """
@@ -74,7 +74,7 @@ def system_calls(axes: int) -> dict[str, float]:
 
 
 class _Wire:
-    """A CAN bus of two: the gateway's end as the socket of a python-can bus, and the drives' end as a hub."""
+    """A CAN bus with two ends: for the gateway the socket of a python-can bus, for the drives a hub."""
 
     channel = "wire"
 
@@ -102,7 +102,7 @@ class _Wire:
 
 
 class _Bench:
-    """Gateway, PLC and drives; it is the platform of the gateway, too."""
+    """Gateway, PLC and drives. It is also the platform of the gateway."""
 
     has_services = False
 
@@ -128,7 +128,7 @@ class _Bench:
         self._cycles = 0
 
     def cycle(self) -> bool:
-        """Send a frame, then let the gateway run until the next one is due; True if all axes are in operation."""
+        """Send a frame, then run the gateway until the next one is due. True if all axes are in operation."""
         self._due += CYCLE_NS
         self._cycles += 1
         words = [values["ZSW1"] if values else 0 for values in self._plc.actuals]
@@ -161,7 +161,7 @@ class _Bench:
         self._real.watch(descriptor, read=read, write=write)
 
     def wait(self, seconds: float) -> list[tuple[int, int]]:
-        """Wait as the real one; when nothing is there, the time goes on at once."""
+        """Wait like the real loop, but advance the time at once when no data is there."""
         profile = sys.getprofile()
         sys.setprofile(None)
         for wire in self._wires:
@@ -188,7 +188,7 @@ class _Bench:
 
 
 def _configuration(axes: int) -> str:
-    """Telegram 1 on every axis, without what is done beside the exchange."""
+    """Telegram 1 on every axis, without features beside the exchange."""
     parts = [f"[transport]\ncyclic_port = 0\nacyclic_port = 0\nstatus_port = 0\ncycle_time_ms = {CYCLE_NS / MS}\n"]
     number = 0
     for bus, count in enumerate(buses(axes)):

@@ -1,4 +1,4 @@
-"""The counts of ``golden.toml``, and the comparison with them."""
+"""Read the counts of ``golden.toml`` and compare with them."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from typing import Any
 
 FILE = Path(__file__).with_name("golden.toml")
 TOLERANCE = 0.05
-"""More than this share above the golden count is too much."""
+"""Tolerated share above the golden count."""
 PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
 
 
 def golden() -> dict[str, Any]:
-    """The golden counts by kind; those that depend on the interpreter have its version below the kind."""
+    """The golden counts by kind. Those that depend on the interpreter have its version below the kind."""
     return tomllib.loads(FILE.read_text(encoding="utf-8"))
 
 
 def exceeded(name: str, found: Mapping[str, float], wanted: Mapping[str, float]) -> str:
-    """Empty, or a text: the sum of the parts is too large, with the parts that grew, the largest growth first."""
+    """Empty, or a text if the sum of the parts is too large: the parts that grew, the largest growth first."""
     now, before = sum(found.values()), sum(wanted.values())
     if now <= before * (1 + TOLERANCE):
         return ""

@@ -1,8 +1,8 @@
 """``python -m pdgw.workshop.counts.instructions``: processor instructions of an axis cycle, counted by callgrind.
 
-Two runs of different length under valgrind, of which the difference is what the cycles cost. Prints one line for each telegram;
-exit status 1 and the functions that grew if a count is above the golden one. The golden counts are those of one interpreter and
-processor: for another one they are only printed.
+Two runs of different length under valgrind; their difference is the cost of the cycles. Prints a line for each telegram. The
+exit status is 1, with the functions that grew, if a count is above the golden one. The golden counts are valid for one
+interpreter and processor; on others they are only printed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from pdgw.workshop.counts.golden import exceeded, golden
 TELEGRAMS = (1,)
 _SHORT, _LONG = 256, 1280
 _SMALL = 200
-"""Instructions of a function that is not named below so many."""
+"""Functions with fewer instructions are added up."""
 _PARTS = 12
 _FUNCTION = re.compile(r"c?fn=\((\d+)\)(?: (.*))?")
 
@@ -56,7 +56,7 @@ def main() -> int:
 
 
 def counted(number: int) -> dict[str, float]:
-    """Instructions of one axis cycle by function of the interpreter; those of small functions together."""
+    """Instructions of one axis cycle by function of the interpreter. Small functions are added up."""
     few, many = (_instructions(number, cycles) for cycles in (_SHORT, _LONG))
     found = {name: (many[name] - few[name]) / (_LONG - _SHORT) for name in many}
     parts = {name: count for name, count in found.items() if count >= _SMALL}
@@ -81,7 +81,7 @@ def _instructions(number: int, cycles: int) -> Counter[str]:
 
 
 def parse(text: str) -> Counter[str]:
-    """Instructions by function, without those of the functions that it calls, of a file of callgrind."""
+    """Instructions by function from a callgrind file, without those of called functions."""
     names: dict[str, str] = {}
     counts: Counter[str] = Counter()
     current, called = "", False
@@ -92,7 +92,7 @@ def parse(text: str) -> Counter[str]:
             if line.startswith("fn"):
                 current = names[match[1]]
         elif line.startswith("calls="):
-            called = True  # the next line has what the called function cost
+            called = True  # the next line has the cost of the called function
         elif line[:1] in "0123456789+-*" and line:
             if not called:
                 counts[current] += int(line.split()[1])

@@ -1,4 +1,4 @@
-"""``python -m pdgw.workshop.counts.write``: count again and write ``golden.toml``, after a change that is worth what it costs."""
+"""``python -m pdgw.workshop.counts.write``: count again and write ``golden.toml``, after a change that is worth its cost."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pdgw.workshop.counts.instructions import counted
 
 
 def main() -> None:
-    """Write the counts of this Python; those of others are lost."""
+    """Write the counts of this Python version. Those of other versions are removed."""
     lines = [
         "# Golden counts of one cycle, written by `python -m pdgw.workshop.counts.write`. A count may be 5 % larger.",
         "",

@@ -1,8 +1,8 @@
-"""``python -m pdgw.workshop.debian.build RELEASE FOLDER``: the Debian package of a release, with dpkg-deb.
+"""``python -m pdgw.workshop.debian.build RELEASE FOLDER``: build the Debian package of a release with dpkg-deb.
 
-The package has a Python environment of its own in /opt/pdgw: Debian's packages of the dependencies are older than the gateway
-allows. Their files are those of the pins, checked by their hashes. It needs Debian's Python of the version that builds it. The
-same release gives the same bytes.
+The package has a Python environment of its own in /opt/pdgw, because Debian's packages of the dependencies are older than
+the gateway allows. Its files come from the pins and are checked by their hashes. It needs Debian's Python of the version
+that builds it. The same release gives the same bytes.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def main() -> int:
 
 
 def environment(tree: Path, release: Path) -> None:
-    """/opt/pdgw: Debian's Python with the pinned packages and the gateway."""
+    """Create /opt/pdgw: Debian's Python with the pinned packages and the gateway."""
     top = tree / "opt" / "pdgw"
     packages = top / "lib" / f"python{_PYTHON}" / "site-packages"
     packages.mkdir(parents=True)
@@ -60,14 +60,14 @@ def environment(tree: Path, release: Path) -> None:
     own = ["--no-deps", "--no-index", "--find-links", str(release), f"{NAME}=={version_of(release)}"]
     for arguments in (["--require-hashes", "--requirement", str(release / PINS)], own):
         run(*pip, "--upgrade", "--target", str(packages), *arguments)
-    shutil.rmtree(packages / "bin", ignore_errors=True)  # for the Python that built it
-    for name in ("direct_url.json", "RECORD"):  # paths of this machine
+    shutil.rmtree(packages / "bin", ignore_errors=True)  # scripts with the path of the building Python
+    for name in ("direct_url.json", "RECORD"):  # contain paths of this machine
         for path in packages.glob(f"*.dist-info/{name}"):
             path.unlink()
 
 
 def contents(tree: Path, version: str) -> None:
-    """Everything of the package but the packages of Python."""
+    """Create everything in the package except the Python packages."""
     top = tree / "opt" / "pdgw"
     (top / "bin").mkdir(parents=True)
     (top / "bin" / "python3").symlink_to(f"/usr/bin/python{_PYTHON}")
@@ -91,7 +91,7 @@ def contents(tree: Path, version: str) -> None:
 
 
 def package(tree: Path, version: str, folder: Path) -> Path:
-    """Build the package; ReleaseError without dpkg-deb or when it refuses."""
+    """Build the package. ReleaseError when dpkg-deb is missing or fails."""
     if shutil.which("dpkg-deb") is None:
         raise ReleaseError("dpkg-deb: not found, needed: Debian's package dpkg")
     control = tree / "DEBIAN"

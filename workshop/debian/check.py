@@ -1,6 +1,6 @@
 """``python -m pdgw.workshop.debian.check PACKAGE``: install, start, upgrade, remove and purge the Debian package.
 
-Everything happens on a copy of this machine's file system (an overlay in memory) with its own processes and network. The machine
+It works on a copy of this machine's file system (an overlay in memory) with its own processes and network. The machine
 itself is not changed. Needs root or user namespaces, and Debian's Python of the package. Prints one line for each step.
 """
 
@@ -20,7 +20,7 @@ from pathlib import Path
 from pdgw.workshop.debian.build import CONFIGURATION, NAME
 
 _INSIDE = "PDGW_DEBIAN_CHECK"
-"""The folder to mount the copy at; set for the process in the namespaces."""
+"""Mount point of the copy; set for the process in the namespaces."""
 _PATIENCE_S = 120
 _UNKNOWN = 3
 """Exit code of ``pdgw status --check`` when no gateway answers."""
@@ -33,7 +33,7 @@ _FAKE_SYSTEMCTL = '#!/bin/sh\n[ "$1" != list-units ] || echo "pdgw@press.service
 
 
 class CheckError(Exception):
-    """What the package did not do, in one line."""
+    """What the package did wrong, in one line."""
 
 
 def main() -> int:
@@ -62,7 +62,7 @@ def _in_namespaces(package: Path) -> int:
     try:
         return subprocess.run(command, env=os.environ | {_INSIDE: place}, check=False).returncode
     finally:
-        os.rmdir(place)  # empty again: what was mounted there went with the namespace
+        os.rmdir(place)  # empty again: its mounts ended with the namespace
 
 
 class Root:
@@ -86,7 +86,7 @@ class Root:
         _run("ip", "link", "set", "lo", "up")
 
     def command(self, *words: str) -> list[str]:
-        """The command on this file system."""
+        """Command line that runs a command on this file system."""
         path = "PATH=/usr/sbin:/usr/bin:/sbin:/bin"
         return ["chroot", str(self.top), "env", "-i", path, "DEBIAN_FRONTEND=noninteractive", *words]
 
@@ -95,19 +95,19 @@ class Root:
         return _run(*self.command(*words))
 
     def fails(self, *words: str) -> str:
-        """Run a command that must fail; what it prints."""
+        """Run a command that must fail. Return its output."""
         done = subprocess.run(self.command(*words), check=False, capture_output=True, text=True)
         if done.returncode == 0:
             raise CheckError(f"{' '.join(words)}: succeeds, expected an error")
         return done.stdout + done.stderr
 
     def has(self, path: str) -> bool:
-        """Whether there is such a file or folder."""
+        """Whether a file or folder exists."""
         return os.path.lexists(self.top / path.lstrip("/"))
 
 
 def check(package: Path, root: Root) -> None:
-    """All steps; CheckError at the first that fails."""
+    """Run all steps; CheckError at the first failure."""
     first = Path(shutil.copy(package, root.top / "tmp")).name
     newer = repacked(root.top / "tmp" / first).name
     _report("installed", _install(root, first))
@@ -133,7 +133,7 @@ def check(package: Path, root: Root) -> None:
 
 
 def repacked(package: Path) -> Path:
-    """The same package with a higher revision."""
+    """Build the same package with a higher revision."""
     tree = package.parent / "tree"
     _run("dpkg-deb", "--raw-extract", str(package), str(tree))
     control = tree / "DEBIAN" / "control"
@@ -152,7 +152,7 @@ def _install(root: Root, file: str) -> str:
 
 
 def _started(root: Root) -> str:
-    """Start with simulated devices, ask for the status, stop."""
+    """Start with simulated devices, read the status, stop."""
     gateway = subprocess.Popen(root.command("sh", "-c", _START), stderr=subprocess.PIPE, text=True)
     answer = ""
 
@@ -181,7 +181,7 @@ def _upgraded(root: Root, file: str) -> str:
 
 
 def _refused(root: Root, file: str) -> str:
-    """Where systemd reports a running gateway, nothing is replaced."""
+    """While systemd reports a running gateway, an upgrade must replace nothing."""
     (root.top / "run/systemd/system").mkdir(parents=True)
     systemctl = root.top / "usr/bin/systemctl"
     systemctl.unlink(missing_ok=True)

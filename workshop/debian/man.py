@@ -1,4 +1,4 @@
-"""Manual pages of ``pdgw``, one for each command, written from the help that the commands have."""
+"""Manual pages of ``pdgw``, one for each command, generated from the help."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _SECTION = 1
 
 
 def pages(version: str) -> dict[str, str]:
-    """The text of each page by its file name: ``pdgw.1`` and ``pdgw-COMMAND.1``."""
+    """The text of each page by file name: ``pdgw.1`` and ``pdgw-COMMAND.1``."""
     made = {"pdgw.1": _overview(version)}
     for name, entry in COMMANDS.items():
         lines = [*_head(f"pdgw-{name}", entry.help, version), *_command(f"pdgw {name}", entry.load(name), ".SH")]
@@ -21,7 +21,7 @@ def pages(version: str) -> dict[str, str]:
 
 
 def escaped(text: str) -> str:
-    """A line of text as roff: nothing in it is a request or an escape."""
+    """Escape a line of text for roff, so that it contains no requests."""
     line = " ".join(text.split()).replace("\\", "\\e").replace("-", "\\-")
     return f"\\&{line}" if line[:1] in {".", "'"} else line
 

@@ -1,4 +1,4 @@
-"""``docs/commands.md``: every command with the first line of its help, from the declarations."""
+"""Generate ``docs/commands.md``: every command with the first line of its help."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _GUIDES: Final[Mapping[str, str]] = {
     "sim inject": "misbehaviour.md",
     "demo": "demo.md",
 }
-"""The document of a command, or of its group."""
+"""The document of a command or of its group."""
 _INTRODUCTION: Final = """\
 # Commands
 
@@ -59,7 +59,7 @@ drives](drives.md#simulated-drives), telegrams) and `loop` ([loop closed by the 
 
 
 def _commands(command: Any, name: str) -> Iterator[tuple[str, str]]:
-    """Each command with the first line of its help; a group is its commands."""
+    """Each command with the first line of its help. A group yields its commands."""
     below = getattr(command, "commands", {})
     if not below:
         yield name, (command.help or "").strip().partition("\n")[0]
@@ -73,7 +73,7 @@ def _guide(name: str) -> str:
 
 
 def generate_commands() -> str:
-    """The whole document."""
+    """Generate the document."""
     commands = (found for name, entry in COMMANDS.items() for found in _commands(entry.load(name), name))
     rows = ((f"`pdgw {name}`", text, _guide(name)) for name, text in commands)
     return _INTRODUCTION + table(("command", "purpose", "document"), rows) + _WORKSHOP

@@ -11,17 +11,17 @@ from pdgw.gateway.service.measured import PATH, Row
 _FOLDER = Path(__file__).parents[2] / "docs" / "measured"
 SOURCES = {PURE: "exchange-realtime.txt", COMPILED: "exchange-compiled-realtime.txt"}
 MISSED_PERCENT = 0.1
-"""A row of the benchmark with more missed cycles does not count."""
+"""Rows of the benchmark with a higher share of missed cycles are ignored."""
 _FIRST = re.compile(r"│ (\d+) +│ ([\d.]+) ms +│")
 _GATEWAY = re.compile(r"│ +│ +│ gateway +│.*│ ([\d.]+) % │")
 
 
 def rows(text: str) -> list[Row]:
-    """What the gateway managed in a measurement of the exchange, without rows that another one includes."""
+    """The axes and cycle times that a measured gateway has reached, without rows included in a better one."""
     found: list[Row] = []
     place: Row | None = None
     for printed in text.splitlines():
-        line = " ".join(printed.split())  # columns of a fixed width are filled up with blanks
+        line = " ".join(printed.split())  # columns of a fixed width are padded with blanks
         if match := _FIRST.match(line):
             place = int(match[1]), float(match[2])
         elif place is not None and (match := _GATEWAY.match(line)):
@@ -35,7 +35,7 @@ def rows(text: str) -> list[Row]:
 
 
 def generate() -> str:
-    """The file."""
+    """Generate the file."""
     lines = [
         "# Axes and cycle times with at most 0.1 % of the cycles missed, at real-time priority on the machine of docs/measured.",
         "# Written by `make docs`.",

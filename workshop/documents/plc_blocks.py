@@ -1,4 +1,4 @@
-"""The inputs and outputs of the blocks for a PLC as tables, each with its timing diagram."""
+"""Tables of the inputs and outputs of the PLC blocks, each with its timing diagram."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Each picture shows a run of the block against a gateway and a simulated drive in
 
 
 def generate_blocks() -> str:
-    """The whole document."""
+    """Generate the document."""
     families: dict[str, dict[int, str]] = {}
     for number, item in TELEGRAMS.items():
         families.setdefault(block_name(item).rpartition("_")[0], {})[number] = telegram_block(item, {})
@@ -56,7 +56,7 @@ def _picture(block: str) -> str:
 
 
 def _rows(variables: dict[int, Sequence[Declared]]) -> Iterator[tuple[str, ...]]:
-    """Each variable once, with the telegrams that have it; ``variables`` of one block alone have none."""
+    """Each variable once, with the telegrams that have it. A single block has no telegrams in its rows."""
     merged: dict[tuple[str, str], dict[int, Declared]] = {}
     for number, declared in variables.items():
         for item in declared:

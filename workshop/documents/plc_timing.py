@@ -39,7 +39,7 @@ PICTURES = {
     "MC_Home": "a homing at the present position",
     "MC_Halt": "MC_Halt ends a motion",
 }
-"""What the picture of each block shows."""
+"""Description of the picture of each block."""
 _MOTION = (
     "Power",
     "Reset",
@@ -56,14 +56,14 @@ Samples = list[dict[str, float]]
 
 
 class Trace(NamedTuple):
-    """A signal over the cycles: a number for each."""
+    """A signal over time: a number for each cycle."""
 
     name: str
     values: list[float]
 
 
 class _Bench:
-    """A PLC with one program, a gateway and its simulated device. ``samples``: what was seen in each cycle."""
+    """A PLC with one program, a gateway and its simulated device. ``samples``: the values of each cycle."""
 
     def __init__(
         self, number: int, calls: str, variables: str, seen: Callable[[dict[str, Any]], dict[str, float]]
@@ -94,7 +94,7 @@ END_PROGRAM""",
         self._port.start(self._take)
 
     def __getitem__(self, name: str) -> dict[str, Any]:
-        """Inputs and outputs of a block, by names in upper case."""
+        """Inputs and outputs of a block, with names in upper case."""
         found: dict[str, Any] = self.controller.variables[name.upper()]
         return found
 
@@ -119,7 +119,7 @@ END_PROGRAM""",
             self.samples.append(self._seen(self.controller.variables))
 
     def until(self, block: str, output: str) -> None:
-        """Exchange until an output is TRUE."""
+        """Run cycles until an output is TRUE."""
         for _ in range(2500):
             if self[block][output.upper()]:
                 return
@@ -127,7 +127,7 @@ END_PROGRAM""",
         raise AssertionError(f"{block}.{output} stays FALSE")
 
     def begin(self) -> None:
-        """Begin the picture here, with three cycles of rest."""
+        """Start the picture here, with three idle cycles."""
         self.samples.clear()
         self.exchange(3)
 
@@ -260,7 +260,7 @@ _SHOWN = {
     "ReadStatus": ("Disabled", "Standstill", "DiscreteMotion", "ContinuousMotion", "Homing", "Stopping", "ErrorStop"),
     "ReadActualPosition": ("Enable", "Valid", "Position"),
 }
-"""Inputs and outputs of the pictures of the blocks MC_..., where they are not those of a command."""
+"""Inputs and outputs in the pictures of those MC_... blocks that are not commands."""
 _COMMAND = ("Execute", "Busy", "Done", "CommandAborted")
 
 
@@ -337,7 +337,7 @@ _LEFT, _WIDE, _HIGH, _ROW = 130, 620, 22, 36
 
 
 def timing_svg(traces: Sequence[Trace], cycle_ms: float) -> str:
-    """A timing diagram: a step line for each signal with its greatest value, a scale of time below."""
+    """A timing diagram: a step line for each signal with its greatest value, and a time scale."""
     cycles = len(traces[0].values)
     wide = _WIDE / cycles
     width, height = _LEFT + _WIDE + 40, len(traces) * _ROW + 40
@@ -368,7 +368,7 @@ def timing_svg(traces: Sequence[Trace], cycle_ms: float) -> str:
 
 
 def pictures() -> dict[str, str]:
-    """The pictures by the names of their files, each drawn from a run."""
+    """The pictures by file name, each drawn from a run."""
     cycle_ms = simulated([1]).transport.cycle_time_ms
     found = {}
     for run in (_speed, _position, _encoder, _transparent, _parameter, _motion):

@@ -1,6 +1,6 @@
-"""The pictures of the page in the documents: ``python -m pdgw.workshop.documents.screenshots FOLDER`` (make screenshots).
+"""``python -m pdgw.workshop.documents.screenshots FOLDER`` (make screenshots): screenshots of the page for the documents.
 
-A simulated gateway in virtual time, its page served by a thread, looked at in Chromium: light and dark, on desk and telephone.
+A simulated gateway runs in virtual time, a thread serves its page, and Chromium opens it: light and dark, desktop and phone.
 Needs the extras ``web`` and ``browser``, and Debian's chromium.
 """
 
@@ -32,14 +32,14 @@ from pdgw.web.run import in_background
 from pdgw.web.status.watch import Watch
 
 _AXES = {"spindle": 1, "slide": 9, "conveyor": 1}
-"""Names and telegrams."""
+"""Telegrams by axis name."""
 _OFF, _ON = 0x047E, 0x047F
 _WITHOUT_CONTROL = 0x007F
 _SPEEDS = (20, 60, -30, 80, 45)
-"""Percent of axis 1, a few seconds each."""
+"""Speeds of axis 1 in percent, a few seconds each."""
 _PATIENCE_MS = 60_000
 _DRAWN_MS = 1000
-"""A curve has no text that could be waited for."""
+"""Time to draw a curve, which has no text to wait for."""
 _PATIENCE_NS = 10 * SECOND
 DESK, TELEPHONE = {"width": 1180, "height": 860}, {"width": 390, "height": 844}
 SHOTS = (
@@ -49,7 +49,7 @@ SHOTS = (
     ("telephone", "#/axes", TELEPHONE, "light"),
     ("telephone-dark", "#/axis/1", TELEPHONE, "dark"),
 )
-"""Name of the file, view, size and colours."""
+"""File name, view, size and colours of each screenshot."""
 
 
 def configuration() -> GatewayConfig:
@@ -66,7 +66,7 @@ def configuration() -> GatewayConfig:
 
 
 class Story:
-    """Axis 1 turns to and fro, axis 2 is off, axis 3 is not under the PLC's control. What a ``Watch`` asks is the end of it."""
+    """Axis 1 turns in both directions, axis 2 is off, axis 3 has no control by PLC. ``Watch`` gets its answers at the end."""
 
     def __init__(self, config: GatewayConfig, directory: Path) -> None:
         self._world = World(0)
@@ -77,7 +77,7 @@ class Story:
         self._daemon.start()
 
     def play(self) -> None:
-        """From the start of the gateway until axis 1 has turned for a while."""
+        """Run from the start of the gateway until axis 1 has turned for some time."""
         for index, word in enumerate((_OFF, _OFF, _WITHOUT_CONTROL)):
             self._plc.set(index, {"STW1": word})
         self._plc.exchange(3, 3, STW2_ENC=signal("STW2_ENC").word("CONTROL_BY_PLC"))
@@ -102,7 +102,7 @@ class Story:
 
 @contextmanager
 def served() -> Iterator[int]:
-    """The page of the story; its port."""
+    """Serve the page of this gateway. Yield its port."""
     config = configuration()
     with tempfile.TemporaryDirectory() as directory:
         story = Story(config, Path(directory))
@@ -115,7 +115,7 @@ def served() -> Iterator[int]:
 
 
 def take(folder: Path) -> None:
-    """Write all pictures; GatewayError when something for it is missing."""
+    """Write all screenshots. GatewayError when a requirement is missing."""
     try:
         from playwright.sync_api import sync_playwright  # noqa: PLC0415 (of an extra)
     except ModuleNotFoundError as error:
@@ -143,7 +143,7 @@ def take(folder: Path) -> None:
 
 
 def main() -> None:
-    """Take them all."""
+    """Take all screenshots."""
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
     take(folder)

@@ -1,4 +1,4 @@
-"""``docs/plc-simulator.md``: the words and keys of ``pdgw sim plc``, from their declarations."""
+"""Generate ``docs/plc-simulator.md``: actions and keys of ``pdgw sim plc``, from their declarations."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from pdgw.workshop.documents.markdown import table
 
 _CYCLE_NS = USUAL_CYCLE_MS * MS
 _OF_A_TELEGRAM = frozenset({"set", "expect"})
-"""Their examples name signals, every telegram has some."""
+"""Their examples use signals that every telegram has."""
 _INTRODUCTION = """\
 # The PLC simulator
 
@@ -48,7 +48,7 @@ Values: `1234`, `0x4D2`, `2000h`, `50 %`, `1500 rpm`, `2000 inc`. Expected value
 
 @cache
 def _takes(number: int, action: str) -> bool:
-    """A telegram has a use for an action, as one of its examples has it."""
+    """Whether one of the examples of an action fits the telegram."""
     return any(_possible(number, step) for step in examples(action))
 
 
@@ -73,7 +73,7 @@ def _actions() -> Iterable[Sequence[object]]:
 
 
 def _as_yaml(step: Mapping[str, Any]) -> str:
-    """As a person writes it: YAML takes JSON, mostly without the quotes too."""
+    """Format a step as a person writes it: like JSON, but mostly without quotes."""
     quoted = ", ".join(f"{name}: {json.dumps(value)}" for name, value in step.items())
     plain = quoted.replace('"', "")
     try:
@@ -84,7 +84,7 @@ def _as_yaml(step: Mapping[str, Any]) -> str:
 
 
 def _words() -> Iterable[Sequence[object]]:
-    """Words that are the same in several telegrams are one row; those an action has the name of are left out."""
+    """One row for words that are equal in several telegrams. Words named like their action are left out."""
     rows: dict[tuple[str, str, str], list[int]] = {}
     for number in TELEGRAMS:
         for word in words_of(number).values():
@@ -110,7 +110,7 @@ def _keys() -> Iterable[Sequence[object]]:
 
 
 def generate_words() -> str:
-    """The whole document."""
+    """Generate the document."""
     general = (
         ("1..9", "selects an axis"),
         (ALL, "all axes"),

@@ -1,6 +1,6 @@
-"""The documents that are generated from the declarations: tables, faults of devices, power table, words of the PLC simulator.
+"""Documents generated from the declarations: tables, faults of devices, power table, words of the PLC simulator.
 
-``python -m tools.doctables`` (``make docs``) rewrites the files; a test fails when one is out of date.
+``python -m tools.doctables`` (``make docs``) writes the files. A test fails when one is out of date.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ PATH = _DOCS / "tables.md"
 MISBEHAVIOUR_PATH = _DOCS / "misbehaviour.md"
 POWER_PATH = _DOCS / "power-table.md"
 _WALK_PATH = _DOCS / "walk.txt"
-"""What ``make docs`` walked."""
+"""Result of the walk of ``make docs``."""
 WORDS_PATH = _DOCS / "plc-simulator.md"
 
 
@@ -61,7 +61,7 @@ def _half(half: TelegramHalf) -> str:
 
 
 def _bytes(half: TelegramHalf) -> str:
-    """Offset of each signal in the data of a submodule, and how long all are."""
+    """Offset of each signal in the data of a submodule, and the total length."""
     offset, parts = 0, []
     for signal in half.signals:
         parts.append(f"{offset} {signal.name}")
@@ -70,7 +70,7 @@ def _bytes(half: TelegramHalf) -> str:
 
 
 def _doubtful(text: str, confidence: Confidence) -> str:
-    """A text with the mark of what fewer than two public sources support."""
+    """Mark a text that fewer than two public sources confirm."""
     return f"{text} ({confidence.text})" if confidence.text else text
 
 
@@ -112,7 +112,7 @@ def _encoder_types(row: ProfileObject) -> str:
 
 
 def _positioner_telegrams(signal: Signal | None = None) -> str:
-    """The telegrams that carry a signal in the positioner's form; by default any of them."""
+    """The telegrams with a signal in the positioner's form; without a signal, all of these telegrams."""
     wanted = set(POSITIONER_FORMS.values()) if signal is None else {signal}
     numbers = [n for n, t in TELEGRAMS.items() if wanted & {*t.setpoints.signals, *t.actuals.signals}]
     return ", ".join(map(str, numbers))
@@ -139,7 +139,7 @@ Telegram 9 has MDI tasks and homing alone. Homing interrupts a task, and lasts u
 
 
 def _positioner(transitions: Mapping[State, Sequence[Transition]]) -> str:
-    """The states of a positioner as a table, and as a Mermaid diagram without the end of operation, which leaves every state."""
+    """The states of a positioner as a table and a Mermaid diagram, without the end of operation, which leaves every state."""
     rows = [(state, row) for state, rows in transitions.items() for row in rows]
     names = {state: state.name.title().replace("_", "") for state in transitions}
     lines = ["```mermaid", "stateDiagram-v2"]
@@ -154,7 +154,7 @@ def _positioner(transitions: Mapping[State, Sequence[Transition]]) -> str:
 
 
 def generate() -> str:
-    """The whole document."""
+    """Generate the document of the tables."""
     out = [
         "# Reference tables\n",
         "Generated from the declarations by `make docs`; do not edit.\n",
@@ -374,7 +374,7 @@ def _name(member: enum.IntEnum) -> str:
 
 
 def generate_power_table() -> str:
-    """The whole document of the power table."""
+    """Generate the document of the power table."""
     rows = (
         (
             number,
@@ -413,7 +413,7 @@ def generate_power_table() -> str:
 
 
 _DEVICES = {"drive": (Device.DRIVE,), "encoder": (Device.ENCODER, Device.SENSOR)}
-"""What a case of each device type can be about."""
+"""Possible devices in a case of each device type."""
 
 
 def _faults(title: str, kinds: Iterable[type[Misbehaviour]], types: Sequence[str]) -> str:
@@ -453,7 +453,7 @@ def _reaction(case: Case, kind: type[Misbehaviour]) -> str:
 
 
 def generate_misbehaviour() -> str:
-    """The whole document of the faults that simulated devices can be given."""
+    """Generate the document of the faults of simulated devices."""
     out = [
         "# Faults of simulated devices\n",
         "Generated from the declarations by `make docs`; do not edit.\n",

@@ -1,1 +1,1 @@
-"""Random lives of a gateway in virtual time, held against what must never happen."""
+"""Random operation of a gateway in virtual time, checked against the safety rules."""

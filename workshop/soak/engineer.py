@@ -1,4 +1,4 @@
-"""Who uses the parameter channel in a soak: reads, writes values back, changes telegrams, looks for EMCYs in the fault buffer."""
+"""A client of the parameter channel in the soak: reads, writes values back, changes telegrams, compares the fault buffer."""
 
 from __future__ import annotations
 
@@ -22,11 +22,15 @@ HOST: Final = "192.168.0.20"
 _STATUSWORD = 0x6041
 _READ: Final = (Pnu.TELEGRAM, Pnu.FAULT_COUNTER, Pnu.WARNING_WORD, _STATUSWORD, PROFILE_ACCELERATION)
 _WRITTEN: Final = (PROFILE_ACCELERATION, PROFILE_DECELERATION, QUICK_STOP_DECELERATION, Pnu.SIGN_OF_LIFE_TOLERANCE)
-"""Written with the value they have: the second and third are refused under power, the gateway reads them anew without."""
+"""Written with their present value. The drive rejects the second and third under power; the gateway reads them again
+without.
+"""
 
 
 class Engineer:
-    """Calls that wait: only in tasks of the world's loop. A call that is not answered, or is refused, returns None."""
+    """Its methods wait, so call them only in tasks of the world's loop. Without an answer, or when rejected, they return
+    None.
+    """
 
     def __init__(self, world: World, gateway: Address, chance: Random) -> None:
         self._world = world
@@ -46,7 +50,7 @@ class Engineer:
         return None if any(answer.failed for answer in answers) else answers
 
     def act(self, do_id: int) -> str:
-        """Read something, or write it with the value that it has; returns what was done."""
+        """Read a parameter or write its present value. Return a description."""
         if self._chance.random() < 0.5:
             pnu = self._chance.choice(_READ)
             self._request(do_id, [pnu])
@@ -57,7 +61,7 @@ class Engineer:
         return f"write {pnu} with its value: {'taken' if taken else 'refused or not answered'}"
 
     def select(self, do_id: int, number: int, host: str) -> bool:
-        """P922 from the PLC's own address; False when the gateway still has the telegram of before."""
+        """Write P922 from the PLC's own address. False when the gateway keeps the old telegram."""
         written = [Values(DataType.UNSIGNED16, (number,))]
         self._request(do_id, [Pnu.TELEGRAM], written, host)
         while (read := self._request(do_id, [Pnu.TELEGRAM], host=host)) is None:
@@ -65,7 +69,7 @@ class Engineer:
         return read[0].values == (number,)
 
     def look(self, do_id: int, told: Told, origin: int) -> None:
-        """Compare the fault buffer with the EMCYs of the drive; ViolationError for one that is missing."""
+        """Compare the fault buffer with the EMCYs of the drive; ViolationError for a missing one."""
         asked_at = self._world.loop.now()
         answers = self._request(do_id, [Pnu.FAULT_CODE, Pnu.FAULT_TIME], elements=SIZE)
         if answers is not None:

@@ -1,4 +1,4 @@
-"""One part of a soaked day: a gateway in its world, a PLC that asks at random, troubles, and calm in which all must come back."""
+"""One part of a soak day: a gateway in its world, a PLC with random commands, disturbances, and calm periods to recover."""
 
 from __future__ import annotations
 
@@ -38,32 +38,32 @@ _CHECK_NS: Final = 25 * MS
 _RPDOS: Final = frozenset(base + node for base in PdoDirection.RPDO.bases[:4] for node in range(1, 128))
 _NODE: Final = 0x7F
 _STATUS_OFFSET: Final = -2
-"""The data status of a frame, from its end."""
+"""Position of the data status, from the end of a frame."""
 _BACK_NS: Final = 20 * SECOND
-"""Without troubles every axis operates again within this time."""
+"""In a calm period every axis is in operation again within this time."""
 _FOLLOW_NS: Final = 10 * SECOND
-"""And its shaft turns with the speed that is asked."""
+"""Then its shaft turns with the commanded speed within this time."""
 _OBEY_NS: Final = 250 * MS
-"""So long an axis has for a word in calm, and twice the latency of its drive."""
+"""Time for an axis to follow a word in a calm period, besides twice the latency of its drive."""
 _PAUSE_NS: Final = 600 * MS
-"""Mean time between two troubles."""
+"""Mean time between two disturbances."""
 _ACT_NS: Final = 4 * SECOND
 """Mean time between two uses of the parameter channel."""
 _SHORTEST_NS, _LONGEST_NS = 2 * MS, 3 * SECOND
 _CHAOS_S: Final = (5, 30)
 _TIMERS_MAX: Final = 2000
 _FRAMES_UNDER_WAY: Final = 1000
-"""More than the PLC sends in the longest delay."""
+"""More frames than the PLC sends during the longest delay."""
 _RUNNING_STATE: Final = 0x4F
 _IDENTITY: Final = f"drive: {WrongIdentity.name}"
-"""Without a data sheet a gateway takes the identity that it finds first for the right one."""
+"""Without a data sheet a gateway accepts the first identity it reads, so this fault needs a data sheet."""
 _PLAIN: Final = Conditions()
 _CHANGES: Final = 0.3
-"""Share of the calms in which a telegram is changed."""
+"""Share of the calm periods with a change of a telegram."""
 
 
 class Life:
-    """Plays one part of a day. ``keep_telegrams``: the PLC changes none; ``frames``: the trace has every CAN frame."""
+    """Runs one part of a day. ``keep_telegrams``: the PLC changes none. ``frames``: the trace has every CAN frame."""
 
     def __init__(self, part: Part, *, keep_telegrams: bool = False, frames: bool = False) -> None:
         self.begin = part.begin
@@ -74,7 +74,7 @@ class Life:
         self.plan: Plan = part.plan
         self._config = self.plan.configuration(CHANNEL, PLC_HOST, ENGINEER_HOST)
         self._may_change_telegrams = not keep_telegrams
-        """A gateway that was started again does not know the ramps that the drive had before the telegram of now."""
+        """False after a restart of the gateway, which does not know the drive's ramps from before the present telegram."""
         self.daemon = self._gateway()
         self._cycle_ns = self.daemon.cycle_ns
         self._watchdog_ns = self._cycle_ns * self._config.transport.watchdog_factor
@@ -91,9 +91,9 @@ class Life:
         self._quiet_since = self.begin
         self._arrived = self.begin
         self._newest: tuple[Address, int] | None = None
-        """Who sent the newest frame of the PLC that came, and when."""
+        """Sender and time of the newest frame of the PLC that arrived."""
         self._sent: dict[bytes, int] = {}
-        """When the last frames of the PLC were sent."""
+        """Send times of the last frames of the PLC."""
         self._runs = False
         self._violation: ViolationError | None = None
         self.world.network.taps.append(self._on_sent)
@@ -121,27 +121,27 @@ class Life:
 
     @property
     def bus(self) -> SimulatedCan:
-        """The one bus."""
+        """The only CAN bus."""
         return self.world.bus(CHANNEL)
 
     @property
     def gateway_port(self) -> Member:
-        """The gateway's controller on it."""
+        """The gateway's controller on the bus."""
         return self.world.gateway_port(CHANNEL)
 
     @property
     def starts(self) -> int:
-        """How often a drive was started."""
+        """Number of drive starts."""
         return sum(axis.starts for axis in self.axes)
 
-    # -- playing ------------------------------------------------------------------------------------------------------
+    # -- running ------------------------------------------------------------------------------------------------------
 
     def close(self) -> None:
-        """The end of this world: what waits in it would keep it for ever."""
+        """End this world; otherwise its waiting tasks would keep it in memory."""
         self.loop.close()
 
     def play(self, until: int, progress: Callable[[int], None] = lambda now: None) -> None:
-        """Up to a time of the day; ViolationError when something happened that must not."""
+        """Run until a time of the day. ViolationError when a safety rule is violated."""
         with _told_to(self.trace):
             if self.loop.now() == self.begin:
                 self.daemon.start()
@@ -180,7 +180,7 @@ class Life:
             self._violation = violation
 
     def _all_back(self) -> None:
-        """Without troubles, OFF, acknowledge and ON bring every axis into operation."""
+        """In a calm period, OFF, acknowledge and ON bring every axis into operation."""
         self.trace.note("calm: all axes have to operate")
         deadline = self.loop.now() + _BACK_NS
         for axis in self.axes:
@@ -200,16 +200,16 @@ class Life:
                 return
 
     def _follow(self, chance: Random) -> None:
-        """In calm, the shaft turns with the speed that is asked, and the PLC is shown that it does."""
+        """In a calm period, the shaft turns with the commanded speed and the PLC sees it."""
         turning = [axis for axis in self.axes if axis.words.set_speed(0.0)]
-        self._wait()  # an axis that stands at a limit needs the setpoint 0
+        self._wait()  # an axis at a limit needs the setpoint 0
         for axis in turning:
             axis.words.set_speed(math.copysign(chance.uniform(0.02, 0.8), -axis.drive.model.machine_position))
         deadline = self.loop.now() + _FOLLOW_NS
         again = True
         while turning := [axis for axis in turning if not self._follows(axis)]:
             if again and any(axis.drive.model.state is not State.OPERATION_ENABLED for axis in turning):
-                # What a drive cannot do may be found out while it turns, once.
+                # A drive may report once, while it turns, that it cannot do something.
                 again = False
                 self._all_back()
                 deadline = self.loop.now() + _FOLLOW_NS
@@ -230,7 +230,7 @@ class Life:
         return abs(rpm - asked) <= REACHED_RPM / 3 and right
 
     def _change_telegram(self, chance: Random) -> None:
-        """P922 of one axis out of operation; the PLC restarts with the frame that fits."""
+        """Write P922 of one axis out of operation, and restart the PLC with the matching frame."""
         axis = chance.choice(self.axes)
         before = axis.words.telegram.number
         fitting = [
@@ -247,7 +247,7 @@ class Life:
         self.trace.note(f"{axis.name}: P922 := {number}: {'taken' if done else 'refused'}")
         if done:
             axis.change(Words(telegram(number), axis.words.chance, self._cycle_ns))
-            # A gateway that is started again has it from its store.
+            # A restarted gateway reads it from its store.
             self.plan = self.plan.with_telegram(axis.index, number)
             self._config = self.plan.configuration(CHANNEL, PLC_HOST, ENGINEER_HOST)
             telegrams = [item.words.telegram for item in self.axes]
@@ -258,17 +258,17 @@ class Life:
                 self.plc.endpoint.setpoints[item.index] = item.words.values
 
     def _give(self, word: Callable[[SoakAxis], int]) -> None:
-        """Every axis a word, and time to obey."""
+        """Send a word to every axis, and wait until they follow."""
         for axis in self.axes:
             axis.words.set_word(word(axis))
         self._wait()
 
     def _wait(self) -> None:
-        """The time that every axis has to obey."""
+        """Wait for the time that every axis has to follow."""
         self.loop.sleep(_OBEY_NS + 2 * max(axis.late_ns for axis in self.axes) + 4 * self._cycle_ns)
 
     def _shown(self, axis: SoakAxis) -> int | None:
-        """ZSW1 where the telegram has it."""
+        """ZSW1 if the telegram has it."""
         return None if axis.words.raw else self.plc.value("ZSW1", axis.index)
 
     def _ready(self, axis: SoakAxis) -> bool:
@@ -278,7 +278,7 @@ class Life:
         return shown is not None and shown & _RUNNING_STATE == 1
 
     def _waiting(self) -> str:
-        """Why axes do not operate."""
+        """Why axes are not in operation."""
         return "; ".join(
             f"{axis.name}: drive in {axis.drive.model.state.value}, {item.reason.value if item.reason else 'no reason'}, "
             f"{item.client.status_text}"
@@ -297,11 +297,11 @@ class Life:
         self.loop.call_later(axis.words.stand_ns(), lambda: self._talk(axis))
 
     def restart_plc(self) -> None:
-        """Another relationship from another port."""
+        """Restart the PLC with a new relationship from another port."""
         self.plc.restart(self.world.network.open(PLC_HOST, 0, "PLC"))
 
     def restart_gateway(self) -> None:
-        """A gateway that ended, as with another master on its bus, is started again."""
+        """Restart a gateway that ended, for example because of another master on its bus."""
         if self.daemon.stopped.is_set() and UNPLUGGED not in self._active:
             self.trace.note(f"gateway ended ({self.daemon.failure}) and starts again")
             self._end(_IDENTITY)
@@ -363,7 +363,7 @@ class Life:
             for axis in self.axes:
                 axis.doubt("PLC lost", self._arrived + self._watchdog_ns)
 
-    # -- troubles -----------------------------------------------------------------------------------------------------
+    # -- disturbances -------------------------------------------------------------------------------------------------
 
     def _trouble(self) -> None:
         chance = self._chance
@@ -377,7 +377,7 @@ class Life:
         self.loop.call_later(_exponential(chance, _PAUSE_NS), self._trouble)
 
     def begin_trouble(self, trouble: Trouble, axis: SoakAxis, duration: int) -> None:
-        """A trouble that is not there already, for so many nanoseconds."""
+        """Start a disturbance that is not active already; ``duration`` in nanoseconds."""
         self.trace.note(f"{axis.name}: {trouble.name} for {duration / MS:.0f} ms")
         self._active[trouble.name] = (trouble, axis, trouble.begin(self, axis, self._chance))
         self.loop.call_later(duration, lambda: self._end(trouble.name))
@@ -394,7 +394,7 @@ class Life:
         if trouble.drive:
             axis.disturbed()
 
-    # -- what is looked at --------------------------------------------------------------------------------------------
+    # -- observation --------------------------------------------------------------------------------------------------
 
     def _check(self) -> None:
         now = self.loop.now()
@@ -439,7 +439,7 @@ def _exponential(chance: Random, mean: int) -> int:
 
 @contextmanager
 def _told_to(trace: Trace) -> Iterator[None]:
-    """The gateway's log goes into the trace alone."""
+    """Write the gateway's log only to the trace."""
     loggers = [logging.getLogger(name) for name in ("gateway", "canopen")]
     before = [(logger.level, logger.propagate) for logger in loggers]
     loggers[0].addHandler(trace)

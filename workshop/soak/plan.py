@@ -1,4 +1,4 @@
-"""The parts of a soaked day, and what each is made of: cycle time, drives, telegrams and settings, drawn by the seed."""
+"""The parts of a soak day with cycle time, drives, telegrams and settings, drawn from the seed."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from pdgw.gateway.configuration.file import parse_config
 from pdgw.peers.drive import Latency
 
 GATEWAY_HOST: Final = "192.168.0.5"
-"""Beyond loopback, where the gateway expects frames that come late."""
+"""Not on loopback, so that the gateway expects late frames."""
 CYCLES_MS: Final = range(1, 33)
 PART_CYCLES: Final = 18_750
-"""Every cycle time is drawn as often as the others, and gets as many cycles: a part of 32 ms lasts ten minutes."""
+"""Cycles of a part. Each cycle time is equally likely; a part with 32 ms takes ten minutes."""
 SHORTEST_PART_NS: Final = 60 * SECOND
-"""Two calms with troubles between them."""
+"""Time for two calm periods with disturbances between them."""
 TRANSPARENT: Final = 100
 _OF_THE_FAMILY: Final = ("engel", "synchronous")
 _RPM: Final = (
@@ -46,7 +46,7 @@ max_acceleration = 2000
 max_deceleration = 2000
 position_window = 20
 """
-"""The positioner of an axis on a shaft without an end."""
+"""Positioner of an axis without end stops."""
 _TABLES: Final = f"""\
 dsc = "speed"
 following_window = 100000
@@ -61,14 +61,14 @@ number = 2
 position = -30000
 velocity = 20000
 """
-"""What the telegrams need; each axis has all of it, so that P922 can select each."""
+"""Tables that telegrams need. Each axis has all of them, so that P922 can select each telegram."""
 
 _DRAWN = tuple(number for number in DRIVE_TELEGRAM_NUMBERS if number not in FLOAT_TELEGRAM_NUMBERS)
-"""Telegrams a plan has by chance: random bits are no sensible floats."""
+"""Telegrams in random plans. Those with floats are left out: random bits are not useful floats."""
 
 
 def shapes_of(number: int) -> tuple[str, ...]:
-    """Shapes of drives that operate with a telegram; without those that need minutes to come online."""
+    """Drive variants that operate with a telegram, without those that take minutes to come online."""
     if number in DSC_TELEGRAM_NUMBERS:
         return ("synchronous",)
     if number == TRANSPARENT:
@@ -82,7 +82,7 @@ def shapes_of(number: int) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class AxisPlan:
-    """One axis and its drive."""
+    """An axis and its drive."""
 
     telegram: int
     shape: str
@@ -99,7 +99,7 @@ class AxisPlan:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """One part: the same cycle for all axes."""
+    """One part: a cycle time and its axes."""
 
     cycle_ms: int
     axes: tuple[AxisPlan, ...]
@@ -116,7 +116,7 @@ class Plan:
         return replace(self, axes=tuple(axes))
 
     def configuration(self, channel: str, plc: str, engineer: str) -> GatewayConfig:
-        """What the gateway is started with; addresses of the PLC and of who else writes parameters."""
+        """Configuration of the gateway, with the addresses of the PLC and of the other parameter client."""
         axes = "".join(
             f"[[axis]]\ndo_id = {n}\nnode_id = {n}\ntelegram = {axis.telegram}\n"
             f'on_plc_loss = "{axis.on_plc_loss.value}"\ncontrol_lost = "{axis.control_lost.value}"\n{_TABLES}'
@@ -130,7 +130,7 @@ class Plan:
 
 
 def draw_plan(chance: Random, axes: int, telegrams: Sequence[int] = ()) -> Plan:
-    """Draw a part; ``telegrams``: those of the axes in turn, without any every axis draws its own."""
+    """Draw a part. ``telegrams``: those of the axes in turn; if empty, every axis draws its own."""
     numbers = [telegrams[n % len(telegrams)] if telegrams else chance.choice(_DRAWN) for n in range(axes)]
     return Plan(
         chance.choice(CYCLES_MS),
@@ -149,7 +149,7 @@ def draw_plan(chance: Random, axes: int, telegrams: Sequence[int] = ()) -> Plan:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One part of the day of a seed; it begins with power-on, so that a moment of the day is reached again soon."""
+    """One part of the day of a seed. It starts with power-on, so that any time of the day can be repeated quickly."""
 
     seed: int
     number: int
@@ -159,7 +159,7 @@ class Part:
 
     @property
     def world_seed(self) -> str:
-        """Decides everything that is left to chance in it."""
+        """Seed of all random choices in this part."""
         return f"{self.seed} {self.number}"
 
     @property
@@ -169,7 +169,7 @@ class Part:
 
 
 def parts(seed: int, axes: int = 2, telegrams: Sequence[int] = ()) -> Iterator[Part]:
-    """The parts of a day, one after the other, without end; ``telegrams`` as for ``draw_plan``."""
+    """The parts of a day, in order and without end. ``telegrams``: as for ``draw_plan``."""
     begin = 0
     for number in count():
         plan = draw_plan(Random(f"{seed} {number} plan"), axes, telegrams)

@@ -1,4 +1,4 @@
-"""Defects planted in the gateway, to measure how long the soak needs to find each."""
+"""Defects planted in the gateway, to measure the time in which the soak finds each."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from pdgw.workshop.soak.plan import parts
 from pdgw.workshop.soak.watch import ViolationError
 
 LIMIT_NS: Final = 7200 * SECOND
-"""Virtual time in which each defect has to be found."""
+"""Virtual time in which the soak must find each defect."""
 _SHUTDOWN: Final = 0x06
 _OBEYING: Final = (Phase.FOLLOW, Phase.PASS)
 Plant = Callable[[], AbstractContextManager[object]]
@@ -36,7 +36,7 @@ Plant = Callable[[], AbstractContextManager[object]]
 
 @dataclass(frozen=True, slots=True)
 class Defect:
-    """``plant`` breaks the gateway as long as its context lasts."""
+    """``plant`` breaks the gateway while its context is active."""
 
     text: str
     plant: Plant
@@ -44,7 +44,7 @@ class Defect:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """``time_ns``: virtual time until the soak found the defect, None: not within the limit."""
+    """``time_ns``: virtual time until the soak found the defect; None: not within the limit."""
 
     name: str
     time_ns: int | None
@@ -56,7 +56,7 @@ def _replaced(place: object, name: str, value: object) -> Plant:
 
 
 def _wrapped(place: type, name: str, around: Callable[..., Any]) -> Plant:
-    """``around`` is called with the method that it replaces, then with its arguments."""
+    """Replace a method by ``around``, which gets the original method and the arguments."""
     method = getattr(place, name)
 
     def replacement(*arguments: Any, **named: Any) -> Any:
@@ -66,7 +66,7 @@ def _wrapped(place: type, name: str, around: Callable[..., Any]) -> Plant:
 
 
 def _step(change: Callable[[Interlock, Phase, PowerWish | None, int], None]) -> Plant:
-    """``change`` is called after each step: interlock, phase before, wish, Statusword."""
+    """Call ``change`` after each step with interlock, phase before, wish and Statusword."""
 
     def step(method: Any, self: Interlock, wish: PowerWish | None, *arguments: Any) -> int:
         before = self.phase
@@ -78,7 +78,7 @@ def _step(change: Callable[[Interlock, Phase, PowerWish | None, int], None]) -> 
 
 
 def _kept(because: Callable[[PowerWish | None, int], bool]) -> Plant:
-    """The axis goes on to be obeyed where it should be locked."""
+    """The axis stays in operation where it must be locked."""
 
     def change(self: Interlock, before: Phase, wish: PowerWish | None, statusword: int) -> None:
         if before in _OBEYING and self.phase not in _OBEYING and because(wish, statusword):
@@ -128,7 +128,7 @@ def _iops_ignored(method: Any, self: CyclicEndpoint, data: bytes) -> Any:
 
 
 def _unguarded(plant: Plant) -> Plant:
-    """The guard behind everything would stop what this defect starts: it is taken away with it."""
+    """Remove the final guard as well, because it would stop what this defect starts."""
 
     @contextmanager
     def planted() -> Iterator[None]:
@@ -192,11 +192,11 @@ DEFECTS: Final[Mapping[str, Defect]] = {
     ),
     "quick-stop-coasts": Defect("Quick Stop is sent as Shutdown", _replaced(interlock, "CELLS", _QUICK_STOP_COASTS)),
 }
-"""By name."""
+"""The defects by name."""
 
 
 def search(name: str, seed: int, axes: int = 2, limit_ns: int = LIMIT_NS) -> Found:
-    """Soak a gateway with one defect until it is found."""
+    """Run the soak with one defect until it is found."""
     with DEFECTS[name].plant():
         for part in takewhile(lambda part: part.begin < limit_ns, parts(seed, axes)):
             life = Life(part)

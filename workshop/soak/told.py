@@ -1,4 +1,4 @@
-"""What the fault buffer (P945, P948) has to show: each EMCY with an error, as the drive sent it on the bus."""
+"""Required entries of the fault buffer (P945, P948): each EMCY with an error, as the drive sent it on the bus."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from pdgw.durations import MS, SECOND
 from pdgw.workshop.soak.watch import ViolationError
 
 TOLD_NS: Final = 300 * MS
-"""An EMCY is in the fault buffer within this time, whatever the cycle."""
+"""An EMCY is in the fault buffer within this time, at any cycle time."""
 _SAME_NS: Final = SECOND + 50 * MS
-"""The same EMCY is one entry in this time."""
+"""Repetitions of an EMCY within this time are one entry."""
 _LISTENS_NS: Final = 500 * MS
-"""A gateway that starts hears only other masters at first."""
+"""After its start a gateway first listens for other masters only."""
 _SITUATION: Final = 8
-"""Places of one fault situation; what comes when it is full is not entered."""
+"""Places of a fault situation. When it is full, further faults are not stored."""
 
 
 @dataclass(frozen=True, slots=True)
 class Emergency:
-    """One EMCY on the bus, with the time of its last bit."""
+    """An EMCY on the bus, with the time of its last bit."""
 
     time: int
     code: int
@@ -35,17 +35,17 @@ class Told:
         self.waiting: list[Emergency] = []
 
     def sent(self, now: int, data: bytes) -> None:
-        """An EMCY reached the gateway's controller."""
+        """An EMCY has reached the gateway's controller."""
         code, register = int.from_bytes(data[:2], "little"), data[2]
         if code and register:
             self.waiting.append(Emergency(now, code))
 
     def due(self, now: int) -> bool:
-        """Something should be in the buffer by now."""
+        """Whether an EMCY must be in the buffer now."""
         return bool(self.waiting) and now - self.waiting[0].time >= TOLD_NS
 
     def read(self, asked_at: int, origin: int, codes: Sequence[int], times_ms: Sequence[int]) -> None:
-        """The fault buffer as it was at some time after ``asked_at``; its times count from ``origin``."""
+        """Compare with the fault buffer, read at some time after ``asked_at``. Its times count from ``origin``."""
         due = [item for item in self.waiting if asked_at - item.time >= TOLD_NS]
         self.waiting = self.waiting[len(due) :]
         entries = [(code, origin + time_ms * MS) for code, time_ms in zip(codes, times_ms, strict=True) if code]

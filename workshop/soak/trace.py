@@ -1,4 +1,4 @@
-"""What happened in a life, as lines with the time; the last ones are kept."""
+"""The last events of a part of the soak, as lines with time."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ _KEPT_WITH_FRAMES = 600
 
 
 def clock(now: int) -> str:
-    """A moment of the day, to the microsecond."""
+    """A time of the day, to the microsecond."""
     seconds, rest = divmod(now, SECOND)
     return f"{seconds // 3600:02d}:{seconds // 60 % 60:02d}:{seconds % 60:02d}.{rest // 1000:06d}"
 
 
 class Trace(logging.Handler):
-    """Takes notes, and the log of the gateway. ``frames``: every frame of the buses and the network too."""
+    """Records notes and the gateway's log. ``frames``: also every frame of buses and network."""
 
     def __init__(self, now: Callable[[], int], *, frames: bool = False) -> None:
         super().__init__()
@@ -28,7 +28,7 @@ class Trace(logging.Handler):
         self._lines: deque[str] = deque(maxlen=_KEPT_WITH_FRAMES if frames else _KEPT)
 
     def note(self, text: str) -> None:
-        """One line."""
+        """Add a line."""
         self._lines.append(f"{clock(self._now())}  {text}")
 
     def emit(self, record: logging.LogRecord) -> None:
@@ -36,5 +36,5 @@ class Trace(logging.Handler):
 
     @property
     def lines(self) -> list[str]:
-        """The last ones, oldest first."""
+        """The last lines, oldest first."""
         return list(self._lines)

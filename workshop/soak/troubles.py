@@ -1,4 +1,4 @@
-"""What goes wrong in a life: network, PLC, bus and drives; each begins, lasts and ends."""
+"""Disturbances of the soak in network, PLC, bus and drives, with start, duration and end."""
 
 from __future__ import annotations
 
@@ -20,14 +20,16 @@ if TYPE_CHECKING:
     from pdgw.workshop.soak.watch import SoakAxis
 
 UNPLUGGED = "bus: interface unplugged"
-"""No gateway starts meanwhile."""
+"""While it is active, no gateway can start."""
 PLC_HOST, SECOND_HOST = "192.168.0.10", "192.168.0.11"
 Undo = Callable[[], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Trouble:
-    """``begin`` returns what ends it. ``drive``: the drive of an axis is disturbed itself, not what is between it and the PLC."""
+    """``begin`` starts the disturbance and returns the function that ends it. ``drive``: the drive itself is disturbed, not
+    the path between it and the PLC.
+    """
 
     name: str
     weight: int
@@ -36,7 +38,7 @@ class Trouble:
 
 
 def _network(**chosen: Callable[[Random], float]) -> Callable[[Life, SoakAxis, Random], Undo]:
-    """Other conditions on the network while it lasts."""
+    """Change the conditions of the network while it lasts."""
 
     def begin(life: Life, _: SoakAxis, chance: Random) -> Undo:
         network = life.world.network
@@ -83,7 +85,7 @@ def _iops_bad(life: Life, axis: SoakAxis, _: Random) -> Undo:
 
 
 def _second_plc(life: Life, _: SoakAxis, __: Random) -> Undo:
-    """Another PLC sends frames of the same layout with a standing ON."""
+    """Another PLC sends frames of the same layout with ON."""
     plc = CyclingPlc(
         life.loop,
         life.world.network.open(SECOND_HOST, 0, "second PLC"),
@@ -98,7 +100,7 @@ def _second_plc(life: Life, _: SoakAxis, __: Random) -> Undo:
 
 
 def _other_master(life: Life, _: SoakAxis, __: Random) -> Undo:
-    """A second gateway on the bus: its heartbeat, once."""
+    """A second gateway on the bus sends its heartbeat once."""
     member = life.bus.join("other master")
     member.send(ERROR_CONTROL + GATEWAY_NODE_ID, bytes([NmtState.OPERATIONAL]))
     member.close()
@@ -106,7 +108,7 @@ def _other_master(life: Life, _: SoakAxis, __: Random) -> Undo:
 
 
 def _foreign_nmt(life: Life, axis: SoakAxis, chance: Random) -> Undo:
-    """A tool on the bus commands the node."""
+    """A tool on the bus sends an NMT command to the node."""
     member = life.bus.join("tool")
     member.send(NMT, bytes((chance.choice(list(NmtCommand)), axis.index + 1)))
     member.close()

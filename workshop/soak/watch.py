@@ -1,10 +1,12 @@
-"""What must hold for one axis, read from the wires and the shaft; never from the gateway.
+"""Safety rules of one axis, checked on the wires and at the shaft, never with data of the gateway.
 
-* No Enable Operation is sent unless the PLC asks for ON, and no drive starts without an OFF and then an ON after the last doubt.
-* Standstill or power off within a bound after the PLC, or the way to the drive, is lost; a drive that coasts takes its time.
-* No task more often than the PLC gave one.
-* ZSW1 shows operation, fault and "speed reached" only of a drive that does what it shows, once nothing changes any more.
-* OFF2 and OFF3 go to the drive within a bound.
+* Enable Operation is sent only while the PLC commands ON. No drive starts without an OFF and then an ON after the last loss
+or fault.
+* After the loss of the PLC or of the drive, the axis is at standstill or without power within a bound; coasting takes
+longer.
+* No more tasks start than the PLC has commanded.
+* In a steady state ZSW1 shows operation, fault and "speed reached" only if the drive agrees.
+* OFF2 and OFF3 reach the drive within a bound.
 """
 
 from __future__ import annotations
@@ -23,11 +25,11 @@ from pdgw.workshop.soak.plan import AxisPlan
 from pdgw.workshop.soak.words import Words, asked_share, is_off, is_on
 
 STOP_BOUND_NS: Final = 1000 * MS
-"""The drive's own watch over the gateway (300 ms), a quick stop from full speed (300 ms), and the cycles until it is known."""
+"""The drive's own heartbeat monitoring (300 ms), a quick stop from full speed (300 ms), and the cycles for detection."""
 RAMP_BOUND_NS: Final = 2500 * MS
 """The same with the ramp of on_plc_loss = "ramp" from full speed."""
 SETTLED_NS: Final = 400 * MS
-"""So long nothing must have changed before what is shown is compared."""
+"""Time without changes before displayed states are compared."""
 RATED_RPM: Final = 3000
 """100 % of a speed: 6080h of the simulated motor."""
 REACHED_RPM: Final = 90
@@ -36,7 +38,7 @@ _STANDS_RPM = 1.0
 _OPERATION, _FAULT, _REACHED = 0x0004, 0x0008, 0x0400
 _ENABLE: Final = 0x000F
 _MOVES: Final = 0x007F
-"""STW1 bits that let the setpoint through."""
+"""STW1 bits that enable the setpoint."""
 _NO_OFF2, _NO_OFF3 = 0x0002, 0x0004
 _AFTER_OFF2: Final = frozenset({0x0})
 _AFTER_OFF3: Final = frozenset({0x0, 0x2})
@@ -44,11 +46,11 @@ _AFTER_OFF3: Final = frozenset({0x0, 0x2})
 
 
 class ViolationError(Exception):
-    """Something happened that must never happen."""
+    """A safety rule is violated."""
 
 
 class SoakAxis:
-    """The drive of one axis and what the PLC asks of it."""
+    """The drive of one axis and the commands of the PLC for it."""
 
     def __init__(self, index: int, plan: AxisPlan, drive: SimulatedDrive, member: Member, words: Words) -> None:
         self.index = index
@@ -58,37 +60,40 @@ class SoakAxis:
         """The drive's controller on the bus."""
         self.words = words
         self.starts = 0
-        """How often operation was entered."""
+        """Number of entries to operation."""
         self.good = False
-        """The setpoints of the last frame count: the PLC in RUN, IOPS GOOD."""
+        """The setpoints of the last frame are valid: PLC in RUN, IOPS GOOD."""
         self.in_force_ns = 0
-        """An order holds so long without another: an OFF in force when the doubt ends is one after it."""
+        """How long a command stays valid without another one. An OFF that is valid at the end of a loss counts as an OFF
+        after it.
+        """
         latency = plan.latency
         self.late_ns = (latency.command_ms + latency.status_ms) * MS
         now = drive.loop.now()
         self._off = self._on = self._armed = -1
-        """When an OFF and an ON came to the gateway last, and when an ON came that follows an OFF after the last doubt."""
+        """When the last OFF and ON reached the gateway, and the last ON that followed an OFF after the last loss or fault.
+        """
         self._asked = b""
         self._share: float | None = None
-        """The speed that came to the gateway."""
+        """The speed setpoint that reached the gateway, as a share of 100 %."""
         self._asked_since = now
         self._stop_asked: tuple[int, int] | None = None
-        """Since when OFF2 or OFF3 stands, and which (the bits of STW1 that are 0)."""
+        """Start of an active OFF2 or OFF3, and which one (the bits of STW1 that are 0)."""
         self._commanded = 0
         """Bits 0 to 3 of the last Controlword."""
         self._commanded_at = -1
         self._enabled = -1
-        """When Enable Operation was sent last, and"""
+        """When Enable Operation was sent last."""
         self._left = -1
-        """when the drive left operation last."""
+        """When the drive left operation last."""
         self._doubt = (0, "power on")
         self._previous = drive.model.state
         self._changed = now
         self._lost_since: int | None = None
         self._reached_since = now
-        """Since when PLC, gateway and drive are joined."""
+        """Since when PLC, gateway and drive are connected."""
         self._apart_since: int | None = None
-        """Since when the shaft does not turn with the speed that came to the gateway."""
+        """Since when the shaft does not turn with the speed setpoint that reached the gateway."""
         self._disturbed_until = 0
         drive.model.watchers.append(self._entered)
 
@@ -96,10 +101,10 @@ class SoakAxis:
     def name(self) -> str:
         return f"axis {self.index + 1}"
 
-    # -- what happens -------------------------------------------------------------------------------------------------
+    # -- events -------------------------------------------------------------------------------------------------------
 
     def doubt(self, why: str, since: int | None = None) -> None:
-        """From now on, or from a moment before, a start needs another OFF and then an ON."""
+        """From now on, or from an earlier time, a start needs a new OFF and then an ON."""
         when = self.drive.loop.now() if since is None else since
         if when > self._doubt[0]:
             self._doubt = (when, why)
@@ -107,19 +112,20 @@ class SoakAxis:
                 self._armed = -1
 
     def change(self, words: Words) -> None:
-        """The PLC has another telegram for this axis."""
+        """The PLC uses another telegram for this axis."""
         words.commands = self.words.commands
         self.words = words
         self._asked = b""
 
     def disturbed(self) -> None:
-        """The drive itself is out of order just now."""
+        """The drive itself is disturbed now."""
         self._disturbed_until = self.drive.loop.now()
 
     def asked(self, now: int, setpoints: bytes, *, certain: bool) -> None:
-        """A frame of the PLC came to the gateway; ``setpoints``: those of this axis, the control word first.
+        """A frame of the PLC has reached the gateway. ``setpoints``: those of this axis, the control word first.
 
-        ``certain``: the network neither loses nor delays, and no later frame came before, so that the gateway uses this frame.
+        ``certain``: the network neither loses nor delays frames and no later frame came first, so that the gateway uses this
+        one.
         """
         if setpoints != self._asked:
             self._asked = setpoints
@@ -144,9 +150,9 @@ class SoakAxis:
                 self._stop_asked = now, stops
 
     def controlword_in(self, can_id: int, data: bytes) -> int | None:
-        """The Controlword in an RPDO, as the drive has it mapped; None without one, or while the drive takes no RPDO."""
+        """The Controlword in an RPDO, by the drive's mapping. None without one, or while the drive accepts no RPDOs."""
         node = self.drive.node
-        # After its power-on the drive has its own mapping until the gateway has configured it.
+        # After power-on the drive has its own mapping until the gateway has configured it.
         pdo = node.pdos.received.get(can_id) if node.state is NmtState.OPERATIONAL else None
         if pdo is None or "controlword" not in pdo.attributes:
             return None
@@ -158,7 +164,7 @@ class SoakAxis:
         return int.from_bytes(data[at : at + 2], "little")
 
     def commanded(self, now: int, controlword: int) -> None:
-        """The gateway gave its controller a Controlword for the drive."""
+        """The gateway sent a Controlword for the drive to its controller."""
         word = controlword & _ENABLE
         before, self._commanded, self._commanded_at = self._commanded, word, now
         if word != _ENABLE:
@@ -169,7 +175,7 @@ class SoakAxis:
             raise ViolationError(f"{self.name}: Enable Operation is sent while the PLC does not ask for ON ({since})")
 
     def restarted(self) -> None:
-        """A gateway that was not there before took over."""
+        """Another gateway, without knowledge of the past, has started."""
         self._commanded = 0
         self.doubt("gateway restarted")
 
@@ -178,9 +184,9 @@ class SoakAxis:
         if state is State.OPERATION_ENABLED and self._previous is not State.OPERATION_ENABLED:
             self.starts += 1
             since, why = self._doubt
-            # What it was told before the doubt a drive may still do: it waited for its enable input, or a controller that was cut
-            # off held the frame, with the stop behind it. A ramp keeps Enable Operation: an enable input that was away for less
-            # than a cycle lets the drive go on by what was sent before it left operation.
+            # A drive may still execute a command sent before the loss: it waited for its enable input, or a disconnected
+            # controller held the frame and the stop after it. A ramp keeps Enable Operation: after a loss of the enable
+            # input shorter than a cycle, the drive continues with the command sent before it left operation.
             if self._enabled > max(since, self._left) and self._armed < 0:
                 raise ViolationError(
                     f"{self.name}: started without OFF and ON after a doubt ({why}, {(now - since) / MS:.0f} ms ago; "
@@ -196,15 +202,17 @@ class SoakAxis:
     def _ago(self, when: int) -> str:
         return "never" if when < 0 else f"{(self.drive.loop.now() - when) / MS:.0f} ms ago"
 
-    # -- what holds at any time ---------------------------------------------------------------------------------------
+    # -- rules --------------------------------------------------------------------------------------------------------
 
     def check(self, now: int, *, reached: bool, zsw1: int | None) -> None:
-        """``reached``: PLC, gateway and drive are joined. ``zsw1``: what the PLC is shown, None while that may change."""
+        """Check all rules. ``reached``: PLC, gateway and drive are connected. ``zsw1``: what the PLC sees, None while it may
+        change.
+        """
         self.drive.node.catch_up(now)
         self._check_standstill(now, reached)
         self._measure(now)
         model = self.drive.model
-        # A positioner goes from block to block, and jogs.
+        # A positioner starts blocks by itself, and jogs.
         if self.words.telegram.number not in POSITIONER_TELEGRAM_NUMBERS and model.started > self.words.commands:
             raise ViolationError(f"{self.name}: {model.started} tasks begun, {self.words.commands} given by the PLC")
         if not reached:
@@ -231,7 +239,7 @@ class SoakAxis:
             )
 
     def _check_stop(self, now: int) -> None:
-        """OFF2 and OFF3 are on the bus within the time in which an order is in force."""
+        """OFF2 and OFF3 are on the bus within the time in which a command is valid."""
         if self._stop_asked is None:
             return
         since, stops = self._stop_asked
@@ -251,7 +259,7 @@ class SoakAxis:
             raise ViolationError(f"{self.name}: ZSW1 {zsw1:04X}h shows no fault, the drive is in {state.value}")
 
     def _measure(self, now: int) -> None:
-        """Compare the shaft with the speed that came to the gateway."""
+        """Compare the shaft with the speed setpoint that reached the gateway."""
         share = self._share
         if share is None or abs(self.drive.model.ramp.speed - share * RATED_RPM) <= REACHED_RPM:
             self._apart_since = None
@@ -259,7 +267,7 @@ class SoakAxis:
             self._apart_since = now
 
     def _check_reached(self, now: int, zsw1: int) -> None:
-        """The setpoint that came to the gateway, and the shaft: a limit switch may just have stopped it."""
+        """Compare setpoint and shaft. A limit switch may just have stopped it."""
         share, apart = self._share, self._apart_since
         word = int.from_bytes(self._asked[:2], "big")
         if not zsw1 & _REACHED or share is None or word & _MOVES != _MOVES or not zsw1 & _OPERATION:

@@ -1,4 +1,4 @@
-"""What the PLC of a soak asks of an axis: mostly what a PLC program would, now and then anything."""
+"""The PLC's commands for an axis in the soak: mostly those of a PLC program, sometimes random ones."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _POSITIONING = 9
 _ENABLED: Final = 0x000F
 _TASK, _HOMING = 0x0040, 0x0800
 SPEEDS: Final = {"NSOLL_A": 1 << 14, "NSOLL_B": 1 << 30, "Target Velocity": 6000}
-"""Setpoints of speed and their 100 %."""
+"""Speed setpoints and their 100 %."""
 _ACTUALS: Final = {"NIST_A": 1 << 14, "NIST_B": 1 << 30, "Velocity Actual Value": 6000}
 _MODES = (Mode.VELOCITY, Mode.POSITION, Mode.TORQUE, Mode.HOMING)
 _LONGEST_WORD_NS = 250 * MS
@@ -40,21 +40,21 @@ _VALUES: Final[Mapping[str, Callable[[Random], int]]] = {
     "XERR": lambda chance: chance.choice((0, 0, chance.randrange(-5000, 5000))),
     "KPC": lambda chance: chance.choice((0, 0, 1000, 20_000)),
 }
-"""Values beside the control word, as far as the telegram has them."""
+"""Random values of the other setpoints, by name."""
 
 
 def is_off(word: int, *, raw: bool) -> bool:
-    """A control word that releases the lock of a doubt: OFF1 alone, with control by the PLC. ``raw``: a Controlword."""
+    """Whether a control word releases the lock after a loss: OFF1 alone, with control by the PLC. ``raw``: a Controlword."""
     return word & 0x07 == 0x06 and (raw or bool(word & CONTROL))
 
 
 def is_on(word: int, *, raw: bool) -> bool:
-    """A control word that asks for operation."""
+    """Whether a control word commands operation."""
     return word & _ENABLED == _ENABLED and (raw or bool(word & CONTROL))
 
 
 def asked_share(values: Mapping[str, int]) -> float | None:
-    """The speed that setpoints ask for as a share of the full one; None where something else decides on the speed."""
+    """The commanded speed as a share of 100 %. None where other values set the speed."""
     name = next((name for name in SPEEDS if name in values), None)
     if name is None or values.get("KPC") or values.get("MOMRED"):
         return None
@@ -64,7 +64,7 @@ def asked_share(values: Mapping[str, int]) -> float | None:
 
 
 def shown_share(actuals: Mapping[str, int] | None) -> float | None:
-    """The actual speed that the PLC is shown, as ``asked_share``; None where the telegram has none."""
+    """The actual speed that the PLC sees, like ``asked_share``. None where the telegram has none."""
     if actuals is None:
         return math.nan
     name = next((name for name in _ACTUALS if name in actuals), None)
@@ -72,12 +72,12 @@ def shown_share(actuals: Mapping[str, int] | None) -> float | None:
 
 
 class Words:
-    """The setpoints of one axis. ``draw`` changes them as chance has it."""
+    """The setpoints of one axis. ``draw`` changes them at random."""
 
     def __init__(self, telegram: Telegram, chance: Random, cycle_ns: int) -> None:
         self.telegram = telegram
         self.name = telegram.setpoints.names[0]
-        """STW1 or the Controlword: bit 0 says ON in both."""
+        """STW1 or the Controlword; bit 0 is ON in both."""
         self.values: dict[str, int] = dict.fromkeys(telegram.setpoints.names, 0)
         self.chance = chance
         self._cycle_ns = cycle_ns
@@ -86,9 +86,9 @@ class Words:
         self.off = 0x0006 if self.raw else 0x043E if telegram.number in TASK_TELEGRAM_NUMBERS else 0x047E
         self.on = self.off | _ENABLED
         self.commands = 0
-        """Edges and bits that may start or continue a task, so far."""
+        """Number of edges and bits until now that may start or continue a task."""
         self._later: list[int] = []
-        """Words that follow, one in each draw."""
+        """Following words, one for each draw."""
 
     @property
     def word(self) -> int:
@@ -96,13 +96,13 @@ class Words:
         return self.values[self.name]
 
     def set_word(self, word: int) -> None:
-        """Another word; what may start a task is counted."""
+        """Set another word and count it if it may start a task."""
         risen = word & ~self.word
         self.commands += bool(risen & (_TASK | _HOMING | 0x0010 | 0x0020 | _ENABLED))
         self.values[self.name] = word
 
     def stand_ns(self) -> int:
-        """How long the present word stands: one frame to 250 ms, or long enough for a ramp."""
+        """How long the present word is sent: one frame to 250 ms, or long enough for a ramp."""
         chance = self.chance
         kind = chance.random()
         if kind < 0.25:
@@ -112,7 +112,7 @@ class Words:
         return int(math.exp(chance.uniform(shortest, math.log(longest))))
 
     def draw(self) -> None:
-        """Something else is asked from now on."""
+        """Change the command."""
         chance = self.chance
         if self._later:
             self.set_word(self._later.pop(0))
@@ -137,12 +137,12 @@ class Words:
         self.set_word(self.on)
 
     def _acknowledge(self) -> None:
-        """A fault is acknowledged while the ON stands."""
+        """Acknowledge a fault while ON is active."""
         self.set_word(self.on)
         self._later = [self.on | ACKNOWLEDGE, self.on]
 
     def _drop(self) -> None:
-        """Coast stop, quick stop, disable operation, or a bit of the ramp generator, and back."""
+        """Coast stop, quick stop, disable operation or a ramp generator bit, and back."""
         word = self.word
         self.set_word(word & ~(1 << self.chance.randrange(1, 7)))
         if self.chance.random() < 0.7:
@@ -157,14 +157,14 @@ class Words:
         self.set_word(self.chance.randrange(0x10000))
 
     def _setpoint(self) -> None:
-        """Another speed."""
+        """Set another speed."""
         chance = self.chance
         for name, full in SPEEDS.items():
             if name in self.values:
                 self.values[name] = chance.choice((0, full, -full, chance.randrange(-full, full)))
 
     def set_speed(self, share: float) -> bool:
-        """Ask for a share of the full speed, without a task or a position loop; False where the telegram has no speed."""
+        """Set a share of the full speed, without a task or a position loop. False where the telegram has no speed."""
         name = next((name for name in SPEEDS if name in self.values), None)
         if name is None:
             return False
@@ -179,7 +179,7 @@ class Words:
         return True
 
     def _special(self) -> None:
-        """What only some telegrams have."""
+        """Use a function that only some telegrams have."""
         chance = self.chance
         if self.telegram.number == _POSITIONING:
             if chance.random() < 0.2:

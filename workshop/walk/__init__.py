@@ -1,14 +1,14 @@
-"""The exhaustive walk of one axis: every state that a PLC, a loss and a lying drive can bring the axis machine to.
+"""The exhaustive walk of one axis: all states that any PLC, loss or drive can bring the axis machine to.
 
-``python -m pdgw.workshop.walk`` walks and prints states, transitions and violations; ``make walk`` does it for all settings.
+``python -m pdgw.workshop.walk`` prints states, transitions and violations; ``make walk`` does it for all settings.
 
-| module | holds |
+| module | contents |
 | --- | --- |
-| ``machine`` | the axis machine as a transducer: numbered states, ``(state, input) -> (state, output)``, explored when asked |
-| ``plc``, ``drive`` | everything a PLC can send, a drive can show |
-| ``monitor`` | what must never happen, from the profile and docs/translation.md, without the power table |
+| ``machine`` | the axis machine as numbered states, ``(state, input) -> (state, output)``, computed on demand |
+| ``plc``, ``drive`` | everything a PLC can send and a drive can report |
+| ``monitor`` | the safety rules from the profile and docs/translation.md, without the power table |
 | ``brakes`` | the same for NMT Stop and the gateway's heartbeat, in a walk of the guarding |
-| ``recovery`` | from every state an axis comes back, with an honest drive that is late |
-| ``cases`` | which telegrams and choices are walked |
-| ``search`` | breadth first to the fixpoint; a violation as its shortest trace |
+| ``recovery`` | an axis returns to operation from every state, with a correct but slow drive |
+| ``cases`` | the telegrams and settings of the walks |
+| ``search`` | breadth-first search to the fixpoint; the shortest trace of a violation |
 """

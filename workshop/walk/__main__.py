@@ -1,4 +1,4 @@
-"""``python -m pdgw.workshop.walk``: walk all cases, print states, transitions and violations; exit status 1 with any."""
+"""``python -m pdgw.workshop.walk``: run all walks, print states, transitions and violations; exit status 1 with violations."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What must never happen to the brakes beside the Controlword: NMT Stop, and the gateway's heartbeat that is withheld.
+"""Safety rules of the stops beside the Controlword: NMT Stop, and the withheld heartbeat of the gateway.
 
-Source: docs/safety.md, "A drive that does not stop"; CiA 301, node guarding and heartbeat. Imports nothing of the supervision
-but the names of the brakes.
+Source: docs/safety.md, "A drive that does not stop"; CiA 301, node guarding and heartbeat. Imports only the names of these
+stops from the supervision.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from pdgw.workshop.walk.values import Output, Plc, Shown
 
 _STOPS, _QUICK_STOP = 0x6, 0x2
 _REACTION = 4
-"""In the fourth step the reaction time (400 ms) is over, and the time in which the drive brakes from full speed."""
+"""Steps until the reaction time (400 ms) and the braking time from full speed are over."""
 _NMT_REACTION = 2
-"""So many steps after NMT Stop its reaction time is over."""
+"""Steps after NMT Stop until its reaction time is over."""
 _UNPOWERED = (
     State.NOT_READY_TO_SWITCH_ON,
     State.SWITCH_ON_DISABLED,
@@ -29,7 +29,7 @@ _UNPOWERED = (
 
 
 class BrakeRule(enum.Enum):
-    """What is checked."""
+    """The rules."""
 
     LATE = "a drive that does not stop within its reaction time is stopped by NMT"
     NEEDLESS = "a drive that obeys is not stopped by NMT"
@@ -38,30 +38,30 @@ class BrakeRule(enum.Enum):
 
 
 class BrakeMemory(NamedTuple):
-    """What the rules remember from step to step."""
+    """State of the rules between steps."""
 
     brake: Brake = Brake.NONE
     ramp: bool = False
-    """Enable Operation is kept for a ramp."""
+    """Enable Operation stays set for a ramp."""
     operates: int = 0
-    """Steps in which the drive showed operation although power off or a quick stop was commanded."""
+    """Steps in which the drive reported operation although power off or a quick stop was commanded."""
     turns: int = 0
-    """Steps in which it turned although it was braked with power on."""
+    """Steps in which it turned although it was braking under power."""
     waits: int = 0
     """Steps since NMT Stop was commanded."""
     obeyed: bool = False
-    """The node has shown Stopped since."""
+    """The node has reported Stopped since then."""
     tried: bool = False
-    """NMT Stop was obeyed, and the drive was not off."""
+    """NMT Stop was executed and the drive was not off."""
 
 
 class BrakeMonitor:
-    """Checks one step after the other."""
+    """Checks the steps in order."""
 
     first = BrakeMemory()
 
     def step(self, before: BrakeMemory, plc: Plc, shown: Shown, output: Output) -> tuple[BrakeMemory, list[BrakeRule]]:
-        """The memory after the step, and the rules that it breaks."""
+        """The state of the rules after the step, and the violated rules."""
         brake, cw = output.brake, output.controlword
         state = STATE_OF_STATUS[shown.statusword & 0x7F] if shown.ok else None
         off = shown.found_off or state in _UNPOWERED

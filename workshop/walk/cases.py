@@ -1,4 +1,4 @@
-"""What is walked: telegrams with the user's choices, in a short and in a full alphabet."""
+"""The walks: telegrams with the user's settings, with a short and a full set of inputs."""
 
 from __future__ import annotations
 
@@ -37,18 +37,19 @@ from pdgw.workshop.walk.values import Plc, Shown
 
 Walked = TypeVar("Walked", bound=Transducer)
 TICK_NS = 200 * MS
-"""One step of the walk. The ages that make a difference (200, 300, 500 ms) are one to three steps: a moment inside each time, at
-its end and behind it is there, and no more states than that."""
+"""One step of the walk. The relevant ages (200, 300, 500 ms) are one to three steps, so that each is checked inside, at and
+after its end with the fewest states.
+"""
 FINE_TICK_NS = 100 * MS
 NOT_WALKED = dict.fromkeys(ENCODER_TELEGRAM_NUMBERS, "an encoder has no power stage and no motion")
-"""Telegrams of no case, with the reason."""
+"""Telegrams without a walk, with the reason."""
 STOP_TIME_NS = FINE_TICK_NS // 2
-"""What the check of the speed allows a drive falls to the setpoint within one step."""
+"""With this time, the limit in the speed supervision falls to the setpoint within one step."""
 
 
 @cache
 def drive() -> DriveType:
-    """A simulated drive with all modes, as its data sheet tells it."""
+    """A simulated drive with all modes, from its data sheet."""
     chosen = shape("engel")
     dictionary = import_eds(write_eds(chosen.info, chosen.objects()).encode(), 1).dictionary
     return describe(dictionary, answers_of_defaults(dictionary))
@@ -64,18 +65,18 @@ class Case:
     hold: bool = False
     full: bool = False
     guarding: bool = False
-    """The brakes beside the Controlword, with what guarding tells of the drive, instead of the Controlword."""
+    """Walk the stops beside the Controlword, with the results of guarding, instead of the Controlword."""
     life: int | None = None
     """P925, with a PLC that has a sign of life; None: without one."""
     homing: bool = False
-    """Traversing tasks, and homing,"""
+    """Traversing tasks with homing."""
     jog: bool = False
-    """or jog, between them."""
+    """Traversing tasks with jog."""
     tick_ns: int = TICK_NS
 
     @property
     def name(self) -> str:
-        """As it is printed."""
+        """Name for the output."""
         return " ".join(
             [
                 f"telegram {self.number}",
@@ -90,7 +91,7 @@ class Case:
         )
 
     def run(self, *, first_only: bool = False) -> Result:
-        """Walk to the fixpoint, then bring the axis back from every state; ``first_only``: up to the first violation."""
+        """Walk to the fixpoint, then bring the axis back from every state. ``first_only``: stop at the first violation."""
         number, machine = self.number, self.machine(Transducer)
         plc = self._frames()
         expected = Expected(
@@ -110,7 +111,7 @@ class Case:
         return result
 
     def machine(self, kind: Callable[..., Walked]) -> Walked:
-        """The axis machine, with all inputs; ``kind``: Transducer, or what is made from it."""
+        """The axis machine with all inputs. ``kind``: Transducer or a subclass."""
         shown = self._shown()
         inputs = product(self._frames(), guarded(shown) if self.guarding else shown)
         return kind(self.number, self._settings(), drive(), self.tick_ns, inputs, guarding=self.guarding)
@@ -155,13 +156,13 @@ class Case:
 
 
 def short() -> Iterator[Case]:
-    """In the tests: the defaults with the two ways in which a PLC commands the power stage."""
+    """For the tests: the defaults with both ways in which a PLC commands the power stage."""
     yield Case(1)
     yield Case(RAW)
 
 
 def selected() -> Iterator[Case]:
-    """In CI: each reaction to a loss and each choice once; the sign of life, the guarding, and traversing tasks."""
+    """For CI: each reaction to a loss and each setting once; sign of life, guarding and traversing tasks."""
     quick_stop, ramp, coast = PlcLossReaction.QUICK_STOP, PlcLossReaction.RAMP, PlcLossReaction.COAST
     yield Case(1, quick_stop)
     yield Case(1, quick_stop, resume=True, hold=True)
@@ -175,7 +176,7 @@ def selected() -> Iterator[Case]:
 
 
 def every() -> Iterator[Case]:
-    """Each telegram of a drive once with the defaults, then homing, jog, and what is in ``selected`` beside that."""
+    """Each telegram of a drive once with the defaults, then homing, jog, and the rest of ``selected``."""
     once = [Case(number) for number in DRIVE_TELEGRAM_NUMBERS]
     yield from once
     yield from (Case(number, homing=True) for number in TASK_TELEGRAM_NUMBERS)
@@ -184,7 +185,7 @@ def every() -> Iterator[Case]:
 
 
 def full() -> Iterator[Case]:
-    """All choices with all telegrams in the full alphabet: hours."""
+    """All settings with all telegrams and the full set of inputs: takes hours."""
     for number in DRIVE_TELEGRAM_NUMBERS:
         for loss, resume, hold in product(PlcLossReaction, (False, True), (False, True)):
             homing, jog = number in TASK_TELEGRAM_NUMBERS, number in POSITIONER_TELEGRAM_NUMBERS

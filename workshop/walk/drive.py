@@ -1,6 +1,6 @@
-"""Everything a drive can show: the walk's drive has no memory, so that it can be late, deaf, and lie in every way.
+"""Everything a drive can report. This drive has no memory, so it can be late, ignore commands and report wrong states.
 
-What a real drive does, with any latency, any refusal and any lie, is one of the ways through this.
+Every behaviour of a real drive, with any latency, rejection or wrong report, is a path through these values.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ _ONLY_IN_FULL = (State.NOT_READY_TO_SWITCH_ON, State.FAULT_REACTION_ACTIVE)
 
 
 def anything(mode: int, *, tasks: bool, homing: bool, jog: bool, full: bool) -> list[Shown]:
-    """Each state, standing and turning where that makes a difference, no state, a lost and a restarted drive.
+    """Each state, at standstill and turning where that matters; no state; a lost and a restarted drive.
 
-    ``mode``: 6061h. ``tasks``: setpoints are acknowledged. ``homing``: the drive takes SDO writes, and homes. ``jog``: it
-    shows the mode of a speed. ``full``: also what the machine treats as another of them.
+    ``mode``: 6061h. ``tasks``: setpoints are acknowledged. ``homing``: the drive accepts SDO writes, and homes. ``jog``: it
+    reports the mode of a speed. ``full``: also values that the machine treats as equal.
     """
     states = [state for state in STATUS_OF if full or state not in _ONLY_IN_FULL]
     shown = [Shown(state.value, STATUS_OF[state] | _VOLTAGE) for state in states]
@@ -60,7 +60,7 @@ def anything(mode: int, *, tasks: bool, homing: bool, jog: bool, full: bool) -> 
 
 
 def guarded(shown: list[Shown]) -> list[Shown]:
-    """Each of them, and what guarding tells of a drive beside: its node is stopped, or it was found without power."""
+    """Each of them, also with the results of guarding: node stopped, or drive found without power."""
     lost = next(item for item in shown if not item.ok)
     return [
         *shown,

@@ -1,4 +1,4 @@
-"""The axis machine as a transducer: states, inputs and outputs are numbered, a transition is computed once and then looked up."""
+"""The axis machine as a transducer: states, inputs and outputs have numbers; each transition is computed once and stored."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from pdgw.workshop.walk.plc import HOMING_METHOD
 from pdgw.workshop.walk.values import Life, Output, Plc, Shown
 
 _START = 1000 * SECOND
-"""Time of the first step: no age of an instant is limited by it."""
+"""Time of the first step, late enough for every age."""
 _LIFE = signal("STW2").bit("SIGN_OF_LIFE").position
 
 
 class Transducer:
-    """One axis with one drive; state 0 is the machine that was just configured and has seen no PLC."""
+    """One axis with one drive. State 0 is a newly configured machine that has seen no PLC."""
 
     def __init__(
         self,
@@ -58,14 +58,14 @@ class Transducer:
         return len(self._states)
 
     def number_of(self, plc: Plc, shown: Shown) -> int:
-        """The number of an input, a new one for one that there was not yet."""
+        """The number of an input; a new input gets a new number."""
         number = self._number_of_input.setdefault((plc, shown), len(self.inputs))
         if number == len(self.inputs):
             self.inputs.append((plc, shown))
         return number
 
     def step(self, state: int, number: int) -> tuple[int, int]:
-        """One cycle from a state with an input: the next state, and the number of what was decided."""
+        """One cycle from a state with an input: the next state, and the number of the output."""
         row = self._rows[state]
         found = row.get(number)
         if found is None:
@@ -86,7 +86,7 @@ class Transducer:
         return number
 
     def _setpoints(self, plc: Plc) -> Sequence[int] | None:
-        """With the sign of life that follows the last one, or is still the last one."""
+        """The setpoints with the next or an unchanged sign of life."""
         life = self._machine.life
         if plc.setpoints is None or plc.life is Life.NONE or life is None:
             return plc.setpoints

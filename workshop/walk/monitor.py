@@ -1,7 +1,7 @@
-"""What must never happen to an axis, checked on every step. Imports nothing of the power table or the interlock.
+"""Safety rules of an axis, checked on every step, without imports from the power table or the interlock.
 
-Source: PROFIdrive profile 4.1 (state machine of the drive, OFF1 to OFF3), docs/translation.md "States", "Standard telegrams" and
-"Losses", docs/safety.md.
+Source: PROFIdrive profile 4.1 (state machine of the drive, OFF1 to OFF3), docs/translation.md "States", "Standard telegrams"
+and "Losses", docs/safety.md.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ _OFF, _ON = 0x6, 0x7
 _NEW_SETPOINT = 0x10
 _RESET = 0x80
 _OPERATION_ENABLED, _FAULT = 0x4, 0x8
-"""Of ZSW1."""
+"""Bits of ZSW1."""
 _CERTAIN = 3
-"""So many Enable Operation in succession, and the drive has had one."""
+"""After this number of consecutive Enable Operation the drive has received one."""
 _UNPOWERED = (
     State.NOT_READY_TO_SWITCH_ON,
     State.SWITCH_ON_DISABLED,
@@ -45,12 +45,12 @@ _UNPOWERED = (
     State.SWITCHED_ON,
 )
 _DEAD = (State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED)
-"""Without power, and no Enable Operation that is on its way changes that."""
+"""States without power that a delayed Enable Operation cannot leave."""
 _FAULTY = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
 
 class Rule(enum.Enum):
-    """What is checked."""
+    """The rules."""
 
     ENABLE = "Enable Operation only on the PLC's ON, after an OFF in this connection and after the last loss or fault"
     SWITCH_ON = "Switch On only on the PLC's ON, after an OFF in this connection and after the last loss or fault"
@@ -72,7 +72,7 @@ class Rule(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """The telegram and what the user chose, as far as the rules depend on it."""
+    """The telegram and the user's settings that the rules depend on."""
 
     loss: PlcLossReaction = PlcLossReaction.QUICK_STOP
     resume: bool = False
@@ -80,32 +80,32 @@ class Expected:
     hold: bool = False
     """STW1.10 = 0 holds the last valid words."""
     raw: bool = False
-    """Telegram 100: the Controlword is the PLC's own, an OFF1 is a Shutdown."""
+    """Telegram 100: the Controlword is the PLC's own and OFF1 is a Shutdown."""
     tasks: bool = False
     """Traversing tasks instead of a speed."""
     own_ramp: bool = False
-    """The gateway makes the ramps itself."""
+    """The gateway generates the ramps itself."""
     life: int | None = None
-    """P925: tolerated failures of the sign of life in succession; None: not watched."""
+    """P925: tolerated consecutive failures of the sign of life; None: not monitored."""
 
 
 class Memory(NamedTuple):
-    """What the rules remember from step to step."""
+    """State of the rules between steps."""
 
     connected: bool = False
-    """There was a frame with control in the present connection."""
+    """A frame with control has arrived in the present connection."""
     released: bool = False
-    """An OFF was seen in the present connection after the last loss or fault."""
+    """An OFF has arrived in the present connection after the last loss or fault."""
     enables: int = 0
-    """Enable Operation in succession, up to ``_CERTAIN``."""
+    """Consecutive Enable Operation, up to ``_CERTAIN``."""
     ramp: bool = False
-    """It is kept for a ramp."""
+    """Enable Operation stays set for a ramp."""
     coasts: bool = False
-    """OFF2, Disable Operation in a stop, or the end of a quick stop, and the drive has not shown that it is off since."""
+    """OFF2, Disable Operation during a stop, or the end of a quick stop; the drive has not reported power off since."""
     brakes: bool = False
-    """OFF3 or a loss with quick stop, and the drive has not shown that it is off since."""
+    """OFF3 or a loss with quick stop; the drive has not reported power off since."""
     operated: bool = False
-    """The drive showed operation."""
+    """The drive reported operation."""
     idle: bool = False
     """STW1.7 was 0 in this connection."""
     reset: bool = False
@@ -113,23 +113,23 @@ class Memory(NamedTuple):
     active: int = 0
     """The bits of STW1 that start a motion by their edge."""
     edge: bool = False
-    """One of them rose in operation, and no motion was started since; or the motion it started is interrupted."""
+    """One of them rose in operation and no motion has started since, or the motion it started is interrupted."""
     started: bool = False
-    """The last command moved: New Setpoint, or a speed."""
+    """The last command was a motion: New Setpoint, or a speed."""
     given: bool = False
-    """A motion was started in the present operation, and not rejected: it goes on after an intermediate stop."""
+    """A motion has started in the present operation and was not rejected: it continues after an intermediate stop."""
     quick_stop: bool = False
     """The last Controlword was Quick Stop."""
     armed: bool = False
-    """STW1.3 was 1 during the stop that is in force: its fall to 0 ends that."""
+    """STW1.3 was 1 during the present stop, so its fall to 0 ends the stop."""
     lives: bool = False
-    """The sign of life has begun in this connection."""
+    """The sign of life has started in this connection."""
     missed: int = 0
-    """Its failures in succession, up to the first that is not tolerated."""
+    """Its consecutive failures, up to the first that is not tolerated."""
 
 
 class _Asked:
-    """What one frame asks, or its absence."""
+    """The command of one frame, or its absence."""
 
     __slots__ = (
         "begins",
@@ -157,14 +157,14 @@ class _Asked:
         control = alive and (raw or word & CONTROL != 0)
         connected = self.connected = alive and (memory.connected or control)
         gone = self.gone = not connected
-        # OFF2 and OFF3 count in every frame, also in one without sign of life, or without control after a loss.
+        # OFF2 and OFF3 are valid in every frame, also without sign of life, or without control after a loss.
         self.coast = (there and not word & _VOLTAGE) or (gone and expected.loss is PlcLossReaction.COAST)
         stop = (there and word & _STOPS == _VOLTAGE) or (gone and expected.loss is PlcLossReaction.QUICK_STOP)
         self.brake = stop and not self.coast
         self.stops = there and self.brake
-        """By a frame, not by the loss."""
+        """Stopped by a frame, not by a loss."""
         self.begins = self.brake and not memory.quick_stop
-        """The quick stop begins with this frame: STW1.3 = 0 is no end of it."""
+        """The quick stop starts with this frame, so STW1.3 = 0 does not end it."""
         falls = memory.armed and not raw and not self.begins
         self.disable = connected and not word & _DISABLE and (falls or word & _ON == _ON)
         """Ends a ramp and a quick stop at once (S5 of the profile)."""
@@ -179,7 +179,7 @@ class _Asked:
 
 
 def _life(expected: Expected, memory: Memory, plc: Plc) -> tuple[bool, int]:
-    """Whether the sign of life has begun, and its failures in succession."""
+    """Whether the sign of life has started, and its consecutive failures."""
     if expected.life is None or plc.setpoints is None:
         return False, 0
     if plc.life is Life.COUNTS:
@@ -188,7 +188,7 @@ def _life(expected: Expected, memory: Memory, plc: Plc) -> tuple[bool, int]:
 
 
 class Monitor:
-    """Checks one step after the other."""
+    """Checks the steps in order."""
 
     first = Memory()
 
@@ -196,7 +196,7 @@ class Monitor:
         self._expected = expected
 
     def step(self, memory: Memory, plc: Plc, shown: Shown, output: Output) -> tuple[Memory, list[Rule]]:
-        """The memory after the step, and the rules that it breaks."""
+        """The state of the rules after the step, and the violated rules."""
         expected, cw = self._expected, output.controlword
         asked = _Asked(expected, memory, plc)
         power = cw & _POWER
@@ -205,7 +205,7 @@ class Monitor:
         off = state in _UNPOWERED or state in _FAULTY
         dead = state in _DEAD or state in _FAULTY
         coast, brake = asked.coast, asked.brake
-        # What forbids a start. A restart, and a drive that left operation, come before the frame of the same cycle.
+        # Reasons that forbid a start. A restart, or a drive that left operation, precedes the frame of the same cycle.
         fell = state in _UNPOWERED or state is State.QUICK_STOP_ACTIVE
         left = memory.operated and memory.enables == _CERTAIN and fell
         doubt = state is None or state in _FAULTY

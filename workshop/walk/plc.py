@@ -1,4 +1,4 @@
-"""Everything a PLC can ask of an axis: each class of control word once, and no frame at all."""
+"""Everything a PLC can command: each class of control word once, and no frame at all."""
 
 from __future__ import annotations
 
@@ -60,22 +60,22 @@ _VALUES = {
     "Target Velocity": 1500,
     "Modes of Operation": 3,
 }
-"""Setpoints that stand; the others are 0."""
+"""Constant setpoints; the others are 0."""
 _MDI = 0x8000
 HOMING_METHOD = 35
 _OF_TELEGRAM = {
     9: {"SATZANW": _MDI | HOMING_METHOD, "MDI_TARPOS": 0x1000_0000, "MDI_VELOCITY": 0x2000_0000},
 }
-"""Those of telegram 9 are fractions of a reference; SATZANW of the others selects traversing block 0."""
+"""In telegram 9 they are fractions of a reference value. In the others SATZANW selects traversing block 0."""
 RAW = 100
 """The telegram that carries the Controlword itself."""
 LOST = Plc("no PLC", None)
 
 
 def frames(number: int, *, homing: bool, jog: bool, full: bool) -> list[Plc]:
-    """What a PLC can send in one cycle, with ``homing`` and ``jog`` of telegrams with tasks.
+    """What a PLC can send in one cycle. ``homing`` and ``jog``: with these functions of telegrams with tasks.
 
-    ``full``: also what differs only by Disable Operation, or by bits that do not count.
+    ``full``: also words that differ only by Disable Operation, or by bits without effect.
     """
     names = telegram(number).setpoints.names
     chosen = _VALUES | _OF_TELEGRAM.get(number, {})
@@ -111,7 +111,7 @@ def frames(number: int, *, homing: bool, jog: bool, full: bool) -> list[Plc]:
 
 
 def with_life(made: Iterable[Plc]) -> Iterator[Plc]:
-    """Each frame with a sign of life that counts and with one that stands; the PLC of ``RAW`` and the like has none."""
+    """Each frame with a counting and with an unchanged sign of life. The PLC of ``RAW`` and similar telegrams has none."""
     for item in made:
         if item.setpoints is None:
             yield item
@@ -122,11 +122,11 @@ def with_life(made: Iterable[Plc]) -> Iterator[Plc]:
 
 
 def stops(made: Iterable[Plc]) -> list[Plc]:
-    """No frame, OFF1, OFF3 and ON of them."""
+    """The absence of a frame, OFF1, OFF3 and ON among these frames."""
     words = {bits | CONTROL for bits in (OFF1, OFF3, ENABLE)}
     return [item for item in made if item is LOST or item.word & (ENABLE | CONTROL | ACKNOWLEDGE) in words]
 
 
 def is_central(number: int) -> bool:
-    """A telegram in which the gateway makes the ramps itself (DSC)."""
+    """Whether the gateway generates the ramps of a telegram itself (DSC)."""
     return number in CENTRAL_TELEGRAM_NUMBERS and "XERR" in telegram(number).setpoints.names

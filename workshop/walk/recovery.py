@@ -1,7 +1,7 @@
-"""From every state an axis comes back: with an honest drive that is late, an OFF ends without power and an ON in operation.
+"""Check that an axis returns from every state: OFF ends without power and ON in operation, with a correct but slow drive.
 
-The drive is CiA 402 with one step of latency in either direction, chosen anew in each step. All states are followed at once:
-after so many steps none may be left that is not where it has to be.
+The drive is CiA 402 with up to one step of latency in either direction, chosen for each step. All states are followed
+together. After the allowed steps each must have reached its target.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ _SHUTDOWN, _SWITCH_ON, _ENABLE = 0x6, 0x7, 0xF
 _VOLTAGE, _STOPS = 0x2, 0x6
 _BITS = StatusBit.VOLTAGE_ENABLED | StatusBit.REMOTE
 STEPS_OF_OFF, STEPS_OF_ACKNOWLEDGE, STEPS_OF_ON = 14, 6, 10
-"""Within so many steps an OFF takes power off, an acknowledge ends a fault, and an ON leads to operation."""
+"""Steps within which OFF removes power, an acknowledgement ends a fault, and ON leads to operation."""
 
 
 class LateDrive(NamedTuple):
-    """An honest drive; ``word`` is the Controlword that is on its way to it, ``had`` the one it has."""
+    """A correct drive. ``word``: the Controlword on its way to it. ``had``: the one it has received."""
 
     state: State
     turns: bool = False
@@ -32,7 +32,7 @@ class LateDrive(NamedTuple):
     had: int = 0
 
     def step(self, output: Output, *, late: bool, stays: bool) -> LateDrive:
-        """One cycle. ``late``: it has the Controlword of the cycle before; ``stays``: in Quick Stop Active (options 5 to 8)."""
+        """One cycle. ``late``: it uses the previous Controlword. ``stays``: it stays in Quick Stop Active (options 5 to 8)."""
         word = self.word if late else output.controlword
         state = self._after(word, stays=stays)
         operates = state is State.OPERATION_ENABLED
@@ -69,7 +69,7 @@ class _Moment(NamedTuple):
 
 
 class Stuck(NamedTuple):
-    """Where an axis did not get in time."""
+    """The state in which an axis did not return in time."""
 
     wanted: str
     drive: LateDrive
@@ -84,7 +84,7 @@ def _shown(drive: LateDrive, mode: int) -> Shown:
 def recovery(
     machine: Transducer, states: Iterable[int], mode: int, off: Plc, acknowledge: Plc, on: Plc
 ) -> Stuck | None:
-    """OFF, acknowledge, OFF and ON from all these states of the machine; None when all of them come to operation."""
+    """Send OFF, acknowledge, OFF and ON from all these states. None when all of them reach operation."""
     drives = [LateDrive(state, turns) for state in State for turns in (False, True)]
     moments = {_Moment(number, drive, _shown(drive, mode)) for number in states for drive in drives}
     last: set[tuple[LateDrive, Output]] = set()

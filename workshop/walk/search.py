@@ -1,4 +1,4 @@
-"""Breadth first to the fixpoint: each pair of a machine's state and the monitor's memory once, with every input."""
+"""Breadth-first search to the fixpoint: each pair of machine state and monitor memory once, with every input."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ _Node = tuple[int, int]
 
 
 class Checks(Protocol):
-    """A monitor: what must never happen, with the memory that it needs from step to step."""
+    """A monitor: safety rules with a memory between steps."""
 
     @property
     def first(self) -> Hashable:
         """The memory before the first step."""
 
     def step(self, memory: Any, plc: Plc, shown: Shown, output: Output, /) -> tuple[Hashable, Sequence[enum.Enum]]:
-        """The memory after a step, and the rules that it breaks."""
+        """The memory after a step, and the violated rules."""
 
 
 @dataclass(slots=True)
@@ -42,7 +42,7 @@ class Step:
 
 @dataclass(slots=True)
 class Violation:
-    """A broken rule with the shortest way to it."""
+    """A violated rule with the shortest trace to it."""
 
     rule: enum.Enum
     trace: list[Step]
@@ -54,14 +54,14 @@ class Violation:
 
 @dataclass(slots=True)
 class Result:
-    """What a walk found."""
+    """Result of a walk."""
 
     states: int = 0
     machine_states: int = 0
     transitions: int = 0
     violations: dict[enum.Enum, Violation] = field(default_factory=dict)
     stuck: Stuck | None = None
-    """Where the axis does not come back to operation, or an OFF not to power off."""
+    """Where the axis does not return to operation, or OFF does not remove power."""
 
     def __str__(self) -> str:
         numbers = f"{self.machine_states} states of the machine, {self.states} of machine and monitor"
@@ -70,7 +70,7 @@ class Result:
 
 
 def walk(machine: Transducer, monitor: Checks, *, first_only: bool = False) -> Result:
-    """Everything that is reachable; of each rule that is broken the shortest trace, or ``first_only`` the first violation."""
+    """Visit everything reachable. Each violated rule has its shortest trace; ``first_only``: only the first violation."""
     result = Result()
     first: _Node = (0, 0)
     came_from: dict[_Node, tuple[_Node, int]] = {}
@@ -103,7 +103,7 @@ def walk(machine: Transducer, monitor: Checks, *, first_only: bool = False) -> R
 
 
 class _Judge:
-    """The monitor with numbered memories: what it says is computed once and then looked up."""
+    """The monitor with numbered memories; each result is computed once and stored."""
 
     def __init__(self, machine: Transducer, monitor: Checks) -> None:
         self._machine = machine

@@ -1,4 +1,4 @@
-"""What enters and leaves one step of the walk: values that hash, so that they are numbered once."""
+"""Inputs and outputs of one step of the walk: hashable values, so that each has one number."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pdgw.gateway.axis.supervision.stop_supervision import Brake
 
 
 class Life(enum.Enum):
-    """What the sign of life of a frame does (STW2 bits 12 to 15)."""
+    """Sign of life of a frame (STW2 bits 12 to 15)."""
 
     NONE = ""
     """It is 0."""
@@ -18,20 +18,20 @@ class Life(enum.Enum):
 
 
 class Plc(NamedTuple):
-    """One frame of the PLC, or none; ``name`` is what a trace prints."""
+    """One frame of the PLC, or none. ``name``: text in a trace."""
 
     name: str
     setpoints: tuple[int, ...] | None
-    """Raw values in telegram order; None: silent, provider STOP, IOPS BAD."""
+    """Raw values in telegram order. None: no frames, provider STOP, or IOPS BAD."""
     word: int = 0
     """STW1, or the Controlword of telegram 100."""
     fresh: bool = True
-    """It came in this cycle; False: the values of a cycle before."""
+    """It arrived in this cycle. False: values of an earlier cycle."""
     life: Life = Life.NONE
 
 
 class Shown(NamedTuple):
-    """What the drive shows in one cycle."""
+    """What the drive reports in one cycle."""
 
     name: str
     statusword: int
@@ -40,7 +40,7 @@ class Shown(NamedTuple):
     ok: bool = True
     """False: the drive is lost."""
     restarted: bool = False
-    """It booted, or was configured anew."""
+    """It booted, or was configured again."""
     mode: int = 0
     """6061h."""
     position: int = 0
@@ -50,11 +50,11 @@ class Shown(NamedTuple):
     found_off: bool = False
     """It is lost, and was found without power by SDO."""
     answer: str | None = None
-    """To the SDO writes that the machine asks for: empty when they are taken, else why not; None: no answer."""
+    """Answer to the SDO writes of the machine: empty if accepted, else the reason; None: no answer."""
 
 
 class Output(NamedTuple):
-    """What one step of the machine decided."""
+    """Output of one step of the machine."""
 
     controlword: int
     velocity: int
@@ -66,8 +66,8 @@ class Output(NamedTuple):
     zsw1: int
     """ZSW1, or the Statusword of telegram 100."""
     reason: str
-    """Why the axis does not do what is asked; empty: it does."""
+    """Why the axis does not follow; empty: it follows."""
     guarded: bool
-    """The guard behind everything had to replace an Enable Operation."""
+    """The final guard had to replace an Enable Operation."""
     brake: Brake = Brake.NONE
     """Only in a walk of the guarding."""

@@ -1,1 +1,1 @@
-"""The decoder and `pdgw timeline` on the same captures, beside other programs."""
+"""Speed of the decoder and of `pdgw timeline`, compared with other programs on the same captures."""

@@ -1,6 +1,6 @@
-"""Captures of both buses for measuring: cyclic frames of telegram 1 over UDP, and the drives' PDOs.
+"""Generate captures of both buses for measurements: cyclic frames of telegram 1 over UDP, and PDOs of the drives.
 
-Source: draft-ietf-opsawg-pcapng; the frames are those of ``profidrive.frame`` and ``dsp402.pdo.layouts``.
+Source: draft-ietf-opsawg-pcapng. The frames come from ``profidrive.frame`` and ``dsp402.pdo.layouts``.
 """
 
 from __future__ import annotations
@@ -55,13 +55,13 @@ def _rt(direction: Direction, counter: int, word: int, value: int, axes: int = 1
 
 
 def _can(pdo: Pdo, **values: int) -> bytes:
-    """A frame with the values by the names of the images, whatever their order in the PDO."""
+    """A CAN frame with values by name of the process image, in the order of the PDO."""
     data = pdo.pack(SimpleNamespace(**values))
     return struct.pack(">IBxxx", pdo.cob_id(_NODE), len(data)) + data
 
 
 def _cycles() -> Iterator[tuple[int, bytes]]:
-    """Interface and bytes of the four packets of each cycle, for ever."""
+    """Endless packets, four in each cycle: (interface, bytes)."""
     layouts = LAYOUTS[Operation.VELOCITY]
     rpdo, tpdo = layouts.rpdos[0], layouts.tpdos[0]
     cycle = 0
@@ -75,7 +75,7 @@ def _cycles() -> Iterator[tuple[int, bytes]]:
 
 
 def write_capture(path: Path, packets: int) -> None:
-    """Write the file; four packets make one millisecond."""
+    """Write a capture. Four packets are one millisecond."""
     with path.open("wb") as file:
         _write(file, packets)
 
@@ -92,7 +92,7 @@ def _write(file: BinaryIO, packets: int) -> None:
 
 
 AXES = 4
-"""Of a recording, on nodes 1 upwards."""
+"""Axes of a recording, on nodes 1 and up."""
 RECORDING_CYCLE_NS = 4 * MS
 _CYCLES_PER_SECOND = SECOND // RECORDING_CYCLE_NS
 _ON_AT = _CYCLES_PER_SECOND // 2
@@ -102,7 +102,7 @@ _STARTING = (_STOPPED, (0x0007, 0x0231), (0x0007, 0x0233), (0x000F, 0x0233), (0x
 
 
 def write_recording(folder: Path, seconds: int) -> list[str]:
-    """plc.pcap and can.log of four axes at 4 ms that start and stop once a second, all values new in every cycle."""
+    """Write plc.pcap and can.log: four axes at 4 ms that start and stop once a second. All values change in every cycle."""
     layouts = LAYOUTS[Operation.VELOCITY]
     rpdo, tpdo = layouts.rpdos[0], layouts.tpdos[0]
     plc, can = folder / "plc.pcap", folder / "can.log"

@@ -1,4 +1,4 @@
-"""Packets per second of the decoder, of scapy's dissection and of ``tshark -T fields``, on the same file in one run."""
+"""Packets per second of the decoder, scapy's dissection and ``tshark -T fields``, on the same file in one run."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pathlib import Path
 from pdgw.workshop.bench.decoding.captures import write_capture
 
 GOAL_SCAPY = 5.0
-"""Goal: at least so many times as fast as scapy."""
+"""Goal: the decoder's speed as a multiple of scapy's."""
 GOAL_TSHARK = 1.0
 _NAMES = "frame_id,cycle_counter,data_status,cob_id,stw1,nsoll_a,zsw1,nist_a,controlword,target_velocity,statusword"
 _TSHARK_FIELDS = (
@@ -40,7 +40,7 @@ with PcapReader(sys.argv[1]) as reader:
 
 @dataclass(frozen=True, slots=True)
 class DecodeSpeed:
-    """Wall clock of one reader for the whole file, start-up included."""
+    """Wall clock time of one reader for the whole file, including its start."""
 
     name: str
     packets: int
@@ -59,7 +59,7 @@ def _timed(command: Sequence[str]) -> float:
 
 
 def run(packets: int, rounds: int = 3, progress: Callable[[str], None] = lambda _: None) -> list[DecodeSpeed]:
-    """Measure on a file of ``packets``: the decoder, tshark where it is installed (best of ``rounds``), scapy (once)."""
+    """Measure on a file of ``packets``: decoder and tshark, if installed (best of ``rounds``), and scapy (once)."""
     with tempfile.TemporaryDirectory() as directory:
         capture = Path(directory) / "both.pcapng"
         progress(f"writing {packets} packets")

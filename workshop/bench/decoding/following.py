@@ -1,4 +1,4 @@
-"""How much faster than real time ``pdgw timeline`` follows a recording, how soon it begins, and the memory it takes."""
+"""Speed of ``pdgw timeline`` on a recording, its time to the first line, and its memory."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from pdgw.workshop.bench.decoding.captures import AXES, write_recording
 
 GOAL_FACTOR = 20.0
-"""Goal: at least so many times as fast as the recording ran."""
+"""Goal: seconds of recording per second of CPU."""
 _COMMAND = """
 import sys
 from pdgw.tools.cli import main
@@ -28,22 +28,22 @@ finally:
 
 @dataclass(frozen=True, slots=True)
 class FollowSpeed:
-    """Of one run of the command, start-up included."""
+    """Figures of one run of the command, including its start."""
 
     recorded_s: int
     cpu_s: float
     first_line_s: float
-    """Wall clock to the first line."""
+    """Wall clock time to the first line."""
     peak_mib: float
 
     @property
     def factor(self) -> float:
-        """Seconds of traffic for each second of CPU."""
+        """Seconds of recording per second of CPU."""
         return self.recorded_s / self.cpu_s
 
 
 def run(seconds: int) -> FollowSpeed:
-    """Follow a recording of four axes at 4 ms that lasts so long."""
+    """Run the timeline on a recording of four axes at 4 ms with this length."""
     with tempfile.TemporaryDirectory() as folder:
         files = write_recording(Path(folder), seconds)
         telegrams = ["--telegram", "1"] * AXES

@@ -1,1 +1,1 @@
-"""Measuring: schedules, phases, percentiles, and the build that was measured."""
+"""Tools of the measurements: schedules, phases, percentiles, build information."""

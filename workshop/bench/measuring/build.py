@@ -1,4 +1,4 @@
-"""What was measured: which build of the package, on which machine."""
+"""The measured build of the package and the machine."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _PRIORITY = 10
 
 
 def machine() -> dict[str, object]:
-    """What the figures depend on, as plain data."""
+    """The properties that the figures depend on, as plain data."""
     return {
         "date": datetime.now(UTC).date().isoformat(),
         "version": version("profidrive-gateway"),
@@ -27,7 +27,7 @@ def machine() -> dict[str, object]:
 
 
 def use_real_time_priority() -> None:
-    """For this process and those it starts; GatewayError without the right to it."""
+    """Set real-time priority for this process and its children. GatewayError without permission."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
     except AttributeError:

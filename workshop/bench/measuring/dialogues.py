@@ -1,4 +1,4 @@
-"""What the measuring client says: to a plain echo, and as a PLC to a gateway with telegram 1 on every axis."""
+"""Datagrams of the measuring client: to a plain echo, and as a PLC to a gateway with telegram 1 on every axis."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _OFF, _ON = 0x047E, 0x047F
 _ZSW1_STATE, _READY_TO_SWITCH_ON, _OPERATION = 0x4F, 0x01, 0x07
 _INHIBITED = 0x40
 SPEEDS = 64
-"""Different setpoints, one after the other; they are far enough apart to be told in any scaling."""
+"""Number of different setpoints, used in turn. In any scaling they are far enough apart to be distinguished."""
 _SPEED_STEP = 128
 _CYCLES_PER_LOOK = 10
 _READY_S = 30.0
@@ -23,7 +23,7 @@ _NUMBER = struct.Struct("<Q")
 
 
 class EchoDialogue:
-    """Datagrams of a given size that carry their cycle."""
+    """Datagrams of a given size that contain their cycle number."""
 
     def __init__(self, size: int) -> None:
         self._rest = bytes(max(0, size - _NUMBER.size))
@@ -41,7 +41,7 @@ def speed(cycle: int) -> int:
 
 
 class PlcDialogue:
-    """Frames with a new speed for every axis in each cycle, prepared beforehand."""
+    """Frames with a new speed for every axis in each cycle, prepared in advance."""
 
     def __init__(self, axes: int, period_ns: int) -> None:
         self.axes = axes
@@ -66,13 +66,13 @@ class PlcDialogue:
 
     def datagram(self, cycle: int) -> bytearray:
         frame = self._frames[cycle % SPEEDS]
-        # The gateway holds the counter against the time: flat out it has to go as fast as the frames do.
+        # The gateway compares the counter with the time. Without a fixed cycle the counter must increase with each frame.
         counter = time.monotonic_ns() // COUNTER_UNIT_NS
         TRAILER.pack_into(frame, self._provider.trailer, counter & 0xFFFF, STATUS_NORMAL, 0)
         return frame
 
     def answers(self, data: bytes, cycle: int) -> bool:
-        """The drives turn as the last cycle wanted: the gateway has worked on that one, so its answer to it is out."""
+        """Whether the drives have the speed of the last cycle: then the gateway has processed it and sent its answer."""
         actual = self._consumer.halves[0].decode(data, self._consumer.offsets[0])[1]
         return round(actual / _SPEED_STEP) == (cycle - 1) % SPEEDS
 
@@ -82,11 +82,11 @@ class PlcDialogue:
         return [half.decode(data, layout.offsets[index])[0] for index, half in enumerate(layout.halves)]
 
     def operating(self, data: bytes) -> bool:
-        """Every axis is in operation."""
+        """Whether every axis is in operation."""
         return all(word & _ZSW1_STATE == _OPERATION for word in self.states(data))
 
     def enable(self, peer: Peer, period_ns: int) -> None:
-        """OFF, then ON, for each axis as it follows; GatewayError when they do not come to operation."""
+        """Send OFF, then ON, until each axis follows. GatewayError when they do not come to operation."""
         deadline = time.monotonic() + _READY_S
         while time.monotonic() < deadline:
             peer.begin()
@@ -99,6 +99,6 @@ class PlcDialogue:
                 if word & _ZSW1_STATE == _READY_TO_SWITCH_ON:
                     self.words[axis] = _ON
                 elif word & _INHIBITED:
-                    self.words[axis] = _OFF  # a watchdog of a busy machine: OFF is needed again
+                    self.words[axis] = _OFF  # the watchdog of a busy machine has expired: OFF is needed again
             self._prepare()
         raise GatewayError("benchmark: the axes did not come to operation")

@@ -1,4 +1,4 @@
-"""Measuring: time per call, and percentiles."""
+"""Time per call, and percentiles."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from pdgw.gateway.errors import GatewayError
 
 @dataclass(frozen=True, slots=True)
 class Latency:
-    """Percentiles of latencies in microseconds, and how many cycles had no answer within their period.
+    """Percentiles of latencies in microseconds, and the number of cycles without an answer within their period.
 
-    A missed cycle counts in the percentiles as one that took the whole period: it took at least that long.
+    In the percentiles a missed cycle counts with the whole period, the least it can have taken.
     """
 
     p50: float
@@ -26,17 +26,17 @@ class Latency:
 
     @property
     def missed_share(self) -> float:
-        """Missed cycles of all, 0..1."""
+        """Missed cycles as a share of all, 0 to 1."""
         return self.missed / (self.samples + self.missed)
 
 
 def percentile(ordered: Sequence[int], share: float) -> int:
-    """The value below which ``share`` of the sorted samples lie."""
+    """The value that this share of the sorted samples does not exceed."""
     return ordered[min(len(ordered) - 1, int(share * len(ordered)))]
 
 
 def latency(samples_ns: Sequence[int], missed: int, period_ns: int) -> Latency:
-    """Summarise latencies; GatewayError when every cycle missed."""
+    """Compute the percentiles; GatewayError when all cycles were missed."""
     if not samples_ns:
         raise GatewayError(f"benchmark: no answer in {missed} cycles")
     ordered = sorted([*samples_ns, *[period_ns] * missed])
@@ -46,11 +46,11 @@ def latency(samples_ns: Sequence[int], missed: int, period_ns: int) -> Latency:
 
 _FINE_S = 1e-6
 _CLOCK = time.thread_time_ns if time.get_clock_info("thread_time").resolution <= _FINE_S else time.perf_counter_ns
-"""CPU of this thread where the system tells it finely: what else runs on the machine is not in it."""
+"""CPU time of this thread if the system's clock is fine enough, so that other processes do not count."""
 
 
 def nanoseconds_per_call(call: Callable[[], object], rounds: int = 40, calls: int = 1_000) -> float:
-    """The best of many short rounds, which is the cost without the machine's other work."""
+    """The best of many short rounds, which excludes the other work of the machine."""
     for _ in range(calls):
         call()
     best = float("inf")

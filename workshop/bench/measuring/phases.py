@@ -1,4 +1,4 @@
-"""Phases of one exchange in turn, quiet and disturbed: what is measured in each, gathered by name."""
+"""Quiet and disturbed phases of one exchange in turn, with the latencies of each kind."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pdgw.workshop.bench.measuring.schedule import Peer, run
 
 
 class Phases:
-    """Of ``cycles`` cycles each."""
+    """Phases of ``cycles`` cycles each."""
 
     def __init__(self, plc: PlcDialogue, peer: Peer, period_ns: int, cycles: int) -> None:
         self._plc = plc
@@ -21,7 +21,7 @@ class Phases:
         self._missed: Counter[str] = Counter()
 
     def play(self, name: str) -> None:
-        """One phase. The axes are enabled first: starting what disturbs took longer than the watchdog waits."""
+        """Run one phase. The axes are enabled first, because starting the disturbance takes longer than the watchdog time."""
         self._plc.enable(self._peer, self._period_ns)
         self._peer.begin()
         run([self._peer], self._cycles, self._period_ns)
@@ -29,5 +29,5 @@ class Phases:
         self._missed[name] += self._peer.missed
 
     def latency(self, name: str) -> Latency:
-        """All phases of that name together."""
+        """Latencies of all phases with this name."""
         return latency(self._samples[name], self._missed[name], self._period_ns)

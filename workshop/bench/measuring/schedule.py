@@ -1,10 +1,10 @@
-"""A client that keeps its schedule: each cycle's datagram leaves when it is due, whatever became of the one before.
+"""A client with a fixed schedule: it sends each cycle's datagram when it is due, whatever the result of the last one.
 
-An answer counts when it came before the next datagram left; later it is missed, so that a gateway that falls behind cannot hide
-it by slowing its client down (coordinated omission). Cycles that the client itself slept through are counted apart.
+An answer counts if it arrives before the next datagram is sent; later the cycle is missed. So a slow gateway cannot hide its
+delay by slowing the client (coordinated omission). Cycles that the client itself missed are counted separately.
 
-An answer has two latencies: until the kernel has it for the client's socket, which stamps it, and until the client has it. The
-second one contains the client's own way back into the processor.
+An answer has two latencies: until the kernel time stamps it at the client's socket, and until the client reads it. The
+second includes the time until the client runs again.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from pdgw.durations import SECOND
 from pdgw.workshop.bench.measuring.measure import Latency, latency
 
 _STAMPS = 35
-"""SO_TIMESTAMPNS and SCM_TIMESTAMPNS of Linux, which Python does not name."""
+"""SO_TIMESTAMPNS and SCM_TIMESTAMPNS of Linux, for which Python has no names."""
 _TIMESPEC = struct.Struct("@ll")
 
 
 class Arrival(NamedTuple):
-    """A datagram, when the kernel had it and when the client had it: monotonic nanoseconds."""
+    """A datagram, and when it reached the kernel and the client: monotonic nanoseconds."""
 
     at_socket: int
     at_client: int
@@ -34,7 +34,7 @@ class Arrival(NamedTuple):
 
 
 def _real_time_offset() -> int:
-    """What the clock of the kernel's stamps is ahead of the monotonic one: of several looks, the one that took least."""
+    """Difference of the kernel's time stamps to the monotonic clock. The fastest of several readings counts."""
     looks = []
     for _ in range(8):
         before, real, after = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
@@ -43,16 +43,16 @@ def _real_time_offset() -> int:
 
 
 class Dialogue(Protocol):
-    """What is sent to one peer, and what its answers tell."""
+    """The datagrams to one peer, and the meaning of its answers."""
 
     def datagram(self, cycle: int) -> bytes | bytearray: ...
 
     def answers(self, data: bytes, cycle: int) -> bool:
-        """Whether ``data`` is certainly no answer to an earlier cycle than this one."""
+        """Whether ``data`` can only be an answer to this cycle or a later one."""
 
 
 class Peer:
-    """One peer on loopback: its dialogue, and the latencies of its answers."""
+    """A peer on loopback: its dialogue, and the latencies of its answers."""
 
     def __init__(self, port: int, dialogue: Dialogue) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -63,28 +63,28 @@ class Peer:
         self.dialogue = dialogue
         self._next = 0
         self.newest = b""
-        """The last datagram that came."""
+        """The newest datagram."""
         self.sent: dict[int, int] = {}
-        """When the datagram of each cycle left, monotonic nanoseconds."""
+        """Send time of each cycle's datagram, monotonic nanoseconds."""
         self.begin()
 
     def begin(self) -> None:
-        """A new measurement; cycles are numbered on."""
+        """Start a new measurement; the cycle numbers continue."""
         self.samples: list[int] = []
         """Latencies at the client."""
         self.socket_samples: list[int] = []
-        """Latencies at its socket."""
+        """Latencies at the client's socket."""
         self._offset = _real_time_offset()
         self.missed = 0
         self.slept = 0
-        """Cycles without a datagram, because the client was not awake."""
+        """Cycles without a datagram, because the client was not running."""
         self.sent.clear()
         self._arrived: list[Arrival] = []
         self._cycle: int | None = None
         self._owed = False
 
     def send(self) -> None:
-        """The datagram of the next cycle; what the one before got by now is its answer."""
+        """Send the datagram of the next cycle. An answer received before this counts for the previous cycle."""
         datagram = self.dialogue.datagram(self._next)
         self.settle()
         self._cycle = self._next
@@ -93,10 +93,10 @@ class Peer:
         try:
             self.socket.send(datagram)
         except ConnectionRefusedError:
-            return  # tells of an earlier datagram: nobody listens yet or any more
+            return  # ICMP error of an earlier datagram: the peer has no socket at the moment
 
     def take(self) -> None:
-        """Read what is there."""
+        """Read the received datagrams."""
         try:
             while True:
                 data, stamps, _, _ = self.socket.recvmsg(2048, 64)
@@ -108,13 +108,13 @@ class Peer:
             return
 
     def sleep_through(self) -> None:
-        """The next cycle passed without its datagram."""
+        """Count the next cycle as passed without its datagram."""
         self.settle()
         self.slept += 1
         self._next += 1
 
     def settle(self) -> None:
-        """The period of the last datagram is over: its latency, or missed."""
+        """End the period of the last datagram: store its latency, or count it as missed."""
         self.take()
         if self._cycle is not None:
             answer = self._answer(self._cycle)
@@ -128,23 +128,23 @@ class Peer:
         self._arrived.clear()
 
     def _answer(self, cycle: int) -> Arrival | None:
-        """The answer to this cycle, if it came."""
+        """The answer to this cycle, if it arrived."""
         if not self._arrived:
             return None
         if not self._owed:
             return self._arrived[0]
-        # The answer to an earlier cycle may still come: only what is newer for certain counts, or what comes behind it.
+        # A late answer to an earlier cycle may arrive first. Only an answer that is certainly newer counts, or one after it.
         newer = [item for item in self._arrived if self.dialogue.answers(item.data, cycle)]
         if newer:
             return newer[0]
         return self._arrived[-1] if len(self._arrived) > 1 else None
 
     def latency(self, period_ns: int) -> Latency:
-        """Of the measurement so far, at the client."""
+        """Latencies at the client in this measurement."""
         return latency(self.samples, self.missed, period_ns)
 
     def socket_latency(self, period_ns: int) -> Latency:
-        """Of the measurement so far, at its socket."""
+        """Latencies at the client's socket in this measurement."""
         return latency(self.socket_samples, self.missed, period_ns)
 
     def close(self) -> None:
@@ -152,7 +152,7 @@ class Peer:
 
 
 def run(peers: Sequence[Peer], cycles: int, period_ns: int) -> None:
-    """So many cycles with each peer, spread over the period so that each has the machine for itself."""
+    """Run this number of cycles with each peer, spread over the period so that they do not disturb each other."""
     step = period_ns // len(peers)
     sockets = [peer.socket for peer in peers]
     by_socket = {peer.socket: peer for peer in peers}
@@ -170,7 +170,7 @@ def run(peers: Sequence[Peer], cycles: int, period_ns: int) -> None:
             for index, peer in enumerate(peers):
                 due = start + number * period_ns + index * step
                 wait_until(due)
-                if time.monotonic_ns() - due >= period_ns:  # its own fault, not the peer's
+                if time.monotonic_ns() - due >= period_ns:  # the client's own delay, not the peer's
                     peer.sleep_through()
                 else:
                     peer.send()
@@ -183,14 +183,14 @@ def run(peers: Sequence[Peer], cycles: int, period_ns: int) -> None:
 
 
 class FlatOut(NamedTuple):
-    """What a peer answers when each datagram waits for the answer to the one before."""
+    """The answers of a peer when each datagram waits for the previous answer."""
 
     cycles: int
     per_s: float
 
 
 def flat_out(peer: Peer, seconds: float) -> FlatOut:
-    """Cycles with an answer awaited each time, for about so long; an answer that does not come costs 0.2 s."""
+    """Run cycles for about ``seconds``, each after the answer to the one before. A missing answer costs 0.2 s."""
     count = 0
     start = time.monotonic_ns()
     end = start + int(seconds * SECOND)

@@ -1,9 +1,9 @@
-"""Ideal drives in a process of their own: each RPDO of telegram 1 is answered at once with its TPDO, as prepared bytes.
+"""Ideal drives in a separate process: they answer each RPDO of telegram 1 at once with a prepared TPDO.
 
-They tell each new NMT state at once. ``python -m pdgw.workshop.bench.processes.drives AXES`` serves loopback buses with up to
-three drives each, prints their channels, and obeys its standard input: ``mark`` starts counting, ``report`` prints the counts as
-JSON, the end of input ends it. Everything else than RPDOs is the business of simulated drives; an SDO upload that one of them
-answered in one frame before is answered from memory.
+They report each new NMT state at once. ``python -m pdgw.workshop.bench.processes.drives AXES`` serves loopback buses with up
+to three drives each and prints their channels. Commands on standard input: ``mark`` starts counting, ``report`` prints the
+counts as JSON; the end of the input ends the process. Simulated drives handle everything but RPDOs. An SDO upload that one
+of them answered in one frame before is answered from memory.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from pdgw.peers.drive import SimulatedDriveNode
 from pdgw.peers.drive.model.motion import increments_per_second
 
 PER_BUS = 3
-"""Axes a 1 Mbit/s bus carries at 1 kHz: 70 % of it."""
+"""Axes on a 1 Mbit/s bus at 1 kHz: 70 % load."""
 _STATUS_OF_COMMAND = {0x06: 0x0231, 0x07: 0x0233, 0x0F: 0x0637}
 _SWITCH_ON_DISABLED = 0x0250
 _COMMAND = 0xFF
@@ -40,30 +40,30 @@ _POSITION_ASKED, _POSITION_SAID = struct.Struct("<BHB"), struct.Struct("<BHBi")
 _ASKS_POSITION = _POSITION_ASKED.pack(_UPLOAD, POSITION_ACTUAL, 0)
 _SAYS_POSITION = 0x43
 _UNITS_PER_RPM = 2
-"""Of 60FFh."""
+"""Units of 60FFh per rpm."""
 
 
 def buses(axes: int) -> list[int]:
-    """How many drives are on each bus."""
+    """Number of drives on each bus."""
     return [min(PER_BUS, axes - first) for first in range(0, axes, PER_BUS)]
 
 
 class IdealDrives:
-    """The drives of one bus, node-IDs 1 to ``count``; ``rpdos`` counts what each was sent.
+    """The drives of one bus, node-IDs 1 to ``count``. ``rpdos``: number of RPDOs received by each.
 
-    ``log`` has (monotonic nanoseconds, target velocity) of every RPDO of the last drive, the latest to be served in a cycle.
+    ``log``: (monotonic nanoseconds, target velocity) of every RPDO of the last drive, which is served last in a cycle.
     """
 
     def __init__(self, hub: Hub, count: int) -> None:
         self._send = hub.attach(self._receive)
         self._nodes = [SimulatedDriveNode(node, self._from_node) for node in range(1, count + 1)]
         self._ideal: dict[int, tuple[Pdo, Pdo]] = {}
-        """RPDO and TPDO by the node-ID of drives whose TPDOs are answers; the others show their first ones themselves."""
+        """RPDO and TPDO by node-ID, of drives that answer. The other drives send their first TPDO by themselves."""
         self._command, self._feedback = DriveCommand(), DriveFeedback()
         self._uploads: dict[int, dict[bytes, bytes]] = {node.node_id: {} for node in self._nodes}
-        """By node-ID: the answers to uploads, until something is written."""
+        """Answers to uploads by node-ID, until a write."""
         self._shafts = [(0, 0.0, 0.0)] * (count + 1)
-        """By node-ID: a moment, the position then and the speed since, in increments."""
+        """By node-ID: a time, the position at this time and the speed since then, in increments."""
         self._asked: bytes | None = None
         self.rpdos = [0] * count
         self.log: list[tuple[int, int]] = []
@@ -72,12 +72,12 @@ class IdealDrives:
             node.start(time.monotonic_ns())
 
     def mark(self) -> None:
-        """Count from now on."""
+        """Start counting."""
         self.rpdos = [0] * len(self.rpdos)
         self.log = []
 
     def poll(self, now: int) -> None:
-        """Time passes: heartbeats."""
+        """Send the heartbeats that are due."""
         for node in self._nodes:
             node.poll(now)
 
@@ -127,17 +127,18 @@ class IdealDrives:
         for drive in self._nodes:
             drive.receive(identifier, content, time.monotonic_ns())
             if can_id == NMT:
-                # Else the next heartbeat has it: the start would be as long as their period happens to have left.
+                # Without this the next heartbeat would report it, and the measured start time would depend on the
+                # heartbeat's phase.
                 self._send(pack_frame(ERROR_CONTROL + drive.node_id, bytes([drive.state])))
         self._asked = None
 
     def _position(self, node: int, now: int) -> float:
-        """Where the shaft is; it turns at the speed that 606Ch says, since the gateway compares them."""
+        """Position of the shaft. It turns with the speed of 606Ch, because the gateway compares both."""
         since, position, speed = self._shafts[node]
         return position + speed * (now - since) / SECOND
 
     def _begin(self, node: int) -> tuple[Pdo, Pdo]:
-        """The drive is ideal from now on, with the PDOs it was given."""
+        """From now on the drive is ideal, with the PDOs it was configured with."""
         drive = self._nodes[node - 1]
         rpdo, tpdo = drive.pdo(_RPDO + node), drive.pdo(_TPDO + node)
         assert rpdo is not None, "the gateway sends what it mapped"

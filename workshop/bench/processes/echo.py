@@ -1,6 +1,6 @@
-"""The floor of every latency figure: a plain UDP echo in its own process.
+"""The floor of every latency: a plain UDP echo in a separate process.
 
-The same as ``echo.c``, for a machine without a C compiler: prints its port and answers until its standard input closes.
+The same as ``echo.c``, for a machine without a C compiler. Prints its port and answers until its standard input closes.
 """
 
 from __future__ import annotations

@@ -26,13 +26,13 @@ from pdgw.workshop.bench.processes.drives import PER_BUS
 _READY_S = 60.0
 _LOOK_S = 0.02
 _END_S = 120.0
-"""A process with the least priority may wait long for a busy machine."""
+"""Longest time until a process ends. With the lowest priority it may wait long for a busy machine."""
 USUAL_SCHEDULING = "[realtime]\npriority = 0\n"
-"""The gateway is scheduled as client and echo are: with real-time priority when all of them have it (``--realtime``)."""
+"""The gateway gets the priority of client and echo: real-time only if all of them have it (``--realtime``)."""
 
 
 class Background:
-    """A process that prints a line when it is ready, obeys its standard input and ends with it."""
+    """A process that prints a line when it is ready, reads commands from standard input and ends with it."""
 
     def __init__(self, *command: str) -> None:
         self._process = subprocess.Popen(
@@ -45,7 +45,7 @@ class Background:
         self.first_line = self._line(f"{' '.join(command)} did not start")
 
     def ask(self, command: str) -> str:
-        """One line in, one line out."""
+        """Send a line, return the answer."""
         assert self._process.stdin is not None
         self._process.stdin.write(command + "\n")
         self._process.stdin.flush()
@@ -59,19 +59,19 @@ class Background:
         return line
 
     def end(self) -> str:
-        """Close its input; what it prints at its end."""
+        """Close its input. Return its last output."""
         rest, _ = self._process.communicate(timeout=_END_S)
         return rest or ""
 
 
 def module(name: str, *arguments: str) -> Background:
-    """A module of this package as a process."""
+    """Start a module of this package as a process."""
     return Background(sys.executable, "-m", name, *arguments)
 
 
 @contextmanager
 def ended(process: Background) -> Iterator[Background]:
-    """A process that is ended."""
+    """End a process with the block."""
     try:
         yield process
     finally:
@@ -80,7 +80,7 @@ def ended(process: Background) -> Iterator[Background]:
 
 @contextmanager
 def echo() -> Iterator[tuple[int, str]]:
-    """The port of a UDP echo, and its language: C where there is a compiler, else Python."""
+    """Start a UDP echo. Yield its port and language: C with a compiler, else Python."""
     compiler = shutil.which("cc")
     with tempfile.TemporaryDirectory() as directory:
         program = Path(directory) / "echo"
@@ -94,24 +94,24 @@ def echo() -> Iterator[tuple[int, str]]:
 
 
 class Drives:
-    """Ideal drives for so many axes, see ``workshop.bench.processes.drives``."""
+    """Ideal drives for this number of axes, see ``workshop.bench.processes.drives``."""
 
     def __init__(self, process: Background) -> None:
         self._process = process
         self.channels = process.first_line.split()
 
     def mark(self) -> None:
-        """Count from now on."""
+        """Start counting."""
         self._process.ask("mark")
 
     def report(self) -> tuple[list[int], list[tuple[int, int]]]:
-        """RPDOs of each axis; time and target velocity of those of the last one."""
+        """RPDOs of each axis; time and target velocity of those of the last axis."""
         document = json.loads(self._process.ask("report"))
         return document["rpdos"], [(when, velocity) for when, velocity in document["log"]]
 
 
 def configuration(channels: Sequence[str], axes: int, period_ns: int, ports: tuple[int, int, int]) -> str:
-    """A gateway for ideal drives: telegram 1 on every axis; ``ports`` are cyclic, acyclic and status."""
+    """Configure a gateway for ideal drives: telegram 1 on every axis. ``ports``: cyclic, acyclic, status."""
     milliseconds = period_ns / MS
     lines = [
         "[transport]",
@@ -130,7 +130,7 @@ def configuration(channels: Sequence[str], axes: int, period_ns: int, ports: tup
             f"node_id = {axis % PER_BUS + 1}",
             "telegram = 1",
             f'can = "can{axis // PER_BUS}"',
-            # The ideal drive sends TPDOs only as answers: their supervision would see silence between bursts.
+            # The ideal drive sends TPDOs only as answers; their supervision would time out between bursts.
             "tpdo_event_ms = 10000",
             "heartbeat_ms = 1000",
         ]
@@ -138,7 +138,7 @@ def configuration(channels: Sequence[str], axes: int, period_ns: int, ports: tup
 
 
 class Gateway:
-    """`pdgw run` on a configuration."""
+    """A gateway started with `pdgw run`."""
 
     def __init__(self, process: subprocess.Popen[bytes], ports: tuple[int, int, int], config: Path, log: Path) -> None:
         self.config = config
@@ -148,7 +148,7 @@ class Gateway:
         self.cyclic_port, self.acyclic_port, self.status_port = ports
 
     def wait_online(self, axes: int) -> float:
-        """Seconds from the start of the process until every axis was online."""
+        """Wait until every axis is online. Return the seconds since the start of the process."""
         while True:
             waited = time.monotonic() - self._started
             if self._process.poll() is not None or waited > _READY_S:
@@ -159,15 +159,15 @@ class Gateway:
             time.sleep(_LOOK_S)
 
     def status(self) -> dict[str, Any]:
-        """As `pdgw status --json`."""
+        """The document of `pdgw status --json`."""
         return fetch(self.status_port)
 
     def cpu_ns(self) -> int | None:
-        """CPU time used so far, all threads; None where the system does not tell (not Linux)."""
+        """CPU time used until now, all threads; None on other systems than Linux."""
         return cpu_ns(self._process.pid)
 
     def resident_bytes(self) -> int | None:
-        """Memory in use; None where the system does not tell."""
+        """Memory in use; None on other systems than Linux."""
         try:
             pages = Path(f"/proc/{self._process.pid}/statm").read_text().split()[1]
         except OSError:
@@ -176,7 +176,7 @@ class Gateway:
 
 
 def cpu_ns(pid: int) -> int | None:
-    """CPU time that a process used so far, all threads; None where the system does not tell (not Linux)."""
+    """CPU time that a process used until now, all threads; None on other systems than Linux."""
     try:
         threads = list(Path(f"/proc/{pid}/task").iterdir())
         return sum(int((thread / "schedstat").read_text().split()[0]) for thread in threads)
@@ -186,7 +186,7 @@ def cpu_ns(pid: int) -> int | None:
 
 @cache
 def environment() -> dict[str, str]:
-    """Where a gateway starts as it does on a user's machine: with the byte code Python keeps of what it once imported."""
+    """Environment of a gateway as on a user's machine: Python keeps compiled byte code."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     subprocess.run([sys.executable, "-c", "import pdgw.tools.commands.gateway.run"], env=environment, check=True)
     return environment
@@ -194,7 +194,7 @@ def environment() -> dict[str, str]:
 
 @contextmanager
 def running(axes: int, period_ns: int, more: str = USUAL_SCHEDULING) -> Iterator[tuple[Drives, Gateway]]:
-    """Ideal drives, and a gateway that is on its way up; both are stopped at the end.
+    """Start ideal drives and a gateway, which may not be online yet. Both end with the block.
 
     ``more``: further tables of its configuration.
     """

@@ -1,7 +1,8 @@
-"""The controller of ``bench profinet``: a process of its own that tells its phases and ends without a word.
+"""The controller of ``bench profinet``: a separate process that prints its phases, and in the last one ends without a
+release.
 
-Arguments: cycle in milliseconds, data hold times of the relationship that is measured and of the one that ends without a word,
-seconds of exchange, a real-time priority or nothing.
+Arguments: cycle in milliseconds; data hold times of the measured relationship and of the one that is not released; seconds
+of exchange; a real-time priority or nothing.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from pdgw.workshop.bench.profinet.profinet import ECHO_BYTES, ECHO_PORT, STATION
 
 _AXIS = (1, TELEGRAM_SUBSLOT)
 _ASK_S = 0.02
-"""How often it asks for the station while that starts."""
+"""Interval of the requests while the station starts, in seconds."""
 _PATIENCE_S = 60
 _READS = 20
 _ECHO_S = 0.01
@@ -51,7 +52,7 @@ def main(cycle_ms: int, hold_ms: int, killed_hold_ms: int, seconds: float) -> No
     _tell("ready")
 
     def connect() -> None:
-        """Until the drive's data is valid; anew where a busy machine ends the relationship."""
+        """Connect and wait for valid data of the drive. Connect again if a busy machine ends the relationship."""
         nonlocal found
         end = time.monotonic() + _PATIENCE_S
         while plc.input(_AXIS) is None and time.monotonic() < end:
@@ -82,7 +83,7 @@ def main(cycle_ms: int, hold_ms: int, killed_hold_ms: int, seconds: float) -> No
     _tell("measured" if plc.phase is Phase.DATA else plc.learned.ended or plc.phase.value)
     release()
     plc.project = replace(made, data_hold=killed_hold_ms // cycle_ms)
-    for _ in range(_TRIES):  # on a busy machine so short a time is over before its end is wanted
+    for _ in range(_TRIES):  # on a busy machine the short hold time can expire before the intended end
         connect()
         runner.run(_SHORT_S)
         if plc.phase is Phase.DATA:

@@ -1,6 +1,6 @@
-"""A process that sends datagrams back and does nothing else: what the machine leaves of an answer's time.
+"""A process that only returns datagrams: the part of the response time that the machine needs.
 
-Run as a file, with nothing of this package loaded: ``PORT [PRIORITY]``.
+It runs as a file, without imports of this package: ``PORT [PRIORITY]``.
 """
 
 from __future__ import annotations

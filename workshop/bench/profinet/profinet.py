@@ -1,8 +1,9 @@
-"""The PROFINET device over a pair of virtual Ethernet interfaces, all from a capture with the kernel's time stamps.
+"""The PROFINET device over a pair of virtual Ethernet interfaces, measured in a capture with the kernel's time stamps.
 
-In the namespace of ``eth1`` run the gateway with one simulated axis and, as the floor, a process that does nothing but send
-frames of the same size at the same cycle, and a plain UDP echo; in the other one a controller (``profinet_controller``) that
-connects, exchanges data, reads records in turn with the echo, connects anew with a short data hold time, and ends without a word.
+In the namespace of ``eth1`` run the gateway with one simulated axis and, as the floor, a process that only sends frames of
+the same size and cycle, and a plain UDP echo. In the other namespace a controller (``profinet_controller``) connects,
+exchanges data, reads records alternating with the echo, connects again with a short data hold time, and ends without a
+release.
 """
 
 from __future__ import annotations
@@ -39,20 +40,20 @@ from pdgw.workshop.bench.processes.processes import USUAL_SCHEDULING, cpu_ns
 CYCLES_MS: Final = (1, 2, 4, 32)
 STATION: Final = "press-1"
 FLOOR_FRAME_ID: Final = 0xBBFF
-"""Of the frames of the process that only sends."""
+"""FrameID of the process that only sends."""
 ECHO_PORT: Final = 34_980
 ECHO_BYTES: Final = 240
-"""About a record's request."""
+"""About the size of a record request."""
 _HOLD_MS: Final = 200
-"""At least, while the exchange is measured; the controller of the benchmark is no real-time system."""
+"""Shortest hold time of the measured exchange: the benchmark's controller is not a real-time system."""
 _KILLED_HOLD_MS: Final = 24
-"""At least, in the relationship whose controller is killed."""
+"""Shortest hold time of the relationship whose controller is killed."""
 _CYCLES_HELD: Final = 3
 _PATIENCE_S: Final = 60
 _UDP: Final = re.compile(
     rb"(?s).{12}\x08\x00\x45.{8}\x11.{10}(?P<source>.{2})(?P<target>.{2}).{4}(?P<data>.{%d})" % ECHO_BYTES
 )
-"""A datagram in an Ethernet frame."""
+"""A UDP datagram in an Ethernet frame."""
 
 _CONFIG: Final = f"""\
 [can]
@@ -77,12 +78,12 @@ _PRIORITY: Final = 40
 _REALTIME: Final = f"\n[realtime]\npriority = {_PRIORITY}\nlock_memory = true\n"
 _NATIVE: Final = "native = {}\n"
 _BESIDE: Final = Path(__file__).parent
-"""Where the processes lie that do one thing only; what they load counts."""
+"""Folder of the floor processes. They are run as files, because the modules that a process loads affect its figures."""
 
 
 @dataclass(frozen=True, slots=True)
 class Period:
-    """Time between frames, milliseconds."""
+    """Time between frames in milliseconds."""
 
     frames: int
     p50_ms: float
@@ -92,27 +93,27 @@ class Period:
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What a process takes."""
+    """Resources of a process."""
 
     cpu_share: float
-    """Of one core, while data is exchanged."""
+    """Share of one core, while data is exchanged."""
     resident_bytes: int
     start_s: float
-    """From its start to its first DCP answer, or the first frame of the one that only sends."""
+    """Seconds from its start to its first DCP answer; for the floor process, to its first frame."""
 
 
 @dataclass(frozen=True, slots=True)
 class ProfinetRow:
-    """What was measured at one cycle time."""
+    """The figures of one cycle time."""
 
     cycle_ms: int
     native: bool
-    """The native engine exchanged the frames."""
+    """Whether the native engine exchanged the frames."""
     gateway: Period
     floor: Period
     """Of the process that only sends, in the same run."""
     missed: int
-    """Cycles without a frame, by the cycle counter."""
+    """Cycles without a frame, from the cycle counter."""
     cost: Cost
     floor_cost: Cost
     connect_ms: float
@@ -122,35 +123,35 @@ class ProfinetRow:
     record_ms: float
     """Read request to response, median."""
     echo_ms: float
-    """A datagram to the UDP echo and back, median, in turn with the records."""
+    """Round trip of a datagram to the UDP echo, median, alternating with the records."""
     hold_ms: float
     killed_ms: float
-    """From the last frame of a controller that was killed to the last frame of the gateway; the data hold time is ``hold_ms``."""
+    """From the last frame of a killed controller to the last frame of the gateway. The data hold time is ``hold_ms``."""
 
     @property
     def name(self) -> str:
-        """In a table."""
+        """Name in a table."""
         return "gateway, native" if self.native else "gateway"
 
     @property
     def ratio_record(self) -> float:
-        """The record's answer against the echo's."""
+        """Time of a record relative to the echo."""
         return self.record_ms / max(self.echo_ms, 0.001)
 
     @property
     def ratio_p99(self) -> float:
-        """How far the gateway's p99 is beyond the cycle, against the floor's."""
+        """Delay of the gateway's p99 beyond the cycle, relative to the floor's."""
         floor = max(self.floor.p99_ms - self.cycle_ms, 0.001)
         return (self.gateway.p99_ms - self.cycle_ms) / floor
 
 
 def exchanges() -> tuple[bool, ...]:
-    """What is measured in turn: Python alone, then the native engine where it was built."""
+    """The measured variants: Python alone, then the native engine if it was built."""
     return (False, True) if is_built() else (False,)
 
 
 def period(times: Sequence[int]) -> Period:
-    """Of frames at these times, nanoseconds; GatewayError for too few."""
+    """Time between frames with these times in nanoseconds. GatewayError for too few."""
     gaps = sorted(later - earlier for earlier, later in pairwise(times))
     if len(gaps) < 2:
         raise GatewayError(f"{len(times)} frames are too few to measure a period")
@@ -159,7 +160,7 @@ def period(times: Sequence[int]) -> Period:
 
 
 def measure(cycle_ms: int, seconds: float, *, realtime: bool, native: bool) -> ProfinetRow:
-    """One row; inside a namespace of its own (``namespaces.enter``). ``native``: with the native engine."""
+    """Measure one row, in a namespace of its own (``namespaces.enter``). ``native``: with the native engine."""
     holds = [max(_CYCLES_HELD, -(-least // cycle_ms)) * cycle_ms for least in (_HOLD_MS, _KILLED_HOLD_MS)]
     as_asked = [str(_PRIORITY)] if realtime else []
     with tempfile.TemporaryDirectory() as folder, VethPair() as pair:
@@ -179,7 +180,7 @@ def measure(cycle_ms: int, seconds: float, *, realtime: bool, native: bool) -> P
         floor = [*sender, HERE, str(cycle_ms * MS), f"{FLOOR_FRAME_ID:04x}"]
         with (
             EthernetCapture(HERE, capture) as recording,
-            ExitStack() as running,  # what sends has to end before the capture, which waits for silence
+            ExitStack() as running,  # the senders must end before the capture, which waits for silence
             subprocess.Popen(controller, stdout=subprocess.PIPE, text=True) as plc,
             _process(echo),
         ):
@@ -187,7 +188,7 @@ def measure(cycle_ms: int, seconds: float, *, realtime: bool, native: bool) -> P
             floor_started = time.time_ns()
             only_sends = running.enter_context(_process(floor + as_asked))
             started = time.time_ns()
-            # Without its simulated drive, whose process it would start and wait for first.
+            # Without its simulated drive: its process would be started and awaited first.
             with _process([sys.executable, "-m", "pdgw", "run", str(bare)]):
                 _expect(plc, "found")
             with _process([sys.executable, "-m", "pdgw", "run", str(config)]) as gateway:
@@ -245,7 +246,7 @@ def _resident_bytes(pid: int) -> int:
 
 
 def records_in(capture: Path) -> Iterator[Record]:
-    """What a capture tells."""
+    """The measured moments in a capture."""
     decoder = Decoder()
     with open_source(str(capture)) as source:
         for packet in source.packets:
@@ -253,7 +254,7 @@ def records_in(capture: Path) -> Iterator[Record]:
 
 
 def echoes_in(capture: Path) -> list[int]:
-    """How long each datagram to the echo took, nanoseconds."""
+    """Round trip of each datagram to the echo, in nanoseconds."""
     asked: dict[bytes, int] = {}
     took: list[int] = []
     with open_source(str(capture)) as source:
@@ -270,12 +271,12 @@ def echoes_in(capture: Path) -> list[int]:
 
 
 def first_answer(records: Sequence[Record]) -> int:
-    """When DCP was first answered; GatewayError when it never was."""
+    """Time of the first DCP answer; GatewayError without one."""
     return _first(r.time_ns for r in records if isinstance(r, DcpRecord) and r.details()["packet"] == "response")
 
 
 def first_of_floor(records: Sequence[Record]) -> int:
-    """When the process that only sends first did; GatewayError when it never did."""
+    """Time of the floor process's first frame; GatewayError without one."""
     return _first(r.time_ns for r in records if isinstance(r, CyclicRecord) and r.frame_id == FLOOR_FRAME_ID)
 
 
@@ -300,7 +301,7 @@ def row_of(
     *,
     native: bool = False,
 ) -> ProfinetRow:
-    """A row out of the records of a capture: of the relationship with the reads of records, and the end of the last one."""
+    """Compute a row from the records of a capture: the relationship with the record reads, and the end of the last one."""
     granted = [r for r in records if isinstance(r, RelationRecord) and r.change is Change.GRANTED]
     reads = [
         r

@@ -1,6 +1,6 @@
-"""A process that sends an Ethernet frame each cycle and does nothing else: what the machine leaves of a period.
+"""A process that only sends an Ethernet frame each cycle: the part of the jitter that the machine causes.
 
-Run as a file, with nothing of this package loaded: ``INTERFACE CYCLE_NS FRAME_ID [PRIORITY]``.
+It runs as a file, without imports of this package: ``INTERFACE CYCLE_NS FRAME_ID [PRIORITY]``.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import sys
 import time
 
 RECEIVER = bytes.fromhex("02000000007f")
-"""Nobody."""
+"""Address without a receiver."""
 ETHERTYPE_RT = bytes.fromhex("8892")
 DATA_SIZE = 44
 NS_PER_S = 1e9
