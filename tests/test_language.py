@@ -24,7 +24,7 @@ RULES: Final = [(re.compile(rf"\b(?:{rule['pattern']})\b", re.IGNORECASE), rule[
 EXCEPTIONS: Final = _DATA["exception"]
 PACKAGES: Final = (
     *("client", "decoder", "ds301", "dsp402", "dsp406", "gateway", "pdgw"),
-    *("peers", "profidrive", "profinet", "recording", "tools", "web"),
+    *("peers", "profidrive", "profinet", "recording", "tools", "web", "workshop"),
 )
 DOCUMENTED: Final = (
     *("client", "decoder", "ds301", "dsp402", "dsp406", "gateway"),

@@ -199,7 +199,7 @@ def plot(points: Sequence[Point], picture: Path) -> None:
     errors.set_title(f"largest following error, sine of {_AMPLITUDE} increments at {_FREQUENCY:g} Hz", fontsize=10)
     errors.set_ylabel("increments (4096 per revolution)")
     errors.set_yscale("log")
-    steps.set_title("overshoot of a step; x: not settled after 0.5 s", fontsize=10)
+    steps.set_title("overshoot of a step; x: not at rest after 0.5 s", fontsize=10)
     steps.set_ylabel("% of the step")
     steps.set_ylim(-5, 150)
     for panel in (errors, steps):

@@ -77,7 +77,7 @@ class _Lacking(NamedTuple):
 
 
 def _lacking(*unknown: Unknown) -> _Lacking:
-    text = "; ".join(f"{item.why}: {item.key} settles it" for item in unknown)
+    text = "; ".join(f"{item.why}: set {item.key}" for item in unknown)
     return _Lacking(text, tuple(item.key for item in unknown))
 
 

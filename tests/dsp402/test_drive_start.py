@@ -146,7 +146,7 @@ def test_a_scaling_the_drive_does_not_tell_is_refused_and_the_key_that_gives_it_
     client = plant.connect(eds=eds_without(tmp_path, ("6094",)))
     plant.online()
     assert client.drive_type is not None
-    assert "velocity_unit settles it" in client.drive_type.scaling.refusal(Quantity.SPEED)
+    assert "set velocity_unit" in client.drive_type.scaling.refusal(Quantity.SPEED)
     assert client.drive_type.scaling.refusal(Quantity.ACCELERATION, Quantity.DECELERATION, Quantity.POSITION) == ""
 
 

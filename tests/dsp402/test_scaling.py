@@ -101,14 +101,14 @@ def test_two_sources_that_differ_are_refused_with_both_sentences(
     refusal = find_scaling(RPM_3000 | answers, None, family).refusal(SPEED)
     assert "sources differ: 1 rpm is 60FFh" in refusal
     assert refusal.index(one) < refusal.index(other)
-    assert "velocity_unit settles it" in refusal
+    assert "set velocity_unit" in refusal
     for unit, reference in (("rpm", 3000), ("0.1 rpm", 30_000)):
         settled = find_scaling(RPM_3000 | answers, UnitKeys(velocity_unit=unit), family)
         if SPEED in settled.references:
             assert settled.reference(SPEED) == reference
             break
     else:
-        pytest.fail("no velocity_unit settles it")
+        pytest.fail("no velocity_unit defines it")
 
 
 def test_sources_that_agree_are_one() -> None:
@@ -121,7 +121,7 @@ def test_configuration_against_all_the_drive_says_is_refused() -> None:
     keys = UnitKeys(velocity_unit="0.1 rpm")
     refusal = find_scaling(RPM_3000 | SI_RPM, keys).refusal(SPEED)
     assert "10 by velocity_unit = 0.1 rpm, and 1 by 60A9h" in refusal
-    assert "ignored_unit_objects settles it" in refusal
+    assert "set ignored_unit_objects" in refusal
     ignoring = replace(keys, ignored_unit_objects=frozenset({0x60A9}))
     assert find_scaling(RPM_3000 | SI_RPM, ignoring).reference(SPEED) == 30_000
 
@@ -136,7 +136,7 @@ def test_configuration_decides_between_sources_of_the_drive() -> None:
 def test_a_ratio_of_one_tells_nothing(index: int) -> None:
     told = find_scaling(RPM_3000 | COUNTS | ratio(index, 1) if index != 0x608F else RPM_3000 | ratio(index, 1))
     if index == 0x608F:
-        assert "velocity_unit settles it" in told.refusal(SPEED)
+        assert "set velocity_unit" in told.refusal(SPEED)
     else:
         assert told == find_scaling(RPM_3000 | COUNTS)
 
@@ -154,12 +154,12 @@ def test_position_resolution_without_a_witness_is_no_velocity_unit(limit: int | 
     answers = RPM_3000 | ENCODER | ({} if limit is None else fastest(limit))
     refusal = find_scaling(answers).refusal(SPEED)
     assert said in refusal
-    assert "velocity_unit settles it" in refusal
+    assert "set velocity_unit" in refusal
 
 
 def test_position_resolution_in_a_configured_unit_needs_a_witness_too() -> None:
     keys = UnitKeys(velocity_unit="counts/s")
-    assert "counts_per_revolution settles it" in find_scaling(RPM_3000 | ENCODER, keys).refusal(SPEED)
+    assert "set counts_per_revolution" in find_scaling(RPM_3000 | ENCODER, keys).refusal(SPEED)
     assert find_scaling(RPM_3000 | COUNTS, keys).reference(SPEED) == 204_800
     told = replace(keys, counts_per_revolution=Fraction(4096))
     assert find_scaling(RPM_3000 | ENCODER, told).reference(SPEED) == 204_800
@@ -168,7 +168,7 @@ def test_position_resolution_in_a_configured_unit_needs_a_witness_too() -> None:
 def test_device_whose_family_asks_is_refused_until_the_unit_is_set() -> None:
     family = FamilyUnits(ask="it moves in mm/s")
     answers = RPM_3000 | COUNTS | SI_RPM
-    assert "overlay: it moves in mm/s: velocity_unit settles it" in find_scaling(answers, None, family).refusal(SPEED)
+    assert "overlay: it moves in mm/s: set velocity_unit" in find_scaling(answers, None, family).refusal(SPEED)
     assert find_scaling(answers, UnitKeys(velocity_unit="0.1 rpm"), family).reference(SPEED) == 30_000
 
 
@@ -187,7 +187,7 @@ def test_the_engel_factor_is_the_speed_of_one_unit() -> None:
 @pytest.mark.parametrize(
     ("answers", "said"),
     [
-        ({}, "neither an object of the drive nor an overlay defines the velocity unit: velocity_unit settles it"),
+        ({}, "neither an object of the drive nor an overlay defines the velocity unit: set velocity_unit"),
         (ratio(0x6094, 1, 2), "6094h alone does not define the unit"),
         ({(0x60A9, 0): 0x00AC_0300} | ENCODER, "60A9h = 00AC0300h is an unknown unit"),
         ({(0x608B, 0): 0, (0x608C, 0): 0x77}, "608Bh, 608Ch: 0, 77h is an unknown unit"),
@@ -200,7 +200,7 @@ def test_a_velocity_unit_that_is_not_known_is_refused_with_the_key_that_settles_
     scaling = find_scaling({**RPM_3000, **answers})  # type: ignore[dict-item]
     refusal = scaling.refusal(SPEED)
     assert said in refusal
-    assert "velocity_unit settles it" in refusal
+    assert "set velocity_unit" in refusal
     with pytest.raises(Dsp402Error):
         scaling.reference(SPEED)
     assert find_scaling({**RPM_3000, **answers}, UnitKeys(velocity_unit="rpm")).reference(SPEED) == 3000  # type: ignore[dict-item]
@@ -209,7 +209,7 @@ def test_a_velocity_unit_that_is_not_known_is_refused_with_the_key_that_settles_
 @pytest.mark.parametrize("speed", [None, 0, 0x7FFF_FFFF, 0xFFFF_FFFF])
 def test_a_max_motor_speed_that_is_no_reference_is_refused_with_its_key(speed: int | None) -> None:
     answers = COUNTS if speed is None else COUNTS | {(0x6080, 0): speed}
-    assert "rated_speed_rpm settles it" in find_scaling(answers).refusal(SPEED)
+    assert "set rated_speed_rpm" in find_scaling(answers).refusal(SPEED)
     assert find_scaling(answers, UnitKeys(rated_speed_rpm=Fraction(1200))).reference(SPEED) == 81_920
 
 
@@ -225,7 +225,7 @@ def test_velocity_mode_is_in_rpm_unless_a_factor_says_otherwise() -> None:
 def test_a_telegram_for_speed_needs_no_other_reference() -> None:
     scaling = find_scaling(RPM_3000 | COUNTS)
     assert scaling.refusal(SPEED) == ""
-    assert "rated_acceleration_rpm_s settles it" in scaling.refusal(SPEED, Quantity.ACCELERATION)
+    assert "set rated_acceleration_rpm_s" in scaling.refusal(SPEED, Quantity.ACCELERATION)
 
 
 def test_the_profile_velocity_is_limited_by_607fh() -> None:
@@ -250,7 +250,7 @@ def test_accelerations_are_those_of_the_drives_limits_or_of_the_keys() -> None:
     ) == Fraction(100)
     by_factor = find_scaling(ENCODER | ratio(0x6097, 1, 4096), replace(keys, acceleration_unit=""))
     assert by_factor.reference(Quantity.ACCELERATION) == 100
-    assert "acceleration_unit settles it" in find_scaling({}, UnitKeys(rated_acceleration=Fraction(1))).refusal(
+    assert "set acceleration_unit" in find_scaling({}, UnitKeys(rated_acceleration=Fraction(1))).refusal(
         Quantity.ACCELERATION
     )
     assert "not usable as a reference" in find_scaling({(0x60C5, 0): 0xFFFF_FFFF}).refusal(Quantity.ACCELERATION)

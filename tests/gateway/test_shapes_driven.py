@@ -86,7 +86,7 @@ def test_a_task_of_telegram_9_ends_at_its_target(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "said"), [("csv", "modes of the drive"), ("no-range", "rated_acceleration_rpm_s settles it")]
+    ("name", "said"), [("csv", "modes of the drive"), ("no-range", "set rated_acceleration_rpm_s")]
 )
 def test_a_shape_that_cannot_position_refuses_telegram_9_and_says_why(name: str, said: str) -> None:
     with running(configuration(axis(1, telegram_number=9, more=""))) as daemon:

@@ -162,7 +162,7 @@ def test_a_drive_whose_units_are_not_known_is_not_turned_and_the_key_is_told() -
     site = Site(shape=replace(shape("rpm"), lacks=shape("rpm").lacks | {0x6080}))
     outcome = site.run()
     assert not outcome.passed
-    assert "rated_speed_rpm settles it" in outcome.doubt
+    assert "set rated_speed_rpm" in outcome.doubt
     assert site.asked == []
     assert site.turned == 0
 

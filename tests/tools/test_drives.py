@@ -75,7 +75,7 @@ def test_a_data_sheet_is_matched_and_what_it_lacks_is_told(tmp_path: Path) -> No
     output = _run(file)
     assert "EPOS4 50/15: family epos4" in output
     assert "speed: 100 % = 3000 rpm = 60FFh 3000 (from 6080h, 60A9h = 00B44700h)" in output
-    assert "telegram 9 needs more: the drive has no 60C5h: rated_acceleration_rpm_s settles it" in output.replace(
+    assert "telegram 9 needs more: the drive has no 60C5h: set rated_acceleration_rpm_s" in output.replace(
         "acceleration: ", ""
     )
     document = json.loads(_run("--json", file))[0]

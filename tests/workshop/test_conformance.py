@@ -131,7 +131,7 @@ def test_a_gateway_that_stops_without_need_fails(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(bench, "PATIENCE_S", 2)
     result = run_case(Case("under-voltage", Reaction.GOES_ON))
     assert any("operation was left" in failure for failure in result.failures)
-    assert any("told without need" in failure for failure in result.failures)
+    assert any("unexpected fault numbers:" in failure for failure in result.failures)
 
 
 def test_a_gateway_that_does_not_stop_or_tell_fails(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -173,7 +173,7 @@ def test_a_gateway_that_tells_or_stops_showing_without_need_fails(monkeypatch: p
     monkeypatch.setattr(bench, "PATIENCE_S", 2)
     result = run_case(encoder_case("position-error", Reaction.MEASURES))
     assert any("the position was not good" in failure for failure in result.failures)
-    assert "told without need: [10]" in result.failures
+    assert "unexpected fault numbers: [10]" in result.failures
     assert "warning not within" in run_case(encoder_case("duplicated-pdos", Reaction.WARNS)).failures[0]
 
 
@@ -187,7 +187,7 @@ def test_the_command_prints_a_matrix_and_its_exit_status_tells(monkeypatch: pyte
     bad = CliRunner().invoke(app, ["faults", "--json"])
     document = json.loads(bad.output)
     assert (bad.exit_code, document["failed"]) == (1, 1)
-    assert document["cases"][0]["failures"] == ["told without need: [10]"]
+    assert document["cases"][0]["failures"] == ["unexpected fault numbers: [10]"]
     assert document["cases"][0]["fault_numbers"] == [10]
 
 

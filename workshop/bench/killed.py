@@ -166,7 +166,7 @@ def _stand_still(gateway: subprocess.Popen[bytes], plant: Plant) -> int:
         gateway.send_signal(signal.SIGCONT)
     time.sleep(_STANDS_STILL_S)
     if plant.starts != starts:
-        raise GatewayError("benchmark of stops: the ON that stood started the drive again")
+        raise GatewayError("benchmark of stops: the active ON started the drive again")
     return took
 
 

@@ -146,7 +146,7 @@ class Site:
         """OFF, ON, full speed, then a random time."""
         axis, model = self.daemon.axes[0], self.drive.model
         self.plc.set({"STW1": OFF, "NSOLL_A": SPEED})
-        self.until(lambda: axis.good and axis.released and axis.machine.outputs.reason is not None, "OFF is obeyed")
+        self.until(lambda: axis.good and axis.released and axis.machine.outputs.reason is not None, "the axis is off")
         self.plc.set({"STW1": ON})
         self.until(lambda: model.state is State.OPERATION_ENABLED, "operation")
         self.loop.run_for(2 * SECOND + self.chance.randrange(200 * MS))

@@ -33,7 +33,7 @@ from pdgw.workshop.bench.translation import TranslationCost
 
 app = typer.Typer(help="Benchmarks.", invoke_without_command=True)
 
-Seconds = Annotated[float, typer.Option(min=0.01, max=600, help="About so long for each row.")]
+Seconds = Annotated[float, typer.Option(min=0.01, max=600, help="Duration of each row.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 RealTime = Annotated[
     bool, typer.Option("--realtime", help="All processes with real-time priority (Linux; root or CAP_SYS_NICE).")
@@ -53,7 +53,7 @@ def bench(
 ) -> None:
     """Translation cost; the exchange of 1 to 64 axes against a UDP echo; a storm of parameter requests; an idle gateway."""
     if sys.platform != "linux":
-        raise GatewayError("bench: runs on Linux only, whose /proc tells the CPU and memory of each process")
+        raise GatewayError("bench: runs on Linux only, whose /proc has the CPU and memory of each process")
     if context.invoked_subcommand is not None:
         return
     console = Console(quiet=as_json)
@@ -314,9 +314,7 @@ def stops_command(
     trials: Annotated[int, typer.Option(min=1, max=10_000, help="Losses of each kind in virtual time.")] = 100,
     kills: Annotated[int, typer.Option(min=0, max=1_000, help="Gateway processes killed and stopped; 0: none.")] = 20,
     as_json: AsJson = False,
-    markdown: Annotated[
-        bool, typer.Option("--markdown", help="Print the table as it stands in docs/safety.md.")
-    ] = False,
+    markdown: Annotated[bool, typer.Option("--markdown", help="Print the table of docs/safety.md.")] = False,
     junit: JUnitFile = None,
     html: HtmlFile = None,
 ) -> None:
@@ -368,7 +366,7 @@ def _without_log() -> Iterator[None]:
 def _floods(status: Status, seconds: float) -> list[flood.Flood]:
     floods = []
     for port in (flood.CYCLIC, flood.ACYCLIC):
-        status.update(f"a stranger floods the {port} port")
+        status.update(f"an unknown sender floods the {port} port")
         floods.append(flood.measure(port, seconds))
     return floods
 
@@ -378,7 +376,7 @@ def _flood_document(item: flood.Flood) -> dict[str, Any]:
 
 
 def _print_floods(console: Console, floods: list[flood.Flood]) -> None:
-    title = f"{flood.AXES} axes at {flood.PERIOD_NS / MS:g} ms while a stranger floods a port"
+    title = f"{flood.AXES} axes at {flood.PERIOD_NS / MS:g} ms while a port is flooded"
     table = Table("", "datagrams/s", "p50", "p99", "p99.9", "missed", title=title)
     for item in floods:
         for name, rate, row in (("quiet", 0.0, item.quiet), (f"{item.port} port", item.datagrams_per_s, item.flooded)):

@@ -275,7 +275,7 @@ def _goes_on(bench: DriveBench, result: rig.Result, mark: int) -> None:
     if abs(bench.model.ramp.speed) < _TURNING_RPM:
         result.failures.append("the drive does not turn any more")
     if result.numbers and not bench.case.numbers:
-        result.failures.append(f"told without need: {result.numbers}")
+        result.failures.append(f"unexpected fault numbers: {result.numbers}")
     bench.off()
     bench.until(lambda: bench.standing() and bench.model.state not in POWERED, "OFF obeyed")
     bench.drive.do(lambda node: node.behave())

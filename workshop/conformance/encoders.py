@@ -332,7 +332,7 @@ def _goes_on(bench: _EncoderBench, result: Result) -> None:
     if case.reaction is not Reaction.FAULT and any("fault" in text for text in sight.shown):
         result.failures.append("a fault is shown without need")
     if bench.numbers() and not case.numbers:
-        result.failures.append(f"told without need: {bench.numbers()}")
+        result.failures.append(f"unexpected fault numbers: {bench.numbers()}")
 
 
 def _invalid(bench: _EncoderBench, result: Result) -> None:
@@ -363,7 +363,7 @@ def _acknowledge_in_vain(bench: _EncoderBench, result: Result) -> None:
     bench.acknowledge()
     bench.cycles(3)
     if not bench.sight.fault:
-        result.failures.append("an acknowledge ended the fault although its cause stands")
+        result.failures.append("an acknowledge ended the fault although its cause is present")
 
 
 def _latched(bench: _EncoderBench, result: Result) -> None:

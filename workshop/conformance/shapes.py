@@ -57,7 +57,7 @@ REFUSALS: Mapping[tuple[str, int], str] = {
     ("vl", 9): _LACKS,
     ("csv", 9): "modes of the drive",
     **{("csp", number): _LACKS for number in (1, 3)},
-    ("no-range", 9): "rated_acceleration_rpm_s settles it",
+    ("no-range", 9): "set rated_acceleration_rpm_s",
 }
 """Expected reasons of rejection, a part of the text, by variant and telegram. Without an entry the drive must move."""
 
@@ -211,5 +211,5 @@ def run_case(name: str, number: int, seed: int = 0) -> Outcome:
         failure = f"must move: {refusal or site.axis.drive.status_text}"
     tested = Tested.of(site.daemon.config, [site.drive.node])
     return Outcome(
-        name, number, site.latency, moved, "moved as told" if moved else f"refused: {refusal}", tested, failure
+        name, number, site.latency, moved, "moved as commanded" if moved else f"refused: {refusal}", tested, failure
     )

@@ -42,7 +42,7 @@ def _power(number: int) -> Iterator[Case]:
         ),
         (
             "STW1.CONTROL_BY_PLC",
-            "control taken away",
+            "control removed",
             {"STW1.CONTROL_BY_PLC": 0},
             see(ZSW1__OPERATION_ENABLED=0, ZSW1__CONTROL_REQUESTED=1),
         ),
@@ -238,7 +238,7 @@ def _target(number: int) -> Iterator[Case]:
     far = {"mdi": {"to": 900_000, "velocity": 30_000}}
     stop = ({"intermediate_stop": True}, see(ZSW1__DRIVE_STOPPED=1, ZSW1__TARGET_REACHED=0), {"resume": True})
     reject = ({"reject": True}, see(ZSW1__DRIVE_STOPPED=1, ZSW1__TARGET_REACHED=1))
-    yield case_of(number, "STW1.NO_INTERMEDIATE_STOP", "stop and go on", far, *stop, shown(MOVES_FORWARD=1), *reject)
+    yield case_of(number, "STW1.NO_INTERMEDIATE_STOP", "stop and continue", far, *stop, shown(MOVES_FORWARD=1), *reject)
     under_way = {"TRAVERSING": 1} if number == 111 else {}
     yield case_of(number, "STW1.DO_NOT_REJECT", "reject", far, shown(MOVES_FORWARD=1, **under_way), *reject)
     home: tuple[Step, ...] = (

@@ -35,7 +35,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="build", description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("release", type=Path, help="the files of `make release`")
     parser.add_argument("folder", type=Path, help="where the package is written")
-    parser.add_argument("--revision", default="1", help="the Debian revision behind the version")
+    parser.add_argument("--revision", default="1", help="the Debian revision after the version")
     given = parser.parse_args()
     try:
         verify(given.release)

@@ -192,7 +192,7 @@ class Life:
                 self._give(lambda axis: axis.words.off)
                 if self.loop.now() > deadline:
                     raise ViolationError(
-                        f"not in operation {_BACK_NS // SECOND} s after the last trouble: {self._waiting()}"
+                        f"not in operation {_BACK_NS // SECOND} s after the last disturbance: {self._waiting()}"
                     )
             self._give(lambda axis: axis.words.off | 0x07)
             self._give(lambda axis: axis.words.on)

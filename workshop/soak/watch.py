@@ -189,7 +189,7 @@ class SoakAxis:
             # input shorter than a cycle, the drive continues with the command sent before it left operation.
             if self._enabled > max(since, self._left) and self._armed < 0:
                 raise ViolationError(
-                    f"{self.name}: started without OFF and ON after a doubt ({why}, {(now - since) / MS:.0f} ms ago; "
+                    f"{self.name}: started without OFF and ON after a loss or fault ({why}, {(now - since) / MS:.0f} ms ago; "
                     f"OFF {self._ago(self._off)}, ON {self._ago(self._on)})"
                 )
         elif state in {State.FAULT_REACTION_ACTIVE, State.FAULT}:

@@ -32,9 +32,9 @@ class BrakeRule(enum.Enum):
     """The rules."""
 
     LATE = "a drive that does not stop within its reaction time is stopped by NMT"
-    NEEDLESS = "a drive that obeys is not stopped by NMT"
+    NEEDLESS = "a drive that stops is not stopped by NMT"
     WITHHELD = "a drive that NMT Stop does not stop loses the gateway's heartbeat"
-    RELEASED = "a brake is released only when the drive is seen without power, or when its node has obeyed NMT Stop"
+    RELEASED = "a brake is released only when the drive is seen without power, or when its node has executed NMT Stop"
 
 
 class BrakeMemory(NamedTuple):

@@ -66,7 +66,7 @@ class Rule(enum.Enum):
     OPERATES = "ZSW1.2 only with Operation Enabled commanded and shown"
     REACHED = "ZSW1.10 only when the setpoint sent is the PLC's and the drive is in operation"
     REASON = "every refusal has a reason"
-    GUARD = "the guard behind everything has nothing to stop"
+    GUARD = "the final guard has nothing to stop"
     RESET = "Fault Reset only with an edge of the PLC in this connection"
 
 

@@ -257,8 +257,8 @@ def test_a_unit_nobody_tells_refuses_the_axis_and_names_its_key(unknown: str, wh
 def test_a_reference_nobody_tells_refuses_the_axis() -> None:
     drive = described("csp")
     references = {key: value for key, value in drive.scaling.references.items() if key is not Quantity.DECELERATION}
-    scaling = replace(drive.scaling, references=references, unknown={Quantity.DECELERATION: "rated_... settles it"})
-    assert lacks(replace(drive, scaling=scaling), 9) == "rated_... settles it"
+    scaling = replace(drive.scaling, references=references, unknown={Quantity.DECELERATION: "set rated_..."})
+    assert lacks(replace(drive, scaling=scaling), 9) == "set rated_..."
 
 
 def test_a_task_past_the_end_of_a_range_that_wraps_ends_there_and_no_set_point_jumps() -> None:

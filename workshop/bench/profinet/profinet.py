@@ -310,7 +310,7 @@ def row_of(
     ]
     at = bisect([r.time_ns for r in granted], reads[-1].time_ns) if reads else 0
     if not 0 < at < len(granted):
-        raise GatewayError("the capture has no relationship whose records are read, or none behind it")
+        raise GatewayError("the capture has no relationship with record reads, or none after it")
     session, last = granted[at - 1], granted[-1]
     measured_end = granted[at].time_ns
     cyclic = [r for r in records if isinstance(r, CyclicRecord)]
