@@ -10,6 +10,7 @@ from __future__ import annotations
 import gc
 import logging
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from contextlib import ExitStack
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Protocol
@@ -19,6 +20,8 @@ from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.loop.loop import Event, Loop, Timer
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
+from pdgw.dsp402.drive.client import DriveClient
+from pdgw.dsp402.drive.own_values import OwnValues
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.bus_load import HEARTBEATS, cyclic_frames
 from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
@@ -90,6 +93,8 @@ class Daemon:
         self._stop_asked = False
         self._stopping = False
         self._off_cycles = 0
+        self._written_back: list[tuple[Axis, Future[None]]] | None = None
+        """At the end: what writes the drives' own values back."""
         self._stop_until = 0
         self._deadline = 0
         self._last_sent = 0
@@ -189,6 +194,8 @@ class Daemon:
         failures = stored.sign_of_life_tolerance
         axis = Axis(config, network, self.config.transport.cycle_time_ms, stored.telegram, failures)
         axis.units_witnessed = stored.units_witnessed
+        axis.drive.own_values.load(stored.own_values)
+        axis.drive.own_values.save = partial(self._save_own_values, axis)
         values = axis.positioner_values(stored)
         if values is not None and (stored.positioner or stored.positioner_blocks):
             try:
@@ -264,6 +271,20 @@ class Daemon:
     def update_store(self, change: Callable[[DeviceParameters], None]) -> None:
         """Change stored parameters, in a task: saved first, then in force. GatewayError when the file cannot be written."""
         self.loop.result(self.loop.offload(lambda: self.store.update(change)))
+
+    def _save_own_values(self, axis: Axis, values: OwnValues) -> None:
+        """Without a store, or when it cannot be written, the axis runs: reported, because a crash would lose the values."""
+
+        def change(parameters: DeviceParameters) -> None:
+            parameters.drive_object(axis.do_id).own_values = values
+
+        try:
+            self.update_store(change)
+        except GatewayError as error:
+            log.error("%s: the drive's own limits are not saved: %s", axis.label, error)
+        if self.store.path is None and values.values:
+            texts = ", ".join(item.text(item.value) for item in values.values)
+            log.warning("%s: no parameter store: a crash of the gateway loses the drive's own %s", axis.label, texts)
 
     # -- life ---------------------------------------------------------------------------------------------------------
 
@@ -444,9 +465,23 @@ class Daemon:
             self._come_to_rest(now)
 
     def _come_to_rest(self, now: int) -> None:
-        self._off_cycles = 0 if any(item.powered for item in self.objects) else self._off_cycles + 1
+        powered = any(item.powered for item in self.objects)
+        self._off_cycles = 0 if powered else self._off_cycles + 1
         if now > self._stop_until:
-            log.error("drives did not stop within %d s: power off by NMT", _SHUTDOWN_NS // SECOND)
-        elif self._off_cycles < _OFF_CYCLES:
+            if powered:
+                log.error("drives did not stop within %d s: power off by NMT", _SHUTDOWN_NS // SECOND)
+        elif self._off_cycles < _OFF_CYCLES or not self._write_back():
             return
         self._finish()
+
+    def _write_back(self) -> bool:
+        """Once all drives are off: whether each has its own values again, or failed to take them. Not beside another master."""
+        if self._written_back is None:
+            kept = [axis for axis in self.axes if axis.drive.own_values and self.failure is None]
+            self._written_back = [(axis, axis.drive.submit(DriveClient.write_back)) for axis in kept]
+        if not all(future.done() for _, future in self._written_back):
+            return False
+        for axis, future in self._written_back:
+            if (error := future.exception()) is not None:
+                log.warning("%s: the drive's own limits are not written back: %s", axis.label, error)
+        return True

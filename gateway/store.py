@@ -1,9 +1,10 @@
 """Non-volatile gateway parameters in a crash-safe file.
 
 Holds what the PLC may change and a power cycle must keep: P922, P925, P927, positioner and name of each DO, I&M1 to I&M4
-of the device. The file is JSON with a version and a checksum, replaced atomically: a crash at any moment leaves the old or
-the new set. A value is in force when it is on the disk, not before. A damaged file is set aside and reported, never half
-used. Left out: drive parameters (the drive stores its own, 1010h).
+of the device. Beside it, what a crash must keep: the drives' own values of objects that the gateway overwrites. The file is
+JSON with a version and a checksum, replaced atomically: a crash at any moment leaves the old or the new set. A value is in
+force when it is on the disk, not before. A damaged file is set aside and reported, never half used. Left out: drive parameters
+(the drive stores its own, 1010h).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
+from pdgw.dsp402.drive.own_values import OwnValues
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.format_version import at_most, problem
 
@@ -55,6 +57,8 @@ class DoParameters(BaseModel):
     positioner_blocks: dict[int, tuple[int, ...]] = Field(default_factory=dict)
     """P2616 to P2623 of blocks by number."""
     units_witnessed: UnitsWitnessed | None = None
+    own_values: OwnValues = OwnValues()
+    """The drive's own values of the objects that the gateway overwrites, until they were written back."""
 
 
 class DeviceParameters(BaseModel):

@@ -12,7 +12,7 @@ from pdgw.decoder.replay.recorded import SdoResult
 from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.pdo import Pdo, PdoDirection
 from pdgw.dsp402.identification.generic import recorded_answer, recorded_drive_type, recorded_families
-from pdgw.dsp402.objects import CONTROLWORD, HOMING_METHOD, MODE, MODE_DISPLAY, STATUSWORD
+from pdgw.dsp402.objects import CONTROLWORD, HOMING_METHOD, MAX_TORQUE, MODE, MODE_DISPLAY, STATUSWORD
 from pdgw.dsp402.optional_objects import image_entry
 from pdgw.dsp402.states import ControlBit, State, state_of
 from pdgw.gateway.axis.machine import AxisMachine
@@ -86,8 +86,8 @@ class RecordedDrive:
         if address == HOMING_METHOD:
             self.homing_method = int.from_bytes(record.value, "little", signed=True)
         value = recorded_answer(address, record.value)
-        if value is None:
-            return None
+        if value is None or (address == MAX_TORQUE and self.started):
+            return None  # in operation, the drive may show a limit that the gateway wrote
         before = self._answers.get(address)
         if before != value:
             self._answers[address] = value

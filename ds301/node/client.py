@@ -184,6 +184,10 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         self._wake.set()
         return future
 
+    def command(self, index: int, subindex: int, data: bytes) -> None:
+        """In a job: SDO write of a value that the owner commands."""
+        self.write(index, subindex, data)
+
     def stop(self) -> None:
         """NMT pre-operational and end of the task. The caller must have stopped the device before."""
         if self._task is not None:

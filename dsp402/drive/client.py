@@ -35,6 +35,7 @@ from pdgw.ds301.pdo import Pdo, PdoLayout
 from pdgw.dsp402.drive.configuration import interpolation_steps
 from pdgw.dsp402.drive.guarding import Guarding, guard
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.drive.own_values import OwnValueKeeper
 from pdgw.dsp402.drive.rpdos import RpdoSender
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.drive_type import DriveType
@@ -119,10 +120,10 @@ class DriveClient(NodeClient[DriveSettings]):
         """What stops this drive when the gateway dies; None before its first start."""
         self.serial_number = 0
         """1018h/4; 0 for a drive without one."""
-        self._replaced: dict[tuple[int, int], bytes] = {}
-        """The drive's own values of the limits and ramps that RPDOs carry now."""
         self._identity: tuple[int, int] | None = None
-        """Vendor-ID and product code of the device whose objects were found out."""
+        """Vendor-ID and product code of the device whose objects were found out,"""
+        self._device = (0, 0)
+        """and of the one that is there."""
         node_id = settings.node_id
         self.rpdos = RpdoSender(network, layout.rpdos[0], node_id, self.feedback, self._wake_up, self._tell)
         """What is sent of each command."""
@@ -133,6 +134,10 @@ class DriveClient(NodeClient[DriveSettings]):
         self._value_check_due = 0
         self._dropped = ""
         self._units = UnitWatch({})
+        self.own_values = OwnValueKeeper(self._read_if_present, self.write, self._tell)
+        """The drive's values of limits and ramps that the gateway overwrites."""
+        self._is_off = False
+        """The drive was without power when it was found."""
         dictionary = load_eds(settings.eds, node_id) if settings.eds else generic_dictionary()
         super().__init__(network, settings, layout, dictionary, on_event)
 
@@ -189,6 +194,9 @@ class DriveClient(NodeClient[DriveSettings]):
         """Read the type of the drive again (in its task) and store it in ``drive_type``."""
         answers: dict[tuple[int, int], int] = {}
         for address in questions(self.dictionary):
+            if address == MAX_TORQUE and (own := self.own_values.value(address)) is not None:
+                answers[address] = own  # the drive shows what the gateway wrote
+                continue
             try:
                 answers[address] = self.read_number(*address, signed=signed(self.dictionary, address))
             except SdoAbortedError as error:
@@ -200,10 +208,8 @@ class DriveClient(NodeClient[DriveSettings]):
                     ) from error
                 if address in OPTIONAL_OBJECTS and error.code not in NOT_THERE:
                     answers[address] = 0  # the drive has it, and keeps a value of its own where it is not written
-        self._compare_identity((answers.get(IDENTITY_VENDOR, 0), answers.get(IDENTITY_PRODUCT, 0)))
-        if (own := self._replaced.get(MAX_TORQUE)) is not None:
-            # What the drive says is what an RPDO has reduced: it would be reduced again at each start.
-            answers[MAX_TORQUE] = int.from_bytes(own, "little")
+        self._device = answers.get(IDENTITY_VENDOR, 0), answers.get(IDENTITY_PRODUCT, 0)
+        self._compare_identity(self._device)
         self.drive_type = describe(self.dictionary, answers, self.settings.units, self.settings.family)
         self._units = UnitWatch(answers)
         return self.drive_type
@@ -255,7 +261,8 @@ class DriveClient(NodeClient[DriveSettings]):
             return
         state = state_of(self.read_urgently(*STATUSWORD))
         shown = "an unknown state" if state is None else state.value
-        if state in _OFF:
+        self._is_off = state in _OFF
+        if self._is_off:
             self._tell("off", shown)
             return
         stop = SdoStep(*CONTROLWORD, CanType.U16, Command.QUICK_STOP.word, "Quick Stop")
@@ -273,6 +280,11 @@ class DriveClient(NodeClient[DriveSettings]):
             return None if error.code in NOT_THERE else b""
 
     def _make_plan(self, found: Mapping[int, int]) -> PdoPlan:
+        if self.own_values:
+            identity = self._fetch(*IDENTITY_VENDOR), self._fetch(*IDENTITY_PRODUCT)
+            self.own_values.identify((*identity, self._read_serial()))
+            carried = {entry.address for pdo in self.layout.rpdos for entry in pdo.entries}
+            self.own_values.carry(carried, off=self._is_off)
         self._mapping.survey(self.learn(), found)
         return self._planned()
 
@@ -318,25 +330,30 @@ class DriveClient(NodeClient[DriveSettings]):
         if HOMING_METHOD[0] in self.dictionary:
             self.homing_method = self._fetch(*HOMING_METHOD, signed=True)
         for entry in self.rpdos.written_entries:
-            self._fetch(*entry.address)
-        serial = int.from_bytes(self._read_if_present(*IDENTITY_SERIAL) or b"", "little")
-        if serial != self.serial_number and self._replaced:
-            self._replaced.clear()
-            self.learn()  # another drive has limits of its own
-        self.serial_number = serial
-        self._restore_limits()
+            if entry.address not in self.own_values:
+                self._fetch(*entry.address)
+        self.serial_number = self._read_serial()
+        self.own_values.identify((*self._device, self.serial_number))
+        for entry in self.rpdos.entries:
+            if entry.attribute in _LIMITS_AND_RAMPS:
+                self.own_values.overwrite(entry.address)
+        self.own_values.commit()
 
-    def _restore_limits(self) -> None:
-        """Give the drive's own values back to limits and ramps that no RPDO carries any more; keep those that RPDOs replace."""
-        carried = dict.fromkeys(item.address for item in self.rpdos.entries if item.attribute in _LIMITS_AND_RAMPS)
-        for address in [address for address in self._replaced if address not in carried]:
-            value = int.from_bytes(self._replaced[address], "little")
-            size = CanType.U16 if len(self._replaced[address]) == 2 else CanType.U32
-            self._do(SdoStep(*address, size, value, "the drive's own value, which the RPDOs overwrote"))
-            del self._replaced[address]
-        for address in carried:
-            if address not in self._replaced and (data := self._read_if_present(*address)):
-                self._replaced[address] = data
+    def _read_serial(self) -> int:
+        return int.from_bytes(self._read_if_present(*IDENTITY_SERIAL) or b"", "little")
+
+    def command(self, index: int, subindex: int, data: bytes) -> None:
+        self.own_values.write((index, subindex), data)
+
+    def write_back(self) -> None:
+        """In a job, before the end: send no RPDO any more, and write back what they have overwritten of a drive without power.
+
+        What fails is kept for the next process.
+        """
+        self._sending = False
+        if state_of(self.read_number(*STATUSWORD)) in _OFF:
+            self.own_values.write_back()
+            self.own_values.commit()
 
     def _configure_guarding(self) -> None:
         settings, drive = self.settings, self.drive_type

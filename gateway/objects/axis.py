@@ -17,7 +17,7 @@ from pdgw.ds301.node.node import NodeEvent
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus
 from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp402.indices import ABORT_OPTION
-from pdgw.dsp402.objects import CONTROLWORD, DRIVE_OBJECTS, ERROR_CODE, HOMING_METHOD, MODE
+from pdgw.dsp402.objects import CONTROLWORD, DRIVE_OBJECTS, ERROR_CODE, HOMING_METHOD, MAX_TORQUE, MODE
 from pdgw.dsp402.states import StatusBit, operates, state_of
 from pdgw.dsp402.units.scaling import SCALING_OBJECTS
 from pdgw.durations import MS
@@ -235,13 +235,18 @@ class Axis(DriveObject):
 
     def owns(self, index: int, subindex: int) -> bool:
         address = (index, subindex)
-        if address in _OWNED:
+        executor = self.machine.executor
+        if address in _OWNED or (
+            address == MAX_TORQUE and isinstance(executor, PositionerExecutor) and executor.clamps
+        ):
             return True
         # The exchange with the drive runs whenever it is online, with or without a PLC: a value would not last.
         commanded = () if self.drive.plan is None else self.drive.plan.commanded
         return any(address == entry.address for entry in commanded)
 
     def is_reference(self, index: int, subindex: int) -> bool:
+        if (index, subindex) == MAX_TORQUE:
+            return isinstance(self.machine.executor, PositionerExecutor)
         return (index, subindex) in _REFERENCES
 
     def read_references(self, client: NodeClient[Any]) -> None:

@@ -250,7 +250,7 @@ class DriveObject(abc.ABC):
     def _write_all(self, client: NodeClient[Any], writes: Sequence[SdoWrite]) -> None:
         for item in writes:
             size, signed = self.entry_size(item.index, item.subindex)
-            client.write(item.index, item.subindex, item.value.to_bytes(size, "little", signed=signed))
+            client.command(item.index, item.subindex, item.value.to_bytes(size, "little", signed=signed))
 
     def _telegram_changed(self, chosen: Telegram) -> None:
         self.telegram = chosen

@@ -82,10 +82,21 @@ def test_a_drive_without_a_torque_limit_is_refused_for_a_fixed_stop_alone(
     assert hand.stepper.power.released is not refused
 
 
-def test_a_lowered_torque_limit_that_is_read_back_is_not_taken_for_the_drives_own() -> None:
+def test_a_drive_in_exchange_is_given_its_own_torque_limit_after_a_fixed_stop() -> None:
     hand = pressing()
-    hand.stepper.set_drive(replace(DRIVE, max_torque=250), 35)
-    hand(ON | ACTIVATE)
+    hand.stepper.drive_restarted()
+    hand.stepper.set_drive(replace(DRIVE, max_torque=2000), 35)
+    hand(OFF2)
+    assert hand.stepper.sdo_request == (SdoWrite(0x6072, 0, 2000),)
+
+
+def test_a_lost_drive_is_asked_for_its_torque_limit_when_it_is_back_and_raises_no_warning() -> None:
+    hand = pressing()
+    hand.stepper.machine.inputs.drive_ok = False
+    for _ in range(3):
+        hand(ON | ACTIVATE)
+        assert hand.stepper.sdo_request is None
+    hand.stepper.machine.inputs.drive_ok = True
     hand(OFF2)
     assert hand.stepper.sdo_request == OWN
 

@@ -111,8 +111,7 @@ class PositionerExecutor(MotionExecutor):
         )
         self._one_ramp = not drive.has("profile_deceleration")
         self._torque.set_base(drive.max_torque)
-        clamps = [block for block in choices.blocks if block.task is BlockTask.FIXED_STOP]
-        if clamps or choices.clamping_torque is not None:
+        if self.clamps:
             if drive.max_torque <= 0:
                 raise Dsp402Error("Max Torque 6072h", drive.max_torque, "a value above 0, which a fixed stop lowers")
             drive.entry("current_actual")  # without it a fixed stop is never detected
@@ -124,6 +123,13 @@ class PositionerExecutor(MotionExecutor):
         else:
             positions = _ENDLESS
         self.positioner.set_ranges(positions, distances)
+
+    @property
+    def clamps(self) -> bool:
+        """A task may lower the torque limit of the drive."""
+        choices = self.choices
+        fixed_stop = any(block.task is BlockTask.FIXED_STOP for block in choices.blocks)
+        return fixed_stop or choices.clamping_torque is not None
 
     def _make_ring(self, scaling: Scaling, units: DriveUnits) -> Ring:
         """How the position of this drive counts; Dsp402Error if it wraps at another value than the modulo range."""
@@ -146,6 +152,10 @@ class PositionerExecutor(MotionExecutor):
     def restarted(self) -> None:
         self._torque.restarted()
         super().restarted()
+
+    def lost(self) -> None:
+        self._torque.lost()
+        super().lost()
 
     def _forget_home(self) -> None:
         if self._ring is not None:

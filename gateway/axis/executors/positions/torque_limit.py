@@ -24,25 +24,27 @@ class TorqueLimit:
         self._refused = -1
         self._writes: tuple[SdoWrite, ...] | None = None
 
-    @property
-    def base(self) -> int:
-        """The limit of the drive at start, in 1/1000 of the rated torque; 0 if unknown."""
-        return self._base
-
     def set_base(self, limit: int) -> None:
-        """The type of the drive was read again. A limit that this gateway has set does not count as the drive's own."""
-        if self._base and self._held != self._base:
-            return
-        self._base = self._held = limit
-        self._writes = None
+        """The type of the drive was read again: its own limit in 1/1000 of the rated torque, never one that was lowered."""
+        if self._held == self._base:
+            self._held = limit
+        self._base = limit
+
+    def lost(self) -> None:
+        """A drive that is not there takes no limit: ``follow`` asks again in each cycle."""
+        if self._writes is not None:
+            self._withdraw()
 
     def restarted(self) -> None:
         """The drive has its own or its last limit again: write the new one once."""
+        self._withdraw()
+        self._refused = -1
+
+    def _withdraw(self) -> None:
         if self._notes.writes == self._writes:
             self._notes.writes = None
         self._writes = None
         self._held = -1 if self._base else 0
-        self._refused = -1
 
     def _limit(self, torque: int | None) -> int:
         return self._base if torque is None else min(torque, self._base)

@@ -1,0 +1,157 @@
+"""The drive's own values of objects that the gateway overwrites: limits, ramps and homing speeds.
+
+A value is read and saved before it is overwritten, and is kept until it was written back to the drive. While it is kept, what
+the drive shows for the object is the gateway's and counts for nothing, whatever restarted meanwhile: the drive, its
+node or the gateway. No I/O of its own: ``OwnValueKeeper`` gets functions for SDO access.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
+from typing import Final
+
+from pdgw.ds301.objects import ObjectAddress
+from pdgw.dsp402.indices import HOMING_SPEEDS
+from pdgw.dsp402.objects import MAX_TORQUE
+
+_COMMANDED_BY_SDO: Final = frozenset({MAX_TORQUE, (HOMING_SPEEDS, 1), (HOMING_SPEEDS, 2)})
+"""Objects that the gateway commands by SDO in operation, and other telegrams leave to the drive."""
+
+
+@dataclass(frozen=True, slots=True)
+class OwnValue:
+    """One object that the gateway overwrites; values are its raw bytes as an unsigned number."""
+
+    index: int
+    subindex: int
+    size: int
+    """In bytes."""
+    value: int
+    """The drive's own."""
+    written: tuple[int, ...] | None = None
+    """Values that the gateway has written by SDO; None for an object in an RPDO, which may have any value."""
+
+    @property
+    def address(self) -> ObjectAddress:
+        """Index and sub-index."""
+        return self.index, self.subindex
+
+    def replaced_by(self, shown: int) -> bool:
+        """Whether the value that the drive shows is one that the gateway wrote."""
+        return self.written is None or shown in self.written
+
+    def text(self, value: int) -> str:
+        """Object and value, for messages."""
+        return f"{self.index:04X}h{f'/{self.subindex}' if self.subindex else ''} = {value}"
+
+
+@dataclass(frozen=True, slots=True)
+class OwnValues:
+    """What is kept of one drive. ``identity``: vendor-ID, product code and serial number (1018h/1, 2 and 4)."""
+
+    identity: tuple[int, int, int] = (0, 0, 0)
+    values: tuple[OwnValue, ...] = ()
+
+
+class OwnValueKeeper:
+    """Keeps the own values of one drive, in its task.
+
+    ``read`` returns the data of an object, nothing for one that is not there. ``write`` raises what an SDO write raises.
+    ``tell`` reports an event of the node.
+    """
+
+    def __init__(
+        self,
+        read: Callable[[int, int], bytes | None],
+        write: Callable[[int, int, bytes], None],
+        tell: Callable[[str, str], None],
+    ) -> None:
+        self._read = read
+        self._write = write
+        self._tell = tell
+        self.identity = (0, 0, 0)
+        """Of the drive that is there."""
+        self.save: Callable[[OwnValues], None] = lambda _: None
+        """Saves for the next process; returns when the values survive a crash."""
+        self._saved = OwnValues()
+        self._values: dict[ObjectAddress, OwnValue] = {}
+
+    def load(self, saved: OwnValues) -> None:
+        """Continue with what another process had kept."""
+        self._saved = saved
+        self.identity = saved.identity
+        self._values = {item.address: item for item in saved.values}
+
+    def __bool__(self) -> bool:
+        return bool(self._values)
+
+    def __contains__(self, address: ObjectAddress) -> bool:
+        return address in self._values
+
+    def value(self, address: ObjectAddress) -> int | None:
+        """The drive's own value; None: what the drive shows is its own."""
+        kept = self._values.get(address)
+        return None if kept is None else kept.value
+
+    def identify(self, identity: tuple[int, int, int]) -> None:
+        """This drive is there. The values of another one are dropped."""
+        if self._values and identity != self.identity:
+            texts = ", ".join(item.text(item.value) for item in self._values.values())
+            self._tell("status", f"another drive (1018h): the kept own values of the last one are dropped: {texts}")
+            self._values.clear()
+        self.identity = identity
+
+    def write_back(self, addresses: Collection[ObjectAddress] | None = None) -> None:
+        """Write own values back where the drive shows what the gateway wrote, and keep them no longer; None: all."""
+        for kept in list(self._values.values()):
+            if addresses is not None and kept.address not in addresses:
+                continue
+            data = self._read(*kept.address)
+            shown = int.from_bytes(data or b"", "little")
+            if data is None or shown == kept.value:
+                text = ""  # the drive has its own value, or the object no longer
+            elif kept.replaced_by(shown):
+                text = (
+                    f"{kept.text(shown)} was written by the gateway: the drive's own value {kept.value} is written back"
+                )
+                self._write(*kept.address, kept.value.to_bytes(kept.size, "little"))
+            else:
+                text = f"{kept.text(shown)} is the drive's own value now, {kept.value} before: another tool wrote it"
+            del self._values[kept.address]
+            if text:
+                self._tell("status", text)
+
+    def carry(self, carried: Collection[ObjectAddress], *, off: bool) -> None:
+        """At a start of the node, before it is asked for its limits: write back what the gateway does not overwrite from now on.
+
+        ``carried``: objects of the RPDOs. Max Torque (6072h) is read again, so it is written back, too; not while the drive
+        has power (``off``), because the PLC may ask for less.
+        """
+        for address in carried:
+            kept = self._values.get(address)
+            if kept is not None and (address != MAX_TORQUE or not off):
+                self._values[address] = replace(kept, written=None)
+        self.write_back([item for item in self._values if item not in carried or (off and item == MAX_TORQUE)])
+
+    def overwrite(self, address: ObjectAddress) -> None:
+        """RPDOs carry this object from now on; ``commit`` follows."""
+        if address not in self._values and (data := self._read(*address)):
+            self._values[address] = OwnValue(*address, len(data), int.from_bytes(data, "little"))
+
+    def write(self, address: ObjectAddress, data: bytes) -> None:
+        """Write an object by SDO in operation; its own value is saved before."""
+        value, kept = int.from_bytes(data, "little"), self._values.get(address)
+        if kept is None and address in _COMMANDED_BY_SDO and (own := self._read(*address)):
+            kept = OwnValue(*address, len(own), int.from_bytes(own, "little"), ())
+        if kept is not None and value != kept.value and not kept.replaced_by(value):
+            self._values[address] = replace(kept, written=(*(kept.written or ()), value))
+            self.commit()
+        self._write(*address, data)
+
+    def commit(self) -> None:
+        """Save what has changed."""
+        now = OwnValues(self.identity, tuple(self._values.values())) if self._values else OwnValues()
+        if now != self._saved:
+            self._saved = now
+            self.save(now)

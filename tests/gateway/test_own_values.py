@@ -1,0 +1,279 @@
+"""The drive's own limits and ramps, which the gateway overwrites, survive a crash of the gateway beside a drive with power."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from pdgw.ds301.connection_set import NMT
+from pdgw.ds301.nmt import NmtCommand
+from pdgw.dsp402.drive.own_values import OwnValues
+from pdgw.dsp402.identification.describe import OPTIONAL_OBJECTS, questions
+from pdgw.dsp402.identification.generic import generic_dictionary
+from pdgw.dsp402.pdo.layouts import LAYOUTS
+from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.store import ParameterStore
+from pdgw.peers.node.node import Value
+from tests.support.gateways.daemon import SIMULATED_POSITIONER, Plc, axis, configuration, drive_of, running, world_of
+from tests.support.gateways.recorded_daemon import RecordedPlc, only
+
+MAX_TORQUE, ACCELERATION, SERIAL = (0x6072, 0), (0x6083, 0), (0x1018, 4)
+KEPT = (MAX_TORQUE, ACCELERATION, SERIAL, (0x6099, 1), (0x6099, 2))
+ACTIVATE, HOMING = 0x40, 0x800
+READY, GO = 0x043E, 0x043F
+CLAMPS = """[[axis.block]]
+number = 1
+task = "fixed-stop"
+mode = "relative"
+position = 1000000
+velocity = 6000
+value = 250
+"""
+REDUCED = {"MOMRED": 0x2000}
+
+
+def speed(number: int) -> GatewayConfig:
+    return configuration(axis(1, telegram_number=number))
+
+
+def clamping() -> GatewayConfig:
+    return configuration(axis(1, telegram_number=111, more=SIMULATED_POSITIONER + CLAMPS))
+
+
+@dataclass
+class Site:
+    """A drive that keeps its power while gateways beside it come and go."""
+
+    store: Path | None
+    shown: dict[tuple[int, int], Value] = field(default_factory=dict)
+    """What the drive shows to the next gateway."""
+    _file: bytes | None = None
+
+    @contextmanager
+    def gateway(self, config: GatewayConfig) -> Iterator[Plc]:
+        """A gateway, and its PLC."""
+        made: list[Plc] = []
+
+        def prepare(daemon: Daemon) -> None:
+            node = drive_of(daemon).node
+            node.stored.update(self.shown)
+            node.restart()
+            made.append(RecordedPlc(daemon, [item.telegram for item in config.axis]))
+
+        with running(config.model_copy(update={"store": self.store}), prepare):
+            yield made[0]
+        if self.store is not None and self._file is not None:
+            self.store.write_bytes(self._file)
+            self._file = None
+
+    def crash(self, plc: Plc) -> None:
+        """What this gateway does after now, in the drive and in its file, did not happen."""
+        node = drive_of(plc.daemon).node
+        self.shown = {address: node.read(*address) for address in KEPT}
+        self._file = None if self.store is None or not self.store.exists() else self.store.read_bytes()
+
+    def kept(self) -> OwnValues:
+        assert self.store is not None
+        return ParameterStore(self.store, pytest.fail).parameters.drive_object(1).own_values
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Site:
+    return Site(tmp_path / "store.json")
+
+
+def torque(plc: Plc) -> int:
+    return drive_of(plc.daemon).node.model.max_torque
+
+
+def start(plc: Plc) -> None:
+    plc.enable() if plc.daemon.axes[0].telegram.number != 111 else enable_positioner(plc)
+
+
+def enable_positioner(plc: Plc) -> None:
+    if plc.daemon.axes[0].telegram.number == 111:
+        plc.endpoint.set(0, {"OVERRIDE": 0x4000, "POS_STW1": 1})
+    plc.endpoint.set(0, {"STW1": READY})
+    plc.exchange()
+    plc.exchange()
+    plc.until(lambda: plc.state() == 0x01, "ready")
+    plc.endpoint.set(0, {"STW1": GO})
+    plc.until(lambda: plc.state() == 0x07, "operation")
+
+
+def press(plc: Plc) -> None:
+    """A fixed stop with 250 of 1000."""
+    enable_positioner(plc)
+    plc.endpoint.set(0, {"STW1": GO | ACTIVATE})
+    plc.until(lambda: torque(plc) == 250 and plc.value("NIST_B") > 0, "a fixed stop on its way")
+
+
+def reduce(plc: Plc) -> None:
+    """Half of the torque."""
+    own = torque(plc)
+    plc.enable()
+    plc.endpoint.set(0, REDUCED)
+    plc.until(lambda: torque(plc) == own // 2, "half of the torque")
+
+
+def test_a_new_gateway_knows_the_torque_limit_that_a_fixed_stop_had_lowered(site: Site) -> None:
+    with site.gateway(clamping()) as plc:
+        press(plc)
+        own = plc.daemon.axes[0].drive.drive_type.max_torque
+        site.crash(plc)
+    for _ in range(2):
+        with site.gateway(clamping()) as plc:
+            assert torque(plc) == 250
+            plc.until(lambda: plc.daemon.axes[0].drive.generation > 0, "a drive online")
+            assert torque(plc) == plc.daemon.axes[0].drive.drive_type.max_torque == own
+            press(plc)
+            site.crash(plc)
+
+
+def test_reductions_of_one_gateway_after_the_other_do_not_compound(site: Site) -> None:
+    with site.gateway(speed(102)) as plc:
+        own = torque(plc)
+        reduce(plc)
+        site.crash(plc)
+    for _ in range(2):
+        with site.gateway(speed(102)) as plc:
+            assert torque(plc) == own // 2
+            plc.endpoint.set(0, REDUCED)
+            plc.enable()
+            assert torque(plc) == own // 2
+            site.crash(plc)
+
+
+@pytest.mark.parametrize("telegram", [1, 111])
+def test_another_telegram_of_a_new_gateway_has_the_drives_own_torque(site: Site, telegram: int) -> None:
+    with site.gateway(speed(102)) as plc:
+        own = torque(plc)
+        reduce(plc)
+        site.crash(plc)
+    with site.gateway(clamping() if telegram == 111 else speed(telegram)) as plc:
+        start(plc)
+        assert torque(plc) == own
+    assert site.kept() == OwnValues()
+
+
+def test_another_telegram_of_a_new_gateway_has_the_drives_own_ramp(site: Site) -> None:
+    site.shown = {ACCELERATION: 777}
+    with site.gateway(clamping()) as plc:
+        press(plc)
+        site.crash(plc)
+    assert site.shown[ACCELERATION] != 777
+    with site.gateway(speed(1)) as plc:
+        plc.enable()
+        assert drive_of(plc.daemon).node.read(*ACCELERATION) == 777
+
+
+def test_another_telegram_of_a_new_gateway_has_the_drives_own_homing_speeds(site: Site) -> None:
+    site.shown = {(0x6099, 1): 50, (0x6099, 2): 10}
+    with site.gateway(speed(9)) as plc:
+        plc.endpoint.set(0, {"SATZANW": 0x8000 | 35, "MDI_VELOCITY": 1 << 29})
+        enable_positioner(plc)
+        plc.endpoint.set(0, {"STW1": GO | HOMING})
+        plc.until(lambda: plc.value("ZSW1") & 0x800, "homed")
+        site.crash(plc)
+    assert site.shown[0x6099, 1] != 50
+    with site.gateway(clamping()) as plc:
+        enable_positioner(plc)
+        assert [drive_of(plc.daemon).node.read(0x6099, sub) for sub in (1, 2)] == [50, 10]
+
+
+def test_a_client_may_not_change_the_limit_that_a_fixed_stop_restores(site: Site) -> None:
+    with site.gateway(clamping()) as plc:
+        assert plc.daemon.axes[0].owns(*MAX_TORQUE)
+    with site.gateway(configuration(axis(1, telegram_number=111, more=SIMULATED_POSITIONER))) as plc:
+        assert not plc.daemon.axes[0].owns(*MAX_TORQUE)
+
+
+def test_no_other_object_that_is_overwritten_is_read_as_a_property_of_the_drive() -> None:
+    """What a drive is asked at its start, beside the existence of optional objects."""
+    commanded = {entry.address for layout in LAYOUTS.values() for pdo in layout.rpdos for entry in pdo.entries}
+    by_sdo = {MAX_TORQUE, (0x6098, 0), (0x6099, 1), (0x6099, 2), (0x6007, 0), (0x60C2, 1), (0x60C2, 2)}
+    asked = set(questions(generic_dictionary())) - OPTIONAL_OBJECTS
+    assert asked & (commanded | by_sdo) == {MAX_TORQUE}
+
+
+def test_an_orderly_stop_writes_back_what_was_overwritten(site: Site) -> None:
+    site.shown = {ACCELERATION: 777}
+    with site.gateway(clamping()) as plc:
+        press(plc)
+        node = drive_of(plc.daemon).node
+        assert len(site.kept().values) > 2
+    assert node.read(*ACCELERATION) == 777
+    assert node.read(*MAX_TORQUE) != 250
+    assert site.kept() == OwnValues()
+
+
+def test_a_drive_in_exchange_keeps_its_own_limit(site: Site, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    with site.gateway(clamping()) as plc:
+        press(plc)
+        site.crash(plc)
+    site.shown |= {SERIAL: 4711, MAX_TORQUE: 800}
+    with site.gateway(clamping()) as plc:
+        enable_positioner(plc)
+        assert torque(plc) == plc.daemon.axes[0].drive.drive_type.max_torque == 800
+    assert "another drive (1018h)" in caplog.text
+
+
+def test_a_limit_that_another_tool_wrote_meanwhile_is_the_drives_own(
+    site: Site, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
+    with site.gateway(clamping()) as plc:
+        press(plc)
+        site.crash(plc)
+    site.shown[MAX_TORQUE] = 800
+    with site.gateway(clamping()) as plc:
+        enable_positioner(plc)
+        assert torque(plc) == 800
+    assert "6072h = 800 is the drive's own value now" in caplog.text
+
+
+def test_an_exchanged_drive_has_its_own_limit_in_the_same_gateway(site: Site) -> None:
+    with site.gateway(clamping()) as plc:
+        press(plc)
+        node = drive_of(plc.daemon).node
+        node.stored |= {SERIAL: 4711, MAX_TORQUE: 800}
+        drive_of(plc.daemon).do(lambda item: item.restart())
+        plc.until(lambda: not plc.daemon.axes[0].powered, "a drive that is lost")
+        enable_positioner(plc)
+        for _ in range(50):
+            plc.exchange()
+        assert torque(plc) == 800
+
+
+def test_without_a_store_the_loss_by_a_crash_is_reported(caplog: pytest.LogCaptureFixture) -> None:
+    with Site(None).gateway(speed(102)) as plc:
+        plc.enable()
+    assert "no parameter store: a crash of the gateway loses the drive's own 6072h" in caplog.text
+
+
+@pytest.mark.parametrize("clamps", [True, False])
+def test_replay_of_a_gateway_after_a_crash_is_equal(site: Site, tmp_path: Path, clamps: bool) -> None:
+    config, lower = (clamping(), press) if clamps else (speed(102), reduce)
+    with site.gateway(config) as plc:
+        lower(plc)
+        site.crash(plc)
+    with site.gateway(config) as plc:
+        assert isinstance(plc, RecordedPlc)
+        lower(plc) if clamps else start(plc)
+        plc.endpoint.set(0, {} if clamps else REDUCED)
+        for _ in range(100):
+            plc.exchange()
+        other = world_of(plc.daemon).bus("world").join("another tool")
+        other.send(NMT, bytes((NmtCommand.ENTER_PRE_OPERATIONAL, 1)))
+        plc.until(lambda: not plc.daemon.axes[0].powered, "a lost node")
+        start(plc)
+        for _ in range(100):
+            plc.exchange()
+        assert only(plc.replayed(tmp_path)) == []
