@@ -108,7 +108,7 @@ def test_the_defaults_in_sentences_are_the_defaults() -> None:
         f'`on_plc_loss = "{AxisSettings().on_plc_loss.value}"`'
     )
     assert defaults in (ROOT / "docs/safety.md").read_text(encoding="utf-8")
-    assert f"watchdog factor ({WATCHDOG_FACTOR}) x cycle" in (ROOT / "docs/translation.md").read_text(encoding="utf-8")
+    assert f"watchdog factor ({WATCHDOG_FACTOR}) x cycle" in (ROOT / "docs/safety.md").read_text(encoding="utf-8")
     assert f"`watchdog_factor = {WATCHDOG_FACTOR}`" in (ROOT / "docs/demo.md").read_text(encoding="utf-8")
 
 

@@ -2,7 +2,7 @@
 
 (phase, drive state, request) -> (phase, action). The first matching row counts. The documents print the rows, tests walk them.
 Rules: an uncertain state is a stop, and after it nothing starts without an OFF and then an ON.
-Source: docs/translation.md "States", "Standard telegrams" 3-4 and "Losses"; the manufacturer's guide 5.1.
+Source: docs/translation.md "States", "Standard telegrams" 3-4, docs/safety.md; the manufacturer's guide 5.1.
 OFF1 of PROFIdrive ramps down before power is removed, Shutdown of CiA 402 does not: this table has the ramp stop. A telegram with
 its own Controlword (100) has the phase PASS for operation and shares everything else.
 """

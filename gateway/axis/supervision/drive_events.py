@@ -1,6 +1,6 @@
 """Reports of events of a device: each once, with its number, without losing the first cause.
 
-Source: docs/translation.md "Losses", docs/parameter-channel.md "Fault buffer".
+Source: docs/safety.md, docs/parameter-channel.md "Fault buffer".
 """
 
 from __future__ import annotations
