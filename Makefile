@@ -75,6 +75,7 @@ measured: compiled
 	COLUMNS=120 $(WITH_COMPILED) $(BIN)/python -m pdgw.workshop bench --seconds 10 --realtime > $(MEASURED)/exchange-compiled-realtime.txt
 	COLUMNS=120 $(BIN)/python -m pdgw.workshop bench decode > $(MEASURED)/decode.txt
 	COLUMNS=120 $(BIN)/python -m pdgw.workshop bench timeline > $(MEASURED)/timeline.txt
+	COLUMNS=120 $(BIN)/python -m pdgw.workshop bench stops --markdown > $(MEASURED)/stops.txt
 	@# Needs network namespaces; real-time priority inside one needs root.
 	if unshare --net true || unshare --user --map-root-user --net true; then \
 		COLUMNS=120 $(BIN)/python -m pdgw.workshop bench profinet > $(MEASURED)/profinet.txt; \

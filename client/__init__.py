@@ -1,1 +1,1 @@
-"""The PLC's side of the parameter channel: record client, addresses, dump and restore."""
+"""The parameter client: UDP and PROFINET, dump and restore, identification."""

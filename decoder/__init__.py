@@ -1,4 +1,4 @@
-"""The decoder: bytes of both buses to named values, without I/O.
+"""The decoder: captures of both buses to records with named values; no I/O.
 
 * ``engine.Decoder`` turns the packets of a capture into ``records.Record`` objects (``can_records``: those of the CAN side), one
   for each packet, in order; it learns telegrams and PDO mappings on the way. Their documents are plain data with a stable schema

@@ -1,4 +1,4 @@
-"""CANopen basics (CiA DS 301) that the drive and the encoder profile share.
+"""CiA 301 for both device profiles: object declarations, PDO codec, tables of EMCY, SDO aborts and NMT.
 
 Object declarations, PDO mapping and codec, EMCY and SDO abort tables, EDS output. Knows no device profile.
 """

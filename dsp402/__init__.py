@@ -1,4 +1,4 @@
-"""CiA 402 (DSP402) drives: objects, states, PDO layouts, the drive client and the drive simulator.
+"""CiA 402 drives: objects, states, modes, and the type of a drive as one value.
 
 Knows nothing of PROFIdrive.
 """

@@ -1,4 +1,4 @@
-"""CiA 406 encoders: objects, scaling and cams, the client of a real encoder, and a simulated one.
+"""CiA 406 encoders: objects, scaling, cams, and the encoder client.
 
 Knows CANopen, but neither PROFIdrive nor drives; the gateway translates.
 """

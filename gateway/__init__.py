@@ -1,1 +1,1 @@
-"""The gateway: the axis machine (pure, ``axis``), drive objects bound to their nodes, transports, configuration, the daemon."""
+"""The gateway: daemon, store, and the packages that connect PLC and devices."""

@@ -1,1 +1,1 @@
-"""Everything that plays the other side: simulated nodes, drives, encoders, PLC and their faults; no part of the product."""
+"""Simulators: CANopen nodes, drives, encoders, PLC, controller, and their faults."""

@@ -1,1 +1,1 @@
-"""Recordings of both buses: the recorder, its files, and what opens them again."""
+"""Recordings of both buses: recorder, files, and opening them for timeline and replay."""

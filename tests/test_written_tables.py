@@ -24,12 +24,10 @@ from pdgw.gateway.configuration.config import AxisConfig
 from pdgw.gateway.configuration.tables.defaults import STATUS_PORT, WATCHDOG_FACTOR
 from pdgw.gateway.configuration.tables.environment import TraceConfig, TransportConfig
 from pdgw.gateway.configuration.tables.web import WebConfig
-from pdgw.gateway.links.profinet.diagnosis import MESSAGE_CLASSES
 from pdgw.gateway.motion.blocks import BlockTask
 from pdgw.gateway.parameters.profile import MAX_BLOCK
 from pdgw.gateway.reasons import Enable
 from pdgw.gateway.service.status import SCHEMA
-from pdgw.gateway.trace.layout import PEER_OFFSET, PEER_SIZE, WORD, Word
 from pdgw.peers.drive.model.shapes import FAMILY
 from pdgw.profidrive.frame import (
     C_SDU_MIN,
@@ -66,7 +64,7 @@ LAYOUTS = list(rows(PUBLISHED, "telegram | setpoints"))
 def test_the_tables_are_found() -> None:
     assert len(LAYOUTS) > 10
     assert len(list(rows(PUBLISHED, "telegram | RPDO"))) == 3
-    assert len(list(rows("safety.md", "what is lost"))) >= len(VIRTUAL)
+    assert len(list(rows("measured/stops.txt", "what is lost"))) >= len(VIRTUAL)
 
 
 @pytest.mark.parametrize("row", LAYOUTS, ids=lambda row: row[0])
@@ -95,9 +93,11 @@ def test_the_pdos_are_those_of_the_declarations(row: list[str]) -> None:
 
 
 def test_the_bounds_of_the_stops_are_those_that_are_measured_against() -> None:
-    told = {row[0]: (row[1], row[5]) for row in rows("safety.md", "what is lost")}
+    told = {row[0]: (row[1], row[5]) for row in rows("measured/stops.txt", "what is lost")}
+    text = (ROOT / "docs/safety.md").read_text(encoding="utf-8")
     for stop, _ in VIRTUAL:
         assert told[stop.cause] == (stop.measured, f"{stop.bound_ms:g} ms: {stop.bound}")
+        assert f"`{stop.cause}` {stop.bound_ms:g} ms" in text
 
 
 def test_the_defaults_in_sentences_are_the_defaults() -> None:
@@ -125,18 +125,12 @@ SENTENCES = (
     ("status.md", f"`status_port`, {STATUS_PORT} unless"),
     ("status.md", f"`schema` ({SCHEMA})"),
     ("soak.md", f"nothing has changed for {SETTLED_NS // MS} ms"),
-    ("flight-recorder.md", f"{PEER_SIZE} bytes of text"),
 )
 
 
 @pytest.mark.parametrize(("document", "sentence"), SENTENCES)
 def test_a_number_in_a_sentence_is_the_declared_one(document: str, sentence: str) -> None:
     assert sentence in (ROOT / "docs" / document).read_text(encoding="utf-8")
-
-
-def test_the_places_of_a_ring_are_those_of_its_layout() -> None:
-    told = [row[0] for row in rows("flight-recorder.md", "from byte | is")]
-    assert told[:3] == [f"{place}" for place in (0, min(Word) * WORD, PEER_OFFSET)]
 
 
 def test_the_keys_of_the_units_are_keys_of_an_axis() -> None:
@@ -167,17 +161,6 @@ def test_each_word_of_telegram_100_is_the_object_of_its_signal() -> None:
                 assert match is not None, text
                 found.append((place, (int(match[1], 16), int(match[2] or 0)), match[3]))
         assert found == expected
-
-
-@pytest.mark.parametrize("name", ["STW1", "ZSW1"])
-def test_every_bit_has_its_names(name: str) -> None:
-    told = [(row[0], row[1]) for row in rows("telegrams.md", f"bit | name | {'handled' if name == 'STW1' else 'from'}")]
-    word = signal(name)
-    positioning = {bit.position: bit.name for bit in word.positioning_bits}
-    assert told == [
-        (f"{bit.position}", ", ".join(dict.fromkeys((bit.name, positioning.get(bit.position, bit.name)))))
-        for bit in word.bits
-    ]
 
 
 def test_a_fraction_of_a_reference_has_the_type_of_its_signal() -> None:
@@ -244,16 +227,6 @@ def test_the_telegrams_of_each_application_class_are_told() -> None:
 def test_the_tasks_of_a_block_are_told() -> None:
     told = [name for row in rows("motion.md", "`task` | does") for name in row[0].split(", ")]
     assert told == [task.value for task in BlockTask]
-
-
-def test_the_classes_of_error_codes_are_those_of_the_diagnosis() -> None:
-    told: dict[str, int] = {}
-    for row in rows("profinet.md", "error code (EMCY"):
-        for codes, classes in ((row[0], row[1]), (row[2], row[3])):
-            numbers = [int(number, 16) for number in re.findall(r"([0-9A-F]{4})h", classes)]
-            digits = [code.rstrip("x") for code in codes.split(", ")]
-            told |= dict(zip(digits, numbers * (len(digits) if len(numbers) == 1 else 1), strict=True))
-    assert told == {digits: kind.value for digits, kind in MESSAGE_CLASSES.items()}
 
 
 def keys_of(document: str, head: str) -> dict[str, str]:

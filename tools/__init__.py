@@ -1,1 +1,1 @@
-"""The ``pdgw`` command line: commands, demo, axis test, reports."""
+"""The ``pdgw`` command line."""

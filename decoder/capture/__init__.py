@@ -1,1 +1,1 @@
-"""Files, streams and interfaces around the decoder: readers of captures, writers of what was decoded."""
+"""Capture files, streams and interfaces: readers, and writers of decoded records."""

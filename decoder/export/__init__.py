@@ -1,1 +1,1 @@
-"""Decoded captures as files: tables, pictures, pages."""
+"""Decoded captures as data sets, tables, pictures and pages."""

@@ -1,1 +1,1 @@
-"""The replay: recorded inputs through today's axis machine."""
+"""Replay: a recording through the axis machine of this version."""

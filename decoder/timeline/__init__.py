@@ -1,1 +1,1 @@
-"""The timeline: records of both buses to entries in the order of time."""
+"""Timeline: records of both buses in the order of time, with causes."""

@@ -1,1 +1,1 @@
-"""What of the records the reader sees: names, filters, columns, texts, statistics."""
+"""Names, filters, columns, texts and statistics of records."""

@@ -1,1 +1,1 @@
-"""One CAN bus: opening it, sending and receiving its frames, its load and its response times."""
+"""One CAN bus: ports, sending and receiving, load and response times."""

@@ -1,1 +1,1 @@
-"""The loop of one thread: timers, readiness, tasks and jobs, on the machine's clock or a virtual one."""
+"""The loop of one thread: timers, sockets and tasks, in real or virtual time."""

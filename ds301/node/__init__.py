@@ -1,1 +1,1 @@
-"""One CANopen node as its client sees it: start-up, configuration, PDO plan, SDO access and supervision."""
+"""The client of one CANopen node: start-up, configuration, PDO plan, SDO access and supervision."""

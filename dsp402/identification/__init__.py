@@ -1,1 +1,1 @@
-"""What kind of drive it is: data sheet, answers of the device and the overlay of its family."""
+"""The type of a drive from data sheet, SDO answers, configuration and the overlay of its family."""

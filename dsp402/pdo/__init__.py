@@ -1,1 +1,1 @@
-"""The PDOs of a drive: which object travels in which, planned from what the drive has, and the check of its values."""
+"""PDO layouts, the planner that adapts them to a drive, and the check of values."""

@@ -1,1 +1,1 @@
-"""Units of a drive: positions, velocities and accelerations, as exact fractions, and the scaling made of them."""
+"""Units of positions, velocities and accelerations as exact fractions, and the scaling."""

@@ -1,4 +1,4 @@
-"""The axis machine: requests of a PLC to a drive or encoder, commands to the device, and status to the PLC. Pure.
+"""The axis machine: setpoints to commands of the drive, feedback to actual values; pure.
 
     PLC words --adapter--> Demand --AxisMachine--> DriveCommand
     PLC words <--adapter-- Report <--AxisMachine-- DriveFeedback

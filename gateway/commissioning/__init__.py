@@ -1,1 +1,1 @@
-"""Before and during commissioning: scan of a bus, telegram check."""
+"""Bus scan and telegram check."""

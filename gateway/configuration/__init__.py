@@ -1,1 +1,1 @@
-"""The configuration: models, file, checks, example, byte map and bus load."""
+"""The configuration: reading, checks, example, byte map and bus load."""

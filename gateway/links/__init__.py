@@ -1,1 +1,1 @@
-"""How cyclic frames and parameter requests of the PLC reach the gateway."""
+"""The cyclic exchange with the PLC over UDP, and what both links share."""

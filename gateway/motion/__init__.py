@@ -1,4 +1,4 @@
-"""What moves an axis beside a plain speed or task: length units, traversing blocks, the positioner, DSC, message words.
+"""Positioner (states as data, traversing blocks, length units), DSC and message words; pure.
 
 Pure: values and monotonic nanoseconds in, values out; nothing here knows a telegram's word or a drive's Controlword.
 """

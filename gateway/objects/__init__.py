@@ -1,1 +1,1 @@
-"""Drive objects: axes and encoders bound to the clients of their nodes, and their enable chain."""
+"""Drive objects: axes and encoders bound to the clients of their nodes, enable chain, fault buffer, touch probe."""

@@ -1,1 +1,1 @@
-"""The parameters of the gateway: profile parameters bound to axes, CANopen objects one to one, identification records."""
+"""The parameter channel: manager, profile parameters, CANopen objects, records, UDP server."""

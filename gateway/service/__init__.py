@@ -1,1 +1,1 @@
-"""What the process of the gateway needs beside the exchange: status, service manager, real time."""
+"""Status port, service manager, cycle times and real time."""

@@ -1,1 +1,1 @@
-"""The flight recorder: the last minutes, cycle by cycle and frame by frame, in a file in RAM that outlives the daemon."""
+"""The flight recorder: layout of the ring file, writer and reader."""

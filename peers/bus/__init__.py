@@ -1,4 +1,4 @@
-"""A CAN bus between processes on one machine, without a kernel module.
+"""A CAN bus between processes of one machine, without a kernel module.
 
 A hub carries Linux's ``struct can_frame`` between members over connected UDP sockets on loopback. ``LoopbackBus`` is a member
 as a python-can interface, named ``pdgw-bus``: its socket takes and gives what SocketCAN's does, so that a gateway runs the same

@@ -1,1 +1,1 @@
-"""A small PROFINET IO controller: finds the device by name, connects, exchanges data, reads and writes records, takes alarms."""
+"""A small PROFINET IO controller."""

@@ -1,4 +1,4 @@
-"""A realistic CiA 402 drive: pure model in several shapes, CANopen node, and a node on any python-can bus."""
+"""The simulated CiA 402 drive: shapes, CANopen node, node on any python-can bus."""
 
 from pdgw.peers.drive.model.latency import Latency
 from pdgw.peers.drive.model.machine import LINEAR_AXIS, MACHINES, ROTARY_AXIS, Machine

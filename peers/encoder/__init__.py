@@ -1,4 +1,4 @@
-"""A realistic CiA 406 encoder: motions, pure model, CANopen node, and a thread on any python-can bus."""
+"""The simulated CiA 406 encoder: motions, model, CANopen node, thread on any python-can bus."""
 
 from pdgw.peers.encoder.model import EncoderModel
 from pdgw.peers.encoder.motion import Motion

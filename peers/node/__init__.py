@@ -1,1 +1,1 @@
-"""What every simulated CANopen node has: object dictionary, SDO server, PDOs, heartbeats, and its faults."""
+"""What every simulated CANopen node has: object dictionary, SDO server, PDOs, heartbeats, faults."""

@@ -1,1 +1,1 @@
-"""The PLC simulator: controller side of the cyclic relationship, scenario language, UDP client."""
+"""The PLC simulator: endpoint, scenario language, keyboard."""

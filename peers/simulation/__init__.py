@@ -1,1 +1,1 @@
-"""Simulated devices on one bus: which there are, the file that describes them, and how they are controlled at run time."""
+"""Simulated devices of one bus: device types, file, control at run time."""

@@ -1,4 +1,4 @@
-"""A world in virtual time: CAN buses, an IP network, devices and a PLC around the gateway. One seed is one run, bit for bit."""
+"""A world in virtual time: CAN buses, IP network, devices and a PLC around the gateway. One seed gives one run, bit for bit."""
 
 from pdgw.peers.world.can_bus import Member, SimulatedCan
 from pdgw.peers.world.channel import WorldChannel

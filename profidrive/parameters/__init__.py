@@ -1,1 +1,1 @@
-"""The parameter channel (Base Mode Parameter Access): codec, error numbers, PNU model, fault buffer."""
+"""Base Mode Parameter Access: codec, error numbers, PNU model, fault buffer."""

@@ -1,1 +1,1 @@
-"""Alarms of a relationship, and the diagnosis that they report."""
+"""Alarms of a relationship, and diagnosis."""

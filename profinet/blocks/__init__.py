@@ -1,1 +1,1 @@
-"""The blocks of PROFINET IO as declarations, by service: connect, control, records, diagnosis and alarms."""
+"""Blocks of PROFINET IO as declarations, by service."""

@@ -1,1 +1,1 @@
-"""One application relationship: what its Connect asks, its state machine, cyclic data, system redundancy."""
+"""One application relationship: Connect, state machine, cyclic data, system redundancy."""

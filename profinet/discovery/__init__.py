@@ -1,1 +1,1 @@
-"""Who is on the network: DCP, LLDP, and the SNMP agent that shows both."""
+"""DCP, LLDP and SNMP."""

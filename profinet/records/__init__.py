@@ -1,1 +1,1 @@
-"""The records that a device serves of itself."""
+"""The records of the device itself."""

@@ -1,1 +1,1 @@
-"""The acyclic channel of PROFINET: connectionless DCE/RPC, record read and write, identification records; sans-I/O."""
+"""DCE/RPC, record access, identification records, endpoint mapper; sans-I/O."""

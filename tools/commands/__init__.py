@@ -1,1 +1,1 @@
-"""One module per ``pdgw`` subcommand."""
+"""One module for each command."""

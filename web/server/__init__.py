@@ -1,1 +1,1 @@
-"""The server of the page: its connections, who may ask, and large answers."""
+"""Connections, access and large answers of the page."""

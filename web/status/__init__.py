@@ -1,1 +1,1 @@
-"""What the page knows of its gateway: status, events, fault counts, loads of the buses."""
+"""Status, events, fault counts and bus loads for the page."""

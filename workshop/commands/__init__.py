@@ -1,1 +1,1 @@
-"""One module per command of ``python -m pdgw.workshop``."""
+"""One module for each command of ``python -m pdgw.workshop``."""

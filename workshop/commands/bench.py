@@ -314,7 +314,7 @@ def stops_command(
     trials: Annotated[int, typer.Option(min=1, max=10_000, help="Losses of each kind in virtual time.")] = 100,
     kills: Annotated[int, typer.Option(min=0, max=1_000, help="Gateway processes killed and stopped; 0: none.")] = 20,
     as_json: AsJson = False,
-    markdown: Annotated[bool, typer.Option("--markdown", help="Print the table of docs/safety.md.")] = False,
+    markdown: Annotated[bool, typer.Option("--markdown", help="Print the text of docs/measured/stops.txt.")] = False,
     junit: JUnitFile = None,
     html: HtmlFile = None,
 ) -> None:
@@ -329,6 +329,7 @@ def stops_command(
     if as_json:
         typer.echo(json.dumps(document, indent=2))
     elif markdown:
+        _print_machine(Console(), realtime=False)
         typer.echo("\n".join(_stops_markdown(rows)))
     else:
         _print_machine(console := Console(), realtime=False)

@@ -5,7 +5,9 @@
 
 from __future__ import annotations
 
+import ast
 import enum
+import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -21,6 +23,7 @@ from pdgw.dsp406.registers import Alarm, AreaState, Operating, Warnings
 from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.power_table import ANY_DRIVE, ANY_PHASE, ANY_WISH, CONTROLWORDS, ROWS, Action, Drive, Phase
 from pdgw.gateway.configuration.positioner_values import BLOCK_ITEMS, ITEMS
+from pdgw.gateway.links.profinet.diagnosis import MESSAGE_CLASSES
 from pdgw.gateway.motion.states import MDI_TRANSITIONS, Event, State, Transition
 from pdgw.gateway.motion.states import TRANSITIONS as POSITIONER_TRANSITIONS
 from pdgw.gateway.parameters.guarded import GUARDED
@@ -28,6 +31,7 @@ from pdgw.gateway.parameters.objects import error_of_abort
 from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
 from pdgw.peers.drive.device import OBJECTS
 from pdgw.peers.drive.family import DRIVE_FAULTS, FAMILY, FAMILY_MODES, HOMING_METHODS
+from pdgw.peers.drive.model.shapes import SHAPES
 from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
 from pdgw.peers.node.misbehaviour import Misbehaviour
 from pdgw.peers.simulation.devices import DEVICE_TYPES
@@ -38,12 +42,14 @@ from pdgw.profidrive.parameters.errors import ERROR_TEXTS
 from pdgw.profidrive.signals import CATALOGUE, POSITIONER_FORMS, Signal
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationClass, Telegram, TelegramHalf, word_positions
 from pdgw.profidrive.words import Bit, Confidence
+from pdgw.profinet.blocks.alarm import MESSAGE_CLASS_TEXTS
 from pdgw.profinet.model import TELEGRAM_IDENT, TELEGRAM_SUBSLOT
 from pdgw.workshop.conformance.faults import CASES, Case, Device
 from pdgw.workshop.documents.markdown import table
 from pdgw.workshop.documents.simulator_words import generate_words
 
-_DOCS = Path(__file__).parents[2] / "docs"
+_ROOT = Path(__file__).parents[2]
+_DOCS = _ROOT / "docs"
 PATH = _DOCS / "tables.md"
 MISBEHAVIOUR_PATH = _DOCS / "misbehaviour.md"
 POWER_PATH = _DOCS / "power-table.md"
@@ -151,6 +157,15 @@ def _positioner(transitions: Mapping[State, Sequence[Transition]]) -> str:
     ]
     cells = ((state.value, row.event.value, row.target.value, row.action.value) for state, row in rows)
     return table(("state", "event", "next state", "what is done"), cells) + "\n" + "\n".join([*lines, "```"]) + "\n"
+
+
+def _packages() -> Iterable[Sequence[object]]:
+    """Each package with the first line of its docstring."""
+    project = tomllib.loads((_ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    folders = project["tool"]["setuptools"]["package-dir"].values()
+    for path in sorted(path.parent for folder in folders for path in (_ROOT / folder).rglob("__init__.py")):
+        text = ast.get_docstring(ast.parse((path / "__init__.py").read_text(encoding="utf-8"))) or ""
+        yield f"`{path.relative_to(_ROOT).as_posix()}/`", text.partition("\n")[0].replace("``", "`")
 
 
 def generate() -> str:
@@ -292,6 +307,15 @@ def generate() -> str:
                 for f in GATEWAY_FAULTS.values()
             ),
         ),
+        "## Message classes of the diagnosis\n",
+        "By the leading digits of the error code (EMCY, 603Fh); the longest match counts.\n",
+        table(
+            ("error code", "class", "text"),
+            (
+                (digits.ljust(4, "x"), f"{kind:04X}h", MESSAGE_CLASS_TEXTS[kind])
+                for digits, kind in MESSAGE_CLASSES.items()
+            ),
+        ),
         "## Parameters of the profile\n",
         table(
             ("PNU", "name", "type", "access", "of", "unit", "meaning", "elements"),
@@ -356,6 +380,10 @@ def generate() -> str:
                 for item in GUARDED
             ),
         ),
+        "## Simulated drives\n",
+        table(("name", "drive"), ((f"`{name}`", shape.text) for name, shape in SHAPES.items())),
+        "## Packages\n",
+        table(("package", "contents"), _packages()),
         "## Why it does not move\n",
         table(
             ("reason", "text", "state", "first broken link", "what to do"),

@@ -1,1 +1,1 @@
-"""Adapters: the words of a telegram, by their names, to a ``Demand``, and a ``Report`` to words. One module for each family."""
+"""Adapters: words of a telegram to a ``Demand``, a ``Report`` to words; one module for each family."""

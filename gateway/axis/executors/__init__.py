@@ -1,1 +1,1 @@
-"""Executors: a ``Demand`` to the objects of a drive, and what the drive shows to a ``Report``. They know no telegram."""
+"""Executors: a ``Demand`` to objects of a drive, its feedback to a ``Report``; no telegram."""

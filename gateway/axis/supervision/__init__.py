@@ -1,1 +1,1 @@
-"""What supervises an axis: sign of life, stops, enables, velocity and the drive's own events."""
+"""Supervision of an axis: sign of life, stops, enables, velocity and events of the drive."""

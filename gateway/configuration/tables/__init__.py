@@ -1,1 +1,1 @@
-"""The tables of a configuration file: buses and nodes, encoders, positioner, page, and their defaults."""
+"""The tables of a configuration file, with their defaults."""

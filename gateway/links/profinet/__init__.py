@@ -1,1 +1,1 @@
-"""The PROFINET link: an IO device on an Ethernet interface."""
+"""The PROFINET device on its Ethernet interface."""

@@ -1,1 +1,1 @@
-"""The simulated drive without CANopen around it: shapes, power section, modes, motion and touch probe."""
+"""The model of the simulated drive without CANopen: power section, modes, motion, touch probe."""

@@ -1,1 +1,1 @@
-"""What a PLC exchanges with a gateway: frames, values of the telegrams, parameters; the parts that follow a telegram."""
+"""Frames, values and parameters that a PLC exchanges with a gateway."""

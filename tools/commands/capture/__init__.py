@@ -1,1 +1,1 @@
-"""Commands on captures and recordings of both buses."""
+"""Commands for captures and recordings."""

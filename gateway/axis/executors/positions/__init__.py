@@ -1,1 +1,1 @@
-"""Executors of telegrams with tasks: positioners, homing, modes, and positions for drives without profile position."""
+"""Executors with positions: positioner, homing, modes, generated positions."""
