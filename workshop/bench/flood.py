@@ -7,22 +7,21 @@ ends.
 
 from __future__ import annotations
 
-import os
 import select
 import socket
 import sys
 import time
-from contextlib import closing
+from contextlib import nullcontext
 from dataclasses import dataclass
 from uuid import UUID
 
-from pdgw.durations import MS, SECOND
+from pdgw.durations import MS
 from pdgw.profinet.rpc.client import RecordCaller
 from pdgw.profinet.rpc.dcerpc import object_uuid
 from pdgw.workshop.bench.measuring.dialogues import PlcDialogue
-from pdgw.workshop.bench.measuring.measure import Latency, latency
-from pdgw.workshop.bench.measuring.schedule import Peer, run
-from pdgw.workshop.bench.processes.processes import Background, Gateway, module, running
+from pdgw.workshop.bench.measuring.measure import Latency
+from pdgw.workshop.bench.measuring.phases import QUIET, in_turn, stand_back
+from pdgw.workshop.bench.processes.processes import Background, Gateway, module
 
 AXES = 4
 PERIOD_NS = 4 * MS
@@ -47,35 +46,9 @@ def measure(port: str, seconds: float, phases: int = 3) -> Flood:
     """Flood the ``port`` (CYCLIC or ACYCLIC) in this number of phases, each after a quiet phase. ``seconds``: total of each
     kind.
     """
-    cycles = max(1, int(seconds * SECOND) // PERIOD_NS // phases)
-    plc = PlcDialogue(AXES, PERIOD_NS)
-    samples: dict[bool, list[int]] = {False: [], True: []}
-    missed = {False: 0, True: 0}
-    slept = 0
-    sent, elapsed = 0, 0.0
-    with running(AXES, PERIOD_NS) as (_, gateway):
-        gateway.wait_online(AXES)
-        with closing(Peer(gateway.cyclic_port, plc)) as peer:
-
-            def phase(flooded: bool) -> None:
-                plc.enable(peer, PERIOD_NS)
-                peer.begin()
-                run([peer], cycles, PERIOD_NS)
-                samples[flooded] += peer.samples
-                missed[flooded] += peer.missed
-
-            for _ in range(phases):
-                phase(flooded=False)
-                stranger = _stranger(port, gateway)
-                start = time.monotonic()
-                try:
-                    phase(flooded=True)
-                    slept += peer.slept
-                finally:
-                    elapsed += time.monotonic() - start
-                    sent += int(stranger.end())
-    quiet, flooded = (latency(samples[name], missed[name], PERIOD_NS) for name in (False, True))
-    return Flood(port, quiet, flooded, slept, sent / elapsed)
+    found = in_turn(AXES, PERIOD_NS, seconds, phases, {port: lambda gateway: nullcontext(_stranger(port, gateway))})
+    flooded = found[port]
+    return Flood(port, found[QUIET].latency, flooded.latency, flooded.slept, flooded.per_s)
 
 
 def _stranger(port: str, gateway: Gateway) -> Background:
@@ -92,10 +65,7 @@ def datagram(kind: str) -> bytes:
 
 def main() -> None:
     """Send the flood."""
-    # In the field the sender is another machine. Here it gets the lowest priority.
-    if hasattr(os, "sched_setscheduler"):
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    os.nice(19)
+    stand_back()
     port, kind, rate = int(sys.argv[1]), sys.argv[2], int(sys.argv[3])
     data = datagram(kind)
     sent, burst = 0, int(rate * _BURST_S)

@@ -6,24 +6,22 @@ prints the number of answered requests when its standard input ends.
 
 from __future__ import annotations
 
-import os
 import sys
 import threading
 import time
-from contextlib import closing
+from contextlib import nullcontext
 from dataclasses import dataclass
 
 from pdgw.client.udp import ParameterClient
-from pdgw.durations import MS, SECOND
+from pdgw.durations import MS
 from pdgw.profidrive.parameters.codec import ParameterAddress
-from pdgw.workshop.bench.measuring.dialogues import PlcDialogue
 from pdgw.workshop.bench.measuring.measure import Latency
-from pdgw.workshop.bench.measuring.phases import Phases
-from pdgw.workshop.bench.measuring.schedule import Peer
-from pdgw.workshop.bench.processes.processes import module, running
+from pdgw.workshop.bench.measuring.phases import QUIET, in_turn, stand_back
+from pdgw.workshop.bench.processes.processes import module
 
 AXES = 4
 PERIOD_NS = MS
+_STORM = "pdgw.workshop.bench.storm"
 _MIX = [
     ParameterAddress(0x6041),
     ParameterAddress(0x606C),
@@ -50,25 +48,14 @@ class Storm:
 
 def measure(seconds: float, phases: int = 4) -> Storm:
     """Run this number of quiet and stormy phases in turn. ``seconds``: total of each kind."""
-    cycles = max(1, int(seconds * SECOND) // PERIOD_NS // phases)
-    plc = PlcDialogue(AXES, PERIOD_NS)
-    requests = 0
-    elapsed = 0.0
-    with running(AXES, PERIOD_NS) as (_, daemon):
-        daemon.wait_online(AXES)
-        with closing(Peer(daemon.cyclic_port, plc)) as peer:
-            parts = Phases(plc, peer, PERIOD_NS, cycles)
-            for _ in range(phases):
-                parts.play("quiet")
-                storm = module("pdgw.workshop.bench.storm", str(daemon.acyclic_port), str(AXES))
-                start = time.monotonic()
-                try:
-                    parts.play("storm")
-                finally:
-                    elapsed += time.monotonic() - start
-                    requests += int(storm.end())
-    quiet, stormy = (parts.latency(name) for name in ("quiet", "storm"))
-    return Storm(quiet, stormy, requests / elapsed)
+    found = in_turn(
+        AXES,
+        PERIOD_NS,
+        seconds,
+        phases,
+        {"storm": lambda gateway: nullcontext(module(_STORM, str(gateway.acyclic_port), str(AXES)))},
+    )
+    return Storm(found[QUIET].latency, found["storm"].latency, found["storm"].per_s)
 
 
 def _ask(port: int, do_id: int, stopping: threading.Event, counts: list[int]) -> None:
@@ -80,10 +67,7 @@ def _ask(port: int, do_id: int, stopping: threading.Event, counts: list[int]) ->
 
 def main() -> None:
     """The storm."""
-    # In the field the storm comes from another machine. Here it gets the lowest priority.
-    if hasattr(os, "sched_setscheduler"):
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    os.nice(19)
+    stand_back()
     port, axes = int(sys.argv[1]), int(sys.argv[2])
     stopping = threading.Event()
     counts: list[int] = []

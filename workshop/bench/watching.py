@@ -19,16 +19,14 @@ import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from pathlib import Path
+from functools import partial
 
-from pdgw.durations import MS, SECOND
+from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.demo.links import free_ports
-from pdgw.workshop.bench.measuring.dialogues import PlcDialogue
 from pdgw.workshop.bench.measuring.measure import Latency
-from pdgw.workshop.bench.measuring.phases import Phases
-from pdgw.workshop.bench.measuring.schedule import Peer
-from pdgw.workshop.bench.processes.processes import module, running
+from pdgw.workshop.bench.measuring.phases import QUIET, in_turn, stand_back
+from pdgw.workshop.bench.processes.processes import Background, Gateway, module
 
 AXES = 8
 PERIOD_NS = MS
@@ -36,7 +34,7 @@ PAGES = 20
 _SCRAPE_S = 1.0
 _FREEZE_S = 0.5
 _READY_S = 30.0
-QUIET, WATCHED, HARMED = "quiet", "watched", "harmed"
+WATCHED, HARMED = "watched", "harmed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,34 +62,16 @@ class Watching:
 
 def measure(seconds: float, phases: int = 4) -> Watching:
     """Run this number of phases of each kind in turn. ``seconds``: total of each kind."""
-    cycles = max(1, int(seconds * SECOND) // PERIOD_NS // phases)
-    plc = PlcDialogue(AXES, PERIOD_NS)
-    counted = dict.fromkeys((WATCHED, HARMED), 0)
-    elapsed = dict.fromkeys((WATCHED, HARMED), 0.0)
-    with running(AXES, PERIOD_NS) as (_, gateway):
-        gateway.wait_online(AXES)
-        with closing(Peer(gateway.cyclic_port, plc)) as peer:
-            parts = Phases(plc, peer, PERIOD_NS, cycles)
-            for _ in range(phases):
-                parts.play(QUIET)
-                for name, role in ((WATCHED, "look"), (HARMED, "harm")):
-                    with _page(gateway.config) as (port, process):
-                        others = module("pdgw.workshop.bench.watching", role, str(port), str(process.pid))
-                        start = time.monotonic()
-                        try:
-                            parts.play(name)
-                        finally:
-                            elapsed[name] += time.monotonic() - start
-                            counted[name] += int(others.end())
-    quiet, watched, harmed = (parts.latency(name) for name in (QUIET, WATCHED, HARMED))
-    return Watching(quiet, watched, harmed, counted[WATCHED] / elapsed[WATCHED], counted[HARMED] / elapsed[HARMED])
+    found = in_turn(AXES, PERIOD_NS, seconds, phases, {WATCHED: partial(_page, "look"), HARMED: partial(_page, "harm")})
+    watched, harmed = found[WATCHED], found[HARMED]
+    return Watching(found[QUIET].latency, watched.latency, harmed.latency, watched.per_s, harmed.per_s)
 
 
 @contextmanager
-def _page(config: Path) -> Iterator[tuple[int, subprocess.Popen[bytes]]]:
-    """Start `pdgw web` and wait for its first answer; end it with the block."""
+def _page(role: str, gateway: Gateway) -> Iterator[Background]:
+    """`pdgw web`, and what looks at it or harms it; ended when it still lives."""
     (port,) = free_ports(socket.SOCK_STREAM, 1)
-    command = [sys.executable, "-m", "pdgw", "web", str(config), "--listen", f"127.0.0.1:{port}"]
+    command = [sys.executable, "-m", "pdgw", "web", str(gateway.config), "--listen", f"127.0.0.1:{port}"]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         try:
             deadline = time.monotonic() + _READY_S
@@ -99,7 +79,7 @@ def _page(config: Path) -> Iterator[tuple[int, subprocess.Popen[bytes]]]:
                 if process.poll() is not None or time.monotonic() > deadline:
                     raise GatewayError("benchmark: `pdgw web` did not come up; is the extra web installed?")
                 time.sleep(0.05)
-            yield port, process
+            yield module("pdgw.workshop.bench.watching", role, str(port), str(process.pid))
         finally:
             process.kill()
 
@@ -161,10 +141,7 @@ def harm(port: int, process: int) -> int:
 
 def main() -> None:
     """Run the viewers or the flood."""
-    # In the field they are other machines. Here they get the lowest priority.
-    if hasattr(os, "sched_setscheduler"):
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    os.nice(19)
+    stand_back()
     role, port = sys.argv[1], int(sys.argv[2])
     print("ready", flush=True)
     print(look(port) if role == "look" else harm(port, int(sys.argv[3])), flush=True)

@@ -7,7 +7,6 @@ import logging
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
 from itertools import chain, product
 from typing import Annotated, Any
 
@@ -24,7 +23,7 @@ from pdgw.tools.output.reports import HtmlFile, JUnitFile, Report, figures
 from pdgw.workshop.bench import command_line, flood, killed, recording, settings, stops, storm, translation, watching
 from pdgw.workshop.bench.decoding import decoding, following
 from pdgw.workshop.bench.measuring.build import machine, use_real_time_priority
-from pdgw.workshop.bench.measuring.measure import Latency
+from pdgw.workshop.bench.measuring.measure import Latency, document
 from pdgw.workshop.bench.profinet import profinet
 from pdgw.workshop.bench.recording import RecordingCost
 from pdgw.workshop.bench.rows import ROWS, Refused, Row, idle, measure
@@ -73,28 +72,23 @@ def bench(
         idle_share = idle(_IDLE_AXES, _IDLE_PERIOD_NS, seconds)
         status.update("commands")
         commands = command_line.measure()
-    document = {
-        "machine": machine() | {"realtime": realtime},
-        "translation": [asdict(cost) for cost in costs],
-        "flight_recorder": asdict(recorder),
-        "rows": [_document(row) for row in rows],
-        "parameter_storm": {
-            "requests_per_s": parameters.requests_per_s,
-            "quiet": _latency(parameters.quiet),
-            "storm": _latency(parameters.storm),
-            "ratio_p99": parameters.ratio_p99,
-        },
-        "floods": [_flood_document(item) for item in floods],
-        "idle_cpu_share": idle_share,
-        "command_cpu_s": commands,
-    }
-    Report("python -m pdgw.workshop bench", measured=figures(document)).write(junit, html)
+    told = _document(
+        realtime,
+        translation=costs,
+        flight_recorder=recorder,
+        rows=rows,
+        parameter_storm=parameters,
+        floods=floods,
+        idle_cpu_share=idle_share,
+        command_cpu_s=commands,
+    )
+    Report("python -m pdgw.workshop bench", measured=figures(told)).write(junit, html)
     if as_json:
-        typer.echo(json.dumps(document, indent=2))
+        typer.echo(json.dumps(told, indent=2))
         return
-    table = Table("", "p50", "p99", "p99.9", "missed", title=f"{storm.AXES} axes at 1 ms under parameter requests")
+    table = _latencies(f"{storm.AXES} axes at 1 ms under parameter requests")
     for name, row in (("quiet", parameters.quiet), (f"{parameters.requests_per_s:.0f} requests/s", parameters.storm)):
-        table.add_row(name, f"{row.p50:.0f} us", f"{row.p99:.0f} us", f"{row.p999:.0f} us", _missed(row))
+        table.add_row(name, *_cells(row))
     table.add_row("storm / quiet", "", f"{parameters.ratio_p99:.2f}", "", "")
     console.print(table)
     _print_floods(console, floods)
@@ -117,7 +111,7 @@ def cycle(
         status.update(f"{axes} axes at {cycle_time_ms:g} ms")
         row = measure(axes, round(cycle_time_ms * MS), seconds)
     if as_json:
-        typer.echo(json.dumps({"machine": machine() | {"realtime": realtime}, "rows": [_document(row)]}, indent=2))
+        typer.echo(json.dumps(_document(realtime, rows=[row]), indent=2))
         return
     console = Console()
     _print_machine(console, realtime)
@@ -148,9 +142,9 @@ def over_profinet(
             except GatewayError as error:
                 refused.append({"cycle_ms": cycle_ms, "native": native, "refused": str(error)})
     if as_json:
-        documents = [asdict(row) | {"ratio_p99": row.ratio_p99, "ratio_record": row.ratio_record} for row in rows]
-        documents += refused
-        typer.echo(json.dumps({"machine": machine() | {"realtime": realtime}, "rows": documents}, indent=2))
+        told = _document(realtime, rows=rows)
+        told["rows"] += refused
+        typer.echo(json.dumps(told, indent=2))
         return
     console = Console()
     _print_machine(console, realtime)
@@ -234,14 +228,13 @@ def decode(
         speeds = decoding.run(packets, progress=status.update)
     ours = speeds[0]
     if as_json:
-        ratios = {f"ratio_{speed.name.split()[0]}": ours.rate / speed.rate for speed in speeds[1:]}
-        rows = [{**asdict(speed), "packets_per_s": speed.rate} for speed in speeds]
-        typer.echo(json.dumps({"decode": rows, **ratios}, indent=2))
+        ratios = {f"ratio_{speed.name.split()[0]}": ours.packets_per_s / speed.packets_per_s for speed in speeds[1:]}
+        typer.echo(json.dumps({"decode": document(speeds), **ratios}, indent=2))
         return
     table = Table("", "seconds", "packets/s", "decoder is", title=f"{packets} packets of both buses, start-up included")
     for speed in speeds:
-        ratio = "" if speed is ours else f"{ours.rate / speed.rate:.1f} x as fast"
-        table.add_row(speed.name, f"{speed.seconds:.2f}", f"{speed.rate:.0f}", ratio)
+        ratio = "" if speed is ours else f"{ours.packets_per_s / speed.packets_per_s:.1f} x as fast"
+        table.add_row(speed.name, f"{speed.seconds:.2f}", f"{speed.packets_per_s:.0f}", ratio)
     console = Console()
     _print_machine(console)
     console.print(table)
@@ -256,7 +249,7 @@ def timeline(
     """The timeline of four axes at 4 ms against real time."""
     speed = following.run(seconds)
     if as_json:
-        typer.echo(json.dumps({"timeline": {**asdict(speed), "factor": speed.factor}}, indent=2))
+        typer.echo(json.dumps({"timeline": document(speed)}, indent=2))
         return
     _print_machine(Console())
     typer.echo(
@@ -273,8 +266,7 @@ def flood_command(seconds: Seconds = 10, as_json: AsJson = False, realtime: Real
     with _progress() as status:
         floods = _floods(status, seconds)
     if as_json:
-        document = {"machine": machine() | {"realtime": realtime}, "floods": [_flood_document(item) for item in floods]}
-        typer.echo(json.dumps(document, indent=2))
+        typer.echo(json.dumps(_document(realtime, floods=floods), indent=2))
         return
     _print_machine(console := Console(), realtime)
     _print_floods(console, floods)
@@ -289,21 +281,16 @@ def web_command(seconds: Seconds = 10, as_json: AsJson = False, realtime: RealTi
         status.update("pages")
         item = watching.measure(seconds)
     if as_json:
-        latencies = {
-            name: _latency(getattr(item, name)) for name in (watching.QUIET, watching.WATCHED, watching.HARMED)
-        }
-        ratios = {"ratio_p99": item.ratio_p99, "ratio_p99_harmed": item.ratio_p99_harmed}
-        document = {"machine": machine() | {"realtime": realtime}, "web": {**asdict(item), **latencies, **ratios}}
-        typer.echo(json.dumps(document, indent=2))
+        typer.echo(json.dumps(_document(realtime, web=item), indent=2))
         return
     _print_machine(console := Console(), realtime)
-    table = Table("", "p50", "p99", "p99.9", "missed", title=f"{watching.AXES} axes at 1 ms, {watching.PAGES} pages")
+    table = _latencies(f"{watching.AXES} axes at 1 ms, {watching.PAGES} pages")
     for name, row in (
         ("no page", item.quiet),
         (f"looked at, {item.messages_per_s:.0f} messages/s", item.watched),
         (f"flooded, {item.requests_per_s:.0f} requests/s, stopped, killed", item.harmed),
     ):
-        table.add_row(name, f"{row.p50:.0f} us", f"{row.p99:.0f} us", f"{row.p999:.0f} us", _missed(row))
+        table.add_row(name, *_cells(row))
     table.add_row("looked at / no page", "", f"{item.ratio_p99:.2f}", "", "")
     table.add_row("flooded / no page", "", f"{item.ratio_p99_harmed:.2f}", "", "")
     console.print(table)
@@ -324,10 +311,10 @@ def stops_command(
         for row in chain(stops.virtual(trials), killed.real(kills) if kills else ()):
             status.update(row.cause)
             rows.append(row)
-    document = {"machine": machine(), "stops": [row.document() for row in rows]}
-    Report("python -m pdgw.workshop bench stops", measured=figures(document)).write(junit, html)
+    told = {"machine": machine(), "stops": [row.document() for row in rows]}
+    Report("python -m pdgw.workshop bench stops", measured=figures(told)).write(junit, html)
     if as_json:
-        typer.echo(json.dumps(document, indent=2))
+        typer.echo(json.dumps(told, indent=2))
     elif markdown:
         _print_machine(Console(), realtime=False)
         typer.echo("\n".join(_stops_markdown(rows)))
@@ -372,16 +359,12 @@ def _floods(status: Status, seconds: float) -> list[flood.Flood]:
     return floods
 
 
-def _flood_document(item: flood.Flood) -> dict[str, Any]:
-    return {**asdict(item), "quiet": _latency(item.quiet), "flooded": _latency(item.flooded)}
-
-
 def _print_floods(console: Console, floods: list[flood.Flood]) -> None:
     title = f"{flood.AXES} axes at {flood.PERIOD_NS / MS:g} ms while a port is flooded"
     table = Table("", "datagrams/s", "p50", "p99", "p99.9", "missed", title=title)
     for item in floods:
         for name, rate, row in (("quiet", 0.0, item.quiet), (f"{item.port} port", item.datagrams_per_s, item.flooded)):
-            micros = (f"{value:.0f} us" for value in (row.p50, row.p99, row.p999))
+            micros = _cells(row)[:-1]
             table.add_row(name, f"{rate:.0f}", *micros, f"{row.missed} of {row.samples + row.missed}")
     console.print(table)
 
@@ -419,17 +402,9 @@ def _print_translation(console: Console, costs: Sequence[TranslationCost], recor
     )
 
 
-def _latency(item: Latency) -> dict[str, Any]:
-    return {**asdict(item), "missed_share": item.missed_share}
-
-
-def _document(row: Row | Refused) -> dict[str, Any]:
-    if isinstance(row, Refused):
-        return asdict(row)
-    names = ("echo", "gateway", "echo_at_socket", "gateway_at_socket", "to_can")
-    latencies = {name: _latency(getattr(row, name)) for name in names}
-    ratios = {name: getattr(row, name) for name in ("ratio_p50", "ratio_p99", "cpu_share")}
-    return {**asdict(row), **latencies, **ratios}
+def _document(realtime: bool, **results: Any) -> dict[str, Any]:
+    """Results as plain data, with the machine they are of."""
+    return {"machine": machine() | {"realtime": realtime}} | {name: document(item) for name, item in results.items()}
 
 
 def _print_machine(console: Console, realtime: bool = False) -> None:
@@ -440,18 +415,18 @@ def _print_machine(console: Console, realtime: bool = False) -> None:
     console.print(f"{build}, {system}", highlight=False)
 
 
-def _missed(item: Latency) -> str:
-    return f"{100 * item.missed_share:.2f} %"
-
-
 def _share(value: float | None) -> str:
     return "?" if value is None else f"{100 * value:.1f} %"
 
 
-def _micros(item: Latency, period_ns: int) -> Iterator[str]:
-    """Percentiles. A value of a whole period means cycles without an answer and may be longer."""
-    for value in (item.p50, item.p99, item.p999):
-        yield f"{'>= ' if value * US >= period_ns else ''}{value:.0f} us"
+def _latencies(title: str) -> Table:
+    return Table("", "p50", "p99", "p99.9", "missed", title=title)
+
+
+def _cells(item: Latency, period_ns: float = float("inf")) -> list[str]:
+    """Percentiles and missed cycles. A value of a whole period means cycles without an answer and may be longer."""
+    shown = [f"{'>= ' if value * US >= period_ns else ''}{value:.0f} us" for value in (item.p50, item.p99, item.p999)]
+    return [*shown, f"{100 * item.missed_share:.2f} %"]
 
 
 _WIDTHS = {"axes": 4, "cycle": 7, "": 18, "p50": 12, "p99": 12, "p99.9": 12, "missed": 8, "flat out": 20}
@@ -477,7 +452,7 @@ def _print_row(console: Console, row: Row | Refused, *, first: bool) -> None:
         ("gateway, at socket", row.gateway_at_socket, ""),
         ("to CAN", row.to_can, ""),
     ):
-        table.add_row(*place, name, *_micros(item, row.period_ns), _missed(item), rate)
+        table.add_row(*place, name, *_cells(item, row.period_ns), rate)
         place = ("", "")
     table.add_row("", "", "ratio", f"{row.ratio_p50:.2f}", f"{row.ratio_p99:.2f}", "", "", "")
     console.print(table)

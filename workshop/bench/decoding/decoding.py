@@ -47,8 +47,7 @@ class DecodeSpeed:
     seconds: float
 
     @property
-    def rate(self) -> float:
-        """Packets per second."""
+    def packets_per_s(self) -> float:
         return self.packets / self.seconds
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import gc
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any
 
 from pdgw.durations import US
 from pdgw.gateway.errors import GatewayError
@@ -28,6 +29,17 @@ class Latency:
     def missed_share(self) -> float:
         """Missed cycles as a share of all, 0 to 1."""
         return self.missed / (self.samples + self.missed)
+
+
+def document(result: Any) -> Any:
+    """A result as plain data: its fields, and what its properties make of them."""
+    if isinstance(result, list | tuple):
+        return [document(item) for item in result]
+    if not is_dataclass(result):
+        return result
+    names = [field.name for field in fields(result)]
+    names += [name for name, value in vars(type(result)).items() if isinstance(value, property)]
+    return {name: document(getattr(result, name)) for name in names}
 
 
 def percentile(ordered: Sequence[int], share: float) -> int:
