@@ -18,37 +18,28 @@ from typing import Any
 import pytest
 
 from pdgw.gateway.service.status_client import fetch
-from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
-from pdgw.profidrive.telegrams import telegram
 from tests.support.buses import PATIENCE_S
+from tests.support.gateways.socket_plc import SocketPlc
 from tests.support.processes import PATIENT, free_tcp_port, free_udp_port, running
 
 OFF, ON = 0x047E, 0x047F
-CYCLE_NS = 4_000_000
 
 
-class Plc(threading.Thread):
+class Plc(SocketPlc, threading.Thread):
     """Sends a frame in each cycle, whatever the test does meanwhile."""
 
     def __init__(self, port: int) -> None:
-        super().__init__(name="PLC", daemon=True)
-        self.endpoint = PlcEndpoint([telegram(1)], CYCLE_NS)
+        SocketPlc.__init__(self, ("127.0.0.1", port), [1])
+        threading.Thread.__init__(self, name="PLC", daemon=True)
         self.stopping = threading.Event()
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.connect(("127.0.0.1", port))
-        self._socket.setblocking(False)
 
     def run(self) -> None:
-        with closing(self._socket):
-            while not self.stopping.wait(CYCLE_NS / 1e9):
-                with contextlib.suppress(OSError):
-                    self._socket.send(self.endpoint.build(time.monotonic_ns()))
-                    while True:
-                        self.endpoint.receive(self._socket.recv(2048), time.monotonic_ns())
+        with closing(self.socket):
+            while not self.stopping.is_set():
+                self.exchange()
 
     def value(self, name: str) -> int:
-        actuals = self.endpoint.actuals[0]
-        return -1 if actuals is None else actuals[name]
+        return self.signal(0, name)
 
 
 def until(condition: Any, what: str) -> None:

@@ -10,45 +10,26 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State, StatusBit, state_of
-from pdgw.peers.drive import DriveModel, SimulatedDriveNode
+from pdgw.peers.drive import SimulatedDriveNode
 from pdgw.peers.drive.misbehaviour import DRIVE_MISBEHAVIOURS
 from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
 from pdgw.peers.node.node import SimulatedNode
-from tests.support.drives.node_bench import NodeBench
+from tests.support.drives.drive_bench import DriveBench
 
 NODE = 5
 SDO_REQUEST, SDO_ANSWER, TPDO, RPDO, HEARTBEAT, EMCY = 0x605, 0x585, 0x185, 0x205, 0x705, 0x85
 
 
-class Bench(NodeBench[SimulatedDriveNode]):
-    """A drive node, and a master in a few lines."""
+class Bench(DriveBench):
+    """A drive with telegram 1's PDOs."""
 
     def __init__(self) -> None:
         super().__init__(lambda send: SimulatedDriveNode(NODE, send))
 
-    @property
-    def model(self) -> DriveModel:
-        return self.node.model
-
-    def read(self, index: int, subindex: int = 0) -> bytes | None:
-        """The answer frame to an upload request, None when none came at once."""
-        self.frames.clear()
-        self.frame(SDO_REQUEST, struct.pack("<BHB4x", 0x40, index, subindex))
-        answers = self.sent(SDO_ANSWER)
-        return answers[0] if answers else None
-
-    def write(self, index: int, subindex: int, value: int, size: int) -> int:
-        """The abort code of a download, 0 when it was taken."""
-        self.frames.clear()
-        data = value.to_bytes(4, "little", signed=value < 0)
-        self.frame(SDO_REQUEST, struct.pack("<BHB", 0x23 | (4 - size) << 2, index, subindex) + data)
-        answer = self.sent(SDO_ANSWER)[0]
-        return int(struct.unpack_from("<I", answer, 4)[0]) if answer[0] == 0x80 else 0
-
     def operate(self, speed: int = 2000) -> None:
         """Telegram 1's PDOs are the default mapping; speed in 0.5 rpm."""
-        self.write(0x1800, 5, 20, 2)
-        self.write(0x6060, 0, Mode.VELOCITY, 1)
+        self.write(0x1800, 5, 20)
+        self.write(0x6060, 0, Mode.VELOCITY)
         self.nmt(NmtCommand.START)
         for word in (0x06, 0x07, 0x0F):
             self.command(word, speed)
@@ -150,9 +131,9 @@ def test_wrong_identity_shows_another_vendor(bench: Bench) -> None:
 
 def test_a_missing_object_is_neither_read_nor_written(bench: Bench) -> None:
     bench.node.misbehave("object-missing", index=0x1017)
-    assert bench.write(0x1017, 0, 10, 2) == 0x0602_0000
+    assert bench.write(0x1017, 0, 10) == 0x0602_0000
     assert bench.read(0x1017)[4:] == b"\0\0\x02\x06"  # type: ignore[index]
-    assert bench.write(0x1016, 1, 10, 4) == 0
+    assert bench.write(0x1016, 1, 10) == 0
 
 
 def test_two_pdos_has_no_parameters_for_the_third(bench: Bench) -> None:
@@ -164,17 +145,17 @@ def test_two_pdos_has_no_parameters_for_the_third(bench: Bench) -> None:
 
 def test_fixed_mapping_cannot_be_written(bench: Bench) -> None:
     bench.node.misbehave("fixed-pdo-mapping")
-    bench.write(0x1400, 1, 0x8000_0205, 4)
-    assert bench.write(0x1600, 0, 0, 1) == 0x0601_0002
+    bench.write(0x1400, 1, 0x8000_0205)
+    assert bench.write(0x1600, 0, 0) == 0x0601_0002
     assert bench.read(0x1600, 1)[4:] == b"\x10\0\x40\x60"  # type: ignore[index]
 
 
 def test_mapping_abort_takes_everything_but_the_count(bench: Bench) -> None:
     bench.node.misbehave("mapping-abort")
-    assert bench.write(0x1400, 1, 0x8000_0205, 4) == 0
-    assert bench.write(0x1600, 0, 0, 1) == 0
-    assert bench.write(0x1600, 1, 0x6040_0010, 4) == 0
-    assert bench.write(0x1600, 0, 1, 1) == 0x0604_0043
+    assert bench.write(0x1400, 1, 0x8000_0205) == 0
+    assert bench.write(0x1600, 0, 0) == 0
+    assert bench.write(0x1600, 1, 0x6040_0010) == 0
+    assert bench.write(0x1600, 0, 1) == 0x0604_0043
 
 
 def test_lost_pdos_misses_commands_and_values(bench: Bench) -> None:
@@ -210,7 +191,7 @@ def test_late_pdos_keep_their_order(bench: Bench) -> None:
 
 
 def test_heartbeat_stops_but_the_boot_up_message_does_not(bench: Bench) -> None:
-    bench.write(0x1017, 0, 10, 2)
+    bench.write(0x1017, 0, 10)
     bench.node.misbehave("heartbeat-stops")
     bench.frames.clear()
     bench.run(50)
@@ -275,8 +256,8 @@ def test_reboot_in_motion_waits_for_the_motion(bench: Bench) -> None:
 def test_homing_ends_without_its_bit(bench: Bench) -> None:
     bench.node.misbehave("no-homing-attained")
     bench.operate(0)
-    bench.write(0x6098, 0, 35, 1)
-    bench.write(0x6060, 0, Mode.HOMING, 1)
+    bench.write(0x6098, 0, 35)
+    bench.write(0x6060, 0, Mode.HOMING)
     bench.command(0x1F)
     assert bench.model.statusword & (StatusBit.MODE_12 | StatusBit.TARGET_REACHED) == StatusBit.TARGET_REACHED
     bench.node.behave()
@@ -314,7 +295,7 @@ def test_unknown_state_fits_no_state(bench: Bench) -> None:
 
 def test_the_mode_display_keeps_the_old_mode(bench: Bench) -> None:
     bench.node.misbehave("mode-display-stuck")
-    bench.write(0x6060, 0, Mode.VELOCITY, 1)
+    bench.write(0x6060, 0, Mode.VELOCITY)
     bench.run(10)
     assert bench.read(0x6061)[4] == Mode.POSITION  # type: ignore[index]
     assert bench.model.mode == Mode.VELOCITY

@@ -7,36 +7,50 @@ import struct
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State
-from pdgw.peers.drive import LINEAR_AXIS, Machine, SimulatedDriveNode
+from pdgw.peers.drive import LINEAR_AXIS, DriveModel, Machine, SimulatedDriveNode
 from tests.support.drives.node_bench import NodeBench
 
 NODE = 1
 SMALL = Machine(negative_limit=-20_000, positive_limit=20_000, negative_stop=-30_000, positive_stop=30_000)
 
 
-class Bench(NodeBench[SimulatedDriveNode]):
+class DriveBench(NodeBench[SimulatedDriveNode]):
+    """A drive, and a master's SDOs."""
+
+    @property
+    def model(self) -> DriveModel:
+        return self.node.model
+
+    def read(self, index: int, subindex: int = 0) -> bytes | None:
+        """The answer frame to an upload request, None when none came at once."""
+        answers = self._ask(struct.pack("<BHB4x", 0x40, index, subindex))
+        return answers[0] if answers else None
+
+    def write(self, index: int, subindex: int, value: int) -> int:
+        """An SDO download; returns 0 or the abort code the node answered."""
+        data = struct.pack("<" + self.node.entries[index, subindex].type.char, value)
+        return self.download(index, subindex, data)
+
+    def download(self, index: int, subindex: int, data: bytes) -> int:
+        command = 0x23 | (4 - len(data)) << 2
+        answer = self._ask(struct.pack("<BHB", command, index, subindex) + data.ljust(4, b"\0"))[0]
+        return int.from_bytes(answer[4:], "little") if answer[0] == 0x80 else 0
+
+    def _ask(self, request: bytes) -> list[bytes]:
+        self.frames.clear()
+        self.frame(0x600 + self.node.node_id, request)
+        return self.sent(0x580 + self.node.node_id)
+
+
+class Bench(DriveBench):
     """A drive in operation, commanded by SDOs."""
 
     def __init__(self, machine: Machine | None = None, mode: int = Mode.VELOCITY) -> None:
         super().__init__(lambda send: SimulatedDriveNode(NODE, send, machine=machine or LINEAR_AXIS))
-        self.model = self.node.model
         self.run(2)
         self.write(0x6060, 0, mode)
         self.nmt(NmtCommand.START)
         self.run(1)
-
-    def write(self, index: int, subindex: int, value: int) -> int:
-        """An SDO download; returns 0 or the abort code the node answered."""
-        entry = self.node.entries[index, subindex]
-        data = struct.pack("<" + entry.type.char, value)
-        return self.download(index, subindex, data)
-
-    def download(self, index: int, subindex: int, data: bytes) -> int:
-        self.frames.clear()
-        command = 0x23 | (4 - len(data)) << 2
-        self.frame(0x601, struct.pack("<BHB", command, index, subindex) + data.ljust(4, b"\0"))
-        answer = self.sent(0x581)[0]
-        return int.from_bytes(answer[4:], "little") if answer[0] == 0x80 else 0
 
     def control(self, word: int, milliseconds: int = 1) -> None:
         self.write(0x6040, 0, word)
