@@ -115,8 +115,7 @@ class AxisMachine:
         self.outputs = Outputs(len(self.telegram.actuals.signals), Reason.NO_PLC)
         self.demand = Demand()
         self.report = Report()
-        self.cycle = AxisCycle(settings, self.demand, feedback, self.outputs.command, self.report)
-        self.notes = self.cycle.notes
+        self.cycle = AxisCycle(settings, self.demand, feedback, self.report, self.outputs)
         self.interlock = Interlock(settings)
         self._guard = EnableGuard()
         self.executor = self._make_executor(kind)
@@ -136,7 +135,6 @@ class AxisMachine:
         if self.second_sensor is not None and settings.second_sensor is SecondSensor.DRIVE:
             self.second_sensor.channel.set_references(DriveSensor.references)
         self._node = NodeWatch(self.outputs)
-        self.notes.troubles = self._node.troubles
         self._drive = DriveWatch(self.outputs)
         self.acknowledgement = Acknowledgement()
         has_life = "STW2" in self.telegram.setpoints.names
@@ -166,7 +164,7 @@ class AxisMachine:
             try:
                 sensor.channel.set_references(references)
             except ProfidriveError as error:
-                self.notes.faults.append((FaultNumber.REFERENCE, f"G{place + 1}: {error}"))
+                self.outputs.found.append((FaultNumber.REFERENCE, f"G{place + 1}: {error}"))
 
     def tolerate(self, failures: int) -> None:
         """Set P925, the number of consecutive failures of the sign of life, and restart the count."""
@@ -177,7 +175,6 @@ class AxisMachine:
         """Continue after the machine of another telegram of the same drive; the interlock of the new one is locked."""
         self._node = other._node
         self._node.tell_to(self.outputs)
-        self.notes.troubles = self._node.troubles
         self.check.locked = other.check.locked
 
     @property
@@ -195,7 +192,7 @@ class AxisMachine:
     def step(self) -> Outputs:
         """One cycle; the object returned is the same each time."""
         inputs, outputs, demand, report = self.inputs, self.outputs, self.demand, self.report
-        notes, interlock, executor = self.notes, self.interlock, self.executor
+        interlock, executor = self.interlock, self.executor
         now, feedback, drive_ok = inputs.now, inputs.feedback, inputs.drive_ok
         cycle = self.cycle
         cycle.now = now
@@ -233,7 +230,7 @@ class AxisMachine:
                 cell = interlock.cell
                 shown = (SHOWN_STATE if cell.operating else SHOWN_UNCOMMANDED)[statusword & STATE_MASK]
                 flags = report.flags | shown | statusword & cell.visible
-                report.flags = flags | _WARNING if notes.warning or self._control_lost else flags
+                report.flags = flags | _WARNING if outputs.warned or self._control_lost else flags
             else:
                 executor.lost()
                 report.flags = statusword & _OF_THE_DRIVE | SHOWN_FAULT
@@ -256,8 +253,6 @@ class AxisMachine:
             reason = self._stop_unasked(now)
         if self.sensor is not None:
             self._step_sensors(self.sensor)
-        else:
-            outputs.probe = notes.probe
         if self.shows_codes:
             report.fault_code, report.warning_code = inputs.fault_code, inputs.warning_code
         self.adapter.write(report, outputs.actuals)
@@ -288,7 +283,7 @@ class AxisMachine:
             faulty = state in FAULTY or (self.check.locked and state in POWERED)
             if acknowledgement.step(demand.connected and demand.acknowledge, drive_ok, faulty, now):
                 outputs.acknowledged = outputs.eventful = True
-                self._node.troubles.over()
+                outputs.no_drive_error()
                 self.check.locked = False
         limited, refused = shown & _INTERNAL_LIMIT != 0, inputs.set_point_refused
         if reason is None and (limited or refused):
@@ -296,11 +291,9 @@ class AxisMachine:
         if reason is None and inputs.doubt is _DROPPED:
             reason = Reason.ORDER_DROPPED
         outputs.reason = reason
-        outputs.warning = notes.warning or limited or refused or self._control_lost
-        outputs.saturations = notes.saturations
-        outputs.writes = notes.writes
-        if notes.faults:
-            self._tell_faults()
+        outputs.warning = outputs.warned or limited or refused or self._control_lost
+        if outputs.found:
+            self._tell_found()
         return outputs
 
     def _check_velocity(self, action: Action, now: int) -> None:
@@ -312,7 +305,7 @@ class AxisMachine:
             operating, target, feedback.velocity_actual, feedback.position_actual, self.inputs.position_ns, now
         )
         if found is not None:
-            self.notes.faults.append(found)
+            self.outputs.found.append(found)
 
     def _watch_stop(self, action: Action) -> None:
         inputs = self.inputs
@@ -321,7 +314,7 @@ class AxisMachine:
         velocity, seen, now = feedback.velocity_actual, inputs.drive_ok, inputs.now
         if self._stop.step(action, operating, seen, inputs.node_stopped, velocity, self._window, now):
             detail = f"Controlword {self.outputs.command.controlword:04X}h, Statusword {feedback.statusword:04X}h, "
-            self.notes.faults.append((FaultNumber.STOP_IGNORED, detail + f"speed {velocity}"))
+            self.outputs.found.append((FaultNumber.STOP_IGNORED, detail + f"speed {velocity}"))
 
     def _stop_unasked(self, now: int) -> Reason:
         """The last line: an Enable Operation that the PLC did not ask for is not sent."""
@@ -341,18 +334,18 @@ class AxisMachine:
         interlock.plc_was_there = True
         if interlock.operates and demand.connected and demand.power is not PowerWish.HOLD and not self._control_lost:
             self._control_lost = True
-            self.notes.faults.append((FaultNumber.CONTROL_LOST, "STW1.10 = 0"))
+            self.outputs.found.append((FaultNumber.CONTROL_LOST, "STW1.10 = 0"))
 
     def _stop_without_plc(self) -> PowerWish | None:
         """OFF2 or OFF3 in a frame that does not count otherwise: without control after a loss, or without sign of life."""
         setpoints = self.inputs.setpoints
         return None if setpoints is None else _STOPS_WITHOUT_PLC.get(WISHES[setpoints[0] & POWER_BITS])
 
-    def _tell_faults(self) -> None:
-        outputs, faults = self.outputs, self.notes.faults
-        for number, detail in faults:
+    def _tell_found(self) -> None:
+        outputs = self.outputs
+        for number, detail in outputs.found:
             outputs.fault(gateway_fault(number, detail, self.inputs.now))
-        faults.clear()
+        outputs.found.clear()
 
     def _step_sensors(self, sensor: SensorWords) -> None:
         demand, report = self.demand, self.report
@@ -380,14 +373,14 @@ class AxisMachine:
     # -- what happened meanwhile --------------------------------------------------------------------------------------
 
     def _take_news(self) -> None:
-        inputs, notes = self.inputs, self.notes
+        inputs, outputs = self.inputs, self.outputs
         for item in inputs.news:
             if isinstance(item, NodeNotice):
                 if item.notice is Notice.OFF:
-                    self.outputs.known_off = True
+                    outputs.known_off = True
                 elif item.notice is Notice.UNITS_CHANGED:
                     self.check.locked = True
-                    notes.faults.append((FaultNumber.VELOCITY, item.text))
+                    outputs.found.append((FaultNumber.VELOCITY, item.text))
                 else:
                     self._node.take(item)
             elif isinstance(item, Configured):
@@ -396,8 +389,8 @@ class AxisMachine:
                     self.executor.restarted()
                 self._set_drive(item.drive_type, item.homing_method)
             elif isinstance(item, SdoAnswer):
-                if notes.writes == item.writes:
-                    notes.writes = None
+                if outputs.writes == item.writes:
+                    outputs.writes = None
                     self.executor.sdo_done(item.error)
             elif isinstance(item, PresetAnswer):
                 for sensor in (self.sensor, self.second_sensor):
@@ -452,7 +445,7 @@ class AxisMachine:
         self._node.faults, self._node.fault_of_emcy = drive.faults, drive.fault_of_code
         refusal = self.lacking(drive, homing_method)
         if refusal:
-            self.notes.faults.append((FaultNumber.REFERENCE, refusal))
+            self.outputs.found.append((FaultNumber.REFERENCE, refusal))
             return
         speed = drive.scaling.reference(Quantity.SPEED)
         self._window = max(1, int(speed * self.settings.standstill_window))

@@ -257,6 +257,7 @@ class Outputs:
             "read_fault",
             "told",
             "faults",
+            "found",
         }
     )
     ASIDE: ClassVar[frozenset[str]] = frozenset({"actuals", "brake"})
@@ -267,18 +268,23 @@ class Outputs:
         "actuals",
         "brake",
         "command",
+        "drive_error",
         "emergency_over",
         "eventful",
         "faults",
+        "found",
         "good",
         "known_off",
+        "motor_hot",
         "presets",
         "probe",
         "read_fault",
         "reason",
         "released",
         "saturations",
+        "stage_hot",
         "told",
+        "warned",
         "warning",
         "writes",
     )
@@ -296,10 +302,18 @@ class Outputs:
         """Why the axis does not do what the PLC asks; None: it does."""
         self.warning = False
         """A warning of the gateway is active."""
+        self.warned = False
+        """A warning of the executor is active: a part of ``warning``."""
         self.eventful = False
         """The step has something in ``faults``, ``told``, ``acknowledged``, ``emergency_over`` or ``read_fault``."""
         self.faults: list[FaultRecord] = []
         """New faults and warnings of this step."""
+        self.found: list[tuple[FaultNumber, str]] = []
+        """Faults and warnings of the gateway with their details, which the end of the step adds to ``faults``."""
+        self.motor_hot = self.stage_hot = False
+        """The drive reported an overtemperature and has not left its fault since."""
+        self.drive_error = 0
+        """603Fh of the drive, or the error code of its last EMCY; 0: none."""
         self.told: list[str] = []
         """What is worth a line in the log, of this step."""
         self.acknowledged = False
@@ -326,6 +340,11 @@ class Outputs:
         """A new fault or warning."""
         self.faults.append(record)
         self.eventful = True
+
+    def no_drive_error(self) -> None:
+        """The drive has left its fault, or says that it has none."""
+        self.motor_hot = self.stage_hot = False
+        self.drive_error = 0
 
     def tell(self, text: str) -> None:
         """A line for the log."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pdgw.client.session import Session
-from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.identification.overlay import Overlay, QuirkKeys
 from pdgw.dsp402.states import State
 from pdgw.durations import MS
@@ -14,6 +14,7 @@ from pdgw.gateway.axis.executors.base import AxisCycle
 from pdgw.gateway.axis.executors.positions.homing import Homing
 from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.values import Outputs
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.gateway.service.status import snapshot
@@ -238,13 +239,13 @@ def test_a_drive_that_stays_in_quick_stop_is_led_out_of_it_and_can_be_started_ag
 
 @pytest.mark.parametrize(("asked", "there"), [(35, 37), (37, 35), (35, 35)])
 def test_homing_at_the_current_position_is_35_and_37_whichever_the_drive_has(asked: int, there: int) -> None:
-    cycle = AxisCycle(AxisSettings(), Demand(), DriveFeedback(), DriveCommand(), Report())
+    cycle = AxisCycle(AxisSettings(), Demand(), DriveFeedback(), Report(), Outputs(0, None))
     homing = Homing(cycle, ModeSwitch(cycle, 1))
     homing.methods = frozenset({1, there})
     assert homing.supported(asked)
     homing.begin(asked, None)
-    assert cycle.notes.writes is not None
-    assert cycle.notes.writes[0].value == there
+    assert cycle.outputs.writes is not None
+    assert cycle.outputs.writes[0].value == there
 
 
 @pytest.mark.parametrize(

@@ -107,7 +107,7 @@ class Transducer:
             inputs.news.append(Configured(self._drive, HOMING_METHOD))
         if shown.found_off:
             inputs.news.append(NodeNotice(Notice.OFF, "", inputs.now))
-        writes = self._machine.notes.writes
+        writes = self._machine.outputs.writes
         if shown.answer is not None and writes is not None:
             inputs.news.append(SdoAnswer(writes, shown.answer or None))
         self._checkpoints.step()

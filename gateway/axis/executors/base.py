@@ -17,63 +17,13 @@ from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.demand_report import Demand, Report
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish, SdoWrite
+from pdgw.gateway.axis.values import Outputs, ProbeAnswer
 from pdgw.gateway.motion.travel import LIMIT_STANDING_NS
-from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.normalisation import Normalisation
 
 OPERATION_ENABLED = tuple(state is State.OPERATION_ENABLED for state in STATE_OF_STATUS)
 """By the Statusword's ``STATE_MASK``."""
-
-
-class Troubles:
-    """Active reports of a drive: overtemperatures and its last error code."""
-
-    __slots__ = ("code", "motor_hot", "stage_hot")
-
-    def __init__(self) -> None:
-        self.motor_hot = False
-        self.stage_hot = False
-        self.code = 0
-        """603Fh, or of the last EMCY; 0: none."""
-
-    def over(self) -> None:
-        """The drive has left its fault, or says that it has none."""
-        self.motor_hot = self.stage_hot = False
-        self.code = 0
-
-
-class Notes:
-    """Messages of an executor beside the report, read by the machine after each step. ``troubles`` are its inputs."""
-
-    PASSING: ClassVar[frozenset[str]] = frozenset({"faults", "saturations", "reason"})
-
-    __slots__ = ("faults", "probe", "reason", "saturations", "troubles", "warning", "writes")
-
-    def __init__(self) -> None:
-        self.warning = False
-        """A warning of the executor is active."""
-        self.reason: Reason | None = None
-        self.faults: list[tuple[FaultNumber, str]] = []
-        """New faults and warnings with their details."""
-        self.saturations = 0
-        self.troubles = Troubles()
-        self.probe: ProbeWish | None = None
-        """Positions the drive has to latch."""
-        self.writes: tuple[SdoWrite, ...] | None = None
-        """Requested SDO writes, until they are answered, withdrawn or replaced."""
-
-    def forget(self) -> None:
-        """Clear the reason. A method, because a type checker would assume that an assigned None is still there after the next
-        call, and compiled code would enforce it."""
-        self.reason = None
-
-    def limited(self, conversion: Normalisation, wire: int) -> int:
-        """A fraction in the drive's units; one that a limit cuts is counted."""
-        value = conversion.to_value(wire)
-        if not conversion.value_min < value < conversion.value_max and conversion.saturates(wire):
-            self.saturations += 1
-        return value
 
 
 class AxisCycle:
@@ -87,8 +37,8 @@ class AxisCycle:
         "controlword",
         "demand",
         "feedback",
-        "notes",
         "now",
+        "outputs",
         "reason",
         "report",
         "settings",
@@ -96,14 +46,14 @@ class AxisCycle:
     )
 
     def __init__(
-        self, settings: AxisSettings, demand: Demand, feedback: DriveFeedback, command: DriveCommand, report: Report
+        self, settings: AxisSettings, demand: Demand, feedback: DriveFeedback, report: Report, outputs: Outputs
     ) -> None:
         self.settings = settings
         self.demand = demand
         self.feedback = feedback
-        self.command = command
+        self.command: DriveCommand = outputs.command
         self.report = report
-        self.notes = Notes()
+        self.outputs = outputs
         self.action: Action = Action.DISABLE_VOLTAGE
         """What is commanded,"""
         self.controlword = 0
@@ -132,7 +82,7 @@ class Executor:
         self.settings = cycle.settings
         self.command = cycle.command
         self.report = cycle.report
-        self.notes = cycle.notes
+        self.outputs = cycle.outputs
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
         """What the drive is: at start, after a write to a reference object, after a restart of the drive.
@@ -155,10 +105,10 @@ class Executor:
         raise NotImplementedError
 
     def sdo_done(self, error: str | None) -> None:
-        """The writes of the notes are done (None) or failed (the reason)."""
+        """``Outputs.writes`` are done (None) or failed (the reason)."""
 
     def probed(self, answer: ProbeAnswer) -> None:
-        """Result of the probe of the notes."""
+        """Result of ``Outputs.probe``."""
 
     def step(self) -> Reason | None:
         """One cycle: the command with bits 0-3 and 7 of the Controlword as given, and the report.
@@ -167,6 +117,13 @@ class Executor:
         that of the cycle, or its own.
         """
         raise NotImplementedError
+
+    def limited(self, conversion: Normalisation, wire: int) -> int:
+        """A fraction in the drive's units; one that a limit cuts is counted."""
+        value = conversion.to_value(wire)
+        if not conversion.value_min < value < conversion.value_max and conversion.saturates(wire):
+            self.outputs.saturations += 1
+        return value
 
 
 def known(value: Fraction | None, what: str, key: str) -> Fraction:

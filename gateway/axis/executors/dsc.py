@@ -114,7 +114,7 @@ class DscExecutor(Executor):
         report.speed = actual.to_wire(feedback.velocity_actual)
         own = enabled and action is _ENABLE_OPERATION and reason is None
         near = abs(feedback.velocity_actual - self._velocity) <= self._tolerance
-        shown = report.message = message_of(message, feedback, self.notes.troubles)
+        shown = report.message = message_of(message, feedback, self.outputs)
         report.flags = (Flag.REACHED if near and own else 0) | (
             Flag.WITHIN_TOLERANCE if shown & SPEED_WITHIN_TOLERANCE else 0
         )
@@ -124,7 +124,7 @@ class DscExecutor(Executor):
         demand, position = self.cycle.demand, self.cycle.feedback.position_actual
         if self._is_out_of_date(dsc):
             self._ramp()
-            self.notes.warning = True
+            self.outputs.warned = True
             return Reason.DSC_OUT_OF_DATE
         if demand.speed_wish is _FREEZE:
             self._freeze(dsc)
@@ -186,8 +186,8 @@ class DscExecutor(Executor):
     def _warn(self, dsc: Dsc, *, clamped: bool) -> None:
         if clamped and not self._was_clamped:
             text = f"KPC is limited to {dsc.gain_limit / 1000:.1f} 1/s (dead time {dsc.dead_time_ns / MS:.1f} ms)"
-            self.notes.faults.append((FaultNumber.DSC_GAIN, text))
-        self._was_clamped = self.notes.warning = clamped
+            self.outputs.found.append((FaultNumber.DSC_GAIN, text))
+        self._was_clamped = self.outputs.warned = clamped
 
     def _travel(self, velocity: int) -> None:
         """The setpoint of one cycle further on at a speed, without losing fractions."""
@@ -219,4 +219,4 @@ class DscExecutor(Executor):
         command.target_position = feedback.position_actual
         self._velocity = feedback.velocity_actual
         self._rest = 0
-        self._was_clamped = self.notes.warning = False
+        self._was_clamped = self.outputs.warned = False

@@ -29,14 +29,14 @@ class LoadExecutor(SpeedExecutor):
     def refuse(self) -> None:
         super().refuse()
         self.report.load = (0, 0, 0)
-        self.report.namur = namur_word(self.notes.troubles.code)
+        self.report.namur = namur_word(self.outputs.drive_error)
 
     def step(self) -> Reason | None:
         feedback = self.cycle.feedback
         torque = feedback.current_actual
         current = _n2(torque, _RATED)
         self.report.load = (current, current, _n2(torque * feedback.velocity_actual, self._full_power))
-        self.report.namur = namur_word(self.notes.troubles.code)
+        self.report.namur = namur_word(self.outputs.drive_error)
         return super().step()
 
 

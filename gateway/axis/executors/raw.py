@@ -84,7 +84,7 @@ class RawExecutor(Executor):
             if not last or value != last[position]:
                 attribute, low, high = self._limits[position]
                 if value < low or value > high:
-                    self.notes.saturations += 1
+                    self.outputs.saturations += 1
                     value = low if value < low else high
                 setattr(command, attribute, value)
             position += 1

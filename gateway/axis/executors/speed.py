@@ -83,7 +83,7 @@ class SpeedExecutor(Executor):
             self._jog_speeds = first, second
 
     def refuse(self) -> None:
-        self.notes.warning = False
+        self.outputs.warned = False
         self.command.controlword, self.command.target_velocity = self.cycle.controlword, 0
         self.report.speed = 0
 
@@ -102,7 +102,7 @@ class SpeedExecutor(Executor):
                 wire = demand.speed
                 if wire != self._wire and self._setpoint is not None:
                     self._wire = wire
-                    self._value = self.notes.limited(self._setpoint, wire)
+                    self._value = self.limited(self._setpoint, wire)
                     self._limited = self._setpoint.saturates(wire)
                 self._target = self._value
             else:
@@ -175,9 +175,9 @@ class SpeedExecutor(Executor):
         if target * self._stopped > 0:
             return 0
         self._stopped = 0
-        self.notes.warning = False
+        self.outputs.warned = False
         if self._limit.step(target != 0, self.cycle):
             self._stopped = target
-            self.notes.warning = True
+            self.outputs.warned = True
             return 0
         return target

@@ -10,8 +10,9 @@ from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.demand_report import STATE_MASK
-from pdgw.gateway.axis.executors.base import AxisCycle, Troubles
+from pdgw.gateway.axis.executors.base import AxisCycle
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
+from pdgw.gateway.axis.values import Outputs
 from pdgw.gateway.motion.messages import MessageWord, reduced_torque
 from pdgw.gateway.reasons import Reason
 
@@ -44,14 +45,14 @@ def message_word(drive: DriveType) -> MessageWord:
     return MessageWord(int(drive.scaling.reference(Quantity.SPEED)), torque=drive.has("current_actual"))
 
 
-def message_of(message: MessageWord, feedback: DriveFeedback, troubles: Troubles) -> int:
+def message_of(message: MessageWord, feedback: DriveFeedback, outputs: Outputs) -> int:
     """MELDW from the reports of a drive."""
     statusword = feedback.statusword
     return message.word(
         feedback.velocity_actual,
         feedback.velocity_demand,
         feedback.current_actual,
-        _MESSAGE_STATES[troubles.motor_hot][troubles.stage_hot][statusword & STATE_MASK],
+        _MESSAGE_STATES[outputs.motor_hot][outputs.stage_hot][statusword & STATE_MASK],
         target_reached=statusword & _TARGET_REACHED != 0,
     )
 
@@ -81,5 +82,5 @@ class TorqueExecutor(SpeedExecutor):
         self.command.max_torque = reduced_torque(self._base, reduction)
         reason = super().step()
         if self._message is not None:
-            self.report.message = message_of(self._message, self.cycle.feedback, self.notes.troubles)
+            self.report.message = message_of(self._message, self.cycle.feedback, self.outputs)
         return reason

@@ -15,7 +15,6 @@ from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.demand_report import STATE_MASK
-from pdgw.gateway.axis.executors.base import Troubles
 from pdgw.gateway.axis.power_table import CONTROLWORDS, Action
 from pdgw.gateway.axis.values import FaultRead, FaultRecord, NodeNotice, Notice, Outputs, gateway_fault
 from pdgw.gateway.reasons import FaultNumber, Reason
@@ -100,7 +99,6 @@ class NodeWatch:
         "fault_of_emcy",
         "faults",
         "last_emergency",
-        "troubles",
     )
 
     def __init__(self, outputs: Outputs) -> None:
@@ -109,7 +107,6 @@ class NodeWatch:
         """The manufacturer's faults by number,"""
         self.fault_of_emcy: Mapping[int, DriveFault] = MappingProxyType({})
         """and by EMCY error code."""
-        self.troubles = Troubles()
         self._absent = False
         self._refusal = ""
         self._restart_asked = False
@@ -119,7 +116,12 @@ class NodeWatch:
 
     def tell_to(self, outputs: Outputs) -> None:
         """The outputs of another machine take over."""
-        self._outputs = outputs
+        before, self._outputs = self._outputs, outputs
+        outputs.motor_hot, outputs.stage_hot, outputs.drive_error = (
+            before.motor_hot,
+            before.stage_hot,
+            before.drive_error,
+        )
 
     def restart_asked(self) -> None:
         """The gateway itself restarts the node."""
@@ -165,17 +167,17 @@ class NodeWatch:
 
     def told(self, code: int) -> None:
         """An error code of the drive, by EMCY or read."""
-        self.troubles.code = code
-        kind = code & _CLASS
-        self.troubles.motor_hot |= kind == _MOTOR_TEMPERATURE
-        self.troubles.stage_hot |= kind == _STAGE_TEMPERATURE
+        outputs, kind = self._outputs, code & _CLASS
+        outputs.drive_error = code
+        outputs.motor_hot |= kind == _MOTOR_TEMPERATURE
+        outputs.stage_hot |= kind == _STAGE_TEMPERATURE
 
     def _emergency(self, notice: NodeNotice) -> None:
         """An EMCY: a fault while its error register has a bit set, else a warning."""
         code, now = notice.code, notice.time_ns
         if code == 0:
             self._emergencies.clear()
-            self.troubles.over()
+            self._outputs.no_drive_error()
             self._outputs.emergency_over = self._outputs.eventful = True
             self._tell(notice.text)
             return

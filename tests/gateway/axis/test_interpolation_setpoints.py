@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import pytest
 
-from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit
@@ -21,6 +21,7 @@ from pdgw.gateway.axis.executors.base import AxisCycle
 from pdgw.gateway.axis.executors.positions.interpolation import Interpolation
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.values import Outputs
 from pdgw.gateway.reasons import Reason
 from tests.support.drives.drive_types import described
 
@@ -64,8 +65,9 @@ class Axis:
     """``wished`` is what an executor commands, ``seen`` what it sees; ``targets`` what the drive gets."""
 
     def __init__(self, position: int = 0, position_range: tuple[int, int] | None = None) -> None:
-        self.feedback, self.command = DriveFeedback(), DriveCommand()
-        self.cycle = AxisCycle(AxisSettings(cycle_ns=CYCLE_NS), Demand(), self.feedback, self.command, Report())
+        self.feedback, outputs = DriveFeedback(), Outputs(0, None)
+        self.command = outputs.command
+        self.cycle = AxisCycle(AxisSettings(cycle_ns=CYCLE_NS), Demand(), self.feedback, Report(), outputs)
         self.interpolation = Interpolation(self.cycle)
         self.interpolation.set_drive(
             replace(CSP, scaling=replace(CSP.scaling, position_range=position_range)), modulo=False
@@ -438,7 +440,7 @@ def test_a_modulo_axis_needs_a_drive_that_counts_on(modulo: bool, wraps: bool) -
 
 
 def test_without_a_cycle_no_positions_can_be_made() -> None:
-    cycle = AxisCycle(AxisSettings(cycle_ns=0), Demand(), DriveFeedback(), DriveCommand(), Report())
+    cycle = AxisCycle(AxisSettings(cycle_ns=0), Demand(), DriveFeedback(), Report(), Outputs(0, None))
     with pytest.raises(Dsp402Error, match="cycle"):
         Interpolation(cycle).set_drive(CSP, modulo=False)
 

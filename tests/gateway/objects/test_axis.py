@@ -89,7 +89,7 @@ def test_a_request_is_performed_also_where_the_step_has_nothing_else_to_tell(axi
     requests = Requests(axis)
     axis.step(None, 1)
     assert not requests.jobs
-    axis.machine.notes.writes = FIRST
+    axis.machine.outputs.writes = FIRST
     axis.step(None, 2)
     assert len(requests.jobs) == 1
 

@@ -124,7 +124,7 @@ class Stepper(_Device):
     @property
     def warning(self) -> bool:
         """That of the executor; the drive's limit has its own."""
-        return self.machine.notes.warning
+        return self.machine.outputs.warned
 
     @property
     def saturations(self) -> int:

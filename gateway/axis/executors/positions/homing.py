@@ -53,7 +53,7 @@ class Homing:
         "_cycle",
         "_idle_since",
         "_mode",
-        "_notes",
+        "_outputs",
         "_since",
         "_writes",
         "home_set",
@@ -63,7 +63,7 @@ class Homing:
 
     def __init__(self, cycle: AxisCycle, mode: ModeSwitch) -> None:
         self._cycle = cycle
-        self._notes = cycle.notes
+        self._outputs = cycle.outputs
         self._mode = mode
         self.method = 0
         """6098h as the drive has it."""
@@ -81,16 +81,16 @@ class Homing:
 
     def supported(self, method: int | None) -> bool:
         """Whether the method exists; one that does not, or None, starts nothing and raises the warning."""
-        notes = self._notes
+        outputs = self._outputs
         if method is not None and self._offered(method) in self.methods:
-            notes.warning = False
+            outputs.warned = False
             return True
-        notes.warning = True
-        notes.reason = Reason.HOMING_METHOD
+        outputs.warned = True
+        outputs.reason = Reason.HOMING_METHOD
         allowed = (
             ", ".join(str(number) for number in sorted(self.methods)) or "none: the drive has no homing (6502h, 60E3h)"
         )
-        notes.faults.append((FaultNumber.HOMING_METHOD, f"homing method {method}, allowed {allowed}"))
+        outputs.found.append((FaultNumber.HOMING_METHOD, f"homing method {method}, allowed {allowed}"))
         return False
 
     def _offered(self, method: int) -> int:
@@ -100,7 +100,7 @@ class Homing:
     def begin(self, method: int, speed: int | None) -> None:
         """Method and speeds have to reach the drive first; ``speed`` in its units, None leaves its own ones."""
         self.home_set = False
-        self._notes.reason = Reason.HOMING_SETUP
+        self._outputs.reason = Reason.HOMING_SETUP
         speeds = () if speed is None else _SPEEDS
         self._writes = (
             SdoWrite(*HOMING_METHOD, self._offered(method)),
@@ -114,7 +114,7 @@ class Homing:
         if not self._busy:
             self._busy = True
             self._answer = ""
-            self._notes.writes = self._writes
+            self._outputs.writes = self._writes
 
     def answered(self, error: str | None) -> None:
         """The writes were taken (None) or not (the reason)."""
@@ -132,16 +132,16 @@ class Homing:
 
     def prepare(self) -> Progress:
         """READY when the drive has accepted method and speeds and confirmed mode 6."""
-        notes = self._notes
+        outputs = self._outputs
         if self._answer is None:
             self._ask()
         if not self._answer:
-            notes.reason = Reason.HOMING_SETUP
+            outputs.reason = Reason.HOMING_SETUP
             return Progress.WAITS
         if self._answer != "done":
-            notes.faults.append((FaultNumber.HOMING_PARAMETERS, self._answer))
-            notes.warning = True
-            notes.reason = Reason.HOMING_ERROR
+            outputs.found.append((FaultNumber.HOMING_PARAMETERS, self._answer))
+            outputs.warned = True
+            outputs.reason = Reason.HOMING_ERROR
             return Progress.FAILED
         self.method = self._writes[0].value
         if not self._mode.confirmed(Mode.HOMING):
@@ -170,8 +170,8 @@ class Homing:
         return Progress.WAITS
 
     def _failed(self, what: str, statusword: int) -> Progress:
-        notes = self._notes
-        notes.warning = True
-        notes.faults.append((FaultNumber.HOMING, f"method {self.method}, {what}, Statusword {statusword:04X}h"))
-        notes.reason = Reason.HOMING_ERROR
+        outputs = self._outputs
+        outputs.warned = True
+        outputs.found.append((FaultNumber.HOMING, f"method {self.method}, {what}, Statusword {statusword:04X}h"))
+        outputs.reason = Reason.HOMING_ERROR
         return Progress.FAILED

@@ -53,13 +53,13 @@ class ModeSwitch:
         if self.mode == mode and shown == mode:
             self._since = -1
             return True
-        notes = cycle.notes
-        notes.reason = Reason.MODE_NOT_CONFIRMED
+        outputs = cycle.outputs
+        outputs.reason = Reason.MODE_NOT_CONFIRMED
         if self._since < 0:
             self._since = now
-        elif now - self._since >= MODE_CONFIRM_NS and not notes.warning:
-            notes.warning = True
-            notes.faults.append(
+        elif now - self._since >= MODE_CONFIRM_NS and not outputs.warned:
+            outputs.warned = True
+            outputs.found.append(
                 (FaultNumber.MODE_NOT_CONFIRMED, f"6060h = {mode}, 6061h = {shown} for {MODE_CONFIRM_NS / SECOND:g} s")
             )
         return False

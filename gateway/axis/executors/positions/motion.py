@@ -77,7 +77,7 @@ class MotionExecutor(Executor):
         operates = action is Action.ENABLE_OPERATION and OPERATION_ENABLED[cycle.feedback.statusword & STATE_MASK]
         asked.operating = operates
         if operates:
-            self.notes.forget()
+            self.outputs.reason = None
         self._look()
         outcome = self.positioner.step(asked, self._seen, cycle.now)
         if operates:

@@ -78,7 +78,7 @@ class PositionerExecutor(MotionExecutor):
         """Highest velocity, acceleration, deceleration of the drive."""
         self._one_ramp = False
         """The drive has no 6084h: 6083h is its acceleration and its deceleration."""
-        self._torque = TorqueLimit(self.notes)
+        self._torque = TorqueLimit(self.outputs)
         self._ring: Ring | None = None
         """Position counter of a modulo axis."""
         self._anchored = 0
@@ -180,7 +180,7 @@ class PositionerExecutor(MotionExecutor):
 
     def probed(self, answer: ProbeAnswer) -> None:
         units = self._units
-        if answer.wish is not self.notes.probe or units is None:
+        if answer.wish is not self.outputs.probe or units is None:
             return
         if answer.error is not None:
             self._seen.probe_refused = True
@@ -189,23 +189,23 @@ class PositionerExecutor(MotionExecutor):
 
     def _probe(self, asked: Asked) -> None:
         """Arm the probe of passive homing, and take it back."""
-        notes, seen = self.notes, self._seen
+        outputs, seen = self.outputs, self._seen
         seen.probe = None
         seen.probe_refused = False
         armed = self.positioner.outcome.probe
-        notes.probe = ProbeWish((2 * asked.probe_2 + asked.probe_falling,)) if armed else None
+        outputs.probe = ProbeWish((2 * asked.probe_2 + asked.probe_falling,)) if armed else None
 
     def step(self) -> Reason | None:
         cycle, units, speed, message = self.cycle, self._units, self._speed, self._message
         reason = cycle.reason
         if units is None or speed is None or message is None:
             return reason
-        outcome, feedback, notes = self._cycle(), cycle.feedback, self.notes
+        outcome, feedback, outputs = self._cycle(), cycle.feedback, self.outputs
         asked = cycle.demand.motion or self._nothing
-        if outcome.probe is (notes.probe is None):
+        if outcome.probe is (outputs.probe is None):
             self._probe(asked)
         if asked.operating:
-            reason = notes.reason or outcome.reason
+            reason = outputs.reason or outcome.reason
         self._torque.follow(outcome.motion.torque if asked.operating else None)
         if outcome.warning is not self._warned:
             self._warn(outcome.warning)
@@ -213,16 +213,16 @@ class PositionerExecutor(MotionExecutor):
         report.speed = speed.to_wire(feedback.velocity_actual)
         report.length_speed = units.to_length_speed(feedback.velocity_actual)
         report.flags = self._flags(outcome)
-        report.message = message_of(message, feedback, notes.troubles)
+        report.message = message_of(message, feedback, outputs)
         return reason
 
     def _warn(self, warning: Reason | None) -> None:
         """Report another warning of the positioner once; it is shown while it is active."""
         if warning is None:
-            self.notes.warning = False
+            self.outputs.warned = False
         elif warning is not Reason.HOMING_ERROR:  # told where it was found
-            self.notes.warning = True
-            self.notes.faults.append((FaultNumber.POSITIONER, warning.value))
+            self.outputs.warned = True
+            self.outputs.found.append((FaultNumber.POSITIONER, warning.value))
         self._warned = warning
 
     def _flags(self, outcome: Outcome) -> int:
@@ -330,7 +330,7 @@ class PositionerExecutor(MotionExecutor):
         wanted, highest = units.velocity(motion.velocity, motion.override), self._limits[0]
         limited = max(-highest, min(wanted, highest))
         if limited != wanted:
-            self.notes.saturations += 1
+            self.outputs.saturations += 1
         return limited
 
     def _turn(self, motion: Motion, units: LengthUnits) -> None:
@@ -345,7 +345,7 @@ class PositionerExecutor(MotionExecutor):
         if self.cycle.feedback.statusword & ACKNOWLEDGED:
             return
         if not self._torque.holds(motion.torque):
-            self.notes.reason = Reason.TORQUE_LIMIT
+            self.outputs.reason = Reason.TORQUE_LIMIT
             return
         command = self.command
         self._set_ramps(motion, units)

@@ -70,7 +70,7 @@ class PositioningExecutor(MotionExecutor):
         homes = outcome.state is _HOMING
         flags = _STANDING if cycle.standstill else 0
         if asked.operating:
-            reason = self.notes.reason
+            reason = self.outputs.reason
             if outcome.warning is not None and (reason is None or reason is Reason.MDI_OFF):
                 reason = outcome.warning
             if outcome.state is _IDLE or (homes and self._seen.homing is HomingResult.ATTAINED):
@@ -90,19 +90,19 @@ class PositioningExecutor(MotionExecutor):
 
     def offers_homing(self, *, edge: bool) -> bool:
         """A method that the drive has not starts nothing and raises the warning, until homing is not asked for any more."""
-        asked, notes = self.cycle.demand.motion or self._nothing, self.notes
+        asked, outputs = self.cycle.demand.motion or self._nothing, self.outputs
         if not asked.homing:
             if self.positioner.outcome.state is _IDLE:
-                notes.warning = False
+                outputs.warned = False
         elif edge:
             return self.homing.supported(asked.homing_method)
-        elif notes.warning:
-            notes.reason = Reason.HOMING_METHOD
+        elif outputs.warned:
+            outputs.reason = Reason.HOMING_METHOD
         return False
 
     def converted(self, asked: Asked) -> Goal:
         """A task in the drive's units."""
-        scaling, limited = self._scaling, self.notes.limited
+        scaling, limited = self._scaling, self.limited
         assert scaling is not None, "tasks start in operation, which needs the drive"
         target = limited(scaling.position if asked.absolute else scaling.relative, asked.target)
         velocity = limited(scaling.velocity, asked.velocity)
@@ -136,10 +136,10 @@ class PositioningExecutor(MotionExecutor):
             seen.taken = seen.given
 
     def _execute(self, motion: Motion) -> int:
-        mdi, mode, notes = self._mdi, self._mode, self.notes
+        mdi, mode, outputs = self._mdi, self._mode, self.outputs
         state, before = mdi.outcome.state, mdi.before
         if before is _BRAKING or mdi.outcome.reason is not None:
-            notes.reason = mdi.outcome.reason
+            outputs.reason = mdi.outcome.reason
         if state is _HOMING:
             return self._home_as_asked(motion)
         if state is _BRAKING:
@@ -147,7 +147,7 @@ class PositioningExecutor(MotionExecutor):
             return HALT
         if before is _HOMING:
             if self._seen.homing is not HomingResult.RUNNING:
-                notes.warning = False
+                outputs.warned = False
             self._end_set_point()
             mode.give_up()
         goal = mdi.goal
@@ -215,10 +215,10 @@ class PositioningExecutor(MotionExecutor):
         if self._homing_begun != motion.serial and homing is not None and scaling is not None:
             self._end_set_point()
             method, velocity = homing
-            return self._home(motion, method, self.notes.limited(scaling.velocity, velocity))
+            return self._home(motion, method, self.limited(scaling.velocity, velocity))
         if seen.homing is HomingResult.RUNNING:
             return self._home(motion, 0, None)
         if seen.homing is HomingResult.ATTAINED:
             return NEW_SETPOINT
-        self.notes.reason = Reason.HOMING_ERROR
+        self.outputs.reason = Reason.HOMING_ERROR
         return 0

@@ -6,18 +6,17 @@ Source: docs/motion.md "Traversing blocks". The positioner's PDOs have no room f
 from __future__ import annotations
 
 from pdgw.dsp402.objects import MAX_TORQUE
-from pdgw.gateway.axis.executors.base import Notes
-from pdgw.gateway.axis.values import SdoWrite
+from pdgw.gateway.axis.values import Outputs, SdoWrite
 from pdgw.gateway.reasons import FaultNumber, Reason
 
 
 class TorqueLimit:
     """Call ``follow`` once per cycle; ``holds`` is True when the drive has the limit."""
 
-    __slots__ = ("_base", "_held", "_notes", "_refused", "_writes")
+    __slots__ = ("_base", "_held", "_outputs", "_refused", "_writes")
 
-    def __init__(self, notes: Notes) -> None:
-        self._notes = notes
+    def __init__(self, outputs: Outputs) -> None:
+        self._outputs = outputs
         self._base = 0
         self._held = 0
         """Present limit in the drive; -1 while it is unknown."""
@@ -41,8 +40,8 @@ class TorqueLimit:
         self._refused = -1
 
     def _withdraw(self) -> None:
-        if self._notes.writes == self._writes:
-            self._notes.writes = None
+        if self._outputs.writes == self._writes:
+            self._outputs.writes = None
         self._writes = None
         self._held = -1 if self._base else 0
 
@@ -55,16 +54,16 @@ class TorqueLimit:
 
     def follow(self, torque: int | None) -> None:
         """Requested limit in 1/1000 of the rated torque, None: the drive's own. Call it after everything that may write."""
-        notes, wanted = self._notes, self._limit(torque)
-        if self._writes is not None and notes.writes != self._writes:
+        outputs, wanted = self._outputs, self._limit(torque)
+        if self._writes is not None and outputs.writes != self._writes:
             self._writes = None  # homing has taken the place: once more behind it
-        if wanted == self._held or wanted == self._refused or notes.writes is not None:
+        if wanted == self._held or wanted == self._refused or outputs.writes is not None:
             return
         self._held = self._refused = -1
-        self._writes = notes.writes = (SdoWrite(*MAX_TORQUE, wanted),)
+        self._writes = outputs.writes = (SdoWrite(*MAX_TORQUE, wanted),)
 
     def answered(self, error: str | None) -> bool:
-        """The writes of the notes are done: whether they were ours."""
+        """``Outputs.writes`` are done: whether they were ours."""
         writes = self._writes
         if writes is None:
             return False
@@ -72,9 +71,9 @@ class TorqueLimit:
         if error is None:
             self._held = writes[0].value
         else:
-            notes = self._notes
+            outputs = self._outputs
             self._refused = writes[0].value
-            notes.warning = True
-            notes.reason = Reason.TORQUE_LIMIT
-            notes.faults.append((FaultNumber.POSITIONER, f"torque limit 6072h = {writes[0].value}: {error}"))
+            outputs.warned = True
+            outputs.reason = Reason.TORQUE_LIMIT
+            outputs.found.append((FaultNumber.POSITIONER, f"torque limit 6072h = {writes[0].value}: {error}"))
         return True
