@@ -76,7 +76,7 @@ _NO_PLC: Final = {
 
 
 class Interlock:
-    """Call ``step`` once per cycle. ``phase``, ``action`` and ``reason`` show the result."""
+    """Call ``step`` once per cycle. ``phase``, ``action``, ``controlword`` and ``reason`` show the result."""
 
     INSTANTS: ClassVar[Mapping[str, int]] = {
         "_disabled_at": COMMAND_SHOWN_NS,
@@ -84,7 +84,7 @@ class Interlock:
         "_standing_since": QUICK_STOP_STANDING_NS,
     }
     ASIDE: ClassVar[frozenset[str]] = frozenset(
-        {"_steady", "_steady_status", "_steady_word", "action", "cell", "reason"}
+        {"_steady", "_steady_status", "action", "cell", "controlword", "reason"}
     )
 
     __slots__ = (
@@ -100,9 +100,9 @@ class Interlock:
         "_standing_since",
         "_steady",
         "_steady_status",
-        "_steady_word",
         "action",
         "cell",
+        "controlword",
         "enabled_at",
         "phase",
         "plc_was_there",
@@ -112,6 +112,8 @@ class Interlock:
     def __init__(self, settings: AxisSettings) -> None:
         self.phase: Phase = Phase.LOCKED
         self.action: Action = Action.DISABLE_VOLTAGE
+        self.controlword = 0
+        """Bits 0-3 and 7 of the Controlword; of ``Action.PASS`` they are the telegram's."""
         self.reason: Reason | None = Reason.NO_PLC
         self.cell: Cell = CELLS[0]
         """What the table said last."""
@@ -135,7 +137,6 @@ class Interlock:
         self._steady = False
         """Fast path: in operation as requested, nothing to report."""
         self._steady_status = 0
-        self._steady_word = 0
 
     @property
     def operates(self) -> bool:
@@ -167,8 +168,8 @@ class Interlock:
         statusword: int,
         standstill: bool,
         now: int,
-    ) -> int:
-        """Bits 0-3 and 7 of the Controlword; of ``Action.PASS`` they are the telegram's.
+    ) -> None:
+        """One cycle.
 
         ``wish``: None while there is no PLC, or the stop of a frame that does not count otherwise (NO_PLC_QUICK_STOP,
         NO_PLC_COAST), which wins over a reaction of lower rank. ``acknowledge``: its bit, a level. ``trouble``: LOST or
@@ -182,7 +183,7 @@ class Interlock:
             and trouble is None
             and not acknowledge
         ):
-            return self._steady_word
+            return
         if wish is None:
             wish = self._no_plc
         connected = wish not in _WITHOUT_PLC
@@ -252,10 +253,8 @@ class Interlock:
             # Operation goes on; the next cycle like this one has the same answer.
             self._steady = True
             self._steady_status = statusword & STATE_MASK
-            self._steady_word = cell.controlword
-        if acknowledge and armed and after in _ACKNOWLEDGES:
-            return cell.controlword | ControlBit.FAULT_RESET
-        return cell.controlword
+        resets = acknowledge and armed and after in _ACKNOWLEDGES
+        self.controlword = cell.controlword | ControlBit.FAULT_RESET if resets else cell.controlword
 
     def _changed(self, drive: Drive, shown: Drive | None, now: int) -> Drive:
         """The drive shows another state while it follows the PLC: by itself, or as the answer to a command?"""

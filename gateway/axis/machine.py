@@ -25,7 +25,7 @@ from pdgw.gateway.axis.demand_report import (
     PowerWish,
     Report,
 )
-from pdgw.gateway.axis.executors.base import AxisCycle, Executor
+from pdgw.gateway.axis.executors.base import AxisRecords, Executor
 from pdgw.gateway.axis.executors.dsc import DscExecutor
 from pdgw.gateway.axis.executors.load import LoadExecutor
 from pdgw.gateway.axis.executors.positions.interpolation import Interpolation
@@ -88,7 +88,7 @@ _STOPS_WITHOUT_PLC: Final = {
     PowerWish.QUICK_STOP: PowerWish.NO_PLC_QUICK_STOP,
     PowerWish.QUICK_STOP_DISABLED: PowerWish.NO_PLC_QUICK_STOP,
 }
-_EXECUTORS: dict[Kind, Callable[[AxisCycle], Executor]] = {
+_EXECUTORS: dict[Kind, Callable[[AxisRecords], Executor]] = {
     Kind.SPEED: SpeedExecutor,
     Kind.DSC: DscExecutor,
     Kind.LOAD: LoadExecutor,
@@ -96,6 +96,12 @@ _EXECUTORS: dict[Kind, Callable[[AxisCycle], Executor]] = {
     Kind.POSITIONING: PositioningExecutor,
     Kind.POSITIONER: PositionerExecutor,
 }
+
+
+def _make_executor(kind: Kind, records: AxisRecords) -> Executor:
+    if kind is Kind.RAW:
+        return RawExecutor(records, SETPOINT_ATTRIBUTES, ACTUAL_ATTRIBUTES)
+    return _EXECUTORS[kind](records)
 
 
 class AxisMachine:
@@ -115,13 +121,13 @@ class AxisMachine:
         self.outputs = Outputs(len(self.telegram.actuals.signals), Reason.NO_PLC)
         self.demand = Demand()
         self.report = Report()
-        self.cycle = AxisCycle(settings, self.demand, feedback, self.report, self.outputs)
         self.interlock = Interlock(settings)
         self._guard = EnableGuard()
-        self.executor = self._make_executor(kind)
-        # Made now, while the images of the cycle are the drive's.
+        records = AxisRecords(settings, self.interlock, self.demand, self.inputs, self.report, self.outputs)
+        self.executor = _make_executor(kind, records)
+        # Made now, while the images of the executor are the drive's.
         with_tasks = kind is Kind.POSITIONING or kind is Kind.POSITIONER
-        self._own_interpolation = Interpolation(self.cycle) if with_tasks else None
+        self._own_interpolation = Interpolation(self.executor) if with_tasks else None
         self._interpolation: Interpolation | None = None
         """Between executor and drive, where the drive has no profile position."""
         self.sensor = SensorWords() if "G1_STW" in self.telegram.setpoints.names else None
@@ -150,11 +156,6 @@ class AxisMachine:
         self._window = 0
         self._control_lost = False
         """The PLC removed its control in operation and has not returned it."""
-
-    def _make_executor(self, kind: Kind) -> Executor:
-        if kind is Kind.RAW:
-            return RawExecutor(self.cycle, SETPOINT_ATTRIBUTES, ACTUAL_ATTRIBUTES)
-        return _EXECUTORS[kind](self.cycle)
 
     def set_references(self, place: int, references: EncoderReferences | None) -> None:
         """Set the sensor format of an external G1 (``place`` 0) or G2 (1). With an impossible range its position is not valid;
@@ -194,8 +195,6 @@ class AxisMachine:
         inputs, outputs, demand, report = self.inputs, self.outputs, self.demand, self.report
         interlock, executor = self.interlock, self.executor
         now, feedback, drive_ok = inputs.now, inputs.feedback, inputs.drive_ok
-        cycle = self.cycle
-        cycle.now = now
         if outputs.eventful:
             outputs.forget()
         if inputs.news:
@@ -218,13 +217,11 @@ class AxisMachine:
             self._control_lost = False
         if self._usable and not self.check.locked:
             velocity, window = feedback.velocity_actual, self._window
-            standstill = -window <= velocity <= window
+            inputs.standstill = standstill = -window <= velocity <= window
             trouble = None if drive_ok else _LOST
-            cycle.controlword = interlock.step(wish, demand.acknowledge, trouble, statusword, standstill, now)
-            cycle.action, cycle.reason = interlock.action, interlock.reason
-            cycle.standstill = standstill
+            interlock.step(wish, demand.acknowledge, trouble, statusword, standstill, now)
             between = self._interpolation
-            reason = executor.step() if between is None else between.step(executor)
+            reason = executor.step() if between is None else between.step()
             if drive_ok:
                 self._check_velocity(interlock.action, now)
                 cell = interlock.cell
@@ -237,13 +234,13 @@ class AxisMachine:
         else:
             powered = drive_ok and STATE_OF_STATUS[statusword & STATE_MASK] in POWERED
             trouble = _POWERED_UNREAD if powered else _NO_REFERENCES
-            cycle.controlword = interlock.step(wish, demand.acknowledge, trouble, statusword, False, now)
+            interlock.step(wish, demand.acknowledge, trouble, statusword, False, now)
             doubt = _UNITS_CONTRADICTED if self.check.locked else interlock.reason
             reason = doubt if drive_ok else _DRIVE_OFFLINE
             if self._interpolation is None:
                 executor.refuse()
             else:
-                self._interpolation.refuse(executor)
+                self._interpolation.refuse()
             report.flags = statusword & _OF_THE_DRIVE | SHOWN_FAULT
             if not drive_ok:
                 executor.lost()
@@ -424,16 +421,13 @@ class AxisMachine:
         return missing(drive.scaling, self._needed, converts=converts)
 
     def _shown_to_executor(self, drive: DriveType) -> DriveType:
-        cycle, executor = self.cycle, self.executor
-        made = self._own_interpolation
+        executor, made = self.executor, self._own_interpolation
         if made is None or not drive.interpolates:
             self._interpolation = None
-            cycle.feedback, cycle.command = self.inputs.feedback, self.outputs.command
-            executor.command = cycle.command
+            executor.feedback, executor.command = self.inputs.feedback, self.outputs.command
             return drive
         self._interpolation = made
-        cycle.feedback, cycle.command = made.seen, made.wished
-        executor.command = cycle.command
+        executor.feedback, executor.command = made.seen, made.wished
         modulo = isinstance(executor, PositionerExecutor) and executor.choices.modulo != 0
         return made.set_drive(drive, modulo=modulo)
 

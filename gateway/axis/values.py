@@ -195,7 +195,16 @@ class Inputs:
 
     ASIDE: ClassVar[frozenset[str]] = frozenset({"now"})
     PASSING: ClassVar[frozenset[str]] = frozenset(
-        {"fault_code", "fresh", "drive_ok", "node_stopped", "set_point_refused", "setpoints", "warning_code"}
+        {
+            "fault_code",
+            "fresh",
+            "drive_ok",
+            "node_stopped",
+            "set_point_refused",
+            "setpoints",
+            "standstill",
+            "warning_code",
+        }
     )
 
     __slots__ = (
@@ -211,6 +220,7 @@ class Inputs:
         "sensors",
         "set_point_refused",
         "setpoints",
+        "standstill",
         "warning_code",
     )
 
@@ -226,6 +236,8 @@ class Inputs:
         self.feedback = feedback
         self.drive_ok = False
         """The drive is configured and its data is fresh."""
+        self.standstill = False
+        """The actual speed is inside the standstill window; the step sets it."""
         self.position_ns = 0
         """When the newest position of the feedback (6064h) came; 0 never."""
         self.node_stopped = False

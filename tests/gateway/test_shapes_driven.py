@@ -9,12 +9,10 @@ from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.identification.overlay import Overlay, QuirkKeys
 from pdgw.dsp402.states import State
 from pdgw.durations import MS
-from pdgw.gateway.axis.demand_report import Demand, Report
-from pdgw.gateway.axis.executors.base import AxisCycle
 from pdgw.gateway.axis.executors.positions.homing import Homing
 from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
+from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.values import Outputs
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.gateway.service.status import snapshot
@@ -239,13 +237,13 @@ def test_a_drive_that_stays_in_quick_stop_is_led_out_of_it_and_can_be_started_ag
 
 @pytest.mark.parametrize(("asked", "there"), [(35, 37), (37, 35), (35, 35)])
 def test_homing_at_the_current_position_is_35_and_37_whichever_the_drive_has(asked: int, there: int) -> None:
-    cycle = AxisCycle(AxisSettings(), Demand(), DriveFeedback(), Report(), Outputs(0, None))
-    homing = Homing(cycle, ModeSwitch(cycle, 1))
+    executor = AxisMachine(9, AxisSettings(), DriveFeedback()).executor
+    homing = Homing(executor, ModeSwitch(executor, 1))
     homing.methods = frozenset({1, there})
     assert homing.supported(asked)
     homing.begin(asked, None)
-    assert cycle.outputs.writes is not None
-    assert cycle.outputs.writes[0].value == there
+    assert executor.outputs.writes is not None
+    assert executor.outputs.writes[0].value == there
 
 
 @pytest.mark.parametrize(

@@ -68,11 +68,10 @@ def _wrapped(place: type, name: str, around: Callable[..., Any]) -> Plant:
 def _step(change: Callable[[Interlock, Phase, PowerWish | None, int], None]) -> Plant:
     """Call ``change`` after each step with interlock, phase before, wish and Statusword."""
 
-    def step(method: Any, self: Interlock, wish: PowerWish | None, *arguments: Any) -> int:
+    def step(method: Any, self: Interlock, wish: PowerWish | None, *arguments: Any) -> None:
         before = self.phase
-        word: int = method(self, wish, *arguments)
+        method(self, wish, *arguments)
         change(self, before, wish, arguments[2])
-        return word
 
     return _wrapped(Interlock, "step", step)
 
@@ -87,11 +86,10 @@ def _kept(because: Callable[[PowerWish | None, int], bool]) -> Plant:
     return _step(change)
 
 
-def _off_forgotten(method: Any, self: Interlock, *arguments: Any) -> int:
+def _off_forgotten(method: Any, self: Interlock, *arguments: Any) -> None:
     if self.phase is Phase.LOCKED:
         self.phase = Phase.FOLLOW
-    word: int = method(self, *arguments)
-    return word
+    method(self, *arguments)
 
 
 def _off3_not_latched(self: Interlock, before: Phase, wish: PowerWish | None, statusword: int) -> None:
@@ -99,9 +97,8 @@ def _off3_not_latched(self: Interlock, before: Phase, wish: PowerWish | None, st
         self.phase = Phase.FOLLOW
 
 
-def _never_lost(method: Any, self: Interlock, wish: Any, acknowledge: bool, trouble: Any, *arguments: Any) -> int:
-    word: int = method(self, wish, acknowledge, None if trouble is Drive.LOST else trouble, *arguments)
-    return word
+def _never_lost(method: Any, self: Interlock, wish: Any, acknowledge: bool, trouble: Any, *arguments: Any) -> None:
+    method(self, wish, acknowledge, None if trouble is Drive.LOST else trouble, *arguments)
 
 
 def _never_again(method: Any, self: Any) -> None:

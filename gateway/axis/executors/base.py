@@ -1,23 +1,23 @@
 """Interface of executors to the machine, and their common functions.
 
-An executor reads and writes one ``AxisCycle``: the command image of the drive and its part of the report. The machine calls
-``step`` while the drive is known well enough, else ``refuse``.
+An executor reads and writes the ``AxisRecords`` of its axis. The machine calls ``step`` while the drive is known well enough,
+else ``refuse``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from fractions import Fraction
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from pdgw.dsp402.drive.images import DEMAND_UNKNOWN, DriveCommand, DriveFeedback
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.demand_report import Demand, Report
-from pdgw.gateway.axis.power_table import Action
+from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.values import Outputs, ProbeAnswer
+from pdgw.gateway.axis.values import Inputs, Outputs, ProbeAnswer
 from pdgw.gateway.motion.travel import LIMIT_STANDING_NS
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.normalisation import Normalisation
@@ -26,63 +26,30 @@ OPERATION_ENABLED = tuple(state is State.OPERATION_ENABLED for state in STATE_OF
 """By the Statusword's ``STATE_MASK``."""
 
 
-class AxisCycle:
-    """What an executor works with: one object for each axis, in which the machine sets what changes before each cycle."""
+class AxisRecords(NamedTuple):
+    """What an executor reads and writes in each step. The objects stay the same as long as the machine."""
 
-    PASSING: ClassVar[frozenset[str]] = frozenset({"action", "controlword", "now", "reason", "standstill"})
-
-    __slots__ = (
-        "action",
-        "command",
-        "controlword",
-        "demand",
-        "feedback",
-        "now",
-        "outputs",
-        "reason",
-        "report",
-        "settings",
-        "standstill",
-    )
-
-    def __init__(
-        self, settings: AxisSettings, demand: Demand, feedback: DriveFeedback, report: Report, outputs: Outputs
-    ) -> None:
-        self.settings = settings
-        self.demand = demand
-        self.feedback = feedback
-        self.command: DriveCommand = outputs.command
-        self.report = report
-        self.outputs = outputs
-        self.action: Action = Action.DISABLE_VOLTAGE
-        """What is commanded,"""
-        self.controlword = 0
-        """as bits 0-3 and 7 of the Controlword,"""
-        self.reason: Reason | None = None
-        """and why it is not what the PLC asks."""
-        self.standstill = False
-        """The actual speed is inside the standstill window."""
-        self.now = 0
-        """Monotonic nanoseconds."""
-
-    @property
-    def stopped(self) -> bool:
-        """The axis is at standstill, and the drive has ended its ramp."""
-        feedback = self.feedback
-        return self.standstill and (
-            feedback.statusword & StatusBit.TARGET_REACHED != 0 or feedback.velocity_actual == 0
-        )
+    settings: AxisSettings
+    interlock: Interlock
+    """Command in: ``action`` and ``controlword``, and the ``reason`` why they are not what the PLC asks."""
+    demand: Demand
+    """Command in: what the PLC asks."""
+    inputs: Inputs
+    """Feedback in: values of the drive, the standstill and the time."""
+    report: Report
+    """Decision out: what the PLC gets. What the drive gets is ``outputs.command``."""
+    outputs: Outputs
+    """Notes out: faults and warnings, SDO writes, the probe, the count of limited values."""
 
 
 class Executor:
     """One kind of operation of one drive."""
 
-    def __init__(self, cycle: AxisCycle) -> None:
-        self.cycle = cycle
-        self.settings = cycle.settings
-        self.command = cycle.command
-        self.report = cycle.report
-        self.outputs = cycle.outputs
+    def __init__(self, records: AxisRecords) -> None:
+        self.settings, self.interlock, self.demand, self.inputs, self.report, self.outputs = records
+        self.feedback: DriveFeedback = records.inputs.feedback
+        self.command: DriveCommand = records.outputs.command
+        """Images of the drive, or of the one that ``Interpolation`` shows instead."""
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
         """What the drive is: at start, after a write to a reference object, after a restart of the drive.
@@ -114,7 +81,7 @@ class Executor:
         """One cycle: the command with bits 0-3 and 7 of the Controlword as given, and the report.
 
         Sets ``report.flags`` to the flags that only the executor knows. Returns the reason why it does not follow the request:
-        that of the cycle, or its own.
+        that of the interlock, or its own.
         """
         raise NotImplementedError
 
@@ -163,11 +130,12 @@ class LimitWatch:
         """The axis is not at standstill there."""
         self._since = -1
 
-    def step(self, wants_to_move: bool, cycle: AxisCycle) -> bool:
+    def step(self, wants_to_move: bool, executor: Executor) -> bool:
         """One cycle; True when it is held."""
-        if not (wants_to_move and cycle.standstill and cycle.feedback.statusword & StatusBit.INTERNAL_LIMIT):
+        inputs = executor.inputs
+        if not (wants_to_move and inputs.standstill and executor.feedback.statusword & StatusBit.INTERNAL_LIMIT):
             self._since = -1
             return False
         if self._since < 0:
-            self._since = cycle.now
-        return cycle.now - self._since >= LIMIT_STANDING_NS
+            self._since = inputs.now
+        return inputs.now - self._since >= LIMIT_STANDING_NS

@@ -14,7 +14,7 @@ from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
 from pdgw.gateway.axis.demand_report import STATE_MASK, Flag, SpeedWish
-from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisCycle, Executor, LimitWatch, demanded_speed, known
+from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisRecords, Executor, LimitWatch, demanded_speed, known
 from pdgw.gateway.axis.executors.torque import message_of, message_word
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.errors import GatewayError
@@ -36,8 +36,8 @@ class DscExecutor(Executor):
 
     INSTANTS: ClassVar[Mapping[str, int]] = {"_heard": SECOND}
 
-    def __init__(self, cycle: AxisCycle) -> None:
-        super().__init__(cycle)
+    def __init__(self, records: AxisRecords) -> None:
+        super().__init__(records)
         if self.settings.dsc is None:
             raise GatewayError('dsc is missing: a telegram with DSC needs dsc = "position" or "speed"')
         self.choices: DscChoices = self.settings.dsc
@@ -91,15 +91,15 @@ class DscExecutor(Executor):
 
     def refuse(self) -> None:
         self._stand()
-        self.command.controlword = self.cycle.controlword
+        self.command.controlword = self.interlock.controlword
         self.report.speed = self.report.message = 0
 
     def step(self) -> Reason | None:
-        cycle, dsc, actual, message = self.cycle, self.dsc, self._actual, self._message
-        reason, action = cycle.reason, cycle.action
+        interlock, dsc, actual, message = self.interlock, self.dsc, self._actual, self._message
+        reason, action = interlock.reason, interlock.action
         if dsc is None or actual is None or message is None:
             return reason
-        command, report, demand, feedback = self.command, self.report, cycle.demand, cycle.feedback
+        command, report, demand, feedback = self.command, self.report, self.demand, self.feedback
         enabled = OPERATION_ENABLED[feedback.statusword & STATE_MASK]
         if enabled and action is _ENABLE_OPERATION:
             reason = self._control(dsc)
@@ -109,7 +109,7 @@ class DscExecutor(Executor):
         else:
             self._held = self._out_of_date = self._frozen = False
             self._stand()
-        command.controlword = cycle.controlword
+        command.controlword = interlock.controlword
         command.max_torque = reduced_torque(self._torque, demand.torque_reduction if demand.connected else 0)
         report.speed = actual.to_wire(feedback.velocity_actual)
         own = enabled and action is _ENABLE_OPERATION and reason is None
@@ -121,7 +121,7 @@ class DscExecutor(Executor):
         return reason
 
     def _control(self, dsc: Dsc) -> Reason | None:
-        demand, position = self.cycle.demand, self.cycle.feedback.position_actual
+        demand, position = self.demand, self.feedback.position_actual
         if self._is_out_of_date(dsc):
             self._ramp()
             self.outputs.warned = True
@@ -150,7 +150,7 @@ class DscExecutor(Executor):
         if not self._frozen:
             self._frozen = True
             low, high = dsc.settings.velocity_range
-            self._velocity = max(low, min(demanded_speed(self.cycle.feedback), high))
+            self._velocity = max(low, min(demanded_speed(self.feedback), high))
         self._warn(dsc, clamped=False)
         dsc.stop()
         if self.choices.form is _BY_SPEED:
@@ -161,22 +161,22 @@ class DscExecutor(Executor):
 
     def _is_out_of_date(self, dsc: Dsc) -> bool:
         """Whether the axis must stop before DSC starts again, independent of the watchdog time."""
-        now = self.cycle.now
+        now = self.inputs.now
         if dsc.setpoint.active and now - self._heard > dsc.hold_ns:
             self._out_of_date = True
-        elif self._out_of_date and not self._velocity and self.cycle.demand.fresh:
+        elif self._out_of_date and not self._velocity and self.demand.fresh:
             self._out_of_date = False
-        if self.cycle.demand.fresh or not dsc.setpoint.active:
+        if self.demand.fresh or not dsc.setpoint.active:
             self._heard = now
         return self._out_of_date
 
     def _held_at_limit(self) -> Reason | None:
         """An axis that was stopped at a limit of the drive does not move after the release until speed 0 and KPC 0."""
-        command, cycle = self.command, self.cycle
-        wants = self._velocity != 0 or command.target_position != cycle.feedback.position_actual
-        if self._limit.step(wants, cycle):
+        demand = self.demand
+        wants = self._velocity != 0 or self.command.target_position != self.feedback.position_actual
+        if self._limit.step(wants, self):
             self._held = True
-        elif not cycle.demand.kpc and not cycle.demand.speed:
+        elif not demand.kpc and not demand.speed:
             self._held = False
         if not self._held:
             return None
@@ -202,7 +202,7 @@ class DscExecutor(Executor):
         if self.dsc is not None:
             if self.dsc.setpoint.position is not None:
                 # NSOLL_B, the feed-forward, need not be the speed of the positions.
-                self._velocity = self.cycle.feedback.velocity_actual
+                self._velocity = self.feedback.velocity_actual
             self.dsc.stop()
         speed = self._velocity
         speed = max(0, speed - self._deceleration) if speed > 0 else min(0, speed + self._deceleration)
@@ -214,7 +214,7 @@ class DscExecutor(Executor):
         """Not in operation: where the axis is, so that nothing jumps when it is enabled."""
         if self.dsc is not None:
             self.dsc.stop()
-        command, feedback = self.command, self.cycle.feedback
+        command, feedback = self.command, self.feedback
         command.target_velocity = command.velocity_offset = 0
         command.target_position = feedback.position_actual
         self._velocity = feedback.velocity_actual

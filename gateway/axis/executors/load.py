@@ -32,7 +32,7 @@ class LoadExecutor(SpeedExecutor):
         self.report.namur = namur_word(self.outputs.drive_error)
 
     def step(self) -> Reason | None:
-        feedback = self.cycle.feedback
+        feedback = self.feedback
         torque = feedback.current_actual
         current = _n2(torque, _RATED)
         self.report.load = (current, current, _n2(torque * feedback.velocity_actual, self._full_power))

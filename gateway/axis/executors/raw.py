@@ -11,7 +11,7 @@ from typing import ClassVar
 
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.states import STATE_BITS, STATUS_OF, ControlBit, State
-from pdgw.gateway.axis.executors.base import AxisCycle, Executor
+from pdgw.gateway.axis.executors.base import AxisRecords, Executor
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.reasons import Reason
 
@@ -26,14 +26,14 @@ class RawExecutor(Executor):
 
     ASIDE: ClassVar[frozenset[str]] = frozenset({"_last"})
 
-    def __init__(self, cycle: AxisCycle, setpoints: Sequence[str], actuals: Sequence[str]) -> None:
-        super().__init__(cycle)
+    def __init__(self, records: AxisRecords, setpoints: Sequence[str], actuals: Sequence[str]) -> None:
+        super().__init__(records)
         self._setpoints = tuple(setpoints)
         self._limits: tuple[tuple[str, int, int], ...] = ()
         self._modes: dict[int, int] = {}
         """Modes the drive knows, by the byte that carries them."""
         self._read = attrgetter(*actuals)
-        cycle.feedback.velocity_demand = 0  # passes as it is, also before the drive has sent one
+        self.feedback.velocity_demand = 0  # passes as it is, also before the drive has sent one
         self._last: Sequence[int] = ()
         self._mode_refused = False
 
@@ -43,16 +43,16 @@ class RawExecutor(Executor):
         self._last = ()
 
     def refuse(self) -> None:
-        self.command.controlword = self.cycle.controlword
-        self.report.raw = self._read(self.cycle.feedback)
+        self.command.controlword = self.interlock.controlword
+        self.report.raw = self._read(self.feedback)
 
     def lost(self) -> None:
         statusword, *rest = self.report.raw
         self.report.raw = (statusword & ~STATE_BITS | STATUS_OF[State.FAULT], *rest)
 
     def step(self) -> Reason | None:
-        cycle, command = self.cycle, self.command
-        action, controlword, demand = cycle.action, cycle.controlword, cycle.demand
+        interlock, demand, command = self.interlock, self.demand, self.command
+        action, controlword, reason = interlock.action, interlock.controlword, interlock.reason
         raw = demand.raw
         if raw is not None:
             if demand.connected and raw is not self._last:
@@ -65,8 +65,7 @@ class RawExecutor(Executor):
             command.target_velocity = command.target_torque = 0
             self._last = ()
         command.controlword = controlword
-        self.report.raw = self._read(cycle.feedback)
-        reason = cycle.reason
+        self.report.raw = self._read(self.feedback)
         return Reason.MODE_VALUE if reason is None and self._mode_refused else reason
 
     def _take(self, values: Sequence[int]) -> None:

@@ -11,7 +11,7 @@ from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.axis.demand_report import Flag, SpeedWish
-from pdgw.gateway.axis.executors.base import AxisCycle, Executor, LimitWatch, demanded_speed, known
+from pdgw.gateway.axis.executors.base import AxisRecords, Executor, LimitWatch, demanded_speed, known
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.motion.messages import TOLERANCE_PERCENT
 from pdgw.gateway.reasons import Reason
@@ -38,8 +38,8 @@ class SpeedExecutor(Executor):
 
     ASIDE: ClassVar[frozenset[str]] = frozenset({"_wire", "_value", "_limited"})
 
-    def __init__(self, cycle: AxisCycle) -> None:
-        super().__init__(cycle)
+    def __init__(self, records: AxisRecords) -> None:
+        super().__init__(records)
         self._setpoint: Normalisation | None = None
         self._actual: Normalisation | None = None
         self._wire: int | None = None
@@ -84,12 +84,12 @@ class SpeedExecutor(Executor):
 
     def refuse(self) -> None:
         self.outputs.warned = False
-        self.command.controlword, self.command.target_velocity = self.cycle.controlword, 0
+        self.command.controlword, self.command.target_velocity = self.interlock.controlword, 0
         self.report.speed = 0
 
     def step(self) -> Reason | None:
-        cycle = self.cycle
-        action, controlword, reason, demand = cycle.action, cycle.controlword, cycle.reason, cycle.demand
+        interlock, demand, feedback = self.interlock, self.demand, self.feedback
+        action, controlword, reason = interlock.action, interlock.controlword, interlock.reason
         if action is not _ENABLE_OPERATION:
             self._target = 0
             self._jogging = None
@@ -111,11 +111,10 @@ class SpeedExecutor(Executor):
                     self._freeze()
                 elif wish is not _HOLD:
                     self._frozen = False
-                    self._target = self._jog(wish, cycle.standstill)
+                    self._target = self._jog(wish, self.inputs.standstill)
                     if self._target:
                         reason = None
         target = self._target
-        feedback = cycle.feedback
         statusword = feedback.statusword
         if self._stopped or statusword & _INTERNAL_LIMIT:
             target = self._held_at_limit(target)
@@ -142,7 +141,7 @@ class SpeedExecutor(Executor):
         self._jogging = None
         if not self._frozen and not self._stopped:
             low, high = self._range
-            self._target = max(low, min(demanded_speed(self.cycle.feedback), high))
+            self._target = max(low, min(demanded_speed(self.feedback), high))
         self._frozen = True
 
     def _reached(self, target: int, statusword: int, velocity: int) -> bool:
@@ -153,9 +152,9 @@ class SpeedExecutor(Executor):
         said = statusword & _REACHED != 0
         if self._awaited and (not said or -self._tolerance <= velocity - target <= self._tolerance):
             self._awaited = False
-        if not said or self._awaited or self.cycle.action is not _ENABLE_OPERATION:
+        if not said or self._awaited or self.interlock.action is not _ENABLE_OPERATION:
             return False
-        own = not self._frozen and not (self._limited and self.cycle.demand.speed_wish is _FOLLOW)
+        own = not self._frozen and not (self._limited and self.demand.speed_wish is _FOLLOW)
         return own and target == self._target
 
     def _jog(self, wish: SpeedWish, standstill: bool) -> int:
@@ -176,7 +175,7 @@ class SpeedExecutor(Executor):
             return 0
         self._stopped = 0
         self.outputs.warned = False
-        if self._limit.step(target != 0, self.cycle):
+        if self._limit.step(target != 0, self):
             self._stopped = target
             self.outputs.warned = True
             return 0

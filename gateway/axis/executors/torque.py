@@ -10,7 +10,7 @@ from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.gateway.axis.demand_report import STATE_MASK
-from pdgw.gateway.axis.executors.base import AxisCycle
+from pdgw.gateway.axis.executors.base import AxisRecords
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.values import Outputs
 from pdgw.gateway.motion.messages import MessageWord, reduced_torque
@@ -60,8 +60,8 @@ def message_of(message: MessageWord, feedback: DriveFeedback, outputs: Outputs) 
 class TorqueExecutor(SpeedExecutor):
     """The speed as ever; the torque limit follows the reduction in every state, and is whole without a PLC."""
 
-    def __init__(self, cycle: AxisCycle) -> None:
-        super().__init__(cycle)
+    def __init__(self, records: AxisRecords) -> None:
+        super().__init__(records)
         self._message: MessageWord | None = None
         self._base = 0
 
@@ -77,10 +77,10 @@ class TorqueExecutor(SpeedExecutor):
         self.report.message = 0
 
     def step(self) -> Reason | None:
-        demand = self.cycle.demand
+        demand = self.demand
         reduction = demand.torque_reduction if demand.connected else 0
         self.command.max_torque = reduced_torque(self._base, reduction)
         reason = super().step()
         if self._message is not None:
-            self.report.message = message_of(self._message, self.cycle.feedback, self.outputs)
+            self.report.message = message_of(self._message, self.feedback, self.outputs)
         return reason

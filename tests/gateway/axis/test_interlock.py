@@ -216,7 +216,8 @@ def test_a_quick_stop_is_over_after_its_whole_standing_time_and_a_moment_at_spee
     control, began = power(State.OPERATION_ENABLED, after_off=True), 10**10
 
     def stopping(standstill: bool, now: int) -> int:
-        return control.step(PowerWish.QUICK_STOP, False, None, STATUS_OF[State.QUICK_STOP_ACTIVE], standstill, now)
+        control.step(PowerWish.QUICK_STOP, False, None, STATUS_OF[State.QUICK_STOP_ACTIVE], standstill, now)
+        return control.controlword
 
     step(control, ON & ~0x4, State.OPERATION_ENABLED, began)
     half = QUICK_STOP_STANDING_NS // 2
@@ -226,7 +227,8 @@ def test_a_quick_stop_is_over_after_its_whole_standing_time_and_a_moment_at_spee
 
 
 def raw(control: Interlock, wish: PowerWish, state: State, now: int) -> int:
-    return control.step(wish, False, None, STATUS_OF[state], False, now)
+    control.step(wish, False, None, STATUS_OF[state], False, now)
+    return control.controlword
 
 
 def raw_operation() -> Interlock:

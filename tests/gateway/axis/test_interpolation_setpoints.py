@@ -17,11 +17,12 @@ from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit
 from pdgw.gateway.axis.demand_report import Demand, Report
-from pdgw.gateway.axis.executors.base import AxisCycle
+from pdgw.gateway.axis.executors.base import AxisRecords, Executor
 from pdgw.gateway.axis.executors.positions.interpolation import Interpolation
+from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.values import Outputs
+from pdgw.gateway.axis.values import Inputs, Outputs
 from pdgw.gateway.reasons import Reason
 from tests.support.drives.drive_types import described
 
@@ -48,14 +49,16 @@ def ramp(rpm_s: int) -> Fraction:
     return counts(rpm_s, CYCLE * CYCLE)
 
 
-class Asks:
+class Asks(Executor):
     """Asks for what the test has put into its command."""
 
-    def __init__(self, cycle: AxisCycle) -> None:
-        self.cycle = cycle
+    def __init__(self, cycle_ns: int) -> None:
+        settings = AxisSettings(cycle_ns=cycle_ns)
+        inputs, outputs = Inputs(DriveFeedback()), Outputs(0, None)
+        super().__init__(AxisRecords(settings, Interlock(settings), Demand(), inputs, Report(), outputs))
 
     def refuse(self) -> None:
-        self.cycle.command.controlword = 0
+        self.command.controlword = 0
 
     def step(self) -> Reason | None:
         return None
@@ -65,19 +68,17 @@ class Axis:
     """``wished`` is what an executor commands, ``seen`` what it sees; ``targets`` what the drive gets."""
 
     def __init__(self, position: int = 0, position_range: tuple[int, int] | None = None) -> None:
-        self.feedback, outputs = DriveFeedback(), Outputs(0, None)
-        self.command = outputs.command
-        self.cycle = AxisCycle(AxisSettings(cycle_ns=CYCLE_NS), Demand(), self.feedback, Report(), outputs)
-        self.interpolation = Interpolation(self.cycle)
+        self.executor = Asks(CYCLE_NS)
+        self.feedback, self.command = self.executor.feedback, self.executor.command
+        self.interpolation = Interpolation(self.executor)
         self.interpolation.set_drive(
             replace(CSP, scaling=replace(CSP.scaling, position_range=position_range)), modulo=False
         )
-        self.wished, self.seen = self.cycle.command, self.cycle.feedback = (
+        self.wished, self.seen = self.executor.command, self.executor.feedback = (
             self.interpolation.wished,
             self.interpolation.seen,
         )
-        self.executor = Asks(self.cycle)
-        self.cycle.action = Action.ENABLE_OPERATION
+        self.executor.interlock.action = Action.ENABLE_OPERATION
         self.follows = True
         self.targets: list[int] = [position]
         self.feedback.position_actual = position
@@ -122,8 +123,8 @@ class Axis:
         reason = None
         for _ in range(cycles):
             self.wished.controlword = word
-            self.cycle.standstill = len(self.targets) > 1 and self.targets[-1] == self.targets[-2]
-            reason = self.interpolation.step(self.executor)
+            self.executor.inputs.standstill = len(self.targets) > 1 and self.targets[-1] == self.targets[-2]
+            reason = self.interpolation.step()
             self.targets.append(self.command.target_position)
             if self.follows:
                 self.feedback.position_actual = self.command.target_position
@@ -253,7 +254,7 @@ def test_a_drive_that_stays_in_operation_against_its_command_is_led_to_standstil
     else:
         axis.travels(90_000)
     axis.step(100)
-    axis.cycle.action = action
+    axis.executor.interlock.action = action
     check_slows_down_with(slowing_down(axis), SLOW)
 
 
@@ -392,10 +393,10 @@ def test_a_drive_that_is_there_again_and_still_in_operation_is_sent_where_it_is_
     axis.travels(90_000)
     axis.step(40)
     for _ in range(50):
-        axis.interpolation.refuse(axis.executor)
+        axis.interpolation.refuse()
     axis.follows = False
     axis.feedback.position_actual = 80_000
-    axis.cycle.action = Action.QUICK_STOP
+    axis.executor.interlock.action = Action.QUICK_STOP
     axis.step()
     assert axis.targets[-1] == 80_000
 
@@ -440,9 +441,8 @@ def test_a_modulo_axis_needs_a_drive_that_counts_on(modulo: bool, wraps: bool) -
 
 
 def test_without_a_cycle_no_positions_can_be_made() -> None:
-    cycle = AxisCycle(AxisSettings(cycle_ns=0), Demand(), DriveFeedback(), Report(), Outputs(0, None))
     with pytest.raises(Dsp402Error, match="cycle"):
-        Interpolation(cycle).set_drive(CSP, modulo=False)
+        Interpolation(Asks(0)).set_drive(CSP, modulo=False)
 
 
 def test_what_is_refused_has_its_set_point_where_the_axis_is() -> None:
@@ -451,7 +451,7 @@ def test_what_is_refused_has_its_set_point_where_the_axis_is() -> None:
     axis.step(20)
     for position in (12_345, -777):
         axis.feedback.position_actual = position
-        axis.interpolation.refuse(axis.executor)
+        axis.interpolation.refuse()
         assert axis.command.target_position == position
         assert axis.command.controlword == 0
 

@@ -369,7 +369,7 @@ def test_the_interlock_obeys_the_table_in_every_condition(phase: Phase) -> None:
                 continue  # only a quick stop that is known can be over
             interlock.step(PowerWish.ENABLE, False, trouble, statusword, still, now)
             now += QUICK_STOP_STANDING_NS
-        word = interlock.step(asked, False, trouble, statusword, still, now)
+        interlock.step(asked, False, trouble, statusword, still, now)
         expected = cell(phase, drive, wish)
-        found = (interlock.phase, interlock.action, word)
+        found = (interlock.phase, interlock.action, interlock.controlword)
         assert found == (expected.phase, expected.action, expected.controlword), (phase, drive, wish)

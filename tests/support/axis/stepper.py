@@ -36,7 +36,8 @@ def step_interlock(
     """One cycle of an interlock whose axis turns; returns the Controlword."""
     wish = wish_of(word) if connected else None
     acknowledge = bool(word & 0x80)
-    return interlock.step(wish, acknowledge, None if drive_ok else Drive.LOST, statusword, False, now)
+    interlock.step(wish, acknowledge, None if drive_ok else Drive.LOST, statusword, False, now)
+    return interlock.controlword
 
 
 class _Device:

@@ -15,7 +15,7 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import HOMING_METHOD
 from pdgw.dsp402.states import StatusBit
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.axis.executors.base import AxisCycle
+from pdgw.gateway.axis.executors.base import Executor
 from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.reasons import FaultNumber, Reason
@@ -50,7 +50,7 @@ class Homing:
         "_answer",
         "_attained_seen_low",
         "_busy",
-        "_cycle",
+        "_executor",
         "_idle_since",
         "_mode",
         "_outputs",
@@ -61,9 +61,9 @@ class Homing:
         "methods",
     )
 
-    def __init__(self, cycle: AxisCycle, mode: ModeSwitch) -> None:
-        self._cycle = cycle
-        self._outputs = cycle.outputs
+    def __init__(self, executor: Executor, mode: ModeSwitch) -> None:
+        self._executor = executor
+        self._outputs = executor.outputs
         self._mode = mode
         self.method = 0
         """6098h as the drive has it."""
@@ -146,23 +146,22 @@ class Homing:
         self.method = self._writes[0].value
         if not self._mode.confirmed(Mode.HOMING):
             return Progress.WAITS
-        self._since = self._cycle.now
+        self._since = self._executor.inputs.now
         return Progress.READY
 
     def run(self) -> Progress:
         """While the drive homes."""
-        cycle = self._cycle
-        statusword, now = cycle.feedback.statusword, cycle.now
+        inputs, statusword = self._executor.inputs, self._executor.feedback.statusword
         error = statusword & _ERROR != 0
         if statusword & _FINISHED != _FINISHED and not error:
             self._attained_seen_low = True
-            if not cycle.standstill or not statusword & StatusBit.TARGET_REACHED:
+            if not inputs.standstill or not statusword & StatusBit.TARGET_REACHED:
                 self._idle_since = -1
             elif self._idle_since < 0:
-                self._idle_since = now
-            elif now - self._idle_since >= HOMING_UNATTAINED_NS:
+                self._idle_since = inputs.now
+            elif inputs.now - self._idle_since >= HOMING_UNATTAINED_NS:
                 return self._failed("standstill without homing attained", statusword)
-        elif self._attained_seen_low or now - self._since >= HOMING_STALE_NS:
+        elif self._attained_seen_low or inputs.now - self._since >= HOMING_STALE_NS:
             if error:
                 return self._failed("homing error", statusword)
             self.home_set = True

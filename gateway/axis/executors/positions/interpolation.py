@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import lcm
 from types import MappingProxyType
-from typing import Final, Protocol
+from typing import Final
 
 from pdgw.ds301.objects import CanType, Entry
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
@@ -23,7 +23,7 @@ from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, State, StatusBit
 from pdgw.durations import SECOND, SECONDS_PER_MINUTE
 from pdgw.gateway.axis.demand_report import STATE_MASK
-from pdgw.gateway.axis.executors.base import AxisCycle, known
+from pdgw.gateway.axis.executors.base import Executor, known
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.motion.dsc import wrapped
 from pdgw.gateway.motion.profile import Profile
@@ -43,14 +43,6 @@ _MADE_HERE: Final = StatusBit.TARGET_REACHED | StatusBit.MODE_12
 _OPERATES = (Action.ENABLE_OPERATION, Action.RAMP)
 _ALL_POSITIONS = CanType.I32.integer_range
 _PROFILE_OBJECTS = ("profile_velocity", "profile_acceleration", "profile_deceleration", "target_velocity")
-
-
-class Tasks(Protocol):
-    """What is used of an executor of modes 1, 3 and 6: as ``Executor`` says."""
-
-    def step(self) -> Reason | None: ...
-
-    def refuse(self) -> None: ...
 
 
 def _offered(drive: DriveType) -> DriveType:
@@ -82,14 +74,14 @@ class _Setpoint:
 
 
 class Interpolation:
-    """Of one axis, whose drive is that of the images ``cycle`` has when this is made."""
+    """Between an executor of modes 1, 3 and 6 and the drive whose images it has when this is made."""
 
-    def __init__(self, cycle: AxisCycle) -> None:
-        self._cycle = cycle
-        self._command, self._feedback = cycle.command, cycle.feedback
+    def __init__(self, executor: Executor) -> None:
+        self._executor = executor
+        self._command, self._feedback = executor.command, executor.feedback
         self.wished, self.seen = DriveCommand(), DriveFeedback()
-        """What the executor commands and sees, instead of the images of the cycle."""
-        self._cycle_ns = cycle.settings.cycle_ns
+        """What the executor commands and sees, instead of the images of the drive."""
+        self._cycle_ns = executor.settings.cycle_ns
         self._profile = Profile()
         self._resolution = 1
         """Units of the profile in one position unit."""
@@ -148,18 +140,18 @@ class Interpolation:
 
     # -- the machine's side -------------------------------------------------------------------------------------------
 
-    def refuse(self, executor: Tasks) -> None:
+    def refuse(self) -> None:
         """As ``Executor.refuse``."""
-        executor.refuse()
+        self._executor.refuse()
         self._command.controlword = self.wished.controlword
         self._stand(self._feedback)
         self._unseen = True
 
-    def step(self, executor: Tasks) -> Reason | None:
+    def step(self) -> Reason | None:
         """As ``Executor.step``."""
-        feedback, cycle = self._feedback, self._cycle
+        feedback, executor = self._feedback, self._executor
         cyclic = feedback.modes_of_operation_display == _CYCLIC
-        self._show(feedback, cycle.standstill, cyclic=cyclic)
+        self._show(feedback, executor.inputs.standstill, cyclic=cyclic)
         reason = executor.step()
         command, wished = self._command, self.wished
         mode, word = wished.modes_of_operation, wished.controlword
@@ -173,7 +165,7 @@ class Interpolation:
             self._unseen = False
             self._stand(feedback)
             return reason
-        if cycle.action not in _OPERATES:
+        if executor.interlock.action not in _OPERATES:
             word |= _HALT  # the drive has not obeyed yet: it is not led on meanwhile
         if mode != self._mode:
             self._mode = mode

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from pdgw.dsp402.modes import MODE_CONFIRM_NS
 from pdgw.durations import SECOND
-from pdgw.gateway.axis.executors.base import AxisCycle
+from pdgw.gateway.axis.executors.base import Executor
 from pdgw.gateway.reasons import FaultNumber, Reason
 
 
@@ -16,10 +16,10 @@ class ModeSwitch:
 
     INSTANTS: ClassVar[Mapping[str, int]] = {"_since": MODE_CONFIRM_NS}
 
-    __slots__ = ("_cycle", "_since", "base", "halted", "mode")
+    __slots__ = ("_executor", "_since", "base", "halted", "mode")
 
-    def __init__(self, cycle: AxisCycle, base: int) -> None:
-        self._cycle = cycle
+    def __init__(self, executor: Executor, base: int) -> None:
+        self._executor = executor
         self.base = base
         """The mode of tasks, to which everything else returns."""
         self.mode = base
@@ -41,19 +41,19 @@ class ModeSwitch:
 
     def shows_base(self) -> bool:
         """The drive is in the mode of tasks."""
-        return self._cycle.feedback.modes_of_operation_display == self.base
+        return self._executor.feedback.modes_of_operation_display == self.base
 
     def confirmed(self, mode: int) -> bool:
         """Request a mode (never while Halt is set) and return whether 6061h confirms it."""
-        cycle = self._cycle
-        shown, now = cycle.feedback.modes_of_operation_display, cycle.now
+        executor = self._executor
+        shown, now = executor.feedback.modes_of_operation_display, executor.inputs.now
         if self.mode != mode and not self.halted:
             self.mode = mode
             self._since = now
         if self.mode == mode and shown == mode:
             self._since = -1
             return True
-        outputs = cycle.outputs
+        outputs = executor.outputs
         outputs.reason = Reason.MODE_NOT_CONFIRMED
         if self._since < 0:
             self._since = now

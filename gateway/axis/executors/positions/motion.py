@@ -12,7 +12,7 @@ from pdgw.ds301.objects import CanType
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.gateway.axis.demand_report import STATE_MASK
-from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisCycle, Executor
+from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisRecords, Executor
 from pdgw.gateway.axis.executors.positions.homing import Homing, Progress
 from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.power_table import Action
@@ -34,11 +34,11 @@ class MotionExecutor(Executor):
     POSITION_FOLLOWS: ClassVar[int] = 0
     """Cycles from "homing attained" to the position that counts from the new zero."""
 
-    def __init__(self, cycle: AxisCycle, positioner: Positioner, base: int) -> None:
-        super().__init__(cycle)
+    def __init__(self, records: AxisRecords, positioner: Positioner, base: int) -> None:
+        super().__init__(records)
         self.positioner = positioner
-        self._mode = ModeSwitch(cycle, base)
-        self.homing = Homing(cycle, self._mode)
+        self._mode = ModeSwitch(self, base)
+        self.homing = Homing(self, self._mode)
         self.command.modes_of_operation = self._mode.mode
         self._seen = Seen()
         self._nothing = Asked()
@@ -69,17 +69,25 @@ class MotionExecutor(Executor):
     def sdo_done(self, error: str | None) -> None:
         self.homing.answered(error)
 
+    @property
+    def stopped(self) -> bool:
+        """The axis is at standstill, and the drive has ended its ramp."""
+        feedback = self.feedback
+        return self.inputs.standstill and (
+            feedback.statusword & StatusBit.TARGET_REACHED != 0 or feedback.velocity_actual == 0
+        )
+
     def _cycle(self) -> Outcome:
         """One cycle: what the axis does, what is asked of it, Controlword and mode."""
-        cycle, mode = self.cycle, self._mode
-        action = cycle.action
-        asked = cycle.demand.motion or self._nothing
-        operates = action is Action.ENABLE_OPERATION and OPERATION_ENABLED[cycle.feedback.statusword & STATE_MASK]
+        interlock, mode = self.interlock, self._mode
+        action = interlock.action
+        asked = self.demand.motion or self._nothing
+        operates = action is Action.ENABLE_OPERATION and OPERATION_ENABLED[self.feedback.statusword & STATE_MASK]
         asked.operating = operates
         if operates:
             self.outputs.reason = None
         self._look()
-        outcome = self.positioner.step(asked, self._seen, cycle.now)
+        outcome = self.positioner.step(asked, self._seen, self.inputs.now)
         if operates:
             extra = self._execute(outcome.motion)
             mode.halted = extra & HALT != 0
@@ -91,7 +99,7 @@ class MotionExecutor(Executor):
             extra = HALT if ramps else 0
         if self._homing_begun and outcome.state is not State.HOMING:
             self._forget_homing()
-        self.command.controlword = cycle.controlword | extra
+        self.command.controlword = interlock.controlword | extra
         self.command.modes_of_operation = mode.mode
         return outcome
 

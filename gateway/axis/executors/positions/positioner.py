@@ -17,7 +17,7 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.gateway.axis.demand_report import Flag
-from pdgw.gateway.axis.executors.base import AxisCycle, highest, known
+from pdgw.gateway.axis.executors.base import AxisRecords, highest, known
 from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGED, HALT, NEW_SETPOINT, MotionExecutor
 from pdgw.gateway.axis.executors.positions.task_scaling import position_mode
 from pdgw.gateway.axis.executors.positions.torque_limit import TorqueLimit
@@ -64,11 +64,11 @@ class PositionerExecutor(MotionExecutor):
     POSITION_FOLLOWS: ClassVar[int] = 2
     """Position and Statusword are in different PDOs: one of them waits for the end of its inhibit time, a cycle."""
 
-    def __init__(self, cycle: AxisCycle) -> None:
-        choices = cycle.settings.positioner
+    def __init__(self, records: AxisRecords) -> None:
+        choices = records.settings.positioner
         if choices is None:
             raise GatewayError("[axis.positioner] is missing: a telegram of the positioner needs it")
-        super().__init__(cycle, Positioner(_settings(choices), BlockTable(choices.blocks)), _POSITION_MODE)
+        super().__init__(records, Positioner(_settings(choices), BlockTable(choices.blocks)), _POSITION_MODE)
         self.choices: PositionerChoices = choices
         self.report.motion = self.positioner.outcome
         self._units: LengthUnits | None = None
@@ -168,11 +168,11 @@ class PositionerExecutor(MotionExecutor):
 
     def refuse(self) -> None:
         self._stop()
-        self.command.controlword, self.command.target_velocity = self.cycle.controlword, 0
+        self.command.controlword, self.command.target_velocity = self.interlock.controlword, 0
         seen, report = self._seen, self.report
         seen.standstill = seen.reached = False
         report.speed = report.length_speed = report.message = 0
-        self.positioner.step(self._nothing, seen, self.cycle.now)
+        self.positioner.step(self._nothing, seen, self.inputs.now)
 
     def sdo_done(self, error: str | None) -> None:
         if not self._torque.answered(error):
@@ -196,12 +196,11 @@ class PositionerExecutor(MotionExecutor):
         outputs.probe = ProbeWish((2 * asked.probe_2 + asked.probe_falling,)) if armed else None
 
     def step(self) -> Reason | None:
-        cycle, units, speed, message = self.cycle, self._units, self._speed, self._message
-        reason = cycle.reason
+        units, speed, message, reason = self._units, self._speed, self._message, self.interlock.reason
         if units is None or speed is None or message is None:
             return reason
-        outcome, feedback, outputs = self._cycle(), cycle.feedback, self.outputs
-        asked = cycle.demand.motion or self._nothing
+        outcome, feedback, outputs = self._cycle(), self.feedback, self.outputs
+        asked = self.demand.motion or self._nothing
         if outcome.probe is (outputs.probe is None):
             self._probe(asked)
         if asked.operating:
@@ -233,18 +232,18 @@ class PositionerExecutor(MotionExecutor):
             flags |= _HOME_SET
         if outcome.acknowledged:
             flags |= _TASK_ACKNOWLEDGED
-        following_error = self.cycle.feedback.statusword & _FOLLOWING_ERROR and self._mode.shows_base()
+        following_error = self.feedback.statusword & _FOLLOWING_ERROR and self._mode.shows_base()
         return flags if following_error else flags | _WITHIN_TOLERANCE
 
     # -- what the drive does --------------------------------------------------------------------------------------------
 
     def _look(self) -> None:
-        seen, feedback, units = self._seen, self.cycle.feedback, self._units
+        seen, feedback, units = self._seen, self.feedback, self._units
         assert units is not None, "cycles begin when the drive is known"
         statusword = feedback.statusword
         position, ring = feedback.position_actual, self._ring
         seen.position = units.to_length(position if ring is None else ring.follow(position))
-        seen.standstill = self.cycle.standstill
+        seen.standstill = self.inputs.standstill
         seen.internal_limit = statusword & _INTERNAL_LIMIT != 0
         torque = self.positioner.outcome.motion.torque
         seen.torque_at_limit = torque is not None and abs(feedback.current_actual) * _AT_LIMIT >= torque * (
@@ -275,10 +274,10 @@ class PositionerExecutor(MotionExecutor):
         if kind is _STAND:
             return self._stand()
         mode, ring = self._mode, self._ring
-        if ring is not None and not self.cycle.stopped and self._crosses(ring, motion, units):
+        if ring is not None and not self.stopped and self._crosses(ring, motion, units):
             return self._slow_down()
         wanted = _HOMING_MODE if kind is _HOMING else _POSITION_MODE if kind is _POSITION else _VELOCITY_MODE
-        if mode.mode != wanted and not self.cycle.standstill:
+        if mode.mode != wanted and not self.inputs.standstill:
             return self._slow_down()
         if mode.halted:
             return 0  # Halt falls alone: a setpoint or a mode together with it is not allowed
@@ -312,12 +311,12 @@ class PositionerExecutor(MotionExecutor):
         if mode.mode == _VELOCITY_MODE:
             self.command.target_velocity = 0
             return 0
-        if mode.mode == _HOMING_MODE and self.cycle.standstill:
+        if mode.mode == _HOMING_MODE and self.inputs.standstill:
             if not mode.halted:
                 mode.confirmed(mode.base)
             return 0
         kept = self.positioner.outcome.state not in _WITHOUT_FUNCTION
-        return 0 if self.cycle.stopped and not kept else HALT
+        return 0 if self.stopped and not kept else HALT
 
     def _set_ramps(self, motion: Motion, units: LengthUnits) -> None:
         command, (_, highest_acceleration, highest_deceleration) = self.command, self._limits
@@ -342,7 +341,7 @@ class PositionerExecutor(MotionExecutor):
 
     def _give(self, motion: Motion, units: LengthUnits) -> None:
         """Send a setpoint when the drive has cleared the last acknowledge and has the torque limit."""
-        if self.cycle.feedback.statusword & ACKNOWLEDGED:
+        if self.feedback.statusword & ACKNOWLEDGED:
             return
         if not self._torque.holds(motion.torque):
             self.outputs.reason = Reason.TORQUE_LIMIT

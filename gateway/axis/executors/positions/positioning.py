@@ -10,7 +10,7 @@ from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.gateway.axis.demand_report import Flag
-from pdgw.gateway.axis.executors.base import AxisCycle
+from pdgw.gateway.axis.executors.base import AxisRecords
 from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGED, HALT, NEW_SETPOINT, MotionExecutor
 from pdgw.gateway.axis.executors.positions.task_scaling import TaskScaling, base_mode
 from pdgw.gateway.axis.power_table import Action
@@ -30,9 +30,9 @@ _ENABLED = (Action.ENABLE_OPERATION, Action.RAMP)
 class PositioningExecutor(MotionExecutor):
     """Tasks and homing of one axis with telegram 9."""
 
-    def __init__(self, cycle: AxisCycle) -> None:
+    def __init__(self, records: AxisRecords) -> None:
         self._mdi = MdiPositioner(self)
-        super().__init__(cycle, self._mdi, Mode.POSITION.value)
+        super().__init__(records, self._mdi, Mode.POSITION.value)
         self._turntable = self.settings.modulo_axis
         self._turn_bits = dict.fromkeys(Direction, 0)
         """Of the Controlword, for the direction of a turntable."""
@@ -54,21 +54,20 @@ class PositioningExecutor(MotionExecutor):
 
     def refuse(self) -> None:
         self._stop()
-        self.command.controlword = self.cycle.controlword
-        self.positioner.step(self._nothing, self._seen, self.cycle.now)
+        self.command.controlword = self.interlock.controlword
+        self.positioner.step(self._nothing, self._seen, self.inputs.now)
         report = self.report
         report.position = report.homing_method = 0
         report.tasks_active = False
 
     def step(self) -> Reason | None:
-        cycle, scaling = self.cycle, self._scaling
-        reason = cycle.reason
+        scaling, reason = self._scaling, self.interlock.reason
         if scaling is None:
             return reason
         outcome = self._cycle()
-        asked, feedback, report = cycle.demand.motion or self._nothing, cycle.feedback, self.report
+        asked, feedback, report = self.demand.motion or self._nothing, self.feedback, self.report
         homes = outcome.state is _HOMING
-        flags = _STANDING if cycle.standstill else 0
+        flags = _STANDING if self.inputs.standstill else 0
         if asked.operating:
             reason = self.outputs.reason
             if outcome.warning is not None and (reason is None or reason is Reason.MDI_OFF):
@@ -80,7 +79,7 @@ class PositioningExecutor(MotionExecutor):
         if not homes:
             if feedback.statusword & ACKNOWLEDGED and self._mode.shows_base():
                 flags |= _TASK_ACKNOWLEDGED
-            report.tasks_active = cycle.action in _ENABLED and cycle.demand.connected and asked.mdi
+            report.tasks_active = self.interlock.action in _ENABLED and self.demand.connected and asked.mdi
         report.flags = flags
         report.homing_method = self.homing.method
         report.position = scaling.position.to_wire(feedback.position_actual)
@@ -90,7 +89,7 @@ class PositioningExecutor(MotionExecutor):
 
     def offers_homing(self, *, edge: bool) -> bool:
         """A method that the drive has not starts nothing and raises the warning, until homing is not asked for any more."""
-        asked, outputs = self.cycle.demand.motion or self._nothing, self.outputs
+        asked, outputs = self.demand.motion or self._nothing, self.outputs
         if not asked.homing:
             if self.positioner.outcome.state is _IDLE:
                 outputs.warned = False
@@ -116,7 +115,7 @@ class PositioningExecutor(MotionExecutor):
         distance = None if asked.absolute else target
         return Goal(
             MotionKind.POSITION,
-            target if asked.absolute else self.cycle.feedback.position_actual + target,
+            target if asked.absolute else self.feedback.position_actual + target,
             distance,
             *(velocity, acceleration, deceleration),
             direction=direction,
@@ -126,10 +125,10 @@ class PositioningExecutor(MotionExecutor):
     # -- what the drive does --------------------------------------------------------------------------------------------
 
     def _look(self) -> None:
-        seen, cycle = self._seen, self.cycle
-        statusword = cycle.feedback.statusword
-        seen.position = cycle.feedback.position_actual
-        seen.standstill, seen.stopped = cycle.standstill, cycle.stopped
+        seen, feedback = self._seen, self.feedback
+        statusword = feedback.statusword
+        seen.position = feedback.position_actual
+        seen.standstill, seen.stopped = self.inputs.standstill, self.stopped
         seen.internal_limit = statusword & StatusBit.INTERNAL_LIMIT != 0
         seen.reached = statusword & StatusBit.TARGET_REACHED != 0
         if self._setpoint_bit and statusword & ACKNOWLEDGED and self._mode.shows_base():
@@ -155,7 +154,7 @@ class PositioningExecutor(MotionExecutor):
             return HALT | self._interrupted(goal)
         if mode.halted:
             # Halt falls alone; a new setpoint or a mode together with it is not allowed.
-            self._resumed_at = self.cycle.feedback.position_actual
+            self._resumed_at = self.feedback.position_actual
             self._end_set_point()
         else:
             self._shake_hands(motion, goal)
@@ -177,12 +176,12 @@ class PositioningExecutor(MotionExecutor):
 
     def _may_fall(self) -> bool:
         """CW.4 stays until the drive has taken the task and STW1.6 falls, or another task waits."""
-        asked = self.cycle.demand.motion or self._nothing
+        asked = self.demand.motion or self._nothing
         return self._seen.taken == self._seen.given and (not asked.activate or self._mdi.waits)
 
     def _shake_hands(self, motion: Motion, goal: Goal | None) -> None:
         """CW.4 falls, or rises for a task that waits once the drive took the last one back."""
-        statusword, mode = self.cycle.feedback.statusword, self._mode
+        statusword, mode = self.feedback.statusword, self._mode
         if self._setpoint_bit:
             self._setpoint_bit = not self._may_fall()
         elif goal is not None and self._mdi.waits:
