@@ -359,11 +359,11 @@ class AxisMachine:
     ) -> tuple[int, int, int]:
         """One cycle of G1 (``place`` 0) or G2 (1); ``own``: the drive's position, without an encoder of its own."""
         inputs = self.inputs
-        given = inputs.sensors[place]
-        if given.source is None:
+        encoder = inputs.encoders[place]
+        if encoder is None:
             values = sensor.step(word, own, inputs.drive_ok, inputs.now, error)
         else:
-            values = sensor.step(word, given.source, given.ok, inputs.now, error)
+            values = sensor.step(word, encoder, inputs.encoders_ok[place], inputs.now, error)
         self.outputs.presets[place] = sensor.preset
         return values
 

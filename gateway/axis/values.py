@@ -180,16 +180,6 @@ class EncoderInput(Protocol):
         """The position is one the device measured."""
 
 
-class SensorInput:
-    """An encoder of its own as G1 or G2. ``source``: None where there is none; ``ok``: it is configured and its data is fresh."""
-
-    __slots__ = ("ok", "source")
-
-    def __init__(self) -> None:
-        self.source: EncoderInput | None = None
-        self.ok = False
-
-
 class Inputs:
     """Inputs of one step of an axis; one object, filled again for each step. The step empties ``news``."""
 
@@ -199,6 +189,8 @@ class Inputs:
             "fault_code",
             "fresh",
             "drive_ok",
+            "encoders",
+            "encoders_ok",
             "node_stopped",
             "set_point_refused",
             "setpoints",
@@ -210,6 +202,8 @@ class Inputs:
     __slots__ = (
         "doubt",
         "drive_ok",
+        "encoders",
+        "encoders_ok",
         "fault_code",
         "feedback",
         "fresh",
@@ -217,7 +211,6 @@ class Inputs:
         "node_stopped",
         "now",
         "position_ns",
-        "sensors",
         "set_point_refused",
         "setpoints",
         "standstill",
@@ -248,8 +241,10 @@ class Inputs:
         """The first warning (P953); likewise."""
         self.set_point_refused = False
         """A new setpoint does not reach the drive, because its data could not be written."""
-        self.sensors = (SensorInput(), SensorInput())
-        """The encoders that are G1 and G2; without a source a position of the drive."""
+        self.encoders: list[EncoderInput | None] = [None, None]
+        """The encoders that are G1 and G2; None for a position of the drive."""
+        self.encoders_ok = [False, False]
+        """They are configured, and their data is fresh."""
         self.news: list[News] = []
 
 

@@ -29,7 +29,7 @@ class SensorLink:
 
     def connect(self, machine: AxisMachine) -> None:
         """The encoder is a sensor of this machine from now on."""
-        machine.inputs.sensors[self._place].source = self._encoder.input
+        machine.inputs.encoders[self._place] = self._encoder.input
         self._parameters = None
         machine.set_references(self._place, None)
 
@@ -39,7 +39,7 @@ class SensorLink:
         if encoder.client.parameters is not self._parameters:
             self._parameters = encoder.client.parameters
             machine.set_references(place, encoder.references)
-        machine.inputs.sensors[place].ok = encoder.client.refresh(now)
+        machine.inputs.encoders_ok[place] = encoder.client.refresh(now)
         preset, future = machine.outputs.presets[place], self._future
         if preset is not self._preset:
             self._preset = preset
