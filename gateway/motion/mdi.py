@@ -130,11 +130,11 @@ class MdiPositioner(Positioner):
         return self._waiting is not None
 
     def _task_asked_after_homing(self) -> bool:
-        """During a homing an edge starts nothing, but in the frame that ends one that is done."""
+        """During a homing an edge starts nothing, but in the frame that ends one that is done or that the drive has not begun."""
         if self._asked.homing or self._homes():
             return False
         self._warn(None)
-        return self._seen.homing is not HomingResult.RUNNING and self._task_asked()
+        return self._task_asked()
 
     def _take_task(self) -> None:
         """An edge with everything else given is a task with the data of its frame, in place of one that waits."""
@@ -176,11 +176,12 @@ class MdiPositioner(Positioner):
         self._warn(None)
 
     def _brake(self) -> None:
+        self._finish()
         if self._state is _HOMING:
             self._braking_reason = Reason.HOMING_STOPPED
+            self._take_while_braking(self._asked)
         else:
             self._braking_reason = Reason.MDI_OFF if self._asked.do_not_reject else Reason.REJECTED
-        self._finish()
 
     def _brake_to_home(self) -> None:
         self._braking_reason = None

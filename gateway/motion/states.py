@@ -50,7 +50,9 @@ class Event(enum.Enum):
     JOG_RELEASED = "STW1.8 = STW1.9, or the other one alone"
     HOMING = "edge of STW1.11"
     HOMING_WITHDRAWN = "STW1.11 = 0"
-    TASK_AFTER_HOMING = "edge of STW1.6 in the frame with STW1.11 = 0 after the end of homing"
+    TASK_AFTER_HOMING = (
+        "edge of STW1.6 in the frame with STW1.11 = 0 before the drive homes, or after the end of homing"
+    )
     HOMING_OVER = "STW1.11 = 0 before the drive homes, or after the end of homing"
     HOMING_ATTAINED = "homing attained"
     HOMING_FAILED = "homing error"

@@ -22,6 +22,7 @@ from tests.gateway.axis.test_positioning import (
     WARNING,
     axis,
     home,
+    position,
     task,
 )
 from tests.support.axis.hand import OFF, ON, OPERATING, Hand
@@ -302,6 +303,48 @@ def test_a_homing_that_is_taken_back_before_the_drive_has_its_method_asks_for_no
         assert not hand(ON) & (HALT | NEW_SETPOINT)
         assert hand.stepper.sdo_request is None
         assert hand.stepper.command.modes_of_operation == Mode.POSITION
+
+
+@pytest.mark.parametrize("answered", [False, True], ids=["method not taken", "method taken"])
+@pytest.mark.parametrize("stands", [False, True], ids=["one frame", "stands"])
+def test_an_edge_in_the_frame_that_takes_a_homing_back_before_it_runs_starts_its_task(
+    answered: bool, stands: bool
+) -> None:
+    hand = positioning().enable()
+    hand(ON | HOMING, SATZANW=0x8000 | 17)
+    if answered:
+        hand.stepper.sdo_done(None)
+        hand(ON | HOMING)
+    word = hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000))
+    for _ in range(5):
+        hand.feedback.modes_of_operation_display = hand.stepper.command.modes_of_operation
+        word = hand(ON | ACTIVATE if stands else ON)
+    assert (word & NEW_SETPOINT, hand.target) == (NEW_SETPOINT, 7_000)
+
+
+def test_an_edge_in_the_frame_that_takes_a_running_homing_back_starts_its_task_from_standstill() -> None:
+    rig = axis(SMALL)
+    home(rig, 17)
+    rig.step(20)
+    assert rig.feedback.velocity_actual
+    rig.values |= {"MDI_TARPOS": POSITION.to_wire(4_000), "MDI_MOD": 1, "STW1": ON | ACTIVATE}
+    rig.step(1)
+    assert rig.stepper.command.controlword & (HALT | NEW_SETPOINT) == HALT
+    rig.values["STW1"] = ON
+    rig.until(lambda _: position(rig) == 4_000)
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"), [({"SATZANW": 0}, Reason.MDI_OFF), ({"MDI_VELOCITY": 0}, Reason.TASK_SPEED_ZERO)]
+)
+def test_an_edge_that_is_refused_in_the_frame_that_takes_a_homing_back_has_its_reason(
+    values: dict[str, int], reason: Reason
+) -> None:
+    hand = positioning().enable()
+    hand(ON | HOMING, SATZANW=0x8000 | 17)
+    hand(ON | ACTIVATE, **values)
+    hand(ON | ACTIVATE)
+    assert hand.stepper.reason is reason
 
 
 def test_a_homing_that_ended_well_keeps_bit_4_and_has_no_reason_until_it_is_no_longer_asked_for() -> None:
