@@ -1,9 +1,9 @@
-"""Values of command line options for simulated devices, which a help text names without loading a simulator."""
+"""Values of command line options for simulated devices, for help texts without loading a simulator."""
 
 from typing import Final
 
 ENGEL: Final = "engel"
-"""The shape of a simulated drive where no other one is given."""
+"""The default variant of a simulated drive."""
 SYNCHRONOUS: Final = "synchronous"
 SHAPES: Final = (
     ENGEL,
@@ -29,15 +29,15 @@ SHAPES: Final = (
     "no-range",
     "slow-boot",
 )
-"""The names of ``peers.drive.SHAPES``, in its order."""
+"""The names of ``peers.drive.SHAPES`` in the same order."""
 MOTIONS: Final = (
     "still[=POSITION], speed=PER_SECOND, sine=AMPLITUDE,SECONDS, csv=FILE, follow=COB_ID,BYTE,INCREMENTS, shaft=NODE_ID"
 )
-"""What ``parse_motion`` of simulated encoders takes."""
+"""Motions that ``parse_motion`` of simulated encoders accepts."""
 CONSOLE_COMMANDS: Final = (
     "fault N (1-12), fault NAME [PARAMETER=VALUE ...], clear [NAME], di1 on|off, probe 1|2 on|off, motion MOTION [CHANNEL], "
     "faults, status, quit"
 )
-"""What the console of simulated devices takes."""
+"""Commands of the console of simulated devices."""
 BUS_PORT: Final = 34966
-"""UDP on loopback: a bus between processes."""
+"""UDP port on loopback of a bus between processes."""

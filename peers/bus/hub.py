@@ -1,7 +1,7 @@
-"""The hub of a loopback bus: every frame of a member goes to all others, in one order for all.
+"""The hub of a loopback bus: it forwards every frame of a member to all others, in the same order for all.
 
-A member says ``JOIN`` to the hub's address and is answered with the port of a socket that is for it alone; then the two are
-connected, and each datagram is one can_frame. Members inside the hub's process are functions.
+A member sends ``JOIN`` to the hub's address and gets the port of its own socket. Then both are connected, and each datagram
+is one can_frame. Members inside the hub's process are functions.
 """
 
 from __future__ import annotations
@@ -22,32 +22,34 @@ log = logging.getLogger("peers")
 
 HOST = "127.0.0.1"
 JOIN, LEAVE = b"J", b"L"
-"""Datagrams that are no frame: a member's first and last."""
+"""First and last datagram of a member; all others are frames."""
 LOOK = b""
-"""What a hub takes without a word, and a system where there is none refuses."""
+"""Empty datagram: a hub ignores it; without a hub the system reports an error."""
 WELCOME = struct.Struct(">cH")
 """The answer to ``JOIN``: ``W`` and the port."""
 _AT_ONCE = 64
-"""Frames taken from one member before the others get their turn."""
+"""Frames read from one member before the others have their turn."""
 
 Receiver = Callable[[bytes], None]
-"""Gets the 16 bytes of a frame."""
+"""Receives the 16 bytes of a frame."""
 
 
 class Readers(Protocol):
-    """Who calls ``data`` when a socket can be read; a selector while it is served: ``for key, _ in s.select(): key.data()``."""
+    """Calls ``data`` when a socket is readable. A selector is one if it is served with ``for key, _ in s.select():
+    key.data()``.
+    """
 
     def register(self, fileobj: socket.socket, events: int, data: Callable[[], None], /) -> object:
-        """From now on; ``events`` is EVENT_READ."""
+        """Start calling. ``events`` is EVENT_READ."""
 
     def unregister(self, fileobj: socket.socket, /) -> object:
-        """No more."""
+        """Stop calling."""
 
 
 class Hub:
     """One bus. It works while ``readers`` are served.
 
-    Raises GatewayError when the port cannot be had; port 0 takes a free one.
+    Raises GatewayError when the port cannot be opened; port 0 selects a free one.
     """
 
     def __init__(self, readers: Readers, port: int = 0) -> None:
@@ -66,34 +68,35 @@ class Hub:
 
     @property
     def channel(self) -> str:
-        """Where members find it: the ``channel`` of the interface ``pdgw-bus``."""
+        """The ``channel`` of the interface ``pdgw-bus`` for members."""
         host, port = self._door.getsockname()
         return f"{host}:{port}"
 
     @property
     def members(self) -> int:
-        """How many are on the bus now; one that died without a word is noticed at the next frame for it."""
+        """Number of members. One that ended without LEAVE counts until the next frame for it."""
         return len(self._members) + len(self._local)
 
     def attach(self, receive: Receiver) -> Receiver:
-        """A member inside this process: ``receive`` gets the frames of the others, the result sends."""
+        """Add a member of this process. ``receive`` gets the frames of the others; the returned function sends."""
         self._local.append(receive)
         return lambda frame: self._carry(receive, frame)
 
     def detach(self, receive: Receiver) -> None:
-        """It is no member any more; one that is none is no error."""
+        """Remove a member; no error if it is not a member."""
         if receive in self._local:
             self._local.remove(receive)
 
     def close(self) -> None:
-        """All members lose the bus."""
+        """Close the bus for all members."""
         for member in tuple(self._members):
             self._remove(member)
         self._readers.unregister(self._door)
         self._door.close()
 
     def _admit(self) -> None:
-        with contextlib.suppress(OSError):  # BlockingIOError: nothing there; others: an answer to a member that died
+        # BlockingIOError: no data; others: error of a datagram to a member that ended
+        with contextlib.suppress(OSError):
             data, address = self._door.recvfrom(64)
             if data == JOIN:
                 member = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -110,7 +113,7 @@ class Hub:
                 frame = member.recv(64)
             except BlockingIOError:
                 return
-            except OSError:  # refused: nobody listens there any more
+            except OSError:  # refused: the socket is closed already
                 frame = LEAVE
             if frame == LEAVE:
                 self._remove(member)
@@ -119,11 +122,13 @@ class Hub:
                 self._carry(member, frame)
 
     def _carry(self, sender: object, frame: bytes) -> None:
-        """To all but the sender. A local member that answers at once is heard after everybody has got what it answers."""
+        """Forward to all but the sender. An immediate answer of a local member is forwarded after all have received the
+        frame.
+        """
         waiting = self._waiting
         waiting.append((sender, frame))
         if len(waiting) > 1:
-            return  # called from within the loop below
+            return  # called by a member from within the loop below
         while waiting:
             source, data = waiting[0]
             for member in tuple(self._members):
@@ -138,7 +143,7 @@ class Hub:
     def _hand(receive: Receiver, data: bytes) -> None:
         try:
             receive(data)
-        except Exception:  # one device's mistake must not end the bus of the others
+        except Exception:  # an error of one device must not end the bus of the others
             log.exception("a member of the bus failed")
 
     def _send(self, member: socket.socket, data: bytes) -> None:

@@ -1,7 +1,7 @@
 """``pdgw-bus``: a member of a loopback bus as a python-can interface.
 
-It is python-can's own SocketCAN class on another socket, so that whoever reads and writes that socket directly finds the same
-16 bytes there. Registered as an entry point of python-can: a configuration opens it by name.
+It is python-can's own SocketCAN class on another socket, so that code with direct access to the socket finds the same 16
+bytes. It is registered as an entry point of python-can, so a configuration opens it by name.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from pdgw.peers.bus.hub import JOIN, LEAVE, LOOK, WELCOME
 
 INTERFACE = "pdgw-bus"
 _ANSWER_S = 10.0
-"""Where there is no hub the kernel says so at once: one that does not answer is waiting for the processor."""
+"""Without a hub the kernel reports an error at once. A hub that does not answer is waiting for the processor."""
 _FLAGS = EXTENDED | REMOTE | ERROR
 
 
@@ -37,7 +37,7 @@ def _address(channel: str) -> tuple[str, int]:
 
 
 def _join(channel: str) -> socket.socket:
-    """A socket connected to the hub at ``HOST:PORT``; CanInitializationError when there is none."""
+    """Connect a socket to the hub at ``HOST:PORT``; CanInitializationError without a hub."""
     address = _address(channel)
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
@@ -59,10 +59,10 @@ def _join(channel: str) -> socket.socket:
 
 
 class LoopbackBus(SocketcanBus):
-    """Channel ``HOST:PORT`` of a hub. Own frames are not received; a bit rate is accepted and means nothing."""
+    """Channel ``HOST:PORT`` of a hub. A member does not receive its own frames. A bit rate is accepted and ignored."""
 
     def __init__(self, channel: str, can_filters: Any = None, **kwargs: Any) -> None:
-        self._is_shutdown = True  # until there is something to shut down
+        self._is_shutdown = True  # until there is a socket to close
         self.socket = _join(channel)
         self._is_shutdown = False
         self.channel = channel
@@ -78,7 +78,7 @@ class LoopbackBus(SocketcanBus):
         can.BusABC.__init__(self, channel=channel, can_filters=can_filters, **kwargs)
 
     def look(self) -> None:
-        """Have a hub that is gone show itself where this member sends nothing: reading fails then. From any thread."""
+        """Send an empty datagram, so that reading fails if the hub has ended. Callable from any thread."""
         with contextlib.suppress(OSError):
             self.socket.send(LOOK)
 
@@ -86,14 +86,14 @@ class LoopbackBus(SocketcanBus):
         """Leave the bus."""
         if not self._is_shutdown:
             with self.socket:
-                with contextlib.suppress(OSError):  # the hub is gone already
+                with contextlib.suppress(OSError):  # the hub has ended already
                     self.socket.send(LEAVE)
                 super().shutdown()
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if self._kernel_times:
             return super()._recv_internal(timeout)
-        # Elsewhere than on Linux a socket gives no time with its data.
+        # Only Linux delivers a time stamp with the data.
         if not select.select([self.socket], [], [], timeout)[0]:
             return None, False
         try:
@@ -112,7 +112,7 @@ class LoopbackBus(SocketcanBus):
         return message, False
 
     def _apply_filters(self, filters: Any) -> None:
-        """None in the kernel: python-can filters itself."""
+        """No filters in the kernel: python-can filters itself."""
 
     def _send_periodic_internal(
         self,
@@ -122,7 +122,7 @@ class LoopbackBus(SocketcanBus):
         autostart: bool = True,
         modifier_callback: Callable[[can.Message], None] | None = None,
     ) -> Any:
-        """By a thread: the kernel's broadcast manager knows CAN sockets only."""
+        """Use a thread: the kernel's broadcast manager supports CAN sockets only."""
         return can.BusABC._send_periodic_internal(self, msgs, period, duration, autostart, modifier_callback)
 
     @staticmethod

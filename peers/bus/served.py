@@ -1,4 +1,4 @@
-"""A hub served by the loop that simulates on real buses, and what its devices on that loop are connected by."""
+"""A hub served by the loop that simulates on real buses, and the port of its devices on this loop."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class HubPort:
         self._send(pack_frame(can_id, data))
 
     def drop(self) -> None:
-        """Nothing waits: frames go straight to the members."""
+        """Nothing to drop: frames have no queue."""
 
     def close(self) -> None:
         self._receiver = None
@@ -41,7 +41,7 @@ class HubPort:
 
 
 class _LoopReaders:
-    """The sockets of a hub on a loop: what works on every system, where a selector inside another does not."""
+    """The sockets of a hub on a loop. Unlike a selector inside another one, this works on every system."""
 
     def __init__(self, loop: Loop) -> None:
         self._loop = loop
@@ -54,7 +54,7 @@ class _LoopReaders:
 
 
 class ServedBus:
-    """A bus other processes reach, from construction until ``stop``. GatewayError when the port cannot be had."""
+    """A bus for other processes, from construction until ``stop``. GatewayError when the port cannot be opened."""
 
     def __init__(self, port: int = 0) -> None:
         self._thread = simulation_thread()
@@ -68,9 +68,9 @@ class ServedBus:
         self.stop()
 
     def connect(self) -> HubPort:
-        """A port for a device that runs on the thread of all simulated devices."""
+        """Create a port for a device on the thread of all simulated devices."""
         return self._thread.call(lambda: HubPort(self._hub))
 
     def stop(self) -> None:
-        """End the bus; members hear nothing any more."""
+        """End the bus; members receive nothing any more."""
         self._thread.call(self._hub.close)

@@ -1,7 +1,7 @@
-"""The IO controller, sans-I/O: frames, datagrams and time in; frames, datagrams and what it learned out.
+"""The IO controller, sans-I/O: frames, datagrams and time in; frames, datagrams and data of the device out.
 
-Source: IEC 61158-5-10/-6-10, the order of services as captures of real controllers show it: Identify by name, IP by DCP, Connect,
-Write, PrmEnd, ApplicationReady, cyclic data, Release. One call is under way at a time; it is repeated three times.
+Source: IEC 61158-5-10/-6-10. The order of services is that of real controllers in captures: Identify by name, IP by DCP,
+Connect, Write, PrmEnd, ApplicationReady, cyclic data, Release. One call is active at a time; it is repeated three times.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _PRIORITIES = {frame_id: priority for priority, frame_id in apmx.ALARM_FRAME_IDS
 
 
 class Phase(enum.Enum):
-    """Where the controller is on its way."""
+    """Steps of the connection."""
 
     IDLE = "idle"
     IDENTIFY = "sends a DCP request for the name"
@@ -64,7 +64,7 @@ class Phase(enum.Enum):
 
 @dataclass
 class _Call:
-    """A call under way."""
+    """The active call."""
 
     header: RpcHeader
     packets: list[bytes]
@@ -75,12 +75,12 @@ class _Call:
 
 @dataclass
 class Learned:
-    """What the device told."""
+    """Data reported by the device."""
 
     mac: bytes = b""
     ip: IpSuite = field(default_factory=IpSuite)
     status: PnioStatus = field(default_factory=PnioStatus)
-    """Of the last call that was refused."""
+    """Status of the last rejected call."""
     diff: ModuleDiffBlock | None = None
     alarms: list[AlarmNotification] = field(default_factory=list)
     error: int | None = None
@@ -89,7 +89,7 @@ class Learned:
 
 
 class IoController:
-    """One controller with one device. Output data lies in ``provider``, input data in ``consumer``."""
+    """A controller with one device. ``provider`` has the output data, ``consumer`` the input data."""
 
     def __init__(self, station: Station, project: Project, ip: IpSuite, *, seed: int = 1) -> None:
         self.station = station
@@ -136,7 +136,7 @@ class IoController:
         self.device_object = dcerpc.object_uuid(identity.instance, identity.device_id, identity.vendor_id)
         self._records = RecordCaller(UUID(int=base + 3), self.device_object, self.ar_uuid)
 
-    # -- wishes -------------------------------------------------------------------------------------------------------
+    # -- requests -----------------------------------------------------------------------------------------------------
 
     def start(self, now: int) -> None:
         """Find the device and connect."""
@@ -164,7 +164,7 @@ class IoController:
         self._waiting.append((self._records.write(*place, index, data), done))
 
     def lead(self, *, primary: bool) -> None:
-        """Ask to be primary, or backup, with the next frame; only of a redundant relationship."""
+        """Request to be primary or backup with the next frame; only in a redundant relationship."""
         self._primary = primary
         self._show_role()
 
@@ -173,16 +173,16 @@ class IoController:
             self.provider.set_role(STATUS_PRIMARY if self._primary else 0, valid=True)
 
     def set_output(self, place: Subslot, data: bytes, *, good: bool = True) -> None:
-        """Output data of a submodule."""
+        """Set the output data of a submodule."""
         if self.provider is not None:
             self.provider.set(place, data, good=good)
 
     def input(self, place: Subslot) -> bytes | None:
-        """Input data of a submodule; None while it is not GOOD."""
+        """The input data of a submodule; None while it is not GOOD."""
         return None if self.consumer is None else self.consumer.output(place)
 
     def uses(self, place: Subslot) -> bool:
-        """The device uses our output data of a submodule: its IOCS."""
+        """Whether the device uses the output data of a submodule (its IOCS)."""
         consumer = self.consumer
         offset = None if consumer is None else consumer.plan.iocs.get(place)
         return consumer is not None and offset is not None and bool(consumer.payload[HEADER.size + offset] & IOPS_GOOD)
@@ -343,10 +343,10 @@ class IoController:
             self.phase = Phase.DATA
         return encode_arguments(0, answer.encode(), maximum, little=header.little_endian)
 
-    # -- in -----------------------------------------------------------------------------------------------------------
+    # -- input --------------------------------------------------------------------------------------------------------
 
     def on_datagram(self, data: bytes, address: Address, now: int) -> None:
-        """A UDP datagram that came to port 34964."""
+        """Process a UDP datagram received on port 34964."""
         try:
             header, body = dcerpc.decode_packet(data)
         except ProfidriveError:
@@ -374,7 +374,7 @@ class IoController:
                 self._datagrams(result)
 
     def on_frame(self, data: bytes, now: int) -> bool:
-        """An Ethernet frame; True when there is new input data."""
+        """Process an Ethernet frame; True when it has new input data."""
         ethertype, start = ethernet.payload_of(data)
         if ethertype != ethernet.ETHERTYPE_PROFINET or data[:6] != self.station.identity.mac:
             return False
@@ -426,10 +426,10 @@ class IoController:
         send(PduType.DATA, own, answer.encode())
         self._sequences[priority] = (apmx.following(own), sequence)
 
-    # -- time and out -------------------------------------------------------------------------------------------------
+    # -- time and output ----------------------------------------------------------------------------------------------
 
     def next_deadline(self) -> int | None:
-        """When ``poll`` has something to do."""
+        """Next time at which ``poll`` must be called."""
         if self._waiting and self._record is None:
             return 0
         due = [self._due, self._call.due if self._call else None, self._record_due if self._record else None]
@@ -438,7 +438,7 @@ class IoController:
         return min((when for when in due if when is not None), default=None)
 
     def poll(self, now: int) -> None:
-        """Send what is due, notice what has not come."""
+        """Send what is due and check timeouts."""
         if self._due is not None and now >= self._due:
             if self._attempts >= _ATTEMPTS:
                 self._end(f"no device has the name {self.project.station_name}")
@@ -481,6 +481,6 @@ class IoController:
         self._outgoing.append((None, data))
 
     def outgoing(self) -> list[tuple[Address | None, bytes | bytearray]]:
-        """What is to be sent, in this order."""
+        """The datagrams and frames to send, in order."""
         ready, self._outgoing = self._outgoing, []
         return ready

@@ -1,4 +1,4 @@
-"""The PLC simulator on PROFINET: scenarios and keyboard over real Ethernet frames."""
+"""The PLC simulator on PROFINET: scenarios and keyboard with real Ethernet frames."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ _SEND_CLOCK = 32
 _RETRY_NS = SECOND
 _CONNECT_S = 30
 _HOLD_NS = 1500 * MS
-"""The data hold time asked for, at least three cycles: this controller is no real-time system."""
+"""Requested data hold time, at least three cycles: this controller is not a real-time system."""
 
 
 def project_of(station_name: str, telegrams: Sequence[Telegram], cycle_ns: int) -> Project:
-    """Axes and encoders in the order of their telegrams; GatewayError when the cycle is none of PROFINET."""
+    """Axes and encoders in the order of their telegrams. GatewayError when PROFINET has no such cycle."""
     ratio = cycle_ns // (_SEND_CLOCK * TICK_NS)
     if ratio not in {1 << power for power in range(10)} or ratio * _SEND_CLOCK * TICK_NS != cycle_ns:
         raise GatewayError(f"--cycle-ms {cycle_ns / MS:g}: allowed with --profinet are 1, 2, 4, 8 ... 512")
@@ -39,7 +39,7 @@ def project_of(station_name: str, telegrams: Sequence[Telegram], cycle_ns: int) 
 
 
 class ProfinetPlc(PlcRunner):
-    """A PLC that connects to the station of this name; what ends its relationship is told and connected anew."""
+    """A PLC that connects to the station of this name. When the relationship ends, it reports why and connects again."""
 
     endpoint: PlcEndpoint
 
@@ -53,11 +53,11 @@ class ProfinetPlc(PlcRunner):
         self._places = [(slot, TELEGRAM_SUBSLOT) for slot in range(1, len(endpoint.telegrams) + 1)]
         self._retry = 0
         self._why = ""
-        """How the last attempt to connect ended."""
+        """Reason of the last failed attempt."""
         self._parameters: ParameterWorker | None = None
 
     def connect(self) -> None:
-        """Until data is exchanged; GatewayError with the reason when that takes too long."""
+        """Connect and wait for data. GatewayError with the reason after a timeout."""
         controller = self._controller
         end = time.monotonic() + _CONNECT_S
         while controller.phase is not Phase.DATA and time.monotonic() < end:

@@ -1,4 +1,4 @@
-"""What the controller's project says of a device: modules, cycle, start-up; and the Connect request that follows from it."""
+"""The controller's project of a device (modules, cycle, start-up), and the Connect request made from it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ALARM_REFERENCE = 0x0042
 
 @dataclass(frozen=True)
 class Layout:
-    """Where data and IOCS of one relationship lie in its C_SDU."""
+    """Offsets of data and IOCS in the C_SDU of one relationship."""
 
     length: int
     data: Mapping[Subslot, DataObject]
@@ -31,7 +31,7 @@ def _direction(submodule: Submodule) -> connect_blocks.SubmoduleDirection:
 
 
 def provides(submodule: Submodule, kind: connect_blocks.IocrType) -> bool:
-    """Whether a relationship carries this submodule's data and IOPS. A submodule without data is an input."""
+    """Whether a relationship has this submodule's data and IOPS. A submodule without data counts as an input."""
     direction = _direction(submodule)
     if kind is connect_blocks.IocrType.OUTPUT:
         return direction in {connect_blocks.SubmoduleDirection.OUTPUT, connect_blocks.SubmoduleDirection.INPUT_OUTPUT}
@@ -40,23 +40,23 @@ def provides(submodule: Submodule, kind: connect_blocks.IocrType) -> bool:
 
 @dataclass(frozen=True)
 class Redundancy:
-    """The relationship is one of two (system redundancy S2). ``number``: 1 or 2; ``hold_ms``: redundancy data hold time."""
+    """One of two relationships (system redundancy S2). ``number``: 1 or 2. ``hold_ms``: redundancy data hold time."""
 
     number: int
     hold_ms: int = 200
     properties: int = 0x5
-    """Valid input data for the backup too."""
+    """Valid input data for the backup as well."""
     config: bytes = b"project1"
 
     def ar_uuid(self, seed: int, session: int) -> UUID:
-        """Discriminator, ConfigID, selector: ARnumber and two ARs."""
+        """ARUUID from discriminator, ConfigID and selector: ARnumber and two ARs."""
         discriminator = (seed & 0xFFFF_FFFF).to_bytes(4, "big") + session.to_bytes(2, "big")
         return UUID(bytes=discriminator + self.config + (0x10 | self.number).to_bytes(2, "big"))
 
 
 @dataclass(frozen=True)
 class Project:
-    """``send_clock`` in 31.25 us; the cycle is ``send_clock`` x ``reduction_ratio``. ``data_hold`` counts cycles."""
+    """``send_clock`` in 31.25 us. The cycle is ``send_clock`` x ``reduction_ratio``. ``data_hold``: number of cycles."""
 
     station_name: str
     modules: Mapping[int, Module]
@@ -79,7 +79,7 @@ class Project:
         }
 
     def layout(self, kind: connect_blocks.IocrType, order: Sequence[Subslot] | None = None, gap: int = 0) -> Layout:
-        """Data objects in this order, ``gap`` unused bytes before each, then the IOCS."""
+        """Place the data objects in this order with ``gap`` unused bytes before each, then the IOCS."""
         submodules = self.submodules
         places = list(submodules) if order is None else list(order)
         offset = 0
@@ -148,7 +148,7 @@ class Project:
         )
 
     def expected(self) -> list[connect_blocks.ExpectedSubmoduleBlockReq]:
-        """One block per slot, as real controllers do."""
+        """One block for each slot, as real controllers do."""
         return [
             connect_blocks.ExpectedSubmoduleBlockReq(
                 slots=(
@@ -180,7 +180,7 @@ class Project:
         )
 
     def blocks(self, ar: connect_blocks.ArBlockReq) -> list[Block]:
-        """A Connect request."""
+        """The blocks of a Connect request."""
         blocks = [
             ar,
             self.iocr(connect_blocks.IocrType.INPUT, self.layout(connect_blocks.IocrType.INPUT)),
@@ -195,7 +195,7 @@ class Project:
         return blocks
 
     def plan(self, kind: connect_blocks.IocrType, frame_id: int) -> CyclicPlan:
-        """What the controller's own protocol machines need."""
+        """The cyclic plan of the controller's own protocol machines."""
         layout = self.layout(kind)
         return CyclicPlan(self.iocr(kind, layout), frame_id, layout.data, layout.iocs)
 

@@ -1,4 +1,4 @@
-"""The edge of the IO controller: it on an Ethernet interface, on the machine's clock."""
+"""The IO controller on an Ethernet interface, with the machine's clock."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _WAIT_NS = 100 * MS
 
 
 class RunningController:
-    """A controller on ``interface``; GatewayError when that cannot be had. ``device``: the address the device is given."""
+    """A controller on ``interface``; GatewayError when it cannot be opened. ``device``: address assigned to the device."""
 
     def __init__(self, interface: str, project: Project, device: IPv4Interface, name: str = "pdgw-plc") -> None:
         self._loop = SystemLoop()
@@ -30,7 +30,7 @@ class RunningController:
         """Frames with new input data."""
 
     def run(self, seconds: float, until: Callable[[], object] = lambda: False) -> bool:
-        """Play the controller; True as soon as ``until`` holds, False when the time is over."""
+        """Run the controller. True as soon as ``until`` is true, False at the end of the time."""
         end = time.monotonic_ns() + int(seconds * SECOND)
         while not until():
             now = time.monotonic_ns()
@@ -40,7 +40,7 @@ class RunningController:
         return True
 
     def step(self, latest: int) -> None:
-        """Wait for something to do, at most until ``latest``, and do it."""
+        """Wait for the next event, at most until ``latest``, and process it."""
         controller, port = self.controller, self.port
         self._send()
         due = controller.next_deadline()
@@ -64,6 +64,6 @@ class RunningController:
                 self.port.send_datagram(bytes(data), address)
 
     def close(self) -> None:
-        """Release the interface."""
+        """Close the interface."""
         self.port.close()
         self._loop.close()

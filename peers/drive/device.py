@@ -1,4 +1,4 @@
-"""The ENGEL-like drive as a CANopen device: its complete object list with values and limits, identity, and the EDS of them.
+"""The ENGEL-like drive as a CANopen device: all objects with values and limits, identity, and its EDS.
 
 Source: the manufacturer's guide chapters 5-7.
 """
@@ -39,7 +39,7 @@ VELOCITY_MAX = 32767
 
 
 class Value(NamedTuple):
-    """Of an object: after power-on, and its limits where they are narrower than its type."""
+    """Value of an object after power-on, and its limits if they are narrower than its type."""
 
     default: int
     low: int | None = None
@@ -115,7 +115,7 @@ def _with_value(entry: Entry) -> Entry:
 
 
 _NAMES: Final = {0x6C01: "Read Analogue Input 16-Bit"}
-"""Of the manufacturer's arrays."""
+"""Names of the manufacturer's arrays."""
 _MANUFACTURER_OBJECTS = tuple(replace(spec, name=_NAMES.get(spec.index, spec.name)) for spec in FAMILY.specs)
 
 
@@ -126,12 +126,12 @@ def _with_units(spec: ObjectSpec) -> ObjectSpec:
 OBJECTS: Final = Catalogue(
     tuple(map(_with_units, sorted((*DRIVE_OBJECTS.objects, *_MANUFACTURER_OBJECTS), key=lambda spec: spec.index)))
 )
-"""Profile and manufacturer area of the drive."""
+"""The profile and manufacturer areas of the drive."""
 
 
 @lru_cache(maxsize=8)
 def drive_objects(serial_number: int = 1, pdos: int = 5) -> tuple[ObjectSpec, ...]:
-    """Every object of the drive; ``pdos`` is the number of RPDOs and of TPDOs it has."""
+    """Every object of the drive. ``pdos``: number of RPDOs and of TPDOs."""
     return (
         *communication_objects(
             DRIVE_TYPE, "ENGEL HBI", (VENDOR_ID, PRODUCT_CODE, REVISION, serial_number), ("1.0", "3.74")

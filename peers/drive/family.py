@@ -1,4 +1,4 @@
-"""What the simulated drive has of its family, by the overlay of the ENGEL-like drive: modes, homing methods, fault numbers."""
+"""Facts of the simulated drive from the overlay of the ENGEL-like drive: modes, homing methods, fault numbers."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _NUMBERS = {text: number for number, text in FAMILY_MODES.items()}
 _turntable = FAMILY.drive_quirks.turntable
 assert _turntable is not None
 TURNTABLE: Final = _turntable
-"""Its mode, and the bits of the Controlword that give the direction."""
+"""Its mode, and the bits of the Controlword that set the direction."""
 CURRENT_CONTROL = _NUMBERS["current control with dynamic speed limitation"]
 SPEED_CONTROL = _NUMBERS["speed control with dynamic current limitation"]
 DRIVE_FAULTS = FAMILY.drive_faults
-"""By the number in 200Ch."""
+"""Faults by the number in 200Ch."""
 HOMING_METHODS = {method: (STANDARD_HOMING_METHODS | FAMILY.homing_texts)[method] for method in FAMILY.homing_methods}
-"""Values of 6098h, with what they search for."""
+"""Values of 6098h with the switch or mark that they search."""

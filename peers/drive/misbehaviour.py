@@ -1,7 +1,6 @@
-"""What a simulated drive can do wrong beyond the faults of any CANopen node, each declared once.
+"""Faults of a simulated drive in addition to those of any CANopen node, each declared once.
 
-Source: the behaviour of CiA DSP 402 V2.0 and of the manufacturer's guide that each of them breaks;
-see ``peers.node.misbehaviour``.
+Source: CiA DSP 402 V2.0 and the manufacturer's guide, whose rules they violate; see ``peers.node.misbehaviour``.
 """
 
 from __future__ import annotations
@@ -27,17 +26,17 @@ _UNDER_VOLTAGE = 6
 
 @dataclass(kw_only=True, eq=False)
 class DriveMisbehaviour(Misbehaviour):
-    """A fault of a drive; its model is at hand."""
+    """A fault of a drive, with access to its model."""
 
     @property
     def model(self) -> DriveModel:
-        """The drive behind the node."""
+        """The model of the node's drive."""
         return cast("DriveModel", self.node.image)
 
 
 @dataclass(kw_only=True, eq=False)
 class _Disguise(DriveMisbehaviour):
-    """The drive shows something else than it does: ``disguise`` changes its image after each update."""
+    """The drive shows another state than its own: ``disguise`` changes its image after each update."""
 
     def begin(self) -> None:
         self.model.disguises.append(self.disguise)
@@ -46,7 +45,7 @@ class _Disguise(DriveMisbehaviour):
         self.model.disguises.remove(self.disguise)
 
     def disguise(self, model: DriveModel, now: int) -> None:
-        """Change what is shown (``now``: the model's time in ns)."""
+        """Change the shown values (``now``: the model's time in ns)."""
         raise NotImplementedError
 
 
@@ -203,7 +202,7 @@ class RebootInMotion(Reboot, DriveMisbehaviour):
     _done: bool = field(init=False, repr=False, default=False)
 
     def begin(self) -> None:
-        """Waits for the motion."""
+        """Wait for the motion."""
 
     def poll(self, now: int) -> None:
         if not self._done and abs(self.model.ramp.speed) > self.speed:
@@ -272,4 +271,4 @@ DRIVE_MISBEHAVIOURS = catalogue(
         TurnsInPreOperational,
     ),
 )
-"""What a drive can do wrong."""
+"""All faults of a simulated drive."""

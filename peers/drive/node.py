@@ -1,4 +1,4 @@
-"""The simulated drive on a bus: the CANopen node around the model, and what commands it there."""
+"""The simulated drive on a bus: the CANopen node of the model, and its commands."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _WITHOUT = {
     0x605E: 2,
     0x6007: 1,
 }
-"""What a drive without an object does: no limit, its own rating, the profile's default."""
+"""Values used without an object: no limit, own rating, or the profile's default."""
 _STEADY = frozenset(
     {"statusword", "modes_of_operation_display", "velocity_actual", "velocity_demand", "current_actual"}
 )
@@ -64,7 +64,7 @@ class SimulatedDriveNode(SimulatedNode):
         self._guard_toggle = 0
         self._guarded_until = 0
         self._commands: deque[tuple[int, Pdo, bytes]] = deque()
-        """RPDOs on their way through the drive, with the time at which they apply."""
+        """Received RPDOs with the time at which they apply."""
         self.model = DriveModel(self._object, machine, shape)
         self.model.latency = latency
         super().__init__(node_id, shape.objects(serial_number, pdos), self.model, send)
@@ -75,7 +75,7 @@ class SimulatedDriveNode(SimulatedNode):
 
     def _object(self, index: int, subindex: int) -> int:
         if not self._ready:
-            # The model looks at its objects once before the node has them.
+            # The model reads its objects once before the node has them.
             return {0x6094: subindex, 0x6080: 1}.get(index, 0)
         value = self.values.get((index, subindex))
         return _WITHOUT.get(index, 0) if value is None else int(value)
@@ -98,13 +98,13 @@ class SimulatedDriveNode(SimulatedNode):
             self._guarded_until = self.now + time_out * MS
         due = self.now + self.model.latency.command_ms * MS
         if due > self.now or self._commands:
-            # After a change of the latency too, no command overtakes an earlier one.
+            # Keep the order of commands when the latency changes.
             self._commands.append((max(due, self._commands[-1][0]) if self._commands else due, pdo, data))
         else:
             self._take(pdo, data)
 
     def _take(self, pdo: Pdo, data: bytes) -> None:
-        """Apply an RPDO; values that are in the image already change nothing in the model."""
+        """Apply an RPDO. Values that are already in the image have no effect on the model."""
         if pdo.pack(self.model) != data[: pdo.size]:
             self.model.wake()
         super().apply(pdo, data)
@@ -154,7 +154,7 @@ class SimulatedDriveNode(SimulatedNode):
     def on_reset(self) -> None:
         self.model.reset()
 
-    # -- node guarding (CiA 301, 7.2.8.3.2) and the time-out of RPDOs: what drives without heartbeats have ------------------
+    # -- node guarding (CiA 301, 7.2.8.3.2) and timeout of RPDOs, for drives without heartbeats -----------------------------
 
     @property
     def _life_time(self) -> int:
@@ -213,9 +213,9 @@ class SimulatedDrive(RunningNode[SimulatedDriveNode]):
         return self.node.model
 
     def shaft(self, _: int) -> float:
-        """Revolutions of the shaft now since power-on, untouched by homing: what turns an encoder on it.
+        """Present revolutions of the shaft since power-on, unaffected by homing; drives an encoder on this shaft.
 
-        For devices on the drive's loop. Between the ticks of the model the shaft turns on with its speed.
+        For devices on the drive's loop. Between the model's ticks the shaft continues with its speed.
         """
         return self.model.turned(self.loop.now()) / INCREMENTS_PER_REVOLUTION
 
@@ -228,9 +228,9 @@ class SimulatedDrive(RunningNode[SimulatedDriveNode]):
         self.do(lambda node: node.model.clear())
 
     def set_probe(self, probe: int, on: bool) -> None:
-        """Touch probe 1 or 2 is deflected, or let go."""
+        """Deflect or release touch probe 1 or 2."""
         self.do(lambda node: node.model.probe.set_input(probe, on))
 
     def set_enable_input(self, on: bool) -> None:
-        """Digital input DI1."""
+        """Set digital input DI1."""
         self.do(lambda node: node.model.set_enable_input(on))

@@ -1,4 +1,4 @@
-"""What a simulated encoder can do wrong beyond the faults of any CANopen node: its causes of alarms, warnings and EMCYs.
+"""Faults of a simulated encoder in addition to those of any CANopen node: causes of alarms, warnings and EMCYs.
 
 Source: ``dsp406.faults``; each of its causes is a fault of the same name. See ``peers.node.misbehaviour``.
 """
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 @dataclass(kw_only=True, eq=False)
 class EncoderMisbehaviour(Misbehaviour):
-    """A cause in the encoder, there until the fault is removed."""
+    """A cause in the encoder, present until the fault is removed."""
 
     @property
     def model(self) -> EncoderModel:
-        """The encoder behind the node."""
+        """The model of the node's encoder."""
         return cast("EncoderModel", self.node.image)
 
     def begin(self) -> None:
@@ -38,4 +38,4 @@ def _of(fault: EncoderFault) -> type[EncoderMisbehaviour]:
 
 
 ENCODER_MISBEHAVIOURS = catalogue(NODE_MISBEHAVIOURS.values(), map(_of, ENCODER_FAULTS.values()))
-"""What an encoder can do wrong."""
+"""All faults of a simulated encoder."""

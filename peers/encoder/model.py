@@ -1,7 +1,7 @@
-"""The simulated encoder: its channels, registers and diagnostics, without CANopen around it.
+"""The simulated encoder without CANopen: channels, registers and diagnostics.
 
-Source: CiA DSP 406 V2.0 chapter 8. Time is handed in, in nanoseconds. Left out: errors of the position itself (an alarm says
-that it may be wrong, the simulated one stays right).
+Source: CiA DSP 406 V2.0 chapter 8. The caller passes the time in nanoseconds. Not simulated: wrong positions. An alarm says
+that the position may be wrong; here it stays correct.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ SPEED_WINDOW = 10 * MS
 """Nanoseconds over which the speed is measured."""
 _TENTH_OF_AN_HOUR = 360 * SECOND
 _LOOK_NS = MS
-"""So often a sensor that may move is read."""
+"""Interval of reading a sensor that may move."""
 
 
 @dataclass(slots=True)
 class _Channel:
-    """One sensor: what moves it, where it is, and what its encoder part remembers."""
+    """One sensor: its motion, its position, and the state of its encoder part."""
 
     motion: Motion
     since: int = 0
@@ -39,7 +39,7 @@ class _Channel:
     speed: float = 0.0
     """Revolutions or millimetres per second."""
     stands: bool = False
-    """Known to have no speed."""
+    """At standstill: the measured speed is 0."""
     speed_from: tuple[int, float] | None = None
     offset: int = 0
     active_cams: int = 0
@@ -57,10 +57,10 @@ class _Channel:
 
 
 class EncoderModel:
-    """The image of the mappable objects (their attributes) and the encoder behind it.
+    """The image of the mappable objects (as attributes) and the encoder.
 
-    ``read`` gives the value of the other objects (index, sub-index). ``emcy`` collects (error code, error register).
-    ``operating_time`` is 6508h at power-on in 0.1 h, None for a device that does not count it.
+    ``read`` returns the value of the other objects (index, sub-index). ``emcy`` collects (error code, error register).
+    ``operating_time`` is 6508h at power-on in 0.1 h; None for a device without it.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class EncoderModel:
         self.read = read
         self.emcy: list[tuple[int, int]] = []
         self.faults: dict[str, EncoderFault] = {}
-        """The causes present, by name."""
+        """The present causes, by name."""
         idle = [still()] * (device.channels - len(motions))
         self.channels = {number: _Channel(motion) for number, motion in enumerate((*motions, *idle), 1)}
         self._stored_offsets = dict.fromkeys(self.channels, 0)
@@ -85,7 +85,7 @@ class EncoderModel:
         self._time = 0
         self.reset()
 
-    # The attributes of the catalogue that are not per channel, for the type checker; ``reset`` sets all of them.
+    # Attributes of the catalogue that are not per channel, for the type checker; ``reset`` sets all of them.
     operating_status: int
     alarms: int
     warnings: int
@@ -94,7 +94,7 @@ class EncoderModel:
     error_register: int
 
     def reset(self) -> None:
-        """The firmware starts again; faults, motion, offsets and operating time stay."""
+        """Restart the firmware. Faults, motion, offsets and operating time stay."""
         for entry in objects.encoder_catalogue(self.device).entries:
             if entry.attribute:
                 setattr(self, entry.attribute, entry.default)
@@ -105,13 +105,13 @@ class EncoderModel:
         self._show_faults()
 
     def restore_defaults(self) -> None:
-        """1011h: offsets as delivered, in force after the next reset."""
+        """1011h: restore the offsets of the delivery, valid after the next reset."""
         self._stored_offsets = dict.fromkeys(self.channels, 0)
 
     # -- commands -----------------------------------------------------------------------------------------------------
 
     def set_motion(self, motion: Motion, channel: int = 1) -> None:
-        """Another motion from now on; Dsp406Error for a channel the device does not have."""
+        """Set another motion; Dsp406Error for a missing channel."""
         moved = self._channel(channel)
         moved.motion = motion
         moved.since = self._time
@@ -119,7 +119,7 @@ class EncoderModel:
         moved.stands = False
 
     def preset(self, value: int, channel: int = 1) -> None:
-        """Make ``value`` the present position; the offset is stored. Dsp406Error outside the range or for a wrong channel."""
+        """Set the present position to ``value`` and store the offset. Dsp406Error outside the range or for a wrong channel."""
         shifted = self._channel(channel)
         present = self.chain
         if not 0 <= value < present.total_range:
@@ -135,9 +135,9 @@ class EncoderModel:
         self._raise(fault)
 
     def clear(self, name: str | None = None) -> None:
-        """Remove a cause, without a name all of them; one that is not there is no error.
+        """Remove a cause, or all of them without a name; no error if it is not present.
 
-        What the commissioning diagnostics found stays until they look again.
+        Results of the commissioning diagnostics stay until its next run.
         """
         for cause in set(self.faults) - {COMMISSIONING_FAULT.name} if name is None else [name]:
             self._drop(cause)
@@ -172,7 +172,7 @@ class EncoderModel:
 
     @property
     def chain(self) -> Chain:
-        """Code sequence, scaling and range as the objects say now."""
+        """Code sequence, scaling and range from the present objects."""
         read, resolution = self.read, self.device.resolution
         operating = read(objects.OPERATING_PARAMETERS, 0)
         linear = self.device.is_linear
@@ -195,7 +195,7 @@ class EncoderModel:
             channel.move(self._time)
             physical = math.floor(channel.mechanical * self.device.steps_per_unit)
             if self.device.is_linear:
-                # The head has left the scale: it goes on reading the last step.
+                # Outside the scale, the head keeps its last step.
                 channel.out_of_range = not low <= physical <= high
                 physical = min(max(physical, low), high)
             channel.physical = physical
@@ -203,13 +203,13 @@ class EncoderModel:
         self._show()
 
     def next_change(self) -> int | None:
-        """When the image may change by itself; None while everything is known to stand."""
+        """Time of the next possible change of the image without an input; None while all sensors are at standstill."""
         if all(channel.stands and isinstance(channel.motion, Standstill) for channel in self.channels.values()):
             return None
         return self._power_on + self._time + _LOOK_NS
 
     def _diagnose(self) -> None:
-        """Commissioning diagnostics: they look at the sensor while it stands still."""
+        """Commissioning diagnostics: check the sensor at standstill."""
         if not self.read(objects.OPERATING_PARAMETERS, 0) & Operating.COMMISSIONING_DIAGNOSTICS:
             self._drop_diagnosis()
         elif all(channel.stands for channel in self.channels.values()):
@@ -223,7 +223,7 @@ class EncoderModel:
             self._drop(COMMISSIONING_FAULT.name)
 
     def _show(self) -> None:
-        """Make the image of the channels' states."""
+        """Update the image from the states of the channels."""
         present = self.chain
         for number, channel in self.channels.items():
             position = present.output(channel.physical, channel.offset)

@@ -1,7 +1,7 @@
-"""What turns a simulated encoder: motion profiles, recordings, another node's position on the bus, or a simulated shaft.
+"""Motions of a simulated encoder: profiles, recordings, the position of another node on the bus, or a simulated shaft.
 
-A motion is a function from the nanoseconds since it began to the mechanical position, in revolutions of a rotary encoder
-and millimetres of a linear one. Any callable will do, for example one that asks a simulated drive in the same process.
+A motion is a function from nanoseconds since its start to the mechanical position, in revolutions (rotary encoder) or
+millimetres (linear encoder). Any callable is accepted, for example one that reads a simulated drive of this process.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from pdgw.peers.option_values import MOTIONS
 Motion = Callable[[int], float]
 NO_SHAFTS: Mapping[int, Motion] = MappingProxyType({})
 LARGEST = 1e9
-"""Bound of positions, speeds and times that are read from text."""
+"""Limit of positions, speeds and times read from text."""
 
 
 @dataclass(frozen=True, slots=True)
 class Standstill:
-    """The motion that is none: an encoder need not look at it again."""
+    """No motion: an encoder needs to read it only once."""
 
     position: float
 
@@ -46,16 +46,16 @@ def constant_speed(speed: float, start: float = 0.0) -> Motion:
 
 
 def sine(amplitude: float, period: float, centre: float = 0.0) -> Motion:
-    """To and fro around ``centre``, one period in ``period`` seconds; Dsp406Error when that is not above 0."""
+    """Oscillate around ``centre`` with a period of ``period`` seconds; Dsp406Error unless it is above 0."""
     if period <= 0:
         raise Dsp406Error("period of a sine motion", period, "above 0 s")
     return lambda time: centre + amplitude * math.sin(2 * math.pi * time / SECOND / period)
 
 
 def points(path: Sequence[tuple[float, float]]) -> Motion:
-    """Straight lines between (seconds, position); before and after it stands at the ends.
+    """Straight lines between (seconds, position), constant before the first and after the last point.
 
-    Dsp406Error when there is no point, a number is beyond ``LARGEST`` or the times do not rise.
+    Dsp406Error without points, for a number beyond ``LARGEST``, or for times that do not increase.
     """
     if not path:
         raise Dsp406Error("points of a motion", 0, "at least one")
@@ -78,9 +78,9 @@ def points(path: Sequence[tuple[float, float]]) -> Motion:
 
 
 def recorded(file: Path) -> Motion:
-    """A CSV file with time in seconds and position in its first two columns; a first line of names is skipped.
+    """Read a CSV file with time in seconds and position in its first two columns. A first line of names is skipped.
 
-    Dsp406Error names file and line of what cannot be used.
+    Dsp406Error names file and line of an error.
     """
     try:
         rows = list(csv.reader(file.read_text(encoding="utf-8").splitlines()))
@@ -103,10 +103,10 @@ def recorded(file: Path) -> Motion:
 
 
 class Follower:
-    """The position another node sends: a signed 32-bit value in one of its PDOs.
+    """The position that another node sends: a signed 32-bit value in one of its PDOs.
 
-    ``cob_id`` (1..7FFh) and ``offset`` (byte, 0..4) say where it is, ``increments`` (magnitude 0.001..1e9) how many make a
-    revolution or a millimetre. Stands at 0 until the first frame. Dsp406Error for values out of their range.
+    ``cob_id`` (1..7FFh) and ``offset`` (byte, 0..4) locate the value. ``increments`` (magnitude 0.001..1e9): per revolution
+    or millimetre. The position is 0 until the first frame. Dsp406Error for values out of range.
     """
 
     def __init__(self, cob_id: int, offset: int, increments: float) -> None:
@@ -126,7 +126,7 @@ class Follower:
         return self._position
 
     def receive(self, can_id: int, data: bytes) -> None:
-        """A frame from the bus; those of others and shorter ones change nothing."""
+        """Process a frame from the bus. Frames of other nodes and shorter ones have no effect."""
         value = data[self._offset : self._offset + 4]
         if can_id == self._cob_id and len(value) == 4:
             self._position = int.from_bytes(value, "little", signed=True) / self._increments
@@ -140,9 +140,9 @@ def _number(text: str) -> float:
 
 
 def parse_motion(text: str, start: float = 0.0, shafts: Mapping[int, Motion] = NO_SHAFTS) -> Motion:
-    """A motion in one word: ``speed=1.5``, see ``MOTIONS``; Dsp406Error for anything else.
+    """Parse a motion in one word: ``speed=1.5``, see ``MOTIONS``; Dsp406Error for anything else.
 
-    Standstill, speed and sine go on from ``start``. ``shafts``: those of the drives simulated in the same process, by node-ID.
+    Standstill, speed and sine start at ``start``. ``shafts``: those of the drives simulated in this process, by node-ID.
     """
     kind, _, rest = text.partition("=")
     values = rest.split(",") if rest else []

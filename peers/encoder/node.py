@@ -1,4 +1,4 @@
-"""The simulated encoder on a bus: the CANopen node around the model, and what commands it there."""
+"""The simulated encoder on a bus: the CANopen node of the model, and its commands."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ from pdgw.peers.node.running import RunningNode
 class SimulatedEncoderNode(SimulatedNode):
     """CANopen encoder, sans-I/O: ``receive``, ``receive_remote`` and ``poll`` with times, frames to ``send``.
 
-    ``motions`` are those of the channels in order; the rest stand still. ``operating_time`` as for ``EncoderModel``.
+    ``motions``: one for each channel in order; other channels are at standstill. ``operating_time``: as for
+    ``EncoderModel``.
     """
 
     catalogue = ENCODER_MISBEHAVIOURS
@@ -83,15 +84,15 @@ class SimulatedEncoderNode(SimulatedNode):
             self.on_poll(self.now)
 
     def event_timer(self, index: int) -> int:
-        """The cyclic timer 6200h is that of all asynchronous PDOs."""
+        """The cyclic timer 6200h applies to all asynchronous PDOs."""
         return int(self.values[CYCLIC_TIMER, 0])
 
     def sent_on_change(self, transmission_type: int) -> bool:
-        """With type 254 the event is the cyclic timer alone."""
+        """With type 254 only the cyclic timer is an event."""
         return transmission_type == EVENT_DRIVEN_PROFILE
 
     def storable(self, entry: Entry) -> bool:
-        """Cam enable and polarity are saved although PDOs can carry them."""
+        """Cam enable and polarity are stored, too, although PDOs can contain them."""
         return True
 
     def on_consumer_expired(self, producer: int) -> None:
@@ -141,5 +142,5 @@ class SimulatedEncoder(RunningNode[SimulatedEncoderNode]):
         self.do(lambda node: node.model.clear(fault))
 
     def set_motion(self, motion: Motion, channel: int = 1) -> None:
-        """Another motion from now on; see ``EncoderModel.set_motion``."""
+        """Set another motion; see ``EncoderModel.set_motion``."""
         self.do(lambda node: node.model.set_motion(motion, channel))

@@ -1,4 +1,4 @@
-"""A CANopen device as its PDOs and its faults see it; ``SimulatedNode`` makes a node of it."""
+"""The interface of a CANopen device for its PDOs and faults; ``SimulatedNode`` implements it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Value = int | float | bytes | str | bool
 
 
 class Device:
-    """Objects and values, the hooks of a device profile, and what the node offers."""
+    """Objects and values, hooks of a device profile, and services of the node."""
 
     def __init__(self, node_id: int, objects: Sequence[ObjectSpec], image: object) -> None:
         self.node_id = node_id
@@ -23,23 +23,23 @@ class Device:
         self.indices = {spec.index for spec in objects}
         self.values: dict[tuple[int, int], Value] = {}
 
-    # -- what the node offers ---------------------------------------------------------------------------------------
+    # -- services of the node ---------------------------------------------------------------------------------------
 
     @property
     def running(self) -> bool:
-        """Powered and booted."""
+        """Whether the device is powered and booted."""
         return self.state is not NmtState.BOOT_UP
 
     def receive(self, can_id: int, data: bytes, now: int, past: object = None) -> bool:
-        """A frame from the bus; ``past`` is the fault that held it. Returns False when ``next_event`` is as before."""
+        """Process a frame from the bus; ``past`` is the fault that delayed it. False when ``next_event`` has not changed."""
         raise NotImplementedError
 
     def transmit(self, can_id: int, data: bytes, past: object = None) -> None:
-        """Put a frame on the bus; ``past`` is the fault that held it."""
+        """Send a frame on the bus; ``past`` is the fault that delayed it."""
         raise NotImplementedError
 
     def send_emcy(self, code: int, register: int, data: bytes = b"") -> None:
-        """An emergency message; entered in 1003h."""
+        """Send an emergency message and enter it in 1003h."""
         raise NotImplementedError
 
     def is_pdo(self, can_id: int) -> bool:
@@ -47,17 +47,17 @@ class Device:
         raise NotImplementedError
 
     def power_off(self) -> None:
-        """Silent until the node is started."""
+        """Switch off; no frames until the node is started."""
         raise NotImplementedError
 
     def restart(self) -> None:
-        """The firmware starts again: power-on values, boot-up message."""
+        """Restart the firmware: power-on values, boot-up message."""
         raise NotImplementedError
 
     # -- hooks of the device ----------------------------------------------------------------------------------------
 
     def event_timer(self, index: int) -> int:
-        """Milliseconds between two transmissions of the TPDO with this communication parameter; 0 is none."""
+        """Milliseconds between two transmissions of the TPDO with this communication parameter; 0: no timer."""
         return int(self.values.get((index, 5), 0))
 
     def sent_on_change(self, transmission_type: int) -> bool:
@@ -69,24 +69,24 @@ class Device:
         return not entry.attribute
 
     def on_poll(self, now: int) -> None:
-        """Time passes: bring the image up to ``now``."""
+        """Update the image to ``now``."""
 
     def next_change(self, now: int) -> int | None:
-        """When the image may change by itself after ``now``, None: not before something is received or commanded."""
+        """Time of the next possible change of the image after ``now``; None: only after a frame or a command."""
         return None
 
     def steady(self, pdo: Pdo, ticks: int) -> bool:
-        """Whether no value of a TPDO changes by itself for so many milliseconds, although the image does."""
+        """Whether no value of a TPDO changes by itself for this number of milliseconds, although the image does."""
         return False
 
     def on_touched(self) -> None:
-        """Something was received or commanded from outside; ``on_poll`` follows."""
+        """A frame or a command has arrived; ``on_poll`` follows."""
 
     def on_written(self, entry: Entry, value: Value) -> None:
-        """An object was written by SDO; raise ``SdoAbortedError`` to refuse it (nothing is stored then)."""
+        """An object was written by SDO; raise ``SdoAbortedError`` to reject it (then nothing is stored)."""
 
     def apply(self, pdo: Pdo, data: bytes) -> None:
-        """Put the values of a received RPDO into the image; of a synchronous one, its SYNC came."""
+        """Store the values of a received RPDO in the image; of a synchronous one, after its SYNC."""
         pdo.unpack_into(data, self.image)
         self.on_rpdo(pdo)
 
@@ -94,21 +94,21 @@ class Device:
         """The values of an RPDO are in the image."""
 
     def packed(self, pdo: Pdo) -> bytes:
-        """What a TPDO is sent with."""
+        """The data of a TPDO to send."""
         return pdo.pack(self.image)
 
     def on_sync(self) -> None:
-        """A SYNC in operation; the RPDOs that waited for it are in the image."""
+        """A SYNC arrived in operation. The RPDOs that waited for it are in the image."""
 
     def on_nmt(self, state: NmtState) -> None:
         """The NMT state changed."""
 
     def on_consumer_expired(self, producer: int) -> None:
-        """A guarded heartbeat stopped."""
+        """A monitored heartbeat has stopped."""
 
     def on_foreign_frame(self, can_id: int, data: bytes) -> bool:
-        """A frame that is meant for others; returns whether it changed something."""
+        """Process a frame for other nodes. Return whether it changed something."""
         return False
 
     def on_reset(self) -> None:
-        """Reset node: back to power-on values."""
+        """Reset node: return to power-on values."""

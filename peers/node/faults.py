@@ -1,6 +1,6 @@
 """The faults of any simulated CANopen node, each declared once.
 
-Source: the communication of CiA DS 301 that each of them breaks.
+Source: CiA DS 301, whose communication rules they violate.
 """
 
 from __future__ import annotations
@@ -229,7 +229,7 @@ class HeartbeatStops(Misbehaviour):
     name = "heartbeat-stops"
 
     def outgoing(self, can_id: int, data: bytes) -> bool:
-        # The boot-up message has the same COB-ID and is no heartbeat.
+        # The boot-up message has the same COB-ID but is not a heartbeat.
         return can_id != ERROR_CONTROL + self.node.node_id or data == b"\0"
 
 
@@ -366,4 +366,4 @@ NODE_MISBEHAVIOURS = catalogue(
         Reboot,
     )
 )
-"""What any CANopen device can do wrong."""
+"""All faults of any CANopen device."""

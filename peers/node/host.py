@@ -1,4 +1,4 @@
-"""A loop in a thread of its own, for programs whose main thread does something else than to simulate."""
+"""A loop in its own thread, for programs whose main thread does something else."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class LoopThread:
         self._thread.start()
 
     def call(self, action: Callable[[], T]) -> T:
-        """Run an action on the loop and wait for it, from any thread; its result or exception is this call's."""
+        """Run an action on the loop and wait for it, from any thread. Return its result or raise its exception."""
         if threading.current_thread() is self._thread:
             return action()
         future: Future[T] = Future()
@@ -38,7 +38,7 @@ class LoopThread:
             try:
                 self.loop.run()
             except Exception:
-                # One device's mistake must not end the others.
+                # An error of one device must not end the others.
                 log.exception("a simulated device failed")
 
 

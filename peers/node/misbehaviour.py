@@ -1,7 +1,7 @@
-"""Devices that misbehave like real ones: what a fault of a simulated CANopen node is.
+"""Faults of simulated CANopen nodes, like those of real devices.
 
-A fault is a class: its docstring says what the device does, its fields are the parameters (default, limits, unit), its hooks
-act on one ``Device``. ``SimulatedNode.misbehave`` and ``behave`` switch faults by name while the node runs. The
+A fault is a class. Its docstring describes the behaviour of the device, its fields are the parameters (default, limits,
+unit), its hooks act on one ``Device``. ``SimulatedNode.misbehave`` and ``behave`` switch faults by name at run time. The
 faults of any node are in ``faults``; a device profile adds its own.
 """
 
@@ -33,52 +33,52 @@ class Parameter:
     meaning: str
 
     def text(self, value: int) -> str:
-        """A value as documents write it; the unit "hex" is none, it marks codes and bit patterns."""
+        """A value as in documents. The unit "hex" only marks codes and bit patterns."""
         return f"{value:04X}h" if self.unit == HEX else f"{value} {self.unit}".rstrip()
 
 
 def parameter(default: int, low: int, high: int, meaning: str, unit: str = "") -> Any:
-    """A field of a fault that the user can choose."""
+    """A field of a fault that the user can set."""
     return field(default=default, metadata={"low": low, "high": high, "meaning": meaning, "unit": unit})
 
 
 @dataclass(kw_only=True, eq=False)
 class Misbehaviour:
-    """One fault in force on one node. ``node`` is set before the first hook; the hooks of the base class change nothing."""
+    """An active fault of one node. ``node`` is set before the first hook. The hooks of the base class change nothing."""
 
     name: ClassVar[str]
     at_configuration: ClassVar[bool] = False
-    """Only shows while a master configures the node: choose it before power-on, or let the node restart."""
+    """Visible only while a master configures the node: set it before power-on, or restart the node."""
 
     node: Device = field(init=False, repr=False)
 
     def begin(self) -> None:
-        """The fault sets in; at power-on before the boot-up message."""
+        """Start the fault; at power-on before the boot-up message."""
 
     def end(self) -> None:
-        """The device behaves again."""
+        """End the fault."""
 
     def poll(self, now: int) -> None:
-        """Time passes (monotonic ns), also while the node is silent."""
+        """Called with the time (monotonic ns), also while the node is silent."""
 
     def next_event(self, now: int) -> int | None:
-        """When ``poll`` has something to do; None: not before something else happens."""
+        """Next time at which ``poll`` must be called; None: only after another event."""
         return None
 
     def incoming(self, can_id: int, data: bytes) -> bool:
-        """A frame for the node; False keeps it away from it."""
+        """Process a frame for the node; False keeps it from the node."""
         return True
 
     def outgoing(self, can_id: int, data: bytes) -> bool:
-        """A frame of the node; False keeps it off the bus."""
+        """Process a frame of the node; False keeps it off the bus."""
         return True
 
     def reading(self, entry: Entry, data: bytes) -> bytes:
-        """What an SDO upload of the entry gives; raises ``SdoAbortedError`` to abort it."""
+        """The data of an SDO upload of the entry; raises ``SdoAbortedError`` to abort it."""
         return data
 
     def writing(self, entry: Entry, data: bytes) -> None:
-        """An SDO download to the entry begins; raises ``SdoAbortedError`` to abort it."""
+        """Start of an SDO download to the entry; raises ``SdoAbortedError`` to abort it."""
 
     @classmethod
     def description(cls) -> str:
@@ -87,7 +87,7 @@ class Misbehaviour:
 
     @classmethod
     def parameters(cls) -> tuple[Parameter, ...]:
-        """What can be chosen, in the order of declaration."""
+        """The parameters in the order of declaration."""
         found = []
         for item in fields(cls):
             if item.metadata:
@@ -98,7 +98,7 @@ class Misbehaviour:
 
     @property
     def values(self) -> dict[str, int]:
-        """The parameters in force."""
+        """The active parameter values."""
         return {item.name: getattr(self, item.name) for item in self.parameters()}
 
 
@@ -111,7 +111,7 @@ def catalogue(*groups: Iterable[type[Misbehaviour]]) -> Catalogue:
 
 
 def make(known: Catalogue, name: str, values: Mapping[str, object]) -> Misbehaviour:
-    """A fault of the catalogue with these parameters; CanopenError names what is unknown or out of its limits."""
+    """Create a fault of the catalogue with these parameters. CanopenError names an unknown name or a value out of range."""
     kind = known.get(name)
     if kind is None:
         raise CanopenError("fault", name, f"one of {', '.join(known)}")
@@ -127,12 +127,12 @@ def make(known: Catalogue, name: str, values: Mapping[str, object]) -> Misbehavi
     return kind(**chosen)
 
 
-# -- what faults have in common -------------------------------------------------------------------------------------------
+# -- common parts of faults -----------------------------------------------------------------------------------------------
 
 
 @dataclass(kw_only=True, eq=False)
 class Late(Misbehaviour):
-    """Holds frames back for ``delay_ms``, in order; a subclass says which by its ``outgoing`` and ``incoming``."""
+    """Delays frames by ``delay_ms`` and keeps their order. A subclass selects them in ``outgoing`` and ``incoming``."""
 
     _held: deque[tuple[int, bool, int, bytes]] = field(init=False, repr=False, default_factory=deque)
 

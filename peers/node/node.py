@@ -1,8 +1,9 @@
 """A simulated CANopen node, sans-I/O: frames and times in, frames out.
 
 Source: CiA DS 301 V4.01: NMT slave, heartbeat producer and consumer, EMCY, SDO server (canopen's), PDOs with run-time
-mapping: on SYNC, event-driven, on remote request. A device profile derives from it, hands in an ``image`` whose attributes
-are the values of mappable objects, and overrides the ``on_...`` hooks. Left out: SDO block download, TIME, LSS, node guarding.
+mapping: on SYNC, event-driven, on remote request. A device profile derives from it, passes an ``image`` whose attributes are
+the values of mappable objects, and overrides the ``on_...`` hooks. Not simulated: SDO block download, TIME, LSS, node
+guarding.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ SendFunction = Callable[[int, bytes], None]
 
 
 def encode(entry: Entry, value: Value) -> bytes:
-    """The object's bytes as an SDO carries them."""
+    """Convert the value of an object to the bytes of an SDO."""
     if isinstance(value, bytes):
         return value
     if isinstance(value, str):
@@ -43,10 +44,10 @@ def encode(entry: Entry, value: Value) -> bytes:
 
 
 class SimulatedNode(Device):
-    """One node. ``send(can_id, data)`` is called whenever it transmits."""
+    """One node. It calls ``send(can_id, data)`` to transmit."""
 
     catalogue: ClassVar[Catalogue] = NODE_MISBEHAVIOURS
-    """The faults this kind of device can be given."""
+    """The possible faults of this kind of device."""
 
     def __init__(self, node_id: int, objects: Sequence[ObjectSpec], image: object, send: SendFunction) -> None:
         super().__init__(node_id, objects, image)
@@ -57,22 +58,23 @@ class SimulatedNode(Device):
         self._consumed: dict[int, tuple[int, int]] = {}
         self._errors: list[int] = []
         self.misbehaviours: dict[str, Misbehaviour] = {}
-        """The faults in force, by name; they begin when the node is powered."""
+        """The active faults by name. They start when the node is powered."""
         self._powered = False
         self._touched = False
         self.boot_ns = 0
-        """So long after power-on and reset it answers nothing."""
+        """Time without answers after power-on and reset."""
         self._boot_at = -1
         self.object_dictionary = ObjectDictionary()
         self._sdo = BlockSdoServer(SDO_REQUEST + node_id, SDO_RESPONSE + node_id, self)
         self._sdo.network = self
-        self._sdo._index = self._sdo._subindex = 0  # a segment before any transfer is aborted, not an exception
+        # so that a segment before any transfer is aborted and raises no exception
+        self._sdo._index = self._sdo._subindex = 0
         self._defaults()
 
     # -- misbehaviour -----------------------------------------------------------------------------------------------
 
     def misbehave(self, name: str, /, **values: object) -> Misbehaviour:
-        """Give the node a fault of its catalogue; one in force is replaced. CanopenError for a wrong name or value."""
+        """Activate a fault of its catalogue; an active one is replaced. CanopenError for a wrong name or value."""
         fault = make(self.catalogue, name, values)
         self.behave(name)
         fault.node = self
@@ -83,7 +85,7 @@ class SimulatedNode(Device):
         return fault
 
     def behave(self, name: str | None = None) -> None:
-        """End a fault, all of them without a name; one that is not in force is no error."""
+        """End a fault, or all of them without a name; no error if it is not active."""
         for item in list(self.misbehaviours) if name is None else [name]:
             fault = self.misbehaviours.pop(item, None)
             self.touch()
@@ -91,7 +93,7 @@ class SimulatedNode(Device):
                 fault.end()
 
     def _behind(self, past: object) -> list[Misbehaviour]:
-        """The faults a frame still has to pass; ``past`` let it go on."""
+        """The faults that a frame still has to pass; ``past`` has already passed it."""
         faults = list(self.misbehaviours.values())
         return faults[next((place for place, fault in enumerate(faults, 1) if fault is past), 0) :]
 
@@ -108,7 +110,7 @@ class SimulatedNode(Device):
         self._boot()
 
     def receive(self, can_id: int, data: bytes, now: int, past: object = None) -> bool:
-        """A frame from the bus; ``past`` is the fault that held it. Returns False when ``next_event`` is as before."""
+        """Process a frame from the bus; ``past`` is the fault that delayed it. False when ``next_event`` has not changed."""
         self.now = now
         if self.misbehaviours and not all(fault.incoming(can_id, data) for fault in self._behind(past)):
             return True
@@ -135,7 +137,7 @@ class SimulatedNode(Device):
         return True
 
     def receive_remote(self, can_id: int, now: int) -> None:
-        """A remote frame from the bus: send the TPDO with this COB-ID, if it allows that."""
+        """Process a remote frame: send the TPDO with this COB-ID, if its parameters permit it."""
         self.now = now
         if self.state is not NmtState.OPERATIONAL:
             return
@@ -143,7 +145,7 @@ class SimulatedNode(Device):
         self.pdos.send_remote(can_id)
 
     def poll(self, now: int) -> None:
-        """Time passes: device, heartbeats and event-driven PDOs."""
+        """Update device, heartbeats and event-driven PDOs to the present time."""
         self.now = now
         if self.misbehaviours:
             for fault in list(self.misbehaviours.values()):
@@ -168,15 +170,15 @@ class SimulatedNode(Device):
             self.pdos.send_due(now)
 
     def catch_up(self, now: int) -> None:
-        """Bring the device up to ``now``, before a command."""
+        """Update the device to ``now`` before a command."""
         self.now = now
         if self.state is not NmtState.BOOT_UP:
             self.on_poll(now)
 
     def next_event(self, now: int) -> int | None:
-        """When ``poll`` has something to do after what was done at ``now``.
+        """Next time at which ``poll`` must be called, after a poll at ``now``.
 
-        A time that is past means at once; None: not before a frame or a command. Earlier polls change nothing.
+        A past time means at once. None: only after a frame or a command. Earlier polls have no effect.
         """
         soonest = NEVER
         for fault in self.misbehaviours.values():
@@ -198,27 +200,27 @@ class SimulatedNode(Device):
         return soonest if soonest < NEVER else None
 
     def touch(self) -> None:
-        """Something was changed from outside: it is looked at in the next ``poll``."""
+        """Something outside has changed: the next ``poll`` evaluates it."""
         self._touched = True
 
     def power_off(self) -> None:
-        """Silent until ``start``."""
+        """Switch off until ``start``."""
         self.state = NmtState.BOOT_UP
         self._boot_at = -1
 
     def restart(self) -> None:
-        """The firmware starts again: power-on values, boot-up message."""
+        """Restart the firmware: power-on values, boot-up message."""
         self.on_reset()
         self._defaults()
         self._boot()
 
     def transmit(self, can_id: int, data: bytes, past: object = None) -> None:
-        """Put a frame on the bus; ``past`` is the fault that held it."""
+        """Send a frame on the bus; ``past`` is the fault that delayed it."""
         if not self.misbehaviours or all(fault.outgoing(can_id, data) for fault in self._behind(past)):
             self.send(can_id, data)
 
     def pdo(self, can_id: int) -> Pdo | None:
-        """What is mapped to a PDO of either direction now, by its identifier; None for none."""
+        """The present mapping of a PDO of either direction by its identifier; None without one."""
         return self.pdos.get(can_id)
 
     def is_pdo(self, can_id: int) -> bool:
@@ -226,18 +228,18 @@ class SimulatedNode(Device):
         return self.pdos.get(can_id) is not None
 
     def send_message(self, can_id: int, data: bytes) -> None:
-        """What canopen's SDO server calls."""
+        """Called by canopen's SDO server to send."""
         self.transmit(can_id, bytes(data))
 
     def send_emergencies(self, waiting: list[tuple[int, int]]) -> None:
-        """Send what the device's model has to tell, (error code, error register) each, and take it from the list."""
+        """Send the EMCYs of the device's model, (error code, error register) each, and empty the list."""
         if waiting:
             for code, register in waiting:
                 self.send_emcy(code, register)
             waiting.clear()
 
     def send_emcy(self, code: int, register: int, data: bytes = b"") -> None:
-        """An emergency message; entered in 1003h."""
+        """Send an emergency message and enter it in 1003h."""
         if code:
             self._errors = [code, *self._errors][:8]
         else:
@@ -248,7 +250,7 @@ class SimulatedNode(Device):
     # -- object dictionary (the interface canopen's SDO server expects) ---------------------------------------------
 
     def entry(self, index: int, subindex: int) -> Entry:
-        """The entry, or the SDO abort a real node answers with."""
+        """The entry, or the SDO abort of a real node."""
         entry = self.entries.get((index, subindex))
         if entry is None:
             raise SdoAbortedError(Abort.NO_SUCH_SUBINDEX if index in self.indices else Abort.NO_SUCH_OBJECT)
@@ -286,7 +288,7 @@ class SimulatedNode(Device):
         self.write(entry, self._decode(entry, bytes(data)))
 
     def write(self, entry: Entry, value: Value) -> None:
-        """Take a value after the device's checks."""
+        """Store a value after the device's checks."""
         address = entry.address
         if entry.index == com.STORE_PARAMETERS or entry.index == com.RESTORE_PARAMETERS:
             self._store(entry, value)
@@ -322,7 +324,7 @@ class SimulatedNode(Device):
         return number
 
     def _defaults(self, end: int = 0xFFFF) -> None:
-        """Power-on values, the stored ones where there are any, of the objects up to index ``end``."""
+        """Set power-on values, or the stored ones, of the objects up to index ``end``."""
         for address, entry in self.entries.items():
             if entry.index > end:
                 continue
@@ -340,7 +342,7 @@ class SimulatedNode(Device):
         self._consume_heartbeats()
 
     def _store(self, entry: Entry, value: Value) -> None:
-        """Save (1010h) or restore (1011h), in force after the next reset."""
+        """Save (1010h) or restore (1011h), valid after the next reset."""
         restore = entry.index == com.RESTORE_PARAMETERS
         if value != (com.LOAD_SIGNATURE if restore else com.SAVE_SIGNATURE):
             raise SdoAbortedError(Abort.CANNOT_STORE)
@@ -384,5 +386,5 @@ class SimulatedNode(Device):
         self._consumed = {}
         for (index, subindex), value in self.values.items():
             if index == com.CONSUMER_HEARTBEAT and subindex and int(value) & 0xFFFF:
-                # Guarding starts with the first heartbeat.
+                # Monitoring starts with the first heartbeat.
                 self._consumed[ERROR_CONTROL + (int(value) >> 16 & 0x7F)] = ((int(value) & 0xFFFF) * MS, -1)

@@ -1,6 +1,6 @@
-"""The PDOs of a simulated CANopen node: mapping at run time, reception, and transmission on SYNC, by event and on request.
+"""The PDOs of a simulated CANopen node: run-time mapping, reception, and transmission on SYNC, by event and on request.
 
-Source: CiA DS 301 V4.01. What a value means and when one has changed is the node's.
+Source: CiA DS 301 V4.01. The node defines the meaning of a value and detects its change.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from pdgw.peers.node.device import Device
 NEVER = 1 << 62
 _TRANSMISSION_SYNC_MAX = SYNC_TYPES[-1]
 _UNSEEN_MS = 10
-"""So often a device looks after itself while no TPDO would tell of a change."""
+"""Interval of updating a device while no TPDO would show a change."""
 
 
 def _communication(index: int) -> int:
@@ -39,7 +39,7 @@ def _communication(index: int) -> int:
 
 
 class _Tpdo:
-    """A transmit PDO in force and when it was sent."""
+    """An active transmit PDO and its last transmission."""
 
     def __init__(self, pdo: Pdo, cob_id: int, type_: int, inhibit_ns: int, event_ns: int) -> None:
         self.pdo = pdo
@@ -53,13 +53,13 @@ class _Tpdo:
         self.due = -NEVER
         self.sync_count = 0
         self.held = False
-        """What has to be looked at again when the inhibit time is over."""
+        """To be checked at the end of the inhibit time."""
         self.on_change = False
-        """A changed value is an event."""
+        """Whether a changed value is an event."""
 
 
 class NodePdos:
-    """The PDOs of one node, as its parameters 1400h to 1BFFh say."""
+    """The PDOs of one node, from its parameters 1400h to 1BFFh."""
 
     def __init__(self, node: Device) -> None:
         self.node = node
@@ -67,29 +67,29 @@ class NodePdos:
         """RPDOs by COB-ID."""
         self._types: dict[int, int] = {}
         self._waiting: dict[int, bytes] = {}
-        """Data for the next SYNC."""
+        """Data to apply at the next SYNC."""
         self._tpdos: list[_Tpdo] = []
         self._events: list[_Tpdo] = []
-        """Those that are event-driven."""
+        """Event-driven TPDOs."""
         self._communication = [i for i, sub in node.entries if sub == 1 and is_communication_parameter(i)]
         """Indices of the communication parameters."""
         self._made: dict[tuple[int, ...], Pdo] = {}
-        """PDOs by index and objects of their mapping: a write to one object makes all PDOs again, mostly the same ones."""
+        """PDOs by index and mapped objects. A write to one object creates all PDOs again, and most are unchanged."""
 
     def get(self, can_id: int) -> Pdo | None:
-        """What is mapped to a PDO of either direction, by its identifier; None for none."""
+        """The mapping of a PDO of either direction by its identifier; None without one."""
         transmitted = (tpdo.pdo for tpdo in self._tpdos if tpdo.cob_id == can_id)
         return self.received.get(can_id) or next(transmitted, None)
 
     def forget(self) -> None:
-        """The NMT state changed: nothing waits for SYNC, and in operation every TPDO is news."""
+        """The NMT state has changed: no data waits for SYNC, and in operation every TPDO is sent."""
         self._waiting.clear()
         if self.node.state is NmtState.OPERATIONAL:
             for tpdo in self._tpdos:
                 tpdo.last = b""
 
     def next_event(self, now: int) -> int:
-        """When a TPDO is due by its timer, at the end of its inhibit time, or by a change of the image."""
+        """Time of the next TPDO: its timer, the end of its inhibit time, or a change of the image."""
         soonest = NEVER
         told = NEVER
         if self.node.state is NmtState.OPERATIONAL:
@@ -109,11 +109,11 @@ class NodePdos:
         return soonest
 
     def _unchanged(self, tpdo: _Tpdo) -> bool:
-        """Nothing of it changes before the device looks after itself."""
+        """Whether none of its values changes before the next update of the device."""
         return self.node.steady(tpdo.pdo, _UNSEEN_MS + 1) and self.node.packed(tpdo.pdo) == tpdo.last
 
     def check(self, entry: Entry, value: int) -> None:
-        """Mapping only changes while the PDO is invalid and its count is 0 (CiA 301 chapter 7.5.2.36)."""
+        """Check that the mapping changes only while the PDO is invalid and its count is 0 (CiA 301 chapter 7.5.2.36)."""
         index, subindex = entry.address
         direction = direction_of(index)
         communication = _communication(index)
@@ -122,7 +122,7 @@ class NodePdos:
             if subindex == 1 and valid and not value & COB_ID_INVALID and int(self.node.values[index, 1]) != value:
                 raise SdoAbortedError(Abort.VALUE_RANGE)
             if subindex == 2 and _TRANSMISSION_SYNC_MAX < value < EVENT_DRIVEN[0]:
-                raise SdoAbortedError(Abort.VALUE_RANGE)  # reserved, or on remote request only
+                raise SdoAbortedError(Abort.VALUE_RANGE)  # reserved, or only on remote request
             return
         if valid:
             raise SdoAbortedError(Abort.UNSUPPORTED_ACCESS)
@@ -134,7 +134,7 @@ class NodePdos:
         self._pdo_of(index, value, direction)
 
     def written(self, entry: Entry) -> None:
-        """A parameter got its value; those of a PDO that is not valid are not in force before its COB-ID is."""
+        """A parameter was written. The parameters of an invalid PDO take effect with its COB-ID."""
         communication = _communication(entry.index)
         if entry.address == (communication, 1) or self._valid(communication):
             self.map()
@@ -165,7 +165,7 @@ class NodePdos:
         return self._made[key]
 
     def map(self) -> None:
-        """Bring the PDOs in line with their parameters."""
+        """Create the PDOs from their parameters."""
         self.received = {}
         self._types = {}
         self._waiting = {}
@@ -196,7 +196,7 @@ class NodePdos:
                     self._events.append(tpdo)
 
     def receive(self, can_id: int, data: bytes) -> None:
-        """One of the RPDOs came in operation."""
+        """An RPDO arrived in operation."""
         pdo = self.received[can_id]
         if len(data) < pdo.size:
             self.node.send_emcy(PDO_LENGTH_ERROR, COMMUNICATION_ERROR)
@@ -208,7 +208,7 @@ class NodePdos:
         self.send_due(self.node.now)
 
     def sync(self) -> None:
-        """A SYNC came."""
+        """A SYNC has arrived."""
         if self.node.state is not NmtState.OPERATIONAL:
             return
         self.node.on_poll(self.node.now)
@@ -227,13 +227,13 @@ class NodePdos:
                 self._send(tpdo, data)
 
     def send_remote(self, can_id: int) -> None:
-        """A remote request: send the TPDO with this COB-ID, if it allows that."""
+        """Send the TPDO of a remote request, if its parameters permit it."""
         for tpdo in self._tpdos:
             if tpdo.cob_id == can_id and tpdo.remote:
                 self._send(tpdo, self.node.packed(tpdo.pdo))
 
     def send_due(self, now: int) -> None:
-        """Send the event-driven TPDOs that have something to tell or whose timer is over."""
+        """Send the event-driven TPDOs with a changed value or an expired timer."""
         for tpdo in self._events:
             tpdo.held = now - tpdo.last_time < tpdo.inhibit_ns
             if tpdo.held:
@@ -246,7 +246,7 @@ class NodePdos:
     def _send(self, tpdo: _Tpdo, data: bytes) -> None:
         tpdo.last = data
         tpdo.last_time = self.node.now
-        # The timer runs on from when it was due, so that late polls do not stretch the period.
+        # The timer starts again at its due time, so that late polls do not extend the period.
         on_time = tpdo.due <= self.node.now < tpdo.due + tpdo.event_ns
         tpdo.due = (tpdo.due if on_time else self.node.now) + tpdo.event_ns
         self.node.transmit(tpdo.cob_id, data)

@@ -1,6 +1,6 @@
-"""A simulated node at work: a ``SimulatedNode`` on a bus, woken by frames and by its own times.
+"""A running simulated node: a ``SimulatedNode`` on a bus, called for frames and at its own times.
 
-The edge of the simulators: here are the clock and the bus. A device profile adds the commands of its device.
+It connects the simulation to clock and bus. A device profile adds the commands of its device.
 """
 
 from __future__ import annotations
@@ -20,10 +20,11 @@ N = TypeVar("N", bound=SimulatedNode)
 
 
 class RunningNode(Generic[N]):
-    """``make`` is given the function that sends a frame and returns the node. It is the receiver of its port.
+    """``make`` gets the function that sends a frame and returns the node. The node receives the frames of its port.
 
-    The bus, of python-can or a port, is the node's own and is released by ``stop``. ``loop``: where it runs, whose thread gives
-    all commands then. Without one it shares the thread that simulates on real buses, and commands may come from any thread.
+    The node owns the bus (of python-can, or a port) and ``stop`` releases it. ``loop``: where it runs; then commands are
+    allowed only in its thread. Without it, the node uses the thread for real buses, and commands are allowed from any
+    thread.
     """
 
     def __init__(self, bus: can.BusABC | CanPort, make: Callable[[SendFunction], N], loop: Loop | None = None) -> None:
@@ -34,7 +35,7 @@ class RunningNode(Generic[N]):
         self.running = False
         """Between ``start`` and ``stop``."""
         self.lost = ""
-        """Why its bus is gone; empty while it is there."""
+        """Why its bus is lost; empty while it is available."""
         self._timer: Timer | None = None
 
     def __enter__(self) -> Self:
@@ -49,7 +50,7 @@ class RunningNode(Generic[N]):
         self._call(self._start)
 
     def stop(self) -> None:
-        """Power off for good and release the bus; also of one that was never started."""
+        """Power off permanently and release the bus, also for a node that was never started."""
         self._call(self._stop)
 
     def do(self, action: Callable[[N], object]) -> None:
@@ -82,14 +83,14 @@ class RunningNode(Generic[N]):
         self.port.close()
 
     def _send(self, can_id: int, data: bytes) -> None:
-        # A node that cannot transmit stays silent; its master notices by heartbeat and PDO supervision.
+        # A node that cannot transmit stays silent. Its master detects this by heartbeat and PDO supervision.
         try:
             with contextlib.suppress(PortBusyError):
                 self.port.send(can_id, data)
         except PortLostError as error:
             self.on_lost(str(error))
 
-    # -- what the port delivers -----------------------------------------------------------------------------------------
+    # -- events of the port ---------------------------------------------------------------------------------------------
 
     def on_frame(self, can_id: int, data: bytes) -> None:
         if self.node.receive(can_id, data, self.loop.now()):
@@ -101,20 +102,20 @@ class RunningNode(Generic[N]):
             self._plan()
 
     def on_error_frame(self, *, bus_off: bool, passive: bool) -> None:
-        """The device does not see it."""
+        """The device does not use this."""
 
     def on_room(self) -> None:
-        """What was refused is not repeated."""
+        """Rejected frames are not repeated."""
 
     def on_refused(self) -> None:
-        """What was not sent is not missed."""
+        """Rejected frames are dropped."""
 
     def on_lost(self, text: str) -> None:
-        """The node stays silent; who runs it may look at ``lost``."""
+        """The node stays silent. Its owner can read ``lost``."""
         self.lost = text
 
     def _plan(self) -> None:
-        """Have the node polled at its next event; a timer that is earlier plans again when it comes."""
+        """Poll the node at its next event. An earlier timer plans again when it expires."""
         if not self.running:
             return
         event = self.node.next_event(self.loop.now())

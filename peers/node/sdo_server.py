@@ -1,7 +1,7 @@
 """The SDO server of simulated nodes: canopen's, with block upload.
 
-Source: CiA DS 301 V4.02 chapter 7.2.4.3 (SDO block upload protocol). Left out: block download, which canopen's server refuses
-with an abort as the standard allows.
+Source: CiA DS 301 V4.02 chapter 7.2.4.3 (SDO block upload protocol). Not implemented: block download, which canopen's server
+aborts as the standard permits.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _HEADER = struct.Struct("<BHB")
 
 
 class BlockSdoServer(SdoServer):  # type: ignore[misc]  # partly typed package
-    """Serves block uploads beside expedited and segmented transfers."""
+    """Serves block uploads in addition to expedited and segmented transfers."""
 
     def __init__(self, rx_cobid: int, tx_cobid: int, node: Any) -> None:
         super().__init__(rx_cobid, tx_cobid, node)
@@ -35,7 +35,7 @@ class BlockSdoServer(SdoServer):  # type: ignore[misc]  # partly typed package
         self._uploading = False
 
     def block_upload(self, request: bytes) -> None:
-        """One request of a block upload: initiate, start, acknowledge of a block, or its end."""
+        """Process one request of a block upload: initiate, start, acknowledge of a block, or end."""
         command = request[0] & 0x03
         if command == _INITIATE:
             self._initiate(request)
@@ -75,7 +75,7 @@ class BlockSdoServer(SdoServer):  # type: ignore[misc]  # partly typed package
                 break
 
     def _acknowledged(self, number: int, size: int) -> None:
-        """The client has the segments up to ``number``; what is missing of the block is sent again."""
+        """The client has received the segments up to ``number``. Send the rest of the block again."""
         if number > self._block_size:
             self._uploading = False
             raise SdoAbortedError(Abort.INVALID_SEQUENCE_NUMBER)

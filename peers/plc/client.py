@@ -1,4 +1,4 @@
-"""The edge of the PLC simulator: paced sending, receiving and trace on one thread; capture and parameters beside it. On UDP."""
+"""The PLC simulator on UDP: one thread sends in a fixed cycle, receives and traces; capture and parameters run beside it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _TRACE_NS = 10 * MS
 
 
 class PlcRunner(abc.ABC):
-    """Runs an engine against a gateway, whatever the link."""
+    """Runs an engine with a gateway on any link."""
 
     def __init__(self, endpoint: Exchange, cycle_ns: int) -> None:
         self.endpoint = endpoint
@@ -44,7 +44,7 @@ class PlcRunner(abc.ABC):
 
     @abc.abstractmethod
     def _wait(self, ns: int) -> None:
-        """Take what comes within this time."""
+        """Receive for this time."""
 
     @abc.abstractmethod
     def _send(self) -> None:
@@ -60,16 +60,16 @@ class PlcRunner(abc.ABC):
 
     @abc.abstractmethod
     def _mute(self) -> None:
-        """The scenario wants silence: nothing is sent in this cycle."""
+        """Send nothing in this cycle, as the scenario requests."""
 
     def stop(self) -> None:
         """End ``run`` after the present cycle."""
         self._stopping.set()
 
     def run(self, engine: Engine | None, drive: Callable[[str], None] = lambda _: None) -> None:
-        """Exchange frames until the scenario is over or ``stop``; ``drive`` gets the scenario's drive commands.
+        """Exchange frames until the scenario ends or ``stop``. ``drive`` gets the scenario's drive commands.
 
-        A scenario is over, too, when an expectation failed and no gateway has answered until then.
+        A scenario ends, too, when an expectation fails and no gateway has answered until then.
         """
         self._start = due = time.monotonic_ns()
         while not self._stopping.is_set() and not (engine is not None and engine.finished):
@@ -131,7 +131,7 @@ class PlcRunner(abc.ABC):
 
 
 class PlcClient(PlcRunner):
-    """A PLC on UDP; ``acyclic_port`` is the gateway's for parameters."""
+    """A PLC on UDP. ``acyclic_port``: the gateway's port for parameters."""
 
     def __init__(
         self,
@@ -146,7 +146,7 @@ class PlcClient(PlcRunner):
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1" if gateway[0].startswith("127.") else "0.0.0.0", 0))
         self._socket.setblocking(False)
-        # The gateway's side is written as PROFINET's own ports, so that every reader dissects it without help.
+        # The capture uses PROFINET's ports for the gateway, so that every reader dissects it without settings.
         self._capture: Capture | None = None
         self._record: Callable[[bool, bytes], None] | None = None
         if pcap is not None:
@@ -162,7 +162,7 @@ class PlcClient(PlcRunner):
         self._receive()
 
     def _mute(self) -> None:
-        """Nothing is sent by itself."""
+        """Send nothing in this cycle."""
 
     def close(self) -> None:
         if self._parameters is not None:
@@ -216,6 +216,6 @@ _MAIN_QUANTITIES = {
 
 
 def _main_value(half: TelegramHalf, mode: ApplicationMode) -> str | None:
-    """The signal of the trace: the first of the quantity that the application mode controls or measures; None without one."""
+    """The traced signal: the first with the quantity that the application mode controls or measures; None without one."""
     signals = [item for item in half.signals if item.name != "Velocity Demand Value"]
     return next((item.name for wanted in _MAIN_QUANTITIES[mode] for item in signals if item.quantity is wanted), None)

@@ -1,4 +1,4 @@
-"""What the steps of a scenario are made of, in the words of the axis' telegram: setpoints to set, actual values to wait for."""
+"""Translate the steps of a scenario to the telegram of the axis: setpoints to set, actual values to wait for."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _STW1_ACTIONS = {
 """The actions that are one bit."""
 _CONTROLWORDS = {"off1": 0x0006, "quick_stop": 0x0002, "coast": 0x0000}
 _ENABLING = ((0x06, "& 0x6F = 0x21"), (0x07, "& 0x6F = 0x23"), (0x0F, "& 0x6F = 0x27"))
-"""Telegram 100: Controlwords, and the Statusword each has to be answered with."""
+"""Telegram 100: Controlwords, and the required answer of the Statusword to each."""
 _POSITIONER_ACTIONS: dict[str, Callable[[PositionerWords, Step], Program]] = {
     "mdi": lambda words, step: words.mdi(step.mdi) if step.mdi is not None else [],
     "setting_up": lambda words, step: words.setting_up(step.setting_up) if step.setting_up is not None else [],
@@ -48,11 +48,11 @@ _POSITIONER_ACTIONS: dict[str, Callable[[PositionerWords, Step], Program]] = {
     "set_reference": lambda words, _: words.set_reference(),
     "home": lambda words, step: _home(words, step.home) if step.home is not None else [],
 }
-"""``home`` is telegram 9's too, with its method in SATZANW."""
+"""``home`` exists for telegram 9, too, with its method in SATZANW."""
 
 
 def _home(words: PositionerWords, wish: Home) -> Program:
-    """Its method and speeds are the configuration's."""
+    """Method and speeds are those of the configuration."""
     for name in sorted({"method", "velocity"} & wish.model_fields_set):
         raise GatewayError(
             f"home.{name} is allowed only with telegram 9; with other telegrams the configuration sets it"
@@ -92,13 +92,13 @@ class Condition:
         return (raw & self.mask) >> self.shift if self.mask else raw
 
     def measured(self, actuals: dict[str, int]) -> str:
-        """The value as the bound is written."""
+        """The value in the notation of the bound."""
         return f"{self.name} = {self.write(self.value(actuals))}"
 
 
 @dataclass(slots=True)
 class Expectation:
-    """Actual values that have to come within a time; in nanoseconds, as ``since``, when the waiting began."""
+    """Required actual values within a time. ``since``: start of the waiting; both in nanoseconds."""
 
     conditions: list[Condition]
     name: str
@@ -109,7 +109,7 @@ class Expectation:
 
 @dataclass(slots=True)
 class Check:
-    """What a parameter has to be, or what its writing has to end with."""
+    """Required value of a parameter, or required result of a write."""
 
     name: str
     holds: Callable[[Element], bool]
@@ -117,7 +117,7 @@ class Check:
 
 @dataclass(slots=True)
 class Access:
-    """An access to the parameter channel; a read is repeated until it is as expected."""
+    """An access to the parameter channel. A read is repeated until it has the required value."""
 
     targets: tuple[Target, ...]
     values: tuple[str, ...]
@@ -129,18 +129,18 @@ class Access:
 
 
 Primitive = Callable[[], None] | Expectation | Access | Following | int
-"""What the engine plays; an integer is a pause in nanoseconds."""
+"""A command of the engine; an integer is a pause in nanoseconds."""
 
 
 class Compiler:
-    """Makes primitives of the steps for one endpoint."""
+    """Translates steps to primitives for one endpoint."""
 
     def __init__(self, references: References, endpoint: PlcEndpoint) -> None:
         self._references = references
         self._endpoint = endpoint
 
     def compile(self, step: Step, within: int) -> list[Primitive]:
-        """What a step is made of; GatewayError when it does not fit the axis' telegram."""
+        """The primitives of a step; GatewayError when it does not fit the axis' telegram."""
         axis = step.axis - 1
         mode = self._endpoint.telegrams[axis].mode
         action = step.action
@@ -222,7 +222,7 @@ class Compiler:
         ]
 
     def _jog(self, axis: int, which: int) -> Callable[[], None]:
-        """Of a speed telegram; what lets go leaves speed 0, so that nothing turns by a setpoint of before."""
+        """Jog of a speed telegram. The end of a jog sets speed 0, so that the axis does not turn with an earlier setpoint."""
         values: dict[str, Scalar] = {_speed_setpoint(self._endpoint.telegrams[axis]): 0}
         values |= dict.fromkeys(_RAMP_BITS, int(not which))
         return self._setter(axis, {**values, "STW1.JOG_1_ON": int(which == 1), "STW1.JOG_2_ON": int(which == 2)})
@@ -251,7 +251,7 @@ class Compiler:
         )
 
     def _move(self, axis: int, move: Move, within: int) -> list[Primitive]:
-        """Data, then the edge of STW1.6, held until ZSW1.12 acknowledges."""
+        """Set the data, then the edge of STW1.6, until ZSW1.12 acknowledges."""
         return [
             self._setter(
                 axis,
@@ -332,13 +332,13 @@ class Compiler:
         try:
             holds = comparison(wanted, lambda value: integer(name, value))
         except GatewayError:
-            return lambda element: element.value == wanted  # a name, octets
+            return lambda element: element.value == wanted  # a name or octets
         return lambda element: isinstance(element.value, int | float) and holds(element.value)
 
     def _setter(
         self, axis: int, values: Mapping[str, Scalar], if_zero: Mapping[str, Scalar] = MappingProxyType({})
     ) -> Callable[[], None]:
-        """Sets setpoints; those of ``if_zero`` where they are 0."""
+        """Set setpoints; those of ``if_zero`` only if they are 0."""
         changes = [self._change(axis, name, value) for name, value in values.items()]
         more = [self._change(axis, name, value) for name, value in if_zero.items()]
 
@@ -354,7 +354,7 @@ class Compiler:
         return apply
 
     def _change(self, axis: int, name: str, value: Scalar) -> tuple[str, int, int]:
-        """Signal, mask (0: all of it) and bits in place."""
+        """Signal, mask (0: all bits) and shifted bits."""
         half = self._endpoint.telegrams[axis].setpoints
         key = word(name, half.telegram).key if name.islower() else name
         signal_name, bit = self._resolve(key, half)

@@ -1,4 +1,4 @@
-"""The engine that plays a scenario, sans-I/O: time and actual values in, setpoints out."""
+"""The engine that runs a scenario, sans-I/O: time and actual values in, setpoints out."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from pdgw.peers.plc.scenario import Scenario, Step
 from pdgw.profidrive.errors import ProfidriveError
 
 _ENVIRONMENT = frozenset({"mute", "run", "drive", "hold"})
-"""The actions that are no matter of the axis' telegram."""
+"""Actions that do not depend on the axis' telegram."""
 
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """An expectation and what became of it; times in seconds from the start."""
+    """An expectation and its result; times in seconds from the start."""
 
     step: int
     axis: int
@@ -33,11 +33,10 @@ class Result:
 
 
 class Engine:
-    """Plays a scenario on an endpoint. ``step(now)`` once per cycle; ``finished`` tells when it is over.
+    """Runs a scenario on an endpoint. Call ``step(now)`` once per cycle until ``finished`` is true.
 
-    ``muted`` asks the edge not to send. ``drive_commands`` collects lines for the device simulator, ``accesses`` those to
-    the parameter channel, which the edge serves meanwhile. GatewayError from the constructor when a step does not fit the
-    axis' telegram.
+    ``muted``: send no frames. ``drive_commands``: lines for the device simulator. ``accesses``: requests to the parameter
+    channel; the caller serves both. GatewayError from the constructor when a step does not fit the axis' telegram.
     """
 
     def __init__(self, scenario: Scenario, endpoint: PlcEndpoint) -> None:
@@ -58,19 +57,19 @@ class Engine:
 
     @property
     def passed(self) -> bool:
-        """Every expectation so far held."""
+        """Whether every expectation until now is met."""
         return all(result.passed for result in self.results)
 
     @property
     def current(self) -> str:
-        """What is being done, for a view."""
+        """The present step, for a display."""
         if self._position == 0:
             return ""
         step = self.scenario.steps[min(self._position, len(self.scenario.steps)) - 1]
         return step.note or f"{step.action} axis {step.axis}"
 
     def step(self, now: int) -> None:
-        """Play as far as it goes at this time with the actual values in the endpoint."""
+        """Run the steps that are possible at this time with the actual values of the endpoint."""
         if self._start < 0:
             self._start = now
         while not self.finished:
@@ -88,7 +87,7 @@ class Engine:
                 if not self._wait(item, now):
                     return
                 if not self.results[-1].passed and self.scenario.steps[self._position - 1].action == "enable":
-                    self._queue = []  # a drive that is not ready gets no ON later on
+                    self._queue = []  # a drive that is not ready must not get ON later
                     continue
             elif isinstance(item, Access):
                 if not self._parameters(item, now):
@@ -128,7 +127,7 @@ class Engine:
         return wanted is None
 
     def give_up(self) -> None:
-        """End what is under way; a loop that was closed leaves no setpoints behind."""
+        """End the active step. A closed position loop leaves no setpoints."""
         if self._queue and isinstance(self._queue[0], Following):
             self.endpoint.set(self._queue[0].axis, self._queue[0].rest)
         self._queue = []

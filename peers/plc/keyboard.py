@@ -1,4 +1,4 @@
-"""What a person types at the PLC simulator, sans-I/O: keys and typed words become steps of a scenario on the chosen axes."""
+"""Keyboard of the PLC simulator, sans-I/O: keys and typed words become steps of a scenario on the selected axes."""
 
 from __future__ import annotations
 
@@ -39,16 +39,16 @@ _ESCAPE: Final = "\x1b"
 _FULL: Final = 100
 _GIVEN_UP_BY_STOPS: Final = {"enable", "follow"}
 _TOLD: Final = frozenset({"follow", "expect"})
-"""What came of it is of interest also when it went well."""
+"""Their results are reported after a success as well."""
 _OF_SCENARIOS: Final = frozenset({"read", "write", "mute", "drive"})
-"""They need more than the frames that the keys are about."""
+"""They need more than cyclic frames, which is all that keys control."""
 _WHERE: Final = re.compile(r"\bstep 1(?: \(\w+\))?: ")
-"""How a refusal of a scenario says where; what is typed is one step."""
+"""The place in an error message of a scenario. A typed step is always step 1."""
 
 
 @dataclass(slots=True)
 class _Job:
-    """What an axis is to do; ``action`` is asked when its turn comes, ``engine`` has then begun with it."""
+    """A queued step of an axis. ``action`` is called when the step starts; then ``engine`` runs it."""
 
     text: str
     action: Callable[[], Action]
@@ -56,11 +56,11 @@ class _Job:
 
 
 class Keyboard:
-    """Keys to setpoints, sans-I/O: ``press`` from any thread, ``step`` once per cycle.
+    """Converts keys to setpoints, sans-I/O: ``press`` from any thread, ``step`` once per cycle.
 
-    Each axis works off its keys by itself. A stop key acts at once: what has not begun is dropped, an enable that waits for
-    the drive is given up, and only a handshake that has begun is completed. ``tell`` gets what the user must know, ``leave``
-    is called when the user wants no more.
+    Each axis has its own queue of keys. A stop key acts at once: it clears the queue, aborts an enable that waits for the
+    drive, and lets only a started handshake finish. ``tell`` gets messages for the user. ``leave`` is called for the exit
+    key.
     """
 
     def __init__(
@@ -69,12 +69,12 @@ class Keyboard:
         self.endpoint = endpoint
         self.tell = tell
         self.selected: int | None = None
-        """The axis (from 1) the keys are for; None: all."""
+        """The selected axis (from 1); None: all."""
         self._leave = leave
         self._numbers = [item.number for item in endpoint.telegrams]
         self._keys: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._typed: str | None = None
-        """A line that is being typed."""
+        """The line being typed."""
         self._choosing = False
         """The next key is the letter of a bit."""
         self._pending: list[list[_Job]] = [[] for _ in self._numbers]
@@ -82,11 +82,11 @@ class Keyboard:
         self._available = [keys[number] for number in self._numbers]
 
     def press(self, key: str) -> None:
-        """Take a key; an unknown one does nothing."""
+        """Queue a key; an unknown one has no effect."""
         self._keys.put(key)
 
     def step(self, now: int) -> None:
-        """Obey the keys pressed since the last cycle and go on with what is under way."""
+        """Carry out the keys pressed since the last cycle and continue the active steps."""
         while not self._keys.empty():
             self._obey(self._keys.get(), now)
         for axis, pending in enumerate(self._pending, 1):
@@ -100,7 +100,7 @@ class Keyboard:
                     self._tell_results(job.text, job.engine)
 
     def keys_of(self, axis: int) -> list[str]:
-        """The keys whose step the telegram of an axis takes."""
+        """The keys whose step is possible with the telegram of an axis."""
         changed = self._changed_by_keys(axis) is not None
         floats = any(item.is_float for item in self.endpoint.telegrams[axis - 1].setpoints.signals)
         return [
@@ -112,7 +112,7 @@ class Keyboard:
 
     @property
     def help(self) -> str:
-        """The chosen axes and the keys they have, or what is being typed."""
+        """The selected axes with their keys, or the line being typed."""
         chosen = "all axes" if len(self._chosen) > 1 else f"axis {self._chosen[0]}"
         if self._typed is not None:
             return f"{chosen}  {TYPE}{self._typed}_   (Enter runs it, Esc cancels it)"
@@ -134,7 +134,7 @@ class Keyboard:
 
     @property
     def _bits(self) -> list[Word]:
-        """Of the first chosen axis: what ``BITS`` toggles."""
+        """Bits of the first selected axis that ``BITS`` toggles."""
         return [word for word in words_of(self._numbers[self._chosen[0] - 1]).values() if word.switch]
 
     def _changed_by_keys(self, axis: int) -> str | None:
@@ -199,7 +199,7 @@ class Keyboard:
                 self._say(line.strip(), now)
 
     def _say(self, line: str, now: int) -> None:
-        """A typed step, for each chosen axis that takes it."""
+        """Queue a typed step for each selected axis whose telegram supports it."""
         refusals = []
         for axis in self._chosen:
             try:

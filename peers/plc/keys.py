@@ -1,4 +1,4 @@
-"""The keys of the PLC simulator, as data: each is a step of a scenario, on the axes whose telegram takes it."""
+"""The keys of the PLC simulator, as data: each is a step of a scenario, for the axes whose telegram supports it."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ Action = Mapping[str, Any]
 
 EXIT: Final = "x"
 ALL: Final = "0"
-"""Digits choose an axis, this one all of them."""
+"""Digits select an axis, this one selects all."""
 TYPE: Final = ":"
-"""What follows, until Enter, is a step: ``override 50 %``, ``mdi {to: 500}``."""
+"""Starts a typed step, up to Enter: ``override 50 %``, ``mdi {to: 500}``."""
 BITS: Final = "t"
-"""What follows is the letter of a bit, which is toggled."""
+"""The next key is the letter of a bit to toggle."""
 LIST: Final = "?"
 """Lists the words of the axis' telegram."""
 BIT_LETTERS: Final = string.ascii_lowercase + string.ascii_uppercase
 FASTER, SLOWER = "+", "-"
 CHANGED_BY_KEYS: Final = ("NSOLL_A", "NSOLL_B", "OVERRIDE")
-"""What ``+`` and ``-`` change by ``STEP_PERCENT``: the first of them that the telegram has."""
+"""``+`` and ``-`` change the first of these in the telegram by ``STEP_PERCENT``."""
 STEP_PERCENT: Final = 10
 
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """``back``: what the key does instead while the word ``held`` is not 0."""
+    """``back``: replaces the key's step while the word ``held`` is not 0."""
 
     text: str
     step: Action
@@ -76,7 +76,7 @@ KEYS: Final[Mapping[str, Key]] = {
     "P": Key("park sensor 1 / use it", {"g1_park": 1}, "g1_park", {"g1_park": 0}),
     "L": Key("sign of life / none", {"sign_of_life": True}, "sign_of_life", {"sign_of_life": False}),
 }
-"""What each key does to an axis."""
+"""The step of each key."""
 _STOPS: Final = frozenset({"off1", "quick_stop", "coast", "reject", "intermediate_stop"})
 
 
@@ -84,15 +84,15 @@ _IN_LU: Final = frozenset({"mdi", "setting_up"})
 
 
 def in_lu(action: Action) -> bool:
-    """Its numbers are length units: no key of telegram 112, whose unit only the gateway knows."""
+    """Whether its numbers are length units, so that no key fits telegram 112, whose unit only the gateway has."""
     return bool(_IN_LU & set(action))
 
 
 def stops(action: Action) -> bool:
-    """It waits for nothing that is under way."""
+    """Whether the action takes effect without waiting for active steps."""
     return bool(_STOPS & set(action)) or action.get("jog") == 0
 
 
 def shown(key: str) -> str:
-    """A key as it is printed."""
+    """The printed name of a key."""
     return "space" if key == " " else key

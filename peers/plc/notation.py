@@ -1,7 +1,7 @@
-"""How the values of a scenario are written.
+"""Notation of the values in a scenario.
 
-``1234``, ``0x4D2``, ``2000h``, ``50 %`` or, with the scenario's references, ``1500 rpm`` and ``2000 inc``; what is expected also
-``<= 5``, ``100 +- 2`` and ``& 0x4F = 0x40``; times ``500 ms`` and ``3 s``.
+``1234``, ``0x4D2``, ``2000h``, ``50 %`` or, with the scenario's references, ``1500 rpm`` and ``2000 inc``. Expected values
+also ``<= 5``, ``100 +- 2`` and ``& 0x4F = 0x40``. Times ``500 ms`` and ``3 s``.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pdgw.profidrive.signals import Signal, float_of, float_pattern
 _DECIMALS = 1_000_000_000
 _TENTHS = 10
 _LARGEST = 2
-"""N2 and N4 hold up to 200 %."""
+"""Range of N2 and N4: up to 200 %."""
 _I64 = (-(1 << 62), 1 << 62)
 
 
@@ -34,7 +34,7 @@ def parse_time(text: str) -> int:
 
 
 def comparison(wanted: Scalar, raw: Callable[[Scalar], float]) -> Callable[[float], bool]:
-    """What is expected, as a predicate; ``raw`` makes a number of each value in the text."""
+    """Convert an expected value to a predicate. ``raw`` converts each value in the text to a number."""
     text = str(wanted).strip()
     match = re.fullmatch(r"&\s*(\S+)\s*=\s*(\S+)", text)
     if match:
@@ -57,7 +57,7 @@ def comparison(wanted: Scalar, raw: Callable[[Scalar], float]) -> Callable[[floa
 
 
 def expected(references: References, item: Signal, wanted: Scalar) -> Callable[[int], bool]:
-    """What is expected of a signal's raw integer; GatewayError for a text that is none."""
+    """Convert an expected value to a predicate on a signal's raw integer; GatewayError for an invalid text."""
     if not item.is_float:
         return comparison(wanted, partial(raw_value, references, item))
     if "&" in str(wanted):
@@ -69,7 +69,7 @@ def expected(references: References, item: Signal, wanted: Scalar) -> Callable[[
 
 
 def raw_value(references: References, item: Signal, value: Scalar) -> int:
-    """A value in any notation as the signal's raw integer."""
+    """Convert a value in any notation to the signal's raw integer."""
     text = str(value).strip()
     match = re.fullmatch(r"(-?\d{1,15}(?:\.\d{1,9})?)\s*(%|rpm|inc)", text)
     if match:
@@ -87,7 +87,7 @@ def raw_value(references: References, item: Signal, value: Scalar) -> int:
 
 
 def written(references: References, item: Signal, wanted: str, value: int) -> str:
-    """A raw value as what was wanted of it is written: in its unit, with one decimal, or in hexadecimal digits."""
+    """Format a raw value like the expected one: in its unit with one decimal, or in hexadecimal digits."""
     if item.is_float:
         return f"{float_of(value):g}"
     unit = re.search(r"%|rpm|inc", wanted)
@@ -101,13 +101,13 @@ def written(references: References, item: Signal, wanted: str, value: int) -> st
 
 
 def _reference(references: References, unit: str) -> Fraction | int:
-    """What 100 % is in a unit."""
+    """100 % in this unit."""
     full: dict[str, Fraction | int] = {"%": 100, "rpm": Fraction(references.speed_rpm), "inc": references.position}
     return full[unit]
 
 
 def integer(name: str, value: Scalar, others: str = "") -> int:
-    """A whole number in any notation; ``others`` completes the message of the GatewayError for anything else."""
+    """A whole number in any notation. ``others`` completes the message of the GatewayError for anything else."""
     if isinstance(value, int):
         return int(value)
     text = str(value).strip()
@@ -127,5 +127,5 @@ def _normalisation(item: Signal, reference: Fraction | int) -> Normalisation:
 
 
 def _to_wire(item: Signal, number: Fraction, full: Fraction | int) -> int:
-    """A number with up to nine decimals, where ``full`` is 100 %, as the raw value."""
+    """The raw value of a number with up to nine decimals, where ``full`` is 100 %."""
     return _normalisation(item, full * _DECIMALS).to_wire(int(number * _DECIMALS))

@@ -1,10 +1,10 @@
-"""Scenarios: what a PLC program does, as data.
+"""Scenarios: PLC programs as data.
 
-A scenario is a list of steps; each has one action, an optional ``axis`` (from 1) and ``note``. The actions are declared here with
-what they do and an example, from which docs and the keyboard take them; beside them every value and bit of the telegram is
-a word (``vocabulary``). ``read`` and ``write`` go to the parameter channel, to the drive object with the number of the axis as
-DO-ID. A file of it is YAML (``scenario_file``), its values are written as ``notation`` says, and ``engine`` plays it. See
-``tools/scenarios`` for examples.
+A scenario is a list of steps. Each has one action, an optional ``axis`` (from 1) and ``note``. The actions are declared here
+with a description and an example for docs and keyboard. In addition every value and bit of the telegram is a word
+(``vocabulary``). ``read`` and ``write`` use the parameter channel of the drive object whose DO-ID is the number of the axis.
+A scenario file is YAML (``scenario_file``), its values are in the notation of ``notation``, and ``engine`` runs it. For
+examples see ``tools/scenarios``.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ _Values = Annotated[dict[str, Scalar], Field(min_length=1)] | None
 
 
 class References(_Model):
-    """What 100 % stands for, to write values in physical units."""
+    """100 % of the quantities, for values in physical units."""
 
     speed_rpm: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 3000
     position: Annotated[int, Field(gt=0)] = 500_000
     increments: Annotated[int, Field(gt=0)] = 4096
-    """Of G1_XIST1 for one revolution, with its fine resolution."""
+    """Increments of G1_XIST1 per revolution, with its fine resolution."""
 
 
 class Move(_Model):
@@ -63,14 +63,14 @@ class Home(_Model):
 
 
 class Step(_Model):
-    """One step: exactly one action; words of the telegram are a ``set``."""
+    """One step with exactly one action. Words of the telegram are a ``set``."""
 
     model_config = ConfigDict(use_attribute_docstrings=True)
 
     axis: Annotated[int, Field(ge=1)] = 1
     note: str = ""
     within: str | None = None
-    """How long is waited; without it as the scenario says."""
+    """Timeout of the step; default: that of the scenario."""
     refused: Annotated[int, Field(ge=0, le=0xFFFF)] | None = None
     enable: _Flag = None
     """OFF, then ON when the drive is ready"""
@@ -146,12 +146,12 @@ class Step(_Model):
     @model_validator(mode="before")
     @classmethod
     def _words(cls, document: Any) -> Any:
-        """What is no action is a word of the telegram."""
+        """Convert keys that are not actions to words of the telegram."""
         if not isinstance(document, dict):
             return document
         known, words = {}, {}
         for key, value in document.items():
-            name = "on" if key is True else key  # as YAML reads ``on:``
+            name = "on" if key is True else key  # YAML reads ``on:`` as True
             if name in cls.model_fields or not isinstance(name, str):
                 known[name] = value
             elif name in telegrams_of():
@@ -189,16 +189,16 @@ ACTIONS: Final = tuple(name for name in Step.model_fields if name not in {"axis"
 
 
 def examples(action: str) -> list[dict[str, Any]]:
-    """Steps with this action, as its declaration shows them."""
+    """The examples in the declaration of this action."""
     return [{action: example} for example in Step.model_fields[action].examples or [True]]
 
 
 class Scenario(_Model):
-    """The whole file."""
+    """A scenario file."""
 
     name: str = "scenario"
     within: str = "3 s"
-    """How long each step waits that does not say it."""
+    """Timeout of the steps without their own."""
     telegrams: Annotated[list[int], Field(min_length=1)] = [1]
     references: References = References()
     steps: Annotated[list[Step], Field(min_length=1)]

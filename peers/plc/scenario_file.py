@@ -1,4 +1,4 @@
-"""Scenarios from YAML files, refused with the step, the key, the value and what is allowed."""
+"""Read scenarios from YAML files. Errors name the step, the key, the value and what is allowed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pdgw.profidrive.telegrams import telegram
 
 
 class _Loader(yaml.SafeLoader):
-    """Without aliases: a few lines of them are gigabytes when they are walked through."""
+    """Rejects aliases: a few lines of them can expand to gigabytes."""
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         if self.check_event(yaml.AliasEvent):
@@ -30,17 +30,17 @@ class _Loader(yaml.SafeLoader):
 
 
 def _document(text: str) -> Any:
-    """YAML; GatewayError when it is none."""
+    """Parse YAML; GatewayError for invalid text."""
     try:
         return yaml.load(text, _Loader)
-    except (yaml.YAMLError, ValueError) as error:  # a date that is none and a number of 5000 digits are ValueErrors
+    except (yaml.YAMLError, ValueError) as error:  # an invalid date and a number of 5000 digits are ValueErrors
         raise GatewayError(f"not valid YAML: {' '.join(str(error).split())}") from error
     except RecursionError:
         raise GatewayError("not valid YAML: nested too deeply") from None
 
 
 def parse_step(text: str) -> dict[str, Any]:
-    """A step as it is typed: a word and its value, ``override 50 %``; without one it is true. GatewayError for no YAML."""
+    """Parse a typed step: a word and its value, ``override 50 %``; the default value is true. GatewayError for invalid YAML."""
     name, _, value = text.strip().partition(" ")
     document = _document(value) if value.strip() else True
     check_depth(document, name)
@@ -48,7 +48,7 @@ def parse_step(text: str) -> dict[str, Any]:
 
 
 def scenario_of(telegrams: Sequence[int], steps: Sequence[Mapping[str, Any]]) -> Scenario:
-    """Steps without a file; GatewayError says what is wrong with them."""
+    """Build a scenario from steps without a file; GatewayError describes errors."""
     try:
         return Scenario.model_validate({"telegrams": list(telegrams), "steps": [dict(step) for step in steps]})
     except ValidationError as error:
@@ -75,7 +75,7 @@ def load_scenario(path: Path) -> Scenario:
 
 
 def _told(problem: Problem) -> str:
-    """``step 3: move.to = 'x': expected a number``: steps are counted from 1, as in the results."""
+    """``step 3: move.to = 'x': expected a number``. Steps count from 1, as in the results."""
     section, *place = problem.location or ("",)
     if section != "steps" or not place:
         return problem.line

@@ -1,7 +1,7 @@
-"""The words of the PLC simulator that nobody had to write: every value and every bit a telegram sends, by its declared name.
+"""Words of the PLC simulator from the telegrams: every sent value and bit by its declared name.
 
-A value is called as its signal (``override``, ``kpc``), a bit as it is declared (``tracking``, ``open_brake``), one of a sensor's
-word with the sensor before it (``g1_park``), all in lower case. Left out: bits without a function.
+A value has the name of its signal (``override``, ``kpc``), a bit its declared name (``tracking``, ``open_brake``). Bits of a
+sensor's word have the sensor as a prefix (``g1_park``). All are in lower case. Bits without a function are left out.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ class Word:
 
     @property
     def key(self) -> str:
-        """As ``set`` and ``expect`` have it: ``NSOLL_A``, ``STW1.ON``."""
+        """Name for ``set`` and ``expect``: ``NSOLL_A``, ``STW1.ON``."""
         return self.signal.name if self.bit is None else f"{self.signal.name}.{self.bit.name}"
 
     @property
     def meaning(self) -> str:
-        """Of the value, or of 1."""
+        """Meaning of the value, or of 1."""
         return self.signal.description if self.bit is None else self.bit.meaning
 
     @property
     def switch(self) -> bool:
-        """It is one bit."""
+        """Whether it is one bit."""
         return self.bit is not None and self.bit.width == 1
 
 
@@ -64,7 +64,7 @@ def words_of(number: int) -> Mapping[str, Word]:
 
 @cache
 def telegrams_of() -> Mapping[str, tuple[int, ...]]:
-    """Every word with the telegrams that have it."""
+    """Every word with the telegrams that contain it."""
     found: dict[str, tuple[int, ...]] = {}
     for number in TELEGRAMS:
         for name in words_of(number):
@@ -73,7 +73,7 @@ def telegrams_of() -> Mapping[str, tuple[int, ...]]:
 
 
 def word(name: str, number: int) -> Word:
-    """A word of a telegram; GatewayError says which telegrams have it, or what could have been meant."""
+    """A word of a telegram. GatewayError names the telegrams that have it, or similar words."""
     words = words_of(number)
     if name in words:
         return words[name]

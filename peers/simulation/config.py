@@ -34,7 +34,7 @@ class ControlConfig(_Section):
 
 
 class FaultConfig(BaseModel):
-    """One fault from power-on; the further keys are its parameters."""
+    """One fault from power-on. The further keys are its parameters."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
@@ -42,7 +42,7 @@ class FaultConfig(BaseModel):
 
     @property
     def values(self) -> dict[str, object]:
-        """The parameters that were given."""
+        """The given parameters."""
         return dict(self.model_extra or {})
 
 
@@ -60,13 +60,13 @@ class DeviceConfig(_Section):
     type: str = "drive"
     node_id: Annotated[Integer, Field(ge=1, le=126)]
     serial_number: Annotated[Integer, Field(ge=0, le=0xFFFF_FFFF)] | None = None
-    """1018h/4; without it the node-ID."""
+    """1018h/4; default: the node-ID."""
     axis: Literal["rotary", "linear"] | None = None
-    """Of a drive: a shaft that turns for ever, or a slide with limit switches."""
+    """Of a drive: an endless shaft, or a slide with limit switches."""
     like: str | None = None
-    """Of a drive: the shape, see ``peers.drive.model.shapes``."""
+    """Of a drive: the variant, see ``peers.drive.model.shapes``."""
     sync_tolerance: Annotated[Integer, Field(ge=1, le=1000)] | None = None
-    """Of a drive in a cyclic synchronous mode: so many periods without SYNC are a fault; without it the shape's."""
+    """Of a drive in a cyclic synchronous mode: periods without SYNC that are a fault; default: that of the variant."""
     command_latency_ms: _LatencyMs | None = None
     """Of a drive: time from the reception of an RPDO until its values apply."""
     status_latency_ms: _LatencyMs | None = None
@@ -81,7 +81,7 @@ class DeviceConfig(_Section):
 
     @property
     def options(self) -> dict[str, Any]:
-        """What was given of the options that only some kinds of devices have."""
+        """The given options that only some kinds of devices have."""
         options = {
             "axis": self.axis,
             "like": self.like,
@@ -153,7 +153,7 @@ _MODELS: dict[str, type[BaseModel]] = {"can": CanConfig, "control": ControlConfi
 
 
 def parse_bus(text: str, name: str = "bus file") -> BusConfig:
-    """Validate the text of a file; GatewayError has one line for each thing that is wrong."""
+    """Validate the text of a file; GatewayError has one line for each error."""
     return parse_toml(BusConfig, _MODELS, text, name)
 
 
@@ -163,7 +163,7 @@ def load_bus(path: Path) -> BusConfig:
 
 
 def example() -> str:
-    """A commented file that is itself valid."""
+    """A commented, valid example."""
     return """\
 # Simulated devices on one bus, for `pdgw sim bus`. The faults and their parameters: docs/misbehaviour.md.
 

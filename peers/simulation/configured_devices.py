@@ -1,6 +1,6 @@
 """The simulated devices of a gateway's configuration: ``simulate = true`` in its [[axis]] and [[encoder]] tables.
 
-The gateway itself does not know them: what starts it starts them beside it, in a process of their own or in a world.
+The gateway itself does not use them. The program that starts it also starts them, in a separate process or in a world.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
 
 def simulated_devices(config: GatewayConfig, bus: CanConfig) -> list[DeviceConfig]:
-    """Those of one bus, drives first: they turn the encoders. GatewayError for a motion that cannot be."""
+    """The devices of one bus, drives first, because they turn the encoders. GatewayError for an impossible motion."""
     devices = [
         DeviceConfig(
             type="drive",
@@ -34,7 +34,7 @@ def simulated_devices(config: GatewayConfig, bus: CanConfig) -> list[DeviceConfi
             serial_number=axis.do_id,
             axis=_axis_of(axis),
             like=_kind_of(axis).name,
-            # The drive is as patient as the gateway that drives it.
+            # Tolerate at least as many missing SYNCs as the watchdog of the gateway tolerates frames.
             sync_tolerance=None
             if axis.dsc is None
             else max(SYNCHRONOUS.sync_tolerance, config.transport.watchdog_factor),
@@ -46,19 +46,19 @@ def simulated_devices(config: GatewayConfig, bus: CanConfig) -> list[DeviceConfi
 
 
 def _kind_of(axis: AxisConfig) -> Shape:
-    """With cyclic synchronous modes and a touch probe where something may ask for them."""
+    """The variant with cyclic synchronous modes and a touch probe if the configuration may use them."""
     wanted = axis.dsc is not None or axis.positioner is not None or "G1_STW" in telegram(axis.telegram).setpoints.names
     return SYNCHRONOUS if wanted else ENGEL
 
 
 def _axis_of(axis: AxisConfig) -> Literal["rotary", "linear"]:
-    """A shaft turns for ever; positioning needs switches to home on."""
+    """Endless shaft for speed telegrams; positioning needs limit switches for homing."""
     mode = telegram(axis.telegram).setpoints.mode
     return "linear" if mode is ApplicationMode.POSITIONING else "rotary"
 
 
 def _encoder(items: Sequence[EncoderConfig]) -> DeviceConfig:
-    """One device with all its channels; those nobody uses stand still."""
+    """One device with all its channels; unused channels are at standstill."""
     last = max(items, key=lambda item: item.channel)
     motions = {item.channel: item.motion for item in items}
     try:
@@ -75,7 +75,7 @@ def _encoder(items: Sequence[EncoderConfig]) -> DeviceConfig:
 
 
 def add_device(simulation: Simulation, device: DeviceConfig, bus: can.BusABC | CanPort) -> None:
-    """A device with its faults on a bus that becomes its own; not yet started."""
+    """Add a device with its faults on its own bus; it is not started yet."""
     serial = device.node_id if device.serial_number is None else device.serial_number
     simulation.add(device.type, bus, device.node_id, serial, **device.options)
     for fault in device.fault:
@@ -83,12 +83,12 @@ def add_device(simulation: Simulation, device: DeviceConfig, bus: can.BusABC | C
 
 
 def bus_file(bus: CanConfig, devices: Sequence[DeviceConfig]) -> str:
-    """What ``pdgw sim bus`` takes: the devices without faults, on this bus."""
+    """The file for ``pdgw sim bus``: the devices without faults, on this bus."""
     tables = [("[can]", bus.model_dump(exclude_none=True, exclude={"name"}))]
     tables += [
         ("[[device]]", device.model_dump(mode="json", exclude_none=True, exclude={"fault"})) for device in devices
     ]
-    # A number, a text or a list of texts is the same in JSON and TOML.
+    # A number, a text or a list of texts has the same notation in JSON and TOML.
     return "\n".join(
         "\n".join([head, *(f"{key} = {json.dumps(value)}" for key, value in table.items()), ""])
         for head, table in tables

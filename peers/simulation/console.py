@@ -1,4 +1,4 @@
-"""The text commands of the simulators: one line in, one line out, on standard input or a loopback TCP port."""
+"""Text commands of the simulators: one line in, one line out, on standard input or a loopback TCP port."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pdgw.peers.option_values import CONSOLE_COMMANDS
 from pdgw.peers.simulation.devices import Simulation
 
 _LINE_MAX = 1000
-"""Characters of a command; the longest of ours has about 100."""
+"""Longest command line in characters; the longest command has about 100."""
 _TOO_LONG = f"error: a command has at most {_LINE_MAX} characters"
 _IDLE_S = 3600.0
 _NO_DESCRIPTOR_PAUSE_S = 1.0
@@ -27,15 +27,15 @@ _NUMBER = re.compile("[0-9]{1,3}")
 
 
 class Console:
-    """Commands for all devices, or with ``@N`` in front for one."""
+    """Commands for all devices, or with the prefix ``@N`` for one."""
 
     def __init__(self, simulation: Simulation, quit_: threading.Event) -> None:
         self._simulation = simulation
         self._quit = quit_
 
     def execute(self, line: str) -> str:
-        """Run one command line; the answer is one line, errors begin with ``error:``."""
-        # What follows "=" may be the name of a file.
+        """Run one command line. The answer is one line; errors start with ``error:``."""
+        # The text after "=" may be a file name.
         words = ["".join((name.lower(), sign, value)) for name, sign, value in (w.partition("=") for w in line.split())]
         chosen = self._simulation.nodes
         if words and words[0].startswith("@") and _NUMBER.fullmatch(words[0][1:]):
@@ -127,13 +127,13 @@ class PatientServer(socketserver.ThreadingTCPServer):
 
 
 def serve(console: Console, port: int) -> socketserver.ThreadingTCPServer:
-    """The console on a loopback TCP port; GatewayError when it cannot be had. The caller shuts it down."""
+    """Serve the console on a loopback TCP port; GatewayError when it cannot be opened. The caller shuts it down."""
 
     class Handler(socketserver.StreamRequestHandler):
         timeout = _IDLE_S
 
         def handle(self) -> None:
-            # Who goes away before the answer, or says nothing for long, does not miss it.
+            # A client that disconnects early or sends nothing for long needs no answer.
             with contextlib.suppress(OSError):
                 while line := self.rfile.readline(_LINE_MAX + 1):
                     if len(line) > _LINE_MAX:
@@ -150,14 +150,14 @@ def serve(console: Console, port: int) -> socketserver.ThreadingTCPServer:
 
 
 def _rest_of(line: str) -> str:
-    """Read on to the end of a line that is too long."""
+    """Read to the end of a line that is too long."""
     while line and not line.endswith("\n"):
         line = sys.stdin.readline(_LINE_MAX)
     return _TOO_LONG
 
 
 def read_standard_input(console: Console, at_end: Callable[[], None] | None = None) -> None:
-    """Commands from standard input, on a thread of its own; ``at_end`` is called when it ends."""
+    """Read commands from standard input on a separate thread. ``at_end`` is called at its end."""
 
     def read() -> None:
         with contextlib.suppress(ValueError, OSError):

@@ -1,6 +1,6 @@
-"""The kinds of simulated devices, and a set of them running on one bus with their faults.
+"""The types of simulated devices, and a set of them running on one bus with their faults.
 
-Another kind is one entry of ``DEVICE_TYPES``; it gets the file, and the console with it.
+A new type is an entry of ``DEVICE_TYPES``. File and console then support it.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from pdgw.peers.node.node import SimulatedNode
 
 
 class SimulatedDevice(Protocol):
-    """A node that runs beside its callers."""
+    """A node that runs in the background."""
 
     @property
     def node(self) -> SimulatedNode: ...
 
     @property
     def lost(self) -> str:
-        """Why its bus is gone; empty while it is there."""
+        """Why its bus is lost; empty while it is available."""
 
     def start(self) -> None: ...
 
@@ -45,12 +45,12 @@ class SimulatedDevice(Protocol):
 
 
 DeviceMaker = Callable[..., SimulatedDevice]
-"""Called with a bus that becomes the device's own, its node-ID, ``serial_number``, ``loop`` and the options of its kind."""
+"""Called with the device's own bus, node-ID, ``serial_number``, ``loop`` and the options of its type."""
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceType:
-    """A kind of device: how one is made, its node's class (which has the catalogue of faults), what it tells."""
+    """A type of device: its constructor, the class of its node (with the catalogue of faults), and its status."""
 
     make: DeviceMaker
     node: type[SimulatedNode]
@@ -58,7 +58,7 @@ class DeviceType:
 
 
 def encoder_device(model: str = ROTARY.name, channels: int | None = None) -> EncoderDevice:
-    """A model of encoder by name; CanopenError when there is none, or it cannot have that many channels."""
+    """The encoder model with this name. CanopenError for an unknown name or an impossible number of channels."""
     if model not in DEVICES:
         raise CanopenError("model of encoder", model, f"one of {', '.join(DEVICES)}")
     return DEVICES[model] if channels is None else replace(DEVICES[model], channels=channels)
@@ -77,7 +77,7 @@ def _drive(
     status_latency_ms: int = 0,
     loop: Loop | None = None,
 ) -> SimulatedDrive:
-    """``axis``: a name of ``MACHINES``; ``like``: a name of ``SHAPES``, whose ``sync_tolerance`` is another one where given."""
+    """``axis``: a name of ``MACHINES``. ``like``: a name of ``SHAPES``. ``sync_tolerance``: replaces that of the variant."""
     if axis not in MACHINES:
         raise CanopenError("axis of drive", axis, ", ".join(MACHINES))
     chosen = shape(like)
@@ -139,13 +139,14 @@ DEVICE_TYPES: Mapping[str, DeviceType] = MappingProxyType(
         "encoder": DeviceType(_encoder, SimulatedEncoderNode, _encoder_status),
     }
 )
-"""``type`` of a [[device]] table."""
+"""Types for the key ``type`` of a [[device]] table."""
 
 
 class Simulation:
-    """Devices running on one bus. CanopenError names what does not exist.
+    """Devices running on one bus. CanopenError names a device that does not exist.
 
-    ``loop``: where they run; without one on the thread of all simulated devices, and methods may be called from any thread.
+    ``loop``: where they run. Without it they run on the thread of all simulated devices, and methods are callable from any
+    thread.
     """
 
     def __init__(self, loop: Loop | None = None) -> None:
@@ -154,9 +155,9 @@ class Simulation:
         self._members: list[LoopbackBus] = []
 
     def add(self, kind: str, bus: can.BusABC | CanPort, node_id: int, serial_number: int, **options: Any) -> None:
-        """A device of ``DEVICE_TYPES``, not yet started; the bus becomes its own. ``options`` are those of its kind.
+        """Add a device of ``DEVICE_TYPES`` without starting it. It owns the bus. ``options`` are those of its type.
 
-        ``motion`` is given as texts, see ``parse_motion``; a shaft is that of a drive added before.
+        ``motion`` is a list of texts, see ``parse_motion``. A shaft belongs to a drive added before.
         """
         try:
             if "motion" in options:
@@ -177,7 +178,7 @@ class Simulation:
         return list(self._devices)
 
     def look(self) -> str:
-        """Why the bus of a device is gone, as far as that is known by now; empty while all have theirs."""
+        """Why the bus of a device is lost, if known; empty while all are available."""
         for bus in self._members:
             bus.look()
         return next((device.lost for _, device in self._devices.values() if device.lost), "")
@@ -201,12 +202,12 @@ class Simulation:
             device.start()
 
     def stop(self) -> None:
-        """Power off for good and release the buses."""
+        """Power off permanently and release the buses."""
         for _, device in self._devices.values():
             device.stop()
 
     def move(self, node_id: int, motion: str, channel: int = 1) -> None:
-        """Another motion for a channel of an encoder, from where it stands; see ``parse_motion``."""
+        """Set another motion for a channel of an encoder, from its present position; see ``parse_motion``."""
         device = self.device(node_id)
         if not isinstance(device, SimulatedEncoder):
             raise CanopenError("node", node_id, "an encoder, to be moved")
@@ -220,20 +221,20 @@ class Simulation:
         device.do(move)
 
     def deflect(self, node_id: int, probe: int, on: bool) -> None:
-        """Touch probe 1 or 2 of a drive is deflected, or let go."""
+        """Deflect or release touch probe 1 or 2 of a drive."""
         device = self.device(node_id)
         if not isinstance(device, SimulatedDrive):
             raise CanopenError("node", node_id, "a drive, with probes")
         device.set_probe(probe, on)
 
     def misbehave(self, node_id: int, name: str, values: Mapping[str, object]) -> Misbehaviour:
-        """Give a device a fault of its catalogue."""
+        """Activate a fault of the device's catalogue."""
         made: list[Misbehaviour] = []
         self.device(node_id).do(lambda node: made.append(node.misbehave(name, **values)))
         return made[0]
 
     def behave(self, node_id: int, name: str | None = None) -> None:
-        """End a fault (all of them without a name); one that is not in force is no error, one that does not exist is."""
+        """End a fault (all of them without a name). An inactive fault is ignored, an unknown one is an error."""
         device = self.device(node_id)
         known = device.node.catalogue
         if name is not None and name not in known:

@@ -1,4 +1,4 @@
-"""Simulated devices at work in the foreground: console, ports, signals."""
+"""Run simulated devices in the foreground: console, ports, signals."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _LOOK_S = 0.2
 
 
 def run(simulation: Simulation, control: ControlConfig, title: str, *, attached: bool = False) -> None:
-    """Until SIGINT, SIGTERM or `quit`; the ports are had before the devices are powered. ``attached``: ends with its input.
+    """Run until SIGINT, SIGTERM or `quit`; open the ports before the devices are powered. ``attached``: end with the input.
 
-    GatewayError when the bus is gone.
+    GatewayError when the bus is lost.
     """
     quit_ = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -36,7 +36,8 @@ def run(simulation: Simulation, control: ControlConfig, title: str, *, attached:
         simulation.start()
         read_standard_input(console, quit_.set if attached else None)
         print(f"{title}; commands: {CONSOLE_COMMANDS}", flush=True)
-        # Where the system gives a signal to another thread, and within a wait for the event, its handler would not get to work.
+        # Sleep instead of waiting for the event: if another thread gets the signal, its handler would not run during the
+        # wait.
         while not quit_.is_set():
             if lost := simulation.look():
                 raise GatewayError(f"{title}: the bus is lost ({lost})")
@@ -51,8 +52,8 @@ def run_nodes(
     title: str,
     **options: object,
 ) -> None:
-    """Devices of one kind with the same ``options`` on one bus; ``place`` is interface, channel and bit rate, ``title`` what one
-    of them is called.
+    """Run devices of one type with the same ``options`` on one bus. ``place``: interface, channel and bit rate. ``title``:
+    name of one device.
     """
     if len(set(nodes)) != len(nodes):
         raise GatewayError(f"--node-id: {nodes} contains a node twice")

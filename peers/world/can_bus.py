@@ -1,7 +1,7 @@
-"""A CAN bus in virtual time: arbitration by identifier, bit times, errors, bus-off, cut and short circuits.
+"""A CAN bus in virtual time: arbitration by identifier, bit times, errors, bus-off, cut wires and short circuits.
 
-Source: Bosch CAN 2.0A (arbitration, fault confinement). A frame takes its worst-case bit time (``ds301.bus.load``)
-by default. A member has a queue of frames, as SocketCAN has; its oldest one takes part in the arbitration. Left out:
+Source: Bosch CAN 2.0A (arbitration, fault confinement). A frame takes its worst-case bit time (``ds301.bus.load``) by
+default. A member has a queue of frames like SocketCAN; its oldest one takes part in the arbitration. Not simulated:
 error-passive timing, overload frames.
 """
 
@@ -20,23 +20,23 @@ from pdgw.durations import MS, SECOND
 from pdgw.peers.world.stuffing import bits_on_the_wire
 
 _EXTENDED_BITS = 20
-"""What an extended identifier adds, without stuffing."""
+"""Additional bits of an extended identifier, without stuffing."""
 _ERROR_BITS = 23
 """Error flags, delimiter and interframe space."""
 _TEC_PASSIVE, _TEC_BUS_OFF, _TEC_STEP = 128, 256, 8
 _RECOVERY_BITS = 128 * 11
 PLACES: Final = 16
-"""Of a controller's queue, unless told otherwise."""
+"""Default size of a controller's queue."""
 _MAXIMUM_DATA = 8
 
 Tap = Callable[[int, "Member", int, bytes], None]
-"""Sees frames: time, sender, identifier with the flags of ``can_frame``, data."""
+"""Called for frames with time, sender, identifier with the flags of ``can_frame``, data."""
 
 
 class Member:
-    """One controller on the bus: a ``ds301.bus.port.CanPort``.
+    """A controller on the bus: a ``ds301.bus.port.CanPort``.
 
-    ``places``: frames it queues, that on the wire among them. ``restart_ns``: how long it stays bus-off, None for ever.
+    ``places``: size of its queue including the frame on the wire. ``restart_ns``: duration of bus-off; None: permanent.
     """
 
     def __init__(self, bus: SimulatedCan, name: str, places: int = PLACES) -> None:
@@ -45,13 +45,13 @@ class Member:
         self.restart_ns: int | None = 100 * MS
         self.bus_off = False
         self.connected = True
-        """Its wires reach the bus."""
+        """Whether its wires are connected to the bus."""
         self.closed = False
         self.queue: deque[tuple[int, bytes]] = deque()
         self.errors = 0
         """The transmit error counter."""
         self.droppable = False
-        """Its queue can be emptied; SocketCAN's cannot."""
+        """Whether its queue can be cleared; SocketCAN's cannot."""
         self._bus = bus
         self._receiver: Receiver | None = None
         self._refused = False
@@ -73,26 +73,26 @@ class Member:
 
     def drop(self) -> None:
         if self.droppable:
-            # The frame that is being sent is on the wire.
+            # The frame being sent is on the wire.
             kept = 1 if self._bus.sends(self) else 0
             while len(self.queue) > kept:
                 self.queue.pop()
 
     def close(self) -> None:
-        """As of a socket: nothing is heard any more, and what was sent before still goes out."""
+        """Close like a socket: nothing is received any more, and queued frames are still sent."""
         self._receiver = None
         self.closed = True
         self._bus.leave(self)
 
-    # -- what happens to it ---------------------------------------------------------------------------------------------
+    # -- events ---------------------------------------------------------------------------------------------------------
 
     def connect(self, connected: bool) -> None:
-        """Cut its wires, or join them: what it still had to send goes out then."""
+        """Cut or connect its wires; when connected, it sends its queued frames."""
         self.connected = connected
         self._bus.changed(self)
 
     def unplug(self, text: str = "unplugged") -> None:
-        """The interface is gone from the computer."""
+        """Remove the interface from the computer."""
         self._lost = text
         receiver = self._receiver
         self.queue.clear()
@@ -101,39 +101,39 @@ class Member:
             receiver.on_lost(text)
 
     def deliver(self, can_id: int, data: bytes) -> None:
-        """A frame of another member."""
+        """Receive a frame of another member."""
         if self._receiver is not None:
             deliver(self._receiver, can_id, data)
 
     def tell_room(self) -> None:
-        """A frame has left the queue, or the controller is back on the bus."""
+        """Report a free place in the queue, or the end of bus-off."""
         if self._refused:
             self._refused = False
             if self._receiver is not None:
                 self._receiver.on_room()
 
     def tell_error(self) -> None:
-        """An error frame was on the bus."""
+        """Report an error frame on the bus."""
         if self._receiver is not None:
             self._receiver.on_error_frame(bus_off=self.bus_off, passive=self.errors >= _TEC_PASSIVE)
 
 
 class SimulatedCan:
-    """One bus. ``error_rate``: the share of frames that are destroyed once; they are repeated."""
+    """One bus. ``error_rate``: share of frames that are destroyed once; they are repeated."""
 
     def __init__(self, loop: Loop, name: str, bitrate: int, random: Random) -> None:
         self.name = name
         self.loop = loop
         self.error_rate = 0.0
         self.taps: list[Tap] = []
-        """See every frame that went over the bus."""
+        """Called for every transmitted frame."""
         self.offered: list[Tap] = []
-        """See every frame that a controller was given to send."""
+        """Called for every frame passed to a controller."""
         self.frames = 0
         self.members: list[Member] = []
         self.shorted = False
         self.counts_stuff_bits = False
-        """Frames take the stuff bits of their contents, not the most there can be."""
+        """Frames have the stuff bits of their contents instead of the maximum."""
         self._random = random
         self._bit_ns = SECOND / bitrate
         self._frame_ns = [int(frame_bits(size) * self._bit_ns) for size in range(_MAXIMUM_DATA + 1)]
@@ -143,13 +143,13 @@ class SimulatedCan:
         self._delivering = False
 
     def join(self, name: str, places: int = PLACES) -> Member:
-        """Another controller, with so many places in its queue."""
+        """Add a controller with this size of its queue."""
         member = Member(self, name, places)
         self.members.append(member)
         return member
 
     def short(self, shorted: bool) -> None:
-        """A short circuit: nothing passes, and who tries becomes bus-off."""
+        """Short-circuit the bus: no frame passes, and a sender becomes bus-off."""
         self.shorted = shorted
         self._abort()
         for member in tuple(self.members):
@@ -159,10 +159,10 @@ class SimulatedCan:
                 self._recover_later(member)
         self._begin()
 
-    # -- for its members ------------------------------------------------------------------------------------------------
+    # -- services for the members ---------------------------------------------------------------------------------------
 
     def contend(self, member: Member, can_id: int, data: bytes) -> None:
-        """A member has another frame."""
+        """A member has a new frame."""
         for tap in self.offered:
             tap(self.loop.now(), member, can_id, data)
         if self.shorted and member.connected:
@@ -171,27 +171,27 @@ class SimulatedCan:
         elif self._sender is None:
             self._begin()
         elif self._began == self.loop.now() and len(member.queue) == 1:
-            # Who begins in the same instant takes part in the arbitration.
+            # Members that start at the same time take part in the arbitration.
             self._abort()
             self._begin()
 
     def sends(self, member: Member) -> bool:
-        """A frame of this member is on the wire."""
+        """Whether a frame of this member is on the wire."""
         return self._sender is member
 
     def leave(self, member: Member) -> None:
-        """It is not there any more, once what it had to send is out."""
+        """Remove a member after its queued frames are sent."""
         if member in self.members and not member.queue:
             self.members.remove(member)
             self.changed(member)
 
     def changed(self, member: Member) -> None:
-        """It was cut off, joined again or is gone: what it is sending is destroyed."""
+        """A member was disconnected, connected or removed: the frame that it is sending is destroyed."""
         if self._sender is member:
             self._abort()
         self._begin()
 
-    # -- one frame after the other ----------------------------------------------------------------------------------------
+    # -- transmission -----------------------------------------------------------------------------------------------------
 
     def _abort(self) -> None:
         if self._timer is not None:
@@ -199,7 +199,7 @@ class SimulatedCan:
         self._sender = None
 
     def _begin(self) -> None:
-        """The bus is idle: the lowest identifier goes first. A member alone is not acknowledged and waits."""
+        """The bus is idle: send the lowest identifier. A single member gets no acknowledgement and waits."""
         if self._sender is not None or self._delivering or self.shorted:
             return
         winner: Member | None = None
@@ -248,7 +248,7 @@ class SimulatedCan:
         self._begin()
 
     def _destroyed(self) -> None:
-        """An error frame instead of the rest; the sender tries again."""
+        """The frame was replaced by an error frame; its sender tries again."""
         sender = self._sender
         assert sender is not None
         self._sender = None
@@ -265,7 +265,7 @@ class SimulatedCan:
     # -- fault confinement ------------------------------------------------------------------------------------------------
 
     def _fail_soon(self, member: Member) -> None:
-        """Every try of it is destroyed at its first bits."""
+        """Every attempt is destroyed at its first bits."""
         tries = (_TEC_BUS_OFF - member.errors) // _TEC_STEP
 
         def fail() -> None:
@@ -284,7 +284,7 @@ class SimulatedCan:
             self._recover_later(member)
 
     def _recover_later(self, member: Member) -> None:
-        """After its restart time, and not before it has seen the bus free for long enough."""
+        """Recover after the restart time and the required idle time of the bus."""
         if member.restart_ns is None:
             return
 

@@ -1,6 +1,6 @@
-"""A parameter client's way to a gateway in the world.
+"""The connection of a parameter client to a gateway in the world.
 
-In a task of the loop the client waits like any other; outside of one it plays the world while it waits.
+In a task of the loop the client waits like other tasks. Outside of tasks it runs the world while it waits.
 """
 
 from __future__ import annotations

@@ -12,9 +12,9 @@ from pdgw.profidrive.telegrams import telegram
 
 
 class Plc(PlcEndpoint):
-    """A PLC in a world. ``actuals`` has a mapping of names to values for each axis, None while they are not valid.
+    """A PLC in a world. ``actuals`` maps names to values for each axis; None while they are invalid.
 
-    It knows telegrams and cycle time from the gateway's configuration and sends only while a test calls it.
+    It reads telegrams and cycle time from the gateway's configuration and sends only while a test calls it.
     """
 
     def __init__(self, world: World, gateway: Daemon) -> None:
@@ -29,7 +29,7 @@ class Plc(PlcEndpoint):
             self.receive(datagram[0], self._world.loop.now())
 
     def exchange(self, seconds: float, axis: int = 0, **setpoints: int) -> None:
-        """Send one frame per cycle for so many seconds. ``setpoints`` of an axis change first, as raw values by name.
+        """Send one frame per cycle for this number of seconds. ``setpoints`` of an axis change first, as raw values by name.
 
         Raises ProfidriveError for a signal that the telegram lacks or a value that does not fit.
         """
@@ -41,7 +41,7 @@ class Plc(PlcEndpoint):
             self._world.loop.run_for(self._gateway.cycle_ns)
 
     def until(self, condition: Callable[[], object], what: str, seconds: float = 10) -> None:
-        """Exchange until a condition is true; AssertionError with ``what`` when it takes longer than so many seconds."""
+        """Exchange frames until a condition is true; AssertionError with ``what`` after this number of seconds."""
         deadline = self._world.loop.now() + round(seconds * SECOND)
         while not condition():
             if self._world.loop.now() >= deadline:

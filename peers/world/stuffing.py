@@ -1,6 +1,7 @@
-"""The bits of a CAN frame on the wire, stuff bits counted from its contents.
+"""Bits of a CAN frame on the wire, with the stuff bits of its contents.
 
-Source: Bosch CAN 2.0A chapters 3 (frame, CRC) and 5 (bit stuffing). Apart from ``ds301.bus.load``, which takes the worst case.
+Source: Bosch CAN 2.0A chapters 3 (frame, CRC) and 5 (bit stuffing). Independent of ``ds301.bus.load``, which uses the worst
+case.
 """
 
 from __future__ import annotations
@@ -10,13 +11,13 @@ from typing import Final
 _CRC_POLYNOMIAL: Final = 0x4599
 _CRC_BITS = 15
 _SAME_BITS = 5
-"""After so many equal bits a stuff bit of the other value follows."""
+"""Number of equal bits before a stuff bit of the other value."""
 _UNSTUFFED: Final = 1 + 2 + 7 + 3
 """CRC delimiter, acknowledge slot and delimiter, end of frame, interframe space."""
 
 
 def bits_on_the_wire(can_id: int, data: bytes) -> int:
-    """Bit times of a standard data frame, interframe space included."""
+    """Bit times of a standard data frame, including the interframe space."""
     bits = [0, *_binary(can_id, 11), 0, 0, 0, *_binary(len(data), 4)]
     for byte in data:
         bits += _binary(byte, 8)

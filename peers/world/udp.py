@@ -1,4 +1,4 @@
-"""An IP network in virtual time: datagrams that are lost, doubled, delayed, overtaken, or cut off."""
+"""An IP network in virtual time: datagrams are lost, duplicated, delayed, reordered or blocked."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from pdgw.gateway.links.udp import Address
 _FIRST_FREE_PORT = 49152
 _ANY = "0.0.0.0"
 _ROOM = 256
-"""Datagrams that wait at a port; more are lost."""
+"""Size of a port's queue in datagrams; more are lost."""
 
 
 @dataclass(slots=True)
 class Conditions:
-    """What happens to datagrams: shares from 0 to 1, times in nanoseconds. Jitter above their distance lets them overtake."""
+    """Effects on datagrams: shares from 0 to 1, times in nanoseconds. Jitter above their distance changes their order."""
 
     loss: float = 0.0
     duplication: float = 0.0
@@ -34,7 +34,7 @@ class SimulatedUdpPort:
     def __init__(self, network: SimulatedNetwork, address: Address) -> None:
         self.errors = 0
         self.received_at: int | None = None
-        """When the datagram that ``receive`` gave last had come."""
+        """Arrival time of the datagram that ``receive`` returned last."""
         self._network = network
         self._address = address
         self._waiting: deque[tuple[int, bytes, Address]] = deque()
@@ -54,7 +54,7 @@ class SimulatedUdpPort:
         self._paused = True
 
     def only_from(self, sender: Address | None) -> None:
-        """There is no kernel: everybody is heard, and the caller asks."""
+        """No filter: without a kernel all senders are received, and the caller checks."""
 
     def receive(self) -> tuple[bytes, Address] | None:
         if not self._waiting:
@@ -70,13 +70,13 @@ class SimulatedUdpPort:
         self._network.release(self)
 
     def arrive(self, data: bytes, source: Address) -> None:
-        """A datagram is there."""
+        """A datagram has arrived."""
         if self._action is not None and len(self._waiting) < _ROOM:
             self._waiting.append((self._network.loop.now(), data, source))
             self._notify()
 
     def _notify(self) -> None:
-        """As long as datagrams wait."""
+        """Notify while datagrams are waiting."""
         if self._action is not None and self._waiting and not self._paused:
             self._action()
             if self._waiting:
@@ -84,22 +84,22 @@ class SimulatedUdpPort:
 
 
 class SimulatedNetwork:
-    """All hosts; they are names. ``conditions`` hold for every datagram."""
+    """All hosts, by name. ``conditions`` apply to every datagram."""
 
     def __init__(self, loop: Loop, random: Random) -> None:
         self.loop = loop
         self.conditions = Conditions()
         self.taps: list[Callable[[int, Address, Address, bytes], None]] = []
-        """See every datagram that is sent: time, source, target, data."""
+        """Called for every sent datagram: time, source, target, data."""
         self.arrivals: list[Callable[[int, Address, Address, bytes], None]] = []
-        """See every datagram that arrives."""
+        """Called for every datagram that arrives."""
         self._random = random
         self._ports: dict[Address, SimulatedUdpPort] = {}
         self._cut: set[str] = set()
         self._next_port = _FIRST_FREE_PORT
 
     def open(self, host: str, port: int, purpose: str) -> SimulatedUdpPort:
-        """Bind a port, 0 for a free one; GatewayError when it is taken."""
+        """Bind a port, 0 for a free one; GatewayError when it is in use."""
         if port == 0:
             port, self._next_port = self._next_port, self._next_port + 1
         if (host, port) in self._ports:
@@ -108,16 +108,16 @@ class SimulatedNetwork:
         return opened
 
     def release(self, port: SimulatedUdpPort) -> None:
-        """It is not bound any more."""
+        """Release a port."""
         if self._ports.get(port.address) is port:
             del self._ports[port.address]
 
     def cut(self, host: str, off: bool = True) -> None:
-        """Cut a host off the network, or join it again; what is on its way arrives."""
+        """Disconnect a host from the network, or connect it again. Datagrams on their way still arrive."""
         (self._cut.add if off else self._cut.discard)(host)
 
     def carry(self, data: bytes, source: Address, target: Address) -> None:
-        """A datagram begins its way."""
+        """Send a datagram."""
         for tap in self.taps:
             tap(self.loop.now(), source, target, data)
         if self._cut and (source[0] in self._cut or target[0] in self._cut):

@@ -1,4 +1,4 @@
-"""The world: virtual time and everything that is on it. It is the ``Edge`` of a gateway that runs in it."""
+"""The world: virtual time, buses, network and devices. It is the ``Edge`` of a gateway that runs in it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pdgw.peers.world.udp import SimulatedNetwork, SimulatedUdpPort
 
 
 class World:
-    """``seed`` decides everything that is left to chance; ``begin``: the time in it, nanoseconds."""
+    """``seed``: decides all random choices. ``begin``: start time in nanoseconds."""
 
     has_services = False
 
@@ -32,22 +32,22 @@ class World:
         self._buses: dict[str, SimulatedCan] = {}
         self._gateways: dict[str, Member] = {}
         self.gateway_places = PLACES
-        """Frames the gateway's controllers queue, those on the wire among them."""
+        """Queue size of the gateway's controllers, including the frames on the wire."""
         self._unplugged: set[str] = set()
 
     def chance(self, name: str) -> Random:
-        """A source of random numbers of its own: what one part draws does not change what the others do."""
+        """A separate source of random numbers, so that the draws of one part do not change those of others."""
         return Random(f"{self.seed} {name}")
 
     def bus(self, channel: str, bitrate: int | None = None) -> SimulatedCan:
-        """The bus of a channel, made on first use."""
+        """The bus of a channel, created on first use."""
         if channel not in self._buses:
             rate = bitrate or DEFAULT_BITRATE
             self._buses[channel] = SimulatedCan(self.loop, channel, rate, self.chance(f"bus {channel}"))
         return self._buses[channel]
 
     def drive(self, channel: str, node_id: int, *, powered: bool = True, **options: Any) -> SimulatedDrive:
-        """A drive on a bus; not ``powered`` it waits for its ``start``."""
+        """Add a drive on a bus. If not ``powered``, it waits for its ``start``."""
         port = self.bus(channel).join(f"node {node_id}")
         drive = SimulatedDrive(port, node_id, loop=self.loop, **options)
         if powered:
@@ -55,7 +55,7 @@ class World:
         return drive
 
     def encoder(self, channel: str, node_id: int, *, powered: bool = True, **options: Any) -> SimulatedEncoder:
-        """An encoder on a bus; not ``powered`` it waits for its ``start``."""
+        """Add an encoder on a bus. If not ``powered``, it waits for its ``start``."""
         port = self.bus(channel).join(f"node {node_id}")
         encoder = SimulatedEncoder(port, node_id, loop=self.loop, **options)
         if powered:
@@ -63,7 +63,7 @@ class World:
         return encoder
 
     def simulate(self, config: GatewayConfig) -> None:
-        """The simulated devices of a gateway's configuration, powered on; ``simulations`` has them by the name of their bus."""
+        """Start the simulated devices of a gateway's configuration; ``simulations`` has them by the name of their bus."""
         for bus in config.can:
             simulation = self.simulations[bus.name] = Simulation(self.loop)
             join = self.bus(str(bus.channel), bus.bitrate).join
@@ -72,11 +72,11 @@ class World:
             simulation.start()
 
     def gateway_port(self, channel: str) -> Member:
-        """The gateway's controller on a bus; KeyError when it has none."""
+        """The gateway's controller on a bus; KeyError without one."""
         return self._gateways[channel]
 
     def unplug(self, channel: str, unplugged: bool = True) -> None:
-        """Take the gateway's CAN interface from its computer, or put it back."""
+        """Remove the gateway's CAN interface from its computer, or put it back."""
         if not unplugged:
             self._unplugged.discard(channel)
         elif channel not in self._unplugged:
@@ -86,7 +86,7 @@ class World:
     # -- the edge of a gateway ------------------------------------------------------------------------------------------
 
     def open_can(self, config: CanConfig) -> Member:
-        """The gateway's controller on the bus of this channel."""
+        """Open the gateway's controller on the bus of this channel."""
         channel = str(config.channel)
         if channel in self._unplugged:
             raise CanopenError("CAN interface", channel, "one that is plugged in")
@@ -94,5 +94,5 @@ class World:
         return port
 
     def open_udp(self, listen: str, port: int, purpose: str) -> SimulatedUdpPort:
-        """A port of the gateway."""
+        """Open a port of the gateway."""
         return self.network.open(listen, port, purpose)

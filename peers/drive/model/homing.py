@@ -1,4 +1,4 @@
-"""The simulated drive's homing; its sources are in ``modes``."""
+"""Homing of the simulated drive; the sources are those of ``modes``."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Homing(ModeOfOperation):
-    """The methods of the family; what they look for are limit switches, index pulses and mechanical stops."""
+    """The homing methods of the family. They search limit switches, index pulses and mechanical stops."""
 
     def __init__(self, drive: DriveModel) -> None:
         super().__init__(drive)
@@ -106,7 +106,7 @@ class Homing(ModeOfOperation):
                 self._home_here()
 
     def _search(self, direction: float, speed: float, acceleration: float, on_switch: bool) -> None:
-        """Toward the limit switch or the mechanical stop; a switch that is not there is a homing error."""
+        """Move to the limit switch or the mechanical stop. A missing switch is a homing error."""
         drive = self.drive
         at_stop = drive.machine_position == drive.machine.stop(direction)
         if drive.homing_method < 0:

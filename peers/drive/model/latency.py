@@ -1,7 +1,7 @@
 """Latency of a simulated drive: it applies commands late and shows its Statusword late.
 
-Every real drive has it: one task reads the PDOs, another runs the state machine, a third builds the Statusword. CiA DSP 402 V2.0
-sets no bound.
+Every real drive has it: one task reads the PDOs, another runs the state machine, a third builds the Statusword. CiA DSP 402
+V2.0 sets no limit.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Latency:
 
     @classmethod
     def draw(cls, chance: Random) -> Latency:
-        """Draw each direction: one in four without latency, all orders of magnitude up to 100 ms alike."""
+        """Draw both directions at random: no latency in one of four, else log-uniform up to 100 ms."""
 
         def direction() -> int:
             return 0 if chance.random() < 0.25 else round(LATENCY_MAX_MS ** chance.random())
@@ -48,7 +48,7 @@ NO_LATENCY: Final = Latency()
 
 
 class DelayLine:
-    """A value that is shown late. Times are those of the drive, in nanoseconds."""
+    """A value that is shown with a delay. Times are those of the drive, in nanoseconds."""
 
     def __init__(self) -> None:
         self._waiting: deque[tuple[int, int]] = deque()

@@ -1,4 +1,4 @@
-"""The machine a simulated drive turns: where its way ends."""
+"""The machine of a simulated drive, with the limits of its travel."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pdgw.dsp402.objects import POSITIVE_LIMIT_SWITCH as POSITIVE_LIMIT
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """Where the simulated axis ends, in increments of the machine (power-on position is 0); a shaft turns for ever."""
+    """Limits of the simulated axis in increments of the machine (power-on position is 0). A shaft has none."""
 
     negative_limit: float | None = None
     positive_limit: float | None = None
@@ -23,7 +23,7 @@ class Machine:
         return self.negative_stop if direction < 0 else self.positive_stop
 
     def within_stops(self, position: float) -> bool:
-        """Whether the axis is held by neither stop."""
+        """Whether the position is between the mechanical stops."""
         return self.negative_stop < position < self.positive_stop
 
     def switches(self, position: float) -> int:
@@ -38,5 +38,5 @@ class Machine:
 
 ROTARY_AXIS = Machine()
 LINEAR_AXIS = Machine(-550_000, 550_000, -600_000, 600_000)
-"""A slide with limit switches 134 revolutions away on either side, and stops behind them."""
+"""A slide with limit switches 134 revolutions away on either side, and mechanical stops beyond them."""
 MACHINES = {"rotary": ROTARY_AXIS, "linear": LINEAR_AXIS}

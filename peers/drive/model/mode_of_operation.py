@@ -1,4 +1,4 @@
-"""What every mode of operation of the simulated drive has."""
+"""Base class of the modes of operation of the simulated drive."""
 
 from __future__ import annotations
 
@@ -11,55 +11,55 @@ if TYPE_CHECKING:
 
 
 class ModeOfOperation:
-    """One mode of one drive."""
+    """A mode of one drive."""
 
     even: ClassVar[bool] = False
-    """At constant speed nothing but the position changes."""
+    """Whether only the position changes at constant speed."""
     makes_torque: ClassVar[bool] = False
-    """It sets the torque itself."""
+    """Whether the mode sets the torque itself."""
     synchronous: ClassVar[bool] = False
-    """It needs a setpoint with each SYNC."""
+    """Whether the mode needs a setpoint with each SYNC."""
 
     def __init__(self, drive: DriveModel) -> None:
         self.drive = drive
 
     def selected(self) -> None:
-        """6061h is this mode from now on: nothing of earlier times is left."""
+        """The mode is selected (6061h): discard all earlier data."""
         self.enabled()
 
     def enabled(self) -> None:
-        """Operation begins."""
+        """Operation starts."""
 
     def disabled(self) -> None:
-        """Operation was left."""
+        """Operation has ended."""
 
     def command(self, word: int, previous: int) -> None:
-        """A Controlword in operation."""
+        """Process a Controlword in operation."""
 
     def received(self) -> None:
-        """New setpoints may be in the image."""
+        """Process setpoints in the image, which may be new."""
 
     def move(self) -> None:
-        """One tick in operation."""
+        """Simulate one tick in operation."""
         raise NotImplementedError
 
     def bits(self, halted: bool, units: int) -> int:
-        """The Statusword's bits of the mode. ``halted``: Halt in operation; ``units``: actual velocity."""
+        """The mode's bits of the Statusword. ``halted``: Halt in operation. ``units``: actual velocity."""
         return StatusBit.TARGET_REACHED if halted and units == 0 else 0
 
     def condition(self) -> tuple[object, ...]:
-        """What a tick can change of it."""
+        """Everything that a tick can change in the mode."""
         return ()
 
     def _rises(self, word: int, previous: int) -> bool:
         return bool(word & ControlBit.NEW_SETPOINT and not previous & ControlBit.NEW_SETPOINT)
 
     def _allowed(self, word: int, previous: int) -> bool:
-        """Resetting Halt and setting bit 4 in one Controlword is not allowed: the setpoint is not taken."""
+        """Whether the setpoint is accepted: not if one Controlword resets Halt and sets bit 4."""
         return not (word | previous) & ControlBit.HALT
 
 
 def follows(drive: DriveModel, halted: bool) -> int:
-    """Bit 12 of the cyclic synchronous modes: the drive follows the command value."""
+    """Bit 12 of the cyclic synchronous modes: the drive follows the setpoint."""
     operating = drive.state is State.OPERATION_ENABLED
     return StatusBit.MODE_12 if operating and not halted and not drive.limited else 0

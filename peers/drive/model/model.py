@@ -1,8 +1,8 @@
-"""The simulated drive without CANopen around it: the image of its objects, its power section, and time.
+"""The simulated drive without CANopen: the image of its objects, its power section, and time.
 
-Source: the manufacturer's guide chapters 5 and 7, CiA DSP 402 V2.0, readings of docs/translation.md. Time is simulated in
-whole milliseconds. What it does in a mode of operation is in ``modes``. Left out: following error, temperature and current
-models beyond a torque-proportional acceleration.
+Source: the manufacturer's guide chapters 5 and 7, CiA DSP 402 V2.0, interpretations in docs/translation.md. Time is
+simulated in whole milliseconds. The modes of operation are in ``modes``. Not simulated: following error, temperature, and
+currents beyond an acceleration proportional to torque.
 """
 
 from __future__ import annotations
@@ -46,20 +46,20 @@ _INT32_MAX = (1 << 31) - 1
 _RAMPED_STATES = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 _QUICK_RAMPS = (2, 6)
 _STAYS_STOPPED = 5
-"""605Ah from here on: the drive stays in Quick Stop Active."""
+"""605Ah from this value on: the drive stays in Quick Stop Active."""
 _ABORT_COMMANDS = {2: Command.DISABLE_VOLTAGE, 3: Command.QUICK_STOP}
 """Device control command of 6007h."""
 _SYNC_FAULT = replace(DRIVE_FAULTS[12], name="SYNC missing", error_code=0x8700)
 _CATCH_UP_TICKS = 1000
-"""So much of a gap is simulated; a drive that was not asked for longer has lost time."""
+"""Longest simulated gap. After a longer gap between two calls the drive loses the rest of the time."""
 
 ObjectReader = Callable[[int, int], int]
 
 
 class DriveModel:
-    """The image of the mappable objects (their attributes) and the drive behind it.
+    """The image of the mappable objects (as attributes) and the drive.
 
-    ``read`` gives the value of the other objects (index, sub-index). ``emcy`` collects (error code, error register).
+    ``read`` returns the value of the other objects (index, sub-index). ``emcy`` collects (error code, error register).
     """
 
     def __init__(self, read: ObjectReader, machine: Machine | None = None, shape: Shape = ENGEL) -> None:
@@ -72,20 +72,20 @@ class DriveModel:
         """rpm/s of one acceleration unit."""
         self.emcy: list[tuple[int, int]] = []
         self.disguises: list[Callable[[DriveModel, int], None]] = []
-        """What shows something else than the drive does; called with the model's time after each update of the image."""
+        """Functions that falsify the image; called with the model's time after each of its updates."""
         self.latency = NO_LATENCY
         self.stop_ramp = True
-        """The quick stop brakes; without it the drive turns on until the connection is lost, and its power goes off then."""
+        """The quick stop brakes. If not, the drive turns until the connection is lost, then its power is off."""
         self.stops_in_pre_operational = True
-        """NMT pre-operational is a lost connection."""
+        """NMT pre-operational counts as a lost connection."""
         self.watchers: list[Callable[[State], None]] = []
-        """Called with each state that is entered."""
+        """Functions called with each new state."""
         self.started = 0
-        """Setpoints and homings that were begun, since the device was made."""
+        """Number of setpoints and homings started since the device was created."""
         self.power_on()
 
     def power_on(self) -> None:
-        """Everything back to its value after power-on; the axis stands at machine position 0."""
+        """Reset everything to its power-on value; the axis is at machine position 0."""
         for entry in OBJECTS.entries:
             if entry.attribute:
                 setattr(self, entry.attribute, entry.default)
@@ -100,7 +100,7 @@ class DriveModel:
         self.zero = 0.0
         self.digital_inputs = DI1
         self.limited = False
-        """Something inside the drive keeps it from what is asked (Statusword.11)."""
+        """An internal limit prevents the commanded motion (Statusword.11)."""
         self._pressed = 0
         """Torque against a mechanical stop."""
         self.causes: set[int] = set()
@@ -112,16 +112,16 @@ class DriveModel:
         self._previous_controlword = 0
         self._reset_edges = 0
         self._obeyed = False
-        """The Controlword has had its effect: the same one again changes nothing before ``wake`` or a tick."""
+        """The Controlword has been processed: the same one changes nothing before ``wake`` or a tick."""
         self._modes = {number: MODES[number](self) for number in self.shape.modes}
         self.mode: int = Mode.POSITION if Mode.POSITION in self._modes else min(self._modes)
         self.motion = self._modes[self.mode]
-        """The mode of operation at work."""
+        """The active mode of operation."""
         self.wake()
         self._update()
 
     def reset(self) -> None:
-        """The firmware starts again; inputs, causes of faults and the turning shaft stay as they are."""
+        """Restart the firmware. Inputs, causes of faults and the turning shaft do not change."""
         inputs, causes, position, ramp = self.digital_inputs, self.causes, self.machine_position, self.ramp
         self.power_on()
         self.digital_inputs, self.causes, self.ramp = inputs, causes, ramp
@@ -130,7 +130,7 @@ class DriveModel:
             self._fault(DRIVE_FAULTS[min(causes)])
         self._update()
 
-    # The attributes of the catalogue, for the type checker; ``power_on`` sets them from the declarations.
+    # Attributes of the catalogue for the type checker; ``power_on`` sets them from the declarations.
     controlword: int
     statusword: int
     modes_of_operation: int
@@ -172,12 +172,12 @@ class DriveModel:
 
     @property
     def max_rpm(self) -> float:
-        """Of the motor."""
+        """Maximum speed of the motor."""
         return float(self.read(MAX_MOTOR_SPEED, 0))
 
     @property
     def speed_limit(self) -> float:
-        """rpm that profiles reach."""
+        """Maximum speed of profiles in rpm."""
         return min(self.max_rpm, self.read(MAX_PROFILE_VELOCITY, 0) * self.unit)
 
     @property
@@ -186,18 +186,18 @@ class DriveModel:
         return self.machine_position - self.zero
 
     def acceleration(self, value: int, limit_index: int) -> float:
-        """rpm/s of a ramp object (of the ENGEL-like drive in 10 rpm/s), limited by 60C5h / 60C6h."""
+        """Acceleration of a ramp object in rpm/s (of the ENGEL-like drive in 10 rpm/s), limited by 60C5h / 60C6h."""
         return self._rate * max(1, min(value, self.read(limit_index, 0)))
 
     @property
     def profile_braking(self) -> int:
-        """In acceleration units: 6084h, or 6083h of a drive without it (CiA 402)."""
+        """Deceleration in acceleration units: 6084h, or 6083h for a drive without it (CiA 402)."""
         one_ramp = PROFILE_DECELERATION in self.shape.lacks
         return self.profile_acceleration if one_ramp else self.profile_deceleration
 
     @property
     def sine(self) -> bool:
-        """Ramps are sine-squared (6086h)."""
+        """Whether ramps are sine-squared (6086h)."""
         return self.read(MOTION_PROFILE_TYPE, 0) == 1
 
     @property
@@ -224,23 +224,23 @@ class DriveModel:
         self.digital_inputs = self.digital_inputs | DI1 if on else self.digital_inputs & ~DI1
         if not on and self.state is State.OPERATION_ENABLED:
             self._enter(State.SWITCHED_ON)
-        # The Controlword is a level: an Enable Operation that still stands takes effect as soon as the input allows.
+        # The Controlword is a level: an active Enable Operation takes effect as soon as the input permits.
         self.wake()
         self.command()
 
     def synchronised(self) -> None:
-        """A SYNC came."""
+        """A SYNC has arrived."""
         self._without_sync = 0
 
     @property
     def sync_ticks(self) -> int:
-        """From one SYNC to the next in a mode that needs them (1006h); 0: they are not watched."""
+        """Ticks from one SYNC to the next in a mode that needs them (1006h); 0: not monitored."""
         return self.read(SYNC_PERIOD, 0) * US // MS if self.motion.synchronous else 0
 
     def abort_connection(self) -> None:
-        """The connection to the master is lost: react as 6007h says.
+        """The connection to the master is lost: react according to 6007h.
 
-        In Switched On too: its last Controlword may be an Enable Operation that only waits for DI1.
+        In Switched On as well: its last Controlword may be an Enable Operation that waits only for DI1.
         """
         self.wake()
         if not self.stop_ramp and self.state is State.QUICK_STOP_ACTIVE:
@@ -255,7 +255,7 @@ class DriveModel:
         self._update()
 
     def command(self) -> None:
-        """Evaluate Controlword and mode as they stand in the image now; called for every one received."""
+        """Process Controlword and mode in the image. Called for every one received."""
         word, previous = self.controlword, self._previous_controlword
         if self._obeyed and word == previous:
             return
@@ -348,27 +348,27 @@ class DriveModel:
                 self._update()
 
     def next_change(self) -> int | None:
-        """When the image may change by itself; None while nothing moves and nothing was changed."""
+        """Time of the next possible change of the image without an input; None if the drive is at rest and unchanged."""
         return self._late_status.next_change if self._resting and not self.disguises else self._time + MS
 
     def cruises(self, ticks: int) -> bool:
-        """Whether nothing but the position will have changed after so many ticks."""
+        """Whether after this number of ticks only the position will have changed."""
         if not self._even or self.disguises or self._late_status.next_change is not None:
             return False
         position = self.machine_position + ticks * increments_per_second(self.ramp.speed) * TICK
         return self._inputs_at(position) == self.digital_inputs and self.machine.within_stops(position)
 
     def turned(self, now: int) -> float:
-        """Increments of the machine at ``now``, the part of a tick in it."""
+        """Increments of the machine at ``now``, including the part of a tick."""
         self.advance(now)
         return self.machine_position + increments_per_second(self.ramp.speed) * (now - self._time) / SECOND
 
     def wake(self) -> None:
-        """Something was changed from outside: the next tick may do something else than the last one."""
+        """Something outside has changed: the next tick may differ from the last one."""
         self._resting = self._even = self._obeyed = False
 
     def _watched_tick(self) -> int:
-        """One tick, and whether the next ones would do the same: nothing, or turn on as evenly."""
+        """Simulate one tick. Return how many following ticks are equal: at rest, or at constant speed."""
         before = self._condition()
         self._obeyed = False
         self._tick()
@@ -378,7 +378,7 @@ class DriveModel:
         return 1
 
     def _condition(self) -> tuple[object, ...]:
-        """All that a tick can change; of a turning axis without its position."""
+        """Everything that a tick can change, except the position of a turning axis."""
         speed = self.ramp.speed
         return (
             self.state,
@@ -394,7 +394,7 @@ class DriveModel:
         )
 
     def _cruise(self, ticks: int) -> int:
-        """At constant speed, so many ticks at once, fewer where a limit switch or stop is met; returns how many."""
+        """Simulate this number of ticks at constant speed, or fewer until a limit switch or stop. Return the number."""
         position = self.machine_position + ticks * increments_per_second(self.ramp.speed) * TICK
         if self._inputs_at(position) != self.digital_inputs or not self.machine.within_stops(position):
             self._even = False
@@ -436,7 +436,7 @@ class DriveModel:
         return self.acceleration(self.profile_braking, MAX_DECELERATION)
 
     def _turn(self) -> None:
-        """Move the axis; a mechanical stop holds it."""
+        """Move the axis up to a mechanical stop."""
         position = self.machine_position + increments_per_second(self.ramp.speed) * TICK
         pressing = not self.machine.within_stops(position)
         if pressing:
@@ -450,44 +450,44 @@ class DriveModel:
         self.digital_inputs = self._inputs_at(position)
 
     def _inputs_at(self, position: float) -> int:
-        """The digital inputs with the limit switches as they are at a position of the machine."""
+        """The digital inputs, with the limit switches at a position of the machine."""
         return self.digital_inputs & ~(NEGATIVE_LIMIT | POSITIVE_LIMIT) | self.machine.switches(position)
 
-    # -- what the modes ask for ---------------------------------------------------------------------------------------
+    # -- services for the modes ---------------------------------------------------------------------------------------
 
     @property
     def halted(self) -> bool:
-        """Halt is set in the Controlword."""
+        """Whether Halt is set in the Controlword."""
         return bool(self.controlword & ControlBit.HALT)
 
     def against_limit(self, speed: float) -> bool:
-        """A limit switch forbids this direction."""
+        """Whether a limit switch blocks this direction."""
         return bool(
             (speed < 0 and self.digital_inputs & NEGATIVE_LIMIT) or (speed > 0 and self.digital_inputs & POSITIVE_LIMIT)
         )
 
     def slow_down(self, deceleration: float) -> bool:
-        """One tick toward standstill (rpm/s); True when it stands."""
+        """One tick of deceleration to standstill (rpm/s); True at standstill."""
         return self.ramp.linear(0.0, deceleration, deceleration) == 0.0
 
     def follow_at_once(self, wanted: float) -> None:
-        """A speed (rpm) without a ramp, as far as motor and limit switches let it."""
+        """Change the speed (rpm) without a ramp, within the limits of motor and limit switches."""
         limit = self.max_rpm
         self.limited = self.against_limit(wanted)
         self.ramp.set(0.0 if self.limited else min(max(wanted, -limit), limit))
 
     def stand_at(self, position: float) -> None:
-        """Arrived (increments)."""
+        """Stop at a position (increments)."""
         self.machine_position = position + self.zero
         self.ramp.set(0.0)
 
     def home_here(self) -> None:
-        """This is where 607Ch says the home position is."""
+        """Set the present position to the home position of 607Ch."""
         self.zero = self.machine_position - self.read(HOME_OFFSET, 0)
         self.ramp.set(0.0)
 
     def _shown_position(self) -> int:
-        """6064h."""
+        """Position in 6064h."""
         position = round(self.position)
         if not self.shape.wraps:
             return _wrap32(position)

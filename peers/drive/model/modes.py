@@ -1,7 +1,7 @@
-"""What the simulated drive does in each mode of operation: one object for each mode it has, chosen by 6061h.
+"""The modes of operation of the simulated drive: one object for each mode, selected by 6061h.
 
 Source: the manufacturer's guide chapters 6 and 7, CiA DSP 402 V2.0 (profile position, profile velocity, homing), CiA 402-2
-(cyclic synchronous modes). Which state the power section is in, and the quick stop, is the model's.
+(cyclic synchronous modes). The model has the state of the power section and the quick stop.
 """
 
 from __future__ import annotations
@@ -34,4 +34,4 @@ MODES: dict[int, type[ModeOfOperation]] = {
     Mode.CYCLIC_VELOCITY: CyclicVelocity,
     Mode.CYCLIC_TORQUE: CyclicTorque,
 }
-"""What each mode does, by its value of 6060h."""
+"""The class of each mode by its value of 6060h."""

@@ -1,4 +1,4 @@
-"""Speed ramps and the trapezoid to a target position, per millisecond.
+"""Speed ramps, and the trapezoid to a target position, per millisecond.
 
 Source: the manufacturer's guide 7.8 and 7.9 (ramp types of 6086h). Speeds in rpm, positions in increments, times in seconds.
 """
@@ -11,13 +11,13 @@ from pdgw.durations import SECONDS_PER_MINUTE
 
 INCREMENTS_PER_REVOLUTION = 4096
 SECOND_ENCODER_STEPS = 4
-"""Increments of the second encoder, on the same shaft, in one of the first."""
+"""Increments of the second encoder on the same shaft, per increment of the first."""
 TICK = 0.001
 """Seconds of one simulation step."""
 COAST_DECELERATION = 1500.0
 """rpm/s of the free-running motor."""
 TORQUE_ACCELERATION = 6000.0
-"""rpm/s that rated current gives the unloaded motor."""
+"""rpm/s of the unloaded motor at rated current."""
 
 
 def increments_per_second(rpm: float) -> float:
@@ -26,12 +26,12 @@ def increments_per_second(rpm: float) -> float:
 
 
 def rpm_of(increments: float) -> float:
-    """Speed of the shaft (rpm) that passes so many increments in a second."""
+    """Speed of the shaft in rpm from increments per second."""
     return increments * SECONDS_PER_MINUTE / INCREMENTS_PER_REVOLUTION
 
 
 class Ramp:
-    """The speed setpoint on its way: linear by acceleration, or sine-squared by ramp time."""
+    """A speed setpoint with ramp: linear by acceleration, or sine-squared by ramp time."""
 
     def __init__(self) -> None:
         self.speed = 0.0
@@ -39,12 +39,12 @@ class Ramp:
         self._elapsed = self._time = 0.0
 
     def set(self, speed: float) -> None:
-        """Take a speed over at once (coasting, a stop that is hit)."""
+        """Set a speed without a ramp (coasting, mechanical stop)."""
         self.speed = self._from = self.target = speed
         self._time = 0.0
 
     def linear(self, target: float, acceleration: float, deceleration: float) -> float:
-        """One tick toward ``target``; rpm/s. Slowing down uses ``deceleration``, also through zero up to it."""
+        """One tick towards ``target``, in rpm/s. Uses ``deceleration`` to slow down, also to zero before a reversal."""
         slowing = self.speed != 0.0 and (abs(target) < abs(self.speed) or target * self.speed < 0)
         step = (deceleration if slowing else acceleration) * TICK
         if slowing and target * self.speed < 0 and abs(self.speed) < step:
@@ -57,7 +57,7 @@ class Ramp:
         return self.speed
 
     def sine_squared(self, target: float, rise_time: float, fall_time: float) -> float:
-        """One tick toward ``target``; the times are those of a whole ramp in seconds, whatever its height."""
+        """One tick towards ``target``. The times are those of a complete ramp in seconds, at any height."""
         if target != self.target or self._time == 0.0 and self.speed != target:
             self._from, self.target, self._elapsed = self.speed, target, 0.0
             self._time = fall_time if abs(target) < abs(self.speed) else rise_time
@@ -73,9 +73,9 @@ class Ramp:
 
 
 def speed_toward(distance: float, speed_limit: float, deceleration: float) -> float:
-    """The speed (rpm, signed) from which ``deceleration`` (rpm/s) still stops within ``distance`` increments."""
+    """Highest speed (rpm, signed) from which ``deceleration`` (rpm/s) stops within ``distance`` increments."""
     rate = increments_per_second(deceleration)
-    # The speed of this tick is kept for the whole tick: solve v*T + v^2/(2a) = distance.
+    # The speed is constant during this tick: solve v*T + v^2/(2a) = distance.
     reach = rate * TICK
     fastest = math.sqrt(reach * reach + 2 * rate * abs(distance)) - reach
     return math.copysign(min(speed_limit, rpm_of(fastest)), distance)

@@ -1,4 +1,4 @@
-"""The simulated drive's modes for a position; their sources are in ``modes``."""
+"""Position modes of the simulated drive; the sources are those of ``modes``."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class Setpoint:
-    """A target of profile position as it was taken: increments, rpm, rpm/s."""
+    """An accepted target of profile position: increments, rpm, rpm/s."""
 
     target: float
     speed: float
@@ -27,9 +27,9 @@ class Setpoint:
 
 
 class CyclicPosition(ModeOfOperation):
-    """To the newest target in a straight line over 60C2h.
+    """Move to the newest target in a straight line over 60C2h.
 
-    A target that stays away is the end of the way; where SYNC has a period (1006h) the way goes on for one more 60C2h first.
+    Without a new target the motion ends there. If SYNC has a period (1006h), it first continues for one more 60C2h.
     """
 
     synchronous = True
@@ -38,9 +38,9 @@ class CyclicPosition(ModeOfOperation):
         super().__init__(drive)
         self._goal = 0.0
         self._way = 0.0
-        """From the goal before."""
+        """Distance from the previous target."""
         self._left = 0
-        """Ticks to the goal."""
+        """Ticks to the target."""
         self._extrapolated = True
 
     def enabled(self) -> None:
@@ -75,7 +75,7 @@ class CyclicPosition(ModeOfOperation):
 
 
 class ProfilePosition(ModeOfOperation):
-    """Setpoints by a handshake, each with its speed and ramps; one may wait for the end of another."""
+    """Setpoints by handshake, each with speed and ramps. One may wait for the end of another."""
 
     def __init__(self, drive: DriveModel) -> None:
         super().__init__(drive)
@@ -134,7 +134,7 @@ class ProfilePosition(ModeOfOperation):
             return target
         if drive.shape.wraps:
             turns = 0 if word & ControlBit.RELATIVE else round(drive.position) - drive.position_actual
-            return target + turns  # as a linear axis goes, not across the end
+            return target + turns  # like a linear axis, not across the end of the range
         limited = min(max(target, low), high)
         drive.limited = limited != target
         return limited
@@ -170,14 +170,16 @@ class ProfilePosition(ModeOfOperation):
             self._arrive(setpoint)
 
     def _sine_speed(self, setpoint: Setpoint, distance: float) -> float:
-        """Speed setpoint for sine-squared ramps: the braking distance of a whole ramp is half speed times ramp time."""
+        """Speed setpoint for sine-squared ramps: the braking distance of a complete ramp is half the speed times the ramp
+        time.
+        """
         ramp = self.drive.ramp
         rise, fall = self.drive.sine_times
         if ramp.speed == 0.0 and abs(distance) > 1:
             return math.copysign(min(setpoint.speed, rpm_of(2 * abs(distance) / (rise + fall))), distance)
         braking = increments_per_second(abs(ramp.speed)) * fall / 2
         if ramp.target == 0.0 or abs(distance) <= braking or distance * ramp.speed < 0:
-            # The last increments are crept: a ramp by time cannot meet a position exactly.
+            # Creep to the target: a ramp by time cannot reach a position exactly.
             creep = math.copysign(min(setpoint.speed, rpm_of(abs(distance)) * 5), distance)
             return creep if abs(ramp.speed) < 1.0 else 0.0
         return ramp.target
@@ -196,10 +198,10 @@ class ProfilePosition(ModeOfOperation):
 
 
 class Turntable(ProfilePosition):
-    """The manufacturer's: angles of one revolution instead of positions."""
+    """The manufacturer's mode with angles of one revolution as positions."""
 
     def _target(self, word: int) -> float:
-        """The nearest absolute position with this angle in the wanted direction."""
+        """The nearest absolute position with this angle in the commanded direction."""
         drive = self.drive
         if word & ControlBit.RELATIVE:
             return drive.position + drive.target_position

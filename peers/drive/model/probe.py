@@ -1,7 +1,7 @@
 """The touch probe of the simulated drive: 60B8h to 60BDh, with two inputs and the zero pulse of each revolution.
 
-Source: CiA 402-2. Only the first event after arming is latched. A zero pulse is passed where the machine's position is a multiple
-of a revolution.
+Source: CiA 402-2. Only the first event after arming is stored. The zero pulse is at multiples of a revolution of the
+machine's position.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ POSITIONS = ("touch_probe_1_rising", "touch_probe_1_falling", "touch_probe_2_ris
 
 
 class TouchProbe:
-    """One drive's; the image has its objects where the shape does."""
+    """The touch probe of a drive. The image has its objects if the variant has them."""
 
     def __init__(self, drive: DriveModel) -> None:
         self._drive = drive
@@ -28,7 +28,7 @@ class TouchProbe:
         self._inputs = [False, False]
 
     def command(self) -> None:
-        """60B8h was written: what it enables anew is stored anew."""
+        """60B8h was written: newly enabled functions store a new position."""
         drive = self._drive
         function = drive.touch_probe_function
         kept = 0
@@ -39,13 +39,13 @@ class TouchProbe:
         drive.touch_probe_status = touch_probe.enabled_bits(function) | kept
 
     def set_input(self, probe: int, on: bool) -> None:
-        """Probe 1 or 2 is deflected, or let go."""
+        """Deflect or release probe 1 or 2."""
         before, self._inputs[probe - 1] = self._inputs[probe - 1], on
         if on is not before and not (probe == 1 and touch_probe.at_zero_pulse(self._armed)):
             self._latch(2 * (probe - 1) + (not on), self._drive.position)
 
     def turned(self, before: float, after: float) -> None:
-        """The machine went from a position to another (increments)."""
+        """The machine has moved between two positions (increments)."""
         if not touch_probe.at_zero_pulse(self._armed) or before == after:
             return
         passed = math.floor(after / INCREMENTS_PER_REVOLUTION)

@@ -1,7 +1,7 @@
-"""Shapes of simulated drives: the ENGEL-like drive behind other objects, units, modes, PDOs and manners.
+"""Variants of simulated drives: the ENGEL-like drive with other objects, units, modes, PDOs and behaviour.
 
-Each shape is one way in which drives of the market differ (CiA 402 leaves it open). What turns is always the same motor with
-4096 increments a revolution; what a value means is the shape's.
+Each variant is one difference between drives on the market, which CiA 402 permits. The motor is always the same, with 4096
+increments a revolution. The meaning of a value depends on the variant.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from pdgw.peers.drive.model.probe import POSITIONS
 _I16, _I32, _U8, _U16, _U32 = CanType.I16, CanType.I32, CanType.U8, CanType.U16, CanType.U32
 _RO, _RW = Access.RO, Access.RW
 _VENDOR_ID = 0x0000_0FFF
-"""Of nobody: a device no overlay knows."""
+"""An unused vendor ID: no overlay matches the device."""
 _MANUFACTURER = frozenset({0x6094, *(entry.index for entry in FAMILY.entries.values())})
 _PROFILE_MODES = 1 << 0 | 1 << 2 | 1 << 5
 """6502h: profile position, profile velocity, homing."""
@@ -51,45 +51,45 @@ _ENGEL_MODES = frozenset({*FAMILY_MODES, Mode.POSITION, Mode.VELOCITY, Mode.TORQ
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """One kind of simulated drive."""
+    """A variant of the simulated drive."""
 
     name: str
     text: str
     """For the help of ``pdgw sim drive --like``."""
     velocity_per_rpm: Fraction | None = None
-    """Velocity units of one rpm; None: what 6094h says."""
+    """Velocity units per rpm; None: from 6094h."""
     acceleration_per_rpm_s: Fraction = Fraction(1, 10)
     modes: frozenset[int] = _ENGEL_MODES
     lacks: frozenset[int] = frozenset()
-    """Objects of the ENGEL-like drive it does not have."""
+    """Objects of the ENGEL-like drive that it lacks."""
     has: tuple[ObjectSpec, ...] = ()
-    """Objects it has beside those of the ENGEL-like drive, or in their place."""
+    """Objects in addition to those of the ENGEL-like drive, or instead of them."""
     pdos: int = 5
     event_timer: bool = True
     time_out: bool = False
-    """Its RPDOs have a time-out (1400h/5)."""
+    """Its RPDOs have a timeout (1400h/5)."""
     fixed_pdos: tuple[Pdo, ...] = ()
-    """Its PDOs, when their mapping cannot be written."""
+    """Its PDOs, if their mapping cannot be written."""
     boot_ms: int = 0
     sdo_ms: int = 0
-    """So long it takes for each SDO answer."""
+    """Delay of each SDO answer in milliseconds."""
     fault_reset_edges: int = 1
-    """So many rising edges of Controlword 7 end a fault."""
+    """Number of rising edges of Controlword 7 that reset a fault."""
     starts_in_fault: bool = False
     mode_in_operation_only: bool = False
-    """6061h is 0 but in operation."""
+    """6061h is 0 except in operation."""
     frozen: frozenset[str] = frozenset()
-    """Objects it takes in the mapping of a TPDO and sends as zeros."""
+    """Objects accepted in the mapping of a TPDO but sent as zeros."""
     wraps: bool = False
-    """Its position begins anew at the end of 607Bh, of which the last is the first again; targets are within it."""
+    """Its position overflows at the end of 607Bh, whose last value equals the first. Targets are within this range."""
     sync_tolerance: int = 3
-    """So many periods (1006h) without SYNC are a fault in a cyclic synchronous mode."""
+    """Periods (1006h) without SYNC that are a fault in a cyclic synchronous mode."""
     node_guarding: bool = False
-    """It guards its master by remote requests instead of heartbeats."""
+    """It monitors its master by node guarding instead of heartbeats."""
     info: DeviceInfo = field(default=INFO)
 
     def objects(self, serial_number: int = 1, pdos: int | None = None) -> tuple[ObjectSpec, ...]:
-        """Every object of the drive; ``pdos``: another number of RPDOs and TPDOs than the shape's."""
+        """Every object of the drive. ``pdos``: number of RPDOs and TPDOs, if it differs from the variant's."""
         number = self.pdos if pdos is None else pdos
         if self.name == ENGEL.name:
             return drive_objects(serial_number, number)
@@ -128,7 +128,7 @@ def _ratio(index: int, name: str, numerator: int, denominator: int) -> ObjectSpe
 
 
 def _kinematics(velocity: Fraction, acceleration: Fraction, *, limits: bool = True) -> tuple[ObjectSpec, ...]:
-    """The objects with velocities and accelerations, in units of so many a rpm and a rpm/s."""
+    """The objects with velocities and accelerations, in these units per rpm and per rpm/s."""
     speed = int(_RATED_RPM * velocity)
     fast, slow = int(200 * velocity), int(50 * velocity)
     rate, most = int(_PROFILE_RPM_S * acceleration), int(_MAX_RPM_S * acceleration)
@@ -171,7 +171,7 @@ def _info(name: str, product_code: int) -> DeviceInfo:
 
 
 def _rpm(name: str, text: str, product_code: int) -> Shape:
-    """A plain drive in rpm, from which others depart in one thing."""
+    """A plain drive in rpm; other variants differ from it in one property."""
     return Shape(
         name,
         text,
@@ -185,7 +185,7 @@ def _rpm(name: str, text: str, product_code: int) -> Shape:
 
 
 def _with(shape: Shape, *objects: ObjectSpec) -> tuple[ObjectSpec, ...]:
-    """The shape's objects with others beside them or in their place."""
+    """The variant's objects with others added or replaced."""
     own = {spec.index for spec in objects}
     return (*(spec for spec in shape.has if spec.index not in own), *objects)
 
@@ -201,13 +201,13 @@ _PREDEFINED = (
     pdo(_T, 3, "statusword", "position_actual"),
     pdo(_T, 4, "statusword", "velocity_actual"),
 )
-"""The PDOs CiA 402 pre-defines."""
+"""The PDOs that CiA 402 predefines."""
 _VL_LACKS = frozenset(
     {0x606B, 0x606C, 0x606D, 0x606F, 0x607A, 0x607B, 0x607C, 0x607F, 0x6081, 0x6083, 0x6084, 0x6085, 0x6086}
     | {0x6098, 0x6099, 0x609A, 0x60C5, 0x60C6, 0x60FF}
 )
 _PROFILES = frozenset({0x6081, 0x6083, 0x6084, 0x6086, 0x60FF})
-"""What only profile position and profile velocity use."""
+"""Objects that only profile position and profile velocity use."""
 _VL_OBJECTS = (
     var(0x6042, "vl target velocity", _I16, _RW, pdo=True, default=0, attribute="target_velocity"),
     var(0x6043, "vl velocity demand", _I16, _RO, pdo=True, default=0, attribute="velocity_demand"),
@@ -361,11 +361,11 @@ SHAPES = MappingProxyType(
         )
     }
 )
-"""Every shape by its name."""
+"""Every variant by name."""
 
 
 def shape(name: str) -> Shape:
-    """The shape with a name; CanopenError lists the names there are."""
+    """The variant with a name; CanopenError lists the known names."""
     try:
         return SHAPES[name]
     except KeyError:

@@ -1,4 +1,4 @@
-"""The simulated drive's modes for a speed or a torque; their sources are in ``modes``."""
+"""Speed and torque modes of the simulated drive; the sources are those of ``modes``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pdgw.peers.drive.model.motion import COAST_DECELERATION, TORQUE_ACCELERATIO
 
 
 class _SpeedMode(ModeOfOperation):
-    """Target Velocity under the profile's ramps."""
+    """Target Velocity with the ramps of the profile."""
 
     even = True
 
@@ -61,7 +61,7 @@ class ProfileVelocity(_SpeedMode):
 
 
 class SpeedControl(ProfileVelocity):
-    """The manufacturer's: with a limit of the torque by PDO."""
+    """The manufacturer's speed mode, with a torque limit by PDO."""
 
     def _torque(self) -> int:
         drive = self.drive
@@ -69,7 +69,7 @@ class SpeedControl(ProfileVelocity):
 
 
 class VelocityMode(_SpeedMode):
-    """vl, of frequency converters."""
+    """Velocity mode (vl) of frequency converters."""
 
     def _wanted(self) -> float:
         return super()._wanted() if self.drive.controlword & VL_RAMP == VL_RAMP else 0.0
@@ -81,7 +81,7 @@ class VelocityMode(_SpeedMode):
 
 
 class CyclicVelocity(_SpeedMode):
-    """The master makes the ramp: the drive follows as fast as it can. A setpoint that stays away: the speed stays."""
+    """The master generates the ramp; the drive follows as fast as possible. Without new setpoints the speed stays."""
 
     synchronous = True
 
@@ -95,7 +95,7 @@ class CyclicVelocity(_SpeedMode):
 
 
 class Torque(ModeOfOperation):
-    """Target Torque accelerates the unloaded motor up to a speed."""
+    """Target Torque accelerates the unloaded motor up to a speed limit."""
 
     even = True
     makes_torque = True
@@ -117,14 +117,14 @@ class Torque(ModeOfOperation):
         return self.drive.max_rpm
 
     def _release(self) -> None:
-        """No torque is asked for."""
+        """Command zero torque."""
         drive = self.drive
         deceleration = drive.acceleration(drive.profile_braking, MAX_DECELERATION)
         drive.ramp.linear(0.0, deceleration, deceleration)
 
 
 class CyclicTorque(Torque):
-    """Without torque the motor runs out. A setpoint that stays away: the torque stays."""
+    """Without torque the motor coasts. Without new setpoints the torque stays."""
 
     synchronous = True
 
@@ -136,7 +136,7 @@ class CyclicTorque(Torque):
 
 
 class CurrentControl(Torque):
-    """The manufacturer's: with a limit of the speed by PDO."""
+    """The manufacturer's torque mode, with a speed limit by PDO."""
 
     def _highest(self) -> float:
         return min(super()._highest(), self.drive.dynamic_speed_limit * 0.5)

@@ -1,4 +1,4 @@
-"""What the PLC simulator and its parameter channel exchange, as a pcap file with Ethernet, IP and UDP headers."""
+"""Write the traffic of the PLC simulator and its parameter channel to a pcap file with Ethernet, IP and UDP headers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pdgw.gateway.links.udp import Address
 
 _MACS = (bytes.fromhex("020000000001"), bytes.fromhex("020000000002"))
 _FILE = struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1)
-"""A pcap file: microseconds, version 2.4, UTC, whole packets, of Ethernet."""
+"""Header of a pcap file: microseconds, version 2.4, UTC, whole packets, Ethernet."""
 _PACKET = struct.Struct("<IIII")
 _ETHERNET = struct.Struct(">6s6sH")
 _IP = struct.Struct(">BBHHHBBH4s4s")
@@ -24,9 +24,9 @@ _UDP = struct.Struct(">HHHH")
 
 
 class Capture:
-    """Conversations as a pcap with Ethernet, IP and UDP headers; written beside the threads that have them.
+    """Conversations as a pcap with Ethernet, IP and UDP headers; a separate thread writes them.
 
-    GatewayError when the file cannot be had, and from ``close`` when it could not be written.
+    GatewayError when the file cannot be opened, and from ``close`` when it could not be written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -41,7 +41,7 @@ class Capture:
         self._thread.start()
 
     def conversation(self, local: Address, remote: Address) -> Callable[[bool, bytes], None]:
-        """What takes the datagrams (sent, data) between two addresses, from any thread."""
+        """A function that records the datagrams (sent, data) between two addresses; callable from any thread."""
         macs = _MACS[::-1]
 
         def take(sent: bool, data: bytes) -> None:
@@ -67,10 +67,10 @@ class Capture:
     def _write(self) -> None:
         try:
             self._write_frames()
-        except Exception as error:  # whatever it is, the capture is not whole
+        except Exception as error:  # after any error the capture is incomplete
             self._failure = error
             while self._frames.get() is not None:
-                continue  # what nobody writes is not kept
+                continue  # discard the rest, because it cannot be written
 
     def _write_frames(self) -> None:
         self._file.write(_FILE)
@@ -81,7 +81,7 @@ class Capture:
 
 
 def _packet(data: bytes, source: Address, target: Address, macs: tuple[bytes, bytes]) -> bytes:
-    """A datagram with its headers. IPv4; UDP without a checksum, which IPv4 allows."""
+    """A datagram with its headers: IPv4, and UDP without a checksum, which IPv4 permits."""
     udp = _UDP.pack(source[1], target[1], _UDP.size + len(data), 0)
     addresses = socket.inet_aton(source[0]), socket.inet_aton(target[0])
     fields = (0x45, 0, _IP.size + len(udp) + len(data), 1, 0, 64, socket.IPPROTO_UDP)

@@ -1,4 +1,4 @@
-"""A PLC as timed events on a loop: a frame each cycle, whatever the gateway answers."""
+"""A PLC as timed events on a loop: it sends a frame each cycle, whatever the gateway answers."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class CyclingPlc:
         self.endpoint = PlcEndpoint(telegrams, cycle_ns)
         self.gateway = gateway
         self.silent = False
-        """It sends nothing, and goes on listening."""
+        """Send nothing, but keep receiving."""
         self.before_frame: list[Callable[[int], None]] = []
-        """Called with the time in each cycle, to change setpoints."""
+        """Functions called with the time in each cycle, to change setpoints."""
         self._loop = loop
         self._port = port
         self._cycle_ns = cycle_ns
@@ -37,12 +37,12 @@ class CyclingPlc:
         self._timer: Timer | None = None
 
     def start(self) -> None:
-        """Begin to exchange."""
+        """Start the exchange."""
         self._port.start(self._receive)
         self._timer = self._loop.call_at(self._due, self._cycle)
 
     def restart(self, port: DatagramPort, telegrams: Sequence[Telegram] | None = None) -> None:
-        """The PLC starts again: another port, a new relationship, the same setpoints; other telegrams begin with zeros."""
+        """Restart the PLC: another port, a new relationship, the same setpoints. Other telegrams start with zeros."""
         self._port.close()
         before = self.endpoint
         self.endpoint = PlcEndpoint(before.telegrams if telegrams is None else telegrams, self._cycle_ns)
@@ -52,17 +52,17 @@ class CyclingPlc:
         port.start(self._receive)
 
     def stop(self) -> None:
-        """End for good and release the port."""
+        """Stop permanently and release the port."""
         if self._timer is not None:
             self._timer.cancel()
         self._port.close()
 
     def set(self, values: Mapping[str, int], axis: int = 0) -> None:
-        """Other setpoints from the next frame on; see ``PlcEndpoint.set``."""
+        """Change setpoints from the next frame on; see ``PlcEndpoint.set``."""
         self.endpoint.set(axis, values)
 
     def value(self, name: str, axis: int = 0) -> int | None:
-        """An actual value as it came last; None while there is no good one."""
+        """The last actual value; None while no valid one is available."""
         actuals = self.endpoint.actuals[axis]
         return None if actuals is None else actuals[name]
 

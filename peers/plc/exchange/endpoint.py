@@ -1,4 +1,4 @@
-"""The controller side of the static cyclic relationship, sans-I/O: the mirror of ``gateway.links.cyclic``."""
+"""The controller side of the static cyclic relationship, sans-I/O: the counterpart of ``gateway.links.cyclic``."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ from pdgw.profidrive.words import Bit
 _WATCHDOG_NS = 200 * MS
 _WATCHDOG_CYCLES = 10
 _UNUSABLE = ("foreign", "malformed", "not valid", "not primary")
-"""Counters of datagrams that are no frames to use."""
+"""Counters of rejected datagrams."""
 
 
 class Exchange:
-    """What a runner needs of an endpoint: frames out, frames in, and what it may show of both."""
+    """The endpoint's interface for a runner: frames out, frames in, and display."""
 
     def __init__(self, telegrams: Sequence[Telegram]) -> None:
         self.telegrams = tuple(telegrams)
         self.setpoints: list[dict[str, int]] = [dict.fromkeys(t.setpoints.names, 0) for t in telegrams]
         self.actuals: list[dict[str, int] | None] = [None] * len(self.telegrams)
-        """None until a valid frame came, while the gateway says the values are bad (IOPS), and after its loss."""
+        """None until a valid frame arrives, while the gateway marks the values BAD (IOPS), and after its loss."""
         self.counters: Counter[str] = Counter()
 
     def build(self, now: int | None = None) -> bytearray:
@@ -46,16 +46,16 @@ class Exchange:
         raise NotImplementedError
 
     def receive(self, data: bytes, now: int = 0) -> bool:
-        """Take a frame of the gateway; False when it is not to be used."""
+        """Process a frame of the gateway; False when it is rejected."""
         raise NotImplementedError
 
     def poll(self, now: int) -> bool:
-        """The watchdog; True when it expires in this call."""
+        """Check the watchdog; True when it expires in this call."""
         raise NotImplementedError
 
 
 class PlcEndpoint(Exchange):
-    """Setpoints of any number of axes to frames, frames to actual values. Times are monotonic nanoseconds."""
+    """Encodes setpoints of any number of axes, decodes actual values. Times are monotonic nanoseconds."""
 
     def __init__(self, telegrams: Sequence[Telegram], cycle_ns: int) -> None:
         super().__init__(telegrams)
@@ -64,12 +64,12 @@ class PlcEndpoint(Exchange):
         self._frame = self._provider.new_frame(FRAME_ID_TO_DEVICE)
         self._step = max(1, cycle_ns // COUNTER_UNIT_NS)
         self._ticks = 0
-        """The clock of the cycle counter."""
+        """Time for the cycle counter."""
         self._last_counter: int | None = None
         self._last_time = 0
         self._watchdog_ns = max(_WATCHDOG_NS, _WATCHDOG_CYCLES * cycle_ns)
         self.setpoints_used: list[bool] = [False] * len(self.telegrams)
-        """The gateway uses our setpoints (its IOCS)."""
+        """Whether the gateway uses the setpoints (its IOCS)."""
         self._counting: dict[int, tuple[str, Bit]] = {}
         """Axes whose sign of life counts, with its word and bits."""
         self.run = True
@@ -85,23 +85,23 @@ class PlcEndpoint(Exchange):
         self.setpoints[axis] = merged
 
     def count(self, axis: int, word: str, bit: Bit | None) -> None:
-        """The sign of life in these bits of a setpoint counts with each frame; None: it stays."""
+        """Count the sign of life in these bits of a setpoint with each frame; None: keep it constant."""
         if bit is None:
             self._counting.pop(axis, None)
         else:
             self._counting[axis] = (word, bit)
 
     def count_life(self) -> None:
-        """One cycle of the signs of life that count."""
+        """Advance the counting signs of life by one cycle."""
         for axis, (word, bit) in self._counting.items():
             before = self.setpoints[axis][word]
-            life = bit.of(before) % (bit.mask >> bit.position) + 1  # 1 to 15, 0 is none
+            life = bit.of(before) % (bit.mask >> bit.position) + 1  # 1 to 15; 0 means no sign of life
             self.setpoints[axis] = {**self.setpoints[axis], word: before & ~bit.mask | life << bit.position}
 
     def build(self, now: int | None = None) -> bytearray:
         """The next frame to the gateway; the buffer is reused.
 
-        ``now``: when it is sent, which its cycle counter tells; without it each frame is one cycle after the last.
+        ``now``: its send time, for the cycle counter. Without it each frame is one cycle after the last.
         """
         frame, layout = self._frame, self._provider
         self.count_life()
@@ -115,7 +115,7 @@ class PlcEndpoint(Exchange):
         return frame
 
     def why_no_values(self, axis: int) -> str:
-        """Why an axis has no valid actual values, and what helps."""
+        """Why an axis has no valid actual values, and the remedy."""
         others = sum(self.counters[name] for name in _UNUSABLE)
         if not self.counters["received"]:
             if others:
@@ -132,7 +132,7 @@ class PlcEndpoint(Exchange):
         return ""
 
     def _simulation(self) -> str:
-        """The command that simulates these drive objects; one with encoders of several kinds needs a configuration."""
+        """The command that simulates these drive objects. Encoders of several types need a configuration."""
         encoders = [item.number for item in self.telegrams if item.mode is ApplicationMode.ENCODER]
         axes = [item.number for item in self.telegrams if item.mode is not ApplicationMode.ENCODER]
         if not axes or len(set(encoders)) > 1:
@@ -144,7 +144,7 @@ class PlcEndpoint(Exchange):
         return f"{command} --encoders {len(encoders)} --encoder-telegram {encoders[0]}" if encoders else command
 
     def poll(self, now: int) -> bool:
-        """The watchdog; True when it expires in this call. Old values would meet expectations of a dead gateway."""
+        """Check the watchdog; True when it expires in this call. Old values of a lost gateway must not meet expectations."""
         if self._last_counter is None or now - self._last_time <= self._watchdog_ns:
             return False
         self._last_counter = None
@@ -154,7 +154,7 @@ class PlcEndpoint(Exchange):
         return True
 
     def accept(self, actuals: Sequence[Sequence[int] | None], used: Sequence[bool], now: int) -> None:
-        """Take what another link has brought: each axis' values (None: IOPS BAD), and whether its setpoints are used (IOCS)."""
+        """Store data from another link: each axis' values (None: IOPS BAD), and whether its setpoints are used (IOCS)."""
         self._last_counter = 0
         self._last_time = now
         self.counters["received"] += 1
@@ -163,7 +163,7 @@ class PlcEndpoint(Exchange):
             self.setpoints_used[index] = used[index]
 
     def receive(self, data: bytes, now: int = 0) -> bool:
-        """Take a frame of the gateway; False (counted) when it is not a newer valid frame of this relationship."""
+        """Process a frame of the gateway. False (counted) when it is not a newer valid frame of this relationship."""
         layout = self._consumer
         try:
             frame = RtFrame.decode(data)

@@ -1,8 +1,8 @@
-"""``follow``: the PLC closes the position loop and lets an axis follow a sine, as long as it takes to follow it well.
+"""``follow``: the PLC closes the position loop and the axis follows a sine until the following error is small enough.
 
-The controller is ``position_loop``. The target swings from where the axis stands forward and back, begins and ends each period at
-rest, and does not run on while the PLC itself was held up. If the axis is stopped and stays far from the target, the next period
-begins at its position. Left out: a load.
+The controller is ``position_loop``. The target oscillates between the start position and one ahead of it. It starts and ends
+each period at rest, and pauses while the PLC itself is delayed. If the axis is stopped and stays far from the target, the
+next period starts at its position. The axis has no load.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ _LONGEST_STEP_NS: Final = 20 * MS
 
 
 class Follow(BaseModel):
-    """``by``, ``error``: increments of G1_XIST1; ``frequency``: Hz; ``gain``: 1/s.
+    """``by``, ``error``: increments of G1_XIST1. ``frequency``: Hz. ``gain``: 1/s.
 
-    ``feed_forward``: NSOLL_B has the target's speed too.
+    ``feed_forward``: NSOLL_B includes the speed of the target.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -38,23 +38,23 @@ class Follow(BaseModel):
 
 
 def can_follow(telegram: Telegram, *, dsc: bool) -> bool:
-    """A speed setpoint, a position, and with DSC its two values are all it needs."""
+    """Whether the telegram has a speed setpoint, a position, and with DSC its two values."""
     needed = {"NSOLL_B", "XERR", "KPC"} if dsc else {"NSOLL_B"}
     return needed <= set(telegram.setpoints.names) and POSITION in telegram.actuals.names
 
 
 class Following:
-    """One ``follow`` of an axis; ``within`` and ``since``, when it began, in nanoseconds."""
+    """One ``follow`` of an axis. ``within`` and ``since``, its start, in nanoseconds."""
 
     def __init__(self, wish: Follow, axis: int, within: int, *, increments: int, rpm: float, dsc: bool) -> None:
-        """``increments``: of a revolution; ``rpm``: 100 %; ``dsc``: the telegram has XERR and KPC."""
+        """``increments``: per revolution. ``rpm``: 100 %. ``dsc``: the telegram has XERR and KPC."""
         self.axis = axis
         self.within = within
         self.since = -1
         form = f"gain {wish.gain:g}/s, {'DSC' if wish.dsc else 'no DSC'}"
         self.name = f"follows a sine of {wish.by} increments at {wish.frequency:g} Hz within {wish.error} ({form})"
         self.rest: dict[str, int] = {"NSOLL_B": 0, **({"XERR": 0, "KPC": 0} if dsc else {})}
-        """What ends it."""
+        """The setpoints at its end."""
         self._wish = wish
         self._increments = increments
         self._loop = PositionLoop(wish.gain, dsc=wish.dsc, increments_per_revolution=increments, reference_rpm=rpm)
@@ -66,19 +66,19 @@ class Following:
 
     @property
     def passed(self) -> bool:
-        """The last whole period was within its bound."""
+        """Whether the last complete period was within its bound."""
         return bool(self._seen) and self._seen[-1] <= self._wish.error
 
     @property
     def measured(self) -> str:
-        """What was seen, for the report."""
+        """The measured values, for the report."""
         if not self._seen:
             return "no whole period"
         periods = "" if len(self._seen) == 1 else f" in period {len(self._seen)}"
         return f"largest error {self._seen[-1]:.0f} increments{periods}"
 
     def step(self, now: int, actuals: Mapping[str, int] | None) -> dict[str, int] | None:
-        """The setpoints of one cycle; None once it is over, well or by its time."""
+        """The setpoints of one cycle; None at the end or after the timeout."""
         if self.since < 0:
             self.since = self._before = now
         if actuals is None:
@@ -103,6 +103,6 @@ class Following:
         rpm = speed / self._increments * SECONDS_PER_MINUTE if self._wish.feed_forward else 0.0
         wanted = self._loop.step(target, actuals, rpm)
         self._worst = max(self._worst, abs(self._loop.error))
-        # Without DSC nobody evaluates XERR: it is there to be seen.
+        # Without DSC, XERR has no effect; it is only displayed.
         wanted["XERR"] = round(self._loop.error)
         return {name: wanted[name] for name in self.rest}

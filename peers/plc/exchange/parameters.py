@@ -1,4 +1,4 @@
-"""The parameter side of the PLC simulator: accesses a scenario asks for, served beside the cyclic exchange."""
+"""Parameter accesses of the PLC simulator, served while the cyclic exchange continues."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ log = logging.getLogger("peers")
 class ParameterAccess:
     """One request to a drive object: one element of each target is read, or written with ``values``.
 
-    ``done`` is set last; then ``answers`` has an element for each target, or ``error`` tells why there are none.
+    ``done`` is set last. Then ``answers`` has an element for each target, or ``error`` says why there are none.
     """
 
     do_id: int
@@ -35,13 +35,13 @@ class ParameterAccess:
     done: bool = False
 
     def serve(self, client: ParameterClient) -> None:
-        """Ask the device; a failure is in ``error``."""
+        """Send the request; a failure is stored in ``error``."""
         client.do_id = self.do_id
         try:
             self.answers = tuple(self._write(client) if self.values else self._read(client))
         except GatewayError as error:
             self.error = str(error)
-        except Exception as error:  # of this access: the next is served
+        except Exception as error:  # an error of this access only: serve the next one
             log.exception("a parameter access failed")
             self.error = repr(error)
         self.done = True
@@ -58,7 +58,7 @@ class ParameterAccess:
         return [elements_of(address, answer)[0] for address, answer in zip(addresses, answers, strict=True)]
 
     def _write(self, client: ParameterClient) -> list[Element]:
-        """With the types of the present values, which are read first."""
+        """Write with the types of the present values, which are read first."""
         session = Session(client)
         writes = []
         for target, present, text in zip(self.targets, client.request(self._addresses), self.values, strict=True):
@@ -68,7 +68,7 @@ class ParameterAccess:
 
 
 class ParameterWorker:
-    """Serves accesses on a thread of its own, one after the other."""
+    """Serves accesses on its own thread, one after the other."""
 
     def __init__(
         self,
@@ -78,7 +78,7 @@ class ParameterWorker:
         ar_uuid: UUID = NIL,
         device: UUID | None = None,
     ) -> None:
-        """``capture`` is given the client's own address and returns what is told every datagram (sent, data).
+        """``capture`` gets the client's own address and returns a function for every datagram (sent, data).
 
         ``ar_uuid`` and ``device``: the relationship and the object UUID of a PROFINET device.
         """
@@ -93,7 +93,7 @@ class ParameterWorker:
         self._waiting.put(access)
 
     def close(self) -> None:
-        """After the access in work, which ends by its time limit."""
+        """Close after the present access, which has a timeout."""
         self._waiting.put(None)
         self._thread.join()
         self._client.close()

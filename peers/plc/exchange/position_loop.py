@@ -1,6 +1,7 @@
-"""A proportional position controller as a PLC program has it, over telegrams 5, 6, 105 and 106: with DSC and without.
+"""A proportional position controller like that of a PLC program, over telegrams 5, 6, 105 and 106, with and without DSC.
 
-Source: docs/motion.md "DSC". Positions are increments of G1_XIST1, speeds rpm. Left out: feed-forward of the acceleration.
+Source: docs/motion.md "DSC". Positions are increments of G1_XIST1, speeds rpm. Not implemented: feed-forward of the
+acceleration.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ _LOWEST, _HIGHEST = DataType.N4.integer_range
 
 
 class PositionLoop:
-    """``gain`` in 1/s; ``dsc``: the gain and the error go to the drive's side (KPC, XERR), else their product as NSOLL_B."""
+    """``gain`` in 1/s. ``dsc``: send gain and error to the drive (KPC, XERR), else their product as NSOLL_B."""
 
     def __init__(self, gain: float, *, dsc: bool, increments_per_revolution: int, reference_rpm: float) -> None:
         self.gain = gain
@@ -23,10 +24,10 @@ class PositionLoop:
         self._increments = increments_per_revolution
         self._reference = reference_rpm
         self.error = 0.0
-        """Of the last step, increments."""
+        """Error of the last step, increments."""
 
     def step(self, target: float, actuals: Mapping[str, int], feed_forward_rpm: float = 0.0) -> dict[str, int]:
-        """One cycle: the setpoints for a target, from the actual values of the last frame."""
+        """The setpoints of one cycle for a target, from the actual values of the last frame."""
         whole = round(target)
         self.error = target - whole + difference(whole, actuals["G1_XIST1"])
         if self.dsc:

@@ -1,7 +1,7 @@
-"""What a PLC program asks of a positioner (telegrams 7, 110, 111, 112), by name: which words and bits, and what it waits for.
+"""Commands to a positioner (telegrams 7, 110, 111, 112) by name: the words and bits to set, and the answers to wait for.
 
-Source: docs/motion.md. A program is a list of ``Ask``, ``Wait`` and pauses; the scenario's engine plays it. Values are length
-units (LU) and 1000 LU/min; with telegram 112 in the unit of length that the gateway is told.
+Source: docs/motion.md. A program is a list of ``Ask``, ``Wait`` and pauses that the scenario's engine runs. Values are
+length units (LU) and 1000 LU/min; for telegram 112 they have the configured unit of length.
 """
 
 from __future__ import annotations
@@ -29,9 +29,10 @@ class _Model(BaseModel):
 
 
 class Mdi(_Model):
-    """``mdi``: a task with position and velocity. ``update``: STW1.6 stays, further ``mdi`` steps change the task under way.
+    """``mdi``: a task with position and velocity. ``update``: STW1.6 stays set, and further ``mdi`` steps change the active
+    task.
 
-    ``velocity``: 3000 (1000 LU/min) unless told; telegram 112 needs it. ``direction``: of a modulo axis.
+    ``velocity``: default 3000 (1000 LU/min); telegram 112 needs it. ``direction``: for a modulo axis.
     """
 
     to: int | float
@@ -50,14 +51,14 @@ class SettingUp(_Model):
 
 
 class Ask(NamedTuple):
-    """Setpoints by signal or ``signal.bit``; ``if_zero`` has those that stay as they are unless they are 0."""
+    """Setpoints by signal or ``signal.bit``. ``if_zero``: setpoints to set only if they are 0."""
 
     values: Mapping[str, Scalar]
     if_zero: Mapping[str, Scalar] = MappingProxyType({})
 
 
 class Wait(NamedTuple):
-    """Actual values that have to come."""
+    """Actual values to wait for."""
 
     values: Mapping[str, int | str]
     name: str
@@ -66,7 +67,7 @@ class Wait(NamedTuple):
 Program = list[Ask | Wait | int]
 """An integer is a pause in nanoseconds."""
 PULSE_NS = 100 * MS
-"""A bit whose edge counts stays so long, however slow the cycle is."""
+"""Time for which a bit with a counting edge stays set, at any cycle time."""
 
 
 class PositionerWords:
@@ -79,7 +80,7 @@ class PositionerWords:
         self._second = "POS_STW2" if "POS_STW2" in names else "POS_STW"
         self._block = "POS_STW1" if "POS_STW1" in names else "SATZANW"
         self._form = "_F" if "MDI_TARPOS_F" in names else ""
-        """Of the names of the setpoints of MDI: floats, or none."""
+        """Suffix of the MDI setpoints' names: ``_F`` for floats."""
 
     def _has(self, name: str, what: str) -> None:
         if name not in self._names:
@@ -99,12 +100,12 @@ class PositionerWords:
         }
 
     def _begin(self, values: Mapping[str, Scalar]) -> Program:
-        """An override that was not asked for is 100 %."""
+        """Set the override to 100 % if it is not given."""
         task = Ask({**values, **_READY, "STW1.ACTIVATE_TASK": 1}, self._override)
         return [task, Wait(_ACKNOWLEDGED, "task acknowledged")]
 
     def _edge(self, values: Mapping[str, Scalar]) -> Program:
-        """Data and edge in one frame; STW1.6 falls once the task is acknowledged."""
+        """Set data and edge in one frame. STW1.6 falls when the task is acknowledged."""
         return [
             *self._begin(values),
             Ask({"STW1.ACTIVATE_TASK": 0}),
@@ -147,7 +148,7 @@ class PositionerWords:
         )
 
     def block(self, number: int) -> Program:
-        """A traversing block, or the chain that begins with it."""
+        """A traversing block, or the chain that starts with it."""
         if not 0 <= number <= HIGHEST_BLOCK:
             raise GatewayError(f"block = {number} is not allowed, expected 0..{HIGHEST_BLOCK}")
         return self._edge({f"{self._block}.BLOCK": number, f"{self._block}.MDI": 0})
@@ -157,7 +158,7 @@ class PositionerWords:
         return [Ask({"STW1.EXTERNAL_BLOCK_CHANGE": 1}), PULSE_NS, Ask({"STW1.EXTERNAL_BLOCK_CHANGE": 0})]
 
     def jog(self, which: Literal[0, 1, 2], *, distance: bool) -> Program:
-        """Jog 1 or 2, 0 ends it; by a distance where asked."""
+        """Jog 1 or 2; 0 ends it. ``distance``: incremental jog."""
         values: dict[str, int | str] = {**_READY, "STW1.JOG_1_ON": int(which == 1), "STW1.JOG_2_ON": int(which == 2)}
         if distance:
             self._has(self._second, "jog_distance")
@@ -166,13 +167,13 @@ class PositionerWords:
         return [Ask(values, self._override if distance else {})]
 
     def set_reference(self) -> Program:
-        """The reference point, where the axis stands."""
+        """Set the reference point at the present position."""
         self._has(self._second, "set_reference")
         bit = f"{self._second}.SET_REFERENCE_POINT"
         return [Ask({bit: 1}), PULSE_NS, Wait({"ZSW1.HOME_POSITION_SET": 1}, "reference point set"), Ask({bit: 0})]
 
     def home(self, *, passive: bool, negative: bool) -> Program:
-        """A homing, or the wait for the probe's edge; STW1.11 stays set until ``home_end``."""
+        """Homing, active or passive (waits for the probe's edge). STW1.11 stays set until ``home_end``."""
         bits = {"PASSIVE_HOMING": passive, "HOMING_NEGATIVE": negative}
         if self._second == "POS_STW2":
             return [Ask({**{f"POS_STW2.{name}": int(on) for name, on in bits.items()}, "STW1.START_HOMING": 1})]

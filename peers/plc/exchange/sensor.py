@@ -1,6 +1,6 @@
-"""What a PLC program asks of a sensor (Gn_STW bits 0-7), by name: reference mark search and measurement on the fly.
+"""Commands to a sensor (Gn_STW bits 0-7) by name: reference mark search and measurement on the fly.
 
-Source: docs/motion.md "Reference marks and measurement on the fly". A program is played as a positioner's.
+Source: docs/motion.md "Reference marks and measurement on the fly". A program runs like that of a positioner.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ class _Model(BaseModel):
 
 
 class Reading(_Model):
-    """``read_value``: of a function that has one."""
+    """``read_value``: of a function with a stored value."""
 
     sensor: Literal[1, 2] = 1
     function: Annotated[int, Field(ge=_FUNCTIONS[0], le=_FUNCTIONS[-1])] = 1
 
 
 class Measuring(Reading):
-    """``measure``: one function; a step for each where several are wanted would end the one before, so ``also`` has them."""
+    """``measure``: one function. ``also`` has further ones, because a second step would abort the first."""
 
     also: tuple[Annotated[int, Field(ge=_FUNCTIONS[0], le=_FUNCTIONS[-1])], ...] = ()
 
 
 class SensorWords:
-    """The words of one sensor; GatewayError where the telegram has none."""
+    """The words of one sensor; GatewayError if the telegram has none."""
 
     def __init__(self, telegram: Telegram, sensor: int) -> None:
         self._control, self._status = f"G{sensor}_STW", f"G{sensor}_ZSW"
@@ -45,7 +45,7 @@ class SensorWords:
             raise GatewayError(f"not possible with telegram {telegram.number}: it has no {self._control}")
 
     def _command(self, command: int, functions: Iterable[int], **bits: int) -> Program:
-        """A command counts when it changes, so none stands before it."""
+        """Send a command. It takes effect on a change, so the previous one is removed first."""
         chosen = {f"{self._control}.FUNCTION_{number}": int(number in functions) for number in _FUNCTIONS}
         more = {f"{self._control}.{name}": value for name, value in bits.items()}
         return [
@@ -56,18 +56,18 @@ class SensorWords:
         ]
 
     def reference_mark(self) -> Program:
-        """The zero pulse."""
+        """Search the zero pulse."""
         return self._command(_ACTIVATE, {1}, MODE=0)
 
     def measure(self, wish: Measuring) -> Program:
-        """Positions at edges of the probes."""
+        """Measure positions at edges of the probes."""
         return self._command(_ACTIVATE, {wish.function, *wish.also}, MODE=1)
 
     def read_value(self, wish: Reading) -> Program:
-        """A value that was found; it stays in Gn_XIST2."""
+        """Read a stored value; it stays in Gn_XIST2."""
         found = Wait({f"{self._status}.VALUE_{wish.function}": 1}, f"value of function {wish.function}")
         return [found, *self._command(_READ, {wish.function})]
 
     def stop(self) -> Program:
-        """Nothing is searched or measured any more."""
+        """Abort all searches and measurements."""
         return [*self._command(_ABORT, _FUNCTIONS), Ask({f"{self._control}.COMMAND": _NONE})]

@@ -1,4 +1,4 @@
-"""What the PLC sees as plain data, and as tables for a terminal: words by bit, values, why there are none."""
+"""The PLC's view as plain data and as tables for a terminal: words by bit, values, and why values are missing."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def _value(item: Signal, raw: int, positioning: bool) -> str:
 
 
 def tables(found: dict[str, Any], reasons: Sequence[str] = ()) -> RenderableType:
-    """A snapshot as tables; ``reasons``: why the gateway does not do what an axis asks for, as far as it is known."""
+    """A snapshot as tables. ``reasons``: why the gateway does not execute an axis' command, if known."""
     parts: list[RenderableType] = [Text(found["title"], style="bold")]
     for index, axis in enumerate(found["axes"]):
         chosen = telegram(axis["telegram"])

@@ -1,9 +1,8 @@
-"""Structured Text to Python: one pass, every type checked, no conversion that the text does not ask for.
+"""Compile Structured Text to Python in one pass. Every type is checked; only explicit conversions are done.
 
-Each unit becomes one function of its variables, a dictionary named ``v`` in the text that is made for it.
-
-Supported: TYPE with STRUCT, PROGRAM, FUNCTION_BLOCK, FUNCTION; assignment, IF, CASE, FOR, WHILE, EXIT, RETURN, calls of blocks.
-Left out: global and directly represented variables, enumerations, pointers, REPEAT. A CONFIGURATION is skipped.
+Each unit becomes a function of its variables, a dictionary named ``v`` in the generated text. Supported: TYPE with STRUCT,
+PROGRAM, FUNCTION_BLOCK, FUNCTION; assignment, IF, CASE, FOR, WHILE, EXIT, RETURN, calls of blocks. Not supported: global and
+directly represented variables, enumerations, pointers, REPEAT. A CONFIGURATION is skipped.
 """
 
 from __future__ import annotations
@@ -33,9 +32,9 @@ _LEVELS: Final[tuple[dict[str, str], ...]] = (
     {"+": "{} + {}", "-": "{} - {}"},
     {"*": "{} * {}", "/": "quotient({}, {})", "MOD": "remainder({}, {})"},
 )
-"""The operators from the weakest to the strongest, and what Python calculates for them."""
+"""The operators from lowest to highest precedence, with the Python expression of each."""
 _LOGIC, _COMPARISON, _SUM = 3, 5, 5
-"""The levels of logic and of comparisons end before these; that of sums."""
+"""End of the levels of logic and of comparisons; the level of sums."""
 _LOOPS_AT_MOST = 100_000
 
 
@@ -44,7 +43,7 @@ _REAL = struct.Struct("<f")
 
 
 class Expression(NamedTuple):
-    """A value as text of Python. ``writable``: the same text can be assigned to."""
+    """A value as Python text. ``writable``: the text can be assigned to."""
 
     type: types.Type
     code: str
@@ -53,14 +52,14 @@ class Expression(NamedTuple):
 
 
 def _quotient(dividend: Any, divisor: Any) -> Any:
-    """Of integers towards zero, as the standard divides them."""
+    """Quotient; integers are rounded towards zero as in the standard."""
     if isinstance(dividend, float):
         return dividend / divisor
     return abs(dividend) // abs(divisor) * (1 if (dividend < 0) == (divisor < 0) else -1)
 
 
 def _place(index: int, low: int, high: int) -> int:
-    """Of an element in its list."""
+    """Position of an array element in its list; IndexError outside the bounds."""
     if not low <= index <= high:
         raise IndexError(f"index {index} is outside {low}..{high}")
     return index - low
@@ -76,21 +75,21 @@ _NAMES: Final[dict[str, Any]] = {
     "failures": _FAILURES,
     **{f"standard_{name}": rule.does for name, rule in FUNCTIONS.items()},
 }
-"""What the text for Python calls, beside its own units."""
+"""Names that the Python text uses, besides its own units."""
 
 
 def duration(text: str) -> int:
-    """``1h2m3.5s``, as it is behind ``T#``, in nanoseconds; 0 for nothing."""
+    """Nanoseconds of the text after ``T#``, such as ``1h2m3.5s``; 0 for an empty text."""
     parts = re.findall(r"([\d_.]+)(ms|d|h|m|s)", text.lower())
     total = sum(float(number.replace("_", "")) * _TIME_UNITS[unit] for number, unit in parts)
     return round(-total if text.startswith("-") else total)
 
 
 class Compiler:
-    """``units`` and ``structures`` by their names in upper case, once compiled. StructuredTextError has the line."""
+    """``units`` and ``structures``: compiled ones by name in upper case. StructuredTextError names the line."""
 
     def __init__(self, now: Callable[[], int], *texts: str, files: Sequence[str] = ()) -> None:
-        """``texts`` are read one after the other; ``files``: their names, for messages."""
+        """``texts`` are compiled in order. ``files``: their names, for messages."""
         self.structures: dict[str, types.Structure] = {}
         self.units: dict[str, types.Unit] = blocks(now)
         self._tokens = [token for text, file in zip_longest(texts, files, fillvalue="") for token in tokens(text, file)]
@@ -99,7 +98,7 @@ class Compiler:
         self._unit = types.Unit("", "", {})
         self._names: dict[str, Any] = {**_NAMES, **{f"body_{name}": unit.body for name, unit in self.units.items()}}
         self._lines: list[tuple[str, str]] = []
-        """The text of the present unit for Python, and the line that each of its lines is of."""
+        """The Python text of the present unit, each line with the source line it comes from."""
         self._depth = self._loops = 0
         self._numbers = count()
         while self._token.kind != "end":
@@ -119,7 +118,7 @@ class Compiler:
         return self._tokens[self._at - 1]
 
     def _accept(self, *keys: str) -> str:
-        """The key of the present token when it is one of these, and the next one is present; else nothing."""
+        """If the present token is one of these, move to the next one and return its key; else return an empty text."""
         return self._next().key if self._token.key in keys else ""
 
     def _expect(self, *keys: str) -> str:
@@ -187,12 +186,12 @@ class Compiler:
         self.units[unit.name] = unit
 
     def _emit(self, text: str, line: str = "") -> None:
-        """A line for Python; it is of the present token's line where no other one is given."""
+        """Add a Python line; its source line is that of the present token unless given."""
         self._lines.append((" " * self._depth + text, line or self._token.line))
 
     @contextmanager
     def _deeper(self) -> Iterator[None]:
-        """What is emitted belongs to the line before; it is ``pass`` where nothing is."""
+        """Indent the following lines; add ``pass`` if there are none."""
         before = len(self._lines)
         self._depth += 1
         yield
@@ -202,7 +201,7 @@ class Compiler:
 
     @contextmanager
     def _guarded(self) -> Iterator[None]:
-        """An error at run time is reported with the line of its statement."""
+        """Report an error at run time with the line of its statement."""
         self._emit("try:")
         with self._deeper():
             yield
@@ -210,7 +209,7 @@ class Compiler:
         self._emit(" raise Failed(f'{lines[error.__traceback__.tb_lineno]}: {error}') from error")
 
     def _compiled(self) -> Callable[[types.Variables], None]:
-        """The function of the lines that were emitted."""
+        """The function of the added lines."""
         names = self._names | {"lines": ["", *(line for _, line in self._lines)]}
         try:
             exec("\n".join(text for text, _ in self._lines), names)
@@ -264,7 +263,9 @@ class Compiler:
     # -- statements ---------------------------------------------------------------------------------------------------
 
     def _statements(self, *ends: str, labelled: bool = False) -> None:
-        """Up to one of ``ends``; ``labelled``: or to the next label of a CASE, an integer where a statement would begin."""
+        """Compile statements up to one of ``ends``. ``labelled``: or to the next CASE label, an integer at the start of a
+        statement.
+        """
         while not (
             self._token.key in ends or (labelled and (self._token.kind == "integer" or self._token.text == "-"))
         ):
@@ -389,7 +390,7 @@ class Compiler:
     # -- calls --------------------------------------------------------------------------------------------------------
 
     def _call(self, unit: types.Unit, instance: str) -> None:
-        """A call of a block with named arguments: inputs, then the body, then outputs."""
+        """Call a block with named arguments: assign inputs, run the body, copy outputs."""
         own = f"n{next(self._numbers)}"
         self._emit(f"{own} = {instance}")
         after: list[str] = []
@@ -423,7 +424,7 @@ class Compiler:
             self._emit(text)
 
     def _function(self, name: str) -> Expression:
-        """A call of a function, its arguments with or without names."""
+        """Call a function with named or positional arguments."""
         arguments: list[tuple[str, Expression]] = []
         self._expect("(")
         while not self._accept(")"):
@@ -479,7 +480,7 @@ class Compiler:
     # -- expressions --------------------------------------------------------------------------------------------------
 
     def _fitting(self, given: Expression, type_: types.Type) -> Expression:
-        """The same expression as this type: a literal takes it, anything else has it."""
+        """The same expression as this type: a literal is converted, any other must have the type."""
         if given.type is type_ or given.type == type_ or (isinstance(type_, types.Array) and given.type == type_):
             return given
         if isinstance(type_, types.Elementary) and isinstance(given.type, types.Elementary):
@@ -490,7 +491,7 @@ class Compiler:
                 given.type is types.REAL_LITERAL and type_.kind is types.Kind.REAL
             )
             if fits and given.constant is None:
-                return given._replace(type=type_)  # chosen among literals
+                return given._replace(type=type_)  # the better of two literal types
             if fits and type_.holds(given.constant):
                 return _literal(type_, type_.cut(given.constant))
         shown = given.type.name if given.constant is None else f"{given.type.name} {given.constant}"
@@ -503,7 +504,7 @@ class Compiler:
         chain = found.code
         while sign := self._accept(*_LEVELS[level]):
             found, code = self._binary(found._replace(code=chain), sign, self._expression(level + 1), level)
-            # A sum of integers is cut once, at its end: that is the same, and a long one has few parentheses.
+            # A sum of integers is cut once at its end. The result is the same, with fewer parentheses.
             uncut = level < _LOGIC or (level == _SUM and _is_whole(found.type))
             chain = code if uncut else found.code
         return found
@@ -567,7 +568,7 @@ class Compiler:
         raise self._error(f"{token.text!r}: expected a value")
 
     def _path(self, name: str) -> Expression:
-        """A variable, a field of it, an element of it."""
+        """A variable, a field of it, or an element of it."""
         variable = self._unit.variables.get(name)
         if variable is None:
             raise self._error(f"{name} is not declared in {self._unit.name}")
@@ -586,7 +587,7 @@ class Compiler:
             }
         if name not in fields:
             raise self._error(f"{of.type.name} has no {name}")
-        # Outputs of a block are its own; inputs of this block cannot be written either.
+        # A block writes its own outputs; its inputs are read-only.
         writable = of.writable and not (isinstance(of.type, types.Unit) and fields[name].section == "VAR_OUTPUT")
         return Expression(fields[name].type, f"{of.code}[{name!r}]", writable)
 
@@ -608,14 +609,14 @@ def _literal(type_: types.Elementary, value: types.Value) -> Expression:
 
 
 def _text(value: types.Value) -> str:
-    """A constant for Python."""
+    """A constant as Python text."""
     if isinstance(value, float) and not math.isfinite(value):
         return f"float('{value}')"
     return f"({value!r})"
 
 
 def _cut(type_: types.Elementary, code: str) -> str:
-    """A result as its type holds it: what ``type_.cut`` does, as text."""
+    """The text that cuts a result to the range of its type, like ``type_.cut``."""
     mask, half = (1 << type_.bits) - 1, 1 << type_.bits >> 1
     if type_.kind in {types.Kind.BITS, types.Kind.UNSIGNED}:
         return f"({code} & {mask})"
@@ -625,12 +626,12 @@ def _cut(type_: types.Elementary, code: str) -> str:
 
 
 def _copy(type_: types.Type, code: str) -> str:
-    """A structure or an array is copied where it is assigned."""
+    """The text that copies a structure or an array for an assignment."""
     return code if isinstance(type_, types.Elementary) else f"copied({code})"
 
 
 def _calling(unit: types.Unit) -> Callable[[types.Variables], types.Value]:
-    """A function of its arguments by name: each call has variables of its own."""
+    """A Python function of its arguments by name; each call has its own variables."""
 
     def call(given: types.Variables) -> types.Value:
         own = unit.initial

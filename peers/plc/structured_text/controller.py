@@ -1,4 +1,4 @@
-"""A controller that runs one program: what a PLC is, sans-I/O."""
+"""A controller that runs one program, sans-I/O."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from pdgw.peers.plc.structured_text.tokens import StructuredTextError
 from pdgw.peers.plc.structured_text.types import Array, Unit, Value, Variable
 
 RECEIVED, SENT, FINISHED = "RECEIVED", "SENT", "FINISHED"
-"""Variables of the program: the newest frame of the gateway, the frame to it, and whether it is over."""
+"""Variables of the program: newest frame from the gateway, frame to the gateway, and whether it has finished."""
 
 
 class Controller:
-    """Runs the one PROGRAM of a text. ``variables``: those of the program, by name in upper case."""
+    """Runs the only PROGRAM of a text. ``variables``: those of the program, by name in upper case."""
 
     def __init__(self, *texts: str, files: Sequence[str] = ()) -> None:
-        """As ``Compiler``."""
+        """Arguments as for ``Compiler``."""
         self.now = 0
         compiler = Compiler(lambda: self.now, *texts, files=files)
         programs = [unit for unit in compiler.units.values() if unit.kind == "PROGRAM"]
@@ -34,15 +34,15 @@ class Controller:
 
     @property
     def finished(self) -> bool:
-        """The program has set its output ``finished``."""
+        """Whether the program has set its output ``finished``."""
         return self.variables.get(FINISHED) is True
 
     def outputs(self) -> dict[str, Value]:
-        """The outputs of the program but the frame."""
+        """The outputs of the program, except the frame."""
         return {key: self.variables[key] for key in self.program.section("VAR_OUTPUT") if key != SENT}
 
     def cycle(self, now: int, received: bytes | None) -> bytes:
-        """Run the program once, with a frame of the gateway where one came. ``now`` in nanoseconds."""
+        """Run the program once, with a frame of the gateway if one has arrived. ``now`` in nanoseconds."""
         self.now = now
         frame = self.variables[RECEIVED]
         if received is not None and len(received) == len(frame):

@@ -1,4 +1,4 @@
-"""The endpoint of a PLC whose frames a Structured Text program makes and reads."""
+"""The endpoint of a PLC whose Structured Text program writes and reads the frames."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pdgw.peers.plc.structured_text.controller import Controller
 
 
 class ProgramEndpoint(Exchange):
-    """Runs the program once for each frame that is sent; it knows no telegram itself."""
+    """Runs the program once for each frame to send. It uses no telegram definition."""
 
     def __init__(self, controller: Controller) -> None:
         super().__init__(())
@@ -20,7 +20,7 @@ class ProgramEndpoint(Exchange):
         return bytearray(frame)
 
     def poll(self, now: int) -> bool:
-        """What a lost gateway means is the program's business."""
+        """The program itself handles the loss of the gateway."""
         return False
 
     def receive(self, data: bytes, now: int = 0) -> bool:

@@ -1,4 +1,7 @@
-"""The standard functions and blocks of the subset. Source: IEC 61131-3 second edition, chapters 2.5.1.5 and 2.5.2.3."""
+"""The standard functions and blocks of the subset.
+
+Source: IEC 61131-3 second edition, chapters 2.5.1.5 and 2.5.2.3.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ _WHOLE = {Kind.BITS, Kind.SIGNED, Kind.UNSIGNED, Kind.BOOL}
 
 
 class Standard(NamedTuple):
-    """``like``: parameters that share the type of the result; the others have the type that is given with them."""
+    """``like``: parameters with the type of the result; the others have their given type."""
 
     parameters: tuple[str, ...]
     like: frozenset[str]
@@ -40,7 +43,7 @@ FUNCTIONS = {
 
 
 def conversion(name: str) -> tuple[Elementary, Elementary, Callable[[Any], Any]] | None:
-    """Source, target and function of a name like INT_TO_WORD; None for no conversion. A REAL is rounded, half to even."""
+    """Source, target and function of a name like INT_TO_WORD; None for other names. A REAL is rounded half to even."""
     found = re.fullmatch(r"([A-Z]+)_TO_([A-Z]+)", name)
     if found is None or not {found[1], found[2]} <= ELEMENTARY.keys():
         return None
@@ -68,7 +71,7 @@ def _rising(variables: Variables, _: int) -> None:
 
 
 def blocks(now: Callable[[], int]) -> dict[str, Unit]:
-    """TON and R_TRIG; ``now``: the time of the controller in nanoseconds."""
+    """TON and R_TRIG. ``now``: time of the controller in nanoseconds."""
 
     def unit(name: str, does: Callable[[Variables, int], None], **variables: Variable) -> Unit:
         return Unit("FUNCTION_BLOCK", name, variables, body=lambda values: does(values, now()))

@@ -1,6 +1,6 @@
-"""Structured Text as tokens: also what the renderer of another dialect reads.
+"""Split Structured Text into tokens, also for the converter to another dialect.
 
-Source: IEC 61131-3 second edition, annex B. Comments are ``(* ... *)``; ``//`` is of the third edition and refused.
+Source: IEC 61131-3 second edition, annex B. Comments are ``(* ... *)``. ``//`` is of the third edition and rejected.
 """
 
 from __future__ import annotations
@@ -26,30 +26,30 @@ _PATTERN = re.compile(
 
 
 class StructuredTextError(GatewayError):
-    """A program that is not in the supported subset, or breaks its rules; the text has the line."""
+    """A program outside the supported subset or with an error; the text names the line."""
 
 
 class Token(NamedTuple):
-    """A piece of the text; ``kind`` is the name of its pattern, ``end`` behind the last."""
+    """A part of the text. ``kind``: name of its pattern, ``end`` after the last one."""
 
     kind: str
     text: str
     line: str
-    """As a message says it, with its file where there is one."""
+    """Line for messages, with its file if there is one."""
 
     @property
     def key(self) -> str:
-        """As names and keywords are compared: without regard to case."""
+        """Name or keyword in upper case, for comparisons."""
         return self.text.upper()
 
 
 def pieces(text: str, file: str = "") -> Iterator[Token]:
-    """Everything, spaces and comments among it: put together again it is the text."""
+    """All tokens including spaces and comments; joined they are the text."""
     where = f"{file} line" if file else "line"
     position, line = 0, 1
     while position < len(text):
         found = _PATTERN.match(text, position)
-        # A minus belongs to a number only behind a type ("INT#-5"): elsewhere it is an operator.
+        # A minus belongs to a number only after a type ("INT#-5"); elsewhere it is an operator.
         if found is None or found.lastgroup is None:
             shown = text[position : position + 20].partition("\n")[0]
             raise StructuredTextError(
@@ -64,5 +64,5 @@ def pieces(text: str, file: str = "") -> Iterator[Token]:
 
 
 def tokens(text: str, file: str = "") -> list[Token]:
-    """What the compiler reads."""
+    """The tokens for the compiler, without spaces and comments."""
     return [token for token in pieces(text, file) if token.kind not in {"space", "comment"}]

@@ -1,7 +1,7 @@
 """Types and values of Structured Text: numbers of limited width, structures as dictionaries, arrays as lists.
 
-Source: IEC 61131-3 second edition, chapter 2.3. Nothing is converted without a conversion function; a literal takes the type
-it is used as. TIME is in nanoseconds.
+Source: IEC 61131-3 second edition, chapter 2.3. Values are converted only by conversion functions. A literal gets the type
+that its use requires. TIME is in nanoseconds.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ class Kind(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Elementary:
-    """``bits`` of a number; of a STRING the longest."""
+    """``bits``: width of a number, or greatest length of a STRING."""
 
     name: str
     kind: Kind
     bits: int = 0
     cut: Callable[[Value], Value] = field(init=False, repr=False, compare=False)
-    """A value as this type holds it: it wraps, a REAL is rounded to 32 bits."""
+    """Convert a value to the range of the type: integers wrap, a REAL is rounded to 32 bits."""
 
     @property
     def initial(self) -> Value:
@@ -55,7 +55,7 @@ class Elementary:
         return (lambda value: value[: self.bits]) if self.kind is Kind.STRING else lambda value: value
 
     def holds(self, value: Value) -> bool:
-        """A literal is in range."""
+        """Whether a literal is in range."""
         if self.kind is Kind.BITS:
             return bool(0 <= value < 1 << self.bits)
         return self.kind is Kind.REAL or bool(self.cut(value) == value)
@@ -99,7 +99,7 @@ class Array:
 
 @dataclass(slots=True, eq=False)
 class Variable:
-    """``section``: VAR_INPUT ..., or empty for a field of a structure. ``start``: a value of its own to begin with."""
+    """``section``: VAR_INPUT etc., or empty for a field of a structure. ``start``: its own initial value."""
 
     type: Type
     section: str = ""
@@ -109,7 +109,7 @@ class Variable:
 
 @dataclass(slots=True, eq=False)
 class Structure:
-    """Names of fields are upper case."""
+    """A structure; names of fields are upper case."""
 
     name: str
     fields: dict[str, Variable]
@@ -121,7 +121,7 @@ class Structure:
 
 @dataclass(slots=True, eq=False)
 class Unit:
-    """A program organisation unit: ``kind`` is PROGRAM, FUNCTION_BLOCK or FUNCTION, ``result`` of a function alone."""
+    """A program organisation unit. ``kind``: PROGRAM, FUNCTION_BLOCK or FUNCTION. ``result``: only for a function."""
 
     kind: str
     name: str
@@ -141,7 +141,7 @@ Type = Elementary | Array | Structure | Unit
 
 
 def first_values(variables: dict[str, Variable]) -> Variables:
-    """What variables are when the controller starts; those of VAR_IN_OUT are given with each call."""
+    """Initial values of variables. Those of VAR_IN_OUT are passed with each call."""
     return {
         key: copied(item.start)
         if item.start is not None
@@ -153,7 +153,7 @@ def first_values(variables: dict[str, Variable]) -> Variables:
 
 
 def copied(value: Value) -> Value:
-    """A structure or an array is copied where it is assigned."""
+    """Copy a structure or an array for an assignment."""
     if isinstance(value, dict):
         return {key: copied(item) for key, item in value.items()}
     if not isinstance(value, list):
