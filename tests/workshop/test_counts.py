@@ -8,8 +8,8 @@ from __future__ import annotations
 import pytest
 
 from pdgw.gateway.service.build import COMPILED, kind
+from pdgw.workshop.counts import exchange
 from pdgw.workshop.counts.axis_cycle import TELEGRAMS, bytecodes, kept_blocks, peak_bytes
-from pdgw.workshop.counts.exchange import AXES, system_calls
 from pdgw.workshop.counts.golden import PYTHON, exceeded, golden
 from pdgw.workshop.counts.instructions import parse
 
@@ -19,11 +19,19 @@ same_python = pytest.mark.skipif(PYTHON not in GOLDEN["bytecodes"], reason=f"no 
 
 
 @pure
-@pytest.mark.parametrize("axes", AXES)
+@pytest.mark.parametrize("axes", exchange.AXES)
 def test_system_calls_of_a_cycle(axes: int) -> None:
     wanted = GOLDEN["system_calls"][str(axes)]
     assert wanted["send"] == wanted["recv"] == axes, "one RPDO to and one TPDO from each drive"
-    assert exceeded(f"system calls, {axes} axes", system_calls(axes), wanted) == ""
+    assert exceeded(f"system calls, {axes} axes", exchange.system_calls(axes), wanted) == ""
+
+
+@pure
+@same_python
+@pytest.mark.parametrize("axes", exchange.AXES)
+def test_bytecodes_of_a_cycle_of_the_whole_gateway(axes: int) -> None:
+    wanted = GOLDEN["exchange"][PYTHON][str(axes)]
+    assert exceeded(f"bytecodes of a cycle, {axes} axes", exchange.bytecodes(axes), wanted) == ""
 
 
 @pure

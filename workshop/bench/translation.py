@@ -10,6 +10,7 @@ from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.identification.generic import recorded_drive_type
 from pdgw.dsp402.pdo.layouts import PdoLayout
 from pdgw.durations import MS
+from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGED, NEW_SETPOINT
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.telegrams import drive_layout
 from pdgw.gateway.axis.values import Configured
@@ -27,6 +28,8 @@ FRAMES = 4096
 """Number of different frames, which are then repeated."""
 _PEER = ("127.0.0.1", 40000)
 _ENABLED = 0x0637
+_WITH_TASKS = (9, 111)
+"""Telegrams whose drive acknowledges a new setpoint (CW.4)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +55,11 @@ def axis_cycle(number: int) -> Callable[[], object]:
     now = _enable(endpoint, machine, plc, number)
     # The cycle counter continues when the frames repeat: it overflows after a whole number of repetitions.
     frames = [_frame(plc, number, value) for value in range(1, FRAMES + 1)]
-    tpdos = [_tpdos(layout, value, command.modes_of_operation) for value in range(1, 17)]
+    acknowledge = ACKNOWLEDGED if number in _WITH_TASKS else 0
+    tpdos = [
+        [_tpdos(layout, value, command.modes_of_operation, status) for value in range(1, 17)]
+        for status in (_ENABLED, _ENABLED | acknowledge)
+    ]
     position = 0
     good = [True]
 
@@ -61,7 +68,7 @@ def axis_cycle(number: int) -> Callable[[], object]:
         now += _CYCLE_NS
         endpoint.receive(frames[position % FRAMES], _PEER, now)
         position += 1
-        for pdo, data in tpdos[position & 15]:
+        for pdo, data in tpdos[command.controlword & NEW_SETPOINT != 0][position & 15]:
             pdo.unpack_into(data, feedback)
         inputs.now = now
         inputs.setpoints, inputs.fresh = endpoint.setpoints[0], True
@@ -73,10 +80,10 @@ def axis_cycle(number: int) -> Callable[[], object]:
     return run
 
 
-def _tpdos(layout: PdoLayout, value: int, mode: int) -> list[tuple[Pdo, bytes]]:
-    """TPDOs of a drive in operation whose speed and position depend on ``value``."""
+def _tpdos(layout: PdoLayout, value: int, mode: int, status: int) -> list[tuple[Pdo, bytes]]:
+    """TPDOs of a drive with this Statusword whose speed and position depend on ``value``."""
     image = DriveFeedback()
-    image.statusword = _ENABLED
+    image.statusword = status
     image.modes_of_operation_display = mode
     image.velocity_actual = 100 * value
     image.position_actual = 1000 * value

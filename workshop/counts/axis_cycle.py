@@ -24,6 +24,19 @@ def bytecodes(number: int) -> dict[str, float]:
     """Bytecodes of one axis cycle with a telegram, by function (``module:name``); the mean of some cycles."""
     cycle = _warm(number)
     counts: Counter[str] = Counter()
+    before = sys.gettrace()
+    sys.settrace(counting(counts))
+    try:
+        for _ in range(_CYCLES):
+            cycle()
+    finally:
+        sys.settrace(before)
+    own = f"{__name__}:"
+    return {name: count / _CYCLES for name, count in counts.items() if not name.startswith(own)}
+
+
+def counting(counts: Counter[str]) -> Callable[[FrameType, str, Any], Any]:
+    """A function for ``sys.settrace`` that counts bytecodes by function (``module:name``)."""
 
     def trace(frame: FrameType, event: str, _: Any) -> Any:
         if event == "call":
@@ -33,15 +46,7 @@ def bytecodes(number: int) -> dict[str, float]:
             counts[f"{frame.f_globals.get('__name__')}:{frame.f_code.co_name}"] += 1
         return trace
 
-    before = sys.gettrace()
-    sys.settrace(trace)
-    try:
-        for _ in range(_CYCLES):
-            cycle()
-    finally:
-        sys.settrace(before)
-    own = f"{__name__}:"
-    return {name: count / _CYCLES for name, count in counts.items() if not name.startswith(own)}
+    return trace
 
 
 def kept_blocks(number: int) -> float:

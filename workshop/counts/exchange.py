@@ -1,4 +1,4 @@
-"""System calls of the gateway in one cycle of the PLC, on real sockets in one thread.
+"""System calls and bytecodes of the gateway in one cycle of the PLC, on real sockets in one thread.
 
 Between the gateway's calls this thread simulates the PLC and the drives, so that their frames have the same order in each
 run. The clock of the gateway's loop is advanced from one event to the next.
@@ -34,6 +34,7 @@ from pdgw.peers.bus import Hub
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 from pdgw.workshop.bench.processes.drives import IdealDrives, buses
+from pdgw.workshop.counts.axis_cycle import counting
 
 AXES = (1, 8)
 CYCLE_NS = 4 * MS
@@ -42,6 +43,7 @@ _STATE, _IN_OPERATION = 0x4F, 0x07
 _PATIENCE = 4000
 """Limit of the cycles until all axes are in operation."""
 _CYCLES = 200
+_TRACED = 31
 _NO_CALLS = {"fileno"}
 _MODULES = (select, sys.modules[os.name])
 _SPEEDS, _SPEED_STEP = 64, 4
@@ -58,12 +60,7 @@ def system_calls(axes: int) -> dict[str, float]:
     Cycles in which a heartbeat or a parameter is due have more. GatewayError if the axes do not get into operation.
     """
     with ExitStack() as at_end:
-        bench = _Bench(axes, at_end)
-        for _ in range(_PATIENCE):
-            if bench.cycle():
-                break
-        else:
-            raise GatewayError(f"counts: {axes} axes are not in operation after {_PATIENCE} cycles")
+        bench = _in_operation(axes, at_end)
         found: Counter[tuple[tuple[str, int], ...]] = Counter()
         for _ in range(_CYCLES):
             bench.calls.clear()
@@ -71,6 +68,31 @@ def system_calls(axes: int) -> dict[str, float]:
             found[tuple(sorted(bench.calls.items()))] += 1
         ((calls, _),) = found.most_common(1)
         return {name: float(count) for name, count in calls}
+
+
+def bytecodes(axes: int) -> dict[str, float]:
+    """Bytecodes of one cycle of the whole gateway, by function (``module:name``): those of the median cycle.
+
+    GatewayError as ``system_calls``.
+    """
+    with ExitStack() as at_end:
+        bench = _in_operation(axes, at_end)
+        found: list[Counter[str]] = []
+        for _ in range(_TRACED):
+            counts: Counter[str] = Counter()
+            bench.trace = counting(counts)
+            bench.cycle()
+            found.append(Counter({name: count for name, count in counts.items() if ".workshop." not in name}))
+        found.sort(key=Counter.total)
+        return {name: float(count) for name, count in found[_TRACED // 2].items()}
+
+
+def _in_operation(axes: int, at_end: ExitStack) -> _Bench:
+    bench = _Bench(axes, at_end)
+    for _ in range(_PATIENCE):
+        if bench.cycle():
+            return bench
+    raise GatewayError(f"counts: {axes} axes are not in operation after {_PATIENCE} cycles")
 
 
 class _Wire:
@@ -109,6 +131,8 @@ class _Bench:
     def __init__(self, axes: int, at_end: ExitStack) -> None:
         self._time = time.monotonic_ns()
         self.calls: Counter[str] = Counter()
+        self.trace: Callable[[FrameType, str, Any], Any] | None = None
+        """For ``sys.settrace`` during the gateway's part of a cycle."""
         self._real = EpollReadiness()
         self.loop = SystemLoop(self, lambda: self._time)
         self._wires = [_Wire() for _ in buses(axes)]
@@ -136,11 +160,13 @@ class _Bench:
         for index, _ in enumerate(words):
             self._plc.set(index, {"STW1": _ON if on else _OFF, "NSOLL_A": self._cycles % _SPEEDS * _SPEED_STEP})
         self._socket.sendto(self._plc.build(), self._daemon.address)
-        before = sys.getprofile()
+        before, traced = sys.getprofile(), sys.gettrace()
         sys.setprofile(self._count)
+        sys.settrace(self.trace or traced)
         try:
             self.loop.run()
         finally:
+            sys.settrace(traced)
             sys.setprofile(before)
         with contextlib.suppress(BlockingIOError):
             while True:
@@ -162,8 +188,9 @@ class _Bench:
 
     def wait(self, seconds: float) -> list[tuple[int, int]]:
         """Wait like the real loop, but advance the time at once when no data is there."""
-        profile = sys.getprofile()
+        profile, trace = sys.getprofile(), sys.gettrace()
         sys.setprofile(None)
+        sys.settrace(None)
         for wire in self._wires:
             wire.pump()
         pending = self._real.wait(0)
@@ -174,6 +201,7 @@ class _Bench:
             if self._time == self._due:
                 self.loop.stop()
             seconds = min(seconds, _A_MOMENT_S)
+        sys.settrace(trace)
         sys.setprofile(profile)
         return self._real.wait(seconds)
 

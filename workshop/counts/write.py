@@ -7,8 +7,8 @@ import shutil
 from collections.abc import Mapping
 
 from pdgw.gateway.service.build import interpreter
+from pdgw.workshop.counts import exchange
 from pdgw.workshop.counts.axis_cycle import TELEGRAMS, bytecodes, peak_bytes
-from pdgw.workshop.counts.exchange import AXES, system_calls
 from pdgw.workshop.counts.golden import FILE, PYTHON
 from pdgw.workshop.counts.instructions import TELEGRAMS as COUNTED
 from pdgw.workshop.counts.instructions import counted
@@ -20,8 +20,10 @@ def main() -> None:
         "# Golden counts of one cycle, written by `python -m pdgw.workshop.counts.write`. A count may be 5 % larger.",
         "",
     ]
-    for axes in AXES:
-        lines += _table("system_calls", str(axes), system_calls(axes))
+    for axes in exchange.AXES:
+        lines += _table("system_calls", str(axes), exchange.system_calls(axes))
+    for axes in exchange.AXES:
+        lines += _table(f'exchange."{PYTHON}"', str(axes), exchange.bytecodes(axes))
     for number in TELEGRAMS:
         lines += _table(f'bytecodes."{PYTHON}"', str(number), bytecodes(number))
     lines += _table(f'peak_bytes."{PYTHON}"', "", {str(number): peak_bytes(number) for number in TELEGRAMS})
