@@ -31,6 +31,7 @@ from pdgw.ds301.bus.can_frame import (
 from pdgw.ds301.loop.loop import Loop, Timer
 from pdgw.durations import US
 
+_pack_frame, _unpack_frame, _FRAME_SIZE = CAN_FRAME.pack, CAN_FRAME.unpack, CAN_FRAME.size
 _AT_ONCE: Final = 64
 """Frames taken in one turn of the loop: a flood on one bus must not keep the others waiting."""
 _RECEIVE_TIMEOUT_S: Final = 0.2
@@ -47,6 +48,8 @@ _SEND_TIMEOUT_S: Final = 0.1
 """A driver that may wait for room waits no longer for one frame."""
 _DROP: Final = can.Message()
 """Among the frames for the driver: empty your own buffer."""
+_FLAGS: Final = EXTENDED | REMOTE | ERROR
+"""None of them: a data frame with a standard identifier."""
 _PASSIVE: Final = 0x30
 """Data byte 1 of a controller problem: error-passive, receiving or sending."""
 
@@ -83,7 +86,7 @@ class Receiver(Protocol):
 
 def deliver(receiver: Receiver, can_id: int, data: bytes) -> None:
     """A frame whose identifier has the flags of ``can_frame``."""
-    if can_id < EXTENDED and not can_id & (REMOTE | ERROR):
+    if not can_id & _FLAGS:
         receiver.on_frame(can_id, data)
     elif can_id & ERROR:
         passive = bool(can_id & ERROR_CONTROLLER and len(data) > 1 and data[1] & _PASSIVE)
@@ -139,7 +142,7 @@ class SocketPort(CanPort):
 
     def send(self, can_id: int, data: bytes) -> None:
         try:
-            self._socket.send(CAN_FRAME.pack(can_id, len(data), data))
+            self._socket.send(_pack_frame(can_id, len(data), data))
         except BlockingIOError as error:
             self._loop.add_writer(self._socket.fileno(), self._has_room)
             raise PortBusyError from error
@@ -168,10 +171,11 @@ class SocketPort(CanPort):
         except OSError as error:
             self._lost(system_text(error, self._channel))
             return
+        receiver = self._receiver
         # An interface that was given fd = true delivers frames of CAN FD too, which are none of CANopen's.
-        if len(frame) == CAN_FRAME.size and self._receiver is not None:
-            can_id, length, data = CAN_FRAME.unpack(frame)
-            deliver(self._receiver, can_id, data if length >= 8 else data[:length])
+        if len(frame) == _FRAME_SIZE and receiver is not None:
+            can_id, length, data = _unpack_frame(frame)
+            deliver(receiver, can_id, data if length >= 8 else data[:length])
 
     def _lost(self, text: str) -> None:
         receiver = self._receiver

@@ -28,7 +28,7 @@ from pdgw.ds301.communication import (
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.eds.data_sheet import load_dictionary
 from pdgw.ds301.node.client import NodeClient
-from pdgw.ds301.node.node import NodeEvent, NodeStatus
+from pdgw.ds301.node.node import NodeEvent, NodeStatus, TpdoSlot
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
@@ -138,6 +138,8 @@ class DriveClient(NodeClient[DriveSettings]):
         """The drive's values of limits and ramps that the gateway overwrites."""
         self._is_off = False
         """The drive was without power when it was found."""
+        self._position_slot: TpdoSlot | None = None
+        """The TPDO with the position."""
         dictionary = load_eds(settings.eds, node_id) if settings.eds else generic_dictionary()
         super().__init__(network, settings, layout, dictionary, on_event)
 
@@ -151,9 +153,8 @@ class DriveClient(NodeClient[DriveSettings]):
     @property
     def position_ns(self) -> int:
         """When the newest position came, monotonic nanoseconds; 0 never."""
-        return next(
-            (slot.time for slot in self._slots if "position_actual" in slot.pdo.attributes), self._units.read_ns
-        )
+        slot = self._position_slot
+        return self._units.read_ns if slot is None else slot.time
 
     @property
     def _velocity_ns(self) -> int:
@@ -306,6 +307,7 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _take_plan(self, plan: PdoPlan) -> None:
         super()._take_plan(plan)
+        self._position_slot = next((slot for slot in self._slots if "position_actual" in slot.pdo.attributes), None)
         self.rpdos.take_plan(plan, self._sdo_timeout_ns)
         self.rpdos.refresh_ns = 0 if self._sync_period_us else self.settings.rpdo_refresh_ms * MS
         self._value_check = PdoValueCheck(item.pdo for item in plan.tpdos)
@@ -470,7 +472,7 @@ class DriveClient(NodeClient[DriveSettings]):
                     return
                 if value is not None:
                     self._take_unit(address, value, now)
-        if any("position_actual" in slot.pdo.attributes for slot in self._slots):
+        if self._position_slot is not None:
             units.position_missing = True
         if (
             units.asked is None

@@ -102,8 +102,9 @@ class SpeedExecutor(Executor):
                 wire = demand.speed
                 if wire != self._wire and self._setpoint is not None:
                     self._wire = wire
+                    before = self.outputs.saturations
                     self._value = self.limited(self._setpoint, wire)
-                    self._limited = self._setpoint.saturates(wire)
+                    self._limited = self.outputs.saturations != before
                 self._target = self._value
             else:
                 reason = Reason.SETPOINT_DISABLED
