@@ -188,6 +188,10 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         """In a job: SDO write of a value that the owner commands."""
         self.write(index, subindex, data)
 
+    def store(self, index: int, subindex: int, data: bytes) -> None:
+        """In a job: SDO write by which the node stores (1010h) or restores (1011h) its parameters."""
+        self.write(index, subindex, data)
+
     def stop(self) -> None:
         """NMT pre-operational and end of the task. The caller must have stopped the device before."""
         if self._task is not None:

@@ -22,6 +22,7 @@ from pdgw.ds301.communication import (
     IDENTITY_PRODUCT,
     IDENTITY_SERIAL,
     IDENTITY_VENDOR,
+    RESTORE_PARAMETERS,
     SYNC_PERIOD,
     profile_of,
 )
@@ -346,6 +347,20 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def command(self, index: int, subindex: int, data: bytes) -> None:
         self.own_values.write((index, subindex), data)
+
+    def store(self, index: int, subindex: int, data: bytes) -> None:
+        """The drive stores its own values, not those of the RPDOs, which are not sent meanwhile. What it restores is its own."""
+        restores = index == RESTORE_PARAMETERS
+        self._sending = False
+        try:
+            self.own_values.show()
+            self.write(index, subindex, data)
+            if restores:
+                self.own_values.trust()
+        finally:
+            # Without RPDOs until the next start, which follows a restore: it reads what the drive has then.
+            self._sending = not (self._reconfigure or restores)
+            self.rpdos.repeat()
 
     def write_back(self) -> None:
         """In a job, before the end: send no RPDO any more, and write back what they have overwritten of a drive without power.

@@ -102,6 +102,16 @@ class OwnValueKeeper:
             self._values.clear()
         self.identity = identity
 
+    def show(self) -> None:
+        """Write own values to the drive and keep them: the RPDOs overwrite them again."""
+        for kept in self._values.values():
+            self._write(*kept.address, kept.value.to_bytes(kept.size, "little"))
+
+    def trust(self) -> None:
+        """The gateway's values are no longer in the drive: what it shows at its next start is its own."""
+        self._values = {address: replace(kept, written=()) for address, kept in self._values.items()}
+        self.commit()
+
     def write_back(self, addresses: Collection[ObjectAddress] | None = None) -> None:
         """Write own values back where the drive shows what the gateway wrote, and keep them no longer; None: all."""
         for kept in list(self._values.values()):
@@ -128,11 +138,12 @@ class OwnValueKeeper:
         ``carried``: objects of the RPDOs. Max Torque (6072h) is read again, so it is written back, too; not while the drive
         has power (``off``), because the PLC may ask for less.
         """
-        for address in carried:
-            kept = self._values.get(address)
-            if kept is not None and (address != MAX_TORQUE or not off):
-                self._values[address] = replace(kept, written=None)
-        self.write_back([item for item in self._values if item not in carried or (off and item == MAX_TORQUE)])
+        left = (
+            address
+            for address, kept in self._values.items()
+            if address not in carried or kept.written is not None or (off and address == MAX_TORQUE)
+        )
+        self.write_back(list(left))
 
     def overwrite(self, address: ObjectAddress) -> None:
         """RPDOs carry this object from now on; ``commit`` follows."""

@@ -104,6 +104,13 @@ class RpdoSender:
         # Each object takes one time-out at most, and so does what the worker may be doing before.
         self._hold_limit_ns = (1 + len(self.written_entries)) * sdo_timeout_ns
 
+    def repeat(self) -> None:
+        """Objects of the drive have been overwritten: send and write everything again."""
+        for sender in (*self._data_senders, self.control):
+            sender.last = b""
+        for values in self.written:
+            values.written = None
+
     @property
     def written_entries(self) -> list[Entry]:
         """The objects without RPDO."""

@@ -328,13 +328,13 @@ class NodeObject(BoundObject):
         configured = self.owner.config.telegram
         self._check_telegram_change(configured, context.host)
         before = self._stored.model_copy()
-        self._replace_stored(DoParameters())
+        self._replace_stored(DoParameters(own_values=before.own_values))
         try:
             self.access.write(RESTORE_PARAMETERS, 1, LOAD_SIGNATURE.to_bytes(4, "little"), context)
             if self.owner.telegram.number != configured:
                 self._change_telegram(configured, context.host)
         except ParameterRefused:
-            self._replace_stored(before)
+            self._replace_stored(before.model_copy(update={"own_values": self._stored.own_values}))
             raise
         self.owner.set_sign_of_life_tolerance(self._stored.sign_of_life_tolerance)
         self.owner.reset_node()

@@ -20,10 +20,25 @@ from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.store import ParameterStore
 from pdgw.peers.node.node import Value
-from tests.support.gateways.daemon import SIMULATED_POSITIONER, Plc, axis, configuration, drive_of, running, world_of
+from tests.support.gateways.daemon import (
+    OFF,
+    SIMULATED_POSITIONER,
+    Plc,
+    axis,
+    client,
+    configuration,
+    drive_of,
+    exchanging,
+    record_server,
+    running,
+    world_of,
+)
+from tests.support.gateways.parameters import word, write
 from tests.support.gateways.recorded_daemon import RecordedPlc, only
 
 MAX_TORQUE, ACCELERATION, SERIAL = (0x6072, 0), (0x6083, 0), (0x1018, 4)
+FACTORY = 3000
+"""6072h of a simulated drive without stored parameters."""
 KEPT = (MAX_TORQUE, ACCELERATION, SERIAL, (0x6099, 1), (0x6099, 2))
 ACTIVATE, HOMING = 0x40, 0x800
 READY, GO = 0x043E, 0x043F
@@ -256,6 +271,38 @@ def test_without_a_store_the_loss_by_a_crash_is_reported(caplog: pytest.LogCaptu
     with Site(None).gateway(speed(102)) as plc:
         plc.enable()
     assert "no parameter store: a crash of the gateway loses the drive's own 6072h" in caplog.text
+
+
+def test_drive_stores_its_own_limit_while_the_plc_reduces_it(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    with site.gateway(speed(102)) as plc:
+        own, node = torque(plc), drive_of(plc.daemon).node
+        reduce(plc)
+        plc.endpoint.set(0, {"STW1": OFF})
+        plc.until(lambda: not plc.daemon.axes[0].powered, "off")
+        stored: list[int] = []
+        monkeypatch.setattr(node, "_store", lambda *_: stored.append(torque(plc)))
+        with exchanging(plc), client(plc.daemon, record_server(plc.daemon).address, 1) as parameters:
+            assert not write(parameters, 971, word(1)).failed
+        assert stored == [own]
+        plc.until(lambda: torque(plc) == own // 2, "half of the torque again")
+        start(plc)
+
+
+def test_what_a_drive_restores_is_its_own(site: Site) -> None:
+    site.shown = {MAX_TORQUE: 1200}
+    with site.gateway(speed(102)) as plc:
+        reduce(plc)
+        assert torque(plc) == 600
+        plc.endpoint.set(0, {"STW1": OFF})
+        plc.until(lambda: not plc.daemon.axes[0].powered, "off")
+        generation = plc.daemon.axes[0].drive.generation
+        with exchanging(plc), client(plc.daemon, record_server(plc.daemon).address, 1) as parameters:
+            assert not write(parameters, 970, word(1)).failed
+        plc.until(lambda: plc.daemon.axes[0].drive.generation > generation, "a drive online again")
+        drive = plc.daemon.axes[0].drive.drive_type
+        assert drive is not None
+        assert drive.max_torque == FACTORY
+        plc.until(lambda: torque(plc) == FACTORY // 2, "half of the restored torque")
 
 
 @pytest.mark.parametrize("clamps", [True, False])
