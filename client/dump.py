@@ -118,7 +118,7 @@ def read_all(session: Session, progress: Progress | None = None) -> tuple[Dump, 
     dumped, failed = [], []
     for element in elements:
         if element.failed or element.format is None or element.value is None:
-            # Gaps between the sub-indices of an object are no failure.
+            # Sub-indices of an object may be missing.
             if element.error not in NOT_THERE:
                 failed.append(element)
             continue
@@ -216,7 +216,7 @@ def restore(
     written: list[Element] = []
     failed: list[Element] = []
     old: list[Element] = []
-    # What comes last waits until all others were taken.
+    # Parameters that must be written last wait until all others are accepted.
     parts = [[pair for pair in pairs if pair[0].pnu not in _LAST], *([pair] for pair in pairs if pair[0].pnu in _LAST)]
     for part in parts:
         results = session.write([(wanted.target, wanted.values()) for wanted, _ in part], progress)

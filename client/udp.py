@@ -179,7 +179,7 @@ class ParameterClient:
                     self._send(packet)
                 result = self._answer(call)
             except OSError as error:
-                self._channel.sleep(_REPEAT_S / _ATTEMPTS)  # nobody listens just now: the device may be starting
+                self._channel.sleep(_REPEAT_S / _ATTEMPTS)  # no receiver at the moment: the device may be starting
                 reason = error.strerror or str(error)
                 continue
             except ProfidriveError as error:
@@ -262,5 +262,5 @@ class ParameterClient:
             raise GatewayError(f"{self._name}: {error}") from error
         if not answers:
             return [ZERO] * len(addresses)
-        # A request refused as a whole has one error for all.
+        # A request rejected as a whole has one error for all.
         return answers if len(answers) == len(addresses) else answers * len(addresses)

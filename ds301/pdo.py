@@ -138,7 +138,7 @@ class Pdo:
     """Write the PDO's values to an image; CanopenError when the data is shorter than the mapping."""
 
     def __post_init__(self) -> None:
-        # What has no attribute is of no interest: a dummy, or an object of a mapping that cannot be changed.
+        # Objects without an attribute are not used: a dummy, or a fixed part of a mapping.
         cuts = [entry.type.char if entry.attribute else f"{entry.type.bits // 8}x" for entry in self.entries]
         layout = struct.Struct("<" + "".join(cuts))
         attributes = tuple(entry.attribute for entry in self.entries if entry.attribute)

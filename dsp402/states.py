@@ -37,8 +37,8 @@ class StatePattern:
     value: int
 
 
-# Bit 5 tells Operation Enabled from Quick Stop Active. The guide's diagram prints x00x x011 for Quick Stop Active, its
-# table x00x 0111: 0111 is sent, both are accepted.
+# Bit 5 distinguishes Operation Enabled from Quick Stop Active. The guide's diagram prints x00x x011 for Quick Stop Active,
+# its table x00x 0111: 0111 is sent, both are accepted.
 STATUS_PATTERNS: Final = (
     StatePattern(State.NOT_READY_TO_SWITCH_ON, 0x4F, 0x00),
     StatePattern(State.SWITCH_ON_DISABLED, 0x4F, 0x40),
@@ -167,7 +167,7 @@ class Transition:
 COMMAND_TRANSITIONS: Final = (
     Transition(2, State.SWITCH_ON_DISABLED, Command.SHUTDOWN, State.READY_TO_SWITCH_ON),
     Transition(3, State.READY_TO_SWITCH_ON, Command.SWITCH_ON, State.SWITCHED_ON),
-    # Enable Operation in Ready to Switch On performs 3; 4 follows with the next evaluation.
+    # Enable Operation in Ready to Switch On executes transition 3; 4 follows with the next evaluation.
     Transition(3, State.READY_TO_SWITCH_ON, Command.ENABLE_OPERATION, State.SWITCHED_ON),
     Transition(4, State.SWITCHED_ON, Command.ENABLE_OPERATION, State.OPERATION_ENABLED),
     Transition(5, State.OPERATION_ENABLED, Command.SWITCH_ON, State.SWITCHED_ON),

@@ -163,7 +163,7 @@ class EncoderClient(NodeClient[EncoderSettings]):
             self._write_checked(heartbeat)
         except (Dsp406Error, SdoAbortedError) as error:
             text = str(error)
-            self._heartbeat_expected = False  # the TPDOs alone tell that the encoder lives
+            self._heartbeat_expected = False  # only the TPDOs show that the encoder is running
             self._tell("status", f"no heartbeat: {text}")
         self.read_parameters()
         self.feedback.error_code = 0

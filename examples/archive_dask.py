@@ -16,7 +16,7 @@ from pdgw.decoder.export.archive import ArchiveOptions, captures_of, write_part
 def main() -> None:
     captures, folder, *address = sys.argv[1:]
     options = ArchiveOptions(signals=("NSOLL_A", "NIST_A", "ZSW1.FAULT"))
-    options.knowledge()  # tells what is wrong before a worker does
+    options.knowledge()  # reports an error before the workers start
     with (
         Client(address[0]) if address else Client(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster
     ):

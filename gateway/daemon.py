@@ -172,7 +172,7 @@ class Daemon:
         """Open the port of the link first; without it, nothing else is opened."""
         transport = self.config.transport
         if transport.type == "profinet":
-            # The other transport starts without.
+            # Imported here: the other transport starts without it.
             from pdgw.gateway.links.profinet.ethernet import RawEthernet  # noqa: PLC0415
             from pdgw.gateway.links.profinet.link import ProfinetLink  # noqa: PLC0415
 
@@ -296,7 +296,7 @@ class Daemon:
         """
         try:
             self._listen()
-            # What exists now lives until the end: keep the collector from walking it in the middle of a cycle.
+            # All objects until now live until the end: keep the garbage collector from scanning them during a cycle.
             gc.collect()
             gc.freeze()
             self._exchange()
@@ -377,7 +377,7 @@ class Daemon:
             if timer is not None:
                 timer.cancel()
         self.loop.pace(0)
-        # The nodes first, and each whatever goes wrong with another or with a service.
+        # Stop the nodes first, each of them even if another one or a service fails.
         with ExitStack() as leaving:
             leaving.callback(log.info, "stopped")
             leaving.callback(self.loop.stop)
@@ -407,7 +407,7 @@ class Daemon:
         now = self.loop.now()
         if now - self._deadline > self.cycle_ns // 2:
             self.late += 1
-        # What waits came before this cycle: the watchdog must not overtake it.
+        # The queued frames arrived before this cycle: process them before the watchdog.
         accepted = not self._stopping and self.link.receive(now)
         self._cycle(now, accepted=accepted)
         if not self.stopped.is_set():
@@ -425,7 +425,7 @@ class Daemon:
 
     def _cycle(self, now: int, *, accepted: bool) -> None:
         link = self.link
-        # The setpoints that the gateway itself lets go are no loss of the PLC.
+        # Setpoints that the gateway itself releases do not count as a loss of the PLC.
         if link.poll(now) and not self._stopping:
             log.error("PLC lost: %s", link.loss, extra={"event": "plc"})
             for item in self.objects:
@@ -444,7 +444,7 @@ class Daemon:
         self.cycles += 1
         cycle = self.cycle_ns
         answered = 0
-        # The PLC waits for its answer, a drive only for the bus.
+        # Answer the PLC first, which waits for it; a drive waits only for the bus.
         if accepted or self._stopping or now - self._last_sent >= 2 * cycle:
             link.send(actuals, good, released)
             self._last_sent = now

@@ -94,7 +94,7 @@ def _settle(folder: Path) -> None:
     try:
         directory = os.open(folder, os.O_RDONLY)
     except PermissionError:
-        return  # Windows opens no folders; there the file system sees to it
+        return  # Windows cannot open folders; its file system ensures the order
     try:
         os.fsync(directory)
     finally:
@@ -193,7 +193,7 @@ class ParameterStore:
                 return self._set_aside(path, "checksum does not match")
             version = json.loads(parameters).get("version", FORMAT_VERSION)
             if isinstance(version, int) and (text := problem(version, FORMAT_VERSION)):
-                # Its values may limit a movement: none is left out, and the file stays as it is.
+                # Its values may limit a movement: if one is unusable, none is used and the file is kept.
                 raise GatewayError(f"parameter store {path}: {text}")
             return DeviceParameters.model_validate_json(parameters)
         except (ValueError, KeyError, TypeError, AttributeError) as error:

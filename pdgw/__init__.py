@@ -5,7 +5,7 @@ docs/architecture.md describes the sub-packages. This module exports the names f
 
 from __future__ import annotations
 
-TYPE_CHECKING = False  # typing's: a command that is interrupted while typing loads would end with a traceback
+TYPE_CHECKING = False  # as in typing, without importing it: Ctrl-C during that import would print a traceback
 if TYPE_CHECKING:
     from typing import Any
 

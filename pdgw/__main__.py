@@ -15,7 +15,7 @@ def run() -> None:
 
         before = signal.getsignal(signal.SIGINT)
         if before is signal.default_int_handler:
-            # An exception would not get through all that importing is: some of it can only print what interrupts it.
+            # End without an exception: some parts of the import system would only print it.
             signal.signal(signal.SIGINT, lambda *_: os._exit(_INTERRUPTED))
         gc.disable()
         from pdgw.tools.cli import main  # noqa: PLC0415

@@ -288,7 +288,7 @@ class SensorInterface:
             event, failure = self._answer
             if self._jump_until is None:
                 self._jump_until = now + PRESET_SETTLE_NS
-            # G1_ZSW.12 must not be shown beside the old position.
+            # G1_ZSW.12 must not be set together with the old position.
             if event is SensorEvent.FAILED or self._has_preset() or now >= self._jump_until:
                 self._take(event, failure)
         if word & _PARK and self.state is not SensorState.PARKED:
@@ -344,7 +344,8 @@ class SensorInterface:
             moved = self._wrapped(position - last)
             jump = self._jump
             if jump is not None:
-                # Of the two readings - motion, or the jump and what is left of the step - the one nearer to the last motion.
+                # Two interpretations are possible: motion, or the jump plus the rest of the step. Take the one nearer to the
+                # last motion.
                 rest = self._wrapped(position - jump.position)
                 if abs(rest - self._moved) < abs(moved - self._moved):
                     self._jump = None

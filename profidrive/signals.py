@@ -349,7 +349,7 @@ CATALOGUE: tuple[Signal, ...] = (
     Signal("FAULT_CODE", 301, _U16, "number of the first active fault (P947)"),
     Signal("WARN_CODE", 303, _U16, "number of the first warning (P953)"),
     Signal("USER", 0, _U16, "for the user"),
-    # Telegram 112: numbers in a unit of length of the user's choice. Their layout has two sources, their units none.
+    # Telegram 112: numbers in a unit of length that the user selects. Two sources confirm the layout, none the units.
     _float("MDI_TARPOS_F", "MDI target position", "unit of length", SignalQuantity.POSITION),
     _float("MDI_VELOCITY_F", "MDI velocity", "unit of length per minute or second", SignalQuantity.MOTION_VELOCITY),
     _float("MDI_ACC_F", "MDI acceleration", "% of max_acceleration", SignalQuantity.ACCELERATION),
@@ -367,7 +367,7 @@ CATALOGUE: tuple[Signal, ...] = (
         "increments",
         quantity=SignalQuantity.POSITION,
     ),
-    # Telegram 100 of the manufacturer: values pass unchanged, names as its guide spells them.
+    # Telegram 100 of the manufacturer: values pass unchanged, names as in its guide.
     Signal("Controlword", 0, _U16, "Controlword"),
     Signal(
         "Modes of Operation",

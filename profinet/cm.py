@@ -282,7 +282,7 @@ class ContextManager:
         if not relation.accepts(event):
             status = PnioStatus(_CONTROL_ERROR, PNIO, CMRPC, WRONG_STATE)
             raise _Refused(status, cls.__name__, relation.state.value, "another state")
-        # After the answer: ApplicationReady must not overtake it.
+        # Send it after the answer: ApplicationReady must not overtake it.
         self._afterwards.append(lambda when: relation.handle(event, when))
         return self._done(block)
 

@@ -231,7 +231,7 @@ class GsdmlWriter:
             SupportedRT_Classes="RT_CLASS_1",
             SupportedProtocols="LLDP" if self._snmp is Snmp.NONE else "SNMP;LLDP",
             NetworkComponentDiagnosisSupported="false",
-            # Engineering tools insist on both from PNIO_Version V2.31 on; one port has nobody to pass anything on to.
+            # Engineering tools require both from PNIO_Version V2.31 on, although a device with one port forwards nothing.
             PTP_BoundarySupported="true",
             DCP_BoundarySupported="true",
         )

@@ -91,7 +91,7 @@ class BackgroundWriter(Generic[T]):
             self._write(item)
         except OSError:
             raise
-        except Exception:  # a mistake with this one: the others are recorded
+        except Exception:  # an error with this record: write the others
             if not self._mistaken:
                 log.exception("%s: a part could not be recorded; further failures are only counted", self._what)
             self._mistaken = True

@@ -67,7 +67,7 @@ class Captures:
         try:
             ended = datetime.fromtimestamp(self._path.stat().st_mtime).strftime("%Y%m%d-%H%M%S")
         except FileNotFoundError:
-            return  # somebody took it away already
+            return  # another process has deleted it already
         names = (
             f"{self._path.stem}-{ended}{more}{self._path.suffix}" for more in ("", *(f"-{n}" for n in range(2, 1000)))
         )

@@ -68,7 +68,7 @@ def is_alive(reader: RingReader) -> bool:
     except ProcessLookupError:
         return False
     except PermissionError:
-        return True  # somebody else's
+        return True  # it belongs to another process
     return True
 
 
@@ -132,7 +132,7 @@ def _udp(reader: RingReader, cycles: Sequence[Cycle]) -> Iterator[Packet]:
     for cycle in cycles:
         if cycle.flags & CycleFlag.FRESH:
             yield cycle.time_ns, LinkType.ETHERNET, PLC, udp_packet(plc, here, cycle.received)
-        if cycle.flags & CycleFlag.ANSWERED and cycle.received:  # before the first frame there is nobody to answer
+        if cycle.flags & CycleFlag.ANSWERED and cycle.received:  # before the first frame there is no PLC to answer
             yield _answered(cycle), LinkType.ETHERNET, PLC, udp_packet(here, plc, cycle.sent)
 
 

@@ -100,19 +100,19 @@ class Keeper:
         part = path.with_suffix(".part")
         try:
             choice.directory.mkdir(parents=True, exist_ok=True)
-            # Seen under its name when it is whole.
+            # The file gets its name when it is complete.
             save(self._reader, part, begin, end)
             part.replace(path)
-        except Exception as error:  # the next fault is kept all the same
+        except Exception as error:  # the next fault is still kept
             log.error("%s: not kept (%s)", path, error, exc_info=not isinstance(error, (OSError, GatewayError)))
             with contextlib.suppress(OSError):
-                part.unlink(missing_ok=True)  # it would keep the disk full
+                part.unlink(missing_ok=True)  # an incomplete file would occupy the full disk
             return
         log.warning("%s: kept", path)
         self.kept.append(path)
         try:
             self._prune()
-        except OSError as error:  # somebody else took a file away just now, or it cannot be deleted: the next time
+        except OSError as error:  # deleted by another process just now, or not deletable: try again the next time
             log.error("%s: old files could not be deleted (%s)", choice.directory, error)
 
     def _prune(self) -> None:
@@ -132,7 +132,7 @@ def follow(path: Path, choice: Choice, wait: Callable[[float], bool], pause_s: f
         except GatewayError:
             if wait(pause_s):
                 return
-            continue  # no gateway yet, or between two
+            continue  # no gateway yet, or between two gateways
         with reader:
             keeper = Keeper(reader, choice)
             asked = _follow_one(reader, keeper, wait, pause_s)

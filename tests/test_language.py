@@ -1,13 +1,15 @@
 """The language of everything a person reads: no word of the list in ``tests/language.toml``.
 
-Read are the help of every command, the texts of messages, the texts of the web page, the documents, and the docstrings of all
-packages. Words in code, names and keys are not read.
+Read are the help of every command, the texts of messages, the texts of the web page, the documents, and the docstrings and
+comments of all packages. Words in code, names and keys are not read.
 """
 
 from __future__ import annotations
 
 import ast
+import io
 import re
+import tokenize
 import tomllib
 from collections.abc import Iterator
 from functools import cache
@@ -129,12 +131,29 @@ def docstrings(source: str) -> Iterator[tuple[int, str]]:
                 yield statement.lineno, value.value.replace("``", "`")
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_the_docstrings_have_no_word_of_the_list(package: str) -> None:
-    wrong = [
-        f"{path.relative_to(ROOT)}:{line}: {found}: {' '.join(text.split())[:90]}"
+def comments(source: str) -> Iterator[tuple[int, str]]:
+    """The comments of a module, by line."""
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type == tokenize.COMMENT:
+            yield token.start[0], token.string.replace("``", "`")
+
+
+@cache
+def notes(package: str) -> list[tuple[str, str]]:
+    """The docstrings and comments of a package, each with its place."""
+    return [
+        (f"{path.relative_to(ROOT)}:{line}", text)
         for path in sorted((ROOT / package).rglob("*.py"))
-        for line, text in docstrings(path.read_text("utf-8"))
+        for read in (docstrings, comments)
+        for line, text in read(path.read_text("utf-8"))
+    ]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_docstrings_and_comments_have_no_word_of_the_list(package: str) -> None:
+    wrong = [
+        f"{place}: {found}: {' '.join(text.split())[:90]}"
+        for place, text in notes(package)
         if (found := found_in(text))
     ]
     assert not wrong, "\n".join(wrong)
@@ -180,6 +199,7 @@ def test_the_gate_finds_a_word_of_the_list_in_each_kind_of_text() -> None:
     assert [text for _, text in literals('x = f"the axis {told} stands there"')] == ["the axis x stands there"]
     assert [text for _, text in page_texts("html`<p>Nobody is here.</p>`")] == ["Nobody is here."]
     assert [text for _, text in docstrings('x = 1\n"""Told ``so``."""\n')] == ["Told `so`."]
+    assert [text for _, text in comments("x = 1  # told `so`\n")] == ["# told `so`"]
     assert [text for _, text in prose("a\n```\ntold\n```\n[b](told.md)")] == ["a", "[b]"]
 
 

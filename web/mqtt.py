@@ -101,7 +101,8 @@ class Publisher:
         self._ready = threading.Event()
         self._client = made_client(config, f"pdgw-{uuid.uuid4().hex[:16]}")
         self._client.will_set(self._online_topic, "0", _QOS, retain=True)
-        # paho is connected before it calls on_connect: what is said between would be said again as of an outage.
+        # paho connects before it calls on_connect. Messages published in between would be published again as after an
+        # outage.
         self._client.on_pre_connect = lambda *_: self._ready.clear()
         self._client.on_connect = self._connected
         self._client.on_connect_fail = lambda *_: log.warning("MQTT: %s:%d cannot be reached", config.host, config.port)
@@ -123,7 +124,7 @@ class Publisher:
     def stop(self) -> None:
         """Say good-bye: who ends in order is not online either."""
         if self.connected:
-            # paho's error for a connection that went meanwhile: then the broker gives the last will, which says the same.
+            # paho's error for a connection lost meanwhile: then the broker publishes the last will with the same content.
             with contextlib.suppress(RuntimeError):
                 self._client.publish(self._online_topic, "0", _QOS, retain=True).wait_for_publish(1)
         self._client.disconnect()

@@ -85,7 +85,7 @@ class Streams:
             result, _ = await asyncio.gather(task, gone, return_exceptions=True)
         if isinstance(result, Exception):
             raise result
-        if gone.cancelled():  # it is still there
+        if gone.cancelled():  # the client is still connected
             await send({"type": "http.response.body", "body": b""})
 
 

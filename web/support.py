@@ -58,7 +58,7 @@ def licence(name: str) -> dict[str, str]:
     try:
         said = metadata(name)
     except PackageNotFoundError:
-        return {}  # of an extra that is not installed
+        return {}  # the extra is not installed
     listed = [text.rpartition(" :: ")[2] for text in said.get_all("Classifier") or () if text.startswith("License")]
     given = next((str(said[key]).partition("\n")[0] for key in ("License-Expression", "License") if key in said), "")
     return {"version": said["Version"], "licence": given or ", ".join(listed) or "see its files"}

@@ -147,7 +147,7 @@ class Traces:
         if not path:
             raise GatewayError("the gateway has no flight recorder; set [trace] enabled and a directory in RAM")
         if self._reader is None or self._reader.path != Path(path) or self._reader.replaced:
-            self._reader = RingReader(Path(path))  # an older one is closed when nobody reads it any more
+            self._reader = RingReader(Path(path))  # an older reader is closed when no client uses it any more
         return self._reader
 
     def item(self, reader: RingReader, do_id: int) -> tuple[int, Document]:

@@ -157,7 +157,7 @@ def read_messages(messages: Iterable[can.Message], name: str, position: Callable
             packet = message_packet(number + 1, message)
         except StopIteration:
             return
-        except Exception as error:  # python-can's readers raise whatever their parsing runs into
+        except Exception as error:  # python-can's readers pass on any exception of their parsing
             text = f"frame {number + 1} cannot be read ({type(error).__name__}: {error})"
             raise CaptureError(name, position(), text) from error
         number += 1

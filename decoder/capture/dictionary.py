@@ -23,7 +23,7 @@ def _type(code: int | None) -> CanType:
 
 
 def _entry(variable: Any) -> Entry:
-    # A DCF has the value configured for this device, an EDS the default.
+    # A DCF has the configured value of this device, an EDS the default.
     value = variable.value if variable.value is not None else variable.default
     access = variable.access_type if variable.access_type in {a.value for a in Access} else Access.RW.value
     return Entry(

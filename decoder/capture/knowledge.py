@@ -70,7 +70,7 @@ def known_beforehand(
     dictionary = dictionary_of(files, default) if files or default else None
     names = Names()
     if dictionary is not None:
-        # One node-ID stands for all: names do not depend on it. Bad files are told before the first packet.
+        # Names do not depend on the node-ID, so one is enough. Report unusable files before the first packet.
         chosen = [*files, *([min(set(range(1, 128)) - set(files))] if default else [])]
         names = Names(ObjectNames(found) for node_id in chosen if (found := dictionary(node_id)) is not None)
     return Knowledge(

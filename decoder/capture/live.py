@@ -46,7 +46,7 @@ def _frames(raw: socket.socket, name: str) -> Iterator[Packet]:
         except OSError as error:
             raise GatewayError(f"--interface {name}: {error.strerror or error}") from error
         if hardware == _LOOPBACK and kind == _OUTGOING:
-            continue  # it comes in as well
+            continue  # the interface delivers it as a received frame, too
         number += 1
         yield Packet(number, time.time_ns(), LinkType.ETHERNET, name, data)
 

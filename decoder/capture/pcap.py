@@ -70,7 +70,7 @@ def _pcap(window: Window, name: str) -> Iterator[Packet]:
     if not window.need(_PCAP_HEADER):
         raise CaptureError(name, window.left, f"the file ends within its header of {_PCAP_HEADER} bytes")
     (link,) = struct.unpack_from(order + "I", window.data, 20)
-    link &= 0xFFFF  # above are the frame check sequence's length and reserved bits
+    link &= 0xFFFF  # the upper bits are the length of the frame check sequence and reserved bits
     window.at = _PCAP_HEADER
     unpack = struct.Struct(order + "III").unpack_from
     number = 0
@@ -222,7 +222,7 @@ class _Pcapng:
         (length,) = struct.unpack_from(self._order + "I", self._window.data, begin)
         length = min(length, interface.snap or length, end - begin - 4)
         self._number += 1
-        # The block has no time: the packet is as late as the one before.
+        # The block has no time: the packet gets the time of the previous one.
         data = self._window.data[begin + 4 : begin + 4 + length]
         return Packet(self._number, self._time_ns, interface.link, interface.name, data)
 

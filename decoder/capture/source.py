@@ -104,7 +104,7 @@ def _messages(name: str, suffix: str, stream: Any, size: int | None, closing: Ex
     stream_head = stream.peek(_HEAD)[:_HEAD]
     reader_class = getattr(can, _TEXT_READERS[suffix] if text else _BINARY_READERS[suffix])
     position = _position(stream)
-    # Latin-1 takes every byte: a comment in another code page is no damage.
+    # Latin-1 accepts every byte, so a comment in another code page does no harm.
     taken = io.TextIOWrapper(stream, encoding="latin-1") if text else stream
     source = _from_reader(name, lambda: reader_class(taken), size, position, closing)
     if suffix == _BLF and size is not None:
@@ -132,7 +132,7 @@ def _from_reader(
         reader = make()
     except NotImplementedError as error:
         raise CaptureError(name, None, f"needs another Python package ({error})") from error
-    except Exception as error:  # python-can's readers raise whatever their parsing runs into
+    except Exception as error:  # python-can's readers pass on any exception of their parsing
         raise CaptureError(name, position(), f"cannot be read ({type(error).__name__}: {error})") from error
     closing.callback(reader.stop)
     return Source(name, read_messages(reader, name, position), size, position, closing)

@@ -151,9 +151,9 @@ def pyplot_for(what: str) -> Any:
 def save(figure: Any, path: Path, what: str, *, dpi: int = 100) -> None:
     """Write a figure in the format of the file's ending, and close it; GatewayError says that ``what`` cannot be written."""
     try:
-        # Without an ending matplotlib would add one and write another file.
+        # Without a file extension matplotlib would add one and write another file.
         figure.savefig(path, format=path.suffix[1:] or "png", dpi=dpi)
-    except (OSError, ValueError) as error:  # ValueError: an ending that is no picture format
+    except (OSError, ValueError) as error:  # ValueError: the file extension names an unknown picture format
         reason = getattr(error, "strerror", None) or error
         raise GatewayError(f"{what} {path}: cannot be written ({reason})") from error
     finally:
@@ -220,7 +220,7 @@ class PlotWriter:
         )
         for place, panel in zip(grid[:, 0], panels, strict=False):
             _draw(place, panel)
-            # One axis' states lie behind its curves; of several they would cover each other.
+            # Draw the states of a single axis under its curves; those of several axes would overlap.
             shade(place, next(iter(spans.values())) if len(spans) == 1 else ())
         if spans:
             _draw_states(grid[-1, 0], spans)

@@ -109,7 +109,7 @@ class TracePage:
 
     def write(self, path: Path) -> None:
         """The file; GatewayError when it cannot be written."""
-        # Nothing in the data can end the element it stands in.
+        # Escape the data, so that no text in it ends its element.
         data = json.dumps(self.document(), separators=(",", ":")).replace("<", "\\u003c")
         page = _TEMPLATE.read_text(encoding="utf-8").replace(_PLACE, data)
         try:

@@ -29,7 +29,7 @@ def parameter_text(item: Document) -> str:
     parts = []
     if "pnu" in item:
         pnu = item["pnu"]
-        # 1:1 objects are better known by their CANopen index.
+        # Users know 1:1 objects by their CANopen index.
         name = f"{pnu:04X}h" if 1000 <= pnu < 60000 else f"P{pnu}"
         parts.append(f"{name}.{item['subindex']}")
         if item["elements"] > 1:
@@ -90,7 +90,7 @@ class Field:
         """Plain data: raw, value (None: not a number), unit, named bits, and the word for the value where it has one."""
         plain = raw.hex() if isinstance(raw, bytes) else raw
         value = self.value(plain) if isinstance(plain, int) else plain
-        # JSON has no word for a float that is no number.
+        # JSON has no notation for NaN and infinity.
         shown = None if isinstance(value, float) and not isfinite(value) else value
         document: Document = {"raw": plain, "value": shown, "unit": self.unit, "bits": {}}
         if isinstance(raw, int):

@@ -130,7 +130,7 @@ def _frame(data: bytes, telegram: Telegram | None, direction: Direction | None) 
         return None
     known = frame.frame_id in {FRAME_ID_TO_CONTROLLER, FRAME_ID_TO_DEVICE}
     plausible = not frame.transfer_status and frame.data_status & (STATUS_DATA_VALID | STATUS_RUN | STATUS_PRIMARY)
-    # With the relationship's own FrameIDs a bad status is a finding, not a reason to take the data for something else.
+    # With a FrameID of the relationship, a bad status is a finding and the data is still decoded as a frame.
     if not known and not plausible:
         return None
     if direction is None:

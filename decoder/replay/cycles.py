@@ -53,18 +53,19 @@ def _answering(recording: AxisRecording, cycle_ns: int) -> list[Tick]:
     """The gateway answers each frame."""
     frames = recording.frames
     moments: list[Tick] = []
-    taken = -1  # the newest frame that was certainly taken
+    taken = -1  # the newest frame that the gateway has certainly used
     before: int | None = None
     for answer in recording.answers:
         newest = bisect_right(frames, answer.time_ns) - 1
         if before is not None:
             idle = bisect_right(frames, before)
             if idle < len(frames) and frames[idle] - before >= cycle_ns // 2:
-                taken = max(taken, idle - 1)  # whatever had been sent was answered
+                taken = max(taken, idle - 1)  # all frames until then were answered
         silence = 0 <= taken < newest and frames[taken + 1] - frames[taken] > SILENT_CYCLES * cycle_ns
         now = answer.time_ns
         if taken < newest and not silence:
-            # To the next frame; the answer may have waited for a busy PLC. All others the gateway may have sent by itself.
+            # Compare up to the next frame. The answer may have waited for a busy PLC. The gateway may have sent all others
+            # by itself.
             taken += 1
             now = frames[taken]
         moments.append(Tick(now, answer, frames[taken] if taken >= 0 else 0))

@@ -101,7 +101,7 @@ class _Events:
         order = None if values is None else self._orders.read(values)
         if order != self._order:
             self._doubt_from(number)
-            # A stop of so few frames acted, and the gateway may hide what it shows of the task.
+            # A stop of only a few frames had an effect, and the gateway may hide its report of the task.
             self._dropped |= number <= max(self._believed, self._changed + CONFIRMING_FRAMES - 1)
             self._changed = number
         if order is not None and order != self._order:
@@ -109,7 +109,7 @@ class _Events:
             if stopped != order:
                 before = self._found[-1].values if self._found else None
                 if stopped is not None and stopped != self._order and before is not None:
-                    # The stops of the frame act at once, the rest waits.
+                    # The stops of the frame take effect at once, the rest waits.
                     self.note(now, self._orders.applied(stopped, before), max(number, self._believed))
                 self._believed = max(self._believed, number + CONFIRMING_FRAMES - 1)
         self._order = order
@@ -139,7 +139,7 @@ class _Events:
         events: list[Setpoints] = []
         for now, values, certain, dropped in reversed(self._found):
             when = now if certain is None else taken[certain] if certain < len(taken) else _NEVER
-            # What follows has replaced it then, believed or not.
+            # A later frame has replaced it by then, whether it was accepted or not.
             events.append(Setpoints(now, values, min(when, events[-1].certain_ns) if events else when, dropped))
         events.reverse()
         return events
@@ -182,7 +182,7 @@ class _Receiver:
         verdict = self._endpoint.receive(frame.data, frame.source, now, frame.received_ns)
         self._inputs.received.append(Received(now, verdict))
         if not self._endpoint.connected and self._endpoint.poll(now):
-            # The gateway stood still: it sees the loss when it takes this frame, whatever waits behind it.
+            # The gateway was paused: it detects the loss when it reads this frame, although further frames are queued.
             self._lost(now)
         if verdict in USED:
             for events, values in zip(self._events, self._endpoint.setpoints, strict=True):

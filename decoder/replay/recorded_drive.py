@@ -87,7 +87,7 @@ class RecordedDrive:
             self.homing_method = int.from_bytes(record.value, "little", signed=True)
         value = recorded_answer(address, record.value)
         if value is None or (address == MAX_TORQUE and self.started):
-            return None  # in operation, the drive may show a limit that the gateway wrote
+            return None  # in operation, the drive may report a limit that the gateway wrote
         before = self._answers.get(address)
         if before != value:
             self._answers[address] = value

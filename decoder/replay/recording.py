@@ -146,7 +146,7 @@ class Collector:
                 self._valid.add(unit.axis)
             if unit.axis in self._answers and (self._link is None or unit.axis in self._valid):
                 values = tuple(_integer(value) for value in unit.values)
-                # Over PROFINET IOCS says that a submodule is the right one, not that the PLC is there.
+                # On PROFINET, IOCS shows that the submodule is the right one, not that the PLC is connected.
                 plc_ok = None if self._link is not None else bool((unit.iocs or 0) & IOPS_GOOD)
                 self._answers[unit.axis].append(Answer(record.time_ns, values, good, plc_ok))
 
@@ -225,7 +225,7 @@ class Collector:
         do_id = node.axis.do_id
         configured = [item._replace(time_ns=item.time_ns - offset_ns) for item in node.configured]
         if not any(item.configured.restarted for item in configured):
-            # The recording begins in operation: what it does not show is taken from the defaults of the profile.
+            # The recording starts in operation: values that it does not contain are the defaults of the profile.
             begin = min([used[0] if used else 0, *(item.time_ns for item in configured)])
             node.drive.homing_method = node.drive.homing_method or _shown_method(
                 node.axis.telegram, self._answers[do_id]

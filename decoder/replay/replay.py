@@ -114,13 +114,13 @@ class Replayer:
         self._cycle_ns = cycle_ns
         self._tolerance = self._sent_tolerance = tolerance_ns
         if recording.in_order:
-            # A step without an answer may have been as late as the gateway ever stood still.
+            # A step without an answer may have been delayed by the longest pause of the gateway.
             times = [answer.time_ns for answer in recording.answers]
             longest = max((later - earlier for earlier, later in pairwise(times)), default=0)
-            limit = max(_LONGEST_STALL_NS, recording.watchdog_ns)  # a standstill up to there may be a loss
+            limit = max(_LONGEST_STALL_NS, recording.watchdog_ns)  # a pause up to this time may be a loss
             self._sent_tolerance = max(tolerance_ns, min(longest, limit))
         settings = recording.settings
-        if not settings.cycle_ns:  # setpoints of mode 8 are made for each cycle
+        if not settings.cycle_ns:  # setpoints of mode 8 are calculated for each cycle
             settings = replace(settings, cycle_ns=cycle_ns)
         self._machine = AxisMachine(recording.telegram.number, settings, DriveFeedback())
         self._checkpoints = Checkpoints(self._machine)
@@ -134,7 +134,7 @@ class Replayer:
         self._comparison = RpdoComparison(
             recording, cycle_ns=cycle_ns, tolerance_ns=self._sent_tolerance, last_ns=last_ns
         )
-        # A payload is missed when the tolerance has passed; its cause may be as far before it.
+        # A payload counts as missing after the tolerance; its cause may be this time earlier.
         self._depth = 2 * -(-self._sent_tolerance // cycle_ns) + 4
         self._visited: set[Hashable] = set()
         cycles = (cycle_ns, 2 * cycle_ns, tolerance_ns)
@@ -150,7 +150,7 @@ class Replayer:
         outcome = AxisReplay(self._recording)
         steps = outcome.steps
         choices: deque[_Choice] = deque(maxlen=self._depth)
-        unchecked = 0  # steps up to here are taken as they come: they belong to a difference
+        unchecked = 0  # steps up to here are not checked: they belong to a difference
         failed_at = -1
         failure: Difference | None = None
         budget = BUDGET
@@ -174,7 +174,7 @@ class Replayer:
                 outcome.differences.append(failure)
             if first_only:
                 return outcome
-            # Nothing fits: go on with the likeliest inputs, and compare again once the state is known again.
+            # No input fits: continue with the likeliest inputs, and compare again once the state is known again.
             self._go_back(choice)
             self._state.known = False
             choices.clear()
@@ -259,7 +259,7 @@ class Replayer:
             values = recording.setpoints[inputs.setpoints - 2].values if tick.answer.plc_ok else None
         compare = check and state.known
         if state.online:
-            # Its IOPS tell that the gateway has done with the drive, a little before or after the NMT command's time.
+            # Its IOPS become BAD when the gateway has released the drive, shortly before or after the NMT command.
             self._configure(tick.time_ns + (self._tolerance if came_online else 0))
         for attribute in FEEDBACK_NAMES:
             setattr(given.feedback, attribute, getattr(state.image, attribute))
@@ -374,7 +374,7 @@ class Replayer:
         """The machine's SDO writes were answered when the recorded ones were: the step after that has the answer."""
         state, request = self._state, self._machine.outputs.writes
         if request is not None and state.asked == request and state.done_at is not None and state.done_at <= now:
-            state.asked = None  # what the machine asks for behind the answer is a new request
+            state.asked = None  # a request after the answer is a new one
             self._machine.inputs.news.append(SdoAnswer(request, state.done_error))
 
     def _find_sdo(self, now: int) -> Difference | None:

@@ -111,7 +111,7 @@ class RpdoComparison:
             return self._enter(pdo, frames, data, cursors, now)
         following = frames[cursor + 1] if cursor + 1 < len(frames) else None
         if data == frames[cursor].data:
-            # Behind the last step nothing comes that could send what the recording shows.
+            # After the last step there is no cause left for what the recording contains.
             late = 2 * self._cycle_ns if now >= self._last_ns else tolerance
             if following is None or following.time_ns >= now - late:
                 return None
@@ -146,7 +146,7 @@ class RpdoComparison:
                 cursors[pdo.number] = position
                 return None
         if last is None or (last is frames[0] and last.time_ns > now - tolerance):
-            return None  # sent for the first time about now
+            return None  # sent for the first time at about this time
         return self._sent_difference(pdo, now, last.data, data)
 
     def _sent_difference(self, pdo: Pdo, time_ns: int, recorded: bytes, today: bytes, note: str = "") -> Difference:

@@ -101,7 +101,7 @@ class AxisFollower(ObjectFollower):
         chosen = telegram(axis.telegram)
         self._transparent = chosen.setpoints.mode is ApplicationMode.TRANSPARENT
         self._words = Words(axis.do_id, chosen, 2 * cycle_ns, put, one_clock=one_clock)
-        # -- the drive
+        # the drive
         self._drive = RecordedDrive()
         self._image = DriveFeedback()
         self._restarted = False
@@ -222,7 +222,8 @@ class AxisFollower(ObjectFollower):
 
     def _commanded(self, now: int, word: int) -> None:
         if self._shown is not None and word != self._machine.outputs.command.controlword:
-            # RPDOs come of a step. That of a busy gateway may have no answer of its own: then this is its only trace.
+            # RPDOs are the result of a step. A step of a busy gateway may have no answer of its own; then its RPDO is the
+            # only record.
             self.step(self._machine.inputs.setpoints, now, fresh=False)
         edge = self._words.edge(WordKind.CONTROLWORD, now, word)
         if edge is None:
@@ -389,7 +390,7 @@ class AxisFollower(ObjectFollower):
             self._mode_since = None
         settling = self._settling
         if settling is not None and now > settling.edge.time_ns + max(settling.time_ns, 2 * SETTLE_NS):
-            self._settled()  # the gateway has made no step since
+            self._settled()  # the gateway has made no step since then
 
     def finish(self) -> None:
         self._settled()

@@ -245,7 +245,7 @@ class _Exchange:
         self._endpoint: CyclicEndpoint | ProfinetEndpoint = CyclicEndpoint(
             telegrams, cycle_ns=cycle_ns, watchdog_factor=WATCHDOG_FACTOR_MAX, delays=False
         )
-        # It decides what may be an old order; whether the gateway had a PLC is told by the answers.
+        # This endpoint decides which orders may be old. Whether the gateway had a PLC follows from its answers.
         self._judge = (
             CyclicEndpoint(telegrams, cycle_ns=cycle_ns, watchdog_factor=WATCHDOG_FACTOR_MAX) if delays else None
         )
@@ -276,7 +276,7 @@ class _Exchange:
         who = " and ".join(name for name in (connection.controller, connection.station) if name)
         self._put(Event(now, 0, "PLC", f"relationship of {who} {change.value}"))
         if change in {Change.ENDED, Change.PAUSED}:
-            self._step(now)  # no frame comes any more that would tell the axes
+            self._step(now)  # no later frame triggers a step of the axes
 
     def take(self, record: CyclicRecord) -> None:
         """A cyclic frame of either direction."""
@@ -327,7 +327,8 @@ class _Exchange:
         if verdict is Verdict.UNCONFIRMED and isinstance(endpoint, ProfinetEndpoint):
             if not endpoint.connected:
                 self._last_frame = now
-            return  # before ApplicationReady is confirmed, behind PrmBegin, and of a backup no frame counts
+            # frames do not count before ApplicationReady is confirmed, after PrmBegin, or from a backup controller
+            return
         if verdict is Verdict.STALE or (verdict is not Verdict.ACCEPTED and verdict is not self._standing):
             kind = _VERDICTS.get(verdict, AnomalyKind.DROPPED)
             self._put(Anomaly(now, 0, kind, f"frame with counter {record.cycle_counter}: {verdict.value}"))
@@ -372,7 +373,7 @@ class _Exchange:
 
     def _answer(self, record: CyclicRecord) -> None:
         now, values = record.time_ns, record.values
-        # Over PROFINET neither IOCS nor the time of an answer tell what the gateway makes of the PLC's frames.
+        # On PROFINET neither IOCS nor the time of an answer shows whether the gateway accepts the PLC's frames.
         answers = self._answered = isinstance(self._endpoint, CyclicEndpoint)
         used = False
         for do_id, _, unit, first, iops, iocs in record.layout.axes:

@@ -174,7 +174,7 @@ def correlate(words: Mapping[int, AxisWords], telegrams: Mapping[int, int], cycl
     values = [item[0] for item in distances]
     width = _WIDTH_CYCLES * cycle_ns
     counts = _votes(distances, values, width)
-    # One clock is likelier than two: of equal places the one nearest to 0.
+    # One clock is more likely than two: of equal candidates take the one nearest to 0.
     best = max(range(len(values)), key=lambda i: (counts[i], -abs(values[i] + width // 2)))
     low, high = values[best], values[best] + width
     rivals = max((counts[i] for i, value in enumerate(values) if not low - width < value < high), default=0)
@@ -207,7 +207,7 @@ def _between(cluster: Sequence[Distance], cycle_ns: int) -> tuple[int, int]:
     highest = after[int(_OUTLIERS * len(after))] if after else None
     lowest = before[-1 - int(_OUTLIERS * len(before))] if before else None
     if highest is None or lowest is None:
-        # One direction only: the delay of the gateway cannot be told from the offset.
+        # With one direction only, delay of the gateway and clock offset cannot be separated.
         lowest = highest = highest if highest is not None else lowest or 0
         doubt = cycle_ns
     else:

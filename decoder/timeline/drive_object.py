@@ -41,7 +41,7 @@ class ObjectFollower:
         self.heard = False
         """Something came from the node."""
 
-    # -- what an axis makes more of -----------------------------------------------------------------------------------
+    # -- parts of an axis ---------------------------------------------------------------------------------------------
 
     def control(self, now: int, word: int, setpoints: Sequence[int] | None) -> None:
         """The first signal of a frame of the PLC, and what the gateway has in force after the frame."""
@@ -55,7 +55,7 @@ class ObjectFollower:
     def finish(self) -> None:
         """The recording ends."""
 
-    # -- what all have ------------------------------------------------------------------------------------------------
+    # -- common parts -------------------------------------------------------------------------------------------------
 
     def quality(self, now: int, direction: Direction, *, good: bool) -> None:
         """Whether the process data of one direction are marked good."""

@@ -28,7 +28,7 @@ class WordKind(enum.Enum):
     STATUSWORD = "Statusword"
     STATUS = "ZSW1"
 
-    __hash__ = object.__hash__  # members are single objects, and looked up with every frame
+    __hash__ = object.__hash__  # members are single objects, and used as keys for every frame
 
 
 _DIGITS: Final = 3

@@ -36,7 +36,7 @@ def open_bus(
         settings["bitrate"] = bitrate
     try:
         return can.Bus(**settings)  # type: ignore[arg-type]
-    except Exception as error:  # whatever a driver raises
+    except Exception as error:  # drivers raise any exception
         text = system_text(error, channel, bitrate) if isinstance(error, OSError) and error.errno else str(error)
         text = text or type(error).__name__
         raise CanopenError(

@@ -309,7 +309,7 @@ class CanNetwork(Receiver):
         if not self._sync_held:
             self.send(SYNC, b"")
 
-    # -- what the port delivers -----------------------------------------------------------------------------------------
+    # -- events of the port ---------------------------------------------------------------------------------------------
 
     def on_frame(self, can_id: int, data: bytes) -> None:
         """A data frame with a standard identifier."""
@@ -327,7 +327,7 @@ class CanNetwork(Receiver):
         try:
             self.canopen.notify(can_id, bytearray(data), self.loop.wall())
         except (struct.error, LookupError, ValueError):
-            # canopen unpacks unchecked: one node's bad frame must not end the reception of all of them.
+            # canopen unpacks without checks: a bad frame of one node must not end the reception of all.
             self.malformed += 1
 
     def on_other_frame(self, can_id: int, data: bytes, *, extended: bool, remote: bool) -> None:

@@ -26,7 +26,7 @@ class AcyclicNetwork(canopen.Network):  # type: ignore[misc]
 
     def __init__(self, send: Callable[[int, bytes], object], send_first: Callable[[int, bytes], object]) -> None:
         super().__init__()
-        # Answers to LSS, which nobody asks here, would wait in canopen for ever.
+        # No LSS master reads the answers to LSS, so they would stay in canopen's queue permanently.
         self.unsubscribe(self.lss.LSS_RX_COBID)
         self._send = send
         self.send_first = send_first
@@ -95,5 +95,5 @@ class SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]
 
     @responses.setter
     def responses(self, _: object) -> None:
-        # canopen makes a new queue where it wants an empty one.
+        # canopen replaces the queue to clear it.
         self._box.clear()

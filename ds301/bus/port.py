@@ -172,7 +172,7 @@ class SocketPort(CanPort):
             self._lost(system_text(error, self._channel))
             return
         receiver = self._receiver
-        # An interface that was given fd = true delivers frames of CAN FD too, which are none of CANopen's.
+        # An interface with fd = true also delivers CAN FD frames, which CANopen does not use.
         if len(frame) == _FRAME_SIZE and receiver is not None:
             can_id, length, data = _unpack_frame(frame)
             deliver(receiver, can_id, data if length >= 8 else data[:length])
@@ -223,7 +223,7 @@ class DriverPort(CanPort):
             self._sending.put_nowait(_message(can_id, data))
         except queue.Full as error:
             self._full = True
-            if self._sending.qsize() <= _ROOM:  # the writer was faster, and does not look again
+            if self._sending.qsize() <= _ROOM:  # the writer was faster and does not check again
                 self._loop.call_threadsafe(self._has_room)
             raise PortBusyError from error
 
@@ -237,7 +237,7 @@ class DriverPort(CanPort):
         if self._closed:
             return
         self._closed = True
-        # What was queued before, the stop of a drive among it, is still sent.
+        # Frames queued before are still sent, including the stop of a drive.
         with contextlib.suppress(queue.Full):
             self._sending.put_nowait(None)
         if self._threads[1].is_alive():
@@ -253,7 +253,7 @@ class DriverPort(CanPort):
         while not self._stopping.is_set():
             try:
                 message = self._bus.recv(_RECEIVE_TIMEOUT_S)
-            except Exception as error:  # whatever a driver raises: it has failed
+            except Exception as error:  # drivers raise any exception: this one has failed
                 self._fail(f"{type(error).__name__}: {error}")
                 return
             if message is not None:
@@ -272,10 +272,10 @@ class DriverPort(CanPort):
                 else:
                     self._bus.send(message, _SEND_TIMEOUT_S)
             except NotImplementedError:
-                continue  # a driver whose buffer cannot be emptied
+                continue  # this driver's buffer cannot be cleared
             except can.CanOperationError:
                 self._loop.call_threadsafe(self._refused)
-            except Exception as error:  # whatever a driver raises: it has failed
+            except Exception as error:  # drivers raise any exception: this one has failed
                 self._fail(f"{type(error).__name__}: {error}")
                 return
 
@@ -313,7 +313,7 @@ class DriverPort(CanPort):
 
     def _dispatch(self, message: can.Message) -> None:
         receiver = self._receiver
-        if receiver is None or self._closed or message.is_fd:  # CAN FD is none of CANopen's
+        if receiver is None or self._closed or message.is_fd:  # CANopen does not use CAN FD
             return
         if message.is_error_frame:
             bus_off = bool(message.arbitration_id & ERROR_BUS_OFF) or self._state() is can.BusState.ERROR
@@ -331,7 +331,7 @@ class DriverPort(CanPort):
     def _state(self) -> can.BusState:
         try:
             return self._bus.state
-        except Exception:  # a driver without it
+        except Exception:  # this driver does not support it
             return can.BusState.ACTIVE
 
 
@@ -349,8 +349,8 @@ def _shut_down(bus: can.BusABC) -> None:
     """Release a bus; a driver that fails at it has nothing left to release."""
     try:
         bus.shutdown()
-    except Exception:  # whatever a driver raises
-        # The base class notes that it is done: else the garbage collector tries again, and prints what it raises.
+    except Exception:  # drivers raise any exception
+        # Mark the base class as closed, else the garbage collector closes it again and prints the exception.
         with contextlib.suppress(Exception):
             can.BusABC.shutdown(bus)
 

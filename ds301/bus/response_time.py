@@ -25,7 +25,8 @@ def response_times(frames: Sequence[CyclicFrames], bitrate: int) -> dict[CyclicF
     busy = analysis.busy_period()
     if busy is None:
         return dict.fromkeys(frames)
-    # No frame waits longer than the bus is busy without a gap. Each round starts from bounds, so its results are bounds.
+    # No frame waits longer than the bus is busy without a gap. Each round starts from upper bounds, so its results are
+    # bounds.
     waits = dict.fromkeys((frame.sender for frame in frames), busy)
     while (closer := {sender: analysis.wait(sender, waits) for sender in waits}) != waits:
         waits = closer
@@ -64,7 +65,7 @@ class _Analysis:
 
     def _settle(self, begin: int, frames: Sequence[tuple[int, int, int]], limit: int) -> int | None:
         """The time in which ``begin`` and all frames (duration, period, jitter) due in it are sent; None: above ``limit``."""
-        window = 1  # one of no length has no frames
+        window = 1  # an empty window has no frames
         while window <= limit:
             needed = begin + sum(duration * -(-(window + jitter) // period) for duration, period, jitter in frames)
             if needed <= window:

@@ -96,7 +96,7 @@ def _imported(content: bytes) -> tuple[EdsImport, tuple[int, ...]]:
         raise EdsError(tuple(sorted(report.problems, key=lambda problem: problem.line)))
     try:
         dictionary = eds.import_eds(io.StringIO(text), 0)
-    except (KeyError, ValueError, configparser.Error) as error:  # no such file is known
+    except (KeyError, ValueError, configparser.Error) as error:  # not known to happen with any file
         raise EdsError((Problem(0, "", "file", "", f"canopen cannot import it ({error})"),)) from error
     repairs = tuple(sorted(report.repairs, key=lambda repair: repair.line))
     relative = tuple(index for index, item in dictionary.items() if any(map(_is_relative, _variables(item))))

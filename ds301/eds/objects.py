@@ -197,7 +197,7 @@ class ObjectWriter:
             subs[name]["DataType"] for name in subs if not name.endswith(("sub0", "subFF")) and "DataType" in subs[name]
         }
         if kind == _ARRAY and len({int(text, 0) for text in types}) > 1:
-            # An ARRAY's elements have one type; as such canopen would give missing ones the type of the first.
+            # An ARRAY's elements have one type; canopen would give missing elements the type of the first.
             report.repair(main.where("ObjectType"), self._name, "ObjectType", main.text("ObjectType"), f"0x{_RECORD:X}")
             kind = _RECORD
         if item.main is not None and not self._compact:
@@ -292,7 +292,7 @@ class ObjectWriter:
         low, high = texts.get("LowLimit", ""), texts.get("HighLimit", "")
         if data_type in DATA_TYPES and is_plain(low) and is_plain(high) and int(low, 0) > int(high, 0):
             if is_unsigned_pattern(data_type, section.text("HighLimit")):
-                # 00h to FFh of an INTEGER8: meant as bits, which are all values of the type.
+                # 00h to FFh of an INTEGER8 mean its bits, which are all values of the type.
                 for key in ("LowLimit", "HighLimit"):
                     self._report.repair(section.where(key), section.name, key, section.text(key), "")
                     del texts[key]

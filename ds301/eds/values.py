@@ -83,7 +83,7 @@ def number(text: str) -> int | None:
         return sign * _decimal(match[1])
     if re.fullmatch(r"[0-9]+e[0-9]+", digits):
         raise ValueRefused("hexadecimal without 0x, or a power of ten")
-    if re.fullmatch(r"f+|[0-9a-f]*[0-9][0-9a-f]*", digits):  # letters alone may be a word
+    if re.fullmatch(r"f+|[0-9a-f]*[0-9][0-9a-f]*", digits):  # only letters: may be a word
         return sign * int(digits, 16)
     raise ValueRefused("not a number")
 
@@ -167,7 +167,7 @@ def _integer_text(data_type: int, text: str) -> tuple[str, bool]:
         raise ValueRefused(f"outside the {bits} bits of its data type")
     if fitted == value:
         return (text, False) if plain else (_spelled(value, text), True)
-    # Hexadecimal two's complement of a signed type is right, but not every reader gives it its sign.
+    # Hexadecimal two's complement of a signed type is correct, but not every reader applies the sign.
     legal = plain and signed and 0 <= value < 1 << bits
     return str(fitted), not legal
 
@@ -252,7 +252,7 @@ def limit_text(data_type: int, text: str, *, lower: bool) -> tuple[str, bool]:
     if data_type not in NUMBER_OF_BITS:
         return "", bool(text)  # strings and octets have no range
     if _relative(text) is not None:
-        return "", True  # a limit that moves with the node-ID limits nothing that can be named here
+        return "", True  # a limit that depends on the node-ID cannot be stated here
     value = number(text)
     if value is None:
         return "", bool(text)
@@ -261,7 +261,7 @@ def limit_text(data_type: int, text: str, *, lower: bool) -> tuple[str, bool]:
     if low <= value <= high:
         return (text, False) if is_plain(text) else (_spelled(value, text), True)
     if signed and not lower and value >= 1 << bits and _fit(value, bits, signed) is not None:
-        return "", True  # FFFFFFFFh in 16 bits: no limit is meant, -1 would be
+        return "", True  # FFFFFFFFh in 16 bits means no limit; -1 would be one
     fitted = _fit(value, bits, signed) if signed or (value == -1 and not lower) else None
     if fitted is not None:
         return str(fitted), not (is_plain(text) and signed and value < 1 << bits)

@@ -106,7 +106,8 @@ class Task:
         except TaskKilled:
             pass
         except Exception as error:
-            # One task's mistake must not end the exchange of all; it is told, and whoever waits for the task sees it.
+            # An error in one task must not end the exchange of all. It is logged, and a caller that waits for the task gets
+            # it.
             self.error = error
             self._loop.unexpected(f"task {self.name} ended", error)
         finally:
@@ -393,7 +394,7 @@ class SystemLoop(Loop):
 
     def call_threadsafe(self, action: Callable[[], None]) -> None:
         self._calls.append(action)
-        # A full pipe wakes as well as one byte; a closed one has nobody to wake.
+        # A full pipe wakes the loop as well as one byte. A closed pipe has no reader to wake.
         with contextlib.suppress(OSError):
             self._waker.send(b"\0")
 
@@ -411,7 +412,7 @@ class SystemLoop(Loop):
         def run() -> None:
             try:
                 result = function()
-            except BaseException as error:  # belongs to whoever asked for it
+            except BaseException as error:  # the caller of the task gets it
                 failure = error
                 self.call_threadsafe(lambda: future.set_exception(failure))
             else:
@@ -463,7 +464,7 @@ class SystemLoop(Loop):
         if len(ready) > 1:
             ready.sort(key=lambda item: item[0] not in self._urgent)
         for descriptor, state in ready:
-            # What one does may end the watch over another.
+            # An error of one action must not end the supervision of another.
             if state & ~WRITABLE and (action := self._readers.get(descriptor)) is not None:
                 action()
             if state & WRITABLE and (action := self._writers.get(descriptor)) is not None:

@@ -72,7 +72,7 @@ class EpollReadiness(Readiness):
         if not mask:
             if descriptor in self._watched:
                 self._watched.remove(descriptor)
-                # A descriptor that was closed before is gone by itself.
+                # A descriptor that is already closed was removed automatically.
                 with contextlib.suppress(OSError):
                     self._epoll.unregister(descriptor)
         elif descriptor in self._watched:

@@ -25,7 +25,7 @@ class Turns:
         try:
             turn.wait()
         except BaseException:
-            # The task is killed: what it was given already, or would be given, belongs to the next.
+            # The task is killed: its present and following work passes to the next task.
             if turn.is_set():
                 self._pass_on()
             else:

@@ -217,7 +217,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         self._apply_times()
         self._reconfigure = True
         self._wake.set()
-        self._booted.set()  # a refused node need not wait for its next try
+        self._booted.set()  # do not wait for the next attempt of a rejected node
 
     # -- cyclic -------------------------------------------------------------------------------------------------------
 
@@ -262,7 +262,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         try:
             self._live()
         except Exception:
-            # Nobody watches the node any more: it must not go on counting as online.
+            # The node is not supervised any more, so it must not count as online.
             self._set_status(NodeStatus.REFUSED, "its task ended with an unexpected error, see the log")
             raise
 
@@ -276,10 +276,10 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
                 self._refuse(f"aborted the configuration: {error}")
             except CanopenError as error:
                 self._refuse(str(error))
-            except (struct.error, ValueError) as error:  # canopen unpacks SDO answers unchecked
+            except (struct.error, ValueError) as error:  # canopen unpacks SDO answers without checks
                 self._refuse(f"node {self.settings.node_id} sent an SDO answer that cannot be decoded ({error})")
             else:
-                # Brought up for a layout that is no longer chosen, or restarted meanwhile: once more.
+                # The layout has changed or the node has restarted during the bring-up: repeat it.
                 if self.status is NodeStatus.ONLINE:
                     self._supervise()
 
@@ -328,7 +328,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
             self._await_tpdos()
             self._await_heartbeat()
         except CanopenError:
-            self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)  # a refused node obeys and sends no PDOs
+            self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)  # a rejected node executes NMT commands but must send no PDOs
             raise
         if self._interrupted:
             return
@@ -341,12 +341,12 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         self._booted.clear()
         self._reconfigure = False
         self._check_at = None
-        # A node that was stopped answers no SDO before this; a running one may stop by its abort option. Until it has answered,
-        # nobody knows what it does: one that was in operation is still sent its stop.
+        # A stopped node answers no SDO before this command; a running one may stop by its abort option. Until it has
+        # answered, its state is unknown: a node that was in operation still gets its stop.
         self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
         device_type = self.read_urgently(DEVICE_TYPE)
         self._sending = False
-        self._booted.clear()  # a boot-up before this answer is the one we waited for
+        self._booted.clear()  # a boot-up before this answer is the expected one
         self._set_status(NodeStatus.CONFIGURING, "checking identity")
         self._make_safe(device_type)
         self._check_identity(device_type)
@@ -468,7 +468,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
                 self._exchange_acyclic(now)
                 trouble = ""
             except (SdoAbortedError, SdoCommunicationError, CanopenError, struct.error, ValueError) as error:
-                if trouble != (trouble := str(error)):  # told once while it lasts
+                if trouble != (trouble := str(error)):  # log it once until it changes
                     self._tell("status", f"object without PDO: {trouble}")
 
     def _lost(self, now: int) -> str:
@@ -518,7 +518,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
             toggle, before = data[0] & GUARD_TOGGLE, self._toggle
             self._toggle = -1 if data[0] == NmtState.BOOT_UP else toggle
             if toggle == before:
-                return  # the same answer again is none
+                return  # a repeated answer is not a new one
         self._heartbeat = self.loop.now()
         self._heartbeat_state = data[0] & HEARTBEAT_STATE
         self.nmt_stopped = self._heartbeat_state == NmtState.STOPPED
@@ -528,7 +528,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
                 self.on_event(NodeEvent("boot", "boot-up message", time_ns=self._heartbeat))
 
     def _on_emcy(self, _can_id: int, data: Any, _timestamp: float) -> None:
-        # canopen keeps every EMCY for ever; what matters of them is kept by our own.
+        # canopen stores every EMCY permanently; the relevant ones are in our own buffer.
         self._node.emcy.reset()
         if len(data) != 8:
             return

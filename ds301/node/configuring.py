@@ -63,7 +63,7 @@ class ConfiguringAccess(SdoAccess):
 
     def _map(self, plan: PdoPlan, steps: Iterable[SdoStep]) -> tuple[SdoStep, SdoAbortedError] | None:
         """Carry out a plan until a write is refused; that one, with its abort."""
-        # A mapping that is as wanted need not be written: it may be the manufacturer's, which is fixed.
+        # A mapping that is already right need not be written. It may be the manufacturer's fixed one.
         planned = (*plan.rpdos, *plan.tpdos)
         mapped = {item.pdo.mapping_index for item in planned if not item.adopted and self._is_mapped(item.pdo)}
         for step in steps:

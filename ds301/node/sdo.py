@@ -96,13 +96,13 @@ class SdoAccess:
             try:
                 return self._upload(index, subindex, block=True)[0]
             except SdoCommunicationError as error:
-                # A server may go on with a segmented transfer, which canopen's block transfer does not take.
+                # A server may continue with a segmented transfer, which canopen's block transfer does not support.
                 log.debug("node %d: no block transfer: %s", self._node_id, error)
             except SdoAbortedError as error:
                 if error.code != Abort.INVALID_COMMAND:
                     raise
         data, size = self._upload(index, subindex, block=False)
-        # Some devices send 32 bits for every number: the EDS knows better.
+        # Some devices send 32 bits for every number: use the type of the EDS.
         if declared is not None and declared.fixed_size and (size is None or len(declared) // 8 < size):
             data = data[: len(declared) // 8]
         return data

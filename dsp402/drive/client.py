@@ -197,7 +197,7 @@ class DriveClient(NodeClient[DriveSettings]):
         answers: dict[tuple[int, int], int] = {}
         for address in questions(self.dictionary):
             if address == MAX_TORQUE and (own := self.own_values.value(address)) is not None:
-                answers[address] = own  # the drive shows what the gateway wrote
+                answers[address] = own  # the drive reports what the gateway wrote
                 continue
             try:
                 answers[address] = self.read_number(*address, signed=signed(self.dictionary, address))
@@ -209,7 +209,7 @@ class DriveClient(NodeClient[DriveSettings]):
                         "an object that can be read (every device has it)",
                     ) from error
                 if address in OPTIONAL_OBJECTS and error.code not in NOT_THERE:
-                    answers[address] = 0  # the drive has it, and keeps a value of its own where it is not written
+                    answers[address] = 0  # the drive has the object, and keeps its own value unless it is written
         self._device = answers.get(IDENTITY_VENDOR, 0), answers.get(IDENTITY_PRODUCT, 0)
         self._compare_identity(self._device)
         self.drive_type = describe(self.dictionary, answers, self.settings.units, self.settings.family)
@@ -218,7 +218,7 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _apply_times(self) -> None:
         super()._apply_times()
-        # On SYNC the drive expects a new setpoint each time.
+        # With SYNC the drive expects a new setpoint each time.
         self.rpdos.refresh_ns = 0 if self._sync_period_us else self.settings.rpdo_refresh_ms * MS
 
     @property
@@ -291,7 +291,7 @@ class DriveClient(NodeClient[DriveSettings]):
         return self._planned()
 
     def _plan_without(self, plan: PdoPlan, step: SdoStep, error: SdoAbortedError) -> PdoPlan | None:
-        # A PDO that is not used and cannot be switched off is nothing a plan could do without.
+        # A plan must include an unused PDO that cannot be disabled.
         return self._planned() if plan.uses(step.index) and self._mapping.learn(step, error) else None
 
     def _planned(self) -> PdoPlan:
@@ -470,7 +470,7 @@ class DriveClient(NodeClient[DriveSettings]):
         if self._units.is_due(now, moves=self.rpdos.motion_asked):
             self._watch_units(now)
         if self.rpdos.motion_asked and self._units.asked is None:
-            # Not before: while an answer is waited for, a loss of the drive is told late.
+            # Not earlier: while waiting for an answer, a loss of the drive would be reported late.
             self._look_for_dropped_objects(now)
 
     def _watch_units(self, now: int) -> None:
@@ -501,7 +501,7 @@ class DriveClient(NodeClient[DriveSettings]):
         units = self._units
         units.asked = None
         if address not in units.told:
-            # A drive that has left Operational still answers SDOs, but its last TPDO, with 606Ch, is old from then on.
+            # A drive that has left Operational still answers SDOs, but its last TPDO, with 606Ch, is outdated.
             since = units.asked_ns - units.read_ns
             if (now - units.asked_ns) * _SDO_STEP <= since and self._velocity_ns > units.read_ns:
                 self.feedback.position_actual, units.read_ns = value, units.asked_ns

@@ -120,7 +120,7 @@ class OwnValueKeeper:
             data = self._read(*kept.address)
             shown = int.from_bytes(data or b"", "little")
             if data is None or shown == kept.value:
-                text = ""  # the drive has its own value, or the object no longer
+                text = ""  # the drive has its own value, or lacks the object now
             elif kept.replaced_by(shown):
                 text = (
                     f"{kept.text(shown)} was written by the gateway: the drive's own value {kept.value} is written back"

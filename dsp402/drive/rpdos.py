@@ -101,7 +101,7 @@ class RpdoSender:
         self._starts_early = control.pdo.attributes[-1] != CONTROL_ATTRIBUTE
         self._set_point_sent = self.set_point_refused = False
         self._held_since = -1
-        # Each object takes one time-out at most, and so does what the worker may be doing before.
+        # Each object takes one timeout at most, and so does the worker's previous job.
         self._hold_limit_ns = (1 + len(self.written_entries)) * sdo_timeout_ns
 
     def repeat(self) -> None:
@@ -151,7 +151,7 @@ class RpdoSender:
         elif not self._set_point_sent:
             command.controlword = word & ~_NEW_SETPOINT
             if self._starts_early and self.control.pdo.pack(command) != self.control.last:
-                complete = False  # the data goes a cycle ahead of the edge
+                complete = False  # the data is sent one cycle before the edge
             if self._may_start(complete, now):
                 command.controlword = word
         sent = self._put(self.control, self.control.pdo.pack(command), now)
@@ -169,7 +169,7 @@ class RpdoSender:
         """
         due = now - sender.time >= self.refresh_ns
         if self.has_turn and sender.time >= self._commanded_at:
-            due = False  # it went out for this command: the next room is for what is still missing
+            due = False  # sent for this command: the next free slot is for the rest
         if data != sender.last or due:
             if self._may_send and self._network.put(sender.cob_id, data):
                 sender.last = data
@@ -188,7 +188,7 @@ class RpdoSender:
         if self._held_since < 0:
             self._held_since = now
             for values in missing:
-                values.refused = None  # a new setpoint is a new try
+                values.refused = None  # a new setpoint allows a new attempt
             self._wake()
             return False
         refused = [values.error for values in missing if values.refused == values.wanted]
@@ -198,7 +198,7 @@ class RpdoSender:
             self._tell("set-point", f"not started: {cause}")
         return False
 
-    # -- in the node's task: what no RPDO carries ----------------------------------------------------------------------
+    # -- in the node's task: objects outside the RPDOs -----------------------------------------------------------------
 
     def write(self, write: Callable[[int, int, bytes], None], now: int) -> None:
         """Write by SDO what has changed of the objects without RPDO; a refused value is tried again after a second."""
@@ -208,7 +208,7 @@ class RpdoSender:
                 self._write_values(write, values, now)
 
     def _write_values(self, write: Callable[[int, int, bytes], None], values: _Values, now: int) -> None:
-        # Not confirmed while it is written: cycles go on meanwhile.
+        # Not confirmed while it is being written; the cycles continue meanwhile.
         values.written = None
         data, held_since = values.wanted, self._held_since
         offset = 0
@@ -220,11 +220,11 @@ class RpdoSender:
                 offset += size
         except (SdoAbortedError, SdoCommunicationError, struct.error, ValueError) as error:
             text = f"{entry}: {error}"
-            if text != values.error:  # told once while it lasts
+            if text != values.error:  # log it once until it changes
                 values.error = text
                 self._tell("status", f"object without PDO: {text}")
             values.retry_at = now + _RETRY_VALUE_NS
-            # A setpoint that began meanwhile is a new try.
+            # A setpoint that started meanwhile allows a new attempt.
             values.refused = data if held_since == self._held_since else None
         else:
             values.error = ""

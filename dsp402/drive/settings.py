@@ -47,7 +47,7 @@ class DriveSettings(NodeSettings):
 
     def guarding_of(self, drive: DriveType, control_index: int) -> Wanted:
         """How this drive has to guard the gateway; ``control_index``: of the RPDO with the Controlword."""
-        # A mode that the RPDO carries may be one in which SYNC is not looked for (homing).
+        # The RPDO may contain a mode without SYNC supervision (homing).
         cyclic = drive.mode_for(self.initial_mode) in _CYCLIC_MODES
         return Wanted(
             self.gateway_node_id,

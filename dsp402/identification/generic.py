@@ -126,7 +126,7 @@ def _dictionary(node_id: int | None, read: Read) -> canopen.ObjectDictionary:
         if item is not None:
             dictionary.add_object(item)
         elif direction is not None:
-            missing.add(direction)  # PDOs are numbered without gaps: the first that is missing is the end
+            missing.add(direction)  # PDO numbers have no gaps: the first missing one is the end
     return dictionary
 
 
@@ -152,7 +152,7 @@ def _object(spec: ObjectSpec, read: Read) -> ODVariable | ODRecord | ODArray | N
         direction.mapping_index <= spec.index < direction.mapping_index + PDOS for direction in PdoDirection
     )
     for entry in spec.entries[1:]:
-        # Sub-index 0 of a mapping tells how many objects are mapped, not how many may be.
+        # Sub-index 0 of a mapping is the number of mapped objects, not the possible number.
         data = read(spec.index, entry.subindex) if entry.subindex <= highest or is_mapping else None
         if data is not None:
             item.add_member(_variable(entry, data))

@@ -76,8 +76,8 @@ _MESSAGES = {
 _ONE_RAMP = {"profile_deceleration": "6083h contains the smaller of acceleration and deceleration, and applies to both"}
 
 LAYOUTS: dict[Operation, PdoLayout] = {
-    # RPDO 1 carries the Controlword as its last object and is sent last: a drive that applies objects in the order of the mapping
-    # would start toward the previous target.
+    # RPDO 1 has the Controlword as its last object and is sent last: a drive that applies objects in mapping order would
+    # otherwise start towards the previous target.
     Operation.VELOCITY: PdoLayout(
         rpdos=(pdo(_R, 1, "target_velocity", "controlword"),),
         tpdos=(pdo(_T, 1, "statusword", "velocity_actual"), pdo(_T, 2, "velocity_demand")),

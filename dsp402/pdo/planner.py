@@ -84,7 +84,7 @@ def plan_pdos(
     needs = without(needs, {entry.attribute for entry in _missing(needs, drive)})
     rpdos, written = _Direction(PdoDirection.RPDO, needs, *shared, sync=sync_rpdos).planned()
     tpdos, read = _Direction(PdoDirection.TPDO, needs, *shared, sync=sync).planned()
-    # What comes on change alone is read as well: nothing else would tell that a frame was lost.
+    # Read values that are sent only on change by SDO as well: a lost frame would otherwise stay undetected.
     read += [
         Pdo(entry_pdo.direction, entry_pdo.number, (entry,))
         for entry_pdo in (item.pdo for item in tpdos if item.pace is Pace.CHANGE)
@@ -154,7 +154,7 @@ class _Direction:
     def _mapping(self, number: int) -> tuple[int, ...]:
         return self.findings.fixed[self._key(number)]
 
-    # -- what goes where --------------------------------------------------------------------------------------------------
+    # -- assignment -------------------------------------------------------------------------------------------------------
 
     def planned(self) -> tuple[list[PlannedPdo], list[Pdo]]:
         """PDOs, and by SDO the rest."""
@@ -211,7 +211,7 @@ class _Direction:
             number = min(free, default=None)
         fixed = self.fixed.get(pdo.number)
         if fixed == tuple(entry.mapping for entry in group):
-            return None, list(group)  # adopted as it is
+            return None, list(group)  # used as it is
         if number is None or not wanted:
             return None, list(group)
         most = self.findings.most.get(self._key(number), _OBJECTS)

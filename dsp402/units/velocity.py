@@ -52,7 +52,7 @@ class _Sources:
         if family.ask:
             return stated or Unknown(f"{mechanics.name}: {family.ask}")
         told = [*(self._vl() if self.vl else self._objects())]
-        # The user can overrule the profile and a table of the package, but not what the drive itself tells.
+        # The configuration overrides the profile and the package's table, but not the drive's own values.
         table = [*(self._profile() if self.vl else self._table())]
         if stated is not None:
             return self._agreeing(stated, [claim for claim in told if isinstance(claim, Known)])
@@ -66,11 +66,11 @@ class _Sources:
         for claim in known[1:]:
             if not _agree(known[0], claim):
                 return Unknown(self._differ(known[0], claim))
-        # A claim that no position object is part of confirms the others.
+        # A source without position objects confirms the others.
         free = [claim for claim in known if not claim.by_position]
         return free[0] if free else self._confirmed(known[0])
 
-    # -- what each source says ------------------------------------------------------------------------------------------
+    # -- sources --------------------------------------------------------------------------------------------------------
 
     def _configuration(self) -> Found | None:
         text = self.mechanics.keys.velocity_unit
@@ -157,7 +157,7 @@ class _Sources:
             return Unknown(f"{counts.source} applies to positions, and {self.limit_name} {self.limit} may be in rpm")
         return self._confirmed(claim)
 
-    # -- whom to believe --------------------------------------------------------------------------------------------------
+    # -- choice of a source -----------------------------------------------------------------------------------------------
 
     def _confirmed(self, claim: Known) -> Found:
         if not claim.by_position or self.mechanics.witnessed(claim.value, self.limit):

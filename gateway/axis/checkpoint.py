@@ -42,7 +42,7 @@ _FIXED = (Telegram, AxisSettings, DriveFeedback, MappingProxyType)
 def _names(item: object) -> tuple[str, ...]:
     """The attributes of an object."""
     kinds = type(item).__mro__
-    # Compiled classes list theirs under another name.
+    # Compiled classes list their attributes under another name.
     declared = [name for kind in kinds for name in getattr(kind, "__slots__", getattr(kind, "__mypyc_attrs__", ()))]
     names = dict.fromkeys([*declared, *getattr(item, "__dict__", ())])
     return tuple(name for name in names if not name.startswith("__") and hasattr(item, name))
@@ -50,7 +50,7 @@ def _names(item: object) -> tuple[str, ...]:
 
 @cache
 def _is_kind_of_part(kind: Any) -> bool:
-    # What is compared by its content alone is a value, and is replaced as a whole.
+    # Objects compared only by content are values, and are replaced as a whole.
     by_identity = kind.__hash__ is None or kind.__hash__ is object.__hash__
     frozen = getattr(getattr(kind, "__dataclass_params__", None), "frozen", False)
     return (
@@ -180,7 +180,7 @@ class _Part:
         """Set what it has now."""
         item = self.item
         if self._containers:
-            # A container stays the same object for whoever holds it.
+            # A container stays the same object for all its users.
             present = list(values)
             for i in self._containers:
                 container, value = getattr(item, self.names[i]), values[i]

@@ -226,7 +226,7 @@ _SHOWN: dict[State | None, int] = {
     State.QUICK_STOP_ACTIVE: _SWITCHED_ON,
     State.FAULT_REACTION_ACTIVE: _OPERATING | _FAULT,
     State.FAULT: _FAULT,
-    # A Statusword no state has: reported as a fault, the axis is being stopped.
+    # Invalid Statusword: reported as a fault; the axis is being stopped.
     None: _FAULT,
 }
 STATE_MASK: Final = len(STATE_OF_STATUS) - 1

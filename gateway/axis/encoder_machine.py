@@ -155,7 +155,7 @@ class EncoderMachine:
         if self._refused is not None:
             outputs.fault(gateway_fault(FaultNumber.REFERENCE, str(self._refused), now))
             self._refused = None
-        # Without the encoder there is nothing an acknowledge could see gone.
+        # Without the encoder an acknowledgement cannot check that the error is gone.
         cause = self.faulty
         fault = told or (cause if ok else control.fault)
         adapter.read(inputs.setpoints)

@@ -199,14 +199,15 @@ class Interlock:
         else:
             enables = wish in _ENABLED
             if wish in _WITHOUT_DISABLE and not self._disable_armed:
-                # A stop that begins with STW1.3 = 0 brakes.
+                # A stop that starts with STW1.3 = 0 brakes.
                 wish = _WITHOUT_DISABLE[wish]
             if wish in _OFFS:
                 self._off_seen = self._resume
             elif wish is _STOP:
-                self._off_seen = False  # without control there is no OFF, and the one of before does not count any more
+                self._off_seen = False  # without control an OFF does not count, and an earlier one no longer counts
             elif phase is _RAMP_STOP and wish is _ENABLE and self._off_seen:
-                # After a loss the ON that stands in the new connection does not resume: it needs its own OFF first.
+                # After a loss, an ON that is already active in the new connection does not resume: it needs its own OFF
+                # first.
                 wish = PowerWish.RESUME
             armed = self._acknowledge_armed
         seen: Drive | None = None
@@ -250,7 +251,7 @@ class Interlock:
         if not self._enabling:
             self._disabled_at = now
         elif wish is _ENABLE and drive in _IN_OPERATION and action in _OPERATES and not acknowledge:
-            # Operation goes on; the next cycle like this one has the same answer.
+            # Operation continues; the next equal cycle has the same result.
             self._steady = True
             self._steady_status = statusword & STATE_MASK
         resets = acknowledge and armed and after in _ACKNOWLEDGES
@@ -261,13 +262,13 @@ class Interlock:
         if drive is Drive.OPERATING:
             if self._enabling:
                 self._disabled_at = now - COMMAND_SHOWN_NS
-            # The command of the step before counts however long the cycle is.
+            # The command of the previous step counts, at any cycle time.
             commanded = self._enabling or now - self.enabled_at < COMMAND_SHOWN_NS
             return drive if commanded or self.phase is _PASS else Drive.UNKNOWN
         if drive is Drive.DISABLED:
             return Drive.FELL_OFF if shown in _ABOVE_DISABLED else drive
         if self._enabling and shown is _SWITCHED_ON and drive in _FELL:
-            return Drive.FELL_BACK  # instead of going on to operation
+            return Drive.FELL_BACK  # instead of reaching operation
         fell = shown is Drive.OPERATING and now - self._disabled_at >= COMMAND_SHOWN_NS and drive in _FELL
         return Drive.FELL_BACK if fell else drive
 

@@ -367,7 +367,7 @@ class AxisMachine:
         self.outputs.presets[place] = sensor.preset
         return values
 
-    # -- what happened meanwhile --------------------------------------------------------------------------------------
+    # -- events since the last cycle ----------------------------------------------------------------------------------
 
     def _take_news(self) -> None:
         inputs, outputs = self.inputs, self.outputs

@@ -163,7 +163,7 @@ RAMPING: Final = (P.RAMP_STOP, P.SHUTDOWN)
 
 ROWS: Final = (
     Row(ANY_PHASE, (D.FAULT,), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.DRIVE_FAULT, "the drive stops by itself"),
-    # OFF2 wins over everything, and stays until the drive shows that it is off.
+    # OFF2 has the highest priority, and stays until the drive reports power off.
     Row(ANY_PHASE, (D.LOST,), COASTS, P.COAST, A.DISABLE_VOLTAGE, Reason.DRIVE_OFFLINE, "OFF2 of a lost drive"),
     Row(ANY_PHASE, (D.UNKNOWN,), COASTS, P.COAST, A.DISABLE_VOLTAGE, Reason.DRIVE_UNKNOWN_STATE, "OFF2 in any case"),
     Row(ANY_PHASE, UNREAD, COASTS, P.COAST, A.DISABLE_VOLTAGE, Reason.REFERENCE_INVALID, "OFF2 in any case"),
@@ -181,7 +181,7 @@ ROWS: Final = (
         Reason.NEEDS_OFF,
         "OFF2 stays until the drive is off",
     ),
-    # Doubt, in every other phase.
+    # State unknown, in every other phase.
     Row(
         ANY_PHASE,
         (D.POWERED_UNREAD, D.RESTARTED),
@@ -211,7 +211,7 @@ ROWS: Final = (
         Reason.DRIVE_UNKNOWN_STATE,
         "the drive may be turning",
     ),
-    # Whatever was before, a drive without power obeys an OFF and nothing else.
+    # In any state, a drive without power accepts only an OFF.
     Row(
         (P.LOCKED, P.UNCONFIRMED, P.COAST, *STOPPING),
         UNPOWERED,
@@ -258,7 +258,7 @@ ROWS: Final = (
         Reason.NEEDS_OFF,
         "the drive is off",
     ),
-    # Operation by no command of this PLC.
+    # The drive operates without a command of this PLC.
     Row(
         (P.LOCKED, P.UNCONFIRMED),
         QUICK_STOPS,
@@ -319,7 +319,7 @@ ROWS: Final = (
     ),
     Row(OBEYING, QUICK_STOPS, UNASKED, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "the drive is stopping already"),
     Row(OBEYING, UNPOWERED, (*UNASKED, W.HOLD), P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "the drive is off"),
-    # The drive took the enable back by itself: no standing ON restarts it.
+    # The drive disabled itself: an ON that is still active does not restart it.
     Row(
         (P.FOLLOW,), (D.FELL_BACK, D.FELL_OFF), OFFS, None, A.SHUTDOWN, Reason.NOT_OPERATING, "the PLC sends OFF anyway"
     ),
@@ -328,7 +328,7 @@ ROWS: Final = (
     Row(
         OBEYING, (D.FELL_BACK,), ANY_WISH, P.UNCONFIRMED, A.QUICK_STOP, Reason.NEEDS_OFF, "the Statusword may be wrong"
     ),
-    # OFF3 locks, whether the drive got it or not.
+    # OFF3 locks, whether the drive has received it or not.
     Row(OBEYING, SHOWS_OPERATION, OFF3S, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3"),
     Row(OBEYING, UNPOWERED, OFF3S, P.LOCKED, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3"),
     Row(
@@ -343,7 +343,7 @@ ROWS: Final = (
     Row((P.FOLLOW,), IN_OPERATION, OFFS, P.RAMP_STOP, A.RAMP, Reason.RAMP_STOP, "OFF1"),
     Row((P.FOLLOW,), (D.LEAVING,), OFFS, None, A.SHUTDOWN, Reason.NOT_OPERATING, "a ramp would enable the drive again"),
     Row((P.FOLLOW,), SHOWS_OPERATION, (W.ON,), None, A.SWITCH_ON, Reason.NOT_OPERATING, "Disable Operation"),
-    # On the way up and down.
+    # Between off and operation, in both directions.
     Row((P.FOLLOW,), UNPOWERED, OFFS, None, A.SHUTDOWN, Reason.NOT_OPERATING, "OFF1"),
     Row((P.FOLLOW,), (D.NOT_READY, D.DISABLED), ANY_WISH, None, A.SHUTDOWN, Reason.NOT_OPERATING, "transition 2 first"),
     Row(

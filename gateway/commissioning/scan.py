@@ -309,7 +309,7 @@ def _guarding(node: Inquiry, drive: DriveType, settings: DriveSettings) -> str:
         value = node.number(index, subindex)
         if value is None:
             raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
-        # The period would have been written.
+        # The gateway would have written the period.
         return wanted.sync_period_us if index == SYNC_PERIOD else value
 
     def pretend(step: SdoStep) -> None:

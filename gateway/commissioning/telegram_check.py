@@ -43,7 +43,7 @@ def _form(settings: AxisSettings) -> DscForm:
 def lacks(drive: DriveType, number: int, settings: AxisSettings = _USUAL) -> str:
     """Why a drive cannot be operated with a telegram; empty if its known objects suffice."""
     mode = initial_mode(number, _form(settings))
-    # A speed is followed in one of several modes, of which the executor knows.
+    # A speed needs one of several modes; the executor knows which.
     if mode is not None and mode is not Mode.VELOCITY and mode.value not in drive.modes:
         return f"modes of the drive (6502h): {mode.value} ({MODE_NAMES[mode]}) is missing"
     lacking = AxisMachine(number, settings, DriveFeedback()).lacking(drive, homing_method=0)

@@ -144,5 +144,5 @@ def plc_type(signal: Signal) -> str:
     """The elementary type of IEC 61131-3 for a signal: a bit string for a word of bits, else a number."""
     if signal.bits or signal.type in {DataType.V2, DataType.BYTE, DataType.WORD, DataType.DOUBLE_WORD}:
         return _WORDS[signal.type.size]
-    # A conversion from REAL to DWORD is of the value in one dialect and of the bits in another: the bits are a DWORD.
+    # In one dialect REAL_TO_DWORD converts the value, in another it copies the bits. So the bits are declared as a DWORD.
     return _WORDS[signal.type.size] if signal.is_float else _TYPES[signal.type.char]

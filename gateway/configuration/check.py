@@ -40,7 +40,7 @@ def _interface(name: str) -> str:
     module, attribute = BACKENDS[name]
     try:
         getattr(import_module(module), attribute)
-    except Exception as error:  # whatever a driver raises that finds its library or its system missing
+    except Exception as error:  # drivers raise any exception when their library or system is missing
         return f"the driver cannot be loaded on this machine ({type(error).__name__}: {error})"
     return ""
 

@@ -285,7 +285,7 @@ class AxisConfig(DriveObjectSection):
             eds=self.eds,
             gateway_node_id=GATEWAY_NODE_ID,
             heartbeat_ms=self.heartbeat_ms,
-            # On SYNC a value comes once in a cycle, however long that is.
+            # With SYNC a value arrives once per cycle, at any cycle time.
             tpdo_event_ms=max(self.tpdo_event_ms, ceil(cycle_time_ms)) if on_sync else self.tpdo_event_ms,
             tpdo_inhibit_us=self.inhibit_us(cycle_time_ms),
             cycle_ms=ceil(cycle_time_ms),

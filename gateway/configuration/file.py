@@ -91,5 +91,5 @@ def config_text(config: GatewayConfig) -> str:
     document = {"version": config.version} | config.model_dump(exclude_defaults=True)
     for item in document.get("axis", ()):
         if _PERCENT in item:
-            item[_PERCENT] = float(Fraction(item[_PERCENT]) * 100)  # kept as a share, written as percent
+            item[_PERCENT] = float(Fraction(item[_PERCENT]) * 100)  # stored as a fraction, written as percent
     return toml_text(document)

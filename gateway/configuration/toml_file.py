@@ -49,7 +49,7 @@ def parse_toml(root: type[Root], sections: Sections, text: str, name: str) -> Ro
     """
     try:
         document = tomllib.loads(text.removeprefix("\ufeff"))
-    except (ValueError, RecursionError) as error:  # tomllib lets int() and deep nesting through
+    except (ValueError, RecursionError) as error:  # tomllib passes on errors of int() and of deep nesting
         raise GatewayError(f"{name}: not valid TOML: {error}{_hint(str(error))}") from error
     check_depth(document, name)
     try:

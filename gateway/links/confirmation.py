@@ -44,13 +44,13 @@ _RELEASED_STOPS = {_ON: _ON, _ENABLE: _ENABLE}
 braking.
 """
 _SPEED_STOPS = {
-    # A jog begins where all three are 0: no jog bit may stand there unconfirmed.
+    # A jog starts when all three are 0: no unconfirmed jog bit may be set then.
     **{bit: bit | _JOG_1 | _JOG_2 for bit in _RAMP_BITS},
     **{bit: bit for bit in (_JOG_1, _JOG_2, _CONTROL)},
 }
 _POSITIONING_STOPS = {
     **{bit: bit for bit in (_REJECT, _HALT, _CONTROL)},
-    # The return of a jog bit would be the edge of another incremental jog: until it is confirmed, the axis stands by STW1.5.
+    # The return of a jog bit would be the edge of another incremental jog. Until it is confirmed, STW1.5 = 0 holds the axis.
     **dict.fromkeys((_JOG_1, _JOG_2), _HALT),
 }
 _DISCARDING = _REJECT | _ENABLE

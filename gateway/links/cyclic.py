@@ -57,7 +57,7 @@ class Verdict(enum.Enum):
     NOT_VALID = "data not valid"
     NOT_PRIMARY = "not primary"
 
-    # Each is one object; Enum's own is a Python function, which counting would call in every cycle.
+    # Each member is a single object; Enum's own function is Python and would run in every cycle.
     __hash__ = object.__hash__
 
 
@@ -191,9 +191,9 @@ class CyclicEndpoint:
             arrived = earliest = received_at if received_at < now else now
         else:
             arrived = now
-            # Without a time stamp it came at some time since the socket was looked at before.
+            # Without a time stamp it arrived at an unknown time since the last read of the socket.
             earliest = self._looked_before
-        # The PLC is lost when that was too late, or when nobody looked for too long.
+        # The PLC is lost if that was too late, or if the socket was not read for too long.
         if self.connected and (self._late or earliest - self._last_time > self._watchdog_ns):
             self._lose()
         verdict = Verdict.OVERDUE if now - arrived > self._watchdog_ns else self._check(data, source)
@@ -275,7 +275,7 @@ class CyclicEndpoint:
         self._misfit = ""
         self._history.clear()
         for confirmation, order in zip(self._confirmations, orders or [None] * len(self._confirmations), strict=True):
-            # The frame that completes the sequence is counted once more where its order is judged.
+            # The frame that completes the sequence is counted again where its order is checked.
             confirmation.restart(order, 0 if order is None else self._sequence.repeats - 1)
 
     def _decode(self, data: bytes) -> tuple[list[tuple[int, ...] | None], list[tuple[int, ...] | None]]:
@@ -310,7 +310,7 @@ class CyclicEndpoint:
         if None in orders:
             bad = orders.count(None)
             self.iops_bad += bad
-            # Short frames of several layouts are equally long: where the one has its IOPS, the other has padding.
+            # Short frames of several layouts have equal lengths: one has its IOPS where another has padding.
             self._misfit = "every IOPS of the PLC is BAD" if bad == len(orders) else ""
         elif self._misfit:
             self._misfit = ""

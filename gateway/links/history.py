@@ -36,7 +36,7 @@ class FrameHistory:
 
     def __init__(self, cycle_ns: int, order_mask: int, lives: Sequence[int]) -> None:
         self._step_ns = max(cycle_ns // COUNTER_UNIT_NS, 1) * COUNTER_UNIT_NS
-        # A frame is missing between two that are further apart.
+        # A frame is missing between two with a greater distance.
         self._gap_ns = self._step_ns * 3 // 2
         self._order_mask = order_mask
         self._lives = tuple(lives)
@@ -89,7 +89,8 @@ class FrameHistory:
         if before is None or after is None:
             return False
         if times[place + 1] - times[place] <= self._gap_ns:
-            # No frame was sent in between, or by a PLC with jitter one that was lost and ordered what its neighbours did.
+            # No frame was sent in between. Or a PLC with jitter sent one that was lost and had the same command as the
+            # adjacent ones.
             order = self._order(data)
             alike = order in (self._order(before), self._order(after))
             return not alike or any(_follows(before[at], after[at]) for at in self._lives)

@@ -189,7 +189,7 @@ class UdpLink:
         return self.endpoint.doubts
 
     def start(self, action: Callable[[], None]) -> None:
-        # What came since the port was opened is of nobody's present: a loss at the start would be told for it.
+        # Discard frames received since the port was opened: they are old, and would be reported as a loss at the start.
         for _ in range(_WAITED_AT_MOST):
             if self.port.receive() is None:
                 break
@@ -198,7 +198,7 @@ class UdpLink:
     def receive(self, now: int, at_most: int = _DATAGRAMS_AT_ONCE) -> bool:
         endpoint, port = self.endpoint, self.port
         taken = 0
-        # Bounded, so that a flood of datagrams delays no cycle; a STOP is seen by the axes before what follows it.
+        # Limited, so that a flood of datagrams delays no cycle. The axes process a STOP before the frames after it.
         for _ in range(at_most):
             datagram = port.receive()
             if datagram is None:
@@ -216,7 +216,7 @@ class UdpLink:
             self.skipped += taken - 1
         if endpoint.connected and not self._filtered and endpoint.peer is not None:
             log.info("PLC %s:%d connected", *endpoint.peer, extra={"event": "plc"})
-            # A stranger's flood ends in the kernel.
+            # The kernel drops the datagrams of unknown senders.
             self._listen_to(endpoint.peer)
         return taken > 0
 

@@ -69,7 +69,7 @@ class _Run:
         if not advance or spare < 0:
             return 0
         if spare >= WRAP_NS:
-            # After a silence longer than the counter takes to wrap, whole turns are missing from the advance.
+            # After a silence longer than the counter's period, complete turns are missing in the difference.
             turns, spare = divmod(spare, WRAP_NS)
             advance += turns * WRAP_NS
         self.credit = spare if spare < credit_max else credit_max
@@ -97,7 +97,7 @@ class FrameSequence:
     def __init__(self, cycle_ns: int, watchdog_ns: int) -> None:
         self._cycle_ns = cycle_ns
         self._watchdog_ns = watchdog_ns
-        # A frame cannot be later than this against those before it without being too late at all.
+        # A frame that is later than this compared with earlier frames is too late in any case.
         self._credit_max = min(max(watchdog_ns - cycle_ns, cycle_ns), _CREDIT_MAX_NS)
         self._present: _Run | None = None
         self._followed: list[_Run] = []
@@ -142,7 +142,7 @@ class FrameSequence:
 
         ``command``: order of the frame, to count repetitions; ``may_connect`` False: a loss must be processed first.
         """
-        # What is older than the watchdog is no part of any sequence.
+        # Frames older than the watchdog time belong to no sequence.
         self._followed = [run for run in self._followed if time - run.time <= self._watchdog_ns]
         for run in self._followed:
             if run.source == source and run.extend(counter, time, self._cycle_ns, command):
@@ -170,7 +170,7 @@ class FrameSequence:
     def _tell_old(self) -> None:
         present = self._present
         if present is None or not self.alone:
-            return  # which of two young sequences is the old one cannot be told
+            return  # the older of two young sequences is unknown
         for run in self._followed:
             beside = present.frames - run.started_at
             if beside >= SEQUENCE_FRAMES and present.time - run.first > self._watchdog_ns:

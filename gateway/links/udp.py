@@ -55,7 +55,7 @@ class UdpSocket:
                 self._socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
                 self._stamped = True
             except OSError:
-                pass  # the kernel has none
+                pass  # the kernel does not support it
         self.received_at: int | None = None
         """Monotonic time of the datagram received last, None without time stamps."""
         self.errors = 0
@@ -84,7 +84,7 @@ class UdpSocket:
             else:
                 packet_filter.detach(self._socket)
         except OSError:
-            return  # a kernel without filters: the caller asks each datagram where it comes from
+            return  # the kernel has no filters: the caller checks the sender of each datagram
         self._only = sender
 
     def receive(self) -> tuple[bytes, Address] | None:

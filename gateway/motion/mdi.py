@@ -18,7 +18,7 @@ from pdgw.gateway.reasons import Reason
 _UNLIMITED = 1 << 62
 _SETTINGS = PositionerSettings(
     max_velocity=_UNLIMITED,
-    position_window=_UNLIMITED,  # the drive says when it is there
+    position_window=_UNLIMITED,  # the drive reports the end of the motion
     position_range=(-_UNLIMITED, _UNLIMITED),
     jog_velocities=(0, 0),
     jog_distances=(0, 0),

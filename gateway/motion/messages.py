@@ -83,7 +83,7 @@ class MessageWord:
 
     def __init__(self, reference: int, *, torque: bool = True) -> None:
         self._tolerance = reference * TOLERANCE_PERCENT // 100
-        self._torque = _TORQUE_THRESHOLD if torque else 0  # no value is below it
+        self._torque = _TORQUE_THRESHOLD if torque else 0  # no value is below 0
         self._speed_3 = reference * _SPEED_3_PERCENT // 100
         self._speed_2 = reference * _SPEED_2_PERCENT // 100
 

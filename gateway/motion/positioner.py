@@ -226,7 +226,7 @@ class Positioner:
                     self._rows, self._calm_rows = self._table[target]
                 break
 
-    # -- what came in ---------------------------------------------------------------------------------------------------
+    # -- inputs ---------------------------------------------------------------------------------------------------------
 
     def _look(self, asked: Asked) -> None:
         """Other bits, before the table is asked: edges, and what they are the edges of."""
@@ -445,7 +445,7 @@ class Positioner:
             outcome.probe = False
             self._refer(seen.probe)
 
-    # -- what goes out --------------------------------------------------------------------------------------------------
+    # -- outputs --------------------------------------------------------------------------------------------------------
 
     def _show(self) -> None:
         outcome, asked, seen, course, state = self.outcome, self._asked, self._seen, self._course, self._state

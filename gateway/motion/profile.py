@@ -12,7 +12,7 @@ from math import isqrt
 
 def highest_speed(way: int, deceleration: int) -> int:
     """The highest speed of the next cycle from which ``deceleration`` (above 0) still ends after ``way`` (0 or more)."""
-    # With n cycles after it: way = (n + 1) speed - deceleration n (n + 1) / 2, n being the most that fit.
+    # With n further cycles: distance = (n + 1) speed - deceleration n (n + 1) / 2, with the largest n that fits.
     cycles = (isqrt(4 * (2 * way // deceleration) + 1) - 1) // 2
     return (2 * way + deceleration * cycles * (cycles + 1)) // (2 * (cycles + 1))
 

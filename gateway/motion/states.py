@@ -27,7 +27,7 @@ class State(enum.Enum):
     TRACKING = "tracking"
     BRAKING = "braking"
 
-    # Each is one object; Enum's own is a Python function, which every cycle would call.
+    # Each member is a single object; Enum's own function is Python and would run in every cycle.
     __hash__ = object.__hash__
 
 

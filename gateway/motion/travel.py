@@ -222,7 +222,7 @@ class Course:
             if not held and motion.override == override:
                 return
             if goal.distance is not None and self._seen.given >= self.sent:
-                goal = self.goal = replace(goal, distance=None)  # never a second time
+                goal = self.goal = replace(goal, distance=None)  # only once
         self._send(motion, goal, override)
 
     def _hold(self, goal: Goal, asked: Asked, now: int) -> Reason | None:
@@ -235,7 +235,7 @@ class Course:
         if goal.scaled and asked.override == 0:
             return Reason.OVERRIDE_ZERO
         stands = seen.internal_limit and seen.standstill and self.sent and seen.given >= self.sent
-        # A fixed stop stands at the torque limit: that is what it is for.
+        # At a fixed stop the axis is meant to stay at the torque limit.
         if not stands or goal.torque is not None or self.arrived():
             self._limit_since = -1
         elif self._limit_since < 0:

@@ -69,7 +69,7 @@ class LengthUnits:
     def to_length(self, position: int) -> int:
         """The drive's position units to LU, to the nearest."""
         numerator, denominator = self._position
-        # ``round_half_away`` in line: every cycle needs it.
+        # ``round_half_away`` inlined, because every cycle needs it.
         doubled = 2 * position * denominator
         if doubled >= 0:
             return (doubled + numerator) // (2 * numerator)

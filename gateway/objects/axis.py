@@ -70,7 +70,7 @@ class Axis(DriveObject):
         self.telegram_numbers = config.telegrams
         self._cycle_time_ms = cycle_time_ms
         drive_settings = config.drive_settings(number, cycle_time_ms)
-        # A command that was lost goes out again with the refresh; an answer that was lost comes again with the event timer.
+        # The refresh repeats a lost command; the event timer repeats a lost answer.
         travel_ms = drive_settings.rpdo_refresh_ms + drive_settings.tpdo_event_ms + cycle_time_ms
         self._settings = replace(config.settings_at(cycle_time_ms), reaction_ns=int(_REACTION_MARGIN * travel_ms * MS))
         self.drive = DriveClient(
@@ -115,7 +115,7 @@ class Axis(DriveObject):
         if isinstance(executor, PositionerExecutor):
             executor.choose(choices)
             if self.drive.drive_type is not None:
-                self.references_changed()  # what the drive cannot do refuses operation
+                self.references_changed()  # a setting that the drive does not support blocks operation
 
     def positioner_values(self, stored: DoParameters) -> PositionerValues | None:
         """The positioner's configuration with what was stored instead; None for an axis without one."""
@@ -184,7 +184,7 @@ class Axis(DriveObject):
 
     def transmit(self, now: int) -> None:
         outputs, guarding = self.machine.outputs, self.drive.guarding
-        # A drive that guards the gateway by its RPDOs is stopped by their absence.
+        # A drive that monitors the gateway by its RPDOs stops when they are missing.
         if outputs.brake is not _WITHHOLD_HEARTBEAT or guarding is None or not guarding.rpdos:
             self.drive.send(outputs.command, now, stop=self.stops)
         else:
@@ -206,7 +206,7 @@ class Axis(DriveObject):
                 numbers.append(0)
         self._news.append(FaultRead(*numbers))
 
-    # -- what others ask --------------------------------------------------------------------------------------------------
+    # -- queries ----------------------------------------------------------------------------------------------------------
 
     @property
     def powered(self) -> bool:
@@ -240,7 +240,7 @@ class Axis(DriveObject):
             address == MAX_TORQUE and isinstance(executor, PositionerExecutor) and executor.clamps
         ):
             return True
-        # The exchange with the drive runs whenever it is online, with or without a PLC: a value would not last.
+        # The exchange with an online drive runs with or without a PLC, so a written value would be overwritten.
         commanded = () if self.drive.plan is None else self.drive.plan.commanded
         return any(address == entry.address for entry in commanded)
 

@@ -258,7 +258,7 @@ class DriveObject(abc.ABC):
         self._future = self._writes = None
         log.info("%s: telegram %d selected", self.label, chosen.number)
 
-    # -- what others tell -------------------------------------------------------------------------------------------------
+    # -- reports of others ------------------------------------------------------------------------------------------------
 
     def raise_fault(self, number: FaultNumber, detail: str, now: int) -> None:
         """A fault of the gateway's own table."""

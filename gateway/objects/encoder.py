@@ -136,7 +136,7 @@ class EncoderObject(DriveObject):
             self._serve(outputs)
         return outputs
 
-    # -- what others ask --------------------------------------------------------------------------------------------------
+    # -- queries ----------------------------------------------------------------------------------------------------------
 
     @property
     def references(self) -> EncoderReferences | None:

@@ -96,7 +96,7 @@ class FaultLog:
                 break
             number = self._entered - back
             if record.is_warning:
-                # A warning stands once, however often it was told.
+                # A warning has one entry, however often it is reported.
                 active = bool(warnings & _warning_mask(record)) and record.number not in seen
                 seen.add(record.number)
             else:

@@ -52,7 +52,7 @@ def around_the_last_stop(happenings: Iterable[Happening]) -> list[Line]:
         lines.append(Line(item.time_ns, (item.label,), item.text))
     if not stops:
         return []
-    # A long series begins later: the last fault or stop is among the lines.
+    # Shorten a long series at its start: the last fault or stop stays among the lines.
     begin = max(0, _first(lines, stops) - _BEFORE, stops[-1] + _AFTER - LINES)
     return lines[begin : begin + LINES]
 

@@ -70,11 +70,11 @@ class ProbeReader:
     def _failed(self, error: BaseException) -> None:
         wish, self._ended = self._wish, True
         if wish is None:
-            return  # a probe that cannot be taken back: nobody waits for it
+            return  # the probe could not be disabled: no client waits for the answer
         if isinstance(error, SdoAbortedError):
             self._news.append(refused(wish, error.code))
         else:
-            # No answer, or one that canopen takes apart unchecked: nothing the exchange may end by.
+            # No answer, or one that canopen unpacks without checks: it must not end the exchange.
             log.warning("touch probe of node %d: %r", self._drive.settings.node_id, error)
             self._news.append(ProbeAnswer(wish, {}, str(error)))
 

@@ -90,9 +90,9 @@ class AcyclicServer:
             try:
                 for answer in self.server.receive(data, source, self._loop.now()):
                     self.port.send(answer, source)
-            except Exception as error:  # of one datagram: the next is served
+            except Exception as error:  # an error of one datagram: serve the next one
                 self._loop.unexpected(_CALL, error)
-            # One datagram a slice: the exchange comes first.
+            # One datagram at a time: the exchange has priority.
             self._loop.sleep(0)
 
 

@@ -103,7 +103,7 @@ class _Worker:
         asked = None if drive_object is None else RequestedObject(drive_object, context)
         try:
             response = answer(data, lambda _: asked, MAX_BLOCK)
-        except Exception as error:  # of one request: whoever reads its answer is refused, the next is served
+        except Exception as error:  # an error of one request: its client gets a rejection, the next one is served
             self._loop.unexpected(self._ended, error)
             future.set_exception(error)
         else:

@@ -113,7 +113,7 @@ class ObjectAccess:
         if deadline is not None and loop.now() >= deadline:
             log.warning("DO %d: %s: the time of this request is over", self.owner.do_id, what)
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE)
-        # Neither the bus nor the cyclic exchange is there for parameters alone.
+        # A parameter access alone uses neither the bus nor the cyclic exchange.
         pause = self._next - loop.now()
         if pause > 0:
             loop.sleep(pause)
@@ -156,7 +156,7 @@ class ObjectAccess:
 
         def job(client: NodeClient[Any]) -> None:
             if guard is not None:
-                # Here and not before: the job may have waited, and the axis was switched on meanwhile.
+                # Check here: the job may have waited, and the axis may have been switched on meanwhile.
                 if owner.powered:
                     log.warning("DO %d: %s rejected while the axis is powered: %s", owner.do_id, what, guard.reason)
                     raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE)
@@ -175,7 +175,7 @@ class ObjectAccess:
                     owner.read_references(client)
                     stale = False
             finally:
-                # Bringing the node up reads its references.
+                # Bringing up the node reads its reference values.
                 if guard is not None or stale:
                     client.unhold(check=configures or stale)
 
@@ -208,7 +208,7 @@ class ObjectParameter:
         if len(parts) == 1:
             return first
         for place, part in enumerate(parts):
-            # One format for all; a record with different types is read entry by entry.
+            # One format for all elements; a record with different types is read entry by entry.
             if part.format is not first.format or isinstance(part.values, bytes):
                 raise ParameterRefused(Number.ADDRESS_IMPERMISSIBLE, subindex + place)
         return Values(first.format, tuple(value for part in parts for value in part.values))

@@ -140,7 +140,7 @@ class BoundObject:
     def parameter(self, pnu: int, context: RequestContext) -> Parameter:
         """The parameter as one request has it; ParameterRefused (impermissible PNU) where there is none."""
         if pnu in LIST_PNUS:
-            self.bind_lists()  # which objects a node has may have been found out meanwhile
+            self.bind_lists()  # the objects of a node may have been read meanwhile
         try:
             return self._parameters[pnu](context)
         except KeyError:
@@ -478,7 +478,7 @@ class DeviceObject(BoundObject):
         self.bind(Pnu.DRIVE_OBJECTS, lambda: [axis.do_id for axis in axes])
         self.bind(Pnu.STATION_NAME, config.transport.station_name.encode)
         self.bind(Pnu.STATION_IP, lambda: address)
-        # The UDP transport has no Ethernet of its own: addresses of the host are the host's business.
+        # The UDP transport has no Ethernet parameters of its own; the operating system manages the host's addresses.
         self.bind(Pnu.STATION_MAC, lambda: bytes(6))
         self.bind(Pnu.STATION_GATEWAY, lambda: bytes(4))
         self.bind(Pnu.STATION_MASK, lambda: bytes(4))

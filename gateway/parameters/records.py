@@ -181,7 +181,7 @@ class Records:
             del self._requests[owner]
             raise RecordRefused(AccessError.READ_ERROR)
         if len(response) > block.length:
-            raise RecordRefused(AccessError.INVALID_PARAMETER)  # it may be read again with more room
+            raise RecordRefused(AccessError.INVALID_PARAMETER)  # the client may read it again with a larger buffer
         del self._requests[owner]
         return response
 

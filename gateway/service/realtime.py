@@ -48,7 +48,7 @@ def apply(config: RealtimeConfig, cycle_time_ms: float) -> list[Line]:
 
 def _by_default(cycle_time_ms: float) -> Line:
     try:
-        # Who started the process may have chosen another one (chrt, CPUSchedulingPolicy=).
+        # The user may have set another policy for the process (chrt, CPUSchedulingPolicy=).
         if os.sched_getscheduler(0) == os.SCHED_OTHER:
             _set_priority(DEFAULT_PRIORITY)
         return logging.INFO, f"real-time priority {os.sched_getparam(0).sched_priority} (SCHED_FIFO)"

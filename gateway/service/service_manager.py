@@ -64,4 +64,4 @@ class ServiceManager:
         try:
             self._socket.sendto(line, self._address)
         except OSError:
-            self.failures += 1  # nobody is there, or nobody reads: the exchange goes on
+            self.failures += 1  # the service manager is missing or does not read: the exchange continues

@@ -300,7 +300,7 @@ class StatusServer:
         except OSError as error:
             if error.errno in NO_DESCRIPTOR:
                 self._wait_for_descriptors(error)
-            return  # else who wanted to know has gone again
+            return  # the client has disconnected already
         self._full = False
         connection.setblocking(False)
         if len(self._tasks) >= _CONNECTIONS:
@@ -344,9 +344,9 @@ class StatusServer:
                     waited = writable.wait(max(0, deadline - self._loop.now()))
                     self._loop.remove_writer(connection.fileno())
                     if not waited:
-                        return  # who does not read is not waited for
+                        return  # do not wait for a client that does not read
                 except OSError:
-                    return  # who went away before the end does not miss it
+                    return  # a client that disconnected early misses nothing
             self._loop.sleep(0)
 
     def _request(self, connection: socket.socket, deadline: int) -> bytes | None:
@@ -364,7 +364,7 @@ class StatusServer:
                 if not part or len(request) >= _REQUEST:
                     break
         except OSError:
-            return None  # gone already
+            return None  # closed already
         finally:
             self._loop.remove_reader(connection.fileno())
         return request

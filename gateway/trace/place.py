@@ -20,7 +20,7 @@ def run_directory() -> Path | None:
     """systemd's RuntimeDirectory, else ``pdgw`` in the XDG run directory, else the user's folder in /dev/shm; None: nowhere."""
     given = os.environ.get("RUNTIME_DIRECTORY", "").split(":")[0]
     if given:
-        return Path(given).resolve()  # of a dynamic user it is a link to a folder of its own
+        return Path(given).resolve()  # with a dynamic user it is a link to a private folder
     base = os.environ.get("XDG_RUNTIME_DIR", "")
     if base and Path(base).is_dir():
         return Path(base) / "pdgw"
@@ -38,7 +38,7 @@ def prepared(directory: Path) -> Path:
         raise GatewayError(f"flight recorder: {directory}: {error.strerror or error}") from error
     if not stat.S_ISDIR(found.st_mode):
         raise GatewayError(f"flight recorder: {directory}: not a directory")
-    # Whoever made it first, in a place where everybody may make files, could take ours away.
+    # In a folder where all users may create files, another user could create ours first and delete it later.
     if hasattr(os, "getuid") and found.st_uid not in (0, os.getuid()):
         raise GatewayError(f"flight recorder: {directory}: belongs to another user")
     if hasattr(os, "getuid") and found.st_mode & _WRITTEN_BY_OTHERS:
@@ -62,5 +62,5 @@ def rings(directory: Path | None = None) -> list[Path]:
         try:
             found += [(path.stat().st_mtime, path) for path in place.glob(f"*{SUFFIX}")]
         except OSError:
-            continue  # somebody else's, or gone meanwhile
+            continue  # it belongs to another user, or was deleted meanwhile
     return [path for _, path in sorted(found, reverse=True)]

@@ -126,7 +126,7 @@ class RingReader:
         self._view.release()
         self._map.close()
 
-    # -- what is told beside the records --------------------------------------------------------------------------------
+    # -- data beside the records ----------------------------------------------------------------------------------------
 
     def _word(self, word: Word) -> int:
         value: int = SEQUENCE.unpack_from(self._map, word * WORD)[0]
@@ -229,7 +229,8 @@ class RingReader:
                 oldest = self._word(word) - count + max(2, count >> _RESERVE)
             for item in range(together):
                 offset = item * size
-                # The number is 0 while the record is written: what has it before and after the copy was not touched.
+                # The number is 0 while the record is written. The same number before and after the copy means an intact
+                # copy.
                 whole = number(copy, offset)[0] == sequence == number(self._map, begin + offset)[0]
                 if whole and sequence >= oldest:
                     found.append(parse(copy, offset))

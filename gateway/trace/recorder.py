@@ -154,7 +154,7 @@ class FlightRecorder:
     def _change(self) -> None:
         """The frames have another layout from now on: so has the ring. Making the file takes longer than a cycle may."""
         if self._opening:
-            return  # the next cycle comes here again
+            return  # the next cycle continues here
         self._token = self._link.layout_token
         if self._ring is None or _shape(self._ring.layout) != _shape(self._layout()):
             self._reopen()

@@ -75,7 +75,7 @@ def _on_bus_error(number: int, info: Any, _context: int | None) -> None:
     if not any(mapping.replaced_at(address) for mapping in _mappings):
         _libc.sigaction(
             number, ctypes.byref(_previous), None
-        )  # not ours: the repeated access ends the process as before
+        )  # not in our memory: the repeated access ends the process as before
 
 
 _handler = _Handler(_on_bus_error)
@@ -85,7 +85,7 @@ def _install() -> None:
     global _libc  # noqa: PLW0603
     if _libc is not None:
         return
-    _libc = ctypes.PyDLL(None)  # keeps the interpreter's lock during its calls
+    _libc = ctypes.PyDLL(None)  # holds the interpreter's lock during its calls
     _libc.mmap.restype = ctypes.c_void_p
     _libc.mmap.argtypes = [ctypes.c_void_p, ctypes.c_size_t, *[ctypes.c_int] * 3, ctypes.c_long]
     action = _Action(handler=ctypes.cast(_handler, ctypes.c_void_p).value, flags=_SA_SIGINFO)

@@ -305,7 +305,7 @@ def decode_response(data: bytes) -> Response:
         raise ProfidriveError("Response ID", f"{response_id:02X}h", "01h, 02h, 81h or 82h")
     values: tuple[Values, ...] = ()
     if response_id != RequestId.CHANGE:
-        # A refused request is answered with one error value, whatever its count.
+        # A rejected request is answered with one error value, whatever its count.
         values = tuple(reader.values() for _ in range(count))
     reader.end()
     response = Response(reference, RequestId(request_id), do_id, count, values)

@@ -149,7 +149,7 @@ def respond(request: codec.Request, drive_object: DriveObjectParameters | None, 
     values = []
     room = max_block - codec.HEADER_SIZE
     for place, address in enumerate(request.addresses):
-        # Each of those that follow may need room for an error.
+        # Each of the following may need room for an error.
         reserved = _ERROR_SIZE * (len(request.addresses) - place - 1)
         item = _one(request, place, address, drive_object, room - reserved)
         room -= _size(item)

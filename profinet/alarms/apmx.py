@@ -98,7 +98,7 @@ TABLE: Final[dict[tuple[State, Event], tuple[State, Action]]] = {
     (_I, Event.EXHAUSTED): (_I, _N),
     (_A, Event.SEND): (_A, _N),
     (_A, Event.ACK): (_W, Action.STOP_TIMER),
-    # The AckSeqNum of the peer's DATA acknowledges too: its own ACK was lost.
+    # The AckSeqNum of the peer's DATA is an acknowledgement, too: its own ACK was lost.
     (_A, Event.ALARM_ACK): (_I, Action.FINISH),
     (_A, Event.OTHER_DATA): (_A, Action.ACKNOWLEDGE),
     (_A, Event.REPEATED): (_A, Action.ACKNOWLEDGE),

@@ -117,7 +117,7 @@ class PortData(wire.Block):
     def parts(self) -> Iterator[wire.Block]:
         """Yield what is inside; WireError for a damaged block and for one that this device does not have."""
         content = self.blocks
-        # Some controllers pad a block with zeros; no type inside begins with one.
+        # Some controllers pad a block with zeros; no inner type starts with a zero.
         while content := content.lstrip(b"\0"):
             kind, data = next(wire.split(content))
             part = self.PARTS.get(kind)

@@ -136,7 +136,7 @@ _DATA = State.DATA
 _P, _C, _A, _D, _X = State.PARAMETERISING, State.CONFIRMING, State.AWAITING_DATA, State.DATA, State.ACCESS
 _SERVICES = (Event.PRM_END, Event.PRM_BEGIN)
 TABLE: Final[dict[tuple[State, Event], tuple[State, Action]]] = {
-    # Whatever a state does not name below is ignored in it, and a service is refused.
+    # A state ignores every event and rejects every service that is not listed for it below.
     **{(state, event): (state, Action.NOTHING) for state in State for event in Event},
     **{(state, event): (state, Action.REFUSE) for state in State for event in _SERVICES},
     **{(state, event): end for state in (_P, _C, _A, _D, _X) for event, end in _ENDS.items()},

@@ -171,10 +171,10 @@ def _decode(arguments: bytes, *, redundant: bool) -> list[Block]:
     try:
         parts.extend(split(arguments))
     except WireError as error:
-        # Told only when the blocks before it are right: behind a block that is too short nothing is where it should be.
+        # Reported only if the blocks before it are right: after a block that is too short all offsets are wrong.
         broken = _refuse_length(error)
     blocks: list[Block] = []
-    # The AR block first: a type of relationship this device does not have is refused by its type, not by its further blocks.
+    # Check the AR block first: an unsupported type of relationship is rejected for its type, not for its further blocks.
     for kind, data in sorted(parts, key=lambda part: part[0] != ArBlockReq.TYPE):
         if kind in REFUSED_BLOCKS:
             raise ConnectRefused(REFUSED_BLOCKS[kind], FIRST_FIELD, "block", f"{kind:04X}h", "no such relationship")
@@ -256,7 +256,7 @@ def _check_expected(slots: Iterable[ExpectedSlot]) -> _Expected:
 def _check_complete(expected: _Expected, inputs: CyclicPlan, outputs: CyclicPlan) -> None:
     plans = {IocrType.INPUT: inputs, IocrType.OUTPUT: outputs}
     for place, (_, submodule) in expected.items():
-        # PC Worx leaves some submodules without data out of its relationships, and devices grant that (captures).
+        # PC Worx omits some submodules without data from its relationships, and devices accept that (captures).
         no_data = submodule.direction is SubmoduleDirection.NO_IO
         if no_data and place not in inputs.data and place not in outputs.iocs:
             continue
@@ -273,7 +273,7 @@ def _cyclic(block: IocrBlockReq, expected: _Expected, model: DeviceModel) -> Cyc
     cls = IocrBlockReq
     ids = CYCLIC_FRAME_IDS[block.properties]
     frame_id = block.frame_id
-    # The inputs may have the same one: a frame's destination tells them apart (controllers and devices do so in captures).
+    # The inputs may use the same FrameID: the destination of a frame distinguishes them (as in captures).
     if frame_id == FRAME_ID_BY_DEVICE and block.iocr_type == IocrType.OUTPUT:
         frame_id = ids.start
     if frame_id not in ids:
@@ -330,7 +330,7 @@ def _occupy(used: bytearray, which: str, item: Place, length: int) -> None:
     used[item.offset : end] = b"\1" * length
 
 
-# -- what is really plugged -------------------------------------------------------------------------------------------
+# -- plugged modules --------------------------------------------------------------------------------------------------
 
 
 def compare(slots: Iterable[ExpectedSlot], model: DeviceModel) -> tuple[ModuleDiffBlock | None, frozenset[Subslot]]:

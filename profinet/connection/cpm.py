@@ -26,7 +26,7 @@ STATUS_IGNORE = 0x80
 class Verdict(enum.Enum):
     """Result of a cyclic frame; the value is the name of its counter."""
 
-    __hash__ = object.__hash__  # that of Enum is Python, and one is counted in every cycle
+    __hash__ = object.__hash__  # Enum's own is a Python function and would run in every cycle
 
     ACCEPTED = "accepted"
     PROVIDER_STOP = "provider stop"

@@ -235,7 +235,7 @@ class DcpResponder:
         if delay > DELAY_FACTOR_MAX or (source not in self._pending and len(self._pending) >= _PENDING_MAX):
             return None
         mac = self._station.identity.mac
-        # 0 is reserved; a tester sends it, and expects the answer of 1.
+        # 0 is reserved. A tester sends it and expects the same answer as for 1.
         due = now + (mac[4] * 256 + mac[5]) % max(1, delay) * DELAY_UNIT_NS
         content = b"".join(
             self._block(option)

@@ -244,7 +244,7 @@ class DeviceRecords:
         module = self._model.modules.get(block.slot)
         if module is None or block.subslot not in module.submodules:
             raise RecordRefused(AccessError.INVALID_SLOT)
-        # I&M and parameter access of a drive object are asked for in API 0 too: with the UDP link they are.
+        # Controllers also use API 0 for I&M and the parameter access of a drive object, as does the UDP link.
         if module.api != block.api and block.index not in _OF_APPLICATION:
             raise RecordRefused(AccessError.INVALID_AREA)
         return block.slot, block.subslot

@@ -117,7 +117,7 @@ class RecordCaller:
         self._sequence = 0
 
     def _call(self, operation: Operation, block: RecordBlock, data: bytes = b"") -> RecordCall:
-        # Idempotent as PROFINET devices expect it; the server executes a call once all the same.
+        # PROFINET devices expect the idempotent flag; the server executes a call only once nevertheless.
         header = RpcHeader(
             PacketType.REQUEST, self.device, self.activity, self._sequence, operation, flags=Flags.IDEMPOTENT
         )

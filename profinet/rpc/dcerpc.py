@@ -89,7 +89,7 @@ class RpcHeader:
 
     def answer(self, packet_type: PacketType, *, server_boot: int = 0, fragment: int = 0) -> RpcHeader:
         """The header of an answer: mirrored, with another type."""
-        # Real devices set these flags on a response, whole or not.
+        # Real devices set these flags on a response, complete or not.
         flags = Flags.LAST_FRAGMENT | Flags.NO_FACK if packet_type is PacketType.RESPONSE else NO_FLAGS
         return replace(self, packet_type=packet_type, flags=flags, server_boot=server_boot, fragment=fragment, serial=0)
 

@@ -99,7 +99,7 @@ class RpcServer(Generic[Source]):
         if call is None or call.sequence != header.sequence or stale:
             older = call is not None and (header.sequence - call.sequence) % _SEQUENCES >= _SEQUENCES // 2
             if call is not None and older and now - call.since <= STRAGGLER_NS:
-                return []  # older than what was answered: a straggler
+                return []  # older than the last answered call: delayed on the network
             call = self._calls[key] = _Call(header.sequence, Reassembly(self._limit), now)
             while len(self._calls) > _ACTIVITIES:
                 self._calls.popitem(last=False)
@@ -131,7 +131,7 @@ class RpcServer(Generic[Source]):
             return [self._status(PacketType.REJECT, header, RejectStatus.UNKNOWN_INTERFACE)]
         try:
             result = execute(header, body, source, now)
-        except Exception as error:  # one caller's: all others are served
+        except Exception as error:  # an error of one caller: serve all others
             self.on_error(error)
             return [self._status(PacketType.FAULT, header, RejectStatus.FAILED)]
         if isinstance(result, RejectStatus):

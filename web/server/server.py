@@ -48,7 +48,7 @@ class BoundedProtocol(H11Protocol):
 
     def data_received(self, data: bytes) -> None:
         if self._answering and self.conn.their_state is h11.DONE:
-            self.transport.abort()  # a second request before the answer to the first one
+            self.transport.abort()  # a second request before the answer to the first
             return
         super().data_received(data)
 
@@ -60,7 +60,7 @@ class BoundedProtocol(H11Protocol):
     def on_response_complete(self) -> None:
         self._abort_after(READ_WITHIN_S)
         if self.conn.trailing_data[0]:
-            self.transport.close()  # the next request came together with this one
+            self.transport.close()  # the next request arrived together with this one
         super().on_response_complete()
 
     def pause_writing(self) -> None:

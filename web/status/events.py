@@ -106,7 +106,7 @@ def changed_faults(before: Document | None, document: Document) -> Iterator[tupl
     for item in _objects(document):
         old = known.get(item["do_id"])
         last = 0 if old is None else _newest(old)
-        # An older one that is acknowledged is seen by what the object does then.
+        # The acknowledgement of an older one is visible in the later state of the object.
         if _newest(item) and (old is None or any(old[key] != item[key] for key in ("state_id", "reason_id"))):
             yield item["do_id"], last
         elif old is not None and _standing(old) != _standing(item):

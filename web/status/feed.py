@@ -72,7 +72,7 @@ class Feed:
             self.failure = str(error) or "no answer in time"
             self.stale = True
         except Exception as error:
-            # Whatever is wrong with this one, the next may be good: what is shown is old until then.
+            # The next status may be good after any error of this one. Until then the displayed one is marked old.
             self.failure = f"the status has an unexpected format; is the gateway of another version? ({error!r})"
             self.stale = True
         else:
@@ -84,7 +84,7 @@ class Feed:
         for listener in self.listeners:
             try:
                 listener()
-            except Exception:  # one that cannot tell is no reason to ask no more
+            except Exception:  # an error of one page must not end the queries
                 log.exception("the status could not be sent to the pages")
         tick, self._tick = self._tick, asyncio.Event()
         tick.set()

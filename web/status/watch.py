@@ -111,7 +111,7 @@ class Watch:
         self.feed = Feed(lambda: asyncio.to_thread(gateway.status), self._take)
 
     async def _take(self, before: Document | None, document: Document) -> None:
-        # First everything that may fail, so that nothing is entered twice.
+        # Do everything that can fail first, so that nothing is entered twice.
         histories = {
             do_id: (last, await self._history(do_id, document)) for do_id, last in changed_faults(before, document)
         }
@@ -136,7 +136,7 @@ class Watch:
         known: list[Document] = []
         with contextlib.suppress(GatewayError):
             known = await self.faults(do_id)
-        if not known:  # the gateway went away just now: what the status had is better than nothing
+        if not known:  # the gateway has just ended: keep the last known status
             objects = (*document["axes"], *document["encoders"])
             known = next(item["faults"] for item in objects if item["do_id"] == do_id)
         return sorted(known, key=lambda fault: fault["id"])

@@ -218,7 +218,7 @@ class CanopenDecoder:
 
     def _sdo(self, base: _Base, node_id: int, from_client: bool, data: bytes) -> Record:
         wrong = "" if len(data) == FRAME_SIZE else f"SDO frame of {len(data)} bytes, expected {FRAME_SIZE}"
-        # A request cut short by hand (cansend 601#2B4060000600): most drives take it, so what it asks for is shown.
+        # A shortened request typed by hand (cansend 601#2B4060000600): most drives accept it, so show its content.
         if wrong and not (from_client and _SDO_HEAD <= len(data) < FRAME_SIZE):
             return CanRecord(*base, node_id, wrong)
         node = self._node(node_id)

@@ -83,7 +83,7 @@ class SdoChannel:
             step.index, step.subindex = transfer.index, transfer.subindex
         if transfer is not None and transfer.truncated and step.value is not None:
             step.note = f"longer than {MAX_TRANSFER} bytes: the rest is discarded"
-        # A block upload has one more frame behind the one that completes it.
+        # A block upload has one more frame after the one that completes it.
         if (
             step.abort is not None
             or step.name == _BLOCK_UPLOAD_LAST
@@ -229,7 +229,7 @@ class SdoChannel:
         index, subindex = _multiplexer(data)
         transfer = self._transfer
         if transfer is None or (transfer.index, transfer.subindex) != (index, subindex):
-            # The request was not recorded; the answer says everything that is needed.
+            # The request was not recorded; the answer is sufficient.
             transfer = self._transfer = _Transfer(index, subindex, True, bytearray())
         value, transfer.announced = _initiate(data)
         note = f"{transfer.announced} bytes" if value is None and transfer.announced is not None else ""

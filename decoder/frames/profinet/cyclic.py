@@ -109,7 +109,7 @@ def frame_layout(axes: Sequence[Axis], direction: Direction, length: int) -> Fra
     """The layout of a static relationship's frame with these axes; None when they do not fit into ``length`` bytes."""
     try:
         static = CSduLayout([telegram(axis.telegram) for axis in axes], direction)
-    except ProfidriveError:  # more axes than any frame can carry
+    except ProfidriveError:  # more axes than a frame can have
         return None
     places = zip(axes, static.offsets, static.iops, static.iocs, strict=True)
     return placed_layout([Placement(*place) for place in places], direction, length)
@@ -260,7 +260,7 @@ class CyclicDecoder:
             sizes = [connection.lengths.get((place, direction), 0) for direction in Direction]
             fitting = [n for n, t in TELEGRAMS.items() if [t.half(direction).size for direction in Direction] == sizes]
             axis = known.get(place[0]) or Axis(place[0], 0, slot=place[0])
-            # The gateway's own submodules say which telegram they are; others have a length only.
+            # The gateway's own submodules name their telegram; others have only a length.
             named = connection.idents.get(place, 0) - TELEGRAM_IDENT
             number = named if named in fitting else self._observed.get(axis.do_id, axis.telegram)
             if fitting:

@@ -92,7 +92,7 @@ class FrameDecoder:
         if request and service == Service.GET:
             parts: list[Document] = [_asked(content[at : at + _U16]) for at in range(0, length - 1, _U16)]
         else:
-            # Only what is asked for by Identify stands alone; everything else is behind a word of information.
+            # Blocks of an Identify request have no BlockInfo; all others start with one word of it.
             bare = request and service == Service.IDENTIFY and frame_id != _HELLO
             parts = [self._option(code, value, bare=bare) for code, value in dcp.split(content)]
         if addresses and (not request or frame_id == _HELLO):
@@ -193,7 +193,7 @@ class FrameDecoder:
         }
         return LldpRecord(*base, f"{self._from(addresses)}LLDP port {found.port_id} of {found.chassis_id}", fields)
 
-    # -- who ----------------------------------------------------------------------------------------------------------
+    # -- sender -------------------------------------------------------------------------------------------------------
 
     def _head(self, addresses: bytes) -> Document:
         if not addresses:

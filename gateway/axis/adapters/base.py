@@ -137,7 +137,7 @@ class ControlWordAdapter(Adapter):
     def take(self, word: int | None, demand: Demand) -> bool:
         """Another STW1, None without a PLC: its part all telegrams share; False where its other bits are not evaluated."""
         self.word = word
-        # OFF2 goes before OFF3, and both are shown.
+        # OFF2 has priority over OFF3, and both are shown.
         self._visible = ~0 if word is None or word & _NO_QUICK_STOP else ~Flag.NO_QUICK_STOP
         self._interrupted = self._stop_is_reached and word is not None and not word & _TASK_BITS
         if word is None:

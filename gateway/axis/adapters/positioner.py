@@ -175,7 +175,7 @@ class BlockAdapter(PositionerAdapter):
     def read_controls(self, controls: Sequence[int]) -> None:
         selection = controls[1]
         self.asked.block = _BLOCK.of(selection)
-        # There is no MDI: its bit selects a task that cannot be done (speed 0).
+        # The telegram has no MDI: its bit selects a task that cannot be executed (speed 0).
         self.asked.mdi = selection & _BLOCK_MDI != 0
 
     def write(self, report: Report, actuals: list[int]) -> None:
@@ -303,7 +303,7 @@ class SelectionAdapter(BlockAdapter):
         asked = self.asked
         word, mode = controls[2], controls[3]
         _read_alike(asked, word, mode, _MOD_ABSOLUTE, _MOD_POSITIVE, _MOD_NEGATIVE)
-        # Limits have no bit here: they are watched as soon as they are known.
+        # Limits have no bit here: they are supervised as soon as they are known.
         asked.software_limits = asked.hardware_limits = True
 
     def read_values(self, setpoints: Sequence[int]) -> None:

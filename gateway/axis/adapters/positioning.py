@@ -40,7 +40,7 @@ class PositioningAdapter(PositionerAdapter):
         asked = self.asked
         mdi = asked.mdi
         asked.forget()
-        asked.mdi = mdi  # AKTSATZ shows it also without control
+        asked.mdi = mdi  # AKTSATZ shows it without control, too
 
     def read_controls(self, controls: Sequence[int]) -> None:
         asked = self.asked

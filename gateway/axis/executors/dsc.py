@@ -201,7 +201,7 @@ class DscExecutor(Executor):
         """Down from the speed there is."""
         if self.dsc is not None:
             if self.dsc.setpoint.position is not None:
-                # NSOLL_B, the feed-forward, need not be the speed of the positions.
+                # NSOLL_B, the feed-forward, may differ from the speed of the positions.
                 self._velocity = self.feedback.velocity_actual
             self.dsc.stop()
         speed = self._velocity

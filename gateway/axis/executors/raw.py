@@ -33,7 +33,7 @@ class RawExecutor(Executor):
         self._modes: dict[int, int] = {}
         """Modes the drive knows, by the byte that carries them."""
         self._read = attrgetter(*actuals)
-        self.feedback.velocity_demand = 0  # passes as it is, also before the drive has sent one
+        self.feedback.velocity_demand = 0  # passes unchanged, also before the drive has sent one
         self._last: Sequence[int] = ()
         self._mode_refused = False
 
@@ -61,7 +61,8 @@ class RawExecutor(Executor):
                 controlword = raw[_CONTROLWORD]
         if action is _RAMP:
             controlword |= ControlBit.HALT
-            # In a mode of torques there may be no Halt (cyclic synchronous torque): none is left to drive the axis on.
+            # A torque mode may have no Halt (cyclic synchronous torque): set the setpoints to 0, so that they do not
+            # accelerate the axis.
             command.target_velocity = command.target_torque = 0
             self._last = ()
         command.controlword = controlword

@@ -250,6 +250,6 @@ class SensorWords:
         if measuring is not None:
             self._look_for_search(measuring)
         if not channel.valid and channel.sensor.state is SensorState.NORMAL:
-            # There was no position yet, but the drive's IOPS may be good: not latched, it ends with the first position.
+            # No position has arrived yet, but the drive's IOPS may be good: not stored, it ends with the first position.
             return SENSOR_STATUS[SensorState.ERROR], values[1], SensorError.SENSOR_GROUP
         return values

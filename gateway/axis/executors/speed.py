@@ -130,7 +130,7 @@ class SpeedExecutor(Executor):
         command.target_velocity = target
         report = self.report
         report.flags = _REACHED if self._reached(target, statusword, feedback.velocity_actual) else 0
-        # Without a demand value the difference is far off.
+        # Without a demand value the difference would be large.
         if -self._tolerance <= feedback.velocity_actual - feedback.velocity_demand <= self._tolerance:
             report.flags |= _WITHIN_TOLERANCE
         if self._actual is not None:

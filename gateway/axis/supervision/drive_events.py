@@ -137,7 +137,7 @@ class NodeWatch:
         elif what is Notice.BOOT:
             self._raise(FaultNumber.NODE_RESTARTED, notice)
         elif what is Notice.REFUSED:
-            # Retried every few seconds: the same refusal is one fault.
+            # Repeated every few seconds: the same rejection is one fault.
             if notice.text != self._refusal:
                 self._refusal = notice.text
                 self._raise(FaultNumber.NODE_REFUSED, notice)
@@ -152,7 +152,7 @@ class NodeWatch:
             self._restart_asked = self._absent = False
             self._tell(notice.text)
         elif what is Notice.ABSENT:
-            # Asked again every half second: the same silence is one fault.
+            # Queried every half second: the same missing answer is one fault.
             if not self._absent:
                 self._absent = True
                 self._raise(FaultNumber.NODE_ABSENT, notice)
@@ -283,7 +283,8 @@ class DriveWatch:
     def fault_read(self, read: FaultRead, feedback: DriveFeedback, faults: Mapping[int, DriveFault], now: int) -> None:
         """The number and code that were read; ``faults``: the manufacturer's by number."""
         named = faults.get(read.number)
-        code = read.code or (0 if named is None else named.error_code) or GENERIC_ERROR  # 0 is an empty place in P945
+        # 0 means an empty entry in P945
+        code = read.code or (0 if named is None else named.error_code) or GENERIC_ERROR
         if named is not None:
             text = f"fault {read.number} {named.name} (no EMCY)"
         elif read.code:

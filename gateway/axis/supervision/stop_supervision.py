@@ -107,7 +107,7 @@ class StopWatch:
             self._began = now
             self._speed = speed
         elif now - self._began <= self._reaction:
-            self._speed = max(self._speed, speed)  # it still gathers what was asked before
+            self._speed = max(self._speed, speed)  # the drive may still accelerate to an earlier setpoint
         disobeys = action in _HOLDS_POWER and speed > max(window, self._allowed(now))
         if not operating or action is Action.RAMP:
             self._standing_command = -1

@@ -206,7 +206,7 @@ class VelocityCheck:
             return FaultNumber.VELOCITY, text
         shares = [expected for _, expected in self._steps]
         if self._warned or max(shares) > _STEADY * min(shares):
-            return None  # on a ramp a position that comes later than the speed makes a difference of its own
+            return None  # on a ramp, a position that arrives later than the speed causes a difference
         self._warned = True
         return FaultNumber.VELOCITY_DEVIATES, text
 

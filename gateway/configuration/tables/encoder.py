@@ -88,7 +88,8 @@ class EncoderConfig(DriveObjectSection):
             gateway_node_id=GATEWAY_NODE_ID,
             heartbeat_ms=self.heartbeat_ms,
             tpdo_event_ms=event_ms,
-            # A position every few milliseconds is late long before its encoder is lost; who has time for heartbeats has it here.
+            # A position every few milliseconds is late long before its encoder is lost. A user with slower values can set a
+            # heartbeat here.
             tpdo_timeout_factor=max(4, ceil(max(_SILENCE_MS, self.heartbeat_ms) / event_ms)),
             sdo_timeout_ms=self.sdo_timeout_ms,
             sync=self.sync,

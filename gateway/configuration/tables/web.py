@@ -40,7 +40,7 @@ def _is_address(text: str) -> str:
 
 def _is_host(text: str) -> str:
     try:
-        text.encode("idna")  # as who connects does, on a thread that would end with the error
+        text.encode("idna")  # as the MQTT client does, whose thread would end with the error
     except UnicodeError:
         raise ValueError(f"{text!r} is not a host name or address") from None
     return text

@@ -188,7 +188,7 @@ class RawEthernet:
             item.setblocking(False)
 
     def _raw(self, ethertype: int, program: Sequence[Instruction] | None, group: bytes = b"") -> socket.socket:
-        # Bound to nothing until the filter is in place: what came before it would wait unfiltered.
+        # Bind after the filter is set: frames received before would be queued unfiltered.
         item = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, 0)
         self._sockets.append(item)
         if program is not None:
@@ -204,7 +204,7 @@ class RawEthernet:
         try:
             return Path(f"/sys/class/net/{self._interface}/carrier").read_text(encoding="ascii").strip() == "1"
         except OSError:
-            return False  # an interface that is down has no carrier to read
+            return False  # an interface that is down has no readable carrier state
 
     @property
     def medium(self) -> Medium:
@@ -303,7 +303,7 @@ class RawEthernet:
             try:
                 found.append(fcntl.ioctl(self._rpc.fileno(), request, self._request())[20:24])
             except OSError:
-                return IpSuite()  # none given
+                return IpSuite()  # no address is set
         return IpSuite.decode(found[0] + found[1] + bytes(4))
 
     def set_ip(self, suite: IpSuite) -> None:

@@ -235,7 +235,7 @@ class ProfinetLink:
             if device.on_frame(frame, now):
                 fresh = True
                 if not device.running:
-                    break  # a STOP is seen by the axes before what follows it
+                    break  # the axes process a STOP before the frames after it
         if not device.quiet:
             self._pump()
         self.more = True
@@ -256,7 +256,7 @@ class ProfinetLink:
         if not device.quiet:
             self._pump()
         elif self._timer is not None and self._timer_due < now + self._limit_ns:
-            self._timer_due = device.next_deadline()  # the data hold time begins anew: no wake at its old end
+            self._timer_due = device.next_deadline()  # the data hold time starts again: do not wake at its old end
             self._timer.postpone(self._timer_due)
         if fresh:
             self._take(now)
@@ -322,11 +322,11 @@ class ProfinetLink:
             self.setpoints[index] = None
 
     def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], released: Sequence[bool]) -> None:
-        # ``released`` is for links that may deliver an old order late; Ethernet frames cannot overtake each other for so long.
+        # ``released`` is for links that may deliver an old order late. Ethernet frames are not delayed that long.
         self._newest = (actuals, good)
         for relation in self.device.relations:
             if relation.provider is not None:
-                # Filled from the Connect on: with ApplicationReady the data has to be valid.
+                # Filled from the Connect on: the data must be valid at ApplicationReady.
                 self._fill(relation, relation.provider, actuals, good)
         if self._engine is not None:
             self._stepped = self._loop.now()
@@ -455,7 +455,7 @@ class ProfinetLink:
             self.device.on_link(up, self._loop.now())
             self._pump()
         if self._keeper.address_taken():
-            # Calls of the controller do not arrive any more, and what it is connected with is not there.
+            # The port no longer receives calls of the controller, and its relationship has ended.
             self.station.ip = self._keeper.address
             self.device.end(Event.NAME_CHANGED, self._loop.now())
             self._pump()
@@ -466,15 +466,16 @@ class ProfinetLink:
             data, source = self._datagrams.get()
             try:
                 if self._engine is not None or (self._pairing is not None and self._pairing.together):
-                    self._exchange()  # the frame that waits came before this call
+                    self._exchange()  # the waiting frame arrived before this call
                 self.device.on_datagram(data, source, self._loop.now())
                 relation = self.device.relation
                 if relation is None or not relation.connected:
-                    self.lose_setpoints()  # PrmBegin: what the controller goes on sending does not count until it is done
+                    # PrmBegin: further setpoints of the controller do not count until the parameters are complete
+                    self.lose_setpoints()
                 if self._newest is not None and any(item not in self._places for item in self.device.relations):
                     self.send(*self._newest, ())
                 self._pump()
-            except Exception as error:  # of one call: the next is served
+            except Exception as error:  # an error of one call: serve the next one
                 self._failed(error)
 
     def _on_due(self) -> None:
@@ -492,7 +493,7 @@ class ProfinetLink:
             if self._closed:
                 return
         if self._timer is not None:
-            self._timer.cancel()  # the exchange may have asked for another
+            self._timer.cancel()  # the exchange may have set another deadline
             self._timer = None
         if sent or self._provide(now):
             self._call_at(self.device.cyclic_deadline)
@@ -549,7 +550,7 @@ class ProfinetLink:
                         self._outputs.append((index, telegram.setpoints.struct.unpack_from, *where))
                 self._consumer = consumer
                 self._end = ""
-                # Of a set each frame wakes the loop: the other controller may take over with it.
+                # In a redundant set each frame wakes the loop: the other controller may take over with it.
                 alone = relation.plan.redundancy is None and not self._engage(relation, consumer, provider)
                 if alone and consumer.cycle_ns == provider.cycle_ns <= LONGEST_NS:
                     self._pairing = Pairing(self.port, provider)

@@ -39,7 +39,7 @@ class Pairing:
 
     def came(self, now: int) -> None:
         """A frame woke the loop: the input frames are moved to where it is not necessary."""
-        # On the way no input frame passes a frame of the controller: each step of the axes keeps one answer.
+        # Input frames cannot overtake frames of the controller, so each step of the axes keeps one answer.
         late = (self._provider.due - now) % self._cycle - self._wait
         self._provider.move(-max(-self._most, min(self._most, late // 2)))
         self._fits = abs(late) <= self._wait // 2
@@ -48,7 +48,7 @@ class Pairing:
         """Before an input frame is sent: whether the controller's frame must be processed now."""
         if now < self._provider.due:
             return False
-        if self._fits:  # this cycle's frame was taken when it came, the next one will wait
+        if self._fits:  # this cycle's frame was used on arrival, the next one will wait
             self.together, self._fits = True, False
             self._look_at = now + _LOOK_NS
             self._port.listen(on=False)

@@ -166,7 +166,7 @@ class Interpolation:
             self._stand(feedback)
             return reason
         if executor.interlock.action not in _OPERATES:
-            word |= _HALT  # the drive has not obeyed yet: it is not led on meanwhile
+            word |= _HALT  # the drive has not followed yet: send no further position meanwhile
         if mode != self._mode:
             self._mode = mode
             self._forget()
@@ -175,7 +175,7 @@ class Interpolation:
         command.target_position = self._demanded
         return Reason.NOT_FOLLOWING if wants and self._ignored(feedback) and not self._held else reason
 
-    # -- what the executor sees -----------------------------------------------------------------------------------------
+    # -- state of the executor ------------------------------------------------------------------------------------------
 
     def _show(self, feedback: DriveFeedback, standstill: bool, *, cyclic: bool) -> None:
         seen = self.seen
@@ -186,7 +186,7 @@ class Interpolation:
         seen.digital_inputs = feedback.digital_inputs
         statusword = feedback.statusword
         if not cyclic:
-            # An executor that waits for a mode of its own must not take the drive's for it.
+            # An executor that waits for its own mode must not use the mode shown by the drive.
             display = feedback.modes_of_operation_display
             seen.modes_of_operation_display = display if display == _HOMING else 0
             seen.statusword = statusword
@@ -205,7 +205,7 @@ class Interpolation:
         window, way = self._window, abs(self._demanded - feedback.position_actual)
         return StatusBit.TARGET_REACHED if window is None or way <= window else 0
 
-    # -- what the drive does ----------------------------------------------------------------------------------------------
+    # -- state of the drive -----------------------------------------------------------------------------------------------
 
     @property
     def _position(self) -> int:

@@ -93,7 +93,7 @@ class MotionExecutor(Executor):
             mode.halted = extra & HALT != 0
         else:
             ramps = action in _RAMPS
-            mode.halted = mode.halted or ramps  # the mode stays what it is while Halt is set
+            mode.halted = mode.halted or ramps  # the mode does not change while Halt is set
             self._stop()
             mode.halted = ramps
             extra = HALT if ramps else 0

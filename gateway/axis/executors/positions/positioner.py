@@ -138,7 +138,7 @@ class PositionerExecutor(MotionExecutor):
             return Ring(low, high - low + 1)
         low, high = scaling.position_range
         size = units.positions_per_revolution * self.choices.modulo / self.choices.lu_per_revolution
-        # 607Bh names the last position, or the one that is the first again: drives differ.
+        # 607Bh is the last position, or the one equal to the first: drives differ.
         if size not in {high - low, high - low + 1}:
             allowed = f"the range at which the drive wraps (607Bh {low} to {high})"
             raise Dsp402Error("modulo_range", f"{self.choices.modulo} LU = {float(size):g} position units", allowed)
@@ -219,7 +219,7 @@ class PositionerExecutor(MotionExecutor):
         """Report another warning of the positioner once; it is shown while it is active."""
         if warning is None:
             self.outputs.warned = False
-        elif warning is not Reason.HOMING_ERROR:  # told where it was found
+        elif warning is not Reason.HOMING_ERROR:  # reported where it was detected
             self.outputs.warned = True
             self.outputs.found.append((FaultNumber.POSITIONER, warning.value))
         self._warned = warning
@@ -235,7 +235,7 @@ class PositionerExecutor(MotionExecutor):
         following_error = self.feedback.statusword & _FOLLOWING_ERROR and self._mode.shows_base()
         return flags if following_error else flags | _WITHIN_TOLERANCE
 
-    # -- what the drive does --------------------------------------------------------------------------------------------
+    # -- state of the drive ---------------------------------------------------------------------------------------------
 
     def _look(self) -> None:
         seen, feedback, units = self._seen, self.feedback, self._units
@@ -262,11 +262,11 @@ class PositionerExecutor(MotionExecutor):
                 seen.taken = seen.given
                 self._setpoint_bit = False
         elif not statusword & ACKNOWLEDGED and seen.taken == seen.given:
-            # A setpoint that waits keeps the acknowledge until the drive goes over to it.
+            # A waiting setpoint keeps the acknowledgement until the drive starts it.
             seen.executing = seen.taken
             seen.reached = statusword & _TARGET_REACHED != 0
 
-    # -- what it is told ------------------------------------------------------------------------------------------------
+    # -- commands -------------------------------------------------------------------------------------------------------
 
     def _execute(self, motion: Motion) -> int:
         kind, units = motion.kind, self._units
@@ -280,7 +280,7 @@ class PositionerExecutor(MotionExecutor):
         if mode.mode != wanted and not self.inputs.standstill:
             return self._slow_down()
         if mode.halted:
-            return 0  # Halt falls alone: a setpoint or a mode together with it is not allowed
+            return 0  # reset Halt alone: a setpoint or a mode together with it is not allowed
         if kind is _HOMING:
             return self._home_axis(motion)
         if not mode.confirmed(wanted):
@@ -393,7 +393,7 @@ def _settings(choices: PositionerChoices) -> PositionerSettings:
         choices.jog_distances,
         choices.software_limits,
         choices.reference_coordinate,
-        # A waiting setpoint starts later: the turn of the axis at that time is not known when it is sent.
+        # A waiting setpoint starts later: the revolution of the axis at that time is not known when it is sent.
         waiting_setpoints=choices.waiting_setpoints and not choices.modulo,
         clamping_torque=choices.clamping_torque,
         probe=True,

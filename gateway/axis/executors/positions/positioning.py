@@ -85,7 +85,7 @@ class PositioningExecutor(MotionExecutor):
         report.position = scaling.position.to_wire(feedback.position_actual)
         return reason
 
-    # -- what the positioner asks ----------------------------------------------------------------------------------------
+    # -- requests of the positioner --------------------------------------------------------------------------------------
 
     def offers_homing(self, *, edge: bool) -> bool:
         """A method that the drive has not starts nothing and raises the warning, until homing is not asked for any more."""
@@ -122,7 +122,7 @@ class PositioningExecutor(MotionExecutor):
             relative=self._turntable and not asked.absolute,
         )
 
-    # -- what the drive does --------------------------------------------------------------------------------------------
+    # -- state of the drive ---------------------------------------------------------------------------------------------
 
     def _look(self) -> None:
         seen, feedback = self._seen, self.feedback
@@ -153,7 +153,7 @@ class PositioningExecutor(MotionExecutor):
         if goal is not None and motion.kind is MotionKind.STAND:
             return HALT | self._interrupted(goal)
         if mode.halted:
-            # Halt falls alone; a new setpoint or a mode together with it is not allowed.
+            # Reset Halt alone; a new setpoint or a mode together with it is not allowed.
             self._resumed_at = self.feedback.position_actual
             self._end_set_point()
         else:

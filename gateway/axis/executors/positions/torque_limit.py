@@ -56,7 +56,7 @@ class TorqueLimit:
         """Requested limit in 1/1000 of the rated torque, None: the drive's own. Call it after everything that may write."""
         outputs, wanted = self._outputs, self._limit(torque)
         if self._writes is not None and outputs.writes != self._writes:
-            self._writes = None  # homing has taken the place: once more behind it
+            self._writes = None  # homing has replaced the limit: write it again afterwards
         if wanted == self._held or wanted == self._refused or outputs.writes is not None:
             return
         self._held = self._refused = -1
