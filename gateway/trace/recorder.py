@@ -60,8 +60,6 @@ class FlightRecorder:
         self._configuration = config_text(daemon.config)
         self._open(keep_previous=True)
         daemon.loop.counters.add("trace", "lost", "records", "not written to the flight recorder", lambda: self.lost)
-        for number, network in enumerate(daemon.networks.values()):
-            network.tap = partial(self._frame, number)
         daemon.watch.listeners.append(self)
         daemon.recorder = self
 
@@ -80,11 +78,15 @@ class FlightRecorder:
 
     def stop(self) -> None:
         """End in order; the file stays."""
-        for network in self._daemon.networks.values():
-            network.tap = None
-        if self._ring is not None:
-            self._ring.close()
-            self._ring = None
+        ring = self._ring
+        self._record_to(None)
+        if ring is not None:
+            ring.close()
+
+    def _record_to(self, ring: RingFile | None) -> None:
+        self._ring = ring
+        for bus, network in enumerate(self._daemon.networks.values()):
+            network.tap = None if ring is None else partial(ring.frame, bus)
 
     # -- the exchange -----------------------------------------------------------------------------------------------------
 
@@ -123,11 +125,6 @@ class FlightRecorder:
         if now >= self._anchor_due:
             self._anchor(ring, now)
 
-    def _frame(self, bus: int, identifier: int, data: bytes, sent: int, now: int) -> None:
-        ring = self._ring
-        if ring is not None:
-            ring.frame(now, identifier, bus, sent, data)
-
     def _anchor(self, ring: RingFile, now: int) -> None:
         self._anchor_due = now + _ANCHOR_NS
         if ring.truncated:
@@ -149,7 +146,7 @@ class FlightRecorder:
         ring = RingFile(self._directory, layout, limit, keep_previous=keep_previous)
         self._sources = [_Source(item) for item in self._daemon.objects]
         self._anchor(ring, self._daemon.loop.now())
-        self._ring = ring
+        self._record_to(ring)
 
     def _change(self) -> None:
         """The frames have another layout from now on: so has the ring. Making the file takes longer than a cycle may."""
@@ -161,7 +158,7 @@ class FlightRecorder:
 
     def _reopen(self) -> None:
         old = self._ring
-        self._ring = None
+        self._record_to(None)
         self._opening = True
         loop = self._daemon.loop
 

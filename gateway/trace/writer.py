@@ -101,7 +101,7 @@ class RingFile:
             return
         words[word] = words[_NEWEST_CYCLE] = sequence
 
-    def frame(self, time_ns: int, identifier: int, bus: int, sent: int, data: bytes) -> None:
+    def frame(self, bus: int, identifier: int, data: bytes, sent: int, time_ns: int) -> None:
         """One CAN frame; ``identifier`` with the flags of SocketCAN."""
         sequence = self._frame = self._frame + 1
         offset = self._frames + (sequence & self._frame_mask) * _FRAME_SIZE

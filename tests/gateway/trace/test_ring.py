@@ -45,7 +45,7 @@ def test_the_last_records_are_read_as_they_were_written(tmp_path: Path) -> None:
         assert [cycle.sequence for cycle in reader.cycles()] == [1, 2, 3, 4, 5]
         for number in range(6, 41):
             ring.cycle(record(number))
-            ring.frame(number, 0x180 + number, 0, number & 1, bytes((number,) * (number % 9)))
+            ring.frame(0, 0x180 + number, bytes((number,) * (number % 9)), number & 1, number)
         cycles, frames = reader.cycles(), reader.frames()
         assert [cycle.sequence for cycle in cycles] == list(range(25, 41))
         assert [frame.sequence for frame in frames] == list(range(28, 36))
@@ -220,7 +220,7 @@ def test_a_truncated_ring_does_not_end_the_process(tmp_path: Path, size: int) ->
     os.truncate(ring.path, size)
     for number in range(2, 40):
         ring.cycle(record(number))
-        ring.frame(number, 0x181, 0, 0, b"")
+        ring.frame(0, 0x181, b"", 0, number)
         other.cycle(record(number))
     ring.set_clock(5)
     assert ring.truncated
@@ -257,7 +257,7 @@ WRITER = """
     while True:
         number += 1
         ring.cycle(record(number))
-        ring.frame(number, number & 0x7FF, 0, 1, number.to_bytes(8, "big"))
+        ring.frame(0, number & 0x7FF, number.to_bytes(8, "big"), 1, number)
 """
 SEEN = os.pathsep.join(filter(None, sys.path))
 """What this process imports, the tests and the build they are run on, for the other one."""

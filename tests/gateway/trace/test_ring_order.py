@@ -60,7 +60,7 @@ class Machine:
             self.ring.cycle(record(self.cycles))
             for _ in range(self.random.randrange(3)):
                 self.frames += 1
-                self.ring.frame(self.frames, self.frames & 0x7FF, 0, 0, (self.frames % 256).to_bytes(1, "big") * 8)
+                self.ring.frame(0, self.frames & 0x7FF, (self.frames % 256).to_bytes(1, "big") * 8, 0, self.frames)
                 self._show(self.random.choice((0, 0.5, 0.9)))
             self._show(self.random.choice((0, 0.5, 0.9)))
 
@@ -132,9 +132,9 @@ def test_the_newest_record_is_read_when_the_next_one_is_there_or_nothing_more_co
     ring = RingFile(tmp_path, LAYOUT, LIMIT, fence=Fence())
     with RingReader(ring.path, in_order=False) as reader:
         for number in (1, 2):
-            ring.frame(number, 0x181, 0, 0, b"")
+            ring.frame(0, 0x181, b"", 0, number)
             ring.cycle(record(number))
-        ring.frame(3, 0x181, 0, 0, b"")
+        ring.frame(0, 0x181, b"", 0, 3)
         assert (reader.newest_cycle, len(reader.cycles())) == (1, 1)
         assert (reader.newest_frame, len(reader.frames())) == (2, 2)
         now += 1_000_000_000
