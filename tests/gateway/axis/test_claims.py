@@ -72,7 +72,7 @@ class Twins:
         max_size=8,
     ),
 )
-def test_no_status_word_claims_anything_while_an_order_is_in_doubt(
+def test_no_status_bit_is_confirmed_while_a_command_is_unconfirmed(
     number: int, orders: list[tuple[int, OrderDoubt, int, int]]
 ) -> None:
     twins = Twins(number)
@@ -86,7 +86,7 @@ def test_no_status_word_claims_anything_while_an_order_is_in_doubt(
 
 
 @pytest.mark.parametrize("number", [1, 9, 102, 110, 111, 112])
-def test_every_claim_is_made_without_doubt(number: int) -> None:
+def test_every_status_bit_is_shown_once_the_command_is_confirmed(number: int) -> None:
     """Else the test above would prove nothing. A fixed stop is in ``test_positioner_torque``."""
     twins = Twins(number)
     for rig in twins.rigs:

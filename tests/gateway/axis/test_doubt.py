@@ -40,7 +40,7 @@ class Control:
         return step_interlock(self.power, word, statusword, self.now, connected=connected, drive_ok=drive_ok)
 
 
-def test_a_drive_in_operation_after_an_unknown_state_is_stopped_not_let_coast() -> None:
+def test_drive_in_operation_after_an_unknown_state_is_braked() -> None:
     control = Control()
     assert control.step(ON, NO_STATE) == QUICK_STOP
     assert control.power.reason is Reason.DRIVE_UNKNOWN_STATE
@@ -50,7 +50,7 @@ def test_a_drive_in_operation_after_an_unknown_state_is_stopped_not_let_coast() 
     assert control.step(ON, State.QUICK_STOP_ACTIVE) == QUICK_STOP
 
 
-def test_a_drive_in_operation_after_a_short_loss_is_stopped_not_let_coast() -> None:
+def test_drive_in_operation_after_a_short_loss_is_braked() -> None:
     control = Control()
     assert control.step(ON, State.OPERATION_ENABLED, drive_ok=False) == QUICK_STOP
     assert control.step(ON, State.OPERATION_ENABLED) == QUICK_STOP
@@ -58,7 +58,7 @@ def test_a_drive_in_operation_after_a_short_loss_is_stopped_not_let_coast() -> N
 
 
 @pytest.mark.parametrize("word", [OFF, ON, OFF3])
-def test_a_drive_that_restarts_in_a_quick_stop_is_braked_on(word: int) -> None:
+def test_quick_stop_continues_after_a_restart_of_the_drive(word: int) -> None:
     control = Control()
     assert control.step(OFF3, State.OPERATION_ENABLED) == QUICK_STOP
     control.power.restarted()
@@ -76,20 +76,20 @@ def test_a_statusword_that_leaves_operation_by_itself_may_be_wrong() -> None:
     assert control.step(OFF, State.SWITCHED_ON) == SHUTDOWN
 
 
-def test_a_coast_stop_goes_before_the_doubt() -> None:
+def test_coast_stop_has_priority_over_an_unknown_state() -> None:
     control = Control()
     control.step(ON, NO_STATE)
     assert control.step(COAST, State.OPERATION_ENABLED) == DISABLE_VOLTAGE
 
 
-def test_without_a_plc_the_users_coast_goes_before_the_doubt() -> None:
+def test_without_a_plc_configured_coast_has_priority_over_an_unknown_state() -> None:
     control = Control(PlcLossReaction.COAST)
     control.step(ON, State.OPERATION_ENABLED, drive_ok=False)
     assert control.step(ON, State.OPERATION_ENABLED, connected=False) == DISABLE_VOLTAGE
 
 
 @pytest.mark.parametrize("number", [1, 9, 100])
-def test_every_telegram_brings_a_drive_back_from_an_unknown_state_by_a_quick_stop(number: int) -> None:
+def test_every_telegram_answers_an_unknown_state_with_quick_stop(number: int) -> None:
     rig = Rig(number)
     if number == 100:
         rig.values |= {"Modes of Operation": 3, "Controlword": 0x06}
@@ -134,7 +134,7 @@ def test_transparent_axis_in_operation_without_a_command_is_stopped() -> None:
     assert rig.state is State.SWITCH_ON_DISABLED
 
 
-def test_homing_that_ends_without_homing_attained_is_told_and_given_up() -> None:
+def test_homing_without_homing_attained_is_reported_and_aborted() -> None:
     rig = Rig(9)
     rig.node.misbehave("no-homing-attained")
     rig.values |= {"SATZANW": 35, "MDI_VELOCITY": 0x1000}

@@ -109,7 +109,7 @@ def test_operation_without_a_new_frame_shows_no_speed_reached(form: DscForm) -> 
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_a_start_far_from_the_axis_stands(form: DscForm) -> None:
+def test_dsc_start_with_a_far_target_stays_at_standstill(form: DscForm) -> None:
     rig = axis(form)
     control(rig, 50_000, 50)
     assert rig.stepper.reason is Reason.DSC_FAR_FROM_AXIS
@@ -166,7 +166,7 @@ def turn(rig: Rig, cycles: int = 100) -> int:
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_frames_that_stay_away_a_few_cycles_do_not_end_dsc(form: DscForm) -> None:
+def test_few_missing_frames_do_not_end_dsc(form: DscForm) -> None:
     rig = axis(form)
     target = turn(rig)
     rig.silent(HELD_CYCLES)
@@ -178,7 +178,7 @@ def test_frames_that_stay_away_a_few_cycles_do_not_end_dsc(form: DscForm) -> Non
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_a_position_error_that_is_not_renewed_stops_the_axis_long_before_the_watchdog(form: DscForm) -> None:
+def test_outdated_position_error_stops_the_axis_before_the_watchdog(form: DscForm) -> None:
     rig = axis(form)
     turn(rig)
     rig.silent(HELD_CYCLES + 1)
@@ -192,7 +192,7 @@ def test_a_position_error_that_is_not_renewed_stops_the_axis_long_before_the_wat
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_after_late_frames_dsc_starts_anew_and_only_near_the_axis(form: DscForm) -> None:
+def test_dsc_restarts_after_late_frames_only_near_the_axis(form: DscForm) -> None:
     rig = axis(form)
     turn(rig)
     rig.silent(60)
@@ -205,7 +205,7 @@ def test_after_late_frames_dsc_starts_anew_and_only_near_the_axis(form: DscForm)
     assert abs(rig.feedback.position_actual - stopped - 1000) <= 3
 
 
-def test_a_stop_for_late_frames_is_a_ramp_that_ends_at_standstill_whatever_comes_meanwhile() -> None:
+def test_stop_after_late_frames_ramps_to_standstill_despite_new_frames() -> None:
     rig = axis(DscForm.SPEED, references=LONG_RAMP)
     turn(rig)
     rig.silent(HELD_CYCLES + 2)
@@ -220,7 +220,7 @@ def test_a_stop_for_late_frames_is_a_ramp_that_ends_at_standstill_whatever_comes
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_a_speed_without_kpc_stands_until_the_watchdog_as_in_every_telegram(form: DscForm) -> None:
+def test_speed_without_kpc_stays_until_the_watchdog_expires(form: DscForm) -> None:
     rig = axis(form)
     rig.values["NSOLL_B"] = 1 << 28
     rig.step(150)
@@ -230,7 +230,7 @@ def test_a_speed_without_kpc_stands_until_the_watchdog_as_in_every_telegram(form
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_a_position_error_of_before_the_plc_gave_its_control_away_stops_the_axis(form: DscForm) -> None:
+def test_position_error_from_before_the_loss_of_control_stops_the_axis(form: DscForm) -> None:
     rig = axis(form, control_lost=ControlLost.HOLD)
     turn(rig)
     rig.values["STW1"] = ON & ~CONTROL
@@ -242,7 +242,7 @@ def test_a_position_error_of_before_the_plc_gave_its_control_away_stops_the_axis
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_a_speed_without_kpc_stands_without_control_where_the_user_wants_it_so(form: DscForm) -> None:
+def test_speed_without_kpc_and_control_stays_if_configured(form: DscForm) -> None:
     rig = axis(form, control_lost=ControlLost.HOLD)
     rig.values["NSOLL_B"] = 1 << 28
     rig.step(150)
@@ -251,7 +251,7 @@ def test_a_speed_without_kpc_stands_without_control_where_the_user_wants_it_so(f
     assert abs(rig.feedback.velocity_actual - 1500) <= 15
 
 
-def test_off1_while_positions_come_without_nsoll_b_is_a_ramp_too() -> None:
+def test_off1_ramps_also_with_positions_and_without_nsoll_b() -> None:
     rig = axis(DscForm.POSITION, references=LONG_RAMP)
     turn(rig)
     rig.values["STW1"] = OFF
@@ -288,7 +288,7 @@ def test_an_axis_that_a_limit_switch_stopped_does_not_move_on_when_it_is_release
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_an_axis_that_was_asked_to_move_onto_its_limit_switch_does_not_move_when_it_is_released(form: DscForm) -> None:
+def test_axis_stopped_at_its_limit_switch_stays_when_it_is_released(form: DscForm) -> None:
     rig = axis(form)
     limit_switch(rig, reached=True)
     rig.step(10)
@@ -301,7 +301,7 @@ def test_an_axis_that_was_asked_to_move_onto_its_limit_switch_does_not_move_when
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_an_axis_that_stands_at_its_limit_switch_unasked_obeys_the_setpoint_that_leads_off_it(form: DscForm) -> None:
+def test_axis_at_a_limit_switch_follows_a_setpoint_away_from_it(form: DscForm) -> None:
     rig = axis(form)
     limit_switch(rig, reached=True)
     rig.step(400)
@@ -311,7 +311,7 @@ def test_an_axis_that_stands_at_its_limit_switch_unasked_obeys_the_setpoint_that
     assert rig.feedback.velocity_actual < -1400
 
 
-def test_torque_reduction_works_here_too() -> None:
+def test_torque_reduction_works_with_dsc() -> None:
     rig = axis(DscForm.SPEED)
     rig.values["MOMRED"] = 0x2000
     rig.step(3)
@@ -320,7 +320,7 @@ def test_torque_reduction_works_here_too() -> None:
 
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("sign", [1, -1])
-def test_a_speed_goes_no_further_than_its_object(form: DscForm, sign: int) -> None:
+def test_speed_is_limited_to_the_range_of_its_object(form: DscForm, sign: int) -> None:
     rig = axis(form)
     drive = engel(REFERENCES)
     fast = {**drive.scaling.references, Quantity.SPEED: Reference(Fraction(2_000_000_000), "")}
@@ -333,7 +333,7 @@ def test_a_speed_goes_no_further_than_its_object(form: DscForm, sign: int) -> No
     assert getattr(rig.stepper.command, attribute) == synchronous.limits(attribute)[sign > 0]
 
 
-def test_dsc_without_its_choice_is_refused() -> None:
+def test_dsc_without_its_key_is_rejected() -> None:
     with pytest.raises(GatewayError, match='needs dsc = "position" or "speed"'):
         AxisMachine(105, AxisSettings(), Rig(1).feedback)
 
@@ -347,7 +347,7 @@ def test_a_drive_whose_units_are_not_known_does_not_operate() -> None:
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_values_dsc_cannot_reckon_with_refuse_operation(form: DscForm) -> None:
+def test_unusable_dsc_values_block_operation(form: DscForm) -> None:
     rig = Rig(105, dsc=DscChoices(form, following_window=4096), cycle_ns=0)
     rig.step(2)
     (event,) = rig.stepper.events

@@ -106,7 +106,7 @@ def test_only_the_encoder_telegrams_have_an_encoder_machine() -> None:
     data=st.data(),
     total_range=st.sampled_from([1, 7, 1 << 12, 1 << 32]),
 )
-def test_whatever_comes_the_answer_fits_the_telegram(number: int, data: st.DataObject, total_range: int) -> None:
+def test_answer_to_any_setpoints_fits_the_telegram(number: int, data: st.DataObject, total_range: int) -> None:
     stepper = EncoderStepper(number, SensorSettings(3))
     stepper.set_references(EncoderReferences(total_range, Fraction(1, 3)))
     now = 0
@@ -158,7 +158,7 @@ def test_a_relative_preset_of_a_channel_is_the_position_and_the_shift(value: int
     assert bench.stepper.sdo_request == (SdoWrite(0x6010, 3, written),)
 
 
-def test_a_preset_the_encoder_refuses_is_a_sensor_error_and_a_warning() -> None:
+def test_rejected_preset_is_a_sensor_error_and_a_warning() -> None:
     bench = Bench()
     bench.step()
     bench.step(PRESET)
@@ -172,7 +172,7 @@ def test_a_preset_the_encoder_refuses_is_a_sensor_error_and_a_warning() -> None:
     assert bench.stepper.sdo_request is None, "the request that still stands is no new one"
 
 
-def test_parking_withdraws_a_preset() -> None:
+def test_parking_cancels_a_preset() -> None:
     bench = Bench()
     bench.step()
     bench.step(PRESET)
@@ -189,7 +189,7 @@ def test_without_control_by_plc_the_last_sensor_command_stays() -> None:
     assert bench.step(0, cycles=PARKED_NS // (4 * MS))["G1_ZSW"] == 0
 
 
-def test_a_preset_that_stands_when_the_plc_comes_back_is_not_executed() -> None:
+def test_preset_active_at_reconnect_is_not_executed() -> None:
     bench = Bench()
     bench.step()
     bench.step(stw2=None)
@@ -228,7 +228,7 @@ def test_an_alarm_after_a_memory_emergency_is_a_memory_error() -> None:
     assert (actuals["G1_ZSW"], actuals["G1_XIST2"]) == (0x8000, 0x1001)
 
 
-def test_a_fault_that_was_told_is_not_acknowledged_before_the_encoder_is_back() -> None:
+def test_reported_fault_is_acknowledged_only_with_the_encoder_online() -> None:
     bench = Bench()
     bench.step()
     bench.stepper.emergency(0x5000, bench.now)
@@ -241,7 +241,7 @@ def test_a_fault_that_was_told_is_not_acknowledged_before_the_encoder_is_back() 
     assert bench.step(stw2=CONTROL | FAULT_ACKNOWLEDGE)["ZSW2_ENC"] == 0x0200
 
 
-def test_an_encoder_that_is_not_online_yet_shows_a_fault_that_needs_no_acknowledge() -> None:
+def test_fault_before_the_encoder_is_online_needs_no_acknowledge() -> None:
     bench = Bench()
     bench.ok = False
     actuals = bench.step(ABSOLUTE)
@@ -302,7 +302,7 @@ def test_without_a_speed_object_the_speed_is_that_of_the_position_across_wraps()
     assert actuals["NIST_B"] == int(Fraction(per_second) / REFERENCES.speed_reference * (1 << 30))
 
 
-def test_a_preset_is_no_speed() -> None:
+def test_preset_is_not_shown_as_a_speed() -> None:
     bench = Bench()
     bench.stepper.channel.sensor.preset_value = 9_000_000
     bench.step(cycles=5)
@@ -314,7 +314,7 @@ def test_a_preset_is_no_speed() -> None:
 
 
 @pytest.mark.parametrize("limit", [-32768, 32767])
-def test_a_speed_object_at_its_limit_is_not_believed(limit: int) -> None:
+def test_saturated_speed_object_is_not_used(limit: int) -> None:
     bench = Bench()
     bench.encoder.speed = limit
     assert bench.step(cycles=10)["NIST_B"] == 0
@@ -343,7 +343,7 @@ def test_references_of_a_linear_encoder_with_steps_of_5_um_and_100_um_per_second
     assert bench.step()["NIST_A"] == 0x2000
 
 
-def test_a_linear_encoder_that_does_not_tell_its_step_is_refused() -> None:
+def test_linear_encoder_without_measuring_step_is_rejected() -> None:
     bench = Bench(82, EncoderReferences.linear(EncoderParameters(), Fraction(1)))
     bench.step()
     assert bench.stepper.reason is Reason.REFERENCE_INVALID
@@ -371,7 +371,7 @@ def test_time_stamps_make_the_speed_right_whatever_the_jitter(speed: int, interv
     assert abs(found - speed) <= 10**9 // max(1, span) + 1
 
 
-def test_an_encoder_that_says_nothing_more_stands() -> None:
+def test_encoder_without_new_frames_shows_standstill() -> None:
     estimate = SpeedFromPosition()
     assert estimate.step(0, 0, 0) == 0
     assert estimate.step(10, 10 * MS, 10 * MS) == 1000
@@ -379,7 +379,7 @@ def test_an_encoder_that_says_nothing_more_stands() -> None:
     assert estimate.step(10, 10 * MS, 111 * MS) == 0
 
 
-def test_an_encoder_that_sends_seldom_does_not_stand() -> None:
+def test_encoder_with_rare_frames_does_not_show_standstill() -> None:
     estimate = SpeedFromPosition()
     estimate.step(0, 0, 0)
     estimate.step(1000, 1000 * MS, 1000 * MS)

@@ -158,7 +158,7 @@ def test_the_speed_of_a_linear_encoder() -> None:
     assert rig.step(0, 50)["NIST_A"] / 0x4000 == pytest.approx(0.25, abs=0.001)
 
 
-def test_positions_go_on_where_the_device_wraps() -> None:
+def test_position_continues_across_the_device_overflow() -> None:
     rig = Rig(84, ROTARY, [constant_speed(5.0, 4095.9)])
     first = rig.step(ABSOLUTE)
     last = rig.step(ABSOLUTE, 250)

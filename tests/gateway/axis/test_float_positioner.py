@@ -75,7 +75,7 @@ def test_velocities_can_be_per_second() -> None:
 
 @pytest.mark.parametrize("name", ["MDI_TARPOS_F", "MDI_VELOCITY_F", "MDI_ACC_F", "MDI_DEC_F"])
 @pytest.mark.parametrize("value", [NAN, INFINITY, -INFINITY])
-def test_what_is_no_number_moves_nothing(name: str, value: float) -> None:
+def test_nan_and_infinity_move_nothing(name: str, value: float) -> None:
     made = rig(**({"MDI_TARPOS_F": 5.0, "MDI_VELOCITY_F": 600.0} | {name: value}))
     start(made)
     made.step(50)

@@ -73,7 +73,7 @@ def test_freeze_while_the_axis_slows_down_keeps_the_speed() -> None:
     assert rig.feedback.velocity_actual == edge, "another setpoint counts once the ramp is released"
 
 
-def test_freeze_at_the_start_of_operation_stands() -> None:
+def test_freeze_at_the_start_of_operation_is_standstill() -> None:
     rig = Rig(1)
     rig.values["NSOLL_A"] = 0x4000
     rig.enable(0x045E)

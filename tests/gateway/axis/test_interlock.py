@@ -87,7 +87,7 @@ def test_after_an_off_every_command_in_every_state(state: State, command: int) -
 
 
 @pytest.mark.parametrize("resume", [False, True])
-def test_a_standing_on_of_a_new_connection_does_not_resume_the_ramp_stop_of_a_lost_plc(resume: bool) -> None:
+def test_active_on_of_a_new_connection_does_not_resume_a_ramp_stop(resume: bool) -> None:
     bench = Bench(on_plc_loss=PlcLossReaction.RAMP, ramp_stop_resume=resume)
     bench.operate(0x2000)
     bench.drive.ramp = 100
@@ -158,7 +158,7 @@ def test_a_connection_that_changed_while_the_references_were_invalid_needs_its_o
     assert stepper.reason is Reason.NEEDS_OFF
 
 
-def test_a_short_disable_operation_is_kept_until_the_drive_shows_it() -> None:
+def test_short_disable_operation_is_kept_until_the_drive_confirms_it() -> None:
     """Disable Operation for one cycle of the PLC; long after it the enable input of the drive drops."""
     control = power(State.OPERATION_ENABLED, after_off=True)
     assert step(control, 0x477, State.OPERATION_ENABLED, 1 * MS) == SWITCH_ON
@@ -173,7 +173,7 @@ def test_a_short_disable_operation_is_kept_until_the_drive_shows_it() -> None:
     assert control.reason is Reason.NEEDS_OFF
 
 
-def test_a_short_disable_operation_shown_late_is_still_the_plcs_own() -> None:
+def test_late_confirmation_of_a_short_disable_operation_is_no_fault() -> None:
     control = power(State.OPERATION_ENABLED, after_off=True)
     step(control, 0x477, State.OPERATION_ENABLED, 1 * MS)
     step(control, ON, State.OPERATION_ENABLED, 5 * MS)
@@ -181,13 +181,13 @@ def test_a_short_disable_operation_shown_late_is_still_the_plcs_own() -> None:
     assert control.phase is Phase.FOLLOW
 
 
-def test_an_acknowledge_in_steady_operation_reaches_the_drive_while_it_stands() -> None:
+def test_acknowledge_in_operation_reaches_the_drive_while_it_is_set() -> None:
     control = power(State.OPERATION_ENABLED, after_off=True)
     words = [step(control, word, State.OPERATION_ENABLED) for word in (ON, ON, ON | 0x80, ON | 0x80, ON, ON)]
     assert words == [ENABLE, ENABLE, *[ENABLE | ControlBit.FAULT_RESET] * 2, ENABLE, ENABLE]
 
 
-def test_an_acknowledge_that_stood_from_the_start_into_operation_is_an_edge_once_it_has_fallen() -> None:
+def test_acknowledge_set_since_the_start_needs_a_new_edge() -> None:
     control = Interlock(AxisSettings())
     words = [
         step(control, word | 0x80, state)
@@ -205,14 +205,14 @@ def test_an_acknowledge_that_stood_from_the_start_into_operation_is_an_edge_once
     assert step(control, ON | 0x80, State.OPERATION_ENABLED) == ENABLE | ControlBit.FAULT_RESET
 
 
-def test_a_drive_that_follows_the_enable_within_a_cycle_however_long_is_in_operation_by_command() -> None:
+def test_enable_confirmed_within_a_long_cycle_counts_as_commanded() -> None:
     control = power(State.SWITCHED_ON, after_off=True)
     long_after = MS + 2 * COMMAND_SHOWN_NS
     assert step(control, OFF, State.OPERATION_ENABLED, long_after) == ENABLE, "OFF1: it ramps down"
     assert control.phase is Phase.RAMP_STOP
 
 
-def test_a_quick_stop_is_over_after_its_whole_standing_time_and_a_moment_at_speed_0_is_none() -> None:
+def test_quick_stop_ends_after_the_standstill_time_and_not_at_a_zero_crossing() -> None:
     control, began = power(State.OPERATION_ENABLED, after_off=True), 10**10
 
     def stopping(standstill: bool, now: int) -> int:
@@ -241,14 +241,14 @@ def raw_operation() -> Interlock:
     return control
 
 
-def test_a_raw_controlword_too_is_no_longer_obeyed_by_a_drive_that_left_operation_by_itself() -> None:
+def test_raw_controlword_is_blocked_after_the_drive_left_operation() -> None:
     control = raw_operation()
     assert raw(control, PowerWish.ENABLE, State.SWITCHED_ON, 400 * MS) == QUICK_STOP
     assert control.phase is Phase.UNCONFIRMED
     assert raw(control, PowerWish.ENABLE, State.OPERATION_ENABLED, 404 * MS) == QUICK_STOP
 
 
-def test_a_raw_disable_operation_is_the_plcs_own_and_locks_nothing() -> None:
+def test_raw_disable_operation_does_not_lock() -> None:
     control = raw_operation()
     for cycle, (wish, state) in enumerate(
         (
@@ -263,7 +263,7 @@ def test_a_raw_disable_operation_is_the_plcs_own_and_locks_nothing() -> None:
 
 
 @pytest.mark.parametrize("number", DRIVE_TELEGRAM_NUMBERS)
-def test_an_acknowledge_that_stands_since_before_an_outage_of_the_references_is_no_edge(number: int) -> None:
+def test_acknowledge_set_before_an_outage_of_references_is_no_edge(number: int) -> None:
     stepper = Stepper(number)
     feedback = DriveFeedback()
     feedback.statusword = STATUS_OF[State.FAULT]
@@ -280,7 +280,7 @@ def test_an_acknowledge_that_stands_since_before_an_outage_of_the_references_is_
 
 
 @pytest.mark.parametrize("number", DRIVE_TELEGRAM_NUMBERS)
-def test_an_axis_in_operation_whose_references_are_gone_is_told_to_stop_by_every_telegram(number: int) -> None:
+def test_axis_without_references_stops_with_every_telegram(number: int) -> None:
     stepper = Stepper(number)
     feedback = DriveFeedback()
     stepper.set_references(References())
@@ -303,7 +303,7 @@ def test_an_axis_in_operation_whose_references_are_gone_is_told_to_stop_by_every
     assert stepper.reason is Reason.REFERENCE_INVALID
 
 
-def test_transparent_says_for_as_long_as_it_stands_that_a_mode_is_not_passed_on() -> None:
+def test_telegram_100_reports_an_unsupported_mode_as_long_as_it_is_set() -> None:
     stepper = Stepper(100, AxisSettings())
     stepper.set_references(References())
     feedback = DriveFeedback()

@@ -86,7 +86,7 @@ def check_profile(targets: Sequence[int], speed: Fraction, ramp: Fraction) -> No
     assert max(map(abs, steps(ways)), default=0) <= ramp + 2
 
 
-def test_a_task_is_a_trapezoid_of_set_points_in_mode_8_and_shows_zsw1_as_ever() -> None:
+def test_task_in_mode_8_is_a_trapezoid_with_the_usual_zsw1() -> None:
     rig = CspRig()
     rig.task(100_000)
     assert not rig.actuals["ZSW1"] & REACHED
@@ -117,7 +117,7 @@ def test_an_intermediate_stop_is_resumed_to_the_target() -> None:
 
 
 @pytest.mark.parametrize(("plc", "word"), [(True, 0x043B), (False, ON)])
-def test_off3_and_a_lost_plc_are_the_quick_stop_of_the_drive_and_nothing_jumps_afterwards(plc: bool, word: int) -> None:
+def test_off3_and_plc_loss_use_the_drives_quick_stop_without_a_later_jump(plc: bool, word: int) -> None:
     rig = CspRig()
     rig.task(100_000)
     rig.step(60)
@@ -172,7 +172,7 @@ def test_an_axis_held_by_a_limit_switch_does_not_move_on_when_that_is_released()
     assert rig.position == 0
 
 
-def test_a_drive_that_does_not_take_the_targets_is_not_led_away_from_where_it_is() -> None:
+def test_drive_that_ignores_targets_gets_no_distant_target() -> None:
     rig = CspRig()
 
     def ignores(model: DriveModel, now: int) -> None:
@@ -192,7 +192,7 @@ def test_a_drive_that_does_not_take_the_targets_is_not_led_away_from_where_it_is
     check_profile(rig.targets, COUNTS_PER_CYCLE, RAMP_PER_CYCLE)
 
 
-def test_homing_is_the_drives_own_mode_6_and_tasks_go_on_in_mode_8() -> None:
+def test_homing_uses_mode_6_and_tasks_continue_in_mode_8() -> None:
     rig = CspRig()
     rig.task(5_000)
     rig.reached()
@@ -227,7 +227,7 @@ def test_homing_of_a_drive_without_mode_6_is_refused_with_the_reason() -> None:
 
 
 @pytest.mark.parametrize("number", [9, 7, 110, 111])
-def test_what_is_sent_is_a_position_and_the_controlword(number: int) -> None:
+def test_rpdo_has_a_position_and_the_controlword(number: int) -> None:
     plan = planned(described("csp"), number)
     assert [item.pdo.attributes for item in plan.rpdos] == [("target_position", "modes_of_operation", "controlword")]
     assert plan.needs_sync
@@ -247,21 +247,21 @@ def test_what_is_sent_is_a_position_and_the_controlword(number: int) -> None:
         ("acceleration_per_rpm_s", "acceleration units per rpm/s", "acceleration_unit", 'acceleration_unit = "?"'),
     ],
 )
-def test_a_unit_nobody_tells_refuses_the_axis_and_names_its_key(unknown: str, what: str, key: str, line: str) -> None:
+def test_unknown_unit_blocks_the_axis_and_names_its_key(unknown: str, what: str, key: str, line: str) -> None:
     drive = described("csp")
     scaling = replace(drive.scaling, **{unknown: None})  # type: ignore[arg-type]
     refusal = lacks(replace(drive, scaling=scaling), 9)
     assert refusal == f"{what}: unknown, set {key}; paste into its [[axis]] and fill in: {line}"
 
 
-def test_a_reference_nobody_tells_refuses_the_axis() -> None:
+def test_unknown_reference_blocks_the_axis() -> None:
     drive = described("csp")
     references = {key: value for key, value in drive.scaling.references.items() if key is not Quantity.DECELERATION}
     scaling = replace(drive.scaling, references=references, unknown={Quantity.DECELERATION: "set rated_..."})
     assert lacks(replace(drive, scaling=scaling), 9) == "set rated_..."
 
 
-def test_a_task_past_the_end_of_a_range_that_wraps_ends_there_and_no_set_point_jumps() -> None:
+def test_task_beyond_an_overflowing_range_ends_there_without_a_jump() -> None:
     rig = CspRig()
     drive = described("csp")
     assert drive.scaling.position_wraps
@@ -274,7 +274,7 @@ def test_a_task_past_the_end_of_a_range_that_wraps_ends_there_and_no_set_point_j
     check_profile(rig.targets, COUNTS_PER_CYCLE, RAMP_PER_CYCLE)
 
 
-def test_an_axis_without_a_range_turns_on_past_the_end_of_32_bits() -> None:
+def test_axis_without_a_range_turns_across_the_32_bit_overflow() -> None:
     drive = described("csp")
     stepper = Stepper(9, AxisSettings(cycle_ns=CYCLE_MS * 1_000_000))
     stepper.set_drive(replace(drive, scaling=replace(drive.scaling, position_range=None)))
@@ -298,7 +298,7 @@ def test_an_axis_without_a_range_turns_on_past_the_end_of_32_bits() -> None:
     assert max(ways) <= COUNTS_PER_CYCLE + 1
 
 
-def test_a_limit_that_shows_for_a_moment_holds_the_axis_until_a_new_task() -> None:
+def test_short_limit_signal_holds_the_axis_until_a_new_task() -> None:
     rig = CspRig()
     rig.task(100_000)
     rig.step(30)
@@ -319,7 +319,7 @@ def test_a_limit_that_shows_for_a_moment_holds_the_axis_until_a_new_task() -> No
     assert rig.position == 90_000
 
 
-def test_a_drive_that_has_not_obeyed_a_quick_stop_yet_is_led_to_standstill() -> None:
+def test_drive_that_delays_a_quick_stop_is_guided_to_standstill() -> None:
     rig = CspRig()
     rig.task(400_000)
     rig.step(100)
@@ -342,7 +342,7 @@ def test_a_drive_that_has_not_obeyed_a_quick_stop_yet_is_led_to_standstill() -> 
     deceleration=st.integers(1 << 10, 1 << 14),
     cycles=st.integers(0, 60),
 )
-def test_tasks_that_replace_each_other_at_any_moment_keep_to_their_speed_and_ramps_and_end_at_the_last_target(
+def test_tasks_replaced_at_any_time_keep_limits_and_reach_the_last_target(
     targets: list[int], speed: int, acceleration: int, deceleration: int, cycles: int
 ) -> None:
     rig = CspRig()

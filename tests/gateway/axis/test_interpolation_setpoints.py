@@ -166,7 +166,7 @@ def check_slows_down_with(ways: Sequence[int], deceleration: int) -> None:
     assert abs(moving - abs(ways[0]) / ramp(deceleration)) <= 2
 
 
-def test_speeding_up_and_slowing_down_of_a_task_are_each_as_asked() -> None:
+def test_acceleration_and_deceleration_of_a_task_are_as_commanded() -> None:
     axis = Axis()
     axis.travels(90_000)
     axis.step(600)
@@ -181,7 +181,7 @@ def test_speeding_up_and_slowing_down_of_a_task_are_each_as_asked() -> None:
     assert abs(sum(1 for way in axis.ways[last:] if way) - highest / ramp(SLOW)) <= 3
 
 
-def test_halt_stops_a_task_on_its_own_ramp_and_it_does_not_go_on_by_itself() -> None:
+def test_halt_stops_a_task_on_its_ramp_without_an_automatic_resume() -> None:
     axis = Axis()
     axis.travels(90_000)
     axis.step(100)
@@ -203,7 +203,7 @@ def test_halt_stops_a_queued_task_on_that_tasks_ramp() -> None:
     check_slows_down_with(slowing_down(axis, HALT), SLOW)
 
 
-def test_a_set_point_that_comes_as_halt_falls_is_not_taken() -> None:
+def test_setpoint_with_the_falling_halt_is_not_accepted() -> None:
     axis = Axis()
     axis.wished.target_position = 50_000
     axis.step(5, HALT)
@@ -212,7 +212,7 @@ def test_a_set_point_that_comes_as_halt_falls_is_not_taken() -> None:
     assert not axis.seen.statusword & StatusBit.MODE_12
 
 
-def test_halt_stops_a_speed_on_its_ramp_and_the_speed_comes_back_when_it_falls() -> None:
+def test_halt_ramps_a_speed_down_and_its_end_resumes_it() -> None:
     axis = Axis()
     axis.turns(SPEED_RPM)
     axis.step(150)
@@ -223,7 +223,7 @@ def test_halt_stops_a_speed_on_its_ramp_and_the_speed_comes_back_when_it_falls()
     check_ramps(axis.ways, FAST, SLOW)
 
 
-def test_a_task_is_over_with_a_speed() -> None:
+def test_speed_command_ends_a_task() -> None:
     axis = Axis()
     axis.travels(90_000)
     axis.step(60)
@@ -245,9 +245,7 @@ def test_a_speed_of_0_stops_on_the_ramp() -> None:
 
 @pytest.mark.parametrize("action", [Action.DISABLE_VOLTAGE, Action.QUICK_STOP])
 @pytest.mark.parametrize("turning", [True, False])
-def test_a_drive_that_stays_in_operation_against_its_command_is_led_to_standstill(
-    action: Action, turning: bool
-) -> None:
+def test_drive_in_operation_against_its_command_is_guided_to_standstill(action: Action, turning: bool) -> None:
     axis = Axis()
     if turning:
         axis.turns(SPEED_RPM)
@@ -274,7 +272,7 @@ def test_a_speed_ends_at_the_end_of_a_range_and_shows_the_limit(rpm: int, end: i
     assert axis.targets[-1] != end
 
 
-def test_an_end_that_cannot_be_met_any_more_is_passed_on_the_ramp_and_not_further() -> None:
+def test_target_behind_the_braking_distance_is_passed_by_the_ramp_only() -> None:
     axis = Axis(30_000, (0, 59_999))
     axis.ramps(FAST, FAST)
     axis.turns(SPEED_RPM)
@@ -302,7 +300,7 @@ def test_a_task_beyond_the_range_ends_there_and_shows_the_limit_until_the_next()
     assert not axis.seen.statusword & StatusBit.INTERNAL_LIMIT
 
 
-def test_a_speed_into_a_limit_that_showed_for_a_moment_stays_forgotten_until_another_is_asked() -> None:
+def test_speed_towards_a_short_limit_signal_needs_a_new_speed() -> None:
     axis = Axis()
     axis.turns(SPEED_RPM)
     axis.step(60)
@@ -343,7 +341,7 @@ def away_from_its_target(axis: Axis) -> None:
 
 
 @pytest.mark.parametrize("reason", [still_demanded, still_slowing_down, away_from_its_target])
-def test_a_target_is_not_reached_while_something_is_missing(reason: Callable[[Axis], None]) -> None:
+def test_target_is_not_reached_before_the_last_increment(reason: Callable[[Axis], None]) -> None:
     axis = Axis()
     axis.step(3)
     assert axis.is_reached
@@ -372,7 +370,7 @@ def test_a_target_is_not_reached_while_the_drive_still_turns() -> None:
         (OPERATES | StatusBit.MODE_12, 0),
     ],
 )
-def test_what_the_drive_is_sent_while_it_takes_no_positions_is_where_it_is(statusword: int, mode: int) -> None:
+def test_drive_outside_mode_8_gets_its_own_position(statusword: int, mode: int) -> None:
     axis = Axis()
     axis.travels(90_000)
     axis.step(40)
@@ -388,7 +386,7 @@ def test_what_the_drive_is_sent_while_it_takes_no_positions_is_where_it_is(statu
     assert axis.targets[-1] == -123_456
 
 
-def test_a_drive_that_is_there_again_and_still_in_operation_is_sent_where_it_is_now() -> None:
+def test_drive_back_in_operation_gets_its_present_position() -> None:
     axis = Axis()
     axis.travels(90_000)
     axis.step(40)
@@ -401,7 +399,7 @@ def test_a_drive_that_is_there_again_and_still_in_operation_is_sent_where_it_is_
     assert axis.targets[-1] == 80_000
 
 
-def test_a_stop_before_any_ramp_was_asked_takes_the_drives_own() -> None:
+def test_stop_without_a_commanded_ramp_uses_the_drives_ramp() -> None:
     axis = Axis()
     axis.turns(SPEED_RPM)
     axis.step(60)
@@ -430,7 +428,7 @@ def test_ramps_are_in_the_drives_own_unit_of_acceleration(unit: Fraction) -> Non
 
 
 @pytest.mark.parametrize(("modulo", "wraps"), [(True, True), (True, False), (False, True)])
-def test_a_modulo_axis_needs_a_drive_that_counts_on(modulo: bool, wraps: bool) -> None:
+def test_modulo_axis_needs_a_drive_with_a_continuous_position(modulo: bool, wraps: bool) -> None:
     drive = replace(CSP, scaling=replace(CSP.scaling, position_wraps=wraps))
     item = Axis().interpolation
     if not (modulo and wraps):
@@ -440,12 +438,12 @@ def test_a_modulo_axis_needs_a_drive_that_counts_on(modulo: bool, wraps: bool) -
         item.set_drive(drive, modulo=modulo)
 
 
-def test_without_a_cycle_no_positions_can_be_made() -> None:
+def test_mode_8_needs_a_cycle_time() -> None:
     with pytest.raises(Dsp402Error, match="cycle"):
         Interpolation(Asks(0)).set_drive(CSP, modulo=False)
 
 
-def test_what_is_refused_has_its_set_point_where_the_axis_is() -> None:
+def test_setpoint_of_a_rejected_axis_is_its_present_position() -> None:
     axis = Axis()
     axis.travels(90_000)
     axis.step(20)
@@ -456,7 +454,7 @@ def test_what_is_refused_has_its_set_point_where_the_axis_is() -> None:
         assert axis.command.controlword == 0
 
 
-def test_the_executor_sees_where_the_drive_is() -> None:
+def test_executor_reads_the_position_of_the_drive() -> None:
     axis = Axis()
     axis.follows = False
     for position in (5, -4096):

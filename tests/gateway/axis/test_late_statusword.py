@@ -86,7 +86,7 @@ def test_loss_of_control_after_disable_operation_never_enables() -> None:
         assert words == [SHUTDOWN, SWITCH_ON, ENABLE, ENABLE, SWITCH_ON, *(SHUTDOWN,) * 5], choice
 
 
-def test_operation_shown_long_after_the_last_enable_is_an_unknown_state() -> None:
+def test_operation_long_after_the_last_enable_is_an_unknown_state() -> None:
     control = Control()
     control.step(OFF, State.SWITCHED_ON)
     control.now += COMMAND_SHOWN_NS
@@ -126,7 +126,7 @@ def test_fault_or_unknown_state_right_after_the_first_enable_locks(shown: State 
     assert control.power.reason is Reason.NEEDS_OFF
 
 
-def test_off3_brakes_a_drive_in_operation_that_nobody_here_enabled() -> None:
+def test_off3_brakes_a_drive_that_was_enabled_elsewhere() -> None:
     power = Interlock(AxisSettings())
     assert step_interlock(power, OFF3, STATUS_OF[LATE], MS) == QUICK_STOP
     assert step_interlock(power, ON, STATUS_OF[LATE], 2 * MS) == QUICK_STOP, "latched"
@@ -149,7 +149,7 @@ def test_disable_operation_in_a_quick_stop_takes_power_off(word: int) -> None:
 
 
 @pytest.mark.parametrize(("word", "stop"), [(0x0476, ENABLE), (0x0402, QUICK_STOP), (0x0473, QUICK_STOP)])
-def test_a_stop_that_begins_with_stw1_3_at_0_brakes(word: int, stop: int) -> None:
+def test_stop_that_starts_with_stw1_3_at_0_brakes(word: int, stop: int) -> None:
     control = in_operation()
     for _ in range(5):
         assert control.step(word, LATE) == stop
@@ -189,7 +189,7 @@ def zsw1_of(*steps: tuple[int | None, State]) -> tuple[int, int]:
     return zsw1, stepper.command.controlword & 0x8F
 
 
-def test_operation_that_nobody_commanded_is_not_shown_to_the_plc() -> None:
+def test_uncommanded_operation_is_not_shown_to_the_plc() -> None:
     zsw1, controlword = zsw1_of((OFF, State.NOT_READY_TO_SWITCH_ON), (None, State.OPERATION_ENABLED))
     assert controlword == QUICK_STOP
     assert not zsw1 & 0x0404, "neither operation nor speed reached"

@@ -35,11 +35,11 @@ def test_a_braking_motor_has_negative_power() -> None:
     assert load(-500, 3000) == (-0x2000, -0x2000, -0x2000)
 
 
-def test_values_beyond_200_percent_stop_there() -> None:
+def test_values_above_200_percent_are_limited() -> None:
     assert load(3000, 3000) == (0x7FFF, 0x7FFF, 0x7FFF)
 
 
-def test_without_references_no_old_value_is_shown_and_the_kind_of_fault_still_is() -> None:
+def test_without_references_only_the_fault_class_is_shown() -> None:
     rig = Rig(20)
     rig._tpdos.clear()
     rig.feedback.current_actual, rig.feedback.velocity_actual = 1000, 6000
@@ -67,11 +67,11 @@ def test_without_references_no_old_value_is_shown_and_the_kind_of_fault_still_is
         (0x8611, "OTHER"),
     ],
 )
-def test_the_namur_word_tells_the_kind_of_fault(code: int, name: str) -> None:
+def test_namur_word_shows_the_fault_class(code: int, name: str) -> None:
     assert namur_word(code) == NAMUR[name]
 
 
-def test_the_namur_word_is_there_until_the_drive_takes_its_fault_back() -> None:
+def test_namur_word_stays_until_the_fault_of_the_drive_ends() -> None:
     rig = Rig(20)
     news = rig.stepper.machine.inputs.news
     news.append(NodeNotice(Notice.EMERGENCY, "EMCY", rig.now, 0x2310, 0x03))
@@ -80,7 +80,7 @@ def test_the_namur_word_is_there_until_the_drive_takes_its_fault_back() -> None:
     assert rig.step()["MELD_NAMUR"] == 0
 
 
-def test_a_drive_without_a_current_is_operated_without_it() -> None:
+def test_drive_without_actual_current_operates() -> None:
     drive = engel()
     entries = {name: entry for name, entry in drive.entries.items() if name != "current_actual"}
     lacking = drive.__class__(**{**{f: getattr(drive, f) for f in drive.__dataclass_fields__}, "entries": entries})

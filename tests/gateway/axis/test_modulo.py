@@ -106,7 +106,7 @@ def test_a_task_over_the_end_that_replaces_a_running_one_ends_at_its_target(wrap
 
 
 @pytest.mark.parametrize("wraps", [False, True], ids=["counts on", "wraps at 607Bh"])
-def test_setting_up_and_relative_tasks_turn_on_for_ever(wraps: bool) -> None:
+def test_setting_up_and_relative_tasks_turn_without_limit(wraps: bool) -> None:
     rig = table(wraps=wraps)
     rig.values |= {"MDI_VELOCITY": 12_000, "POS_STW1": 0xC000 | POSITIVE, "STW1": ON | 0x40}
     rig.until(lambda actuals: in_range_and_reached(actuals) or rig.node.model.position > 3.3 * UNITS, 3000)
@@ -124,7 +124,7 @@ def test_setting_up_and_relative_tasks_turn_on_for_ever(wraps: bool) -> None:
     ) % LU > LU - 3
 
 
-def test_an_axis_that_counts_on_goes_over_the_end_of_32_bit() -> None:
+def test_continuous_position_crosses_the_32_bit_overflow() -> None:
     rig = table(wraps=False)
     model = rig.node.model
     go(rig, 100)
@@ -138,7 +138,7 @@ def test_an_axis_that_counts_on_goes_over_the_end_of_32_bit() -> None:
     assert go(rig, begin, NEGATIVE) == pytest.approx(-UNITS / 2, abs=3)
 
 
-def test_a_drive_that_wraps_after_something_else_is_refused() -> None:
+def test_drive_with_another_modulo_range_is_rejected() -> None:
     rig = Rig(111, ROTARY_AXIS, positioner=replace(TABLE, modulo=9000))
     rig.stepper.set_drive(drive_type(wraps=True), homing_method=35)
     rig.step(2)
@@ -159,7 +159,7 @@ def test_telegram_110_has_its_directions_in_mdi_mod() -> None:
 
 
 @pytest.mark.parametrize(("turns", "refused"), [(524_287, False), (524_289, True), (-524_287, False), (-524_289, True)])
-def test_a_relative_task_is_no_longer_than_the_drive_can_be_sent_at_once(turns: int, refused: bool) -> None:
+def test_relative_task_is_limited_to_the_range_of_one_setpoint(turns: int, refused: bool) -> None:
     rig = table(choices=replace(TABLE, lu_per_revolution=1000, modulo=1000), wraps=False)
     rig.values |= {"MDI_TARPOS": 1000 * turns, "MDI_VELOCITY": 3000, "POS_STW1": 0x8000, "STW1": ON}
     rig.step(2)

@@ -59,13 +59,13 @@ def life(number: int, more: str) -> list[tuple[object, ...]]:
         return seen
 
 
-def test_it_is_carried_out_as_the_telegram_that_it_is_like() -> None:
+def test_own_telegram_is_executed_like_its_base_telegram() -> None:
     known, own = life(102, ""), life(1001, OWN)
     assert own == known
     assert len({row[1] for row in own}) > 10, "the axis turned"
 
 
-def test_map_and_device_description_have_it(tmp_path: Path) -> None:
+def test_map_and_device_description_contain_the_own_telegram(tmp_path: Path) -> None:
     config = parse_config(file(1001, OWN))
     setpoints, _ = frame_maps(config)
     assert [place.name for place in setpoints.places if place.axis == 1][:6] == [
@@ -108,7 +108,7 @@ def test_map_and_device_description_have_it(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_nobody_could_carry_out_is_refused(
+def test_own_telegram_without_an_executor_is_rejected(
     number: int, like: int, names: tuple[list[str], list[str]], told: str
 ) -> None:
     with pytest.raises((GatewayError, ProfidriveError), match=told):
@@ -116,13 +116,13 @@ def test_what_nobody_could_carry_out_is_refused(
     assert number not in telegrams.DRIVE_TELEGRAM_NUMBERS
 
 
-def test_one_number_has_one_layout() -> None:
+def test_own_telegram_number_has_only_one_layout() -> None:
     add_telegram(1001, 1, *SPEED)
     add_telegram(1001, 1, *SPEED)
     with pytest.raises(ProfidriveError, match="1001 with two layouts"):
         add_telegram(1001, 2, ["STW1", "NSOLL_B"], ["ZSW1", "NIST_B"])
 
 
-def test_the_file_says_which_table_is_wrong() -> None:
+def test_error_names_the_table_of_the_own_telegram() -> None:
     with pytest.raises(GatewayError, match=r":2: \[\[telegram\]\].*actuals: MELDW missing"):
         parse_config(file(1001, OWN.replace('"MELDW"', '"XIST_A"')))

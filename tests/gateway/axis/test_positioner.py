@@ -123,7 +123,7 @@ def _length(rig: Rig) -> int:
 
 
 @pytest.mark.parametrize("late", [False, True], ids=["with the Statusword", "a cycle after it"])
-def test_homing_behind_a_reference_point_never_shows_the_old_offset_on_the_new_zero(late: bool) -> None:
+def test_homing_after_a_reference_point_never_mixes_offset_and_zero(late: bool) -> None:
     rig = positioner(choices=replace(CHOICES, reference_coordinate=1000))
     send(rig, "047F 8100 0000 0000 4000 0000 C350 0000 2EE0 4000 4000 0000")
     rig.until(lambda actuals: bool(actuals["ZSW1"] & 0x0400), 2000)
@@ -307,7 +307,7 @@ def test_an_unknown_block_moves_nothing_and_warns_until_the_reject() -> None:
     assert not rig.actuals["ZSW1"] & 0x0080
 
 
-def test_loss_of_the_plc_drops_the_task_and_the_standing_edge_starts_nothing() -> None:
+def test_plc_loss_drops_the_task_and_the_active_bit_starts_nothing() -> None:
     rig = positioner()
     send(rig, "047F 8100 0000 0000 4000 0000 C350 0000 2EE0 4000 4000 0000")
     rig.step(40)
@@ -321,7 +321,7 @@ def test_loss_of_the_plc_drops_the_task_and_the_standing_edge_starts_nothing() -
     assert not rig.actuals["ZSW1"] & 0x1000
 
 
-def test_off1_ramps_down_and_nothing_goes_on_after_the_next_on() -> None:
+def test_off1_ramps_down_and_the_next_on_resumes_nothing() -> None:
     rig = positioner()
     send(rig, "047F C200 0000 0000 4000 0000 0000 0000 2EE0 4000 4000 0000")
     rig.step(120)
@@ -334,7 +334,7 @@ def test_off1_ramps_down_and_nothing_goes_on_after_the_next_on() -> None:
 
 
 @pytest.mark.parametrize("lost", [False, True])
-def test_off1_and_the_loss_of_the_plc_halt_a_task_in_the_mode_there_is(lost: bool) -> None:
+def test_off1_and_plc_loss_halt_a_task_in_its_mode(lost: bool) -> None:
     rig = positioner(on_plc_loss=PlcLossReaction.RAMP)
     send(rig, "047F 8100 0000 0000 4000 0000 C350 0000 2EE0 4000 4000 0000")
     rig.step(40)
@@ -358,7 +358,7 @@ def test_telegram_7_has_no_mdi() -> None:
     assert rig.feedback.velocity_actual == 0
 
 
-def test_a_positioner_without_its_choices_is_refused() -> None:
+def test_positioner_without_its_keys_is_rejected() -> None:
     with pytest.raises(GatewayError, match=r"\[axis.positioner\] is missing: a telegram of the positioner needs it"):
         AxisMachine(111, AxisSettings(), Rig(1).feedback)
 
@@ -423,7 +423,7 @@ def test_a_block_presses_on_its_fixed_stop_with_its_torque_until_the_reject() ->
     assert "FIXED_STOP_REACHED" not in bits(rig, "POS_ZSW2")
 
 
-def test_behind_a_fixed_stop_the_next_block_has_the_drives_own_torque() -> None:
+def test_block_after_a_fixed_stop_has_the_drives_own_torque() -> None:
     rig = positioner(choices=_PRESSING, machine=_STOP)
     press(rig, POS_STW1=2)
     rig.until(lambda actuals: rig.node.model.ramp.speed < 0, 500)
@@ -445,7 +445,7 @@ def test_leaving_operation_gives_the_drive_its_own_torque_back() -> None:
     assert rig.node.model.max_torque == OWN_TORQUE
 
 
-def test_a_torque_limit_the_drive_does_not_take_moves_nothing_and_is_told() -> None:
+def test_rejected_torque_limit_moves_nothing_and_is_reported() -> None:
     rig = positioner(choices=_PRESSING, machine=_STOP)
     rig.sdo_error = "refused"
     rig.values |= {"STW1": ON, "POS_STW1": 1}
@@ -465,7 +465,7 @@ def test_a_drive_without_a_torque_limit_refuses_a_fixed_stop() -> None:
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_the_last_length_unit_ends_where_the_object_does(sign: int) -> None:
+def test_greatest_length_unit_fits_the_object(sign: int) -> None:
     rig = Rig(111, positioner=replace(CHOICES, lu_per_revolution=100, software_limits=None, blocks=()))
     drive = engel(REFERENCES)
     rig.stepper.set_drive(replace(drive, scaling=replace(drive.scaling, position_range=None)))
@@ -489,7 +489,7 @@ def test_a_ramp_that_is_less_than_a_unit_of_the_drive_refuses_operation() -> Non
     assert "100 % of the deceleration: 0" in event.text
 
 
-def test_what_100_percent_is_goes_no_further_than_the_objects() -> None:
+def test_reference_values_are_limited_to_the_objects() -> None:
     rig = Rig(111, positioner=replace(CHOICES, max_velocity=(1 << 31) - 1, software_limits=None))
     drive = engel(REFERENCES)
     known = dict(drive.scaling.references)

@@ -61,7 +61,7 @@ def turning() -> Hand:
 # -- set-points ---------------------------------------------------------------------------------------------------------
 
 
-def test_a_set_point_keeps_bit_4_until_the_drive_has_taken_it_and_its_data_stays() -> None:
+def test_bit_4_and_data_stay_until_the_drive_accepts_the_setpoint() -> None:
     hand = positioner().enable()
     hand(ON | ACTIVATE, MDI_TARPOS=10_000, POS_STW1=MDI_ABSOLUTE | CONTINUOUS_UPDATE)
     for target in range(11_000, 20_000, 1000):
@@ -74,7 +74,7 @@ def test_a_set_point_keeps_bit_4_until_the_drive_has_taken_it_and_its_data_stays
 
 
 @pytest.mark.parametrize("end", [OFF, OFF2, OFF3, None], ids=["OFF1", "OFF2", "OFF3", "PLC lost"])
-def test_a_set_point_the_drive_had_not_taken_when_operation_ended_is_not_given_later(end: int | None) -> None:
+def test_setpoint_pending_at_the_end_of_operation_is_dropped(end: int | None) -> None:
     hand = positioner().enable()
     assert hand(ON | ACTIVATE, MDI_TARPOS=10_000) & NEW_SETPOINT
     assert not hand(end) & NEW_SETPOINT
@@ -84,7 +84,7 @@ def test_a_set_point_the_drive_had_not_taken_when_operation_ended_is_not_given_l
 
 
 @pytest.mark.parametrize("word", [ON & ~REJECT, ON & ~INTERMEDIATE], ids=["reject", "intermediate stop"])
-def test_a_set_point_the_drive_has_not_taken_is_taken_back_by_a_stop(word: int) -> None:
+def test_stop_withdraws_a_pending_setpoint(word: int) -> None:
     hand = positioner().enable()
     hand(ON | ACTIVATE, MDI_TARPOS=10_000)
     hand.feedback.velocity_actual = FAST
@@ -103,7 +103,7 @@ def test_an_edge_before_the_drive_shows_operation_starts_nothing() -> None:
 @pytest.mark.parametrize(
     ("wanted", "mode"), [(MDI_ABSOLUTE, Mode.VELOCITY), (SETTING_UP, Mode.POSITION)], ids=["position", "speed"]
 )
-def test_nothing_is_given_before_the_drive_shows_the_mode_of_it(wanted: int, mode: Mode) -> None:
+def test_no_setpoint_is_sent_before_the_drive_shows_its_mode(wanted: int, mode: Mode) -> None:
     hand = positioner().enable()
     hand.mode = mode
     for _ in range(10):
@@ -154,7 +154,7 @@ def test_from_a_position_to_a_speed_the_axis_is_halted_to_standstill_before_the_
 
 
 @pytest.mark.parametrize("word", [ON & ~REJECT, ON & ~INTERMEDIATE], ids=["reject", "intermediate stop"])
-def test_behind_a_set_point_that_was_taken_back_the_next_one_has_its_own_data(word: int) -> None:
+def test_setpoint_after_a_withdrawn_one_has_its_own_data(word: int) -> None:
     hand = positioner().enable()
     hand(ON | ACTIVATE, MDI_TARPOS=10_000)
     hand(word)
@@ -166,7 +166,7 @@ def test_behind_a_set_point_that_was_taken_back_the_next_one_has_its_own_data(wo
     assert hand.target == 8192
 
 
-def test_a_set_point_the_drive_has_not_taken_is_forgotten_when_a_speed_replaces_it() -> None:
+def test_speed_replaces_a_pending_setpoint() -> None:
     hand = positioner().enable()
     hand(ON | ACTIVATE, MDI_TARPOS=10_000)
     hand.feedback.velocity_actual = FAST
@@ -193,7 +193,7 @@ def test_a_speed_follows_the_override_also_through_0() -> None:
     [(CHOICES, None, True), (replace(CHOICES, waiting_setpoints=False), None, False), (TABLE, False, False)],
     ids=["drive keeps one", "drive keeps none", "modulo axis"],
 )
-def test_the_next_flying_block_is_given_early_only_where_the_drive_keeps_a_set_point(
+def test_flying_block_is_sent_early_only_to_a_drive_with_a_setpoint_queue(
     choices: PositionerChoices, wraps: bool | None, waits: bool
 ) -> None:
     choices = replace(choices, blocks=(Block(1, 5000, 3000, next=BlockNext.FLYING), Block(2, 9000, 3000)))
@@ -214,7 +214,7 @@ def test_from_a_speed_to_a_position_the_drive_ramps_down_by_its_speed() -> None:
         assert (command.modes_of_operation, command.target_velocity) == (Mode.VELOCITY, 0)
 
 
-def test_halt_stays_while_an_intermediate_stop_keeps_its_task_and_falls_at_standstill_behind_a_reject() -> None:
+def test_halt_stays_in_an_intermediate_stop_and_ends_after_a_reject() -> None:
     hand = positioner().enable()
     hand(ON | ACTIVATE, MDI_TARPOS=10_000)
     hand(ON | ACTIVATE, OPERATING | TAKEN)
@@ -227,7 +227,7 @@ def test_halt_stays_while_an_intermediate_stop_keeps_its_task_and_falls_at_stand
     assert not any(hand(ON, stand) & OF_THE_MODE & ~ControlBit.CHANGE_IMMEDIATELY for _ in range(10))
 
 
-def test_an_intermediate_stop_of_a_speed_is_the_speed_0_and_ends_with_the_speed_of_before() -> None:
+def test_intermediate_stop_of_a_speed_is_speed_0_and_then_resumes() -> None:
     hand = turning()
     command = hand.stepper.command
     for _ in range(5):
@@ -250,7 +250,7 @@ def test_a_speed_follows_its_set_point() -> None:
 
 
 @pytest.mark.parametrize(("end", "word"), [(OFF2, 0x0), (OFF3, 0x2)], ids=["OFF2", "OFF3"])
-def test_off2_and_off3_go_without_a_bit_of_the_mode_and_leave_no_speed(end: int, word: int) -> None:
+def test_off2_and_off3_clear_the_mode_bits_and_the_speed(end: int, word: int) -> None:
     hand = turning()
     command = hand.stepper.command
     assert hand(end) == word
@@ -264,7 +264,7 @@ def test_off2_and_off3_go_without_a_bit_of_the_mode_and_leave_no_speed(end: int,
     assert command.target_velocity == 0
 
 
-def test_off1_ramps_a_speed_down_in_its_mode_and_halt_stays_with_the_command_that_ends_it() -> None:
+def test_off1_ramps_a_speed_down_and_halt_stays_with_the_last_command() -> None:
     hand = turning()
     command = hand.stepper.command
     for _ in range(5):
@@ -288,7 +288,7 @@ def test_on_during_the_ramp_of_an_off1_resumes_operation_and_no_task() -> None:
     assert hand.stepper.power.released
 
 
-def test_without_references_the_axis_has_no_speed_and_nothing_goes_on_when_they_are_there_again() -> None:
+def test_outage_of_references_stops_the_axis_without_a_resume() -> None:
     hand = turning()
     command = hand.stepper.command
     hand.stepper.set_drive(None)

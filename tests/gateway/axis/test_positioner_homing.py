@@ -62,7 +62,7 @@ def homed() -> Hand:
     return hand
 
 
-def test_a_drive_that_was_away_for_a_cycle_does_not_know_its_home_position() -> None:
+def test_loss_of_the_drive_for_a_cycle_clears_the_home_position() -> None:
     hand = homed()
     hand.online = False
     hand(ON)
@@ -71,7 +71,7 @@ def test_a_drive_that_was_away_for_a_cycle_does_not_know_its_home_position() -> 
     assert not hand.actuals["ZSW1"] & HOME_SET
 
 
-def test_a_homing_asked_while_something_turns_the_axis_waits_for_standstill_in_the_mode_there_is() -> None:
+def test_homing_waits_for_standstill_in_the_present_mode() -> None:
     hand = turning()
     hand(ON & ~REJECT)
     hand.feedback.velocity_actual = 0
@@ -103,7 +103,7 @@ def test_homing_starts_when_the_drive_has_its_method_and_shows_mode_6() -> None:
     assert all(hand(ON | HOMING) & OF_THE_MODE == NEW_SETPOINT for _ in range(10))
 
 
-def test_a_homing_that_is_taken_back_is_halted_in_mode_6_and_halt_falls_alone() -> None:
+def test_withdrawn_homing_halts_in_mode_6_and_halt_ends_alone() -> None:
     hand = positioner().enable()
     begin_homing(hand)
     hand(ON | HOMING)
@@ -120,7 +120,7 @@ def test_a_homing_that_is_taken_back_is_halted_in_mode_6_and_halt_falls_alone() 
 
 
 @pytest.mark.parametrize("end", [OFF, OFF2], ids=["OFF1", "OFF2"])
-def test_halt_of_a_homing_falls_before_the_mode_changes_when_operation_ends(end: int) -> None:
+def test_homing_halt_ends_before_the_mode_changes_after_operation(end: int) -> None:
     hand = positioner().enable()
     begin_homing(hand)
     hand(ON | HOMING)
@@ -133,7 +133,7 @@ def test_halt_of_a_homing_falls_before_the_mode_changes_when_operation_ends(end:
     assert (command.controlword & HALT, command.modes_of_operation) == (0, Mode.POSITION)
 
 
-def test_a_second_homing_waits_for_the_drive_as_the_first_one_did() -> None:
+def test_second_homing_waits_for_the_drive_like_the_first() -> None:
     hand = homed()
     begin_homing(hand)
     for _ in range(50):
@@ -146,7 +146,7 @@ def test_a_second_homing_waits_for_the_drive_as_the_first_one_did() -> None:
     assert shown == [False, False, False, True], "the position is of the same moment two cycles later"
 
 
-def test_what_is_left_of_the_last_homing_does_not_end_the_next() -> None:
+def test_old_homing_status_does_not_end_the_next_homing() -> None:
     """Of a drive that shows its zero while it is given the next start, for 50 ms."""
     hand = homed()
     left = OPERATING | TAKEN | REACHED
@@ -159,7 +159,7 @@ def test_what_is_left_of_the_last_homing_does_not_end_the_next() -> None:
     assert hand.actuals["ZSW1"] & HOME_SET, "method 35 is immediate"
 
 
-def test_the_answer_to_a_homing_that_ended_with_the_operation_does_not_start_the_next() -> None:
+def test_late_sdo_answer_of_an_ended_homing_does_not_start_the_next() -> None:
     hand = positioner().enable()
     hand(ON | HOMING)
     hand(OFF2)
@@ -177,7 +177,7 @@ def test_the_answer_to_a_homing_that_ended_with_the_operation_does_not_start_the
 
 
 @pytest.mark.parametrize("method", [None, 99])
-def test_a_homing_with_a_method_the_drive_does_not_have_starts_nothing_and_warns(method: int | None) -> None:
+def test_unsupported_homing_method_warns_and_starts_nothing(method: int | None) -> None:
     hand = positioner(replace(CHOICES, homing_method=method)).enable()
     for _ in range(10):
         assert not hand(ON | HOMING) & NEW_SETPOINT
@@ -189,7 +189,7 @@ def test_a_homing_with_a_method_the_drive_does_not_have_starts_nothing_and_warns
     assert not hand.actuals["ZSW1"] & HOME_SET
 
 
-def test_a_homing_whose_parameters_the_drive_does_not_take_ends_with_its_warning() -> None:
+def test_rejected_homing_parameters_end_the_homing_with_a_warning() -> None:
     hand = positioner().enable()
     hand(ON | HOMING)
     hand.stepper.sdo_done("refused")
@@ -200,7 +200,7 @@ def test_a_homing_whose_parameters_the_drive_does_not_take_ends_with_its_warning
     assert hand.actuals["ZSW1"] & WARNING
 
 
-def test_a_homing_error_ends_the_homing_and_the_drive_goes_back_to_mode_1() -> None:
+def test_homing_error_ends_the_homing_and_returns_to_mode_1() -> None:
     hand = positioner().enable()
     begin_homing(hand)
     for _ in range(3):
@@ -222,7 +222,7 @@ def ring() -> Hand:
     return hand
 
 
-def test_a_way_over_the_end_is_a_relative_one_behind_an_absolute_one_to_where_the_axis_stands() -> None:
+def test_move_across_the_overflow_is_sent_as_absolute_then_relative() -> None:
     hand = ring()
     assert hand(ON | ACTIVATE, MDI_TARPOS=0) & (NEW_SETPOINT | RELATIVE) == NEW_SETPOINT
     assert hand.target == 3000
@@ -233,7 +233,7 @@ def test_a_way_over_the_end_is_a_relative_one_behind_an_absolute_one_to_where_th
     assert not any(hand(ON | ACTIVATE) & NEW_SETPOINT for _ in range(10))
 
 
-def test_a_way_within_the_range_is_one_absolute_set_point() -> None:
+def test_move_within_the_range_is_one_absolute_setpoint() -> None:
     hand = ring()
     assert hand(ON | ACTIVATE, MDI_TARPOS=5000) & (NEW_SETPOINT | RELATIVE) == NEW_SETPOINT
     assert hand.target == 2048
@@ -241,7 +241,7 @@ def test_a_way_within_the_range_is_one_absolute_set_point() -> None:
     assert not any(hand(ON | ACTIVATE) & NEW_SETPOINT for _ in range(10))
 
 
-def test_a_way_over_the_end_begins_at_standstill() -> None:
+def test_move_across_the_overflow_starts_at_standstill() -> None:
     hand = ring()
     hand(ON | ACTIVATE, MDI_TARPOS=9000)
     hand(ON, OPERATING | TAKEN)
@@ -253,7 +253,7 @@ def test_a_way_over_the_end_begins_at_standstill() -> None:
     assert hand(ON | ACTIVATE) & (HALT | NEW_SETPOINT) == NEW_SETPOINT
 
 
-def test_the_position_counts_on_across_the_end_of_32_bits() -> None:
+def test_position_continues_across_the_32_bit_overflow() -> None:
     hand = positioner(TABLE, drive_type(wraps=False)).enable()
     shown = []
     for position in ((1 << 31) - 1, -(1 << 31)):
@@ -275,7 +275,7 @@ def test_the_position_counts_on_across_the_end_of_32_bits() -> None:
         ((0, 8191), False),
     ],
 )
-def test_a_drive_wraps_after_the_modulo_range_or_is_refused(limits: tuple[int, int], fits: bool) -> None:
+def test_drive_overflows_at_the_modulo_range_or_is_rejected(limits: tuple[int, int], fits: bool) -> None:
     drive = drive_type(wraps=True)
     hand = positioner(TABLE, replace(drive, scaling=replace(drive.scaling, position_range=limits))).enable()
     assert hand.stepper.power.released is fits
@@ -295,7 +295,7 @@ def test_a_drive_wraps_after_the_modulo_range_or_is_refused(limits: tuple[int, i
         (None, 100, 53_000_000, False),
     ],
 )
-def test_a_target_outside_what_the_drive_can_be_sent_to_is_not_given(
+def test_target_outside_the_drives_range_is_not_sent(
     limits: tuple[int, int] | None, lu: int, target: int, given: bool
 ) -> None:
     choices = replace(CHOICES, lu_per_revolution=lu, software_limits=None, blocks=())
@@ -306,7 +306,7 @@ def test_a_target_outside_what_the_drive_can_be_sent_to_is_not_given(
 
 
 @pytest.mark.parametrize(("limit", "given"), [(5000, True), (4000, False)])
-def test_a_modulo_axis_whose_drive_has_an_end_is_not_sent_beyond_it(limit: int, given: bool) -> None:
+def test_modulo_axis_is_not_sent_beyond_the_end_of_its_drive(limit: int, given: bool) -> None:
     drive = drive_type(wraps=False)
     hand = positioner(TABLE, replace(drive, scaling=replace(drive.scaling, position_range=(-limit, limit)))).enable()
     hand.feedback.position_actual = 2048
@@ -350,7 +350,7 @@ def test_a_task_at_a_limit_of_the_drive_is_halted_after_half_a_second_and_not_be
     assert not any(hand(ON | ACTIVATE) & NEW_SETPOINT for _ in range(10)), "a switch that is released starts nothing"
 
 
-def test_meldw_tells_what_the_drive_does() -> None:
+def test_meldw_shows_the_state_of_the_drive() -> None:
     hand = positioner().enable()
     slow = hand.actuals["MELDW"]
     hand.feedback.velocity_actual = 6000
@@ -359,9 +359,7 @@ def test_meldw_tells_what_the_drive_does() -> None:
 
 
 @pytest.mark.parametrize(("bits", "edge"), [(0x000, 0), (0x800, 1), (0x400, 2), (0xC00, 3)])
-def test_passive_homing_latches_at_the_probe_and_edge_that_are_chosen_and_takes_no_older_answer(
-    bits: int, edge: int
-) -> None:
+def test_passive_homing_uses_the_configured_probe_edge_and_no_old_answer(bits: int, edge: int) -> None:
     hand = positioner().enable()
     news = hand.stepper.machine.inputs.news
     hand(ON, POS_STW2=0x100 | bits)
@@ -386,7 +384,7 @@ def test_passive_homing_latches_at_the_probe_and_edge_that_are_chosen_and_takes_
     assert hand.actuals["XIST_A"] == 5000, "half a revolution behind the edge"
 
 
-def test_a_probe_that_was_refused_does_not_refuse_the_next() -> None:
+def test_rejected_probe_does_not_block_the_next() -> None:
     hand = positioner().enable()
     hand(ON, POS_STW2=0x100)
     hand(ON | HOMING)
@@ -402,7 +400,7 @@ def test_a_probe_that_was_refused_does_not_refuse_the_next() -> None:
         assert hand.stepper.machine.outputs.probe is not None
 
 
-def test_what_a_limit_of_the_drive_takes_from_a_velocity_is_counted() -> None:
+def test_velocity_cut_by_a_limit_of_the_drive_is_counted() -> None:
     hand = positioner(replace(CHOICES, max_velocity=1_000_000)).enable()
     hand(ON | ACTIVATE, MDI_TARPOS=10_000, MDI_VELOCITY=30_000)
     assert (hand.stepper.command.profile_velocity, hand.stepper.saturations) == (6000, 0)
@@ -411,7 +409,7 @@ def test_what_a_limit_of_the_drive_takes_from_a_velocity_is_counted() -> None:
     assert (hand.stepper.command.profile_velocity, hand.stepper.saturations) == (6000, 1)
 
 
-def test_nothing_old_is_shown_while_the_references_are_not_valid() -> None:
+def test_no_old_value_is_shown_while_references_are_invalid() -> None:
     hand = homed()
     hand.feedback.velocity_actual = FAST
     hand(ON)

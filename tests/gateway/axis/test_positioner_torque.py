@@ -41,7 +41,7 @@ def pressing() -> Hand:
     return hand
 
 
-def test_a_fixed_stop_is_reached_with_its_torque_and_not_by_standing_still() -> None:
+def test_fixed_stop_needs_its_torque_and_not_only_standstill() -> None:
     block = Block(1, 50_000, 3000, task=BlockTask.FIXED_STOP, value=250)
     hand = positioner(replace(CHOICES, blocks=(block,))).enable()
     hand(ON, POS_STW1=1)
@@ -82,7 +82,7 @@ def test_a_drive_without_a_torque_limit_is_refused_for_a_fixed_stop_alone(
     assert hand.stepper.power.released is not refused
 
 
-def test_a_drive_in_exchange_is_given_its_own_torque_limit_after_a_fixed_stop() -> None:
+def test_replaced_drive_gets_its_own_torque_limit_after_a_fixed_stop() -> None:
     hand = pressing()
     hand.stepper.drive_restarted()
     hand.stepper.set_drive(replace(DRIVE, max_torque=2000), 35)
@@ -90,7 +90,7 @@ def test_a_drive_in_exchange_is_given_its_own_torque_limit_after_a_fixed_stop() 
     assert hand.stepper.sdo_request == (SdoWrite(0x6072, 0, 2000),)
 
 
-def test_a_lost_drive_is_asked_for_its_torque_limit_when_it_is_back_and_raises_no_warning() -> None:
+def test_torque_limit_is_read_after_a_loss_without_a_warning() -> None:
     hand = pressing()
     hand.stepper.machine.inputs.drive_ok = False
     for _ in range(3):
@@ -101,7 +101,7 @@ def test_a_lost_drive_is_asked_for_its_torque_limit_when_it_is_back_and_raises_n
     assert hand.stepper.sdo_request == OWN
 
 
-def test_a_torque_limit_whose_place_a_homing_took_is_written_behind_it() -> None:
+def test_torque_limit_delayed_by_a_homing_is_written_after_it() -> None:
     hand = pressing()
     hand(ON & ~REJECT)
     assert hand.stepper.sdo_request == OWN
@@ -116,7 +116,7 @@ def test_a_torque_limit_whose_place_a_homing_took_is_written_behind_it() -> None
     assert hand.stepper.sdo_request == OWN
 
 
-def test_a_torque_limit_that_is_refused_is_told_once_and_not_asked_for_in_every_cycle() -> None:
+def test_rejected_torque_limit_is_reported_once_and_not_retried_each_cycle() -> None:
     hand = positioner(PRESSING).enable()
     hand(ON, POS_STW1=1)
     hand(ON | ACTIVATE)
@@ -148,7 +148,7 @@ def test_a_drive_that_restarted_is_given_its_own_torque_limit_once() -> None:
         assert hand.stepper.sdo_request is None
 
 
-def test_an_answer_from_before_a_restart_is_no_answer_to_the_request_after_it() -> None:
+def test_answer_from_before_a_restart_does_not_count_after_it() -> None:
     hand = positioner().enable()
     hand.stepper.drive_restarted()
     hand(OFF, State.SWITCH_ON_DISABLED)

@@ -66,7 +66,7 @@ def test_published_example_tarpos_429496_goes_to_position_200() -> None:
     assert rig.stepper.command.target_position == 200
 
 
-def test_absolute_and_relative_tasks_end_where_they_should() -> None:
+def test_absolute_and_relative_tasks_end_at_their_targets() -> None:
     rig = axis()
     task(rig, 30_000)
     assert not rig.actuals["ZSW1"] & REACHED
@@ -77,7 +77,7 @@ def test_absolute_and_relative_tasks_end_where_they_should() -> None:
     assert position(rig) == 20_000
 
 
-def test_hand_shake_cw4_stays_until_stw1_6_falls_and_zsw1_12_follows() -> None:
+def test_handshake_cw4_stays_until_stw1_6_falls_and_zsw1_12_follows() -> None:
     rig = axis()
     rig.values |= {"MDI_TARPOS": POSITION.to_wire(200_000), "STW1": ON | ACTIVATE}
     rig.until(lambda actuals: bool(actuals["ZSW1"] & ACKNOWLEDGE), 5)
@@ -91,7 +91,7 @@ def test_hand_shake_cw4_stays_until_stw1_6_falls_and_zsw1_12_follows() -> None:
     assert not rig.actuals["ZSW1"] & ACKNOWLEDGE
 
 
-def test_an_edge_before_the_drive_took_cw4_back_is_latched_with_its_own_data() -> None:
+def test_edge_during_the_handshake_is_latched_with_its_own_data() -> None:
     rig = axis()
     rig.values |= {"MDI_TARPOS": POSITION.to_wire(200_000), "STW1": ON | ACTIVATE}
     rig.step(1)
@@ -109,7 +109,7 @@ def test_an_edge_before_the_drive_took_cw4_back_is_latched_with_its_own_data() -
     assert rises == 2, "each edge once"
 
 
-def test_a_standing_activate_bit_starts_one_task_only() -> None:
+def test_constant_activate_bit_starts_only_one_task() -> None:
     rig = axis()
     task(rig, 5_000, hold=400)
     assert reached(rig.actuals)
@@ -169,7 +169,7 @@ def test_reject_brakes_with_halt_drops_the_task_and_does_not_restart() -> None:
 
 
 @pytest.mark.parametrize("pending", [False, True])
-def test_a_task_rejected_for_one_cycle_before_the_drive_took_it_never_starts(pending: bool) -> None:
+def test_task_rejected_before_its_acceptance_never_starts(pending: bool) -> None:
     rig = axis()
     task(rig, 200_000)
     rig.step(60)
@@ -189,7 +189,7 @@ def test_a_task_rejected_for_one_cycle_before_the_drive_took_it_never_starts(pen
 
 
 @pytest.mark.parametrize("withheld", [0, INTERMEDIATE], ids=["running", "interrupted"])
-def test_a_homing_asked_in_the_frame_that_rejects_a_task_does_not_start(withheld: int) -> None:
+def test_homing_in_the_frame_of_a_reject_does_not_start(withheld: int) -> None:
     rig = axis()
     task(rig, 200_000)
     rig.step(60)
@@ -310,7 +310,7 @@ def test_a_homing_error_warns_and_leaves_the_home_position_unset() -> None:
     assert not rig.actuals["ZSW1"] & HOME_SET
 
 
-def test_a_drive_that_does_not_take_the_homing_parameters_is_not_homed() -> None:
+def test_rejected_homing_parameters_prevent_homing() -> None:
     rig = axis(SMALL)
     rig.sdo_error = "time-out"
     home(rig, 17)
@@ -438,7 +438,7 @@ def at_limit() -> Rig:
     return rig
 
 
-def test_a_limit_switch_that_is_released_does_not_let_a_task_go_on() -> None:
+def test_released_limit_switch_does_not_resume_a_task() -> None:
     rig = at_limit()
     assert 20_000 <= position(rig) < 45_000
     assert rig.stepper.reason is Reason.TASK_AT_LIMIT
@@ -446,7 +446,7 @@ def test_a_limit_switch_that_is_released_does_not_let_a_task_go_on() -> None:
     assert rig.state is State.OPERATION_ENABLED
 
 
-def test_a_task_at_a_limit_goes_on_after_an_intermediate_stop_of_the_plc() -> None:
+def test_task_at_a_limit_resumes_after_an_intermediate_stop() -> None:
     rig = at_limit()
     rig.values["STW1"] = ON & ~INTERMEDIATE
     rig.step(2)
@@ -476,7 +476,7 @@ def test_a_task_at_a_limit_can_be_rejected() -> None:
     assert rig.stepper.reason is Reason.INTERNAL_LIMIT, "the drive's own, it still stands on the switch"
 
 
-def test_what_100_percent_is_goes_no_further_than_the_objects() -> None:
+def test_reference_values_are_limited_to_the_objects() -> None:
     drive = engel()
     known = {quantity: Reference(Fraction(10**12), "") for quantity in Quantity}
     scaling = TaskScaling.of(replace(drive, scaling=replace(drive.scaling, references=known)))

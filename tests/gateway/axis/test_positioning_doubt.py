@@ -54,7 +54,7 @@ def test_an_edge_latched_while_braking_does_not_start_while_bit_4_or_5_is_0(with
         assert position(rig) == 0, "an intermediate stop keeps the task"
 
 
-def test_homing_asked_during_an_intermediate_stop_replaces_the_task() -> None:
+def test_homing_during_an_intermediate_stop_replaces_the_task() -> None:
     rig = axis()
     task(rig, 200_000)
     rig.step(50)
@@ -65,7 +65,7 @@ def test_homing_asked_during_an_intermediate_stop_replaces_the_task() -> None:
     assert position(rig) == 0
 
 
-def test_homing_asked_while_braking_follows_the_standstill() -> None:
+def test_homing_commanded_while_braking_starts_at_standstill() -> None:
     rig = axis()
     task(rig, 200_000)
     rig.step(50)
@@ -76,7 +76,7 @@ def test_homing_asked_while_braking_follows_the_standstill() -> None:
     assert position(rig) == 0
 
 
-def test_homing_asked_anew_while_the_drive_takes_the_first_method_waits_for_its_own() -> None:
+def test_repeated_homing_waits_for_its_own_method() -> None:
     """The answer to the first writes must not be taken for that to the second: the axis would home the wrong way."""
     rig = axis()
     rig.sdo_delay = 10**9
@@ -155,7 +155,7 @@ def test_row_homing_running_and_finished_aktsatz_15_keeps_its_value() -> None:
     assert rig.stepper.reason is Reason.MDI_OFF
 
 
-def test_an_old_attempt_does_not_shorten_the_time_a_mode_has_to_be_confirmed() -> None:
+def test_old_attempt_does_not_shorten_the_time_for_a_mode_change() -> None:
     stepper = Stepper(9, AxisSettings())
     stepper.set_references(References())
     feedback = DriveFeedback()
@@ -189,7 +189,7 @@ def test_an_old_attempt_does_not_shorten_the_time_a_mode_has_to_be_confirmed() -
     assert stepper.reason is None
 
 
-def test_a_drive_that_restarted_does_not_know_its_home_position_any_more() -> None:
+def test_restart_of_the_drive_clears_its_home_position() -> None:
     rig = axis()
     rig.values["SATZANW"] = 0x8000 | 35
     rig.values["STW1"] = ON | HOMING
@@ -202,7 +202,7 @@ def test_a_drive_that_restarted_does_not_know_its_home_position_any_more() -> No
     assert not rig.actuals["ZSW1"] & HOME_SET
 
 
-def test_a_homing_attained_that_is_left_from_before_does_not_end_the_new_homing() -> None:
+def test_old_homing_attained_does_not_end_the_new_homing() -> None:
     stepper = Stepper(9, AxisSettings())
     stepper.set_references(References())
     feedback = DriveFeedback()

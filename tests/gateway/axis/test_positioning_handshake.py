@@ -40,14 +40,14 @@ def positioning(**settings: object) -> Hand:
     return Hand(9, engel(), mode, values, **settings)
 
 
-def test_an_edge_of_one_cycle_keeps_bit_4_until_the_drive_has_taken_the_task() -> None:
+def test_edge_of_one_cycle_keeps_bit_4_until_the_drive_accepts_the_task() -> None:
     hand = positioning().enable()
     assert hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000)) & NEW_SETPOINT
     assert all(hand(ON) & NEW_SETPOINT for _ in range(20))
     assert not hand(ON, OPERATING | TAKEN) & NEW_SETPOINT
 
 
-def test_an_edge_that_comes_before_the_drive_took_the_last_waits_for_a_0_of_bit_4_and_of_its_acknowledge() -> None:
+def test_edge_during_a_handshake_waits_until_bit_4_and_acknowledge_are_0() -> None:
     hand = positioning().enable()
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
     hand(ON)
@@ -64,9 +64,7 @@ def test_an_edge_that_comes_before_the_drive_took_the_last_waits_for_a_0_of_bit_
 
 @pytest.mark.parametrize("end", [OFF, OFF2, OFF3, None], ids=["OFF1", "OFF2", "OFF3", "PLC lost"])
 @pytest.mark.parametrize("waits", [False, True], ids=["given", "waiting"])
-def test_an_edge_the_drive_had_not_taken_when_operation_ended_starts_nothing_later(
-    end: int | None, waits: bool
-) -> None:
+def test_edge_pending_at_the_end_of_operation_starts_nothing_later(end: int | None, waits: bool) -> None:
     hand = positioning().enable()
     if waits:
         hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
@@ -93,7 +91,7 @@ def test_on_during_the_ramp_of_an_off1_resumes_operation_and_no_task(waits: bool
     assert hand.stepper.power.released
 
 
-def test_a_task_whose_edge_is_the_frame_that_resumes_operation_does_not_rise_with_the_fall_of_halt() -> None:
+def test_task_edge_in_the_resuming_frame_waits_until_halt_has_ended() -> None:
     hand = positioning(ramp_stop_resume=True).enable()
     hand.feedback.velocity_actual = 3000
     assert hand(OFF) & HALT
@@ -111,7 +109,7 @@ def test_an_edge_before_the_drive_shows_operation_starts_nothing() -> None:
 
 
 @pytest.mark.parametrize("word", [ON & ~REJECT, ON & ~INTERMEDIATE], ids=["reject", "intermediate stop"])
-def test_a_task_the_drive_has_not_taken_is_stopped_with_bit_4_at_0(word: int) -> None:
+def test_pending_task_is_stopped_with_bit_4_at_0(word: int) -> None:
     hand = positioning().enable()
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
     hand.feedback.velocity_actual = 3000
@@ -122,7 +120,7 @@ def test_a_task_the_drive_has_not_taken_is_stopped_with_bit_4_at_0(word: int) ->
     assert not any(hand(ON) & (HALT | NEW_SETPOINT) for _ in range(10))
 
 
-def test_bit_12_of_another_mode_is_neither_shown_as_an_acknowledge_nor_taken_for_one() -> None:
+def test_bit_12_of_another_mode_is_no_acknowledge_of_a_task() -> None:
     hand = positioning().enable()
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
     hand.mode = Mode.HOMING
@@ -134,20 +132,20 @@ def test_bit_12_of_another_mode_is_neither_shown_as_an_acknowledge_nor_taken_for
 
 
 @pytest.mark.parametrize("mod", [0b001, 0b011, 0b101])
-def test_the_direction_of_a_task_means_nothing_without_a_modulo_axis(mod: int) -> None:
+def test_task_direction_is_ignored_without_a_modulo_axis(mod: int) -> None:
     hand = positioning().enable()
     word = hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000), MDI_MOD=mod)
     assert word & NEW_SETPOINT
     assert not word & (TURNTABLE.shortest | TURNTABLE.ccw)
 
 
-def test_the_shortest_way_of_a_modulo_axis_is_told_to_the_drive() -> None:
+def test_shortest_distance_of_a_modulo_axis_is_sent_to_the_drive() -> None:
     hand = positioning(modulo_axis=True).enable()
     word = hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000), MDI_MOD=0b001)
     assert word & (TURNTABLE.shortest | TURNTABLE.ccw) == TURNTABLE.shortest
 
 
-def test_an_edge_while_the_acknowledge_of_the_last_task_stands_is_a_task_that_can_be_rejected() -> None:
+def test_edge_during_the_last_acknowledge_is_a_rejectable_task() -> None:
     hand = positioning().enable()
     assert not hand(ON | ACTIVATE, OPERATING | TAKEN, MDI_TARPOS=POSITION.to_wire(5_000)) & NEW_SETPOINT
     hand(ON | ACTIVATE, OPERATING | TAKEN)
@@ -156,7 +154,7 @@ def test_an_edge_while_the_acknowledge_of_the_last_task_stands_is_a_task_that_ca
     assert not any(hand(ON) & NEW_SETPOINT for _ in range(10))
 
 
-def test_reached_stays_while_the_bit_of_the_task_that_ended_stands() -> None:
+def test_target_reached_stays_while_the_bit_of_the_ended_task_is_set() -> None:
     hand = positioning().enable()
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
     ended = OPERATING | TAKEN | StatusBit.TARGET_REACHED
@@ -168,7 +166,7 @@ def test_reached_stays_while_the_bit_of_the_task_that_ended_stands() -> None:
     assert all(shown)
 
 
-def test_mdi_that_is_taken_away_brakes_the_task_and_is_the_reason_until_standstill() -> None:
+def test_removed_mdi_brakes_the_task_and_is_the_reason_until_standstill() -> None:
     hand = positioning().enable()
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
     hand(ON, OPERATING | TAKEN)
@@ -194,7 +192,7 @@ def braking() -> Hand:
 
 
 @pytest.mark.parametrize(("word", "satzanw"), [(ON & ~REJECT, 0x8000), (ON, 0)], ids=["reject", "no MDI"])
-def test_an_edge_while_braking_is_forgotten_with_one_frame_that_takes_it_back(word: int, satzanw: int) -> None:
+def test_edge_while_braking_is_cancelled_by_one_frame_without_it(word: int, satzanw: int) -> None:
     hand = braking()
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000))
     hand(word, SATZANW=satzanw)
@@ -203,7 +201,7 @@ def test_an_edge_while_braking_is_forgotten_with_one_frame_that_takes_it_back(wo
     assert not any(hand(ON) & (HALT | NEW_SETPOINT) for _ in range(10))
 
 
-def test_a_homing_that_is_no_longer_asked_for_when_the_axis_stands_does_not_begin() -> None:
+def test_homing_withdrawn_before_standstill_does_not_start() -> None:
     hand = braking()
     hand(ON | HOMING, SATZANW=0x8000 | 35)
     hand(ON)
@@ -214,7 +212,7 @@ def test_a_homing_that_is_no_longer_asked_for_when_the_axis_stands_does_not_begi
         assert hand.stepper.command.modes_of_operation == Mode.POSITION
 
 
-def test_a_relative_task_that_was_not_given_when_a_stop_came_is_given_as_it_is() -> None:
+def test_relative_task_pending_at_a_stop_is_sent_unchanged_later() -> None:
     hand = positioning().enable()
     hand(ON | ACTIVATE, OPERATING | TAKEN, MDI_TARPOS=POSITION.to_wire(5_000), MDI_MOD=0)
     hand(ON & ~INTERMEDIATE)
@@ -223,7 +221,7 @@ def test_a_relative_task_that_was_not_given_when_a_stop_came_is_given_as_it_is()
     assert hand.target == 5_000
 
 
-def test_an_edge_during_an_intermediate_stop_replaces_the_task_that_was_kept() -> None:
+def test_edge_during_an_intermediate_stop_replaces_the_kept_task_data() -> None:
     hand = positioning().enable()
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
     hand(ON, OPERATING | TAKEN)
@@ -236,7 +234,7 @@ def test_an_edge_during_an_intermediate_stop_replaces_the_task_that_was_kept() -
     assert hand.target == 7_000
 
 
-def test_the_answer_to_a_homing_that_ended_with_the_operation_does_not_start_the_next() -> None:
+def test_late_sdo_answer_of_an_ended_homing_does_not_start_the_next() -> None:
     hand = positioning().enable()
     hand(ON | HOMING, SATZANW=0x8000 | 17)
     hand(OFF2)
@@ -251,19 +249,19 @@ def test_the_answer_to_a_homing_that_ended_with_the_operation_does_not_start_the
     assert hand.stepper.sdo_request[0] == SdoWrite(0x6098, 0, 18)
 
 
-def test_a_homing_with_a_velocity_of_0_has_the_lowest_there_is() -> None:
+def test_homing_with_velocity_0_uses_the_lowest_velocity() -> None:
     hand = positioning().enable()
     hand(ON | HOMING, SATZANW=0x8000 | 17, MDI_VELOCITY=0)
     assert hand.stepper.sdo_request == (SdoWrite(0x6098, 0, 17), SdoWrite(0x6099, 1, 1), SdoWrite(0x6099, 2, 1))
 
 
-def test_a_modulo_axis_is_asked_for_its_mode_before_operation() -> None:
+def test_mode_of_a_modulo_axis_is_read_before_operation() -> None:
     hand = positioning(modulo_axis=True)
     hand(OFF, State.SWITCH_ON_DISABLED)
     assert hand.stepper.command.modes_of_operation == TURNTABLE.mode
 
 
-def test_a_homing_asked_while_braking_has_method_and_speed_of_the_frame_of_its_edge() -> None:
+def test_homing_while_braking_uses_method_and_speed_of_its_edge() -> None:
     hand = braking()
     hand(ON | HOMING, SATZANW=0x8000 | 17, MDI_VELOCITY=1 << 29)
     hand(ON | HOMING, SATZANW=0x8000 | 18, MDI_VELOCITY=1 << 30)
@@ -272,7 +270,7 @@ def test_a_homing_asked_while_braking_has_method_and_speed_of_the_frame_of_its_e
     assert hand.stepper.sdo_request == (SdoWrite(0x6098, 0, 17), SdoWrite(0x6099, 1, 3000), SdoWrite(0x6099, 2, 3000))
 
 
-def test_a_homing_that_interrupts_a_task_forgets_the_edge_that_waits() -> None:
+def test_homing_that_interrupts_a_task_drops_the_waiting_edge() -> None:
     hand = braking()
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000))
     hand(ON | HOMING, SATZANW=0x8000 | 17)
@@ -283,7 +281,7 @@ def test_a_homing_that_interrupts_a_task_forgets_the_edge_that_waits() -> None:
 
 
 @pytest.mark.parametrize("method", [0, 99])
-def test_an_edge_with_an_unknown_method_does_not_renew_a_homing_that_was_taken_back(method: int) -> None:
+def test_edge_with_an_unknown_method_does_not_restart_a_withdrawn_homing(method: int) -> None:
     hand = braking()
     hand(ON | HOMING, SATZANW=0x8000 | 17)
     hand(ON)
@@ -295,7 +293,7 @@ def test_an_edge_with_an_unknown_method_does_not_renew_a_homing_that_was_taken_b
     assert [event.number for event in hand.stepper.events] == [108]
 
 
-def test_a_homing_that_is_taken_back_before_the_drive_has_its_method_asks_for_nothing_more() -> None:
+def test_homing_withdrawn_before_its_method_is_written_sends_nothing_more() -> None:
     hand = positioning().enable()
     hand(ON | HOMING, SATZANW=0x8000 | 17)
     hand.stepper.sdo_done(None)
@@ -307,9 +305,7 @@ def test_a_homing_that_is_taken_back_before_the_drive_has_its_method_asks_for_no
 
 @pytest.mark.parametrize("answered", [False, True], ids=["method not taken", "method taken"])
 @pytest.mark.parametrize("stands", [False, True], ids=["one frame", "stands"])
-def test_an_edge_in_the_frame_that_takes_a_homing_back_before_it_runs_starts_its_task(
-    answered: bool, stands: bool
-) -> None:
+def test_task_edge_in_the_frame_that_withdraws_a_waiting_homing_starts(answered: bool, stands: bool) -> None:
     hand = positioning().enable()
     hand(ON | HOMING, SATZANW=0x8000 | 17)
     if answered:
@@ -322,7 +318,7 @@ def test_an_edge_in_the_frame_that_takes_a_homing_back_before_it_runs_starts_its
     assert (word & NEW_SETPOINT, hand.target) == (NEW_SETPOINT, 7_000)
 
 
-def test_an_edge_in_the_frame_that_takes_a_running_homing_back_starts_its_task_from_standstill() -> None:
+def test_task_edge_that_withdraws_a_running_homing_starts_at_standstill() -> None:
     rig = axis(SMALL)
     home(rig, 17)
     rig.step(20)
@@ -337,9 +333,7 @@ def test_an_edge_in_the_frame_that_takes_a_running_homing_back_starts_its_task_f
 @pytest.mark.parametrize(
     ("values", "reason"), [({"SATZANW": 0}, Reason.MDI_OFF), ({"MDI_VELOCITY": 0}, Reason.TASK_SPEED_ZERO)]
 )
-def test_an_edge_that_is_refused_in_the_frame_that_takes_a_homing_back_has_its_reason(
-    values: dict[str, int], reason: Reason
-) -> None:
+def test_rejected_task_edge_that_withdraws_a_homing_has_its_reason(values: dict[str, int], reason: Reason) -> None:
     hand = positioning().enable()
     hand(ON | HOMING, SATZANW=0x8000 | 17)
     hand(ON | ACTIVATE, **values)
@@ -347,7 +341,7 @@ def test_an_edge_that_is_refused_in_the_frame_that_takes_a_homing_back_has_its_r
     assert hand.stepper.reason is reason
 
 
-def test_a_homing_that_ended_well_keeps_bit_4_and_has_no_reason_until_it_is_no_longer_asked_for() -> None:
+def test_finished_homing_keeps_bit_4_without_a_reason_until_stw1_11_falls() -> None:
     rig = axis(SMALL)
     home(rig, 35)
     rig.until(lambda actuals: bool(actuals["ZSW1"] & HOME_SET))
@@ -360,7 +354,7 @@ def test_a_homing_that_ended_well_keeps_bit_4_and_has_no_reason_until_it_is_no_l
     assert not rig.stepper.command.controlword & NEW_SETPOINT
 
 
-def test_a_task_asked_for_in_the_frame_that_ends_a_failed_homing_takes_its_warning_back() -> None:
+def test_task_edge_at_the_end_of_a_failed_homing_clears_its_warning() -> None:
     rig = axis(SMALL)
     rig.sdo_error = "time-out"
     home(rig, 17)
@@ -372,7 +366,7 @@ def test_a_task_asked_for_in_the_frame_that_ends_a_failed_homing_takes_its_warni
     assert rig.stepper.command.target_position == 4_000
 
 
-def test_an_intermediate_stop_ends_the_hand_shake_of_the_task_it_interrupts() -> None:
+def test_intermediate_stop_ends_the_handshake_of_its_task() -> None:
     hand = positioning().enable()
     stop = ON & ~INTERMEDIATE
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
@@ -381,7 +375,7 @@ def test_an_intermediate_stop_ends_the_hand_shake_of_the_task_it_interrupts() ->
     assert hand(stop) & (HALT | NEW_SETPOINT) == HALT
 
 
-def test_the_task_that_waits_when_an_intermediate_stop_comes_is_the_one_to_resume_with() -> None:
+def test_task_waiting_at_an_intermediate_stop_is_resumed() -> None:
     hand = positioning().enable()
     stop = ON & ~INTERMEDIATE
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
@@ -394,7 +388,7 @@ def test_the_task_that_waits_when_an_intermediate_stop_comes_is_the_one_to_resum
 
 
 @pytest.mark.parametrize("relative", [False, True])
-def test_a_task_of_a_modulo_axis_resumes_to_where_it_was_to_end(relative: bool) -> None:
+def test_resumed_task_of_a_modulo_axis_ends_at_its_target(relative: bool) -> None:
     hand = positioning(modulo_axis=True).enable()
     hand.feedback.position_actual = 1_000
     hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000), MDI_MOD=0 if relative else 0b011)
@@ -411,7 +405,7 @@ def test_a_task_of_a_modulo_axis_resumes_to_where_it_was_to_end(relative: bool) 
 
 
 @pytest.mark.parametrize("end", [OFF2, OFF3], ids=["OFF2", "OFF3"])
-def test_halt_of_a_homing_that_is_braked_falls_alone_also_when_operation_ends(end: int) -> None:
+def test_halt_of_a_braked_homing_ends_alone_also_after_operation(end: int) -> None:
     rig = axis(SMALL)
     home(rig, 17)
     rig.step(20)
@@ -470,7 +464,7 @@ def at_limit(cycles: int) -> Hand:
     return hand
 
 
-def test_a_task_that_replaces_one_at_a_limit_has_half_a_second_of_its_own() -> None:
+def test_task_replacing_one_at_a_limit_has_its_own_half_second() -> None:
     hand = at_limit(HALF_A_SECOND - 5)
     hand(ON | ACTIVATE, AT_LIMIT, MDI_TARPOS=POSITION.to_wire(-5_000))
     assert hand.target == -5_000
@@ -479,7 +473,7 @@ def test_a_task_that_replaces_one_at_a_limit_has_half_a_second_of_its_own() -> N
     assert hand(ON, AT_LIMIT) & HALT
 
 
-def test_a_task_behind_one_that_ended_at_a_limit_has_half_a_second_of_its_own() -> None:
+def test_task_after_one_ended_at_a_limit_has_its_own_half_second() -> None:
     hand = at_limit(HALF_A_SECOND - 5)
     hand(ON, AT_LIMIT | StatusBit.TARGET_REACHED)
     assert hand.actuals["ZSW1"] & REACHED

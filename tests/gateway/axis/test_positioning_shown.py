@@ -70,7 +70,7 @@ def test_without_references_neither_position_nor_task_nor_method_is_shown() -> N
     assert not any(hand.enable()(ON) & NEW_SETPOINT for _ in range(10))
 
 
-def test_a_drive_that_was_away_for_a_cycle_does_not_know_its_home_position() -> None:
+def test_loss_of_the_drive_for_a_cycle_clears_the_home_position() -> None:
     rig = axis()
     rig.values |= {"SATZANW": 0x8000 | 35, "STW1": ON | HOMING}
     rig.until(lambda actuals: bool(actuals["ZSW1"] & HOME_SET))
@@ -95,7 +95,7 @@ def test_a_drive_that_was_away_for_a_cycle_does_not_know_its_home_position() -> 
     ],
     ids=lambda item: item.name if isinstance(item, Reason) else "",
 )
-def test_why_an_edge_started_nothing_is_told_until_the_next_task_or_a_reject(
+def test_reason_of_a_rejected_edge_stays_until_the_next_task_or_reject(
     word: int, values: dict[str, int], reason: Reason, end: str
 ) -> None:
     hand = positioning().enable()
@@ -116,7 +116,7 @@ def test_why_an_edge_started_nothing_is_told_until_the_next_task_or_a_reject(
     assert hand.stepper.reason is (reason if own else None)
 
 
-def test_the_reason_of_a_refused_edge_is_over_with_the_operation() -> None:
+def test_reason_of_a_rejected_edge_ends_with_operation() -> None:
     hand = positioning().enable()
     hand(ON | ACTIVATE, MDI_VELOCITY=0)
     assert hand.stepper.reason is Reason.TASK_SPEED_ZERO
@@ -126,7 +126,7 @@ def test_the_reason_of_a_refused_edge_is_over_with_the_operation() -> None:
     assert hand.stepper.reason is None
 
 
-def test_a_relative_task_whose_end_the_drives_object_cannot_hold_resumes_to_what_it_can() -> None:
+def test_relative_task_beyond_the_object_resumes_to_its_limit() -> None:
     drive = engel()
     narrow = replace(drive.entries["target_position"], low=-6_000, high=6_000)
     hand = positioning()

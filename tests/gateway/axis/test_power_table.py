@@ -51,31 +51,31 @@ def walk(*, phases: object = Phase, drives: object = Drive, wishes: object = Pow
     ]
 
 
-def test_every_row_decides_something() -> None:
+def test_every_row_of_the_power_table_applies_to_some_state() -> None:
     assert {item.row for item in CELLS} == set(range(len(ROWS)))
     assert len(CELLS) == len(EVERYTHING)
 
 
-def test_only_an_off_leads_to_a_phase_that_obeys() -> None:
+def test_only_an_off_leads_to_a_phase_that_accepts_commands() -> None:
     for phase, drive, wish in EVERYTHING:
         if phase not in OBEYS and cell(phase, drive, wish).phase in OBEYS:
             resumes = phase is Phase.RAMP_STOP and wish is PowerWish.RESUME and drive in IN_OPERATION
             assert resumes or (wish in OFFS and drive in UNPOWERED), (phase, drive, wish)
 
 
-def test_power_is_put_on_only_where_it_is_obeyed() -> None:
+def test_power_is_switched_on_only_in_a_phase_that_accepts_commands() -> None:
     for name, item in walk():
         assert item.action not in POWERS or item.phase in OBEYS, name
 
 
-def test_an_off_never_puts_power_on() -> None:
+def test_off_never_switches_power_on() -> None:
     for name, item in walk(wishes=OFFS, phases=set(Phase) - {Phase.PASS}):
         assert item.action not in POWERS - {Action.PASS}, name
     for name, item in walk(wishes={PowerWish.OFF, PowerWish.OFF_DISABLED}, phases=set(Phase) - {Phase.PASS}):
         assert item.action is not Action.PASS, name
 
 
-def test_enable_is_commanded_unasked_only_to_a_drive_that_has_it() -> None:
+def test_enable_without_on_is_sent_only_to_a_drive_that_is_enabled() -> None:
     """The rule behind all rows: no Controlword that can put power on while the PLC does not ask for ON."""
     enabled = set(IN_OPERATION)
     for name, item in walk(wishes=NOT_ASKED, drives=set(Drive) - enabled, phases=set(Phase) - {Phase.PASS}):
@@ -90,7 +90,7 @@ def test_ramp_is_commanded_only_after_enable_operation() -> None:
             assert any(f", {drive.name}, " in name for drive in IN_OPERATION), name
 
 
-def test_an_off_is_obeyed_by_an_unpowered_drive_from_every_phase_that_does_not_obey() -> None:
+def test_off_of_an_unpowered_drive_counts_in_every_locked_phase() -> None:
     stopped = set(Phase) - OBEYS
     for name, item in walk(wishes={PowerWish.OFF, PowerWish.OFF_DISABLED}, drives=UNPOWERED, phases=stopped):
         assert (item.phase, item.action) == (Phase.FOLLOW, Action.SHUTDOWN), name
@@ -98,7 +98,7 @@ def test_an_off_is_obeyed_by_an_unpowered_drive_from_every_phase_that_does_not_o
         assert (item.phase, item.action) == (Phase.PASS, Action.PASS), name
 
 
-def test_off3_reaches_an_unpowered_drive_from_every_phase_without_doubt() -> None:
+def test_off3_reaches_an_unpowered_drive_in_every_known_phase() -> None:
     for name, item in walk(wishes={PowerWish.QUICK_STOP}, drives=UNPOWERED, phases=set(Phase) - {Phase.UNCONFIRMED}):
         fell = name.startswith(("FOLLOW, FELL", "PASS, FELL"))
         entering = name.startswith(("FOLLOW, ENTERING", "PASS, ENTERING"))
@@ -112,7 +112,7 @@ def test_a_locked_axis_in_operation_brakes_on_off3_and_on_the_loss_of_the_plc() 
         assert (item.phase, item.action) == (Phase.QUICK_STOP, Action.QUICK_STOP), name
 
 
-def test_without_a_plc_no_reason_is_its_own_doing() -> None:
+def test_without_a_plc_no_reason_names_a_plc_command() -> None:
     plcs_own = {Reason.NEEDS_OFF, Reason.RAMP_STOP, Reason.QUICK_STOP, Reason.COAST_STOP, Reason.NOT_OPERATING}
     for name, item in walk(wishes=NO_PLC):
         assert item.reason not in plcs_own, name
@@ -124,7 +124,7 @@ def test_a_drive_that_may_be_turning_gets_quick_stop_unless_off2(drive: Drive) -
         assert (item.phase, item.action) == (Phase.UNCONFIRMED, Action.QUICK_STOP), name
 
 
-def test_off2_wins_in_every_row_and_stays_until_the_drive_is_off() -> None:
+def test_off2_has_priority_in_every_row_until_the_drive_is_off() -> None:
     for name, item in walk(wishes=COASTS):
         off = any(f", {drive.name}, " in name for drive in (*OFF, Drive.FAULT))
         assert item.action is Action.DISABLE_VOLTAGE, name
@@ -134,7 +134,7 @@ def test_off2_wins_in_every_row_and_stays_until_the_drive_is_off() -> None:
 
 
 @pytest.mark.parametrize("drive", [Drive.FAULT, Drive.NO_REFERENCES])
-def test_after_a_fault_or_without_references_nothing_is_obeyed(drive: Drive) -> None:
+def test_no_command_is_accepted_after_a_fault_or_without_references(drive: Drive) -> None:
     asked = set(PowerWish) - set(COASTS)
     for name, item in walk(drives={drive}, phases=set(Phase) - {Phase.UNCONFIRMED, Phase.COAST}, wishes=asked):
         assert (item.phase, item.action) == (Phase.LOCKED, Action.DISABLE_VOLTAGE), name
@@ -144,7 +144,7 @@ def test_after_a_fault_or_without_references_nothing_is_obeyed(drive: Drive) -> 
         assert (item.phase, item.action) == (ended if drive is Drive.FAULT else doubtful), name
 
 
-def test_after_a_loss_a_restart_or_missing_references_a_cycle_passes_before_anything_is_enabled_or_ramps() -> None:
+def test_no_enable_or_ramp_in_the_first_cycle_after_a_loss_or_restart() -> None:
     """What an executor forgets when it is not in operation, it has forgotten then."""
     gone = {Drive.LOST, Drive.RESTARTED, Drive.NO_REFERENCES, Drive.POWERED_UNREAD}
     after = {item.phase for _, item in walk(drives=gone)}
@@ -152,14 +152,14 @@ def test_after_a_loss_a_restart_or_missing_references_a_cycle_passes_before_anyt
     assert not [where for where, item in walk(phases=after) if item.action in enabling]
 
 
-def test_a_powered_drive_whose_references_are_gone_is_stopped_not_let_coast() -> None:
+def test_powered_drive_without_references_is_braked() -> None:
     asked, phases = set(PowerWish) - set(COASTS), set(Phase) - {Phase.COAST}
     for name, item in walk(drives={Drive.POWERED_UNREAD}, wishes=asked, phases=phases):
         assert (item.phase, item.action) == (Phase.UNCONFIRMED, Action.QUICK_STOP), name
 
 
 @pytest.mark.parametrize("wish", [PowerWish.STOP, PowerWish.HOLD])
-def test_without_control_by_the_plc_nothing_starts_and_nothing_is_released(wish: PowerWish) -> None:
+def test_without_control_by_plc_nothing_starts_and_no_lock_ends(wish: PowerWish) -> None:
     for name, item in walk(
         wishes={wish}, drives=set(UNPOWERED) | {Drive.LOST, Drive.FAULT}, phases=set(Phase) - {Phase.PASS}
     ):
@@ -172,7 +172,7 @@ def test_without_control_by_the_plc_nothing_starts_and_nothing_is_released(wish:
 
 @pytest.mark.parametrize("phase", list(OBEYS))
 @pytest.mark.parametrize("wish", [PowerWish.COAST, PowerWish.QUICK_STOP])
-def test_off2_and_off3_lock_whatever_the_drive_shows(phase: Phase, wish: PowerWish) -> None:
+def test_off2_and_off3_lock_in_every_state_of_the_drive(phase: Phase, wish: PowerWish) -> None:
     for name, item in walk(phases={phase}, wishes={wish}):
         assert item.phase not in OBEYS, name
         assert item.action in STOPS, name
@@ -194,7 +194,7 @@ def test_zsw1_4_and_5_show_the_off2_and_off3_in_force() -> None:
         assert item.visible | Flag.NO_COAST_STOP | Flag.NO_QUICK_STOP == Flag.OF_THE_DRIVE, name
 
 
-def test_doubt_ends_only_with_a_drive_that_is_off_or_in_fault_or_an_off_it_can_obey() -> None:
+def test_unknown_state_ends_only_with_power_off_a_fault_or_an_accepted_off() -> None:
     ends = {Drive.DISABLED, Drive.FELL_OFF, Drive.FAULT, *QUICK_STOPS}
     others = set(PowerWish) - set(OFFS) - set(COASTS)
     for name, item in walk(phases={Phase.UNCONFIRMED}, drives=set(Drive) - ends, wishes=others):
@@ -211,14 +211,14 @@ def test_off3_in_operation_is_a_quick_stop_from_every_phase(phase: Phase) -> Non
         assert (item.phase, item.action) == (Phase.QUICK_STOP, Action.QUICK_STOP), name
 
 
-def test_a_lost_plc_is_never_obeyed_and_always_stopped() -> None:
+def test_plc_loss_always_stops_and_no_command_counts() -> None:
     for name, item in walk(wishes=NO_PLC):
         assert item.phase not in OBEYS, name
         assert item.action in STOPS | {Action.RAMP, Action.RAMP_END}, name
 
 
 @pytest.mark.parametrize("phase", list(OBEYS))
-def test_the_loss_of_the_plc_in_operation_is_answered_as_the_user_chose(phase: Phase) -> None:
+def test_plc_loss_in_operation_causes_the_configured_reaction(phase: Phase) -> None:
     answers = {
         PowerWish.NO_PLC_RAMP: (Phase.RAMP_STOP, Action.RAMP),
         PowerWish.NO_PLC_QUICK_STOP: (Phase.QUICK_STOP, Action.QUICK_STOP),
@@ -258,25 +258,25 @@ def test_disable_operation_ends_a_ramp_stop_and_a_quick_stop() -> None:
             assert (item.phase, item.action) == (Phase.COAST, Action.DISABLE_VOLTAGE), wish
 
 
-def test_a_shutdown_that_has_begun_is_not_taken_back() -> None:
+def test_started_shutdown_is_not_withdrawn() -> None:
     for name, item in walk(phases={Phase.SHUTDOWN}, drives=IN_OPERATION):
         assert item.phase in {Phase.SHUTDOWN, Phase.QUICK_STOP, Phase.COAST}, name
         assert item.action in STOPS | {Action.RAMP_END}, name
 
 
-def test_a_quick_stop_goes_on_until_it_is_over_unless_it_is_ended() -> None:
+def test_quick_stop_runs_to_its_end_unless_a_command_ends_it() -> None:
     wishes = set(PowerWish) - set(COASTS) - set(DISABLES)
     for name, item in walk(phases={Phase.QUICK_STOP}, drives=(*SHOWS_OPERATION, *QUICK_STOPS), wishes=wishes):
         assert item.phase is Phase.QUICK_STOP, name
         assert item.action is (Action.DISABLE_VOLTAGE if "QUICK_STOPPED" in name else Action.QUICK_STOP), name
 
 
-def test_a_quick_stop_that_runs_is_never_answered_by_a_command_that_enables() -> None:
+def test_running_quick_stop_never_gets_an_enable() -> None:
     for name, item in walk(drives=QUICK_STOPS):
         assert item.action in {Action.QUICK_STOP, Action.DISABLE_VOLTAGE}, name
 
 
-def test_an_off_goes_on_being_obeyed_by_a_drive_that_left_operation_by_itself() -> None:
+def test_off_is_accepted_after_the_drive_left_operation_by_itself() -> None:
     for drive in (Drive.FELL_BACK, Drive.FELL_OFF):
         for wish in OFFS:
             item = cell(Phase.FOLLOW, drive, wish)
@@ -293,7 +293,7 @@ def test_a_drive_that_left_operation_by_itself_needs_an_off() -> None:
         assert (item.phase, item.action) == (Phase.LOCKED, Action.DISABLE_VOLTAGE), name
 
 
-def test_the_way_up_takes_one_transition_at_a_time() -> None:
+def test_power_up_uses_one_transition_at_a_time() -> None:
     steps = [
         (Drive.NOT_READY, 0x6),
         (Drive.DISABLED, 0x6),
@@ -352,7 +352,7 @@ def enable(interlock: Interlock, phase: Phase) -> None:
 
 
 @pytest.mark.parametrize("phase", list(Phase))
-def test_the_interlock_obeys_the_table_in_every_condition(phase: Phase) -> None:
+def test_interlock_follows_the_power_table_in_every_condition(phase: Phase) -> None:
     for _, drive, wish in (item for item in LOOKED_AT if item[0] is phase):
         interlock = Interlock(AxisSettings(on_plc_loss=REACTIONS.get(wish, PlcLossReaction.QUICK_STOP)))
         asked = None if wish in NO_PLC else wish

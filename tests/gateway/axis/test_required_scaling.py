@@ -23,7 +23,7 @@ SPEED = (Quantity.SPEED,)
     ("number", "needed"),
     [(1, SPEED), (2, SPEED), (3, SPEED), (20, SPEED), (100, SPEED), (9, tuple(Quantity))],
 )
-def test_a_telegram_needs_only_what_its_signals_are_fractions_of(number: int, needed: tuple[Quantity, ...]) -> None:
+def test_telegram_needs_only_the_references_of_its_signals(number: int, needed: tuple[Quantity, ...]) -> None:
     assert needed_quantities(telegram(number)) == needed
 
 
@@ -50,5 +50,5 @@ def test_a_fixed_stop_is_refused_without_the_actual_current() -> None:
 
 
 @pytest.mark.parametrize("missing", ["profile_velocity", "profile_acceleration", "target_position", "velocity_actual"])
-def test_what_motion_needs_is_never_optional(missing: str) -> None:
+def test_objects_needed_for_motion_are_never_optional(missing: str) -> None:
     assert "not an object of this drive" in lacks(_drive((1, 3), missing), 9)

@@ -45,7 +45,7 @@ def test_g2_is_the_position_of_the_drives_second_encoder(number: int) -> None:
 
 
 @pytest.mark.parametrize("number", NUMBERS)
-def test_without_a_source_g2_is_an_error_that_nothing_ends(number: int) -> None:
+def test_without_a_source_g2_is_a_permanent_error(number: int) -> None:
     rig = rig_of(number, SecondSensor.NONE)
     for word in (0, STW["ERROR_ACKNOWLEDGE"], STW["PARK"], STW["REQUEST_ABSOLUTE"]):
         rig.values["G2_STW"] = word
@@ -58,7 +58,7 @@ def test_without_a_source_g2_is_an_error_that_nothing_ends(number: int) -> None:
 @pytest.mark.parametrize(
     "word", [STW["PRESET"], STW["MODE"] | ACTIVATE | STW["FUNCTION_1"], ACTIVATE | STW["FUNCTION_1"]]
 )
-def test_what_the_second_encoder_of_a_drive_cannot_do_is_an_error_until_acknowledged(word: int) -> None:
+def test_unsupported_command_to_g2_is_an_error_until_acknowledged(word: int) -> None:
     rig = rig_of(4)
     rig.step(3)
     rig.values["G2_STW"] = word
@@ -73,7 +73,7 @@ def test_what_the_second_encoder_of_a_drive_cannot_do_is_an_error_until_acknowle
     assert (rig.actuals["G2_ZSW"], rig.actuals["G2_XIST2"]) == (0, 0)
 
 
-def test_a_parked_g2_stands_still_while_the_axis_turns_and_counts_on_from_there() -> None:
+def test_parked_g2_is_constant_and_continues_from_there() -> None:
     rig = rig_of(4)
     rig.enable(OFF)
     rig.values |= {"NSOLL_B": 1 << 28, "G2_STW": STW["PARK"]}
@@ -103,7 +103,7 @@ def test_a_sign_of_life_that_is_lost_is_the_error_of_both_sensors() -> None:
 
 
 @pytest.mark.parametrize("place", [0, 1])
-def test_an_encoder_with_a_range_no_sensor_has_is_told_and_has_no_position(place: int) -> None:
+def test_encoder_with_an_impossible_range_is_reported_without_a_position(place: int) -> None:
     settings = AxisSettings(g1_is_encoder=True, second_sensor=SecondSensor.ENCODER)
     machine = AxisMachine(4, settings, DriveFeedback())
     machine.set_references(place, EncoderReferences((1 << 64) + 1, Fraction(1)))

@@ -33,7 +33,7 @@ def jog(rig: Rig, bits: int, cycles: int = 100) -> int:
 
 
 @pytest.mark.parametrize("number", [1, 2, 3, 4, 20, 102, 103])
-def test_each_bit_turns_with_its_speed_and_both_or_none_stand(number: int) -> None:
+def test_each_jog_bit_has_its_speed_and_both_or_none_mean_standstill(number: int) -> None:
     rig = axis(number)
     for bits, expected in ((JOG_1, UNITS[0]), (0, 0), (JOG_2, UNITS[1]), (JOG_1 | JOG_2, 0)):
         assert jog(rig, bits) == expected
@@ -49,7 +49,7 @@ def test_the_other_jog_begins_only_at_standstill() -> None:
     assert jog(rig, JOG_1) == UNITS[0], "it stood meanwhile"
 
 
-def test_a_jog_does_not_begin_out_of_a_speed_setpoint() -> None:
+def test_jog_does_not_start_from_a_speed_setpoint() -> None:
     rig = axis()
     rig.values["NSOLL_A"] = 0x2000
     rig.values["STW1"] = READY | RUN
@@ -59,14 +59,14 @@ def test_a_jog_does_not_begin_out_of_a_speed_setpoint() -> None:
     assert rig.stepper.command.target_velocity == 0
 
 
-def test_with_the_setpoint_enabled_the_bits_do_nothing() -> None:
+def test_jog_bits_are_ignored_with_an_enabled_setpoint() -> None:
     rig = axis()
     rig.values["STW1"] = READY | RUN | JOG_2
     rig.step(100)
     assert rig.feedback.velocity_actual == 0
 
 
-def test_without_jog_speeds_and_with_the_manufacturers_rule_the_bits_do_nothing() -> None:
+def test_jog_bits_are_ignored_without_jog_speeds_or_with_the_guides_rule() -> None:
     for rig in (axis(jog_speeds_rpm=None), axis(setpoint_enable=SetpointEnable.HOLD)):
         assert jog(rig, JOG_2) == 0
 

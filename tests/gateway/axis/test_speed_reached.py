@@ -42,7 +42,7 @@ def test_speed_reached_is_not_shown_at_a_limit_switch() -> None:
     assert bench.stepper.reason is Reason.STOPPED_AT_LIMIT
 
 
-def test_speed_reached_is_not_shown_while_a_limit_cuts_the_setpoint() -> None:
+def test_speed_reached_is_not_shown_while_a_limit_reduces_the_setpoint() -> None:
     bench = Bench(references=References(max_motor_speed=20000))
     bench.operate(0x7FFF)
     assert bench.stepper.command.target_velocity == 32767

@@ -73,7 +73,7 @@ def test_on_during_an_off1_ramp_does_not_resume() -> None:
 
 
 @statement("OFF2 has priority over OFF3 and OFF1.", PROFILE)
-def test_off2_goes_first() -> None:
+def test_off2_has_priority_over_off3() -> None:
     bench = turning()
     bench.step(0x0478, cycles=3)
     assert bench.drive.state is State.SWITCH_ON_DISABLED
@@ -108,7 +108,7 @@ def test_a_telegram_of_zeros_stops() -> None:
     MANUALS,
     "it is Disable Operation of CiA 402; 605Ch of the drive defines how the axis stops",
 )
-def test_disable_operation_is_the_drives() -> None:
+def test_disable_operation_uses_the_drives_reaction() -> None:
     bench = turning()
     bench.step(0x0477)
     assert bench.controlword & 0xF == 0x7
@@ -138,7 +138,7 @@ def test_the_ramp_freezes() -> None:
     "one drive manual",
     "STW1.5 = 0 with .4 and .6 = 1 freezes the speed, as in the other telegrams",
 )
-def test_dsc_evaluates_a_freeze_alone() -> None:
+def test_dsc_evaluates_freeze_without_other_ramp_bits() -> None:
     rig = Rig(105, dsc=DscChoices(DscForm.SPEED, following_window=4096))
     rig.enable(OFF)
     rig.values |= {"NSOLL_B": 0x1000_0000, "STW1": ON & ~0x70}
@@ -161,7 +161,7 @@ def test_the_tolerance_is_shown() -> None:
     MANUALS,
     "it is Statusword.10 (target reached), because CiA 402 has no comparison value",
 )
-def test_speed_reached_is_the_drives() -> None:
+def test_speed_reached_comes_from_the_drive() -> None:
     rig = Rig(1)
     rig.enable(OFF)
     rig.values["NSOLL_A"] = 0x2000
@@ -183,7 +183,7 @@ def test_the_selected_mode_is_shown() -> None:
     "festo-edcon 1.0.3, pause_motion_task()",
     "telegram 9 of another maker has 0 there; `intermediate_stop_reached` selects it",
 )
-def test_an_intermediate_stop_is_not_reached() -> None:
+def test_intermediate_stop_does_not_show_target_reached() -> None:
     rig = positioner(POS_STW1.word("MDI", "ABSOLUTE"))
     rig.values |= {"MDI_TARPOS": 400_000, "STW1": ON}
     rig.step(60)
@@ -215,7 +215,7 @@ def test_the_direction_of_jog() -> None:
     TIA,
     "jog and homing use their configured speeds; incremental jog is scaled",
 )
-def test_the_override_leaves_jog_alone() -> None:
+def test_override_does_not_affect_jog() -> None:
     rig = positioner()
     rig.values |= {"OVERRIDE": 0x0400, "STW1": STARTING | 0x0200}
     rig.step(100)
@@ -226,7 +226,7 @@ def test_the_override_leaves_jog_alone() -> None:
 
 
 @statement("A rejected task (STW1.4 = 0) ends with 'target reached' at standstill.", TIA)
-def test_a_rejected_task_is_reached() -> None:
+def test_rejected_task_shows_target_reached() -> None:
     rig = positioner(POS_STW1.word("MDI", "SETTING_UP", "POSITIVE_DIRECTION"))
     rig.values["STW1"] = ON
     rig.step(60)
@@ -297,7 +297,7 @@ def test_p952_is_reset_only() -> None:
 @statement(
     "A description names the unit: 11, 67 are revolutions per minute.", "Danfoss PROFIBUS manual, table of units"
 )
-def test_p60000_has_its_unit() -> None:
+def test_p60000_is_in_its_documented_unit() -> None:
     assert _answered("01 01 01 01 20 01 EA 60 00 04").endswith("0b 43")
 
 

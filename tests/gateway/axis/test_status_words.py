@@ -93,7 +93,7 @@ def test_fault_code_is_the_first_fault_of_the_present_situation() -> None:
     assert log.fault_code(0) == 0
 
 
-def test_fault_code_finds_the_new_fault_behind_a_full_situation() -> None:
+def test_fault_code_is_the_new_fault_after_a_full_situation() -> None:
     log = FaultLog(0)
     for number in range(101, 112):
         log.enter(fault(number, number))

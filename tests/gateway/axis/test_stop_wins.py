@@ -78,7 +78,7 @@ def test_off2_and_off3_without_control_stop_faster_than_the_loss_reaction(
     assert bench.drive.state is not State.OPERATION_ENABLED, "the stop without control released nothing"
 
 
-def test_control_that_is_taken_away_in_operation_is_an_off1_with_a_warning() -> None:
+def test_removed_control_in_operation_is_an_off1_with_a_warning() -> None:
     bench = turning()
     zsw1 = bench.step(ON & ~CONTROL, 0x2000)
     assert bench.controlword & 0xF == 0xF, "power stays on for the ramp"
@@ -111,7 +111,7 @@ def test_without_control_nothing_starts_and_no_off_counts(control_lost: ControlL
 
 
 @pytest.mark.parametrize("control_lost", list(ControlLost))
-def test_a_start_that_is_under_way_ends_when_control_is_taken_away(control_lost: ControlLost) -> None:
+def test_loss_of_control_ends_an_active_start(control_lost: ControlLost) -> None:
     bench = Bench(control_lost=control_lost)
     bench.step(OFF, cycles=3)
     bench.step(ON, 0x2000)
@@ -120,7 +120,7 @@ def test_a_start_that_is_under_way_ends_when_control_is_taken_away(control_lost:
     assert bench.drive.state is not State.OPERATION_ENABLED
 
 
-def test_positioning_without_control_ramps_by_halt_and_forgets_the_task() -> None:
+def test_positioning_without_control_halts_and_drops_the_task() -> None:
     rig = axis()
     rig.values |= {"MDI_TARPOS": POSITION.to_wire(300_000), "STW1": 0x043F | ACTIVATE}
     rig.step(60)
@@ -161,13 +161,13 @@ def test_zsw1_never_shows_operation_again_in_the_middle_of_a_stop() -> None:
 
 
 @pytest.mark.parametrize("reaction", [PlcLossReaction.RAMP, PlcLossReaction.QUICK_STOP, PlcLossReaction.COAST])
-def test_zsw1_does_not_show_operation_while_a_lost_plc_is_answered(reaction: PlcLossReaction) -> None:
+def test_zsw1_does_not_show_operation_during_the_reaction_to_a_plc_loss(reaction: PlcLossReaction) -> None:
     bench = turning(on_plc_loss=reaction)
     assert not bench.step(None) & OPERATION_ENABLED
 
 
 @pytest.mark.parametrize(("word", "hidden"), [(COAST, NO_OFF2), (QUICK_STOP, NO_OFF3), (ON & ~0x6, NO_OFF2 | NO_OFF3)])
-def test_zsw1_4_and_5_are_0_while_off2_and_off3_are_in_force_whatever_the_drive_shows(word: int, hidden: int) -> None:
+def test_zsw1_4_and_5_are_0_during_off2_and_off3_in_every_drive_state(word: int, hidden: int) -> None:
     bench = turning()
     assert bench.step(ON, 0x2000) & (NO_OFF2 | NO_OFF3) == NO_OFF2 | NO_OFF3
     statusword = bench.drive.feedback.statusword
@@ -189,9 +189,7 @@ def test_zsw1_5_stays_0_until_the_quick_stop_is_over() -> None:
 @pytest.mark.parametrize("word", [COAST, QUICK_STOP])
 @pytest.mark.parametrize("state", [State.READY_TO_SWITCH_ON, State.SWITCHED_ON, State.OPERATION_ENABLED])
 @pytest.mark.parametrize("cycles", [1, 5])
-def test_an_on_without_an_off_does_not_start_a_drive_that_did_not_get_the_stop(
-    word: int, state: State, cycles: int
-) -> None:
+def test_on_without_off_does_not_start_a_drive_that_missed_the_stop(word: int, state: State, cycles: int) -> None:
     """Its PDOs are lost: it goes on showing the state it had."""
     bench = Bench()
     bench.step(OFF, cycles=3)
@@ -210,7 +208,7 @@ def test_an_on_without_an_off_does_not_start_a_drive_that_did_not_get_the_stop(
 
 
 @pytest.mark.parametrize("word", [0x0000, 0x0002, 0x000B, 0x000D])
-def test_the_same_with_the_transparent_telegram(word: int) -> None:
+def test_telegram_100_stops_without_control_too(word: int) -> None:
     rig = Rig(100)
     rig.values["Controlword"] = 0x06
     rig.step(4)
@@ -229,7 +227,7 @@ def test_the_same_with_the_transparent_telegram(word: int) -> None:
     assert rig.stepper.command.controlword == 0x07, "after an OFF it passes again"
 
 
-def test_a_lost_drive_is_told_to_stop_in_every_cycle_until_it_is_known_to_be_off() -> None:
+def test_lost_drive_gets_a_stop_in_every_cycle_until_it_is_off() -> None:
     bench = turning()
     for _ in range(50):
         bench.drive_ok = False
@@ -304,7 +302,7 @@ def test_a_relative_task_that_replaces_a_kept_one_starts_where_the_axis_stands()
 
 
 @pytest.mark.parametrize(("bit", "reason"), [(INTERMEDIATE, Reason.INTERMEDIATE_STOP), (REJECT, Reason.REJECTED)])
-def test_an_edge_while_idle_without_stw1_4_or_5_starts_nothing_and_says_so(bit: int, reason: Reason) -> None:
+def test_edge_without_stw1_4_or_5_starts_nothing_and_has_a_reason(bit: int, reason: Reason) -> None:
     rig = axis()
     rig.values["STW1"] &= ~bit
     move(rig, 20_000)
@@ -319,7 +317,7 @@ def test_an_edge_while_idle_without_stw1_4_or_5_starts_nothing_and_says_so(bit: 
 
 
 @pytest.mark.parametrize("moving", [False, True])
-def test_a_task_with_velocity_0_starts_nothing_and_says_so_until_a_reject_or_a_new_task(moving: bool) -> None:
+def test_task_with_velocity_0_has_a_reason_until_a_reject_or_new_task(moving: bool) -> None:
     rig = axis()
     if moving:
         move(rig, 300_000)
@@ -343,9 +341,7 @@ def test_a_task_with_velocity_0_starts_nothing_and_says_so_until_a_reject_or_a_n
 
 @pytest.mark.parametrize("word", [OFF, ON & ~0x8, None])
 @pytest.mark.parametrize("reaction", [PlcLossReaction.RAMP, PlcLossReaction.QUICK_STOP])
-def test_a_statusword_that_claims_operation_nobody_commanded_enables_nothing(
-    word: int | None, reaction: PlcLossReaction
-) -> None:
+def test_uncommanded_operation_in_the_statusword_enables_nothing(word: int | None, reaction: PlcLossReaction) -> None:
     """The ramp of an OFF1 holds power on: on a wrong Statusword it would switch it on."""
     bench = Bench(on_plc_loss=reaction)
     bench.step(OFF, cycles=100)

@@ -89,7 +89,7 @@ def test_a_switchover_starts_no_drive_with_dsc(form: DscForm, before: str, word:
 
 
 @pytest.mark.parametrize("number", DSC_TELEGRAM_NUMBERS)
-def test_what_goes_on_over_a_switchover_is_the_same_in_telegrams_with_dsc(number: int) -> None:
+def test_dsc_continues_unchanged_over_a_switchover(number: int) -> None:
     """One executor has all of them, and their words are compared as those of telegram 1."""
     assert drive_telegram(number) == drive_telegram(105)
 
@@ -130,7 +130,7 @@ def switch_over(rig: Rig, before: str, word: int) -> None:
 
 @pytest.mark.parametrize("number", [1, 111])
 @pytest.mark.parametrize("bit", range(16))
-def test_a_rising_bit_never_goes_on_and_a_stop_does(number: int, bit: int) -> None:
+def test_switchover_passes_stops_but_no_rising_bits(number: int, bit: int) -> None:
     half = Rig(number, positioner=CHOICES).stepper.telegram.setpoints
     zero = dict.fromkeys(half.names, 0)
     orders = Orders(half)

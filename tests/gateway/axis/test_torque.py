@@ -32,7 +32,7 @@ def test_worked_example_750_rpm_at_half_torque(number: int) -> None:
     assert (rig.stepper.command.max_torque, rig.node.model.max_torque) == (1500, 1500)
 
 
-def test_the_limit_is_whole_before_any_plc_and_without_one() -> None:
+def test_torque_limit_is_100_percent_without_a_plc() -> None:
     rig = Rig(102)
     rig.step(3, plc=False)
     assert rig.node.model.max_torque == 3000
@@ -52,7 +52,7 @@ def test_a_negative_reduction_reduces_nothing() -> None:
     assert rig.node.model.max_torque == 3000
 
 
-def test_less_torque_turns_up_more_slowly() -> None:
+def test_reduced_torque_accelerates_more_slowly() -> None:
     def cycles(reduction: int) -> int:
         rig = Rig(102)
         rig.node.set_data(0x6083, 0, (1000).to_bytes(4, "little"), check_writable=True)
@@ -89,7 +89,7 @@ def test_a_drive_without_a_torque_limit_does_not_operate() -> None:
 
 
 @pytest.mark.parametrize("number", [4, 103])
-def test_a_second_sensor_that_is_not_there_says_so(number: int) -> None:
+def test_missing_second_sensor_is_reported(number: int) -> None:
     rig = Rig(number)
     rig.step(3)
     assert (rig.actuals["G2_ZSW"], rig.actuals["G2_XIST2"]) == (0x8000, 0x0F01)
@@ -120,7 +120,7 @@ def test_zsw1_8_is_the_deviation_of_meldw_8() -> None:
     ("code", "gone"),
     [(0x4310, "NO_MOTOR_OVERTEMPERATURE"), (0x4210, "NO_POWER_STAGE_OVERTEMPERATURE")],
 )
-def test_an_overtemperature_shows_until_the_drive_takes_it_back(code: int, gone: str) -> None:
+def test_overtemperature_is_shown_until_it_ends_in_the_drive(code: int, gone: str) -> None:
     rig = Rig(102)
     rig.enable(OFF)
     both = {"NO_MOTOR_OVERTEMPERATURE", "NO_POWER_STAGE_OVERTEMPERATURE"}

@@ -37,7 +37,7 @@ def test_attributes_match_the_telegrams_signals() -> None:
 
 
 @given(values=half_values(HALF))
-def test_values_pass_unchanged_or_limited_to_what_the_object_allows(values: tuple[int, ...]) -> None:
+def test_values_pass_unchanged_or_limited_to_the_object(values: tuple[int, ...]) -> None:
     stepper = Stepper(100, AxisSettings())
     stepper.set_references(References())
     feedback = DriveFeedback()
@@ -125,7 +125,7 @@ def test_a_standing_on_does_not_start_after_a_fault_reset() -> None:
     assert rig.state is State.SWITCH_ON_DISABLED
 
 
-def test_the_ramp_of_a_lost_plc_leaves_no_torque_to_a_mode_without_halt() -> None:
+def test_ramp_after_plc_loss_removes_torque_in_a_mode_without_halt() -> None:
     rig = axis(on_plc_loss=PlcLossReaction.RAMP)
     for word in (0x06, 0x07, 0x0F):
         rig.values["Controlword"] = word
@@ -138,7 +138,7 @@ def test_the_ramp_of_a_lost_plc_leaves_no_torque_to_a_mode_without_halt() -> Non
     assert (command.target_torque, command.controlword & ControlBit.HALT) == (0, ControlBit.HALT)
 
 
-def test_the_ramp_of_a_lost_plc_asks_for_halt_and_speed_0_and_ends_with_the_plcs_own_values() -> None:
+def test_ramp_after_plc_loss_sets_halt_and_speed_0_until_the_plc_is_back() -> None:
     rig = axis(on_plc_loss=PlcLossReaction.RAMP)
     for word in (0x06, 0x07, 0x0F):
         rig.values["Controlword"] = word
@@ -164,7 +164,7 @@ def operating() -> Rig:
 
 
 @pytest.mark.parametrize(("mode", "reason"), [(2, Reason.MODE_VALUE), (0, None), (3, None), (1, None)])
-def test_a_mode_the_drive_does_not_have_is_the_reason_and_0_is_no_mode(mode: int, reason: Reason | None) -> None:
+def test_unsupported_mode_is_the_reason_and_0_means_no_mode(mode: int, reason: Reason | None) -> None:
     rig = operating()
     rig.values["Modes of Operation"] = mode
     for _ in range(3):
@@ -176,7 +176,7 @@ def test_a_mode_the_drive_does_not_have_is_the_reason_and_0_is_no_mode(mode: int
     assert rig.stepper.reason is None
 
 
-def test_a_lost_drive_shows_a_fault_beside_what_it_showed_last() -> None:
+def test_lost_drive_shows_a_fault_and_its_last_values() -> None:
     rig = operating()
     before = rig.step(1)
     rig.connected_drive = False

@@ -70,7 +70,7 @@ def test_telegram_2_carries_the_speed_as_n4() -> None:
     assert bench.stepper.command.target_velocity == 3000
 
 
-def test_start_goes_one_transition_at_a_time() -> None:
+def test_start_uses_one_transition_at_a_time() -> None:
     bench = Bench()
     words = []
     for word in (OFF, OFF, ON, ON, ON, ON):
@@ -202,7 +202,7 @@ def test_on_during_the_ramp_stop_resumes_where_configured() -> None:
 
 
 @pytest.mark.parametrize(("word", "controlword"), [(0x047A, 0x02), (0x047C, 0x00)])
-def test_quick_and_coast_stop_take_over_from_the_ramp_stop_at_once(word: int, controlword: int) -> None:
+def test_off2_and_off3_replace_a_ramp_stop_at_once(word: int, controlword: int) -> None:
     bench = Bench()
     bench.drive.ramp = 100
     bench.operate(0x2000)
@@ -263,7 +263,7 @@ def test_a_standing_acknowledge_of_a_new_connection_is_no_edge() -> None:
     assert bench.drive.state is not State.FAULT
 
 
-def test_an_acknowledge_that_stands_when_the_plc_comes_back_is_no_edge() -> None:
+def test_acknowledge_set_at_reconnect_is_no_edge() -> None:
     bench = Bench()
     bench.drive.fault()
     bench.step(OFF, cycles=2)
@@ -281,7 +281,7 @@ def test_a_standing_on_does_not_start_after_a_restart_of_the_drive() -> None:
     assert bench.drive.state is State.SWITCH_ON_DISABLED
 
 
-def test_a_standing_on_is_not_obeyed_by_a_drive_that_restarted_and_still_shows_operation() -> None:
+def test_active_on_does_not_count_for_a_restarted_drive_in_operation() -> None:
     bench = Bench()
     bench.operate()
     bench.step(ON, 0x2000, cycles=5)
@@ -292,7 +292,7 @@ def test_a_standing_on_is_not_obeyed_by_a_drive_that_restarted_and_still_shows_o
     assert bench.stepper.reason is Reason.NEEDS_OFF
 
 
-def test_an_enable_the_drive_took_back_is_not_restored_by_a_standing_on() -> None:
+def test_active_on_does_not_restore_an_enable_removed_by_the_drive() -> None:
     bench = Bench()
     bench.operate()
     bench.drive.state = State.SWITCHED_ON  # enable input DI1 fell
@@ -302,7 +302,7 @@ def test_an_enable_the_drive_took_back_is_not_restored_by_a_standing_on() -> Non
     assert bench.stepper.reason is Reason.NEEDS_OFF
 
 
-def test_a_plc_that_never_took_control_is_lost_all_the_same() -> None:
+def test_loss_of_a_plc_without_control_is_reported() -> None:
     bench = Bench()
     bench.step(None)
     assert bench.stepper.reason is Reason.NO_PLC
@@ -345,7 +345,7 @@ def test_a_lost_drive_shows_a_fault_and_needs_an_off_afterwards() -> None:
     assert bench.drive.state is State.SWITCH_ON_DISABLED
 
 
-def test_a_statusword_of_no_state_stops_the_drive() -> None:
+def test_invalid_statusword_stops_the_drive() -> None:
     bench = Bench()
     bench.operate()
     bench.drive.feedback.statusword = 0x0002
@@ -382,7 +382,7 @@ def test_a_reference_of_0_refuses_operation(name: str) -> None:
     assert bench.stepper.reason is Reason.REFERENCE_INVALID
 
 
-def test_without_references_no_speed_is_shown_and_none_asked_for() -> None:
+def test_without_references_no_speed_is_shown_or_commanded() -> None:
     """Nothing is known of what a number of the drive means."""
     bench = Bench()
     bench.operate(0x2000)
@@ -403,7 +403,7 @@ def test_the_plcs_device_bits_end_with_the_plc() -> None:
     assert bench.controlword & 0xF000 == 0
 
 
-def test_velocity_mode_lets_the_setpoint_through_in_operation_and_while_it_ramps_down() -> None:
+def test_velocity_mode_passes_the_setpoint_in_operation_and_ramp_stop() -> None:
     bench = Bench()
     bench.stepper.set_drive(described("vl"))
     bench.operate()
@@ -445,7 +445,7 @@ def test_a_limit_switch_that_is_released_does_not_let_the_axis_move_on(speed: in
 
 
 @pytest.mark.parametrize("speed", [0, -0x0800])
-def test_a_setpoint_through_0_or_off_the_switch_ends_it(speed: int) -> None:
+def test_setpoint_through_0_or_off_the_limit_switch_ends_the_limit(speed: int) -> None:
     bench = Bench()
     bench.operate(0x2000)
     at_limit(bench, 0x2000)
@@ -457,7 +457,7 @@ def test_a_setpoint_through_0_or_off_the_switch_ends_it(speed: int) -> None:
     assert bench.stepper.command.target_velocity == 3000
 
 
-def test_off_and_on_end_it_too() -> None:
+def test_off_and_on_end_the_limit() -> None:
     bench = Bench()
     bench.operate(0x2000)
     at_limit(bench, 0x2000)
@@ -466,7 +466,7 @@ def test_off_and_on_end_it_too() -> None:
     assert bench.stepper.command.target_velocity == 3000
 
 
-def test_references_that_are_gone_and_back_end_it_too() -> None:
+def test_outage_of_references_ends_the_limit() -> None:
     bench = Bench()
     bench.operate(0x2000)
     at_limit(bench, 0x2000)
@@ -483,7 +483,7 @@ def test_references_that_are_gone_and_back_end_it_too() -> None:
 @pytest.mark.parametrize(
     ("cycles", "velocity"), [(HALF_SECOND - 2, 0), (4 * HALF_SECOND, 3000)], ids=["a moment", "limited speed"]
 )
-def test_an_axis_that_starts_or_is_limited_in_speed_goes_on(cycles: int, velocity: int) -> None:
+def test_starting_or_speed_limited_axis_continues(cycles: int, velocity: int) -> None:
     bench = Bench()
     bench.operate(0x2000)
     at_limit(bench, 0x2000, cycles=cycles, velocity=velocity)
@@ -493,7 +493,7 @@ def test_an_axis_that_starts_or_is_limited_in_speed_goes_on(cycles: int, velocit
     assert bench.stepper.command.target_velocity == 3000, "not longer than a moment each"
 
 
-def test_an_axis_that_stands_with_setpoint_0_at_a_limit_obeys_its_next_setpoint() -> None:
+def test_axis_at_a_limit_with_setpoint_0_follows_the_next_setpoint() -> None:
     bench = Bench()
     bench.operate(0)
     at_limit(bench, 0, cycles=2 * HALF_SECOND)

@@ -21,12 +21,12 @@ from tests.support.drives.drive_types import engel
 WITH_POWER = {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE}
 
 
-def test_an_acknowledge_of_a_drive_without_a_fault_counts_once_for_each_edge() -> None:
+def test_acknowledge_without_a_fault_counts_once_per_edge() -> None:
     item = Acknowledgement()
     assert [item.step(asked, True, False, 1) for asked in (True, True, False, True)] == [True, False, False, True]
 
 
-def test_an_acknowledge_counts_when_the_drive_has_left_its_fault_also_after_the_bit_has_fallen() -> None:
+def test_acknowledge_counts_when_the_fault_ends_after_the_falling_edge() -> None:
     item = Acknowledgement()
     assert not item.step(True, True, True, 1)
     assert not item.step(False, True, True, 2)
@@ -41,7 +41,7 @@ def test_an_acknowledge_counts_when_the_drive_has_left_its_fault_also_after_the_
 @pytest.mark.parametrize(
     ("number", "read", "shown"), [(7, 0x2310, 0x2310), (7, 0, 0x5441), (8, 0, GENERIC_ERROR), (0, 0, GENERIC_ERROR)]
 )
-def test_fault_without_emcy_has_a_code_because_0_is_an_empty_place(number: int, read: int, shown: int) -> None:
+def test_fault_without_emcy_has_a_code_because_0_is_an_empty_entry(number: int, read: int, shown: int) -> None:
     outputs = Outputs(2, None)
     faults = {n: DriveFault(n, "", code, 1, ChannelErrorType.ERROR) for n, code in ((7, 0x5441), (8, 0))}
     DriveWatch(outputs).fault_read(FaultRead(number, read), DriveFeedback(), faults, 1)
@@ -61,14 +61,14 @@ def test_a_fault_that_stays_for_a_second_needs_another_edge() -> None:
     assert item.step(True, True, False, ACKNOWLEDGE_NS + 5)
 
 
-def test_nothing_is_acknowledged_while_the_drive_is_away() -> None:
+def test_no_fault_is_acknowledged_while_the_drive_is_lost() -> None:
     item = Acknowledgement()
     assert not item.step(True, False, False, 1)
     assert item.step(True, True, False, 2)
 
 
 @pytest.mark.parametrize("state", State, ids=lambda state: state.name)
-def test_without_references_a_drive_with_power_is_stopped_and_one_without_gets_none(state: State) -> None:
+def test_without_references_a_powered_drive_stops_and_no_other_gets_power(state: State) -> None:
     hand = Hand(1, engel(), 3, {})
     hand.stepper.set_drive(None)
     hand(OFF, State.SWITCH_ON_DISABLED)
@@ -102,7 +102,7 @@ def test_the_ramp_of_an_off1_ends_within_the_standstill_window_and_not_above_it(
     assert hand(OFF) == Command.SHUTDOWN.word
 
 
-def test_a_plc_that_has_no_control_before_operation_loses_none() -> None:
+def test_loss_of_control_needs_control_before() -> None:
     hand = Hand(1, engel(), 3, {})
     for status in (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON):
         hand(OFF & ~CONTROL, status)

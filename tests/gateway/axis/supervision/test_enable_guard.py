@@ -37,13 +37,13 @@ def test_guard_allows_an_enable_for_each_operation_enable_of_one_on() -> None:
     assert all(allowed((W.OFF, SHUTDOWN), (W.ENABLE, ENABLE), (W.ON, SWITCH_ON), (W.ENABLE, ENABLE)))
 
 
-def test_guard_keeps_the_order_of_an_on_over_a_time_without_control() -> None:
+def test_guard_keeps_an_on_during_a_time_without_control() -> None:
     words = ((W.OFF, SHUTDOWN), (W.ENABLE, ENABLE), (W.HOLD, ENABLE), (W.ON, SWITCH_ON), (W.ENABLE, ENABLE))
     assert all(allowed(*words))
 
 
 @pytest.mark.parametrize("wish", [W.OFF, W.OFF_DISABLED, W.ON, W.STOP, W.COAST, W.QUICK_STOP, None])
-def test_guard_refuses_an_enable_that_is_not_asked_for(wish: PowerWish | None) -> None:
+def test_guard_rejects_an_enable_without_a_command(wish: PowerWish | None) -> None:
     assert allowed((W.OFF, SHUTDOWN), (W.ENABLE, SWITCH_ON), (wish, ENABLE))[-1] is False
 
 
@@ -90,7 +90,7 @@ def test_drive_that_falls_back_instead_of_entering_operation_needs_an_off(state:
 
 
 @pytest.mark.planted
-def test_axis_replaces_an_unasked_enable_by_quick_stop_and_faults(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_axis_replaces_an_uncommanded_enable_by_quick_stop_and_faults(monkeypatch: pytest.MonkeyPatch) -> None:
     """The table is made to enable a locked drive that shows Switched On."""
     axis = Axis()
     axis.step(ON, State.SWITCHED_ON)

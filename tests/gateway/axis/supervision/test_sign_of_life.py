@@ -30,12 +30,12 @@ def alive(rig: Rig, cycles: int) -> None:
         rig.step()
 
 
-def test_both_words_have_it_in_the_same_bits() -> None:
+def test_sign_of_life_has_the_same_bits_in_stw2_and_zsw2() -> None:
     assert signal("STW2").bit("SIGN_OF_LIFE").mask == signal("ZSW2").bit("SIGN_OF_LIFE").mask
 
 
 @pytest.mark.parametrize("number", [2, 3, 9])
-def test_the_gateways_counter_starts_with_the_plcs_first(number: int) -> None:
+def test_gateway_counter_starts_with_the_first_sign_of_life_of_the_plc(number: int) -> None:
     rig = Rig(number, sign_of_life_failures=2)
     rig.step(20)
     assert rig.actuals["ZSW2"] == 0
@@ -43,14 +43,14 @@ def test_the_gateways_counter_starts_with_the_plcs_first(number: int) -> None:
     assert rig.actuals["ZSW2"] == 0x3000
 
 
-def test_a_plc_without_a_sign_of_life_is_not_watched() -> None:
+def test_plc_without_sign_of_life_is_not_monitored() -> None:
     rig = turning(failures=0)
     rig.step(50)
     assert rig.state is State.OPERATION_ENABLED
     assert not rig.stepper.events
 
 
-def test_loss_stops_the_axis_tells_fault_and_sensor_error_and_needs_off_and_on() -> None:
+def test_loss_stops_the_axis_with_fault_and_sensor_error_until_off_and_on() -> None:
     rig = turning()
     alive(rig, 100)
     assert rig.feedback.velocity_actual
@@ -92,7 +92,7 @@ def test_frame_without_control_after_a_loss_is_no_new_connection() -> None:
     assert hand(OFF, State.SWITCH_ON_DISABLED, STW2=3 << 12) & 0xF == 0x6
 
 
-def test_as_many_failures_as_tolerated_do_nothing() -> None:
+def test_tolerated_number_of_failures_has_no_effect() -> None:
     rig = turning()
     alive(rig, 20)
     for _ in range(10):
@@ -101,7 +101,7 @@ def test_as_many_failures_as_tolerated_do_nothing() -> None:
     assert rig.state is State.OPERATION_ENABLED
 
 
-def test_65535_answers_and_does_not_watch() -> None:
+def test_p925_65535_answers_without_monitoring() -> None:
     rig = turning(failures=MONITORING_OFF)
     alive(rig, 5)
     rig.step(100)
@@ -109,7 +109,7 @@ def test_65535_answers_and_does_not_watch() -> None:
     assert not rig.stepper.events
 
 
-def test_a_new_connection_starts_anew() -> None:
+def test_new_connection_restarts_the_sign_of_life() -> None:
     rig = turning(failures=0)
     alive(rig, 10)
     rig.step(400, plc=False)
@@ -130,7 +130,7 @@ def test_p925_takes_effect_at_once() -> None:
     assert [event.number for event in rig.stepper.events] == [FaultNumber.SIGN_OF_LIFE]
 
 
-def test_a_counter_that_falls_back_to_0_is_a_failure_like_one_that_stands() -> None:
+def test_counter_reset_to_0_is_a_failure_like_a_constant_counter() -> None:
     rig = turning()
     alive(rig, 20)
     rig.values["STW2"] = 0
@@ -140,7 +140,7 @@ def test_a_counter_that_falls_back_to_0_is_a_failure_like_one_that_stands() -> N
     assert (rig.feedback.velocity_actual, rig.state) == (0, State.SWITCH_ON_DISABLED)
 
 
-def test_p925_ends_a_loss_also_of_a_plc_that_has_no_counter_any_more() -> None:
+def test_p925_ends_a_loss_also_without_a_counter_of_the_plc() -> None:
     rig = turning(failures=0)
     alive(rig, 5)
     rig.values["STW2"] = 0
@@ -154,7 +154,7 @@ def test_p925_ends_a_loss_also_of_a_plc_that_has_no_counter_any_more() -> None:
     assert rig.state is State.OPERATION_ENABLED
 
 
-def test_p925_begins_the_gateways_counter_anew() -> None:
+def test_p925_restarts_the_gateway_counter() -> None:
     rig = turning(failures=2)
     alive(rig, 5)
     rig.stepper.machine.tolerate(2)

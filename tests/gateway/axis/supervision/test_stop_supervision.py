@@ -41,7 +41,7 @@ def numbers(bench: Bench) -> list[int]:
 
 
 @pytest.mark.parametrize("word", [OFF, COAST, QUICK_STOP, ON & ~0x400, None])
-def test_a_drive_that_ignores_a_stop_is_stopped_by_nmt_and_told_once(word: int | None) -> None:
+def test_drive_that_ignores_a_stop_gets_nmt_stop_and_one_fault(word: int | None) -> None:
     bench = turning()
     assert deaf(bench, word, REACTION // CYCLE) is Brake.NONE
     assert deaf(bench, word, 20) is Brake.NMT_STOP
@@ -49,7 +49,7 @@ def test_a_drive_that_ignores_a_stop_is_stopped_by_nmt_and_told_once(word: int |
     assert "speed 3000" in bench.stepper.events[-1].text
 
 
-def test_quick_stop_is_watched_by_speed_also_while_statusword_changes() -> None:
+def test_quick_stop_is_supervised_by_speed_while_the_statusword_changes() -> None:
     """A Statusword of no state now and then begins the reaction time of Operation Enabled anew, and not that of the speed."""
     watch = StopWatch(REACTION, CYCLE)
     watch.reference = TURNING
@@ -59,7 +59,7 @@ def test_quick_stop_is_watched_by_speed_also_while_statusword_changes() -> None:
     assert watch.brake is Brake.NMT_STOP
 
 
-def test_a_node_that_does_not_show_nmt_stopped_either_loses_the_gateways_heartbeat() -> None:
+def test_heartbeat_is_withheld_from_a_node_that_ignores_nmt_stop() -> None:
     bench = turning()
     assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
     bench.drive_ok = False
@@ -67,7 +67,7 @@ def test_a_node_that_does_not_show_nmt_stopped_either_loses_the_gateways_heartbe
     assert numbers(bench).count(FaultNumber.STOP_IGNORED) == 1
 
 
-def test_a_node_that_shows_nmt_stopped_keeps_the_heartbeat() -> None:
+def test_heartbeat_continues_for_a_node_in_nmt_stopped() -> None:
     bench = turning()
     assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
     bench.drive_ok = False
@@ -75,7 +75,7 @@ def test_a_node_that_shows_nmt_stopped_keeps_the_heartbeat() -> None:
     assert deaf(bench, QUICK_STOP, 10 * REACTION // CYCLE) is Brake.NMT_STOP
 
 
-def test_a_node_that_showed_nmt_stopped_keeps_the_heartbeat_while_it_is_brought_up_again() -> None:
+def test_heartbeat_continues_during_bring_up_after_nmt_stopped() -> None:
     """For that the gateway itself takes it out of Stopped; the others on the bus go on."""
     bench = turning()
     assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
@@ -86,7 +86,7 @@ def test_a_node_that_showed_nmt_stopped_keeps_the_heartbeat_while_it_is_brought_
     assert deaf(bench, QUICK_STOP, 10 * REACTION // CYCLE) is Brake.NMT_STOP
 
 
-def test_a_drive_that_still_turns_when_it_is_brought_up_after_its_nmt_stop_loses_the_heartbeat() -> None:
+def test_heartbeat_is_withheld_if_the_drive_turns_after_nmt_stop_and_bring_up() -> None:
     bench = turning()
     deaf(bench, QUICK_STOP, REACTION // CYCLE + 20)
     inputs = bench.stepper.machine.inputs
@@ -98,7 +98,7 @@ def test_a_drive_that_still_turns_when_it_is_brought_up_after_its_nmt_stop_loses
     assert numbers(bench).count(FaultNumber.STOP_IGNORED) == 2
 
 
-def test_the_next_stop_of_a_drive_that_was_off_begins_with_nmt_again() -> None:
+def test_next_stop_after_power_off_starts_with_nmt_again() -> None:
     bench = turning()
     deaf(bench, QUICK_STOP, REACTION // CYCLE + 20)
     inputs = bench.stepper.machine.inputs
@@ -112,7 +112,7 @@ def test_the_next_stop_of_a_drive_that_was_off_begins_with_nmt_again() -> None:
     assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
 
 
-def test_the_brakes_are_released_by_a_drive_that_shows_no_power_not_by_its_configuration() -> None:
+def test_nmt_stop_is_released_by_power_off_and_not_by_configuration() -> None:
     bench = turning()
     deaf(bench, QUICK_STOP, 2 * REACTION // CYCLE + 40)
     bench.drive_ok = False
@@ -126,7 +126,7 @@ def test_the_brakes_are_released_by_a_drive_that_shows_no_power_not_by_its_confi
 
 
 @pytest.mark.parametrize("speed", [TURNING, -TURNING, 6000])
-def test_a_quick_stop_whose_ramp_is_missing_is_found(speed: int) -> None:
+def test_quick_stop_without_a_ramp_is_detected(speed: int) -> None:
     """The state is left, the axis turns on."""
     bench = turning()
     feedback = bench.drive.feedback
@@ -140,7 +140,7 @@ def test_a_quick_stop_whose_ramp_is_missing_is_found(speed: int) -> None:
 
 @pytest.mark.parametrize("seconds", [0.1, 1, 9, 11])
 @pytest.mark.parametrize("word", [OFF, None])
-def test_a_ramp_within_its_margin_is_no_disobedience(word: int | None, seconds: float) -> None:
+def test_ramp_within_its_margin_is_accepted(word: int | None, seconds: float) -> None:
     bench = turning(on_plc_loss=PlcLossReaction.RAMP)
     bench.drive.ramp = max(1, int(6000 * CYCLE / 1e9 / seconds))
     for _ in range(int(seconds * 1e9 / CYCLE) + 20):
@@ -153,7 +153,7 @@ def test_a_ramp_within_its_margin_is_no_disobedience(word: int | None, seconds: 
 
 
 @pytest.mark.parametrize("word", [OFF, None])
-def test_a_ramp_that_takes_longer_than_its_margin_is_found(word: int | None) -> None:
+def test_ramp_longer_than_its_margin_is_detected(word: int | None) -> None:
     bench = turning(on_plc_loss=PlcLossReaction.RAMP)
     bench.drive.ramp = 1  # 100 % in 24 s, 10 s are configured
     for _ in range(int(10e9 / CYCLE)):
@@ -175,7 +175,7 @@ def test_each_stop_has_its_own_time() -> None:
     assert FaultNumber.STOP_IGNORED not in numbers(bench)
 
 
-def test_speed_gathered_by_what_was_asked_before_the_stop_is_no_disobedience() -> None:
+def test_acceleration_to_an_earlier_setpoint_is_accepted_during_a_stop() -> None:
     settings = AxisSettings()
     watch = StopWatch(settings.reaction_ns, settings.stop_time_ns)
     watch.reference, slope, began = 6000, 6000 / settings.stop_time_ns, 10**12
@@ -188,14 +188,14 @@ def test_speed_gathered_by_what_was_asked_before_the_stop_is_no_disobedience() -
     assert watch.step(Action.RAMP, True, True, False, 3001, 10, began + since)
 
 
-def test_a_fault_reaction_of_the_drive_is_its_own_stop_however_long_it_takes() -> None:
+def test_fault_reaction_of_the_drive_has_no_time_limit() -> None:
     bench = turning()
     bench.drive.feedback.statusword = STATUS_OF[State.FAULT_REACTION_ACTIVE]
     assert deaf(bench, ON, 20 * REACTION // CYCLE) is Brake.NONE
     assert FaultNumber.STOP_IGNORED not in numbers(bench)
 
 
-def test_a_drive_that_left_operation_for_a_moment_has_its_reaction_time_anew() -> None:
+def test_reaction_time_restarts_after_a_short_exit_from_operation() -> None:
     watch = StopWatch(REACTION, AxisSettings().stop_time_ns)
 
     def disobeys(operating: bool, now: int) -> bool:
@@ -208,7 +208,7 @@ def test_a_drive_that_left_operation_for_a_moment_has_its_reaction_time_anew() -
     assert disobeys(True, 3 * REACTION + 1)
 
 
-def test_the_brakes_are_released_when_the_drive_shows_that_it_is_off_without_an_off_of_the_plc() -> None:
+def test_nmt_stop_is_released_by_power_off_without_an_off_of_the_plc() -> None:
     bench = turning()
     assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
     bench.drive.feedback.statusword = STATUS_OF[State.SWITCH_ON_DISABLED]
@@ -216,14 +216,14 @@ def test_the_brakes_are_released_when_the_drive_shows_that_it_is_off_without_an_
     assert deaf(bench, None, 3) is Brake.NONE
 
 
-def test_a_shutdown_at_standstill_that_the_drive_ignores_is_found() -> None:
+def test_ignored_shutdown_at_standstill_is_detected() -> None:
     bench = turning()
     bench.drive.feedback.velocity_actual = 0
     assert deaf(bench, OFF, REACTION // CYCLE + 3) is Brake.NMT_STOP
 
 
 @pytest.mark.parametrize("number", [1, 9, 100])
-def test_a_healthy_drive_is_never_found_disobedient(number: int) -> None:
+def test_drive_that_follows_is_never_reported(number: int) -> None:
     rig = Rig(number)
     for stop in (0x6, 0x2, 0x0):
         rig.values[rig.stepper.telegram.setpoints.names[0]] = 0

@@ -63,7 +63,7 @@ class Axis:
 
 
 @pytest.mark.parametrize("rpm", [60, -120, 3000])
-def test_speed_that_fits_is_no_contradiction(rpm: int) -> None:
+def test_matching_speed_is_no_contradiction(rpm: int) -> None:
     axis = Axis()
     assert axis.run(5, lambda at: rpm) is None
     assert not axis.check.locked
@@ -82,7 +82,9 @@ def test_speed_that_fits_is_no_contradiction(rpm: int) -> None:
         (17_476, FaultNumber.VELOCITY),
     ],
 )
-def test_position_against_606ch_decides_within_a_second(factor: float, number: FaultNumber | None) -> None:
+def test_contradiction_of_position_and_606ch_is_detected_within_a_second(
+    factor: float, number: FaultNumber | None
+) -> None:
     axis = Axis()
     found = axis.run(3, lambda at: 120 * factor, shown=lambda at: 120, target=lambda at: 120)
     if number is None:
@@ -96,7 +98,7 @@ def test_position_against_606ch_decides_within_a_second(factor: float, number: F
     assert axis.check.locked is (number is FaultNumber.VELOCITY)
 
 
-def test_deviation_is_told_once() -> None:
+def test_deviation_is_reported_once() -> None:
     axis = Axis()
     assert axis.run(2, lambda at: 180, shown=lambda at: 120, target=lambda at: 120) is not None
     assert axis.run(5, lambda at: 180, shown=lambda at: 120, target=lambda at: 120) is None
@@ -109,7 +111,7 @@ def test_606ch_above_150_percent_of_the_setpoint_is_a_contradiction() -> None:
     assert "606Ch is 250 with a setpoint of 120, above 150 %" in found[1]
 
 
-def test_speed_that_keeps_growing_at_a_constant_setpoint_is_one() -> None:
+def test_growing_speed_at_a_constant_setpoint_is_a_contradiction() -> None:
     found = Axis(counts=None).run(9, lambda at: 1000 * (1 + at / 4), target=lambda at: 1000)
     assert found is not None
     assert "keeps growing with a constant setpoint of 1000" in found[1]
@@ -133,14 +135,14 @@ def test_ramps_overshoot_and_load_are_no_contradiction(
     assert axis.run(12, rpm, target=target) is None
 
 
-def test_jump_of_the_position_is_no_speed() -> None:
+def test_position_jump_is_not_a_speed() -> None:
     axis = Axis()
     assert axis.run(1, lambda at: 300) is None
     axis.jump = 1_000_000
     assert axis.run(3, lambda at: 300) is None
 
 
-def test_position_that_begins_anew_is_followed() -> None:
+def test_position_overflow_is_followed() -> None:
     axis = Axis(wraps=(-2048, 2048))
     assert axis.run(5, lambda at: 120, span=4096) is None
     counter = Axis()
@@ -155,7 +157,7 @@ def test_without_counts_or_position_nothing_is_compared() -> None:
     assert all(check.step(True, 120, 120, 0, 0, SECOND + cycle * CYCLE) is None for cycle in range(500))
 
 
-def test_check_begins_anew_with_each_operation() -> None:
+def test_check_restarts_with_each_operation() -> None:
     axis = Axis()
     for _ in range(20):
         assert axis.run(0.3, lambda at: 1200, shown=lambda at: 120, target=lambda at: 120) is None
