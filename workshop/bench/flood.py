@@ -20,7 +20,7 @@ from pdgw.profinet.rpc.client import RecordCaller
 from pdgw.profinet.rpc.dcerpc import object_uuid
 from pdgw.workshop.bench.measuring.dialogues import PlcDialogue
 from pdgw.workshop.bench.measuring.measure import Latency
-from pdgw.workshop.bench.measuring.phases import QUIET, in_turn, stand_back
+from pdgw.workshop.bench.phases import QUIET, in_turn, stand_back
 from pdgw.workshop.bench.processes.processes import Background, Gateway, module
 
 AXES = 4

@@ -16,7 +16,7 @@ from pdgw.client.udp import ParameterClient
 from pdgw.durations import MS
 from pdgw.profidrive.parameters.codec import ParameterAddress
 from pdgw.workshop.bench.measuring.measure import Latency
-from pdgw.workshop.bench.measuring.phases import QUIET, in_turn, stand_back
+from pdgw.workshop.bench.phases import QUIET, in_turn, stand_back
 from pdgw.workshop.bench.processes.processes import module
 
 AXES = 4

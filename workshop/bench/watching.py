@@ -25,7 +25,7 @@ from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.demo.links import free_ports
 from pdgw.workshop.bench.measuring.measure import Latency
-from pdgw.workshop.bench.measuring.phases import QUIET, in_turn, stand_back
+from pdgw.workshop.bench.phases import QUIET, in_turn, stand_back
 from pdgw.workshop.bench.processes.processes import Background, Gateway, module
 
 AXES = 8
