@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import re
+import tomllib
 from collections.abc import Iterator
 
 import pytest
@@ -21,6 +21,7 @@ from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_A
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import drive_layout
 from pdgw.gateway.configuration.config import AxisConfig
+from pdgw.gateway.configuration.example import example
 from pdgw.gateway.configuration.tables.defaults import STATUS_PORT, WATCHDOG_FACTOR
 from pdgw.gateway.configuration.tables.environment import TraceConfig, TransportConfig
 from pdgw.gateway.configuration.tables.web import WebConfig
@@ -229,30 +230,17 @@ def test_the_tasks_of_a_block_are_told() -> None:
     assert told == [task.value for task in BlockTask]
 
 
-def keys_of(document: str, head: str) -> dict[str, str]:
-    """The keys that a table of the configuration has, each with what is said of its default."""
-    told: dict[str, str] = {}
-    for row in rows(document, head):
-        names = named(row[0])
-        defaults = row[1].split(", ") if len(names) > 1 and ", " in row[1] else [row[1]] * len(names)
-        told |= dict(zip(names, defaults, strict=True))
-    return told
-
-
-@pytest.mark.parametrize(
-    ("document", "section", "model"), [("flight-recorder.md", "trace", TraceConfig), ("web.md", "web", WebConfig)]
-)
-def test_the_keys_of_a_section_have_the_defaults_that_are_told(
-    document: str, section: str, model: type[TraceConfig | WebConfig]
+@pytest.mark.parametrize(("section", "model"), [("trace", TraceConfig), ("web", WebConfig)])
+def test_the_example_has_every_key_of_a_section_with_its_default(
+    section: str, model: type[TraceConfig | WebConfig]
 ) -> None:
-    told = keys_of(document, f"key of `[{section}]`" if section == "trace" else f"key of `[{section}]` |")
-    assert set(told) == set(model.model_fields)
-    for key, text in told.items():
+    commented = example().partition(f"# [{section}]")[2].partition("\n\n")[0].partition("\n")[2]
+    found = tomllib.loads(re.sub(r"^# ", "", commented, flags=re.MULTILINE))
+    assert found.keys() == model.model_fields.keys()
+    for key, value in found.items():
         default = model.model_fields[key].default
-        if default == ():
-            assert text in {"`[]`", "none"}, key
-        elif default is not None:
-            assert text.strip("`") == json.dumps(default), key
+        if default not in (None, ()):
+            assert value == default, key
 
 
 def test_the_keys_of_an_overlay_are_told() -> None:
