@@ -85,13 +85,14 @@ class SimulatedDriveNode(SimulatedNode):
         while self._commands and self._commands[0][0] <= now:
             _, pdo, data = self._commands.popleft()
             self._take(pdo, data)
-        self.send_emergencies(self.model.emcy)
+        if self.model.emcy:
+            self.send_emergencies(self.model.emcy)
 
     def next_change(self, now: int) -> int | None:
         return self.model.next_change()
 
     def steady(self, pdo: Pdo, ticks: int) -> bool:
-        return _STEADY.issuperset(pdo.attributes) and self.model.cruises(ticks)
+        return self.model.cruises(ticks) and _STEADY.issuperset(pdo.attributes)
 
     def apply(self, pdo: Pdo, data: bytes) -> None:
         if time_out := int(self.values.get((pdo.communication_index, EVENT_TIMER), 0)):

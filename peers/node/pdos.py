@@ -90,8 +90,8 @@ class NodePdos:
 
     def next_event(self, now: int) -> int:
         """Time of the next TPDO: its timer, the end of its inhibit time, or a change of the image."""
-        soonest = NEVER
-        told = NEVER
+        soonest = told = NEVER
+        change = self.node.next_change(now)
         if self.node.state is NmtState.OPERATIONAL:
             for tpdo in self._events:
                 free = tpdo.last_time + tpdo.inhibit_ns
@@ -100,9 +100,8 @@ class NodePdos:
                 if tpdo.event_ns:
                     due = tpdo.due if tpdo.due > free else free
                     soonest = min(soonest, due)
-                if tpdo.on_change and free < told and not self._unchanged(tpdo):
+                if change is not None and tpdo.on_change and free < told and not self._unchanged(tpdo):
                     told = free
-        change = self.node.next_change(now)
         if change is not None:
             seen = change + _UNSEEN_MS * MS if told == NEVER else max(change, told)
             soonest = min(soonest, seen)

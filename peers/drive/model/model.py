@@ -50,6 +50,14 @@ _STAYS_STOPPED = 5
 _ABORT_COMMANDS = {2: Command.DISABLE_VOLTAGE, 3: Command.QUICK_STOP}
 """Device control command of 6007h."""
 _SYNC_FAULT = replace(DRIVE_FAULTS[12], name="SYNC missing", error_code=0x8700)
+_STATE_BITS = {
+    state: bits
+    | StatusBit.VOLTAGE_ENABLED
+    | StatusBit.REMOTE
+    | (0 if state is State.QUICK_STOP_ACTIVE else StatusBit.NO_QUICK_STOP)
+    for state, bits in STATUS_OF.items()
+}
+"""Bits of the Statusword in each state, without those of the mode."""
 _CATCH_UP_TICKS = 1000
 """Longest simulated gap. After a longer gap between two calls the drive loses the rest of the time."""
 
@@ -106,6 +114,9 @@ class DriveModel:
         self.causes: set[int] = set()
         self.probe = TouchProbe(self)
         self._time = -1
+        self._shown_state: State | None = None
+        self._state_bits = 0
+        """Bits of the state that was shown last."""
         self._late_status = DelayLine()
         self._without_sync = 0
         """Ticks since the last SYNC."""
@@ -338,7 +349,10 @@ class DriveModel:
                 left -= self._cruise(left) if self._even else self._watched_tick()
                 if self.latency.status_ms:
                     self._time = end - left * MS
-                    self._update()
+                    if left:
+                        self._show_status(self._units())
+                    else:
+                        self._update()
             if self._time < end:
                 self._time = end
                 self._update()
@@ -369,10 +383,15 @@ class DriveModel:
 
     def _watched_tick(self) -> int:
         """Simulate one tick. Return how many following ticks are equal: at rest, or at constant speed."""
+        speed = self.ramp.speed
         before = self._condition()
         self._obeyed = False
         self._tick()
-        if before == self._condition() and not (self.sync_ticks and self.state is State.OPERATION_ENABLED):
+        if (
+            self.ramp.speed == speed  # not on a ramp; the rest takes longer to compare
+            and before == self._condition()
+            and not (self.sync_ticks and self.state is State.OPERATION_ENABLED)
+        ):
             self._resting = self.ramp.speed == 0.0
             self._even = not self._resting and self.state is State.OPERATION_ENABLED and self.motion.even
         return 1
@@ -496,24 +515,29 @@ class DriveModel:
 
     # -- image --------------------------------------------------------------------------------------------------------
 
+    def _units(self) -> int:
+        """Actual velocity in the units of the drive."""
+        return min(max(round(self.ramp.speed / self.unit), -_INT32_MAX), _INT32_MAX)
+
     def _update(self) -> None:
-        speed = self.ramp.speed
-        unit = self.unit
-        units = min(max(round(speed / unit), -_INT32_MAX), _INT32_MAX)
+        units = self._units()
         self.velocity_actual = self.velocity_demand = units
         self.position_actual = self._shown_position()
         self.second_position = _wrap32(round(self.machine_position * SECOND_ENCODER_STEPS))
         self.encoder_position = _wrap16(round(self.machine_position))
         shown = not self.shape.mode_in_operation_only or self.state is State.OPERATION_ENABLED
         self.modes_of_operation_display = self.mode if shown else 0
-        halted = self.halted and self.state is State.OPERATION_ENABLED
-        bits = self.motion.bits(halted, units) | StatusBit.VOLTAGE_ENABLED | StatusBit.REMOTE
-        self.statusword = STATUS_OF[self.state] | bits
-        if self.state is not State.QUICK_STOP_ACTIVE:
-            self.statusword |= StatusBit.NO_QUICK_STOP
+        self._show_status(units)
+
+    def _show_status(self, units: int) -> None:
+        """Set the Statusword: through the delay line, then by the disguises. ``units``: actual velocity."""
+        state = self.state
+        if state is not self._shown_state:
+            self._shown_state, self._state_bits = state, _STATE_BITS[state]
+        status = self._state_bits | self.motion.bits(self.halted and state is State.OPERATION_ENABLED, units)
         if self.limited:
-            self.statusword |= StatusBit.INTERNAL_LIMIT
-        self.statusword = self._late_status.show(self.statusword, self._time, self.latency.status_ms)
+            status |= StatusBit.INTERNAL_LIMIT
+        self.statusword = self._late_status.show(status, self._time, self.latency.status_ms)
         for disguise in self.disguises:
             disguise(self, self._time)
 
