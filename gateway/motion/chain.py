@@ -47,6 +47,7 @@ class BlockChain:
     def drop(self) -> None:
         """No block runs any more."""
         self.block = None
+        self._wait_until = 0
 
     def run(self, number: int, now: int) -> None:
         """Run blocks from a number on, up to the first that moves, waits or ends. The table has no ring without any."""
@@ -55,7 +56,7 @@ class BlockChain:
         while block is not None:
             self.block = block
             self.external = False
-            self._wait_until = now
+            self._wait_until = 0
             self._course.stand()
             if block.task is BlockTask.SET_OUTPUT:
                 outcome.outputs |= block.value

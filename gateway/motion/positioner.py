@@ -23,6 +23,7 @@ from pdgw.gateway.reasons import Reason
 SHOWN_NS: Final = 100 * MS
 """Minimum time of POS_ZSW1.11 = 1 for homing and a set reference point, because masters poll it."""
 _BOTH = (True, True)
+_NO_LEVELS = (False, False, False, False)
 _KEPT = frozenset({State.MDI, State.SETTING_UP, State.BLOCK})
 """Functions an intermediate stop keeps, and an edge during it replaces."""
 _DISTURBANCES = frozenset(
@@ -114,7 +115,8 @@ class Positioner:
         self._operating = False
         self._edges = False
         """There was an edge in the last step."""
-        self._levels = (False, False, False, False)
+        self._levels = _NO_LEVELS
+        """The bits whose edges count, in the last frame; not kept out of operation."""
         self._activated = self._external_edge = self._reference_edge = self._homing_edge = False
         events, actions = self._events(), self._actions()
 
@@ -232,6 +234,8 @@ class Positioner:
         """Other bits, before the table is asked: edges, and what they are the edges of."""
         self._controls, self._operating = asked.controls, asked.operating
         self._find_edges()
+        if not asked.operating:
+            self._levels = _NO_LEVELS
         if asked.jog_1 or asked.jog_2:
             allowed = asked.operating and asked.do_not_reject and not (asked.jog_1 and asked.jog_2)
             first, second = self._armed

@@ -159,6 +159,13 @@ class Motion(_OfMotion):
     torque: int | None = None
     """Torque limit in 1/1000 of the rated torque, None for the axis' own."""
 
+    def forget(self) -> None:
+        """Clear the data of a motion that is over. Its torque limit is cleared when the axis starts to brake."""
+        self.target = self.velocity = 0
+        self.distance = None
+        self.override = self.acceleration = self.deceleration = FULL
+        self.immediate = True
+
 
 class _OfOutcome:
     """What a checkpoint treats apart in ``Outcome``: a compiled dataclass takes a class variable for a field."""

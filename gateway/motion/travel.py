@@ -88,6 +88,7 @@ class Course:
 
     def drop(self) -> None:
         """No goal any more: ramp to standstill."""
+        self.outcome.motion.forget()
         self.goal = self.speed = self.held = None
         self.sent = self.queued = self.first_serial = 0
         self._at_limit = False

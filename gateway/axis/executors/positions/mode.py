@@ -14,9 +14,10 @@ from pdgw.gateway.reasons import FaultNumber, Reason
 class ModeSwitch:
     """The mode that is asked for, and since when it is waited for."""
 
-    INSTANTS: ClassVar[Mapping[str, int]] = {"_since": MODE_CONFIRM_NS}
+    INSTANTS: ClassVar[Mapping[str, int]] = {"since": MODE_CONFIRM_NS}
+    PASSING: ClassVar[frozenset[str]] = frozenset({"asked"})
 
-    __slots__ = ("_executor", "_since", "base", "halted", "mode")
+    __slots__ = ("_executor", "asked", "base", "halted", "mode", "since")
 
     def __init__(self, executor: Executor, base: int) -> None:
         self._executor = executor
@@ -25,7 +26,10 @@ class ModeSwitch:
         self.mode = base
         self.halted = False
         """Halt is set: the mode stays what it is."""
-        self._since = -1
+        self.asked = False
+        """A mode was requested in this cycle."""
+        self.since = -1
+        """Start of the request that the drive has not confirmed, monotonic ns; -1: none. A cycle without a request ends it."""
 
     def rebase(self, base: int) -> None:
         """Another mode of tasks, of another drive."""
@@ -35,7 +39,7 @@ class ModeSwitch:
 
     def give_up(self) -> None:
         """Back to the base mode; nothing is waited for."""
-        self._since = -1
+        self.since = -1
         if not self.halted:
             self.mode = self.base
 
@@ -46,18 +50,19 @@ class ModeSwitch:
     def confirmed(self, mode: int) -> bool:
         """Request a mode (never while Halt is set) and return whether 6061h confirms it."""
         executor = self._executor
+        self.asked = True
         shown, now = executor.feedback.modes_of_operation_display, executor.inputs.now
         if self.mode != mode and not self.halted:
             self.mode = mode
-            self._since = now
+            self.since = now
         if self.mode == mode and shown == mode:
-            self._since = -1
+            self.since = -1
             return True
         outputs = executor.outputs
         outputs.reason = Reason.MODE_NOT_CONFIRMED
-        if self._since < 0:
-            self._since = now
-        elif now - self._since >= MODE_CONFIRM_NS and not outputs.warned:
+        if self.since < 0:
+            self.since = now
+        elif now - self.since >= MODE_CONFIRM_NS and not outputs.warned:
             outputs.warned = True
             outputs.found.append(
                 (FaultNumber.MODE_NOT_CONFIRMED, f"6060h = {mode}, 6061h = {shown} for {MODE_CONFIRM_NS / SECOND:g} s")

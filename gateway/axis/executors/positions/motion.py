@@ -89,7 +89,10 @@ class MotionExecutor(Executor):
         self._look()
         outcome = self.positioner.step(asked, self._seen, self.inputs.now)
         if operates:
+            mode.asked = False
             extra = self._execute(outcome.motion)
+            if not mode.asked:
+                mode.since = -1
             mode.halted = extra & HALT != 0
         else:
             ramps = action in _RAMPS
@@ -113,8 +116,7 @@ class MotionExecutor(Executor):
 
     def _stop(self) -> None:
         """Not in operation: the present setpoint is cancelled, and a waiting one is never sent."""
-        seen = self._seen
-        seen.given = seen.taken = seen.executing = self.positioner.outcome.motion.serial
+        self._seen.given = self.positioner.outcome.motion.serial
         self._end_set_point()
         self._mode.give_up()
         self._forget_homing()
@@ -127,6 +129,9 @@ class MotionExecutor(Executor):
         self.homing.give_up()
 
     def _end_set_point(self) -> None:
+        """The handshake is over: whether the drive has acknowledged makes no more difference."""
+        seen = self._seen
+        seen.taken = seen.executing = seen.given
         self._setpoint_bit = False
         self._bits = 0
 

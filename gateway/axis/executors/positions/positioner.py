@@ -306,8 +306,13 @@ class PositionerExecutor(MotionExecutor):
 
     def _stand(self) -> int:
         """Ramp down; Halt stays while a function is kept, and falls at standstill without a restart otherwise."""
-        mode = self._mode
-        self._setpoint_bit = False
+        mode, outcome = self._mode, self.positioner.outcome
+        kept = outcome.state not in _WITHOUT_FUNCTION
+        if kept:
+            self._setpoint_bit = False
+        else:
+            self._seen.given = outcome.motion.serial
+            self._end_set_point()
         if mode.mode == _VELOCITY_MODE:
             self.command.target_velocity = 0
             return 0
@@ -315,7 +320,6 @@ class PositionerExecutor(MotionExecutor):
             if not mode.halted:
                 mode.confirmed(mode.base)
             return 0
-        kept = self.positioner.outcome.state not in _WITHOUT_FUNCTION
         return 0 if self.stopped and not kept else HALT
 
     def _set_ramps(self, motion: Motion, units: LengthUnits) -> None:

@@ -132,7 +132,7 @@ class PositioningExecutor(MotionExecutor):
         seen.internal_limit = statusword & StatusBit.INTERNAL_LIMIT != 0
         seen.reached = statusword & StatusBit.TARGET_REACHED != 0
         if self._setpoint_bit and statusword & ACKNOWLEDGED and self._mode.shows_base():
-            seen.taken = seen.given
+            seen.taken = seen.executing = seen.given
 
     def _execute(self, motion: Motion) -> int:
         mdi, mode, outputs = self._mdi, self._mode, self.outputs
