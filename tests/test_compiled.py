@@ -23,7 +23,7 @@ MODULES = compiled_modules()
 
 
 @pytest.mark.parametrize("name", MODULES)
-def test_a_compiled_module_is_there_and_has_none_of_the_traps(name: str) -> None:
+def test_compiled_modules_exist_and_avoid_known_pitfalls(name: str) -> None:
     tree = ast.parse((ROOT / name).read_text(encoding="utf-8"))
     of_libraries = {
         (alias.asname or alias.name).partition(".")[0]
@@ -51,7 +51,7 @@ def test_a_compiled_module_is_there_and_has_none_of_the_traps(name: str) -> None
             assert "__init__" not in methods, f"{item.name}: an enum with an __init__ does not compile"
 
 
-def test_nothing_interpreted_derives_from_something_compiled() -> None:
+def test_no_interpreted_class_derives_from_a_compiled_one() -> None:
     modules = {f"pdgw.{name.removesuffix('.py').replace('/', '.')}" for name in MODULES}
     rooms = {name.partition("/")[0] for name in MODULES} | {"peers", "tools", "decoder", "web", "tests"}
     derived = []

@@ -52,7 +52,7 @@ def test_systemd_accepts_the_units(tmp_path: Path, service: str, drop_in: str | 
 
 @needs_systemd
 @pytest.mark.parametrize("service", SERVICES)
-def test_the_units_may_do_little_beyond_their_work(tmp_path: Path, service: str) -> None:
+def test_systemd_units_have_few_privileges(tmp_path: Path, service: str) -> None:
     unit = installed(tmp_path, service)
     done = systemd("security", "--offline=true", f"--threshold={EXPOSURE}", str(unit))
     if "unrecognized option" in done.stderr or "Failed to" in done.stderr:
@@ -60,7 +60,7 @@ def test_the_units_may_do_little_beyond_their_work(tmp_path: Path, service: str)
     assert done.returncode == 0, done.stdout[-400:]
 
 
-def test_the_page_is_another_user_that_may_only_read_the_flight_recorder() -> None:
+def test_page_user_may_only_read_the_flight_recorder() -> None:
     gateway, page = ((UNITS / service).read_text().splitlines() for service in SERVICES)
     for lines in (gateway, page):
         assert {
@@ -100,7 +100,7 @@ def commands() -> list[tuple[str, str]]:
     return found
 
 
-def test_what_is_started_are_commands_of_this_package() -> None:
+def test_systemd_units_start_commands_of_this_package() -> None:
     called = {(file, call.split()[0]) for file, call in commands()}
     assert called == {
         ("pdgw@.service", "run"),

@@ -130,12 +130,12 @@ def typed() -> set[str]:
     return {_ALIKE.sub("gateway.toml", part) for part in parts}
 
 
-def test_every_command_is_typed_or_the_reason_why_not_is_given() -> None:
+def test_every_document_command_is_run_or_has_a_reason() -> None:
     unaccounted = to_be_typed() - typed() - HERE.keys() - PROFINET.keys() - NOT_TYPED.keys()
     assert not unaccounted, f"neither in {REST.name} nor in this file: {sorted(unaccounted)}"
 
 
-def test_no_reason_is_given_for_what_is_typed_or_not_in_a_document() -> None:
+def test_every_reason_belongs_to_a_document_command_that_is_not_run() -> None:
     assert not NOT_TYPED.keys() & (typed() | HERE.keys() | PROFINET.keys())
     assert not (NOT_TYPED.keys() | HERE.keys() | PROFINET.keys()) - to_be_typed()
     assert [where for _, where in NOT_TYPED.values() if not (ROOT / where).exists()] == []
@@ -160,7 +160,7 @@ def configure(folder: Path, transport: str) -> None:
 
 
 @pytest.mark.parametrize("command", sorted(HERE.keys() | PROFINET.keys()))
-def test_a_command_of_the_documents_does_what_it_says(command: str, folder: Path) -> None:
+def test_document_command_gives_the_documented_output(command: str, folder: Path) -> None:
     configure(folder, 'type = "profinet"\ninterface = "eth1"' if command in PROFINET else "")
     words = shlex.split(command.replace("press-1", "gateway"))[1:]  # the station in the capture
     done = pdgw(*words)

@@ -90,7 +90,7 @@ def test_every_link_into_a_document_leads_to_a_heading(path: Path) -> None:
         assert anchor in slugs, f"{target}#{anchor}"
 
 
-def test_every_file_of_where_is_exists() -> None:
+def test_files_named_in_architecture_exist() -> None:
     text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (.*) \| (`.*`) \|$", text.partition("## Where is")[2].partition("\n## ")[0], re.MULTILINE)
     assert len(rows) >= 20

@@ -73,7 +73,7 @@ GOALS = {
 
 
 @pytest.mark.parametrize("path", MEASURED, ids=lambda path: path.name)
-def test_what_was_measured_has_its_date_build_and_machine(path: Path) -> None:
+def test_measurements_have_date_build_and_machine(path: Path) -> None:
     assert _HEAD.fullmatch(path.read_text(encoding="utf-8").splitlines()[0])
 
 
@@ -87,7 +87,7 @@ def test_a_quoted_figure_is_the_measured_one(quote: Quote) -> None:
         assert said == f"{float(found):.{len(said.partition('.')[2])}f}"
 
 
-def test_what_is_said_to_be_reached_is_reached() -> None:
+def test_documented_goals_are_reached() -> None:
     timeline = (DOCS / "measured" / "timeline.txt").read_text(encoding="utf-8")
     speed = re.search(r"(\d+) x as fast as real time \(goal (\d+)\); first line after ([\d.]+) s", timeline)
     assert speed is not None
@@ -98,7 +98,7 @@ def test_what_is_said_to_be_reached_is_reached() -> None:
     assert float(storm) <= float(quiet)
 
 
-def test_no_document_has_a_figure_that_nothing_measured() -> None:
+def test_every_figure_in_a_document_is_measured() -> None:
     for path in DOCUMENTS:
         text = path.read_text(encoding="utf-8")
         patterns = (*(quote.quoted for quote in QUOTES if quote.document == path.name), *GOALS.get(path.name, ()))

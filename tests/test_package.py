@@ -53,7 +53,7 @@ def test_the_list_of_packages_is_complete() -> None:
     assert set(SETUPTOOLS["packages"]) == found
 
 
-def test_every_room_is_mapped_and_type_checked() -> None:
+def test_every_package_is_mapped_and_type_checked() -> None:
     others = {"tests", "examples", "docs", "build"}
     folders = {path.parent.name for path in ROOT.glob("[!.]*/*.py")} - others
     assert set(ROOMS) == folders
@@ -62,7 +62,7 @@ def test_every_room_is_mapped_and_type_checked() -> None:
     assert {*rooms[1].split(), "pdgw"} == folders
 
 
-def test_every_data_file_of_the_rooms_is_installed() -> None:
+def test_every_data_file_of_the_packages_is_installed() -> None:
     patterns = SETUPTOOLS["package-data"]["*"]
     files = subprocess.run(
         ["git", "ls-files", *ROOMS], cwd=ROOT, capture_output=True, text=True, check=True
@@ -76,7 +76,7 @@ def test_every_data_file_of_the_rooms_is_installed() -> None:
     assert left_out == []
 
 
-def test_the_metadata_says_who_what_and_for_whom() -> None:
+def test_metadata_has_author_description_and_audience() -> None:
     said = metadata("profidrive-gateway")
     assert said["Author"] == "profidrive-gateway"
     assert said["Summary"]
@@ -99,14 +99,14 @@ def documentation(found: Any) -> str | None:
 
 
 @pytest.mark.parametrize("name", pdgw.__all__)
-def test_every_name_of_the_front_door_is_there_and_documented(name: str) -> None:
+def test_every_public_name_of_pdgw_exists_and_is_documented(name: str) -> None:
     found = getattr(pdgw, name)
     assert documentation(found)
     assert name in dir(pdgw)
     assert f"`{name}" in (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
 
 
-def test_each_error_of_the_front_door_has_the_base_of_all() -> None:
+def test_every_public_error_has_the_common_base() -> None:
     errors = [getattr(pdgw, name) for name in pdgw.__all__ if name.endswith("Error")]
     assert len(errors) == 4
     assert all(issubclass(item, pdgw.PdgwError) for item in errors)
@@ -117,14 +117,14 @@ def test_each_error_of_the_front_door_has_the_base_of_all() -> None:
 
 
 @pytest.mark.parametrize("module", ["__init__", "__main__"])
-def test_nothing_is_loaded_before_an_interruption_is_one_without_a_traceback(module: str) -> None:
+def test_ctrl_c_during_import_prints_no_traceback(module: str) -> None:
     tree = ast.parse((ROOT / "pdgw" / f"{module}.py").read_text(encoding="utf-8"))
     loaded = {alias.name for item in tree.body if isinstance(item, ast.Import) for alias in item.names}
     loaded |= {str(item.module) for item in tree.body if isinstance(item, ast.ImportFrom)}
     assert loaded <= {"__future__", "gc", "signal"}
 
 
-def test_files_are_named_by_text_as_the_readme_does(tmp_path: Path) -> None:
+def test_file_names_may_be_text_as_in_the_readme(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
     file.write_text('[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n')
     assert [item.telegram for item in pdgw.load_config(str(file)).axis] == [1]
@@ -133,7 +133,7 @@ def test_files_are_named_by_text_as_the_readme_does(tmp_path: Path) -> None:
     assert pdgw.import_eds(str(eds), 1).text == pdgw.import_eds(eds, 1).text
 
 
-def test_what_the_front_door_gives_tells_what_it_is_in_a_line() -> None:
+def test_repr_of_public_objects_is_one_line() -> None:
     assert repr(pdgw.telegram(1)) == "<Telegram 1: STW1 NSOLL_A -> ZSW1 NIST_A>"
     assert repr(pdgw.telegram(1).setpoints) == "<setpoints of telegram 1: STW1 NSOLL_A>"
     assert repr(pdgw.signal("NSOLL_A")) == "<Signal NSOLL_A (N2): speed setpoint A>"
@@ -141,7 +141,7 @@ def test_what_the_front_door_gives_tells_what_it_is_in_a_line() -> None:
         pdgw.signal("stw9")
 
 
-def test_the_front_door_gives_the_things_themselves() -> None:
+def test_public_names_are_the_original_objects() -> None:
     assert pdgw.__version__ == version("profidrive-gateway")
     assert pdgw.telegram(1).setpoints.names == ("STW1", "NSOLL_A")
     assert (pdgw.GatewayError, pdgw.CanopenError, pdgw.ProfidriveError) == (GatewayError, CanopenError, ProfidriveError)
@@ -190,7 +190,7 @@ def test_example_read_a_parameter(capsys: pytest.CaptureFixture[str]) -> None:
     assert len(lines) == 3
 
 
-def test_a_parameter_that_is_none_and_a_device_that_is_not_there_are_told() -> None:
+def test_unknown_parameter_and_missing_device_are_reported() -> None:
     with pytest.raises(GatewayError, match="P922"):
         pdgw.read_parameters(("127.0.0.1", 9), 1, "speed")
     with pytest.raises(GatewayError, match="no answer on the record channel"):

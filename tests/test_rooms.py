@@ -171,7 +171,7 @@ def test_a_package_imports_only_what_its_row_allows(package: str) -> None:
     assert found == set()
 
 
-def test_the_rows_allow_no_circle() -> None:
+def test_allowed_imports_form_no_cycle() -> None:
     """Only a package with its own sub-packages may have one."""
     graph = {
         package: {
@@ -200,19 +200,19 @@ def test_gateway_decoder_and_peers_use_no_library_of_the_page() -> None:
         assert not names & {"starlette", "uvicorn", "prometheus_client", "paho"}, room
 
 
-def test_the_monitor_of_the_walk_knows_neither_power_table_nor_interlock() -> None:
+def test_walk_monitor_imports_neither_power_table_nor_interlock() -> None:
     known = imports(ROOT / "workshop" / "walk" / "monitor.py")
     assert not [name for name in known if name.endswith(("power_table", "interlock"))]
 
 
-def test_what_tests_share_knows_none_of_the_tests() -> None:
+def test_test_support_imports_no_tests() -> None:
     shared = {name for file in (ROOT / "tests" / "support").rglob("*.py") for name in imports(file)}
     of_tests = {name for name in shared if name.startswith("tests.") and not name.startswith("tests.support")}
     assert of_tests <= {"tests.conftest"}
 
 
 @pytest.mark.parametrize("room", ["ds301", "dsp402", "dsp406"])
-def test_the_rooms_of_canopen_have_no_word_of_profidrive(room: str) -> None:
+def test_canopen_packages_have_no_profidrive_terms(room: str) -> None:
     """Signals without a number are telegram 100's, which have the names of objects."""
     words = {name for name, signal in SIGNALS.items() if signal.number} | {"N2", "N4", "PNU", "NSOLL", "NIST", "DO-ID"}
     found = {
@@ -224,11 +224,11 @@ def test_the_rooms_of_canopen_have_no_word_of_profidrive(room: str) -> None:
     assert found == set()
 
 
-def test_the_search_finds_what_is_there() -> None:
+def test_search_finds_existing_imports() -> None:
     assert "pdgw.peers.simulation.running" in imports(ROOT / "tools" / "commands" / "simulation" / "drive.py")
 
 
-def test_what_pydantic_finds_wrong_is_worded_in_one_place() -> None:
+def test_pydantic_errors_are_worded_in_one_place() -> None:
     """Whoever catches a ValidationError hands it to ``pdgw.explain``; ``error_count`` alone needs no words."""
     catching = [
         file
@@ -244,11 +244,11 @@ def test_what_pydantic_finds_wrong_is_worded_in_one_place() -> None:
 
 
 @pytest.mark.parametrize("module", ["explain", "durations", "errors"])
-def test_what_every_room_may_import_belongs_to_none(module: str) -> None:
+def test_modules_allowed_for_all_belong_to_no_package(module: str) -> None:
     assert not [name for name in imports(ROOT / "pdgw" / f"{module}.py") if name.startswith("pdgw")]
 
 
-def test_units_of_time_stand_in_one_place() -> None:
+def test_units_of_time_are_declared_once() -> None:
     """Nobody reckons with nanoseconds of a millisecond or a second that are spelled out."""
     spelled_out = re.compile(r"[*/%] (1e[69]|1_000_000|1_000_000_000|10\*\*[69])\b")
     found = [

@@ -205,7 +205,7 @@ def test_the_states_have_the_patterns_that_are_read() -> None:
         assert told in patterns[name.rpartition(" / ")[2]], name
 
 
-def test_the_chain_of_enables_is_told_in_its_order() -> None:
+def test_chain_of_enables_is_documented_in_its_order() -> None:
     assert [row[0] for row in rows("axis-does-not-move.md", "link | broken means")] == [item.value for item in Enable]
 
 
@@ -214,18 +214,18 @@ def test_the_exit_codes_of_a_check_are_those_it_ends_with() -> None:
     assert codes == [f"{item.value} {item.name}" for item in Health]
 
 
-def test_the_chapters_of_the_demo_are_told() -> None:
+def test_chapters_of_the_demo_are_documented() -> None:
     assert [name for row in rows("demo.md", "chapter | contents") for name in named(row[0])] == list(CHAPTERS)
 
 
-def test_the_telegrams_of_each_application_class_are_told() -> None:
+def test_telegrams_of_each_application_class_are_documented() -> None:
     for row in rows("motion.md", "class | telegrams"):
         told = {int(number) for number in re.findall(r"\d+", row[1])}
         declared = {n for n, item in TELEGRAMS.items() if number_of(row[0]) in [kind.value for kind in item.classes]}
         assert told == declared, row[0]
 
 
-def test_the_tasks_of_a_block_are_told() -> None:
+def test_tasks_of_a_block_are_documented() -> None:
     told = [name for row in rows("motion.md", "`task` | does") for name in row[0].split(", ")]
     assert told == [task.value for task in BlockTask]
 
@@ -243,7 +243,7 @@ def test_the_example_has_every_key_of_a_section_with_its_default(
             assert value == default, key
 
 
-def test_the_keys_of_an_overlay_are_told() -> None:
+def test_keys_of_an_overlay_are_documented() -> None:
     table = list(rows("drives.md", "key | holds"))
     told = {section: set[str]() for section in ("", "match", "units")}
     for row in table:
@@ -254,7 +254,7 @@ def test_the_keys_of_an_overlay_are_told() -> None:
     assert told[""] == set(Overlay.model_fields) - {"name", "match", "units"}
 
 
-def test_every_kind_of_record_is_told() -> None:
+def test_every_kind_of_record_is_documented() -> None:
     assert issubclass(CanRecord, Record)
     assert issubclass(RelationRecord, Record)
     told = {name for row in rows("decoder-schema.md", "kind of record | further keys") for name in named(row[0])}

@@ -14,7 +14,7 @@ from tests.can.plant import axis_table, can_table
 from tests.can.unhurried import UnhurriedPlatform
 
 
-def test_a_scan_asks_every_node_id_over_a_short_queue_and_finds_the_drive(line: Wire) -> None:
+def test_scan_over_a_short_queue_queries_every_node_id_and_finds_the_drive(line: Wire) -> None:
     platform = UnhurriedPlatform()
     with (
         SimulatedDrive(open_bus("socketcan", line.far), 5, loop=platform.loop),

@@ -88,7 +88,7 @@ def frames(path: Path) -> list[tuple[int, int, int]]:
 
 
 @pytest.mark.parametrize("queue", QUEUES)
-def test_twenty_axes_get_their_setpoints_and_a_stop_goes_first(line: Wire, tmp_path: Path, queue: str) -> None:
+def test_twenty_axes_get_their_setpoints_and_a_stop_has_priority(line: Wire, tmp_path: Path, queue: str) -> None:
     interfaces.ip("set", line.near, "txqueuelen", "10")
     slow = ["tc", "qdisc", "replace", "dev", line.near, "root", *QUEUES[queue]]
     subprocess.run(slow, check=True, timeout=PATIENCE_S)

@@ -35,7 +35,7 @@ def test_a_drive_turns_and_its_frames_are_read_by_the_socket_without_a_thread(li
     plant.play(story)
 
 
-def test_a_link_that_goes_down_stops_the_drive_and_one_that_comes_up_does_not_start_it(line: Wire) -> None:
+def test_link_down_stops_the_drive_and_link_up_does_not_start_it(line: Wire) -> None:
     plant = Plant(can_table(line.near), axis_table(1, line.near))
     drive = plant.drive(line.far)
 
@@ -55,7 +55,7 @@ def test_a_link_that_goes_down_stops_the_drive_and_one_that_comes_up_does_not_st
     plant.play(story)
 
 
-def test_an_adapter_that_is_pulled_out_and_plugged_in_again_is_taken_again(line: Wire) -> None:
+def test_unplugged_adapter_is_used_again_after_plugging_it_in(line: Wire) -> None:
     plant = Plant(can_table(line.near), axis_table(1, line.near))
     drive = plant.drive(line.far)
 
@@ -91,7 +91,7 @@ FOREIGN = {
 }
 
 
-def test_frames_that_are_not_meant_do_not_disturb_a_turning_drive(virtual: str) -> None:
+def test_foreign_frames_do_not_disturb_a_turning_drive(virtual: str) -> None:
     # Not between the emulated controllers: QEMU's receive buffer is out of step after frames with another header.
     plant = Plant(can_table(virtual), axis_table(1, virtual))
     plant.drive(virtual)
@@ -108,7 +108,7 @@ def test_frames_that_are_not_meant_do_not_disturb_a_turning_drive(virtual: str) 
     plant.play(story)
 
 
-def test_frames_of_can_fd_are_none_of_canopen_also_where_the_interface_takes_them(virtual: str) -> None:
+def test_can_fd_frames_are_ignored_on_a_can_fd_interface(virtual: str) -> None:
     plant = Plant(can_table(virtual, "fd = true\n"), axis_table(1, virtual))
     plant.drive(virtual)
 
@@ -126,7 +126,7 @@ def test_frames_of_can_fd_are_none_of_canopen_also_where_the_interface_takes_the
     plant.play(story)
 
 
-def test_messages_of_the_controller_are_counted_and_bus_off_stops_the_axis_until_it_is_told_again(virtual: str) -> None:
+def test_controller_errors_are_counted_and_bus_off_stops_until_off_and_on(virtual: str) -> None:
     plant = Plant(can_table(virtual), axis_table(1, virtual))
     drive = plant.drive(virtual)
     bus_off, restarted, controller = 0x40, 0x100, 0x04
@@ -156,7 +156,7 @@ def test_messages_of_the_controller_are_counted_and_bus_off_stops_the_axis_until
 
 
 @pytest.mark.parametrize("length", ["0", "4"])
-def test_a_flood_with_the_highest_priority_leaves_the_axis_in_command(line: Wire, length: str) -> None:
+def test_flood_of_the_highest_priority_leaves_the_axis_controllable(line: Wire, length: str) -> None:
     plant = Plant(can_table(line.near), axis_table(1, line.near))
     drive = plant.drive(line.far)
     flood = ["cangen", line.far, "-g", "1", "-n", "3000", "-I", f"{FLOOD:03X}", "-L", length, "-p", "100"]
@@ -177,7 +177,7 @@ def test_a_flood_with_the_highest_priority_leaves_the_axis_in_command(line: Wire
     plant.play(story)
 
 
-def test_an_interface_whose_queue_is_full_is_told_and_the_drive_stops(line: Wire) -> None:
+def test_full_queue_of_the_interface_is_reported_and_stops_the_drive(line: Wire) -> None:
     interfaces.ip("set", line.near, "txqueuelen", "2")
     plant = Plant(can_table(line.near), axis_table(1, line.near))
     drive = plant.drive(line.far)
@@ -200,7 +200,7 @@ def test_an_interface_whose_queue_is_full_is_told_and_the_drive_stops(line: Wire
     plant.play(story)
 
 
-def test_two_nodes_with_one_number_are_never_left_turning_unwatched(line: Wire) -> None:
+def test_two_nodes_with_one_number_never_turn_unsupervised(line: Wire) -> None:
     plant = Plant(can_table(line.near), axis_table(1, line.near))
     drive = plant.drive(line.far)
 

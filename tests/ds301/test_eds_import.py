@@ -111,7 +111,7 @@ def test_bytes_no_windows_code_page_has_are_read_as_latin_1() -> None:
 
 
 @pytest.mark.parametrize("path", REPAIRED, ids=lambda path: path.stem)
-def test_what_was_repaired_is_right(path: Path) -> None:
+def test_repaired_sheet_needs_no_further_repair(path: Path) -> None:
     imported = import_eds(path, NODE)
     again = import_eds(imported.text.encode(), NODE)
     assert imported.repairs
@@ -148,7 +148,7 @@ def test_numbers() -> None:
     assert (variable("numbers.eds", 0x2005).default, variable("numbers.eds", 0x2005).access_type) == (b"\xaa\xbb", "rw")
 
 
-def test_limits_that_do_not_fit_their_type_are_no_limits_and_said() -> None:
+def test_limits_outside_their_type_are_reported_and_ignored() -> None:
     repairs = repaired("limits.eds")
     found = {index: (item.min, item.max) for index in range(0x2001, 0x2006) if (item := variable("limits.eds", index))}
     assert found == {
@@ -276,18 +276,18 @@ def test_everything_that_has_to_be_corrected_is_named_with_its_line() -> None:
         ),
     ],
 )
-def test_what_is_no_data_sheet_is_refused(data: bytes, reason: str) -> None:
+def test_files_other_than_data_sheets_are_rejected(data: bytes, reason: str) -> None:
     with pytest.raises(EdsError, match=reason):
         import_eds(data, NODE)
 
 
 @pytest.mark.parametrize("node_id", [0, 128, -1])
-def test_no_node_has_that_id(node_id: int) -> None:
+def test_impossible_node_id_is_rejected(node_id: int) -> None:
     with pytest.raises(CanopenError, match=r"1\.\.127"):
         import_eds(GOOD, node_id)
 
 
-def test_a_directory_is_no_file() -> None:
+def test_directory_instead_of_a_file_is_rejected() -> None:
     with pytest.raises(CanopenError, match="directory"):
         import_eds(CORPUS, NODE)
 

@@ -33,7 +33,7 @@ def test_a_full_bus_is_refused_with_its_numbers() -> None:
 
 
 @pytest.mark.parametrize("size", [-1, 9])
-def test_no_classic_frame_has_that_many_bytes(size: int) -> None:
+def test_impossible_frame_length_is_rejected(size: int) -> None:
     with pytest.raises(CanopenError, match=r"0\.\.8"):
         frame_bits(size)
 

@@ -111,7 +111,7 @@ def test_a_timer_added_by_a_timer_at_the_same_time_is_for_the_next_turn() -> Non
     assert seen == [1, 2, 3]
 
 
-def test_a_task_waits_for_an_event_and_no_longer_than_its_time(loop: Loop) -> None:
+def test_task_waits_for_an_event_until_its_timeout(loop: Loop) -> None:
     event = Event(loop)
     seen: list[object] = []
 
@@ -160,7 +160,7 @@ def test_a_mailbox_is_the_queue_canopen_waits_on(loop: Loop) -> None:
     assert seen == [7, True]
 
 
-def test_a_mailbox_nobody_reads_keeps_a_bounded_number_of_items() -> None:
+def test_unread_mailbox_keeps_a_bounded_number_of_items() -> None:
     box: Mailbox[int] = Mailbox(VirtualLoop(), limit=3)
     for item in range(1000):
         box.put(item)
@@ -188,7 +188,7 @@ def test_a_killed_task_ends_where_it_waits_and_runs_its_clean_up() -> None:
     loop.run_for(MS)
 
 
-def test_a_closed_loop_has_no_tasks_left_and_keeps_nothing_they_knew() -> None:
+def test_closed_loop_has_no_tasks_and_releases_their_objects() -> None:
     class Known:
         """What a task knows."""
 
@@ -222,7 +222,7 @@ def test_a_task_killed_before_its_first_slice_does_nothing() -> None:
     assert not seen
 
 
-def test_the_error_of_a_task_is_logged_and_ends_nobody_else(caplog: pytest.LogCaptureFixture) -> None:
+def test_error_of_a_task_is_logged_and_ends_no_other_task(caplog: pytest.LogCaptureFixture) -> None:
     loop = VirtualLoop()
     seen = []
 
@@ -261,7 +261,7 @@ def test_only_a_task_can_wait() -> None:
         loop.sleep(1)
 
 
-def test_until_names_what_did_not_happen() -> None:
+def test_until_names_the_missing_event() -> None:
     loop = VirtualLoop()
     with pytest.raises(TimeoutError, match="the drive moves"):
         loop.until(lambda: False, "the drive moves", 10 * MS)
@@ -303,7 +303,7 @@ def test_urgent_descriptors_come_first_and_slices_last(readiness: Callable[[], R
 
 
 @pytest.mark.parametrize("readiness", [SelectReadiness, best_readiness])
-def test_readers_and_writers_of_one_descriptor_come_and_go(readiness: Callable[[], Readiness]) -> None:
+def test_readers_and_writers_of_one_descriptor_are_added_and_removed(readiness: Callable[[], Readiness]) -> None:
     loop = SystemLoop(readiness())
     ours, theirs = socket.socketpair()
     seen: list[str] = []
@@ -333,7 +333,7 @@ def test_readers_and_writers_of_one_descriptor_come_and_go(readiness: Callable[[
 
 
 @pytest.mark.parametrize("readiness", [SelectReadiness, best_readiness])
-def test_what_was_closed_meanwhile_can_still_be_forgotten(readiness: Callable[[], Readiness]) -> None:
+def test_closed_descriptor_can_still_be_removed(readiness: Callable[[], Readiness]) -> None:
     loop = SystemLoop(readiness())
     ours, theirs = socket.socketpair()
     descriptor = ours.fileno()

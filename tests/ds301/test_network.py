@@ -99,7 +99,7 @@ def test_extended_and_remote_frames_are_not_mistaken_for_pdos(bus: ScriptedBus, 
 
 
 @pytest.mark.parametrize(("can_id", "data"), [(0x84, b"\x01"), (0x704, b""), (0x84, b"")])
-def test_a_malformed_frame_is_counted_and_the_reader_lives(
+def test_malformed_frame_is_counted_and_reception_continues(
     bus: ScriptedBus, network: CanNetwork, can_id: int, data: bytes
 ) -> None:
     network.canopen.add_node(4)
@@ -108,7 +108,7 @@ def test_a_malformed_frame_is_counted_and_the_reader_lives(
     assert network.malformed == 1
 
 
-def test_a_node_in_a_state_that_does_not_exist_and_then_commanded_ends_nothing() -> None:
+def test_unknown_nmt_state_of_a_node_ends_no_reception() -> None:
     """canopen names the old state when somebody else commands the node another one."""
     network = CanNetwork(VirtualLoop(), PlainPort)
     network.canopen.add_node(4)
@@ -186,7 +186,7 @@ def test_an_interface_that_is_lost_is_opened_again_when_it_is_back(caplog: pytes
     assert ports.opened[1].closed
 
 
-def test_an_interface_that_is_down_can_be_opened_and_is_told_once_not_at_every_try(
+def test_interface_that_is_down_is_reported_once(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     caplog.set_level("INFO", "gateway")
@@ -219,7 +219,7 @@ def test_a_closed_network_opens_nothing_again() -> None:
     assert len(ports.opened) == 1
 
 
-def test_a_full_queue_now_and_then_is_nothing_and_one_that_stays_full_is_told() -> None:
+def test_only_a_permanently_full_queue_is_reported() -> None:
     loop, ports = VirtualLoop(), Ports()
     network = CanNetwork(loop, ports)
     network.start()
@@ -241,7 +241,7 @@ def test_a_full_queue_now_and_then_is_nothing_and_one_that_stays_full_is_told() 
 
 
 @pytest.mark.parametrize("error", [can.CanOperationError("down"), OSError("gone"), RuntimeError("WebsocketClosed")])
-def test_whatever_a_driver_raises_the_bus_is_opened_anew(error: Exception) -> None:
+def test_bus_is_reopened_after_any_exception_of_a_driver(error: Exception) -> None:
     made: list[ScriptedBus] = []
 
     with buses.looped() as loop:
@@ -270,7 +270,7 @@ def test_a_frame_the_driver_did_not_send_is_counted(bus: ScriptedBus, network: C
     assert network.healthy
 
 
-def test_a_driver_that_blocks_does_not_hold_the_loop(bus: ScriptedBus, network: CanNetwork) -> None:
+def test_blocking_driver_does_not_block_the_loop(bus: ScriptedBus, network: CanNetwork) -> None:
     release = threading.Event()
     bus.answer = lambda _: release.wait(buses.PATIENCE_S) and None
     for number in range(1000):
@@ -290,7 +290,7 @@ def test_only_bus_off_makes_an_error_frame_a_failure(bus: ScriptedBus, network: 
     assert network.healthy
 
 
-def test_a_bus_that_answers_inside_send_is_heard(bus: ScriptedBus, network: CanNetwork) -> None:
+def test_answer_during_send_is_received(bus: ScriptedBus, network: CanNetwork) -> None:
     answers: list[bytes] = []
     network.subscribe_pdo(PDO, lambda data, _now: answers.append(data))
 
@@ -317,7 +317,7 @@ def test_a_listener_sees_both_directions(bus: ScriptedBus, network: CanNetwork) 
     assert [bytes(m.data) for m in bus.taken] == [b"", b"\x05"]
 
 
-def test_canopens_own_frames_take_the_same_way_out(bus: ScriptedBus, network: CanNetwork) -> None:
+def test_frames_of_canopen_use_the_same_queue(bus: ScriptedBus, network: CanNetwork) -> None:
     network.canopen.nmt.send_command(1)
     buses.wait_for(lambda: bus.taken, "sent")
     assert [(m.arbitration_id, bytes(m.data)) for m in bus.taken] == [(0, b"\x01\x00")]
@@ -352,7 +352,7 @@ class Full(ScriptedBus):
         self.emptied += 1
 
 
-def test_what_waits_for_a_driver_is_dropped_and_what_follows_is_sent() -> None:
+def test_frames_queued_for_a_driver_are_dropped_and_later_ones_sent() -> None:
     bus = Full()
     with buses.looped() as loop:
         network = buses.network(loop, bus)
@@ -370,7 +370,7 @@ def test_what_waits_for_a_driver_is_dropped_and_what_follows_is_sent() -> None:
     assert all(timeout is not None for timeout in bus.timeouts), "no driver may wait for ever"
 
 
-def test_a_look_that_is_due_before_the_next_cycle_is_made_with_this_one_and_in_time_without_cycles() -> None:
+def test_check_due_before_the_next_cycle_runs_in_this_one() -> None:
     """A wake of the loop of its own costs more than the look."""
     loop = VirtualLoop()
     network = CanNetwork(loop, lambda: open_port(loop, ScriptedBus()))
@@ -391,7 +391,7 @@ def test_a_look_that_is_due_before_the_next_cycle_is_made_with_this_one_and_in_t
     network.close()
 
 
-def test_what_watches_a_bus_is_called_together_until_it_is_over() -> None:
+def test_monitors_of_a_bus_are_called_together_until_removed() -> None:
     """A wake of the loop for each node costs more than what it looks for."""
     loop = VirtualLoop()
     network = CanNetwork(loop, lambda: open_port(loop, ScriptedBus()))

@@ -40,7 +40,7 @@ def test_a_short_frame_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize("name", ["", "x,y", "a b", "__import__('os')"])
-def test_what_has_no_name_in_the_images_cannot_be_mapped(name: str) -> None:
+def test_object_without_a_name_in_the_images_cannot_be_mapped(name: str) -> None:
     with pytest.raises(CanopenError, match="a name in the images"):
         Pdo(PdoDirection.TPDO, 1, (replace(SPEED, attribute=name),))
 

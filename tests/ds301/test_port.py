@@ -38,7 +38,7 @@ class Gone(can.BusABC):
         raise OSError(errno.ENOTCONN, "Transport endpoint is not connected")
 
 
-def test_a_bus_whose_server_has_gone_is_released_once_and_silently(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bus_of_an_ended_server_is_closed_once_without_a_message(monkeypatch: pytest.MonkeyPatch) -> None:
     unraisable: list[Any] = []
     monkeypatch.setattr(sys, "unraisablehook", unraisable.append)
     loop = SystemLoop()
@@ -63,11 +63,11 @@ def test_a_bus_whose_server_has_gone_is_released_once_and_silently(monkeypatch: 
         (errno.EPERM, "Operation not permitted"),
     ],
 )
-def test_an_interface_that_is_down_is_told_with_the_command_that_helps(number: int, text: str) -> None:
+def test_interface_that_is_down_is_reported_with_the_remedy(number: int, text: str) -> None:
     assert system_text(OSError(number, os.strerror(number)), "can1", 500_000) == text
 
 
-def test_an_interface_that_is_not_there_is_told_with_how_to_see_those_that_are(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_interface_is_reported_with_the_command_that_lists_them(monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(**_: object) -> can.BusABC:
         raise OSError(errno.ENODEV, "No such device")
 

@@ -169,7 +169,7 @@ def test_a_controlword_follows_the_newest_data_of_its_axis(number: int, places: 
     assert checked >= 64
 
 
-def test_stops_of_many_axes_go_before_setpoints_in_the_order_they_came() -> None:
+def test_stops_precede_setpoints_in_order_of_arrival() -> None:
     axes = Axes(20, 1, places=2)
     axes.cycle(1)
     for node_id in (20, 3, 12):
@@ -192,7 +192,7 @@ def test_nmt_and_heartbeat_do_not_wait_behind_setpoints_and_sync_does() -> None:
     assert order[-1] == SYNC
 
 
-def test_frames_that_wait_are_neither_lost_nor_doubled() -> None:
+def test_queued_frames_are_neither_lost_nor_duplicated() -> None:
     axes = Axes(1, 1, places=1)
     for number in range(1, 30):
         axes.network.send(SDO_REQUEST + number, bytes(8))
@@ -211,7 +211,7 @@ def test_frames_that_wait_are_neither_lost_nor_doubled() -> None:
     assert axes.network.send_errors == 0
 
 
-def test_an_interface_that_is_lost_forgets_what_waits() -> None:
+def test_lost_interface_drops_its_queue() -> None:
     axes = Axes(4, 1, places=1)
     axes.cycle(1)
     assert axes.network.waiting
@@ -225,7 +225,7 @@ def test_an_interface_that_is_lost_forgets_what_waits() -> None:
     assert len(axes.frames) == 4
 
 
-def test_a_sender_whose_interface_never_reports_room_is_tried_again() -> None:
+def test_sender_without_a_room_report_tries_again() -> None:
     axes = Axes(4, 1, places=1)
     port = axes.world.gateway_port("a")
     axes.cycle(1)

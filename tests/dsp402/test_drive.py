@@ -125,7 +125,7 @@ def test_nothing_is_sent_before_the_drive_is_online(plant: Plant) -> None:
     assert not [can_id for can_id in sent if 0x200 <= can_id < 0x580]
 
 
-def test_a_node_that_does_not_answer_is_told_and_found_later(plant: Plant) -> None:
+def test_missing_node_is_reported_and_found_later(plant: Plant) -> None:
     client = plant.connect()
     site.wait_for(lambda: "no answer from node 4" in client.status_text, "told")
     assert client.status is DriveStatus.OFFLINE
@@ -205,7 +205,7 @@ def test_a_restart_of_the_drive_is_noticed_and_configured_again(plant: Plant) ->
     assert client.drive_type.scaling == engel().scaling
 
 
-def test_a_drive_whose_task_ends_with_an_error_nobody_expected_is_not_online_any_more(plant: Plant) -> None:
+def test_unexpected_error_in_a_drives_task_sets_it_offline(plant: Plant) -> None:
     plant.power_on()
     client = plant.connect()
     plant.online()
@@ -217,7 +217,7 @@ def test_a_drive_whose_task_ends_with_an_error_nobody_expected_is_not_online_any
     assert plant.events[-1].kind == "refused"
 
 
-def test_the_newest_sign_of_a_drive_is_a_heartbeat_too(plant: Plant) -> None:
+def test_last_sign_of_a_drive_includes_heartbeats(plant: Plant) -> None:
     drive = plant.power_on()
     client = plant.connect()
     plant.online()
@@ -263,7 +263,7 @@ def test_a_short_tpdo_is_counted_and_ignored(plant: Plant) -> None:
     assert client.length_errors == 1
 
 
-def test_telegram_change_maps_the_pdos_anew(plant: Plant) -> None:
+def test_telegram_change_maps_the_pdos_again(plant: Plant) -> None:
     drive = plant.power_on()
     client = plant.connect()
     plant.online()
@@ -313,7 +313,7 @@ def test_an_unreachable_can_interface_is_named(interface: str) -> None:
         open_bus(interface, "ws://127.0.0.1:1/")
 
 
-def test_whatever_a_driver_raises_names_the_interface(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_any_exception_of_a_driver_names_the_interface(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(**_: object) -> None:
         raise KeyError
 
@@ -325,7 +325,7 @@ def test_whatever_a_driver_raises_names_the_interface(monkeypatch: pytest.Monkey
 # -- what a node's task must not do for ever --------------------------------------------------------------------------------
 
 
-def test_values_that_cannot_be_read_any_more_are_a_loss(plant: Plant) -> None:
+def test_unreadable_values_are_a_loss(plant: Plant) -> None:
     """With two TPDOs most of telegram 100 is read by SDO: old values must not be shown as good."""
     drive = site.drive(NODE)
     drive.node.misbehave("two-pdos")
@@ -340,7 +340,7 @@ def test_values_that_cannot_be_read_any_more_are_a_loss(plant: Plant) -> None:
     plant.online(2)
 
 
-def test_an_sdo_answer_that_does_not_end_does_not_hold_the_task(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_endless_sdo_answer_does_not_block_the_task(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pdgw.ds301.node.sdo._LONGEST_UPLOAD", 100)
     drive = plant.power_on()
     client = plant.connect()
@@ -360,7 +360,7 @@ def test_an_sdo_answer_that_does_not_end_does_not_hold_the_task(plant: Plant, mo
     assert site.result(client.submit(lambda drive: drive.read_number(0x1000))) == 0x0002_0192
 
 
-def test_a_number_is_as_long_as_the_eds_says(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_number_has_the_length_of_the_eds(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
     drive = plant.power_on()
     client = plant.connect()
     plant.online()
@@ -373,7 +373,7 @@ def test_a_number_is_as_long_as_the_eds_says(plant: Plant, monkeypatch: pytest.M
     assert site.result(client.submit(lambda drive: drive.read(0x1017))) == b"\x64\0"
 
 
-def test_the_late_answer_to_a_write_that_was_given_up_does_not_confirm_the_next(
+def test_late_answer_to_an_aborted_write_does_not_confirm_the_next(
     plant: Plant, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drive = plant.power_on()

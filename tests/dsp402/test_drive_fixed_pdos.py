@@ -52,9 +52,7 @@ def _fixed(plant: Plant, operation: Operation, values: dict[tuple[int, int], int
     [{}, {(0x1800, 1): 0x4000_0184, (0x1400, 2): 254, (0x1800, 2): 254}],
     ids=["as wanted", "no remote request, type 254"],
 )
-def test_fixed_pdos_that_are_as_wanted_are_used(
-    plant: Plant, operation: Operation, values: dict[tuple[int, int], int]
-) -> None:
+def test_fixed_pdos_that_match_are_used(plant: Plant, operation: Operation, values: dict[tuple[int, int], int]) -> None:
     drive = _fixed(plant, operation, values)
     client = plant.connect(operation, initial_mode=None)
     plant.online()

@@ -90,7 +90,7 @@ def test_a_set_point_starts_with_its_own_data_although_that_goes_by_sdo(two_pdos
     assert two_pdos.told == []
 
 
-def test_a_set_point_that_is_held_back_lets_stop_halt_and_acknowledge_pass(two_pdos: TwoPdos) -> None:
+def test_delayed_setpoint_does_not_delay_stop_halt_and_acknowledge(two_pdos: TwoPdos) -> None:
     two_pdos.drive.do(lambda node: node.misbehave("sdo-timeout"))
     two_pdos.send(ENABLED)
     for word in (START, START | ControlBit.HALT, 0x003B, 0x003D, 0x00BF, 0x0010):
@@ -110,7 +110,7 @@ def test_a_set_point_without_new_data_starts_at_once(two_pdos: TwoPdos) -> None:
     assert two_pdos.words[-1] == START | ControlBit.HALT, "no new edge, nothing to hold back"
 
 
-def test_data_that_changes_to_and_fro_is_not_taken_for_written(two_pdos: TwoPdos) -> None:
+def test_alternating_data_does_not_count_as_written(two_pdos: TwoPdos) -> None:
     """The old value comes back while another one is being written: the drive must have it again before the start."""
     two_pdos.send(ENABLED, 100)
     two_pdos.until(lambda: two_pdos.drive.model.profile_acceleration == 100, "written")
@@ -226,7 +226,7 @@ DATA_RPDOS = LAYOUTS[Operation.POSITIONING].rpdos[1:]
 
 
 @pytest.mark.parametrize("late", DATA_RPDOS, ids=str)
-def test_a_set_point_waits_for_whichever_of_its_rpdos_the_bus_did_not_take(plant: Plant, late: Pdo) -> None:
+def test_setpoint_waits_for_each_of_its_rpdos_not_sent_yet(plant: Plant, late: Pdo) -> None:
     assert len(DATA_RPDOS) > 1
     with _starting(plant, late.cob_id(NODE)) as (client, command, port):
         for pdo in DATA_RPDOS:

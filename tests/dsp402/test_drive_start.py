@@ -52,7 +52,7 @@ def test_the_order_of_the_start_up_on_the_bus(plant: Plant) -> None:
     }  # fmt: skip
 
 
-def test_no_rpdo_is_sent_before_the_drive_is_configured_however_often_the_cycle_comes(plant: Plant) -> None:
+def test_no_rpdo_is_sent_in_any_cycle_before_the_configuration(plant: Plant) -> None:
     plant.power_on()
     client = plant.connect(Operation.VELOCITY)
     statuses: list[DriveStatus] = []
@@ -70,7 +70,7 @@ def test_no_rpdo_is_sent_before_the_drive_is_configured_however_often_the_cycle_
     assert statuses == [DriveStatus.ONLINE]
 
 
-def test_four_pdos_are_found_even_if_the_eds_promises_five(plant: Plant) -> None:
+def test_four_pdos_are_found_even_if_the_eds_has_five(plant: Plant) -> None:
     drive = plant.power_on(pdos=4)
     client = plant.connect(Operation.TRANSPARENT, initial_mode=None)
     plant.online()
@@ -139,9 +139,7 @@ def test_an_object_the_eds_promises_and_the_drive_lacks_is_named(plant: Plant, i
     assert "object does not exist" in client.status_text
 
 
-def test_a_scaling_the_drive_does_not_tell_is_refused_and_the_key_that_gives_it_named(
-    plant: Plant, tmp_path: Path
-) -> None:
+def test_unknown_scaling_is_rejected_with_the_key_to_set(plant: Plant, tmp_path: Path) -> None:
     _lacking(plant, read=0x6094)
     client = plant.connect(eds=eds_without(tmp_path, ("6094",)))
     plant.online()
@@ -150,7 +148,7 @@ def test_a_scaling_the_drive_does_not_tell_is_refused_and_the_key_that_gives_it_
     assert client.drive_type.scaling.refusal(Quantity.ACCELERATION, Quantity.DECELERATION, Quantity.POSITION) == ""
 
 
-def test_a_drive_of_an_unknown_vendor_needs_no_eds_and_says_what_its_scaling_lacks(plant: Plant) -> None:
+def test_unknown_vendor_needs_no_eds_and_missing_scaling_is_named(plant: Plant) -> None:
     plant.power_on().node.values[0x1018, 1] = 0x1234
     client = plant.connect()
     plant.online()
@@ -172,7 +170,7 @@ def test_a_drive_that_was_exchanged_for_another_one_is_refused(plant: Plant) -> 
     assert "as at the first start" in client.status_text
 
 
-def test_references_of_another_drive_are_not_taken(plant: Plant) -> None:
+def test_references_of_another_drive_are_not_used(plant: Plant) -> None:
     """A write to a reference reads them again: of a drive that shows another identity they stay as they were."""
     drive = plant.power_on()
     client = plant.connect()
@@ -185,9 +183,7 @@ def test_references_of_another_drive_are_not_taken(plant: Plant) -> None:
 
 
 @pytest.mark.parametrize("more", [{"family": "engel"}, {"units": UnitKeys(velocity_unit="0.5 rpm")}])
-def test_the_configuration_settles_the_scaling_of_a_drive_of_an_unknown_vendor(
-    plant: Plant, more: dict[str, object]
-) -> None:
+def test_configuration_defines_the_scaling_of_an_unknown_drive(plant: Plant, more: dict[str, object]) -> None:
     plant.power_on().node.values[0x1018, 1] = 0x1234
     client = plant.connect(**more)
     plant.online()
@@ -196,7 +192,7 @@ def test_the_configuration_settles_the_scaling_of_a_drive_of_an_unknown_vendor(
 
 
 @pytest.mark.parametrize("allowed", [False, True])
-def test_guarding_that_is_refused(plant: Plant, allowed: bool) -> None:
+def test_rejected_guarding_rejects_the_drive(plant: Plant, allowed: bool) -> None:
     _lacking(plant, write=0x1016)
     client = plant.connect(allow_unguarded=allowed, heartbeat_ms=10)
     if allowed:
@@ -208,7 +204,7 @@ def test_guarding_that_is_refused(plant: Plant, allowed: bool) -> None:
     assert client.refresh(site.now()) is False
 
 
-def test_a_drive_without_a_heartbeat_of_its_own_is_guarded_and_watched_by_its_tpdos(plant: Plant) -> None:
+def test_drive_without_heartbeat_is_life_guarded_and_supervised_by_tpdos(plant: Plant) -> None:
     _lacking(plant, write=0x1017)
     client = plant.connect(heartbeat_ms=10)
     plant.online()
@@ -219,14 +215,14 @@ def test_a_drive_without_a_heartbeat_of_its_own_is_guarded_and_watched_by_its_tp
     assert (client.status, client.generation) == (DriveStatus.ONLINE, 1)
 
 
-def test_a_mode_the_drive_does_not_take_is_named(plant: Plant) -> None:
+def test_rejected_mode_is_named(plant: Plant) -> None:
     _lacking(plant, write=0x6060)
     client = plant.connect()
     site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
     assert "6060h/" in client.status_text
 
 
-def test_a_pdo_whose_mapping_cannot_be_written_is_left_for_another_one(plant: Plant) -> None:
+def test_pdo_with_a_fixed_mapping_is_replaced_by_another(plant: Plant) -> None:
     drive = _lacking(plant, write=0x1600)
     drive.node.values |= {(0x1600, 0): 1, (0x1600, 1): 0x60FE_0120}
     client = plant.connect()
@@ -245,7 +241,7 @@ def test_a_refused_drive_is_tried_at_once_with_another_telegram(plant: Plant) ->
     assert site.now() - begin < 2 * SECOND, "not with the next try, which is 5 s after the refusal"
 
 
-def test_a_broken_sdo_answer_is_refused_and_the_task_lives(plant: Plant) -> None:
+def test_broken_sdo_answer_is_rejected_and_the_task_continues(plant: Plant) -> None:
     bus = site.other()
     client = plant.connect()
     plant.network.listeners.append(
@@ -289,7 +285,7 @@ def test_a_waiting_job_fails_when_the_drive_is_lost(plant: Plant) -> None:
         assert job.exception(0) is not None
 
 
-def test_a_stopped_client_leaves_the_bus_to_its_successor(plant: Plant) -> None:
+def test_stopped_client_releases_the_bus_for_the_next_one(plant: Plant) -> None:
     plant.power_on()
     first = plant.connect()
     plant.online()
@@ -305,7 +301,7 @@ def test_a_stopped_client_leaves_the_bus_to_its_successor(plant: Plant) -> None:
     assert first.status is DriveStatus.OFFLINE
 
 
-def test_a_dead_node_does_not_hold_up_the_other_drive(plant: Plant) -> None:
+def test_missing_node_does_not_delay_the_other_drive(plant: Plant) -> None:
     plant.power_on()
     dead = DriveClient(
         plant.network, DriveSettings(9, sdo_timeout_ms=500), LAYOUTS[Operation.VELOCITY], plant.events.append
@@ -349,7 +345,7 @@ def test_a_drive_without_heartbeat_never_becomes_online(plant: Plant) -> None:
     site.wait_for(lambda: drive.node.state is NmtState.PRE_OPERATIONAL, "obeys and sends no PDOs")
 
 
-def test_a_drive_whose_heartbeat_dies_is_lost_once_and_told_once(plant: Plant) -> None:
+def test_loss_of_the_heartbeat_is_reported_once(plant: Plant) -> None:
     drive = plant.power_on()
     plant.connect(heartbeat_ms=20, heartbeat_factor=5)
     plant.online()
@@ -369,7 +365,7 @@ def _starts(plant: Plant) -> Callable[[], int]:
     return lambda: seen.count((0, 0, bytes((NmtCommand.START, NODE))))
 
 
-def test_a_heartbeat_from_before_nmt_start_is_none(plant: Plant) -> None:
+def test_heartbeat_from_before_nmt_start_does_not_count(plant: Plant) -> None:
     """The node answers everything but does not go into operation as its heartbeat tells it."""
     drive = plant.power_on()
     stuck = bytes((NmtState.PRE_OPERATIONAL,))

@@ -58,7 +58,7 @@ def test_the_engel_drive_has_five_mappable_pdos_of_each_direction() -> None:
     assert not pdos.is_mappable(DRIVE_OBJECTS.entry(0x6080))
 
 
-def test_a_drive_without_overlay_is_what_it_answers() -> None:
+def test_drive_without_overlay_is_described_by_its_answers() -> None:
     answers = {
         IDENTITY_VENDOR: 0x1234_5678,
         (SUPPORTED_DRIVE_MODES, 0): 1 << 8 | 1 << 7,
@@ -73,7 +73,7 @@ def test_a_drive_without_overlay_is_what_it_answers() -> None:
         drive.limits("dynamic_speed_limit")
 
 
-def test_modes_of_a_drive_without_6502h_are_those_it_has_the_objects_of() -> None:
+def test_without_6502h_the_modes_follow_from_the_objects() -> None:
     drive = describe(engel_dictionary(), {IDENTITY_VENDOR: 1})
     assert {*drive.modes} == {Mode.POSITION, Mode.VELOCITY, Mode.TORQUE, Mode.HOMING}
     assert {*drive.homing_methods} == {*STANDARD_HOMING_METHODS}
@@ -106,7 +106,7 @@ def test_an_optional_object_the_device_does_not_answer_is_missing() -> None:
     ],
     ids=["unsigned", "signed", "shorter", "longer", "a real number", "no number"],
 )
-def test_a_value_has_the_sign_of_the_profile_and_one_that_the_telegrams_cannot_hold_is_not_there(
+def test_value_has_the_profiles_sign_or_is_missing_if_out_of_range(
     index: int, declared: CanType, found: CanType | None
 ) -> None:
     dictionary = copy.deepcopy(engel_dictionary())
@@ -131,7 +131,7 @@ def test_scaling_of_the_reference_objects() -> None:
     assert third.reference(Quantity.SPEED) == Fraction(2000)
 
 
-def test_only_what_a_telegram_needs_is_missed() -> None:
+def test_only_objects_needed_by_a_telegram_are_reported_missing() -> None:
     scaling = engel(replace(References(), position_max=0)).scaling
     assert scaling.refusal(Quantity.SPEED) == ""
     assert "607Bh" in scaling.refusal(Quantity.SPEED, Quantity.POSITION)

@@ -31,7 +31,7 @@ class Device:
         return self.values.get((index, subindex))
 
 
-def test_what_the_device_answers_is_its_object_dictionary() -> None:
+def test_answers_of_the_device_form_its_object_dictionary() -> None:
     dictionary = discovered_dictionary(NODE, Device(0x607B, 0x60C6, pdos=2).read)
     assert 0x60FF in dictionary
     assert not {0x607B, 0x60C6, 0x60A9, 0x2003} & {*dictionary}
@@ -75,7 +75,7 @@ def test_the_package_s_data_sheet_is_taken_only_for_the_device_it_describes() ->
     assert 0x2003 not in dictionary_of(NODE, device.read, VENDOR_ID + 1, PRODUCT_CODE)
 
 
-def test_nobody_asked_yet_is_every_object_of_the_profile() -> None:
+def test_before_any_query_every_object_of_the_profile_is_assumed() -> None:
     dictionary = generic_dictionary()
     assert {0x1400, 0x1804, 0x6040, 0x6042, 0x608F, 0x60A9, 0x60E3, 0x6502} <= {*dictionary}
     assert 0x2003 not in dictionary

@@ -48,7 +48,7 @@ class Node:
 LIFE = (GUARD_TIME, LIFE_TIME_FACTOR)
 
 
-def test_the_gateways_heartbeat_goes_first() -> None:
+def test_heartbeat_of_the_gateway_is_the_first_choice_of_guarding() -> None:
     node = Node(CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, ABORT_OPTION, *LIFE, RPDO)
     found = node.guarded()
     assert (found.heartbeat, found.life_guarding, found.rpdos, found.refusal) == (True, False, False, "")
@@ -57,7 +57,7 @@ def test_the_gateways_heartbeat_goes_first() -> None:
     assert set(node.values) == {CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, ABORT_OPTION}
 
 
-def test_without_a_heartbeat_of_its_own_nobody_waits_for_one() -> None:
+def test_no_heartbeat_is_awaited_from_a_drive_without_one() -> None:
     found = Node(CONSUMER_HEARTBEAT, ABORT_OPTION).guarded()
     assert (found.heartbeat, found.refusal) == (False, "")
     assert "TPDOs only" in found.text
@@ -65,7 +65,7 @@ def test_without_a_heartbeat_of_its_own_nobody_waits_for_one() -> None:
 
 
 @pytest.mark.parametrize("has_producer", [True, False])
-def test_life_guarding_is_next_and_the_drive_sends_no_heartbeat_then(has_producer: bool) -> None:
+def test_life_guarding_is_the_second_choice_and_stops_the_drives_heartbeat(has_producer: bool) -> None:
     producer = (PRODUCER_HEARTBEAT,) if has_producer else ()
     node = Node(*producer, ABORT_OPTION, *LIFE, RPDO)
     found = node.guarded()
@@ -82,7 +82,7 @@ def test_a_drive_whose_heartbeat_cannot_be_switched_off_is_not_life_guarded() ->
 
 
 @pytest.mark.parametrize("life", [(), (GUARD_TIME,), (LIFE_TIME_FACTOR,)])
-def test_the_time_out_of_the_rpdo_is_last_and_the_drive_sends_its_heartbeat_again(life: tuple[int, ...]) -> None:
+def test_rpdo_timeout_is_the_last_choice_and_keeps_the_drives_heartbeat(life: tuple[int, ...]) -> None:
     node = Node(PRODUCER_HEARTBEAT, ABORT_OPTION, RPDO, *life)
     found = node.guarded()
     assert (found.heartbeat, found.life_guarding, found.rpdos, found.refusal) == (True, False, True, "")
@@ -91,7 +91,7 @@ def test_the_time_out_of_the_rpdo_is_last_and_the_drive_sends_its_heartbeat_agai
     assert not Node(PRODUCER_HEARTBEAT, ABORT_OPTION, RPDO).guarded(heartbeat_ms=0).heartbeat
 
 
-def test_a_drive_that_nothing_stops_is_refused() -> None:
+def test_drive_without_guarding_is_rejected() -> None:
     found = Node(PRODUCER_HEARTBEAT, ABORT_OPTION).guarded()
     assert (found.text, found.heartbeat, found.rpdos) == ("nothing", True, False)
     assert found.refusal
@@ -106,7 +106,7 @@ def test_a_drive_that_nothing_stops_is_refused() -> None:
         (-5, "then a reaction of the manufacturer (6007h = -5)", True),
     ],
 )
-def test_a_reaction_that_cannot_be_written_counts_as_it_is_unless_it_is_none(held: int, text: str, stops: bool) -> None:
+def test_read_only_reaction_is_accepted_unless_it_means_no_reaction(held: int, text: str, stops: bool) -> None:
     found = Node(CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, fixed={ABORT_OPTION: held}).guarded()
     assert found.text.endswith(text)
     assert (found.refusal == "") is stops
@@ -122,7 +122,7 @@ def test_a_drive_without_6007h_has_its_own_reaction_and_one_that_hides_it_is_ref
     assert found.refusal
 
 
-def test_no_reaction_where_the_user_chose_it_is_no_refusal() -> None:
+def test_configured_absence_of_a_reaction_is_accepted() -> None:
     found = Node(CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, ABORT_OPTION).guarded(reaction=0)
     assert found.text.endswith("then nothing (6007h = 0)")
     assert not found.refusal

@@ -11,7 +11,7 @@ SHOWN, HELD = bytes(4), b"\1\0\0\0"
 FRAME = b"\x37\x02" + SHOWN
 
 
-def test_an_object_that_holds_another_value_than_each_newer_frame_is_found_out() -> None:
+def test_object_that_contradicts_every_newer_frame_is_detected() -> None:
     check = PdoValueCheck([PDO])
     for time in range(CONTRADICTIONS):
         check.see(PDO, FRAME, 10 * time)
@@ -19,7 +19,7 @@ def test_an_object_that_holds_another_value_than_each_newer_frame_is_found_out()
         assert check.compare(doubt, HELD, 10 * time + 5) == (time == CONTRADICTIONS - 1)
 
 
-def test_without_a_newer_frame_nothing_is_learned() -> None:
+def test_without_a_newer_frame_no_conclusion_is_drawn() -> None:
     check = PdoValueCheck([PDO])
     check.see(PDO, FRAME, 0)
     (doubt,) = check.doubts
@@ -28,7 +28,7 @@ def test_without_a_newer_frame_nothing_is_learned() -> None:
     assert not list(check.doubts)
 
 
-def test_an_object_that_agrees_once_begins_anew() -> None:
+def test_one_agreement_restarts_the_check() -> None:
     check = PdoValueCheck([PDO])
     for time, held in enumerate((HELD, HELD, SHOWN, HELD, HELD)):
         check.see(PDO, FRAME, 10 * time)
@@ -51,7 +51,7 @@ def test_each_object_of_a_pdo_has_its_own_place() -> None:
     assert not check.doubtful
 
 
-def test_one_of_two_objects_that_is_contradicted_is_looked_at_again_sooner() -> None:
+def test_contradicted_object_is_checked_again_sooner() -> None:
     check = PdoValueCheck([BOTH])
     check.see(BOTH, bytes(8), 0)
     position, velocity = check.doubts
@@ -60,7 +60,7 @@ def test_one_of_two_objects_that_is_contradicted_is_looked_at_again_sooner() -> 
     assert check.contradicted
 
 
-def test_a_frame_of_another_pdo_says_nothing() -> None:
+def test_frame_of_another_pdo_does_not_count() -> None:
     check = PdoValueCheck([PDO, BOTH])
     check.see(PDO, FRAME, 0)
     (doubt,) = check.doubts
@@ -70,7 +70,7 @@ def test_a_frame_of_another_pdo_says_nothing() -> None:
         assert not check.compare(doubt, HELD, 10 * time + 5)
 
 
-def test_an_object_that_cannot_be_asked_for_is_trusted() -> None:
+def test_unreadable_object_is_trusted() -> None:
     check = PdoValueCheck([PDO])
     check.see(PDO, FRAME, 0)
     (doubt,) = check.doubts

@@ -57,7 +57,7 @@ def test_a_drive_that_takes_any_mapping_gets_the_layout_of_the_telegram(operatio
     assert not found.notes
 
 
-def test_a_value_of_a_family_travels_as_the_object_that_the_drive_s_own_family_has_for_it() -> None:
+def test_value_of_a_family_is_mapped_to_the_object_of_that_family() -> None:
     there = ENGEL.entry("dynamic_speed_limit")
     other = replace(there, index=0x2320, subindex=3)
     drive = replace(
@@ -122,7 +122,7 @@ def test_predefined_pdos_that_are_fixed_are_adopted_and_the_rest_goes_by_sdo() -
     assert found.tpdos[1].pdo.size == 6
 
 
-def test_an_rpdo_with_an_object_nobody_has_a_value_for_is_not_adopted() -> None:
+def test_rpdo_with_an_object_without_a_value_is_not_used() -> None:
     findings = found_in_data_sheet(ENGEL)
     findings.fixed = dict.fromkeys(findings.present, ())
     findings.fixed[RPDO, 1] = (0x6040_0010, 0x6071_0010)
@@ -163,7 +163,7 @@ def test_a_pdo_takes_no_more_objects_than_the_drive_allows_and_keeps_the_control
     ("timer", "type_", "pace"),
     [(True, None, Pace.TIMER), (False, None, Pace.SYNC), (False, 255, Pace.CHANGE), (True, 1, Pace.SYNC)],
 )
-def test_how_a_tpdo_comes_is_what_the_drive_can(timer: bool, type_: int | None, pace: Pace) -> None:
+def test_transmission_type_of_a_tpdo_is_one_the_drive_supports(timer: bool, type_: int | None, pace: Pace) -> None:
     findings = found_in_data_sheet(ENGEL)
     if not timer:
         findings.timerless.add((TPDO, 1))

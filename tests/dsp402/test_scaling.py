@@ -117,7 +117,7 @@ def test_sources_that_agree_are_one() -> None:
     assert scaling.reference(SPEED) == 3000
 
 
-def test_configuration_against_all_the_drive_says_is_refused() -> None:
+def test_configuration_against_all_sources_of_the_drive_is_rejected() -> None:
     keys = UnitKeys(velocity_unit="0.1 rpm")
     refusal = find_scaling(RPM_3000 | SI_RPM, keys).refusal(SPEED)
     assert "10 by velocity_unit = 0.1 rpm, and 1 by 60A9h" in refusal
@@ -133,7 +133,7 @@ def test_configuration_decides_between_sources_of_the_drive() -> None:
 
 
 @pytest.mark.parametrize("index", [0x608F, 0x6090, 0x6091, 0x6092, 0x6093, 0x6094, 0x6096, 0x6097])
-def test_a_ratio_of_one_tells_nothing(index: int) -> None:
+def test_ratio_of_one_gives_no_information(index: int) -> None:
     told = find_scaling(RPM_3000 | COUNTS | ratio(index, 1) if index != 0x608F else RPM_3000 | ratio(index, 1))
     if index == 0x608F:
         assert "set velocity_unit" in told.refusal(SPEED)
@@ -150,14 +150,14 @@ def test_a_ratio_of_one_tells_nothing(index: int) -> None:
         (12_800_000, "607Fh 12800000 would be 187500 rpm"),
     ],
 )
-def test_position_resolution_without_a_witness_is_no_velocity_unit(limit: int | None, said: str) -> None:
+def test_unconfirmed_position_resolution_is_no_velocity_unit(limit: int | None, said: str) -> None:
     answers = RPM_3000 | ENCODER | ({} if limit is None else fastest(limit))
     refusal = find_scaling(answers).refusal(SPEED)
     assert said in refusal
     assert "set velocity_unit" in refusal
 
 
-def test_position_resolution_in_a_configured_unit_needs_a_witness_too() -> None:
+def test_position_resolution_in_a_configured_unit_needs_confirmation_too() -> None:
     keys = UnitKeys(velocity_unit="counts/s")
     assert "set counts_per_revolution" in find_scaling(RPM_3000 | ENCODER, keys).refusal(SPEED)
     assert find_scaling(RPM_3000 | COUNTS, keys).reference(SPEED) == 204_800
@@ -165,7 +165,7 @@ def test_position_resolution_in_a_configured_unit_needs_a_witness_too() -> None:
     assert find_scaling(RPM_3000 | ENCODER, told).reference(SPEED) == 204_800
 
 
-def test_device_whose_family_asks_is_refused_until_the_unit_is_set() -> None:
+def test_family_that_requires_the_unit_is_rejected_until_it_is_set() -> None:
     family = FamilyUnits(ask="it moves in mm/s")
     answers = RPM_3000 | COUNTS | SI_RPM
     assert "overlay: it moves in mm/s: set velocity_unit" in find_scaling(answers, None, family).refusal(SPEED)
@@ -196,7 +196,7 @@ def test_the_engel_factor_is_the_speed_of_one_unit() -> None:
         ({(0x60A9, 0): 0xFD01_0300, (0x60A8, 0): 0xFD01_0000}, "no feed constant 6092h"),
     ],
 )
-def test_a_velocity_unit_that_is_not_known_is_refused_with_the_key_that_settles_it(answers: object, said: str) -> None:
+def test_unknown_velocity_unit_is_rejected_with_the_key_to_set(answers: object, said: str) -> None:
     scaling = find_scaling({**RPM_3000, **answers})  # type: ignore[dict-item]
     refusal = scaling.refusal(SPEED)
     assert said in refusal
@@ -277,7 +277,7 @@ def test_a_range_wraps_and_software_limits_do_not() -> None:
 
 
 @pytest.mark.parametrize("limits", [(-500, 0), (5, 5), (900, 100)])
-def test_a_range_that_is_none_is_refused(limits: tuple[int, int]) -> None:
+def test_invalid_range_is_rejected(limits: tuple[int, int]) -> None:
     assert "607Bh" in find_scaling(ratio(0x607B, *limits)).refusal(Quantity.POSITION)
 
 

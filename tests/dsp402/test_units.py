@@ -29,7 +29,7 @@ from pdgw.dsp402.units.units import Kind, dimension_unit, parse_unit, si_unit
         ("um/s²", 2, Fraction(1, 1_000_000), Kind.METRE),
     ],
 )
-def test_units_a_person_writes(text: str, order: int, factor: Fraction, kind: Kind) -> None:
+def test_units_in_common_notations(text: str, order: int, factor: Fraction, kind: Kind) -> None:
     unit = parse_unit(text, order, "velocity_unit")
     assert (unit.factor, unit.kind, unit.order) == (factor, kind, order)
 
@@ -49,7 +49,7 @@ def test_units_a_person_writes(text: str, order: int, factor: Fraction, kind: Ki
         ("counts/h", 1),
     ],
 )
-def test_what_is_no_unit_is_refused_with_the_key_and_the_units_there_are(text: str, order: int) -> None:
+def test_invalid_unit_is_rejected_with_the_key_and_the_allowed_units(text: str, order: int) -> None:
     with pytest.raises(Dsp402Error, match=r"velocity_unit: .*counts"):
         parse_unit(text, order, "velocity_unit")
 
@@ -69,7 +69,7 @@ def test_what_is_no_unit_is_refused_with_the_key_and_the_units_there_are(text: s
         (0xFD01_0303, 2, Fraction(1, 1000), Kind.METRE),
     ],
 )
-def test_si_units_a_drive_tells(value: int, order: int, factor: Fraction, kind: Kind) -> None:
+def test_si_units_of_a_drive(value: int, order: int, factor: Fraction, kind: Kind) -> None:
     unit = si_unit(value, order)
     assert unit is not None
     assert (unit.factor, unit.kind) == (factor, kind)
@@ -77,7 +77,7 @@ def test_si_units_a_drive_tells(value: int, order: int, factor: Fraction, kind: 
 
 
 @pytest.mark.parametrize("value", [0x0010_0300, 0x00AC_0300, 0x00C0_0300, 0x00B4_0000, 0x0000_0000, 0x7FB4_4700])
-def test_units_that_are_not_known_exactly_are_none(value: int) -> None:
+def test_inexact_units_are_not_used(value: int) -> None:
     assert si_unit(value, 1) is None
 
 

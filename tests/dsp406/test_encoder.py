@@ -185,7 +185,7 @@ def test_emergencies_alarms_and_warnings_arrive(plant: Plant) -> None:
     site.wait_for(lambda: client.feedback.alarms == 0 and client.feedback.error_register == 0, "cleared")
 
 
-def test_an_emergency_tells_the_error_register_of_a_device_that_answers_no_sdo(plant: Plant) -> None:
+def test_emcy_shows_the_error_register_of_a_device_without_sdo(plant: Plant) -> None:
     encoder = plant.power_on()
     encoder.start()
     client = plant.connect()
@@ -286,7 +286,7 @@ def test_an_encoder_without_heartbeat_is_watched_by_its_tpdos(plant: Plant) -> N
     assert client.generation == 1
 
 
-def test_what_is_no_data_sheet_of_an_encoder_is_named(tmp_path: Path) -> None:
+def test_data_sheet_of_another_device_is_named(tmp_path: Path) -> None:
     with pytest.raises(Dsp406Error, match="6004h or 6020h"):
         load_eds(DRIVE_EDS, NODE)
     with pytest.raises(Dsp406Error, match="a usable EDS or DCF"):
@@ -318,7 +318,7 @@ def test_an_encoder_that_cannot_be_operated_is_refused_with_the_reason(
     assert re.search(text, client.status_text), client.status_text
 
 
-def test_a_fixed_mapping_that_is_as_wanted_is_used(plant: Plant, tmp_path: Path) -> None:
+def test_fixed_mapping_that_matches_is_used(plant: Plant, tmp_path: Path) -> None:
     """The data sheet of such a device has nothing but the position to map."""
     eds = tmp_path / "fixed.eds"
     text = eds_path(ROTARY).read_text(encoding="ascii")
@@ -345,7 +345,7 @@ def test_a_slow_encoder_comes_online(plant: Plant) -> None:
     assert client.generation == 1
 
 
-def test_an_emcy_burst_is_passed_on_and_does_no_harm(plant: Plant) -> None:
+def test_emcy_burst_is_passed_on_without_a_loss(plant: Plant) -> None:
     encoder = plant.power_on(still(1.0))
     encoder.start()
     client = plant.connect()

@@ -115,7 +115,7 @@ def test_sub_index_0_counts_the_channels(device: EncoderDevice) -> None:
 
 
 @pytest.mark.parametrize("device", ALL, ids=lambda device: device.name)
-def test_what_a_class_demands_is_there(device: EncoderDevice) -> None:
+def test_objects_required_by_a_class_exist(device: EncoderDevice) -> None:
     there = {spec.index for spec in encoder_objects(device)}
     for encoder_class in EncoderClass:
         demanded = {row.index for row in PROFILE if row.category(encoder_class, device.type) is Category.MANDATORY}

@@ -132,7 +132,7 @@ def without_passing_moments(chapter: str) -> str:
     return yaml.safe_dump(story | {"within": "30 s"}, sort_keys=False)
 
 
-def test_the_story_passes_and_independent_readers_find_it_in_the_evidence(tmp_path: Path) -> None:
+def test_demo_scenario_passes_and_independent_readers_confirm_it(tmp_path: Path) -> None:
     out = tmp_path / "basics"
     scenario = tmp_path / "story.yaml"
     scenario.write_text(without_passing_moments("basics"), encoding="utf-8")
@@ -163,7 +163,7 @@ def part_of_the_story(chapter: str, first: str, last: str) -> str:
     return yaml.safe_dump(story | {"steps": cut})
 
 
-def test_the_chapters_of_positioner_and_dsc_are_played_and_drawn_from_their_captures(tmp_path: Path) -> None:
+def test_chapters_of_positioner_and_dsc_run_and_are_plotted(tmp_path: Path) -> None:
     # Their whole stories come true in virtual time (tests/tools/test_demo_chapters.py): here they are played in parts.
     for chapter, first, last, drawn in (
         ("positioner", "telegram 111: MDI to 80000 LU", "telegram 111: override 0", "OVERRIDE"),
@@ -209,7 +209,7 @@ def told_a_part(out: Path) -> Iterator[tuple[subprocess.Popen[str], dict[str, in
     assert not (evidence / "report.json").exists()
 
 
-def test_a_demo_that_is_stopped_or_loses_a_process_leaves_nothing_running_and_says_why(tmp_path: Path) -> None:
+def test_stopped_or_failed_demo_ends_all_processes_and_reports_why(tmp_path: Path) -> None:
     # SIGTERM is made the same exception as Ctrl-C (test_termination.py).
     out = tmp_path / "stopped"
     with told_a_part(out) as (demo, _):

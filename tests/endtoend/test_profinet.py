@@ -104,7 +104,7 @@ def dissected(out: Path) -> None:
 
 
 @pytest.mark.e2e
-def test_the_demo_plays_over_ethernet_frames_and_its_capture_tells_everything(tmp_path: Path) -> None:
+def test_demo_runs_over_ethernet_and_its_capture_is_complete(tmp_path: Path) -> None:
     namespaces_or_skip()
     scenario, out = tmp_path / "speed.yaml", tmp_path / "basics"
     scenario.write_text(SCENARIO, encoding="utf-8")
@@ -120,7 +120,7 @@ def test_the_demo_plays_over_ethernet_frames_and_its_capture_tells_everything(tm
     dissected(out)
 
 
-def test_where_the_kernel_forbids_namespaces_the_demo_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_demo_reports_missing_namespaces(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(namespaces, "_unshare", lambda: ["sh", "-c", "echo unshare: not permitted >&2; exit 1"])
     monkeypatch.setattr(namespaces.shutil, "which", lambda tool: tool)
     with pytest.raises(GatewayError, match=r"the kernel does not allow network namespaces .unshare: not permitted"):
@@ -155,7 +155,7 @@ def test_a_controller_finds_the_gateway_on_ethernet_and_moves_a_drive(tmp_path: 
 
 
 @pytest.mark.e2e
-def test_an_open_controller_of_others_turns_an_axis_by_the_gsdml_file(tmp_path: Path) -> None:
+def test_third_party_controller_turns_an_axis_with_the_gsdml_file(tmp_path: Path) -> None:
     """profinet-py knows nothing of this package: modules and lengths are those of the file. Then again with the native engine."""
     namespaces_or_skip()
     if not find_spec("construct"):

@@ -28,7 +28,7 @@ LONG_CYCLE = ("--cycle-time-ms", "100")
 """So long may the PLC be busy with something else, or not get the processor, before it is lost: a hundred times that."""
 
 
-def test_a_simulated_axis_and_its_encoder_turn_whatever_else_comes_and_stop_with_the_provider(tmp_path: Path) -> None:
+def test_axis_and_encoder_turn_despite_other_traffic_until_provider_stop(tmp_path: Path) -> None:
     port, status = free_udp_port(), free_tcp_port()
     log = tmp_path / "log"
     options = [*LONG_CYCLE, "--cyclic-port", str(port), "--acyclic-port", "0", "--status-port", str(status)]
@@ -69,7 +69,7 @@ def test_a_simulated_axis_and_its_encoder_turn_whatever_else_comes_and_stop_with
     assert "Traceback" not in text
 
 
-def test_no_signal_ends_the_gateway_without_the_stop_sequence_and_all_it_wrote_is_complete(
+def test_every_signal_runs_the_stop_sequence_and_completes_the_files(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     port = free_udp_port()
@@ -108,7 +108,7 @@ def test_no_signal_ends_the_gateway_without_the_stop_sequence_and_all_it_wrote_i
     assert capsys.readouterr().out.splitlines()[-1].endswith("all equal")
 
 
-def test_simulated_devices_obey_their_console_and_are_given_faults(tmp_path: Path) -> None:
+def test_simulated_devices_accept_console_commands_and_faults(tmp_path: Path) -> None:
     control, other = free_tcp_port(), free_tcp_port()
     log, encoder_log = tmp_path / "drive.log", tmp_path / "encoder.log"
     encoder = ["--node-id", "10", "--motion", "still=1.5", "--control-port", str(other)]

@@ -37,7 +37,7 @@ def velocity(port: int) -> int:
     return int(match[1]) if match else -1
 
 
-def test_whoever_is_killed_the_drive_is_stopped_told_and_not_started_again_by_a_standing_on(tmp_path: Path) -> None:
+def test_killed_plc_gateway_or_drive_stops_the_axis_without_a_restart(tmp_path: Path) -> None:
     port = free_udp_port()
     path = tmp_path / "plant.toml"
     with ServedBus() as bus, ExitStack() as at_end:

@@ -22,7 +22,7 @@ def test_waiting_for_a_text_ends_with_the_process_and_shows_all_logs_of_its_fold
             wait_for_text("enable", log, process)
 
 
-def test_a_wait_that_took_too_long_tells_what_it_saw_last() -> None:
+def test_timed_out_wait_reports_the_last_observation() -> None:
     seen: list[int] = []
     with pytest.raises(AssertionError, match="not within 0 s: three, seen 1"):
         wait_for(lambda: seen.append(1), lambda: f"three, seen {len(seen)}", 0)

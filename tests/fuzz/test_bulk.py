@@ -58,7 +58,7 @@ def requests() -> Iterator[bytes]:
             yield encode_request(Request(1 + number, RequestId.REQUEST, 1, addresses))
 
 
-def test_damaged_cyclic_frames_stop_at_most_and_the_plc_goes_on(chance: random.Random) -> None:
+def test_damaged_cyclic_frames_at_most_stop_the_axis(chance: random.Random) -> None:
     plc = PlcEndpoint(TELEGRAMS, CYCLE)
     endpoint = CyclicEndpoint(TELEGRAMS, cycle_ns=CYCLE)
     now, given = 0, 0

@@ -60,7 +60,7 @@ def seeds() -> tuple[list[bytes], list[bytes]]:
     return conversation()
 
 
-def test_strangers_neither_disturb_the_controller_nor_fill_the_memory(seeds: tuple[list[bytes], list[bytes]]) -> None:
+def test_unknown_senders_neither_disturb_the_controller_nor_fill_memory(seeds: tuple[list[bytes], list[bytes]]) -> None:
     frames, datagrams = seeds
     chance = random.Random(SEED)
     wire = Wire(seed=2)
@@ -103,7 +103,7 @@ def test_strangers_neither_disturb_the_controller_nor_fill_the_memory(seeds: tup
     assert wire.plc.phase is Phase.DATA
 
 
-def test_a_controller_gone_mad_ends_its_relationship_at_most(seeds: tuple[list[bytes], list[bytes]]) -> None:
+def test_faulty_controller_at_most_ends_its_own_relationship(seeds: tuple[list[bytes], list[bytes]]) -> None:
     frames, datagrams = seeds
     chance = random.Random(f"{SEED} mad")
     wire = Wire(seed=2)

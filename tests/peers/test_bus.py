@@ -51,7 +51,7 @@ def test_prepared_frames_are_those_of_python_can(can_id: int, data: bytes, exten
     ids=["data", "extended", "remote", "empty"],
 )
 @pytest.mark.parametrize("platform", ["linux", "darwin"])
-def test_every_other_member_hears_a_frame_and_the_sender_does_not(
+def test_frame_is_received_by_all_members_except_its_sender(
     channel: str, message: can.Message, platform: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "platform", platform)
@@ -99,7 +99,7 @@ def test_filters_and_periodic_frames_work_without_the_kernel(channel: str) -> No
 @pytest.mark.parametrize(
     ("channel", "told"), [("127.0.0.1:1", "pdgw sim bus --serve"), ("can0", "HOST:PORT"), ("127.0.0.1:x", "HOST:PORT")]
 )
-def test_a_bus_that_is_not_there_is_told_with_what_opens_one(channel: str, told: str) -> None:
+def test_missing_bus_is_reported_with_the_command_that_opens_one(channel: str, told: str) -> None:
     with pytest.raises(CanopenError, match=told):
         open_bus(INTERFACE, channel)
 
@@ -139,7 +139,7 @@ def steps() -> Iterator[_Steps]:
     made.selector.close()
 
 
-def test_a_member_that_died_without_a_word_is_forgotten(steps: _Steps) -> None:
+def test_member_that_ended_without_leave_is_removed(steps: _Steps) -> None:
     living, dead = steps.join(), steps.join()
     assert steps.hub.members == 2
     dead.close()
@@ -150,9 +150,7 @@ def test_a_member_that_died_without_a_word_is_forgotten(steps: _Steps) -> None:
     living.close()
 
 
-def test_a_device_that_fails_on_a_frame_takes_the_bus_from_nobody(
-    steps: _Steps, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_device_error_does_not_end_the_bus_of_others(steps: _Steps, caplog: pytest.LogCaptureFixture) -> None:
     heard: list[bytes] = []
 
     def broken(frame: bytes) -> None:
@@ -170,7 +168,7 @@ def test_a_device_that_fails_on_a_frame_takes_the_bus_from_nobody(
     member.close()
 
 
-def test_what_is_no_frame_is_not_carried(steps: _Steps) -> None:
+def test_invalid_datagram_is_not_forwarded(steps: _Steps) -> None:
     one, two = steps.join(), steps.join()
     for data in (b"", b"12345", bytes(15), bytes(17), pack_frame(0x80, b"")):
         one.send(data)
@@ -183,7 +181,7 @@ def test_what_is_no_frame_is_not_carried(steps: _Steps) -> None:
     two.close()
 
 
-def test_an_answer_given_at_once_is_heard_after_the_question_by_all(steps: _Steps) -> None:
+def test_immediate_answer_is_received_after_the_request_by_all(steps: _Steps) -> None:
     heard: list[bytes] = []
     question, answer = pack_frame(0x201, b"\x0f"), pack_frame(0x181, b"\x37")
     send = steps.hub.attach(lambda frame: send(answer) if frame == question else None)
@@ -208,6 +206,6 @@ def serial_number_over(channel: str, node_id: int) -> int:
         network.disconnect()
 
 
-def test_a_simulated_drive_is_read_over_it(channel: str) -> None:
+def test_simulated_drive_is_read_over_the_loopback_bus(channel: str) -> None:
     with SimulatedDrive(open_bus(INTERFACE, channel), 5, serial_number=4711):
         assert serial_number_over(channel, 5) == 4711

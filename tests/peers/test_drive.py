@@ -132,7 +132,7 @@ def test_relative_and_buffered_setpoints() -> None:
     assert bench.model.position_actual == pytest.approx(3000, abs=50)
 
 
-def test_halt_stops_and_a_setpoint_in_the_word_that_clears_halt_is_not_taken() -> None:
+def test_halt_stops_and_the_word_that_clears_it_starts_no_setpoint() -> None:
     bench = Bench(mode=Mode.POSITION)
     bench.enable()
     bench.write(0x607A, 0, 300_000)

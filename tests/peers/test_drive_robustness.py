@@ -42,7 +42,7 @@ def test_reset_communication_keeps_the_parameters_and_stops_the_drive() -> None:
     assert (bench.node.read(0x6085), bench.node.read(0x1017)) == (777, 0)
 
 
-def test_reset_node_neither_moves_the_axis_nor_sets_the_enable_input_nor_heals_a_fault() -> None:
+def test_reset_node_keeps_position_enable_input_and_fault_causes() -> None:
     bench = Bench()
     bench.model.machine_position = 5000.0
     bench.model.set_enable_input(False)

@@ -125,7 +125,7 @@ def test_a_preset_in_motion_changes_no_speed() -> None:
     assert bench.read(0x6030, 1) == 8192
 
 
-def test_a_linear_encoder_counts_its_steps_and_leaves_its_scale() -> None:
+def test_linear_encoder_counts_steps_and_detects_the_end_of_its_scale() -> None:
     bench = Bench(points([(0, 100.0), (1, 110.0), (2, -10.0)]), device=LINEAR)
     bench.run(500)
     assert bench.read(0x6004) == 105 * 200
@@ -262,7 +262,7 @@ def test_a_cam_switched_off_forgets_its_hysteresis() -> None:
 
 
 @pytest.mark.parametrize("name", list(ENCODER_FAULTS))
-def test_every_fault_shows_its_bits_and_its_emergency_and_goes_when_cleared(name: str) -> None:
+def test_every_fault_has_its_bits_and_emcy_until_cleared(name: str) -> None:
     fault = ENCODER_FAULTS[name]
     bench = Bench()
     bench.node.model.inject(name)
@@ -350,7 +350,7 @@ def test_store_and_restore() -> None:
 
 
 @given(st.integers(0, 0x7FF), st.binary(max_size=8), st.booleans())
-def test_arbitrary_frames_never_upset_the_node(can_id: int, data: bytes, remote: bool) -> None:
+def test_arbitrary_frames_never_raise_in_the_node(can_id: int, data: bytes, remote: bool) -> None:
     bench = Bench(constant_speed(1.0), Follower(0x181, 2, 4096.0), device=multi_sensor(2))
     bench.set(0x6200, 1)
     bench.operate()
@@ -384,7 +384,7 @@ def test_an_encoder_follows_a_callable() -> None:
     assert bench.read(0x6004) == 1024
 
 
-def test_a_recorded_file_is_played(tmp_path: Path) -> None:
+def test_recorded_motion_file_is_used(tmp_path: Path) -> None:
     file = tmp_path / "motion.csv"
     file.write_text("time,position\n0,1.0\n\n0.1,2.0\n0.2,1.5\n", encoding="utf-8")
     motion = recorded(file)

@@ -183,13 +183,13 @@ def test_an_encoder_sends_the_same_frames(others: list[list[Event]]) -> None:
     assert Life(encoder, list(events), 400).woken().frames == Life(encoder, list(events), 400).polled().frames
 
 
-def test_a_drive_that_stands_is_woken_for_its_heartbeat_and_event_timer_only() -> None:
+def test_drive_at_standstill_is_polled_for_heartbeat_and_event_timer_only() -> None:
     life = Life(drive, [(1, frame(0, bytes((NmtCommand.START, NODE))))], 1000).woken()
     assert life.polls < 1000 // 25 + 1000 // 20 + 20
 
 
 @pytest.mark.parametrize("speed", [500, 3000])
-def test_a_drive_at_constant_speed_is_where_it_would_be_tick_by_tick(speed: int) -> None:
+def test_constant_speed_gives_the_same_positions_as_single_ticks(speed: int) -> None:
     def turning(send: Send) -> SimulatedDriveNode:
         node = SimulatedDriveNode(NODE, send)
         node.start(0)
@@ -208,7 +208,7 @@ def test_a_drive_at_constant_speed_is_where_it_would_be_tick_by_tick(speed: int)
     assert woken.polls < polled.polls / 5
 
 
-def test_an_encoder_that_stands_is_not_looked_at_without_need() -> None:
+def test_encoder_at_standstill_is_polled_only_when_needed() -> None:
     life = Life(lambda send: SimulatedEncoderNode(NODE, send, motions=[still(0.5)]), [], 1000).woken()
     assert life.polls < 30
     assert life.node.read(0x6004) == 2048

@@ -58,7 +58,7 @@ def test_every_fault_is_described_and_its_parameters_are_within_their_limits(nam
 
 
 @pytest.mark.parametrize("name", DRIVE_MISBEHAVIOURS)
-def test_a_fault_that_is_taken_back_leaves_a_drive_that_behaves(bench: Bench, name: str) -> None:
+def test_removed_fault_leaves_a_normal_drive(bench: Bench, name: str) -> None:
     bench.node.misbehave(name)
     bench.run(50)
     bench.node.behave(name)
@@ -208,7 +208,7 @@ def test_an_emcy_burst_has_its_count_and_its_content(bench: Bench) -> None:
     assert set(bench.sent(EMCY)) == {b"\x10\x23\x03" + bytes(5)}
 
 
-def test_bus_off_hears_and_says_nothing_until_it_recovers(bench: Bench) -> None:
+def test_bus_off_receives_and_sends_nothing_until_recovery(bench: Bench) -> None:
     bench.node.misbehave("bus-off", recovery_ms=50)
     assert bench.read(0x1000) is None
     bench.run(49)
@@ -218,7 +218,7 @@ def test_bus_off_hears_and_says_nothing_until_it_recovers(bench: Bench) -> None:
     assert bench.read(0x1000) is not None
 
 
-def test_error_passive_tells_and_is_late(bench: Bench) -> None:
+def test_error_passive_reports_and_is_late(bench: Bench) -> None:
     bench.frames.clear()
     bench.node.misbehave("error-passive", delay_ms=9)
     bench.run(100)
@@ -302,7 +302,7 @@ def test_the_mode_display_keeps_the_old_mode(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(("positive", "speed"), [(1, 2000), (0, -2000)])
-def test_a_limit_switch_stops_motion_toward_it_only(bench: Bench, positive: int, speed: int) -> None:
+def test_limit_switch_stops_only_motion_towards_it(bench: Bench, positive: int, speed: int) -> None:
     bench.operate(speed)
     bench.run(300)
     bench.node.misbehave("limit-switch", positive=positive)
@@ -314,7 +314,7 @@ def test_a_limit_switch_stops_motion_toward_it_only(bench: Bench, positive: int,
     assert bench.model.velocity_actual * speed < 0
 
 
-def test_the_enable_input_takes_operation_back(bench: Bench) -> None:
+def test_enable_input_ends_operation(bench: Bench) -> None:
     bench.operate()
     bench.node.misbehave("enable-input-dropped")
     assert bench.model.state is State.SWITCHED_ON
@@ -324,9 +324,7 @@ def test_the_enable_input_takes_operation_back(bench: Bench) -> None:
     ("name", "values", "number"),
     [("under-voltage", {}, 6), ("drive-fault", {"number": 7}, 7)],
 )
-def test_a_fault_of_the_drive_stands_until_it_is_removed(
-    bench: Bench, name: str, values: dict[str, int], number: int
-) -> None:
+def test_drive_fault_stays_until_it_is_removed(bench: Bench, name: str, values: dict[str, int], number: int) -> None:
     bench.operate()
     bench.node.misbehave(name, **values)
     bench.run(1000)

@@ -85,7 +85,7 @@ def test_refusals_carry_the_abort_code(
     assert refused.value.code == abort
 
 
-def test_nmt_slave_and_what_a_stopped_node_leaves(desk: _Desk) -> None:
+def test_nmt_states_and_services_of_a_stopped_node(desk: _Desk) -> None:
     assert desk.frames == [(0x700 + NODE, b"\0")]
     for command, state in ((1, NmtState.OPERATIONAL), (2, NmtState.STOPPED), (128, NmtState.PRE_OPERATIONAL)):
         for target in (0, NODE):

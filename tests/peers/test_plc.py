@@ -88,7 +88,7 @@ def test_frames_of_a_backup_or_without_valid_data_are_counted_and_not_used() -> 
     assert (plc.counters["not primary"], plc.counters["not valid"]) == (1, 1)
 
 
-def test_a_silent_gateway_leaves_no_values_behind_and_may_come_back_with_any_counter() -> None:
+def test_silent_gateway_clears_values_and_may_return_with_any_counter() -> None:
     plc = PlcEndpoint([telegram(1)], CYCLE)
     device = CyclicEndpoint([telegram(1)], cycle_ns=CYCLE)
     first, second = bytes(device.build([(0x37, 0)], [True])), bytes(device.build([(0x37, 0)], [True]))
@@ -159,7 +159,7 @@ def test_an_expectation_that_is_not_met_in_time_fails_with_the_measured_value() 
         ({"ZSW1.FAULT": 1}, {"ZSW1": 0x670}, "ZSW1.FAULT = 0"),
     ],
 )
-def test_what_was_measured_is_written_as_what_was_wanted(
+def test_measured_value_has_the_notation_of_the_expected_one(
     wanted: dict[str, str | int], values: dict[str, int], measured: str
 ) -> None:
     engine, _ = play({"steps": [{"expect": wanted, "within": "8 ms"}]}, [values])
@@ -183,12 +183,12 @@ def test_bad_iops_fails_an_expectation() -> None:
     ],
     ids=str,
 )
-def test_the_gateway_to_start_is_one_that_can_be_started(numbers: list[int], start: str) -> None:
+def test_suggested_gateway_command_is_valid(numbers: list[int], start: str) -> None:
     plc = PlcEndpoint([telegram(number) for number in numbers], 4_000_000)
     assert f"start one ({start})" in plc.why_no_values(0)
 
 
-def test_why_there_are_no_values_is_told_from_what_came() -> None:
+def test_reason_for_missing_values_follows_from_the_counters() -> None:
     gateway = CyclicEndpoint([telegram(1)], cycle_ns=4_000_000)
     plc = PlcEndpoint([telegram(1)], 4_000_000)
     assert plc.why_no_values(0).startswith("no datagram from a gateway: start one (pdgw run --simulate --telegram 1)")
@@ -287,7 +287,7 @@ def test_parameters_are_read_from_the_drive_object_of_the_axis_until_they_are_as
     assert [item.measured for item in engine.results] == ["1", "5681", "3000.5", "axis 3", "-5"]
 
 
-def test_parameters_are_written_once_and_a_refusal_can_be_wanted() -> None:
+def test_parameters_are_written_once_and_a_rejection_can_be_expected() -> None:
     step = {"write": {"6083h": 250, "P65000": "-7"}}
     refused = [element("", 0x0B), element("", 0x0B)]
     engine, asked = parameters(step, [[element(250), element(-7)]])
@@ -327,7 +327,7 @@ def test_an_access_that_fails_in_an_unexpected_way_fails_its_step_and_not_the_ne
     assert [(access.done, access.error) for access in accesses] == [(True, "KeyError('a mistake')")] * 2
 
 
-def test_a_capture_that_could_not_take_a_packet_is_not_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_capture_with_a_lost_packet_is_reported_as_incomplete(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     capture = Capture(tmp_path / "plc.pcap")
     take = capture.conversation(("127.0.0.1", 1), ("127.0.0.1", 2))
 
@@ -419,7 +419,7 @@ def test_the_scenarios_of_the_package_are_valid(path: Path) -> None:
     ],
     ids=lambda value: value[:40] if isinstance(value, str) else "",
 )
-def test_bad_scenarios_are_told_with_step_key_value_and_what_is_allowed(
+def test_bad_scenarios_are_rejected_with_step_key_value_and_allowed(
     tmp_path: Path, text: str, parts: list[str]
 ) -> None:
     path = tmp_path / "s.yaml"

@@ -92,7 +92,7 @@ def test_jog_and_incremental_jog() -> None:
     assert (values["STW1"], values["POS_STW2"]) == (0x0030, 0)
 
 
-def test_bits_whose_edge_counts_stay_for_many_cycles() -> None:
+def test_bits_with_a_counting_edge_stay_set_for_many_cycles() -> None:
     desk = Desk(111, {"next_block": True})
     assert desk.cycles(20)["STW1"] & 0x2000
     assert not desk.cycles(10)["STW1"] & 0x2000
@@ -114,6 +114,6 @@ def test_bits_whose_edge_counts_stay_for_many_cycles() -> None:
         (7, {"block": 64}, "SATZANW.BLOCK = 64: expected 0..63"),
     ],
 )
-def test_what_a_telegram_cannot_do_is_told(number: int, step: dict[str, Any], message: str) -> None:
+def test_unsupported_action_of_a_telegram_is_reported(number: int, step: dict[str, Any], message: str) -> None:
     with pytest.raises(GatewayError, match=message):
         Desk(number, step)

@@ -68,7 +68,7 @@ def test_words_of_one_step_go_out_in_one_frame() -> None:
     assert (endpoint.setpoints[0]["POS_STW2"], endpoint.setpoints[0]["OVERRIDE"]) == (1, 0x2000)
 
 
-def test_on_as_yaml_reads_it_is_the_bit() -> None:
+def test_yaml_key_on_is_the_bit_on() -> None:
     assert play(1, {True: 1}).setpoints[0]["STW1"] == signal("STW1").word("ON")  # type: ignore[dict-item]
 
 
@@ -98,7 +98,7 @@ def test_on_as_yaml_reads_it_is_the_bit() -> None:
         (111, {"speed": "5 %"}, "not possible with telegram 111: it has no speed setpoint"),
     ],
 )  # fmt: skip
-def test_a_word_that_does_not_fit_is_told(number: int, step: dict[str, Any], text: str) -> None:
+def test_word_that_does_not_fit_is_reported(number: int, step: dict[str, Any], text: str) -> None:
     with pytest.raises(GatewayError, match=text):
         play(number, step)
 
@@ -109,7 +109,7 @@ def test_a_typed_line_is_a_step() -> None:
     assert parse_step(" reject ") == {"reject": True}
 
 
-def test_an_override_that_was_asked_for_stays_with_the_next_task() -> None:
+def test_override_stays_for_the_next_task() -> None:
     endpoint = PlcEndpoint([telegram(111)], CYCLE)
     engine = Engine(scenario_of([111], [{"override": "25 %"}, {"mdi": {"to": 5}}]), endpoint)
     engine.step(0)
@@ -213,7 +213,7 @@ def test_an_axis_follows_a_sine(number: int, wish: dict[str, Any]) -> None:
     )
 
 
-def test_follow_begins_anew_where_an_axis_stopped() -> None:
+def test_follow_restarts_at_the_position_of_a_stopped_axis() -> None:
     """The axis was stopped far away, for example by DSC without new frames: its next period begins at its position."""
     following = Following(Follow(by=4096, error=400), 1, 60 * SECOND, increments=4096, rpm=3000, dsc=True)
     errors = []

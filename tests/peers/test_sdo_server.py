@@ -92,7 +92,7 @@ def test_the_frames_are_those_of_the_standard() -> None:
         ([bytes((0xA4, 0x01, 0x21, 0x00, 4, 0))], Abort.NO_SUCH_OBJECT),
     ],
 )
-def test_what_is_no_block_upload_is_aborted(requests: list[bytes], abort: Abort) -> None:
+def test_invalid_block_upload_is_aborted(requests: list[bytes], abort: Abort) -> None:
     last = exchange(requests, content(40))[-1]
     assert last[0] == 0x80
     assert int.from_bytes(last[4:8], "little") == abort

@@ -104,7 +104,7 @@ def test_a_drive_without_range_limit_takes_any_position() -> None:
     assert bench.node.model.position_actual == 40_960
 
 
-def test_a_shaft_turns_for_ever_and_a_slide_meets_its_switch() -> None:
+def test_shaft_turns_without_limit_and_slide_reaches_its_switch() -> None:
     turning, sliding = Bench("rpm"), Bench("rpm", LINEAR_AXIS)
     for bench in (turning, sliding):
         bench.enable(3)
@@ -148,7 +148,7 @@ def test_four_pdos_of_each_direction() -> None:
     assert (len(pdos.rpdos), len(pdos.tpdos)) == (4, 4)
 
 
-def test_a_slow_drive_says_nothing_for_15_s_after_each_reset() -> None:
+def test_slow_drive_is_silent_for_15_s_after_each_reset() -> None:
     bench = Bench("slow-boot")
     for _ in range(2):
         bench.frames.clear()
@@ -185,11 +185,11 @@ def test_a_drive_whose_master_stops_guarding_reacts_as_6007h_says() -> None:
     assert bench.node.model.state is State.SWITCH_ON_DISABLED
 
 
-def test_every_shape_but_the_first_is_of_no_known_vendor() -> None:
+def test_every_variant_except_the_first_has_an_unknown_vendor() -> None:
     for name, item in SHAPES.items():
         assert described(name).family == ("engel" if item in (ENGEL, SYNCHRONOUS) else "")
 
 
-def test_a_shape_there_is_not_is_refused_with_those_there_are() -> None:
+def test_unknown_variant_is_rejected_with_the_known_names() -> None:
     with pytest.raises(CanopenError, match="fixed-pdo"):
         shape("round")

@@ -208,9 +208,7 @@ def test_sim_bus_serves_the_devices_of_a_file_and_is_controlled_both_ways(tmp_pa
     assert set(DEVICE_TYPES) == {"drive", "encoder"}
 
 
-def test_a_signal_ends_it_whichever_thread_the_system_gives_it_to(
-    simulation: Simulation, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_signal_ends_the_simulation_in_any_thread(simulation: Simulation, monkeypatch: pytest.MonkeyPatch) -> None:
     ended, hung = threading.Event(), threading.Event()
 
     def elsewhere(console: Console, at_end: object) -> None:
@@ -244,7 +242,7 @@ def signals_put_back() -> Iterator[None]:
 
 
 @pytest.mark.parametrize("kind", DEVICE_TYPES)
-def test_devices_whose_bus_server_is_gone_say_so_and_end(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_devices_report_the_loss_of_their_bus_server_and_end(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     served = ServedBus()
     monkeypatch.setattr(simulation_running, "read_standard_input", lambda *_: served.stop())
     with signals_put_back():
@@ -253,7 +251,7 @@ def test_devices_whose_bus_server_is_gone_say_so_and_end(kind: str, monkeypatch:
     assert f"{kind} 1 on {INTERFACE} {served.channel}: the bus is lost (" in result.stderr
 
 
-def test_a_device_on_an_interface_that_is_unplugged_knows_why_it_is_silent() -> None:
+def test_device_on_an_unplugged_interface_has_the_reason() -> None:
     world = World()
     simulation = Simulation(world.loop)
     member = world.bus("a").join("node 3")
@@ -266,7 +264,7 @@ def test_a_device_on_an_interface_that_is_unplugged_knows_why_it_is_silent() -> 
     simulation.stop()
 
 
-def test_sim_bus_prints_an_example_that_it_takes_and_explains_a_wrong_file(tmp_path: Path) -> None:
+def test_sim_bus_accepts_its_own_example_and_explains_a_wrong_file(tmp_path: Path) -> None:
     assert pdgw("sim", "bus", "--example").stdout == example()
     path = tmp_path / "bus.toml"
     path.write_text(CAN)

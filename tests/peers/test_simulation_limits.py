@@ -50,7 +50,7 @@ def test_a_command_of_any_length_is_answered_or_refused(console: int) -> None:
         assert connection.recv(1000).startswith(b"error: a command has at most")
 
 
-def test_callers_that_go_away_before_the_answer_make_no_noise(console: int, capsys: pytest.CaptureFixture[str]) -> None:
+def test_clients_that_disconnect_early_cause_no_messages(console: int, capsys: pytest.CaptureFixture[str]) -> None:
     for data in [b"status\n" * 1000, b"s"] * 5:
         connection = socket.create_connection(("127.0.0.1", console), timeout=PATIENCE_S)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")

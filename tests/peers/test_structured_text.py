@@ -89,7 +89,7 @@ def test_expressions_have_the_values_of_the_standard(type_: str, expression: str
         ("x := " + "x * " * 150 + "x;", "the statements or parentheses of TRIAL are nested too deep"),
     ],
 )
-def test_what_breaks_a_rule_is_refused_with_its_line(text: str, said: str) -> None:
+def test_invalid_program_is_rejected_with_its_line(text: str, said: str) -> None:
     head = (
         "FUNCTION_BLOCK Trial VAR_INPUT i : INT; END_VAR VAR CONSTANT k : INT := 4; END_VAR "
         "VAR x : INT; r : REAL; w : WORD; b : BOOL; t : TON; a : ARRAY[0..1] OF INT; END_VAR"
@@ -107,7 +107,7 @@ def test_what_breaks_a_rule_is_refused_with_its_line(text: str, said: str) -> No
         ("WHILE TRUE DO x := x + 1; END_WHILE;", "line 2: the loop does not end"),
     ],
 )
-def test_what_fails_while_it_runs_is_told_with_its_line(text: str, said: str) -> None:
+def test_error_at_run_time_is_reported_with_its_line(text: str, said: str) -> None:
     head = "FUNCTION_BLOCK Trial VAR x : INT; a : ARRAY[0..1] OF INT; END_VAR"
     unit = Compiler(lambda: 0, f"{head}\n{text}\nEND_FUNCTION_BLOCK").units["TRIAL"]
     with pytest.raises(StructuredTextError) as failed:
@@ -115,7 +115,7 @@ def test_what_fails_while_it_runs_is_told_with_its_line(text: str, said: str) ->
     assert str(failed.value).startswith(said)
 
 
-def test_a_loop_is_left_by_the_innermost_exit_and_a_temporary_variable_begins_anew() -> None:
+def test_exit_leaves_the_inner_loop_and_temporary_variables_are_reset() -> None:
     unit = Compiler(
         lambda: 0,
         """FUNCTION_BLOCK Trial
@@ -144,7 +144,7 @@ END_FUNCTION_BLOCK""",
         assert (values["N"], values["K"], values["M"]) == (6, 3, -7)
 
 
-def test_what_fails_in_a_block_is_told_with_the_line_and_file_of_that_block() -> None:
+def test_error_in_a_block_is_reported_with_its_file_and_line() -> None:
     inner = "FUNCTION Half : INT VAR_INPUT of : INT; END_VAR\n\nHalf := 100 /\n of;\nEND_FUNCTION"
     outer = "FUNCTION_BLOCK Trial VAR x : INT; END_VAR\nx := Half(0);\nEND_FUNCTION_BLOCK"
     unit = Compiler(lambda: 0, inner, outer, files=("inner.st", "outer.st")).units["TRIAL"]

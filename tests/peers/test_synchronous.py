@@ -65,7 +65,7 @@ def test_a_position_is_reached_in_a_straight_line_over_60c2h() -> None:
     assert bench.run(PERIOD_MS) == pytest.approx([10, 20, 30, 40])
 
 
-def test_a_position_that_stays_away_goes_on_for_one_period_and_then_stands() -> None:
+def test_without_new_positions_the_motion_continues_for_one_period() -> None:
     bench = Bench(Mode.CYCLIC_POSITION)
     for target in (40, 80):
         bench.sync(target_position=target)
@@ -78,7 +78,7 @@ def test_a_position_that_stays_away_goes_on_for_one_period_and_then_stands() -> 
     assert bench.model.state is State.OPERATION_ENABLED
 
 
-def test_without_a_period_of_sync_the_last_target_is_the_end_of_the_way() -> None:
+def test_without_a_sync_period_the_motion_ends_at_the_last_target() -> None:
     bench = Bench(Mode.CYCLIC_POSITION, watched=False)
     for target in (40, 80):
         bench.sync(target_position=target)
@@ -87,7 +87,7 @@ def test_without_a_period_of_sync_the_last_target_is_the_end_of_the_way() -> Non
     assert bench.model.state is State.OPERATION_ENABLED
 
 
-def test_a_speed_that_stays_away_stays() -> None:
+def test_without_new_speeds_the_speed_stays() -> None:
     bench = Bench(Mode.CYCLIC_VELOCITY)
     for _ in range(20):
         bench.sync(target_velocity=1000)
@@ -96,7 +96,7 @@ def test_a_speed_that_stays_away_stays() -> None:
     assert bench.model.velocity_actual == 1000
 
 
-def test_a_torque_accelerates_and_without_it_the_motor_runs_out() -> None:
+def test_torque_accelerates_and_without_it_the_motor_coasts() -> None:
     bench = Bench(Mode.CYCLIC_TORQUE)
     for _ in range(25):
         bench.sync(target_torque=500)
@@ -126,7 +126,7 @@ def test_three_periods_without_sync_are_a_fault_and_the_drive_brakes(mode: Mode)
 
 
 @pytest.mark.parametrize("mode", CYCLIC)
-def test_the_loss_of_sync_is_seen_at_standstill_too(mode: Mode) -> None:
+def test_loss_of_sync_is_detected_at_standstill_too(mode: Mode) -> None:
     bench = Bench(mode)
     bench.sync(target_position=0, target_velocity=0, target_torque=0)
     bench.run(4 * PERIOD_MS)

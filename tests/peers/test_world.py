@@ -68,7 +68,7 @@ def bus() -> Bus:
     return Bus()
 
 
-def test_a_frame_is_heard_by_all_others_after_its_bit_times(bus: Bus) -> None:
+def test_frame_is_received_by_all_others_after_its_bit_time(bus: Bus) -> None:
     begin = bus.loop.now()
     bus.a.port.send(0x181, bytes(8))
     bus.loop.run_for(SECOND)
@@ -76,7 +76,7 @@ def test_a_frame_is_heard_by_all_others_after_its_bit_times(bus: Bus) -> None:
     assert bus.a.frames == []
 
 
-def test_of_frames_that_begin_together_the_lowest_identifier_goes_first(bus: Bus) -> None:
+def test_lowest_identifier_wins_the_arbitration(bus: Bus) -> None:
     bus.a.port.send(0x701, b"")
     bus.b.port.send(0x081, b"")
     bus.c.port.send(0x181, b"")
@@ -94,7 +94,7 @@ def test_a_frame_under_way_is_not_interrupted_and_a_queue_keeps_its_order(bus: B
     assert bus.c.identifiers == [0x701, 0x081, 0x181]
 
 
-def test_standard_goes_before_extended_and_data_before_remote(bus: Bus) -> None:
+def test_arbitration_prefers_standard_and_data_frames(bus: Bus) -> None:
     bus.a.port.send(0x181 << 18 | EXTENDED, b"")
     bus.b.port.send(0x181 | REMOTE, b"")
     bus.c.port.send(0x181, b"")
@@ -112,7 +112,7 @@ def test_an_answer_given_while_a_frame_is_delivered_waits_for_its_arbitration(bu
     assert bus.c.identifiers == [0x601, 0x081, 0x581, 0x581]
 
 
-def test_nobody_acknowledges_a_member_alone_and_its_queue_fills(bus: Bus) -> None:
+def test_single_member_gets_no_acknowledgement_and_its_queue_fills(bus: Bus) -> None:
     bus.a.port.connect(False)
     for number in range(16):
         bus.a.port.send(0x200 + number, b"")
@@ -149,7 +149,7 @@ def test_errors_delay_frames_and_lose_none(bus: Bus) -> None:
     assert bus.b.errors
 
 
-def test_a_controller_that_is_never_understood_becomes_bus_off_and_comes_back(bus: Bus) -> None:
+def test_controller_with_permanent_errors_is_bus_off_and_recovers(bus: Bus) -> None:
     bus.can.error_rate = 1.0
     bus.a.port.send(0x181, b"")
     bus.loop.until(lambda: bus.a.port.bus_off, "bus-off")
@@ -163,7 +163,7 @@ def test_a_controller_that_is_never_understood_becomes_bus_off_and_comes_back(bu
     assert bus.b.identifiers == [0x183], "what was queued before is gone"
 
 
-def test_a_short_circuit_stops_everybody_who_sends(bus: Bus) -> None:
+def test_short_circuit_stops_every_sender(bus: Bus) -> None:
     bus.a.port.send(0x181, bytes(8))
     bus.loop.run_for(FULL // 2)
     bus.can.short(True)
@@ -179,7 +179,7 @@ def test_a_short_circuit_stops_everybody_who_sends(bus: Bus) -> None:
     assert bus.c.identifiers == [0x182]
 
 
-def test_what_was_sent_before_the_interface_was_closed_goes_out_and_only_then_the_member_leaves(bus: Bus) -> None:
+def test_closed_member_sends_its_queue_before_it_leaves(bus: Bus) -> None:
     bus.b.port.send(0x081, bytes(8))
     for can_id in (0x181, 0x000):
         bus.a.port.send(can_id, bytes(8))
@@ -195,7 +195,7 @@ def test_what_was_sent_before_the_interface_was_closed_goes_out_and_only_then_th
     assert len(bus.c.port.queue) == 1, "nobody is left to acknowledge it"
 
 
-def test_a_closed_member_that_is_never_understood_leaves_when_it_is_bus_off(bus: Bus) -> None:
+def test_closed_member_with_permanent_errors_leaves_at_bus_off(bus: Bus) -> None:
     bus.can.error_rate = 1.0
     bus.a.port.send(0x181, b"")
     bus.a.port.close()
@@ -203,7 +203,7 @@ def test_a_closed_member_that_is_never_understood_leaves_when_it_is_bus_off(bus:
     assert bus.b.frames == []
 
 
-def test_an_interface_that_is_unplugged_takes_what_it_had_to_send_with_it() -> None:
+def test_unplugged_interface_loses_its_queue() -> None:
     world = World()
     ear = Ear(world, world.bus("a", BITRATE).join("node"))
     world.open_can(CanConfig(interface="virtual", channel="a")).send(0x181, bytes(8))
@@ -213,7 +213,7 @@ def test_an_interface_that_is_unplugged_takes_what_it_had_to_send_with_it() -> N
     assert ear.frames == []
 
 
-def test_an_unplugged_interface_is_told_and_cannot_be_opened_until_it_is_back() -> None:
+def test_unplugged_interface_is_reported_and_cannot_be_opened() -> None:
     world = World()
     config = CanConfig(interface="virtual", channel="a")
     ear = Ear(world, world.open_can(config))
@@ -254,7 +254,7 @@ class Hosts:
         return self.heard
 
 
-def test_a_good_network_brings_all_in_order() -> None:
+def test_undisturbed_network_delivers_everything_in_order() -> None:
     assert Hosts(1).send() == list(range(200))
 
 
@@ -270,7 +270,7 @@ def test_loss_duplication_and_overtaking() -> None:
     assert sorted(overtaken) == list(range(200))
 
 
-def test_a_host_that_is_cut_off_hears_nothing() -> None:
+def test_disconnected_host_receives_nothing() -> None:
     hosts = Hosts(1)
     hosts.network.cut("b")
     hosts.send(3)
@@ -287,7 +287,7 @@ def test_a_sender_may_use_its_buffer_again() -> None:
     assert hosts.heard == [7]
 
 
-def test_a_port_that_is_taken_is_refused_and_free_again_after_its_end() -> None:
+def test_used_port_is_rejected_and_free_again_after_its_end() -> None:
     network = World().network
     port = network.open("a", 100, "cyclic port")
     with pytest.raises(GatewayError, match="cyclic port: a port 100 cannot be used"):

@@ -64,7 +64,7 @@ def test_to_wire_never_leaves_the_range_of_the_type(reference: Fraction, value: 
 
 
 @given(reference=references, wire=st.integers(*I32), low=st.integers(-1000, 0), high=st.integers(0, 1000))
-def test_to_value_saturates_at_the_objects_limits_and_says_so(
+def test_to_value_saturates_at_the_objects_limits_and_reports_it(
     reference: Fraction, wire: int, low: int, high: int
 ) -> None:
     conversion = n4(reference, (low, high))

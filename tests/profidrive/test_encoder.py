@@ -96,7 +96,7 @@ def test_reference_marks_and_measuring_are_not_supported(command: int) -> None:
     assert sensor.step(command, 7, 0) == (0x8000, 7, 0x0F01)
 
 
-def test_requests_that_stand_when_the_plc_comes_are_no_edges() -> None:
+def test_requests_active_at_connect_are_no_edges() -> None:
     sensor = SensorInterface(RANGE)
     for word in (PRESET, None, PRESET):
         sensor.step(word, 7, 0)
@@ -106,7 +106,7 @@ def test_requests_that_stand_when_the_plc_comes_are_no_edges() -> None:
     assert sensor.preset_request is not None
 
 
-def test_a_position_lost_is_an_error_one_that_never_was_is_none() -> None:
+def test_lost_position_is_an_error_and_a_missing_first_one_is_not() -> None:
     sensor = SensorInterface(RANGE)
     assert sensor.step(ABSOLUTE, 0, 0, valid=False) == (0, 0, 0)
     assert sensor.step(ABSOLUTE, 7, 0) == (ABSOLUTE, 7, 7)
@@ -135,7 +135,7 @@ def test_a_sensor_without_preset_refuses_it() -> None:
     assert sensor.step(PRESET | RELATIVE, 7, 0) == (0x8000, 7, 0x0F01)
 
 
-def test_a_preset_that_failed_tells_why() -> None:
+def test_failed_preset_shows_its_error() -> None:
     sensor = SensorInterface(RANGE)
     sensor.step(0, 7, 0)
     sensor.step(PRESET, 7, 0)
@@ -143,7 +143,7 @@ def test_a_preset_that_failed_tells_why() -> None:
     assert sensor.step(PRESET, 7, 0) == (0x8000, 7, 0x0F01)
 
 
-def test_an_answer_nobody_waits_for_changes_nothing() -> None:
+def test_unexpected_answer_changes_nothing() -> None:
     sensor = SensorInterface(RANGE)
     sensor.step(0, 7, 0)
     sensor.preset_failed()
@@ -151,7 +151,7 @@ def test_an_answer_nobody_waits_for_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize("total_range", [0, -5, (1 << 64) + 1])
-def test_no_sensor_has_that_range(total_range: int) -> None:
+def test_impossible_range_is_rejected(total_range: int) -> None:
     with pytest.raises(ProfidriveError, match="total measuring range"):
         SensorInterface(total_range)
 
@@ -236,7 +236,7 @@ def test_a_preset_sets_the_position_and_leaves_xist1(
 
 
 @pytest.mark.parametrize("relative", [0, RELATIVE])
-def test_a_preset_is_confirmed_beside_the_position_that_has_it(relative: int) -> None:
+def test_preset_is_confirmed_together_with_its_position(relative: int) -> None:
     sensor = SensorInterface(RANGE)
     sensor.preset_value = 400
     word = ABSOLUTE | PRESET | relative
@@ -259,7 +259,7 @@ def test_a_jump_long_after_a_preset_is_motion() -> None:
     assert sensor.step(0, 400, PRESET_SETTLE_NS + 1)[1] == 400
 
 
-def test_parking_freezes_xist1_and_what_was_missed_is_not_made_up() -> None:
+def test_parking_freezes_xist1_and_skips_the_motion_meanwhile() -> None:
     sensor = SensorInterface(RANGE)
     sensor.step(0, 100, 0)
     assert sensor.step(0, 110, 0) == (0, 110, 0)
@@ -270,7 +270,7 @@ def test_parking_freezes_xist1_and_what_was_missed_is_not_made_up() -> None:
     assert sensor.xist3 == 505
 
 
-def test_another_range_counts_on() -> None:
+def test_xist1_continues_with_another_range() -> None:
     sensor = SensorInterface(RANGE)
     sensor.step(0, 990, 0)
     sensor.set_total_range(4000)
@@ -317,7 +317,7 @@ def test_without_control_by_plc_only_the_sign_of_life_is_evaluated() -> None:
     assert encoder.step(FAULT_ACKNOWLEDGE | CONTROL | 0x4000, fault=False, warning=False) == REQUESTED | FAULT | 0x2000
 
 
-def test_an_acknowledge_that_stands_when_the_plc_comes_is_no_edge() -> None:
+def test_acknowledge_set_at_connect_is_no_edge() -> None:
     encoder = control()
     encoder.step(CONTROL, fault=True, warning=False)
     encoder.step(None, fault=False, warning=False)

@@ -96,7 +96,7 @@ def test_a_capture_shows_stw1_bits_and_signal_names(tmp_path: Path) -> None:
 
 @pytest.mark.tshark
 @tshark.needs_tshark
-def test_tshark_reads_the_header_fields_we_meant(tmp_path: Path) -> None:
+def test_tshark_reads_the_same_header_fields(tmp_path: Path) -> None:
     capture = tmp_path / "plc.pcap"
     cases = [(0x0000, 0x35), (0xFFFF, 0x35), (0x1234, 0x25), (0x8000, 0x31), (0x0020, 0x34)]
     frames = [

@@ -92,7 +92,7 @@ def test_a_read_without_a_value_is_an_error(mode: int, error: SensorError) -> No
         (ON_THE_FLY, False, SensorError.COMMAND_NOT_SUPPORTED),
     ],
 )
-def test_a_device_that_does_not_carry_it_out_is_an_error(mode: int, supported: bool, error: SensorError) -> None:
+def test_unexecuted_measurement_is_an_error(mode: int, supported: bool, error: SensorError) -> None:
     bench = Bench()
     bench.step(mode | ACTIVATE | 1)
     assert bench.sensor.measuring is not None

@@ -17,7 +17,7 @@ def test_the_own_counter_runs_1_to_15_without_0() -> None:
     assert not life.failed
 
 
-def test_a_controller_without_a_sign_of_life_is_neither_watched_nor_answered() -> None:
+def test_controller_without_sign_of_life_is_neither_monitored_nor_answered() -> None:
     life = SignOfLife(0)
     assert [life.step(0) for _ in range(20)] == [0] * 20
     assert not life.failed
@@ -50,7 +50,7 @@ def test_a_lost_frame_is_one_failure() -> None:
     assert life.failures == 0
 
 
-def test_a_controller_that_starts_anew_is_right_again_after_one_failure() -> None:
+def test_restarted_controller_causes_one_failure() -> None:
     life = SignOfLife(0)
     for counter in (4, 5, 11):
         life.step(counter)
@@ -60,7 +60,7 @@ def test_a_controller_that_starts_anew_is_right_again_after_one_failure() -> Non
 
 
 @given(st.lists(st.integers(0, 15)), st.integers(0, 20))
-def test_never_failed_while_the_last_counter_was_right(counters: list[int], tolerated: int) -> None:
+def test_no_failure_while_the_last_counter_is_correct(counters: list[int], tolerated: int) -> None:
     life = SignOfLife(tolerated)
     for counter in counters:
         own = life.step(counter)

@@ -91,7 +91,7 @@ def test_telegram_has_the_words_of_the_standard(number: int, words: tuple[int, i
         ),
     ],
 )
-def test_signals_of_the_motion_telegrams_lie_where_drives_put_them(
+def test_signals_of_motion_telegrams_have_the_offsets_of_real_drives(
     number: int, direction: Direction, words: dict[str, int]
 ) -> None:
     half = telegram(number).half(direction)
@@ -113,13 +113,13 @@ def test_a_form_of_the_positioner_has_the_number_and_width_of_the_catalogues() -
         assert (form.number, form.words) == (signal(name).number, signal(name).words)
 
 
-def test_of_telegrams_as_long_as_another_the_better_known_layout_is_assumed() -> None:
+def test_of_equally_long_telegrams_the_more_common_one_is_assumed() -> None:
     assert likeliest([6, 9, 105]) == 9
     assert likeliest([4, 102]) == 102
     assert likeliest([82, 81]) == 81
 
 
-def test_telegram_100_lies_where_the_manufacturer_put_it() -> None:
+def test_telegram_100_has_the_manufacturers_offsets() -> None:
     manufacturer = telegram(100)
     setpoints, actuals = manufacturer.setpoints, manufacturer.actuals
     assert dict(zip(setpoints.names, word_positions(setpoints), strict=True)) == TELEGRAM_100_SETPOINT_WORDS

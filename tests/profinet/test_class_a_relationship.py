@@ -39,7 +39,7 @@ def input_frames(wire: Wire) -> Iterator[tuple[int, bytes]]:
             yield when, frame
 
 
-def test_alarm_a_burst_of_six_diagnoses_is_told_one_by_one_in_sequence() -> None:
+def test_alarm_a_burst_of_six_diagnoses_is_sent_one_by_one() -> None:
     wire = Wire()
     wire.connect()
     classes = list(MessageClass)[:6]
@@ -123,7 +123,7 @@ def test_rtc_input_frames_keep_the_cycle_and_their_counter(ratio: int) -> None:
     assert {frame[-2] for _, frame in frames} == {0x35}, "primary, valid, run, no problem"
 
 
-def test_rtc_the_first_valid_frame_comes_within_the_data_hold_time() -> None:
+def test_rtc_the_first_valid_frame_is_within_the_data_hold_time() -> None:
     wire = Wire(of_project=project(reduction_ratio=4, data_hold=3))
     wire.connect()
     connect = next(when for when, frame in wire.times if frame[12:14] == b"\x08\x00")

@@ -30,5 +30,5 @@ def test_a_frame_is_header_payload_and_zeros_up_to_60_bytes() -> None:
     ],
     ids=["untagged", "another type", "13 bytes", "tagged", "17 bytes", "tag cut short", "addresses alone"],
 )
-def test_the_payload_is_behind_the_type_with_or_without_a_tag(behind: str, found: tuple[int, int]) -> None:
+def test_payload_follows_the_type_with_and_without_a_tag(behind: str, found: tuple[int, int]) -> None:
     assert ethernet.payload_of(TO + FROM + bytes.fromhex(behind)) == found

@@ -54,7 +54,7 @@ def test_every_reference_has_its_target_and_every_text_is_used() -> None:
     assert {item.attrib["SubmoduleItemTarget"] for item in every("SubmoduleItemRef")} == submodules
 
 
-def test_what_is_plugged_in_one_place_has_one_identification() -> None:
+def test_submodule_in_one_place_has_one_identification() -> None:
     submodules = {item.attrib["ID"]: number(item, "SubmoduleIdentNumber") for item in every("SubmoduleItem")}
     modules = every("ModuleItem")
     assert len({number(item, "ModuleIdentNumber") for item in [*modules, *every("DeviceAccessPointItem")]}) == 3
@@ -73,7 +73,7 @@ def places(text: str) -> set[int]:
     return found
 
 
-def test_what_can_be_plugged_lies_where_there_is_a_place_for_it() -> None:
+def test_pluggable_modules_fit_existing_slots() -> None:
     (point,) = every("DeviceAccessPointItem")
     slots = places(point.attrib["PhysicalSlots"])
     assert places(point.attrib["FixedInSlots"]) == {0}
@@ -272,7 +272,7 @@ REDUNDANT = ElementTree.fromstring(GsdmlWriter(IDENTITY, "pdgw", KINDS, redundan
 
 
 @pytest.mark.parametrize("root", [ROOT, REDUNDANT], ids=["one controller", "two"])
-def test_elements_stand_in_the_order_of_the_schema(root: ElementTree.Element) -> None:
+def test_elements_have_the_order_of_the_schema(root: ElementTree.Element) -> None:
     for item in root.iter():
         name = item.tag.removeprefix(NS)
         allowed = ORDER.get(name, "").split()
@@ -322,7 +322,7 @@ def test_snmp_with_writing_is_declared_as_class_b(keys: str, conformance: str, p
     assert interface.attrib["SupportedProtocols"] == protocols
 
 
-def test_what_engineering_tools_ask_of_this_version_beyond_the_schema_is_there() -> None:
+def test_gsdml_meets_requirements_of_tools_beyond_the_schema() -> None:
     (point,) = every("DeviceAccessPointItem")
     assert point.attrib["PNIO_Version"] == "V2.4"
     assert [item.tag for item in point].count(NS + "CertificationInfo") == 1
@@ -347,7 +347,7 @@ def test_the_longest_frames_of_a_project_fit_what_the_file_allows() -> None:
 @pytest.mark.skipif("PDGW_GSDML_SCHEMA" not in os.environ, reason="PDGW_GSDML_SCHEMA names no folder with PI's schema")
 @pytest.mark.parametrize("redundant", [False, True])
 @pytest.mark.parametrize("snmp", Snmp)
-def test_pis_schema_accepts_the_file(redundant: bool, snmp: Snmp) -> None:
+def test_gsdml_schema_of_pi_accepts_the_file(redundant: bool, snmp: Snmp) -> None:
     """PI's ``GSDML-DeviceProfile-v2.*.xsd`` may not be copied here: docs/profinet.md says where to find it."""
     etree = pytest.importorskip("lxml.etree", reason="lxml is not installed")
     (newest, *_) = sorted(Path(os.environ["PDGW_GSDML_SCHEMA"]).glob("GSDML-DeviceProfile-v*.xsd"), reverse=True)

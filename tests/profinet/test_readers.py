@@ -199,7 +199,7 @@ RECORD_NAMES = {
 
 @tshark.needs_tshark
 @pytest.mark.tshark
-def test_every_record_has_the_index_that_tshark_knows_by_its_name(tmp_path: Path) -> None:
+def test_every_record_index_has_the_same_name_in_tshark(tmp_path: Path) -> None:
     caller = RecordCaller(UUID(int=5), dcerpc.object_uuid(1, 0x0402, 0xFFFF), UUID(int=7))
     ends = (PLC_IP, 50_000), (str(DEVICE_IP.address), dcerpc.ACYCLIC_PORT)
     packets = [packet for index in Index for packet in caller.read(0, 0, 1, index, implicit=True).packets]

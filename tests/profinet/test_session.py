@@ -37,7 +37,7 @@ def test_release_ends_the_relationship_and_a_new_one_is_possible_at_once() -> No
     assert [event.ended.code for event in wire.told(Disconnected)] == [AbortCode.RELEASED] * 3
 
 
-def test_a_controller_that_falls_silent_is_lost_within_the_data_hold_time() -> None:
+def test_silent_controller_is_lost_within_the_data_hold_time() -> None:
     wire = Wire(of_project=project(reduction_ratio=8, data_hold=3))
     wire.connect()
     wire.run(100 * MS)

@@ -126,7 +126,7 @@ def test_tshark_reads_frames_checksums_and_comment(tmp_path: Path) -> None:
     assert (int(row["pn_rt.frame_id"], 0), row["ip.checksum.status"]) == (0xC001, "1")
 
 
-def test_the_configuration_is_looked_for_in_the_captures_then_beside_them(
+def test_configuration_is_read_from_the_capture_or_its_folder(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     files = speed().frames.write(tmp_path)
@@ -157,7 +157,7 @@ def test_can_frames_keep_their_kind(tmp_path: Path) -> None:
     assert texts[2] == "node guarding request"
 
 
-def test_a_full_recording_is_put_aside_and_the_oldest_go(tmp_path: Path) -> None:
+def test_full_recording_is_rotated_and_the_oldest_are_deleted(tmp_path: Path) -> None:
     captures = Captures(tmp_path, config_text(simulated([1])), size=2000, files=2)
     for number in range(200):
         captures.write(LinkType.CAN_SOCKETCAN, "can0", number, can_packet(0x181, number.to_bytes(8, "big")))
@@ -175,7 +175,7 @@ def test_a_full_recording_is_put_aside_and_the_oldest_go(tmp_path: Path) -> None
     assert len(numbers) > 40
 
 
-def test_a_recording_that_somebody_took_away_is_followed_by_another(tmp_path: Path) -> None:
+def test_removed_recording_is_followed_by_a_new_one(tmp_path: Path) -> None:
     captures = Captures(tmp_path, config_text(simulated([1])), size=2000, files=2)
     packet = can_packet(0x181, bytes(8))
     captures.write(LinkType.CAN_SOCKETCAN, "can0", 1, packet)

@@ -83,7 +83,7 @@ def test_every_file_is_a_part(plant: Path, tmp_path: Path, capsys: pytest.Captur
     assert f"{out}: 24 rows from 3 files in " in capsys.readouterr().out
 
 
-def test_a_part_is_written_anew_and_never_half(plant: Path, tmp_path: Path) -> None:
+def test_part_is_rewritten_completely(plant: Path, tmp_path: Path) -> None:
     file = captures_of([str(plant)])[0]
     options = ArchiveOptions(tuple(SIGNALS), (1,))
     first = write_part(file, tmp_path, options)
@@ -93,14 +93,14 @@ def test_a_part_is_written_anew_and_never_half(plant: Path, tmp_path: Path) -> N
     assert len(rows(next(tmp_path.glob("file=*")))) == 8
 
 
-def test_the_work_on_a_file_goes_to_other_machines(plant: Path, tmp_path: Path) -> None:
+def test_work_on_a_file_can_be_distributed(plant: Path, tmp_path: Path) -> None:
     options = pickle.loads(pickle.dumps(ArchiveOptions(("NSOLL_A",), (1,), filter_text="nsoll_a > 0")))
     part = pickle.loads(pickle.dumps(write_part(captures_of([str(plant)])[0], tmp_path, options)))
     assert isinstance(part, Part)
     assert part.rows == 3
 
 
-def test_a_damaged_file_keeps_what_is_before_the_damage_and_is_told(
+def test_damaged_file_is_reported_and_keeps_the_data_before_it(
     plant: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     data = captures.pcapng(PACKETS)
@@ -114,7 +114,7 @@ def test_a_damaged_file_keeps_what_is_before_the_damage_and_is_told(
     assert "16 rows from 3 files, 2 damaged" in told.out
 
 
-def test_what_cannot_be_done_is_told_before_anything_is_read(plant: Path, tmp_path: Path) -> None:
+def test_impossible_options_are_rejected_before_reading(plant: Path, tmp_path: Path) -> None:
     out = tmp_path / "set"
     assert is_data_set(out)
     assert not is_data_set(tmp_path / "one.parquet")
@@ -135,7 +135,7 @@ def test_what_cannot_be_done_is_told_before_anything_is_read(plant: Path, tmp_pa
     assert not out.exists()
 
 
-def test_duckdb_asks_the_data_set(
+def test_duckdb_queries_the_data_set(
     plant: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("duckdb", reason="the extra archive is not installed")

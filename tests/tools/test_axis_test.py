@@ -104,7 +104,7 @@ class Site:
 
 
 @pytest.mark.parametrize("name", ["engel", "counts", "si", "csv", "rpm", "vl", "four-pdo", "slow-boot"])
-def test_a_drive_of_any_shape_turns_as_it_is_told_and_not_further(name: str) -> None:
+def test_every_drive_variant_turns_as_commanded_and_not_further(name: str) -> None:
     site = Site(shape=shape(name))
     outcome = site.run()
     assert outcome.passed, site.lines
@@ -126,7 +126,7 @@ def test_a_drive_of_any_shape_turns_as_it_is_told_and_not_further(name: str) -> 
     ("turns", "passed", "witnessed"),
     [("2.5", True, True), ("2,6", True, True), ("", True, False), ("yes", True, False), (None, True, False)],
 )
-def test_without_a_number_of_turns_nothing_is_witnessed(turns: str | None, passed: bool, witnessed: bool) -> None:
+def test_without_a_number_of_turns_nothing_is_verified(turns: str | None, passed: bool, witnessed: bool) -> None:
     site = Site(turns=turns)
     outcome = site.run()
     assert (outcome.passed, outcome.witnessed) == (passed, witnessed)
@@ -135,7 +135,7 @@ def test_without_a_number_of_turns_nothing_is_witnessed(turns: str | None, passe
     assert site.stands_without_power(), "while the person counts"
 
 
-def test_resolution_that_is_wrong_everywhere_is_found_by_the_mark() -> None:
+def test_consistently_wrong_resolution_is_detected_by_the_mark() -> None:
     honest = shape("counts")
     own = [spec for spec in honest.has if spec.index not in {0x607F, 0x608F}]
     parts = (Entry(0x608F, sub, "", CanType.U32, default=16 * TURN if sub == 1 else 1) for sub in (1, 2))
@@ -151,14 +151,14 @@ def test_resolution_that_is_wrong_everywhere_is_found_by_the_mark() -> None:
     assert any("the mark made 41 turns, commanded were 2." in line for line in site.lines)
 
 
-def test_the_other_direction_and_another_speed_are_a_choice() -> None:
+def test_direction_and_speed_are_options() -> None:
     site = Site(choices=Choices(Fraction(-5), Fraction(1)))
     assert site.run().passed, site.lines
     assert -2.5 < site.turned < -1.2
     assert 149 < site.fastest < 151
 
 
-def test_a_drive_whose_units_are_not_known_is_not_turned_and_the_key_is_told() -> None:
+def test_drive_with_unknown_units_is_not_turned_and_the_key_is_named() -> None:
     site = Site(shape=replace(shape("rpm"), lacks=shape("rpm").lacks | {0x6080}))
     outcome = site.run()
     assert not outcome.passed
@@ -176,14 +176,14 @@ def test_without_the_typed_words_no_power_is_switched_on(typed: str) -> None:
     assert site.states <= {State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED}
 
 
-def test_who_types_nothing_is_not_waited_for_for_ever() -> None:
+def test_missing_confirmation_times_out() -> None:
     site = Site(typed=None)
     assert "an input" in site.run().doubt
     assert State.OPERATION_ENABLED not in site.states
     assert site.world.loop.now() < 200 * SECOND
 
 
-def test_a_unit_that_is_wrong_by_two_is_found_at_the_creep_speed_and_it_is_not_turned_faster() -> None:
+def test_unit_wrong_by_two_is_detected_at_creep_speed() -> None:
     site = Site('velocity_unit = "rpm"\n' + WRONG)
     outcome = site.run()
     assert not outcome.passed
@@ -197,7 +197,7 @@ def test_a_unit_that_is_wrong_by_two_is_found_at_the_creep_speed_and_it_is_not_t
 
 
 @pytest.mark.parametrize("unit", ["1/4 rpm", "0.1 rpm", "0.005 rpm"])
-def test_a_unit_with_which_it_turns_faster_than_it_should_stops_within_a_fraction_of_a_turn(unit: str) -> None:
+def test_too_fast_motion_stops_within_a_fraction_of_a_turn(unit: str) -> None:
     site = Site(f'velocity_unit = "{unit}"\n' + WRONG)
     outcome = site.run()
     assert "wrong units, or runaway" in outcome.doubt
@@ -205,7 +205,7 @@ def test_a_unit_with_which_it_turns_faster_than_it_should_stops_within_a_fractio
     assert site.stands_without_power()
 
 
-def test_a_wrong_count_per_revolution_is_told_with_both_ways_to_read_it() -> None:
+def test_wrong_counts_per_revolution_has_both_explanations() -> None:
     site = Site("counts_per_revolution = 8192\n")
     outcome = site.run()
     assert outcome.position_factor is not None
@@ -226,7 +226,7 @@ def test_a_position_that_wraps_is_followed(at: int) -> None:
     assert 1.2 < abs(outcome.moved) / TURN < 2
 
 
-def test_answers_that_were_held_up_on_their_way_do_not_make_units_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_delayed_answers_do_not_make_units_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     site = Site()
     read, chance = AxisTest._position, Random(7)
 
@@ -242,7 +242,7 @@ def test_answers_that_were_held_up_on_their_way_do_not_make_units_wrong(monkeypa
     assert abs(outcome.position_factor - 1) < Fraction(1, 50)
 
 
-def test_a_drive_that_is_deaf_from_the_start_is_not_waited_for_for_ever() -> None:
+def test_drive_that_never_reacts_times_out() -> None:
     site = Site()
     site.drive.do(lambda node: node.misbehave("deaf"))
     outcome = site.run()
@@ -250,7 +250,7 @@ def test_a_drive_that_is_deaf_from_the_start_is_not_waited_for_for_ever() -> Non
     assert site.turned == 0
 
 
-def test_a_drive_that_turns_deaf_is_stopped_by_what_the_axis_machine_has_left() -> None:
+def test_drive_that_stops_reacting_is_stopped_by_nmt() -> None:
     site = Site()
     site.when_turning(lambda: site.drive.do(lambda node: node.misbehave("deaf")))
     outcome = site.run()
@@ -300,7 +300,7 @@ def test_ctrl_c_stops_the_drive_by_quick_stop() -> None:
     assert site.stands_without_power()
 
 
-def test_a_plc_that_sends_is_not_taken_over() -> None:
+def test_axis_test_does_not_start_beside_a_plc() -> None:
     site = Site()
     plc = site.world.network.open("plc", 0, "PLC")
     address = str(site.config.transport.listen), 34980
@@ -314,7 +314,7 @@ def test_a_plc_that_sends_is_not_taken_over() -> None:
     assert site.turned == 0
 
 
-def test_a_plc_that_is_switched_on_meanwhile_ends_it() -> None:
+def test_plc_switched_on_meanwhile_ends_the_axis_test() -> None:
     config = configuration(axis(1, more=""), transport="watchdog_factor = 75\n")
     config = config.model_copy(update={"transport": config.transport.model_copy(update={"cyclic_port": 34980})})
     site = Site(config=config)
@@ -324,7 +324,7 @@ def test_a_plc_that_is_switched_on_meanwhile_ends_it() -> None:
     assert site.stands_without_power()
 
 
-def test_beside_a_running_gateway_nothing_is_begun() -> None:
+def test_axis_test_does_not_start_beside_a_gateway() -> None:
     config = configuration(axis(1, more=""))
     config = config.model_copy(update={"transport": config.transport.model_copy(update={"cyclic_port": 34980})})
     site = Site(config=config)
@@ -335,7 +335,7 @@ def test_beside_a_running_gateway_nothing_is_begun() -> None:
 
 
 @pytest.mark.parametrize("turning", [False, True], ids=["before", "while it turns"])
-def test_another_master_on_the_bus_ends_it(turning: bool) -> None:
+def test_another_master_ends_the_axis_test(turning: bool) -> None:
     site = Site()
     other = site.world.bus(BUS).join("other")
 
@@ -359,12 +359,12 @@ def test_a_speed_below_one_unit_of_the_drive_is_refused() -> None:
     assert site.turned == 0
 
 
-def test_an_axis_that_is_none_is_told_with_those_there_are() -> None:
+def test_unknown_axis_is_reported_with_the_known_ones() -> None:
     with pytest.raises(GatewayError, match=r"DO 7: not an axis, allowed: \[1\]"):
         AxisTest(configuration(axis(1)), 7, World(), print, lambda *_: None, CHOICES)
 
 
-def test_kept_witness_is_of_one_drive_and_its_units() -> None:
+def test_stored_verification_is_of_one_drive_and_its_units() -> None:
     outcome = Site(turns="2.5").run()
     assert outcome.scaling is not None
     kept = witnessed("2026-11-22", outcome.serial_number, outcome.scaling)
@@ -380,7 +380,7 @@ def test_kept_witness_is_of_one_drive_and_its_units() -> None:
     assert witness_text(kept, 1, changed).endswith("was for other units")
 
 
-def test_status_says_whether_the_units_were_witnessed(tmp_path: Path) -> None:
+def test_status_shows_whether_the_units_are_verified(tmp_path: Path) -> None:
     outcome = Site(turns="2.5").run()
     assert outcome.scaling is not None
     store = ParameterStore(tmp_path / "store.json", print)
@@ -397,7 +397,7 @@ def test_status_says_whether_the_units_were_witnessed(tmp_path: Path) -> None:
 
 
 @pytest.mark.e2e
-def test_the_command_turns_a_simulated_axis_after_what_was_typed(tmp_path: Path) -> None:
+def test_command_turns_a_simulated_axis_after_confirmation(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
     file.write_text(
         '[can]\ninterface = "virtual"\nchannel = "x"\n[transport]\ncyclic_port = 0\n'

@@ -17,7 +17,7 @@ _WHOLE = "usable with telegrams: 1, 2, 3,"
 """Said of a drive that has answered everything in time."""
 
 
-def test_a_bus_that_crosses_processes_is_scanned_and_told_in_text_and_json() -> None:
+def test_loopback_bus_is_scanned_with_text_and_json_output() -> None:
     with ServedBus(0) as hub:
         place = ("--interface", INTERFACE, "--channel", hub.channel)
         with SimulatedDrive(open_bus(INTERFACE, hub.channel), 5):
@@ -41,7 +41,7 @@ def test_a_bus_that_crosses_processes_is_scanned_and_told_in_text_and_json() -> 
     assert (node["node_id"], node["profile"], node["family"], node["telegrams"]["1"]) == (5, 402, "engel", "")
 
 
-def test_the_buses_of_a_configuration_are_scanned_and_what_is_missing_is_told(tmp_path: Path) -> None:
+def test_scan_of_a_configuration_reports_missing_nodes(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
     channel = buses.channel()
     file.write_text(

@@ -32,7 +32,7 @@ _HELPERS = {"__init__", "options"}
 
 
 @pytest.mark.parametrize(("name", "entry"), ENTRIES, ids=[name for name, _ in ENTRIES])
-def test_the_table_says_of_a_command_what_the_command_says_of_itself(name: str, entry: Entry) -> None:
+def test_command_table_has_the_help_line_of_each_command(name: str, entry: Entry) -> None:
     command = entry.load(name)
     own = (command.help or "").split("\n\n")[0]
     assert entry.help == " ".join(own.split())
@@ -61,7 +61,7 @@ def invoke(name: str, *arguments: str) -> Result:
 
 
 @pytest.mark.parametrize(("name", "command"), EVERY, ids=[name for name, _ in EVERY])
-def test_an_option_with_one_value_is_not_given_twice(name: str, command: Any) -> None:
+def test_repeated_option_with_one_value_is_rejected(name: str, command: Any) -> None:
     assert isinstance(command, Command | Group), "what looks at it"
     options = [item for item in command.params if isinstance(item, TyperOption)]
     for option in options:
@@ -88,7 +88,7 @@ REPORTS = [
 
 @pytest.mark.parametrize(("name", "option"), REPORTS)
 @pytest.mark.parametrize(("place", "why"), [(".", "Is a directory"), ("nowhere/x.out", "No such file or directory")])
-def test_a_file_that_cannot_be_written_is_told_before_the_work(
+def test_unwritable_file_is_reported_before_the_work(
     name: str, option: str, place: str, why: str, tmp_path: Path
 ) -> None:
     arguments = ["x"] * (name in {"decode", "timeline"})
@@ -158,7 +158,7 @@ def test_h_is_help_everywhere(arguments: list[str]) -> None:
     assert "Usage: " in short.output
 
 
-def test_an_unknown_command_is_told_with_what_was_meant() -> None:
+def test_unknown_command_is_reported_with_a_suggestion() -> None:
     result = CliRunner().invoke(app, ["statsu"])
     assert result.exit_code == 2
     assert "Did you mean 'status'?" in result.output
@@ -183,7 +183,7 @@ run()
 
 @pytest.mark.e2e
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-def test_ctrl_c_while_the_command_is_loaded_ends_it_without_a_word() -> None:
+def test_ctrl_c_while_the_command_loads_prints_nothing() -> None:
     cases = [
         ("signal", "exception"),
         ("typer", "exception"),
@@ -205,7 +205,7 @@ def test_ctrl_c_while_the_command_is_loaded_ends_it_without_a_word() -> None:
         (["status", "--port", "99999"], "less than or equal to 65535"),
     ],
 )
-def test_a_port_that_is_none_is_told(arguments: list[str], told: str) -> None:
+def test_invalid_port_is_reported(arguments: list[str], told: str) -> None:
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 2
     assert told in " ".join(result.output.replace("│", " ").split())

@@ -40,7 +40,7 @@ def _check(tmp_path: Path, telegram: int = 1, keys: str = "") -> tuple[int, str]
     return result.exit_code, result.output
 
 
-def test_the_drive_on_the_bus_is_asked_for_its_units(tmp_path: Path) -> None:
+def test_units_are_read_from_the_drive_on_the_bus(tmp_path: Path) -> None:
     status, output = _check(tmp_path, telegram=9)
     assert status == 0
     assert "speed: 100 % = 3000 rpm = 60FFh 6000 (from 6080h, 6094h: 1/2 rpm)" in output
@@ -65,7 +65,7 @@ def test_a_node_that_does_not_answer_is_named(tmp_path: Path, caplog: pytest.Log
     assert [item.getMessage() for item in caplog.records if item.name.startswith("canopen")] == []
 
 
-def test_a_unit_that_is_none_is_refused_with_its_key(tmp_path: Path) -> None:
+def test_invalid_unit_is_rejected_with_its_key(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
     file.write_text(CONFIG.format(channel="x", telegram=1, keys='velocity_unit = "knots"'))
     result = CliRunner().invoke(app, ["check", str(file)])
@@ -74,7 +74,7 @@ def test_a_unit_that_is_none_is_refused_with_its_key(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("objects", ["60A9", "6041h", "x"])
-def test_ignored_object_that_tells_no_unit_is_refused(tmp_path: Path, objects: str) -> None:
+def test_ignored_object_without_a_unit_is_rejected(tmp_path: Path, objects: str) -> None:
     file = tmp_path / "gateway.toml"
     file.write_text(CONFIG.format(channel="x", telegram=1, keys=f'ignored_unit_objects = ["{objects}"]'))
     result = CliRunner().invoke(app, ["check", str(file)])
@@ -105,7 +105,7 @@ def test_an_object_missing_from_the_data_sheet_is_named_without_the_bus(tmp_path
         (4, "[realtime]\npriority = 0\n", "docs/service.md); [realtime] priority = 0 disables it"),
     ],
 )
-def test_a_cycle_below_8_ms_is_told_what_it_needs(tmp_path: Path, cycle_ms: int, keys: str, said: str) -> None:
+def test_requirements_of_a_cycle_below_8_ms_are_printed(tmp_path: Path, cycle_ms: int, keys: str, said: str) -> None:
     file = tmp_path / "gateway.toml"
     head = f"{keys}[transport]\ncycle_time_ms = {cycle_ms}\n"
     file.write_text(head + CONFIG.format(channel=buses.channel(), telegram=1, keys=""))

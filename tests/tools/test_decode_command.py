@@ -84,7 +84,7 @@ def test_json_is_one_object_for_each_packet(capture: str, capsys: pytest.Capture
     }
 
 
-def test_the_telegram_is_inferred_and_said_so(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_inferred_telegram_is_reported(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
     decode([capture], count=2)
     captured = capsys.readouterr()
     assert "note: inferred from length and status bytes: axis 1 telegram 1" in captured.err
@@ -137,7 +137,7 @@ def test_selections(
     assert [json.loads(line)["number"] for line in lines(capsys)] == numbers
 
 
-def test_a_wrong_telegram_is_told_once_for_each_direction(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_telegram_is_reported_once_for_each_direction(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
     decode([capture], telegram=[9], stats=True)
     notes = capsys.readouterr().err.splitlines()
     assert notes == [
@@ -148,7 +148,7 @@ def test_a_wrong_telegram_is_told_once_for_each_direction(capture: str, capsys: 
     assert not capsys.readouterr().err
 
 
-def test_a_few_packets_are_read_as_the_whole_file_is(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_few_packets_are_decoded_like_the_whole_file(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
     decode([capture])
     whole = capsys.readouterr()
     decode([capture], count=1)
@@ -245,12 +245,12 @@ def test_parquet_has_the_rows_of_the_table(capture: str, tmp_path: Path) -> None
         ({"direction": DirectionOption.ACTUAL}, "--direction: allowed only with --hex"),
     ],
 )
-def test_bad_options_are_told_by_name(options: dict[str, object], message: str, capture: str) -> None:
+def test_bad_options_are_named(options: dict[str, object], message: str, capture: str) -> None:
     with pytest.raises((GatewayError, ProfidriveError), match=message):
         decode([capture], **options)  # type: ignore[arg-type]
 
 
-def test_a_bad_eds_is_told_before_the_first_packet(
+def test_bad_eds_is_reported_before_the_first_packet(
     capture: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bad = tmp_path / "bad.eds"
@@ -284,7 +284,7 @@ def test_damage_ends_with_status_1_after_everything_before(tmp_path: Path) -> No
 
 
 @pytest.mark.e2e
-def test_standard_input_and_a_reader_that_leaves(tmp_path: Path) -> None:
+def test_closed_output_pipe_ends_decoding_of_standard_input(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "pdgw", "decode"]
     result = subprocess.run(
         [*command, "-", "--json"], input=captures.pcapng(PACKETS), capture_output=True, check=False, timeout=PATIENCE_S

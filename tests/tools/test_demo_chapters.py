@@ -25,7 +25,7 @@ FREE_PORTS = "cyclic_port = 0\nacyclic_port = 0\n"
 
 
 @pytest.mark.parametrize("name", CHAPTERS)
-def test_a_chapters_gateway_devices_and_story_fit_together(name: str) -> None:
+def test_gateway_devices_and_scenario_of_a_chapter_match(name: str) -> None:
     chapter = CHAPTERS[name]
     config = parse_config(chapter.gateway(CAN, FREE_PORTS))
     bus = parse_bus(chapter.devices(CAN, 5000))
@@ -58,7 +58,7 @@ def movements(name: str) -> Scenario:
 
 
 @pytest.mark.parametrize("name", CHAPTERS)
-def test_the_story_of_a_chapter_comes_true(name: str) -> None:
+def test_scenario_of_a_chapter_passes(name: str) -> None:
     chapter = CHAPTERS[name]
     scenario = movements(name)
     with running(parse_config(chapter.gateway(CAN, FREE_PORTS, simulate=True))) as daemon:
@@ -71,7 +71,7 @@ def test_the_story_of_a_chapter_comes_true(name: str) -> None:
     assert len(engine.results) > 10
 
 
-def test_the_story_of_dsc_does_not_come_true_with_a_drive_that_is_in_fault() -> None:
+def test_dsc_scenario_fails_with_a_drive_in_fault() -> None:
     chapter = CHAPTERS["dsc"]
     fault = signal("ZSW1").bit("FAULT")
     scenario = load_scenario(chapter.scenario)
@@ -89,7 +89,7 @@ def test_the_story_of_dsc_does_not_come_true_with_a_drive_that_is_in_fault() -> 
     assert "follows a sine" in failed[0]
 
 
-def test_a_story_that_did_not_come_true_ends_with_status_1_and_names_the_process_that_did_not_end_well(
+def test_failed_scenario_exits_with_1_and_names_the_failed_process(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     result = {
@@ -116,7 +116,7 @@ def test_a_story_that_did_not_come_true_ends_with_status_1_and_names_the_process
     assert "the plc process" not in told
 
 
-def test_what_the_plc_says_beside_its_story_is_shown(
+def test_messages_of_the_plc_are_shown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Such as a gateway that needs long to start."""
@@ -155,7 +155,7 @@ def story(out: Path) -> Stories:
     return Stories(CHAPTERS["dsc"], out, lambda _: None, OnLoopback())
 
 
-def test_a_plc_that_could_not_write_its_recording_is_no_success(tmp_path: Path) -> None:
+def test_unwritten_recording_of_the_plc_is_a_failure(tmp_path: Path) -> None:
     demo = story(tmp_path)
     demo.status = 1
     with pytest.raises(GatewayError, match="PLC simulator ended with status 1: error: --pcap x: cannot be written"):
@@ -163,13 +163,13 @@ def test_a_plc_that_could_not_write_its_recording_is_no_success(tmp_path: Path) 
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
-def test_evidence_that_cannot_be_written_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unwritable_result_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pdgw.tools.demo.run._EVIDENCE", ())
     (tmp_path / "report.json").symlink_to("/dev/full")
     with pytest.raises(GatewayError, match=r"report\.json: cannot be written \(No space left on device\)"):
         story(tmp_path).run()
 
 
-def test_another_story_needs_to_know_its_chapter(tmp_path: Path) -> None:
+def test_custom_scenario_needs_a_chapter(tmp_path: Path) -> None:
     with pytest.raises(GatewayError, match=r"--scenario: needs one --chapter too \(basics, positioner, dsc\)"):
         demo(chapter=[Story("basics"), Story("dsc")], out=tmp_path, scenario=tmp_path / "s.yaml")

@@ -31,7 +31,7 @@ def _eds(
     return str(path)
 
 
-def test_every_family_says_where_it_is_from() -> None:
+def test_every_family_has_sources() -> None:
     document = json.loads(_run("--json"))
     assert {item["name"] for item in document} == {*overlays()}
     assert all(item["sources"] for item in document)
@@ -69,7 +69,7 @@ def test_a_family_is_chosen_by_vendor_and_name(vendor_id: int, name: str, family
     assert (found.name if found else None) == family
 
 
-def test_a_data_sheet_is_matched_and_what_it_lacks_is_told(tmp_path: Path) -> None:
+def test_matched_data_sheet_is_shown_with_its_missing_objects(tmp_path: Path) -> None:
     without = (0x6094, 0x60C5, 0x60C6)
     file = _eds(tmp_path, 0xFB, "EPOS4 50/15", (0x60A9, CanType.U32, 0x00B4_4700), without=without)
     output = _run(file)
@@ -88,7 +88,7 @@ def test_an_object_a_data_sheet_lacks_is_named_with_its_telegrams(tmp_path: Path
     assert "telegrams 7, 110, 111, 112: Digital Inputs 60FDh not available: the limit switches are 0" in output
 
 
-def test_a_data_sheet_of_no_family_is_a_drive_that_tells_itself(tmp_path: Path) -> None:
+def test_data_sheet_without_a_family_describes_the_drive_itself(tmp_path: Path) -> None:
     output = _run(_eds(tmp_path, 0x77, "Nobody's"))
     assert "no family" in output
     assert "6094h alone does not define the unit" in output

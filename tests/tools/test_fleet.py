@@ -54,7 +54,7 @@ def test_gateways_with_one_cause_are_one_row_and_the_worst_comes_first(tmp_path:
     ]
 
 
-def test_a_fleet_without_a_cause_is_well(tmp_path: Path) -> None:
+def test_fleet_without_causes_is_ok(tmp_path: Path) -> None:
     with pages([body("a")]) as ((port, _),):
         done = pdgw("status", "--fleet", str(inventory(tmp_path / "hosts.yml", {"a": port})))
     assert (done.returncode, done.stdout) == (0, "1 gateways: 1 OK\n")
@@ -82,7 +82,7 @@ def test_the_token_of_the_inventory_is_sent(tmp_path: Path) -> None:
         ((200, b" " * 200), "longer than 100 bytes"),
     ],
 )
-def test_an_answer_that_is_no_status_is_a_text(
+def test_invalid_status_answer_becomes_an_error_text(
     response: tuple[int, bytes], error: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(fleet, "_LONGEST", 100)
@@ -143,14 +143,14 @@ def test_hosts_of_the_group_have_the_variables_of_all_groups_around_them(tmp_pat
         ("gateways: {children: {gateways: }}", "not an Ansible inventory"),
     ],
 )
-def test_a_file_that_is_no_inventory_is_one_line(text: str, error: str, tmp_path: Path) -> None:
+def test_invalid_inventory_is_one_error_line(text: str, error: str, tmp_path: Path) -> None:
     path = tmp_path / "hosts.yml"
     path.write_text(text)
     with pytest.raises(GatewayError, match=error):
         places(path)
 
 
-def test_the_table_goes_with_no_option_for_one_gateway(tmp_path: Path) -> None:
+def test_fleet_table_rejects_options_for_one_gateway(tmp_path: Path) -> None:
     done = pdgw("status", "--fleet", "hosts.yml", "--check", "--watch")
     assert done.returncode == 2
     assert "prints one table, not allowed with --watch, --check" in " ".join(done.stderr.replace("│", " ").split())

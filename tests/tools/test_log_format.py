@@ -69,7 +69,7 @@ def test_the_journal_gets_levels_and_no_second_date(monkeypatch: pytest.MonkeyPa
         assert formatter(LogFormat.AUTO, to_file=False).format(record("x")).startswith("19")
 
 
-def test_lines_that_repeat_themselves_are_told_once_and_counted() -> None:
+def test_repeated_lines_are_written_once_and_counted() -> None:
     bundle = Bundle()
     assert texts(bundle.take(record("a"))) == ["a"]
     assert bundle.take(record("a", 1)) == bundle.take(record("a", 2)) == []
@@ -83,7 +83,7 @@ def test_lines_that_repeat_themselves_are_told_once_and_counted() -> None:
     assert texts(bundle.take(record("b", 32))) == ["b"]
 
 
-def test_a_line_that_never_stops_repeating_itself_is_told_every_ten_seconds() -> None:
+def test_endlessly_repeated_line_is_reported_every_ten_seconds() -> None:
     bundle = Bundle()
     told = [item for second in range(60) for item in bundle.take(record("again", second))]
     assert texts(told) == ["again", *["again (11 times more)"] * 5]
@@ -117,7 +117,7 @@ def test_a_storm_of_emcy_is_limited_and_counted() -> None:
 
 
 @pytest.mark.parametrize("step_s", [-86_400, 86_400])
-def test_a_step_of_the_clock_does_not_hold_counts_back(step_s: int) -> None:
+def test_clock_step_does_not_delay_counts(step_s: int) -> None:
     bundle = Bundle()
     for number in range(AT_ONCE + 2):
         bundle.take(fault(f"EMCY {number}", 100_000))
@@ -138,7 +138,7 @@ def test_a_storm_of_lines_without_an_event_is_limited_by_its_place_in_the_code()
     assert texts(bundle.flush()) == ["950 similar lines omitted, the last: line 999"]
 
 
-def test_what_was_repeated_at_the_end_is_in_the_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_repetitions_at_the_end_are_logged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pdgw.tools.service.log_format._FLUSH_S", PATIENCE_S)
     path = tmp_path / "log"
     run_log = RunLog(LogLevel.INFO, path)
@@ -151,7 +151,7 @@ def test_what_was_repeated_at_the_end_is_in_the_log(tmp_path: Path, monkeypatch:
     ]
 
 
-def test_a_log_file_that_was_moved_away_is_opened_anew_without_a_signal(tmp_path: Path) -> None:
+def test_renamed_log_file_is_reopened_without_a_signal(tmp_path: Path) -> None:
     path = tmp_path / "log"
     run_log = RunLog(LogLevel.INFO, path)
     logging.getLogger("gateway").info("before")

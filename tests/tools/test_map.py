@@ -98,7 +98,7 @@ def answer_of(config: GatewayConfig) -> tuple[bytes, list[dict[str, int]]]:
     return bytes(endpoint.build([tuple(item.values()) for item in values], [True] * len(values))), values
 
 
-def test_every_value_lies_where_the_map_says(config: GatewayConfig) -> None:
+def test_every_value_has_the_offset_of_the_map(config: GatewayConfig) -> None:
     sending, receiving = frame_maps(config)
     plc, setpoints = plc_of(config)
     answer, actuals = answer_of(config)
@@ -114,7 +114,7 @@ def test_every_value_lies_where_the_map_says(config: GatewayConfig) -> None:
         assert not any(frame[offset] for offset in set(range(found.size)) - set(used))
 
 
-def test_what_100_percent_is_comes_from_the_configuration_where_it_says_so(config: GatewayConfig) -> None:
+def test_map_shows_configured_100_percent_values(config: GatewayConfig) -> None:
     full = {(p.axis, p.name): p.full for found in frame_maps(config) for p in found.places}
     assert full[1, "NSOLL_A"] == "4000h = 2500 rpm"
     assert full[7, "MDI_TARPOS"] == "40000000h = 100 % of the position"

@@ -45,7 +45,7 @@ def test_addresses_as_users_write_them(text: str, target: Target) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "abc", "P", "0", "65536", "P947[7..0]", "P1.2.3", "6041h.65535", "-5"])
-def test_addresses_that_are_none_are_told(text: str) -> None:
+def test_invalid_addresses_are_reported(text: str) -> None:
     with pytest.raises(GatewayError, match="expected"):
         parse_target(text)
 
@@ -69,7 +69,7 @@ def test_values_of_all_kinds(text: str, type_name: str, values: object) -> None:
     ("text", "type_name"),
     [("70000", "u16"), ("-1", "u8"), ("x", "i32"), ("1.5", "u16"), ("0g", "octets"), ("ü", "string"), ("2", "bool")],
 )
-def test_values_that_do_not_fit_are_told(text: str, type_name: str) -> None:
+def test_values_that_do_not_fit_are_reported(text: str, type_name: str) -> None:
     with pytest.raises(GatewayError, match="expected"):
         parse_value(text, parse_type(type_name))
 
@@ -133,7 +133,7 @@ def test_list_and_describe(server: tuple[str, int]) -> None:
     assert "1388h" in missing.stderr
 
 
-def test_identify_shows_what_the_device_says_it_is(server: tuple[str, int]) -> None:
+def test_identify_shows_the_identification_of_the_device(server: tuple[str, int]) -> None:
     with ParameterClient(server, 0) as client:
         client.write_record(identification.INDEX + 1, identification.encode_im(1, (b"press [b]4", b"hall B")))
         client.write_record(identification.INDEX + 4, identification.encode_im(4, (b"\x01\xff",)))
@@ -145,7 +145,7 @@ def test_identify_shows_what_the_device_says_it_is(server: tuple[str, int]) -> N
     assert "press [b]4" in pdgw("param", "identify", *option(server)).stdout
 
 
-def test_only_the_identification_records_a_device_says_it_has_are_read() -> None:
+def test_only_supported_identification_records_are_read() -> None:
     asked = []
 
     class Client:
@@ -161,7 +161,7 @@ def test_only_the_identification_records_a_device_says_it_has_are_read() -> None
     assert "IM_Tag_Function" not in fields
 
 
-def test_an_identification_that_is_none_is_told_with_its_record() -> None:
+def test_invalid_identification_is_reported_with_its_record() -> None:
     class Client:
         def read_record(self, index: int) -> bytes:
             return b"nothing"
@@ -246,7 +246,7 @@ def dumped(**values: int) -> Dump:
     return Dump(do_id=1, parameters=tuple(elements))
 
 
-def test_telegram_and_priority_are_written_when_all_else_was_taken() -> None:
+def test_telegram_and_priority_are_written_last() -> None:
     device = Device({922: 1, 925: 5, 927: 1, 930: 2}, set())
     session = cast(Session, device)
     pairs = difference(session, dumped(P927=0, P922=9, P925=6, P930=3))
@@ -288,7 +288,7 @@ def test_the_settings_of_an_offline_drive_are_one_line() -> None:
         difference(session, dumped(P24709=1, P24710=2))
 
 
-def test_a_restore_of_which_something_is_refused_changes_nothing() -> None:
+def test_restore_with_a_rejected_value_changes_nothing() -> None:
     device = Device({922: 1, 925: 5, 930: 2}, {930})
     session = cast(Session, device)
     pairs = difference(session, dumped(P922=9, P925=6, P930=3))
@@ -319,7 +319,7 @@ def test_an_object_written_as_a_decimal_number_is_recognised() -> None:
     assert "did you mean" not in meaning(Element(6041, 0, None, None, 0x11), encoder=False)
 
 
-def test_a_gateway_without_a_route_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gateway_without_a_route_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     class NoRoute(socket.socket):
         def connect(self, _address: object) -> None:
             raise OSError(errno.ENETUNREACH, "Network is unreachable")
@@ -357,14 +357,14 @@ def test_a_dump_of_this_drive_has_only_settings_marked(server: tuple[str, int]) 
 
 
 @pytest.mark.parametrize("content", ["", "{}", '{"version": 2, "do_id": 1, "parameters": []}', "[1]", "\x00"])
-def test_a_file_that_is_no_dump_is_told(tmp_path: Path, content: str) -> None:
+def test_invalid_dump_file_is_reported(tmp_path: Path, content: str) -> None:
     file = tmp_path / "bad.json"
     file.write_text(content)
     with pytest.raises(GatewayError, match=r"bad\.json"):
         Dump.load(file)
 
 
-def test_a_gateway_that_is_not_there_is_told_in_one_line() -> None:
+def test_missing_gateway_is_one_error_line() -> None:
     result = pdgw("param", "read", "965", "--gateway", "127.0.0.1:1")
     assert result.returncode == 1
     assert "no answer on the record channel" in result.stderr

@@ -49,7 +49,7 @@ def test_parameters_are_read_beside_the_controller_and_the_relationship_ends_wit
     assert site.word(1) & 0x4F == 0x07, "the drive turns as before"
 
 
-def test_the_station_says_whose_device_it_is_wherever_it_is_asked(tmp_path: Path) -> None:
+def test_station_reports_its_controller_for_every_query(tmp_path: Path) -> None:
     numbers = "vendor_id = 0x0123\ndevice_id = 0x0456"
     with plant(configuration(axis(1) + axis(2), tmp_path / "store.json", transport=numbers)) as site:
         site.connect()
@@ -80,7 +80,7 @@ def test_writing_needs_the_stations_permission(site: Plant) -> None:
             client.request([ParameterAddress(925)], [Values(DataType.UNSIGNED16, (5,))])
 
 
-def test_a_station_with_as_many_accesses_as_it_has_refuses_with_its_reason(site: Plant) -> None:
+def test_station_without_free_accesses_rejects_with_its_reason(site: Plant) -> None:
     clients = [ParameterClient(STATION, 1, channel=PlantChannel(site)) for _ in range(2)]
     for client in clients:
         client.connect()
@@ -95,7 +95,7 @@ def test_without_a_connect_the_station_refuses_the_records(site: Plant) -> None:
         client.request([ParameterAddress(965)])
 
 
-def test_the_command_asks_a_station(site: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_param_command_reads_a_station(site: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[str, int]] = []
 
     def channel(address: tuple[str, int]) -> PlantChannel:

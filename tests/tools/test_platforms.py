@@ -123,7 +123,7 @@ def configuration(tmp_path: Path) -> str:
 
 
 @pytest.mark.e2e
-def test_files_are_read_checked_and_decoded_and_what_does_not_work_says_so(
+def test_files_are_decoded_and_unsupported_functions_are_reported(
     recording: list[str], configuration: str, tmp_path: Path
 ) -> None:
     plc, can = recording
@@ -193,7 +193,7 @@ def drive_on(status: int) -> str:
 
 
 @pytest.mark.e2e
-def test_a_gateway_runs_is_asked_and_obeys_the_keyboard(tmp_path: Path) -> None:
+def test_gateway_runs_answers_and_follows_the_keyboard(tmp_path: Path) -> None:
     store = tmp_path / "store.json"
     with gateway(store) as (cyclic, acyclic, status):
         wait_for(lambda: drive_on(status) == "online", "the drive is online")
@@ -212,7 +212,7 @@ def test_a_gateway_runs_is_asked_and_obeys_the_keyboard(tmp_path: Path) -> None:
     assert store.exists()
 
 
-def test_what_measures_by_linux_says_so_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_linux_only_measurements_are_rejected_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
     context = typer.Context(get_command(bench.app))
     monkeypatch.setattr(sys, "platform", "darwin")
     with pytest.raises(GatewayError, match="runs on Linux only, whose /proc"):

@@ -73,7 +73,7 @@ def test_a_block_without_its_reference_does_not_switch_on() -> None:
         assert plc.block["REASON"] == Reason.REFERENCE_INVALID.code
 
 
-def test_enable_that_stands_at_the_start_does_not_switch_on() -> None:
+def test_enable_set_at_the_start_does_not_switch_on() -> None:
     with axis_with(1) as (plc, drive):
         plc.set(ReferenceSpeed=3000.0, Enable=True)
         plc.exchange(1000)
@@ -192,7 +192,7 @@ def test_position_block_moves_replaces_halts_cancels_and_recovers(number: int) -
 
 
 @pytest.mark.parametrize("number", TARGETS)
-def test_position_block_refuses_what_it_cannot_do(number: int) -> None:
+def test_position_block_rejects_unsupported_commands(number: int) -> None:
     with axis_with(number) as (plc, drive):
         homed(plc, number)
         for inputs, reason in (

@@ -77,7 +77,7 @@ def test_a_stop_acts_in_its_cycle_while_an_enable_waits_and_nothing_starts_later
     assert desk.bit(name) == 0
 
 
-def test_an_enable_the_drive_is_not_ready_for_is_told_and_gives_no_late_on_edge() -> None:
+def test_enable_without_a_ready_drive_is_reported_and_sends_no_late_on() -> None:
     desk = Desk(1)
     desk.keys("e")
     desk.cycles(1000)
@@ -89,7 +89,7 @@ def test_an_enable_the_drive_is_not_ready_for_is_told_and_gives_no_late_on_edge(
     assert desk.bit("ON") == 1
 
 
-def test_a_stop_drops_what_has_not_begun_and_completes_a_handshake() -> None:
+def test_stop_clears_the_queue_and_completes_a_handshake() -> None:
     desk = Desk(9)
     acknowledge = signal("ZSW1").bit("TASK_ACKNOWLEDGE", positioning=True).mask
     desk.keys("mm")
@@ -120,14 +120,14 @@ def test_space_after_a_new_task_stops_again() -> None:
     assert desk.bit("NO_INTERMEDIATE_STOP") == 1
 
 
-def test_an_axis_that_waits_does_not_hold_up_the_others() -> None:
+def test_waiting_axis_does_not_delay_the_others() -> None:
     desk = Desk(1, 1)
     desk.answer(0, READY)
     desk.keys("e")
     assert (desk.bit("ON", 0), desk.bit("ON", 1)) == (0, 1)
 
 
-def test_keys_a_telegram_has_no_use_for_are_told_and_unknown_ones_ignored() -> None:
+def test_unsupported_keys_are_reported_and_unknown_ones_ignored() -> None:
     desk = Desk(1)
     before = dict(desk.plc.setpoints[0])
     desk.keys("mh %\n\x1b")
@@ -231,7 +231,7 @@ def test_a_typed_word_is_a_step_of_a_scenario() -> None:
         ("mute true", "mute: allowed only in a scenario"),
     ],
 )
-def test_a_typed_word_that_is_none_is_told_with_what_was_meant(line: str, text: str) -> None:
+def test_unknown_typed_word_is_reported_with_a_suggestion(line: str, text: str) -> None:
     desk = Desk(111)
     before = dict(desk.plc.setpoints[0])
     desk.keys(f":{line}\n")
@@ -261,7 +261,7 @@ def test_the_list_has_the_words_of_the_telegram() -> None:
     assert len(words) == len(set(words))
 
 
-def test_keys_that_switch_go_back_when_pressed_again() -> None:
+def test_toggle_keys_switch_back_when_pressed_again() -> None:
     desk = Desk(105)
     desk.keys("dM")
     desk.cycles(4)
@@ -301,7 +301,7 @@ def test_one_axis_is_named_and_a_block_is_shown_by_its_number() -> None:
     assert "0005h  BLOCK=5" in console.export_text()
 
 
-def test_what_was_expected_is_told_when_it_came() -> None:
+def test_met_expectation_is_reported() -> None:
     desk = Desk(1)
     desk.answer(READY)
     desk.keys(":expect {ZSW1.READY_TO_SWITCH_ON: 1}\n")
@@ -318,7 +318,7 @@ def test_the_exit_key_leaves() -> None:
     assert left == [True]
 
 
-def test_a_small_terminal_shows_what_was_told_and_why_nothing_happens() -> None:
+def test_small_terminal_shows_messages_and_reasons() -> None:
     window = Window()
     desk = Desk(111)
     window.take({"snapshot": snapshot(desk.plc, "keys\n" * 7)})

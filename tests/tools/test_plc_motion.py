@@ -144,7 +144,7 @@ def test_an_axis_homes_moves_replaces_stops_and_resets(number: int) -> None:
 
 
 @pytest.mark.parametrize("number", AXES)
-def test_what_a_telegram_does_not_have_is_an_error(number: int) -> None:
+def test_unsupported_function_of_a_telegram_is_an_error(number: int) -> None:
     names = {"absolute", "relative", "home"} if number in VELOCITIES and number not in {111, 112} else set()
     names |= {7: {"absolute", "relative", "turn"}, 9: {"turn"}, 110: {"turn"}}.get(number, set())
     with axis_with(number) as axis:
@@ -176,7 +176,7 @@ def test_a_command_the_telegram_lacks_leaves_the_motion_going(number: int) -> No
         assert axis.rpm == pytest.approx(600, abs=10)
 
 
-def test_halt_right_behind_a_move_prevents_the_motion() -> None:
+def test_halt_right_after_a_move_prevents_the_motion() -> None:
     with axis_with(111) as axis:
         axis.on()
         axis.start("home")
@@ -220,7 +220,7 @@ def test_reset_reports_a_fault_that_stays() -> None:
 
 
 @pytest.mark.parametrize("number", [9, 111])
-def test_the_program_of_the_examples_tells_its_story(number: int) -> None:
+def test_example_program_passes(number: int) -> None:
     config = config_of(number)
     with running(config) as daemon:
         plc, model = TextPlc(daemon, structured_text(config) + story(number)), drive_of(daemon).node.model

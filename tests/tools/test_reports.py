@@ -108,7 +108,7 @@ def test_conformance_writes_both(tmp_path: Path) -> None:
         REPORT.write(tmp_path / "no" / "r.xml", None)
 
 
-def test_a_report_of_conformance_has_the_configurations_that_ran_and_what_was_behind_them(
+def test_conformance_report_has_configurations_and_devices(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     faults(["position-error"], as_json=True)
@@ -124,7 +124,7 @@ def test_a_report_of_conformance_has_the_configurations_that_ran_and_what_was_be
 
 
 @pytest.mark.parametrize(("answered", "draws"), [(False, False), (True, False), (False, True)])
-def test_a_gateway_that_is_not_there_is_told_while_the_scenario_waits(
+def test_missing_gateway_is_reported_while_the_scenario_waits(
     answered: bool, draws: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
     endpoint = PlcEndpoint([telegram(1)], 4_000_000)
@@ -138,7 +138,7 @@ def test_a_gateway_that_is_not_there_is_told_while_the_scenario_waits(
 
 
 @pytest.mark.e2e
-def test_a_scenario_writes_both_and_says_what_to_start_when_no_gateway_is_there(
+def test_scenario_writes_both_reports_and_suggests_a_gateway_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(signal, "signal", lambda *_: None)  # those of the tests stay

@@ -31,7 +31,7 @@ from tests.support.logs import log_put_back
 FRAME = can.Message(arbitration_id=0x181, data=b"\x31\x02")
 
 
-def test_a_test_of_the_log_leaves_none_behind(tmp_path: Path) -> None:
+def test_log_tests_remove_their_handlers(tmp_path: Path) -> None:
     root, gateway = logging.getLogger(), logging.getLogger("gateway")
     before = root.handlers[:], root.level, gateway.level, gateway.getEffectiveLevel()
     with log_put_back():
@@ -45,7 +45,7 @@ def shown(counters: Counters, part: str) -> int:
     return sum(int(item["value"]) for item in counters.values() if item["part"] == part)  # type: ignore[call-overload]
 
 
-def test_a_can_recorder_on_a_full_disk_says_so_and_keeps_nothing(caplog: pytest.LogCaptureFixture) -> None:
+def test_can_recorder_on_a_full_disk_reports_it_and_drops_frames(caplog: pytest.LogCaptureFixture) -> None:
     recorder = CanRecorder(Path("/dev/full"))
     counters = Counters()
     recorder.writer.count_in(counters, "can-log")
@@ -75,7 +75,7 @@ def test_a_can_recorder_that_is_too_slow_keeps_a_bounded_number_of_frames(
     recorder.stop()
 
 
-def test_a_frame_that_cannot_be_written_is_lost_alone_and_told_once(
+def test_unwritable_frame_is_lost_alone_and_reported_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     lines = iter(["first\n", None, None, "last\n"])
@@ -96,7 +96,7 @@ def test_a_frame_that_cannot_be_written_is_lost_alone_and_told_once(
     assert caplog.text.count("ValueError: a mistake") == 1
 
 
-def test_a_log_whose_folder_is_taken_away_goes_on_when_it_is_back(tmp_path: Path) -> None:
+def test_log_continues_when_its_folder_is_back(tmp_path: Path) -> None:
     folder = tmp_path / "logs"
     folder.mkdir()
     run_log = RunLog(LogLevel.INFO, folder / "log")
@@ -144,7 +144,7 @@ sys.stdout.write(str(run_log.lost))
 
 
 @pytest.mark.e2e
-def test_a_log_into_a_pipe_nobody_reads_does_not_keep_the_process_from_ending() -> None:
+def test_log_to_a_blocked_pipe_does_not_prevent_the_end() -> None:
     reading, writing = os.pipe()
     try:
         done = subprocess.run(
@@ -169,7 +169,7 @@ def test_lines_that_were_still_waiting_at_the_end_are_counted(tmp_path: Path, mo
         run_log._handler.release()
 
 
-def test_a_process_that_is_held_up_at_its_end_takes_its_thread_one_short_wait_alone() -> None:
+def test_delayed_end_of_a_process_costs_one_short_wait() -> None:
     class Writing(threading.Thread):
         waits = 0
 
@@ -199,7 +199,7 @@ def test_a_storm_of_log_lines_is_bounded_and_counted(tmp_path: Path, monkeypatch
     assert shown(counters, "log") >= 900
 
 
-def test_sighup_goes_on_in_a_new_file_of_the_same_name(tmp_path: Path) -> None:
+def test_sighup_continues_in_a_new_log_file(tmp_path: Path) -> None:
     path = tmp_path / "log"
     run_log = RunLog(LogLevel.INFO, path)
     stops: list[str] = []
@@ -224,7 +224,7 @@ def test_sighup_goes_on_in_a_new_file_of_the_same_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("before", "expected"), [(signal.SIG_DFL, ["stop"]), (signal.SIG_IGN, [])])
-def test_without_a_log_file_sighup_stops_in_order_because_the_terminal_is_gone_but_not_under_nohup(
+def test_sighup_without_a_log_file_stops_except_under_nohup(
     before: signal.Handlers, expected: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(signal, "getsignal", lambda number: before)
@@ -247,7 +247,7 @@ def test_a_traceback_too_long_for_a_pipe_keeps_its_last_line(capfd: pytest.Captu
     assert len(told) < 2200
 
 
-def test_storms_of_emcy_and_lss_and_sdo_answers_leave_nothing_behind_in_canopen() -> None:
+def test_storms_of_emcy_lss_and_sdo_answers_fill_no_canopen_queue() -> None:
     with running(configuration(axis(1))) as daemon:
         until(daemon, lambda: daemon.axes[0].drive.generation, "online")
         node: NodeClient[Any] = daemon.axes[0].client

@@ -29,7 +29,7 @@ def simulation() -> Iterator[Simulation]:
     simulation.stop()
 
 
-def test_motions_go_on_from_where_the_encoder_stands(simulation: Simulation, tmp_path: Path) -> None:
+def test_motions_start_at_the_present_position(simulation: Simulation, tmp_path: Path) -> None:
     console = Console(simulation, threading.Event())
     assert console.execute("@3 motion sine=1,2") == "ok"
     assert console.execute("@3 Motion still") == "ok"
@@ -76,7 +76,7 @@ def test_a_model_that_does_not_exist_is_named() -> None:
         encoder_device("x")
 
 
-def test_a_motion_that_is_none_is_told() -> None:
+def test_invalid_motion_is_reported() -> None:
     result = pdgw("sim", "encoder", "--motion", "fly")
     assert (result.returncode, result.stderr.count("\n")) == (1, 1)
     assert "speed=PER_SECOND" in result.stderr

@@ -58,7 +58,7 @@ def test_an_error_names_its_file_and_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "more", [{"interactive": True}, {"scenario": Path("x")}, {"telegram": [1]}, {"profinet": "eth0"}]
 )
-def test_a_program_goes_with_no_other_way(more: dict[str, object]) -> None:
+def test_program_rejects_other_kinds_of_control(more: dict[str, object]) -> None:
     with pytest.raises(GatewayError, match=r"give either|only with"):
         plc(st=[Path("main.st")], **more)  # type: ignore[arg-type]
 

@@ -54,7 +54,7 @@ def test_no_line_is_longer_than_the_terminal_and_nothing_is_cut(document: dict[s
         assert name in text
 
 
-def test_values_are_told_with_bits_and_percent(document: dict[str, Any]) -> None:
+def test_values_are_shown_with_bits_and_percent(document: dict[str, Any]) -> None:
     item = document["axes"][0]
     setpoints = dict.fromkeys(item["actuals"], 0)
     setpoints = {"STW1": 0x043F, "SATZANW": 0x8000, "STW2": 0, "MDI_TARPOS": 0x20000000, "MDI_VELOCITY": 0}
@@ -66,7 +66,7 @@ def test_values_are_told_with_bits_and_percent(document: dict[str, Any]) -> None
     assert "MDI_ACC 50.00 %" in line
 
 
-def test_only_counters_that_tell_of_trouble_are_shown_unless_asked_for(document: dict[str, Any]) -> None:
+def test_only_abnormal_counters_are_shown_by_default(document: dict[str, Any]) -> None:
     counters = [
         {"part": "bus can", "name": "sent", "value": 5, "unit": "frames", "meaning": "taken"},
         {"part": "bus can", "name": "bus_off", "value": 2, "unit": "messages", "meaning": "went bus-off"},

@@ -34,13 +34,13 @@ def changed(document: dict[str, Any], **keys: object) -> dict[str, Any]:
     return document | {"axes": axes, "causes": causes([*axes, *document["encoders"]])}
 
 
-def test_the_line_for_monitoring_is_no_other_form_of_the_status() -> None:
+def test_check_rejects_other_output_formats() -> None:
     done = pdgw("status", "--check", "--json", "--watch")
     assert done.returncode == 2
     assert "prints one line, not allowed with --json, --watch" in done.stderr
 
 
-def test_a_gateway_that_is_well(document: dict[str, Any]) -> None:
+def test_check_of_a_gateway_without_problems_is_ok(document: dict[str, Any]) -> None:
     health, line = check_line(document)
     assert health == Health.OK == 0
     assert line.startswith("OK - pdgw: PLC connected, 2 of 2 in operation | objects=2 obeying=2 findings=0 uptime=")
@@ -84,7 +84,7 @@ def test_no_gateway_is_unknown() -> None:
     assert done.stderr == ""
 
 
-def test_watch_asks_again_and_again(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_watch_queries_repeatedly(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     class EnoughError(Exception):
         """The user's Ctrl-C."""
 

@@ -15,7 +15,7 @@ from pdgw.tools.termination import end_as_by_ctrl_c
 @pytest.mark.parametrize(
     ("before", "after"), [(signal.SIG_DFL, signal.default_int_handler), (signal.SIG_IGN, signal.SIG_IGN)]
 )
-def test_the_end_of_the_terminal_is_as_ctrl_c_unless_it_is_ignored(before: signal.Handlers, after: object) -> None:
+def test_sighup_acts_like_ctrl_c_unless_ignored(before: signal.Handlers, after: object) -> None:
     numbers = (signal.SIGTERM, signal.SIGHUP)
     handlers = [signal.getsignal(number) for number in numbers]
     try:
@@ -29,7 +29,7 @@ def test_the_end_of_the_terminal_is_as_ctrl_c_unless_it_is_ignored(before: signa
 
 
 @pytest.mark.parametrize("name", ["stdin", "stdout", "stderr"])
-def test_a_command_whose_caller_has_closed_a_stream_does_its_work(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_command_works_with_closed_standard_streams(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, name, None)
     monkeypatch.setattr(sys, "argv", ["pdgw", "decode", "--hex", "047F2000", "--telegram", "1"])
     with pytest.raises(SystemExit) as end:

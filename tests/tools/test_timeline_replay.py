@@ -123,7 +123,7 @@ def test_choices_of_the_configuration_reach_the_machines(
     assert (known.cycle_ns, known.watchdog_factor) == (4 * MS, 3)
 
 
-def test_telegrams_are_inferred_and_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_telegrams_are_inferred_and_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     files = speed().frames.write(tmp_path)
     replay(files)  # the node-ID is not that of the axis: nothing of CAN belongs to it, the answers still compare
     captured = capsys.readouterr()
@@ -149,7 +149,7 @@ def test_both_buses_in_one_file_have_one_clock(tmp_path: Path, capsys: pytest.Ca
 
 
 @pytest.mark.parametrize("page", [False, True])
-def test_a_recording_of_one_bus_is_told_as_far_as_it_goes_and_what_it_lacks(
+def test_recording_of_one_bus_is_shown_with_what_is_missing(
     files: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], *, page: bool
 ) -> None:
     plc, can = files
@@ -169,9 +169,7 @@ def test_a_recording_of_one_bus_is_told_as_far_as_it_goes_and_what_it_lacks(
             assert told[-1] == "anomalies: none"
 
 
-def test_a_plc_that_is_recorded_alone_gets_no_promise_that_an_off_would_help(
-    files: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_recording_of_the_plc_alone_suggests_no_off(files: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     timeline(files[:1], telegram=[1], node=NODES)
     text = lines(capsys)
     on = next(i for i, line in enumerate(text) if "047Eh -> 047Fh +ON" in line)
@@ -187,7 +185,7 @@ def test_a_node_that_never_answered_is_named(tmp_path: Path, capsys: pytest.Capt
     assert not any("missing:" in line for line in lines(capsys))
 
 
-def test_what_cannot_be_used_is_one_error(files: list[str], tmp_path: Path) -> None:
+def test_unusable_input_is_one_error(files: list[str], tmp_path: Path) -> None:
     plc, can = files
     empty = tmp_path / "empty.log"
     empty.write_text("")

@@ -57,9 +57,7 @@ def play(plc: Plc, nanoseconds: int) -> None:
     plc.until(lambda: plc.loop.now() >= until, "time passes")
 
 
-def test_a_saved_trace_carries_both_buses_and_its_configuration_to_the_timeline(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_saved_trace_has_both_buses_and_the_configuration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with recorded(tmp_path) as (_, plc, reader):
         play(plc, SECOND)
         file = tmp_path / "x.pcapng"
@@ -112,7 +110,7 @@ def test_only_the_last_seconds_are_saved_on_request(tmp_path: Path) -> None:
             save(reader, tmp_path / "missing" / "c.pcapng")
 
 
-def test_without_a_name_the_ring_of_the_gateway_that_runs_is_taken(tmp_path: Path) -> None:
+def test_ring_of_the_running_gateway_is_the_default(tmp_path: Path) -> None:
     with pytest.raises(GatewayError, match=r"no ring file of a gateway.*none"):
         chosen_ring(None, tmp_path)
     first = RingFile(tmp_path, LAYOUT, LIMIT)
@@ -136,7 +134,7 @@ def choice(directory: Path, *triggers: Trigger, files: int = 20) -> Choice:
     return Choice(directory / "kept", frozenset(triggers or Trigger), before_s=1, after_s=1, files=files)
 
 
-def test_a_capture_for_which_there_is_no_room_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_capture_without_disk_space_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(**_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -186,7 +184,7 @@ def test_a_fault_keeps_the_seconds_before_and_after_it(tmp_path: Path) -> None:
     ],
     ids=["PLC lost", "control lost", "fault", "OFF1", "OFF2", "setpoint disabled"],
 )
-def test_a_stop_the_plc_did_not_ask_for_is_kept_and_its_own_is_not(
+def test_only_stops_without_a_plc_command_are_kept(
     tmp_path: Path, happens: Callable[[Plc], object], kept: bool
 ) -> None:
     with recorded(tmp_path) as (_, plc, reader):
@@ -211,7 +209,7 @@ def test_a_gateway_killed_right_after_a_stop_has_a_file_of_each(tmp_path: Path) 
         assert [file.stem.split("-", 3)[-1] for file in keeper.kept] == ["stop-axis-1", "killed"]
 
 
-def test_the_oldest_files_go(tmp_path: Path) -> None:
+def test_oldest_files_are_deleted(tmp_path: Path) -> None:
     with recorded(tmp_path) as (daemon, plc, reader):
         keeper = Keeper(reader, choice(tmp_path, Trigger.FAULT, files=2))
         play(plc, SECOND // 10)
@@ -222,7 +220,7 @@ def test_the_oldest_files_go(tmp_path: Path) -> None:
         assert sorted((tmp_path / "kept").iterdir()) == sorted(keeper.kept[2:])
 
 
-def test_a_file_that_cannot_be_kept_leaves_nothing_behind_and_ends_no_keeping(
+def test_failed_file_is_removed_and_keeping_continues(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     with recorded(tmp_path) as (daemon, plc, reader):

@@ -25,7 +25,7 @@ def _keeps_its_priority(monkeypatch: pytest.MonkeyPatch) -> None:
     ("package", "extra", "more"),
     [("starlette", "web", ""), ("prometheus_client", "web", ""), ("paho", "mqtt", '[mqtt]\nhost = "b"\n')],
 )
-def test_without_its_packages_the_command_says_what_to_install(
+def test_web_without_its_packages_names_the_extra(
     package: str, extra: str, more: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in [name for name in sys.modules if name.partition(".")[0] == package or name.startswith("pdgw.web.")]:
@@ -47,7 +47,7 @@ def test_without_its_packages_the_command_says_what_to_install(
         ('[web]\ntls_cert = "none"\ntls_key = "none"\n', "tls_cert"),
     ],
 )
-def test_what_the_page_cannot_start_with_is_one_line(tmp_path: Path, lines: str, part: str) -> None:
+def test_start_errors_of_the_page_are_one_line(tmp_path: Path, lines: str, part: str) -> None:
     config = tmp_path / "gateway.toml"
     config.write_text(f'{lines}[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n')
     done = cli.pdgw("web", str(config), "--log-file", str(tmp_path / "log"), "--listen", "127.0.0.1:0")
@@ -56,7 +56,7 @@ def test_what_the_page_cannot_start_with_is_one_line(tmp_path: Path, lines: str,
     assert "Traceback" not in done.stderr
 
 
-def test_a_port_in_use_and_an_address_without_a_token_are_told(tmp_path: Path) -> None:
+def test_used_port_and_address_without_a_token_are_reported(tmp_path: Path) -> None:
     config = tmp_path / "gateway.toml"
     config.write_text('[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n')
     with socket.create_server(("127.0.0.1", 0)) as taken:

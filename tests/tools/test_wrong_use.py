@@ -142,7 +142,7 @@ def test_devices_without_a_bus_are_refused_unless_one_is_opened_for_them(tmp_pat
 @pytest.mark.parametrize(
     "arguments", [("--help",), ("map", "x.toml"), ("drives",), ("drives", "epos4"), ("config", "example")]
 )
-def test_no_command_ends_by_a_character_that_the_code_page_does_not_have(
+def test_unknown_characters_of_a_code_page_end_no_command(
     arguments: tuple[str, ...], encoding: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -169,7 +169,7 @@ def test_output_that_cannot_be_written_is_one_line(
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
 @pytest.mark.parametrize("option", ["--pcap", "--trace"])
-def test_a_recording_that_cannot_be_finished_is_told_behind_the_results(option: str, tmp_path: Path) -> None:
+def test_unfinished_recording_is_reported_after_the_results(option: str, tmp_path: Path) -> None:
     scenario = tmp_path / "short.yaml"
     scenario.write_text("name: short\ntelegrams: [1]\nsteps:\n  - {expect: {ZSW1.FAULT: 0}, within: 10 ms}\n")
     results = tmp_path / "results.json"
@@ -181,7 +181,7 @@ def test_a_recording_that_cannot_be_finished_is_told_behind_the_results(option: 
     assert result.stderr == f"error: {option} /dev/full: cannot be written (No space left on device)\n"
 
 
-def test_a_picture_that_cannot_be_drawn_is_told_before_the_work(tmp_path: Path) -> None:
+def test_undrawable_picture_is_reported_before_the_work(tmp_path: Path) -> None:
     (tmp_path / "full").symlink_to("/dev/full")  # without an ending: matplotlib would write full.png
     for name in ("nowhere/loop.png", "loop.rubbish", "full"):
         result = workshop("loop", "--plot", str(tmp_path / name))
@@ -189,7 +189,7 @@ def test_a_picture_that_cannot_be_drawn_is_told_before_the_work(tmp_path: Path) 
         assert "cannot be written" in result.stderr
 
 
-def test_ctrl_c_while_a_command_is_loaded_ends_without_a_word(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_while_a_command_loads_prints_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted() -> None:
         raise KeyboardInterrupt
 

@@ -213,7 +213,7 @@ def test_the_chain_names_the_first_broken_link_and_what_to_do(shown: Shown) -> N
     assert shown.noise == []
 
 
-def test_an_axis_has_its_words_by_bits_and_a_trend_that_goes_on(shown: Shown) -> None:
+def test_axis_view_has_words_by_bits_and_a_live_trend(shown: Shown) -> None:
     tab = shown.open("#/axis/1")
     reads(tab, ".word", "STW1 047Fh")
     reads(tab, ".bits li.set", "ENABLE_OPERATION")
@@ -233,7 +233,7 @@ def test_an_axis_has_its_words_by_bits_and_a_trend_that_goes_on(shown: Shown) ->
     assert shown.noise == []
 
 
-def test_values_are_called_old_while_the_gateway_or_the_page_itself_does_not_answer(shown: Shown) -> None:
+def test_values_are_marked_old_while_gateway_or_page_does_not_answer(shown: Shown) -> None:
     tab = shown.tab
     reads(tab, "[role=status]", "live")
     shown.gateway.failure = "stopped"

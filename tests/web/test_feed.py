@@ -14,7 +14,7 @@ from pdgw.web.status.feed import Document, Feed
 @pytest.mark.parametrize(
     "error", [GatewayError("gone"), KeyError("axes"), ValueError("9e99"), RuntimeError("no thread")]
 )
-def test_an_answer_that_cannot_be_used_is_old_data_and_the_next_is_asked_for(error: Exception) -> None:
+def test_unusable_answer_marks_data_old_and_polling_continues(error: Exception) -> None:
     answers: Iterator[Document | Exception] = iter(({"n": 1}, error, {"n": 3}))
     seen: list[tuple[int, bool]] = []
 
@@ -40,7 +40,7 @@ def test_an_answer_that_cannot_be_used_is_old_data_and_the_next_is_asked_for(err
     assert seen[:3] == [(1, False), (1, True), (3, False)]
 
 
-def test_a_listener_that_fails_is_told_and_keeps_nobody_from_being_told(caplog: pytest.LogCaptureFixture) -> None:
+def test_failing_listener_is_logged_and_blocks_no_other(caplog: pytest.LogCaptureFixture) -> None:
     told: list[int] = []
 
     async def ask() -> Document:

@@ -56,7 +56,7 @@ class Asked:
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "OPTIONS", "TRACE"])
 @pytest.mark.parametrize("path", ["/", API, LOGIN_PATH, "/metrics"])
-def test_nothing_but_reading_is_possible(method: str, path: str) -> None:
+def test_only_read_requests_are_allowed(method: str, path: str) -> None:
     answer = Asked()(path, method)
     assert answer is not None
     assert answer.status_code == 405
@@ -69,7 +69,7 @@ def test_names_of_the_page_are_accepted(host: str) -> None:
 
 
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:8420", "127.0.0.1.evil.example", "", "10.0.0.9:8420"])
-def test_another_name_is_refused_as_dns_rebinding_would_have_it(host: str) -> None:
+def test_foreign_host_name_is_rejected_against_dns_rebinding(host: str) -> None:
     assert Asked().status(host=host) == 421
 
 
@@ -193,7 +193,7 @@ def test_an_address_of_this_machine_needs_no_token(listen: str, address: tuple[s
     assert "localhost" in allowed_hosts(config)
 
 
-def test_files_of_the_page_are_meant_from_where_the_configuration_is(tmp_path: Path) -> None:
+def test_page_files_are_relative_to_the_configuration(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
     file.write_text(
         MINIMUM + '[web]\ntoken_file = "web.token"\n[mqtt]\nhost = "b"\nusername = "u"\npassword_file = "p"\n'
@@ -216,7 +216,7 @@ def test_a_token_file_holds_one_long_line(tmp_path: Path, text: str) -> None:
     assert read_token(file) == TOKEN
 
 
-def test_a_token_file_that_is_not_there_is_told(tmp_path: Path) -> None:
+def test_missing_token_file_is_reported(tmp_path: Path) -> None:
     with pytest.raises(GatewayError, match="cannot be read"):
         read_token(tmp_path / "none")
 
@@ -227,6 +227,6 @@ def test_a_certificate_needs_its_key() -> None:
 
 
 @pytest.mark.parametrize("host", ["a..b", "x" * 64 + ".example"])
-def test_a_broker_whose_name_nobody_can_look_up_is_refused_before_a_thread_ends_with_it(host: str) -> None:
+def test_unresolvable_broker_name_is_rejected_at_the_start(host: str) -> None:
     with pytest.raises(GatewayError, match=r"host.*is not a host name or address"):
         parse_config(f'{MINIMUM}[mqtt]\nhost = "{host}"\n')

@@ -164,7 +164,7 @@ def test_the_load_of_a_bus_is_planned_and_measured(scraped: Scraped) -> None:
     assert 2000 * 60 / 1_000_000 < measured < 2000 * 111 / 1_000_000, "2000 frames a second of 1 to 8 bytes at 1 Mbit/s"
 
 
-def test_of_a_gateway_that_does_not_answer_there_is_nothing_but_that(scraped: Scraped) -> None:
+def test_metrics_without_a_gateway_show_only_that(scraped: Scraped) -> None:
     scraped.gateway.failure = "stopped"
     try:
         assert set(samples(scraped.look())) == {("pdgw_up", ())}
@@ -183,7 +183,7 @@ def names_in(texts: Iterator[str]) -> set[str]:
     return {name for text in texts for name in re.findall(r"\bpdgw_[a-z_]+\b", text)}
 
 
-def test_alerts_and_dashboard_ask_for_metrics_there_are(text: str) -> None:
+def test_alerts_and_dashboard_use_existing_metrics(text: str) -> None:
     board = json.loads((DEPLOY / "grafana" / "pdgw.json").read_text())
     asked = names_in(target["expr"] for panel in board["panels"] for target in panel["targets"])
     asked |= names_in(iter([(DEPLOY / "prometheus" / "alerts.yml").read_text()]))
@@ -214,7 +214,7 @@ def test_promtool_finds_nothing_wrong_with_the_metrics(text: str) -> None:
 @pytest.mark.parametrize(
     "command", [("test", "rules", "alerts.test.yml"), ("check", "config", "prometheus.yml")], ids=lambda parts: parts[0]
 )
-def test_promtool_takes_what_is_deployed(command: tuple[str, ...]) -> None:
+def test_promtool_accepts_the_deployed_files(command: tuple[str, ...]) -> None:
     folder = DEPLOY / "prometheus"
     done = subprocess.run([str(PROMTOOL), *command], cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -149,7 +149,7 @@ def test_states_on_change_events_and_the_last_will() -> None:
         heard.close()
 
 
-def test_a_message_has_nothing_that_changes_all_the_time() -> None:
+def test_mqtt_message_has_no_permanently_changing_values() -> None:
     gateway = ShownGateway()
     with running(configuration(axis(1))) as daemon:
         gateway.show(daemon)
@@ -179,7 +179,7 @@ def test_two_default_gateways_on_one_broker_have_client_ids_and_topics_of_their_
     assert topic_name(config).startswith(topic_name(other).rpartition("-")[0])
 
 
-def test_files_that_cannot_be_used_are_told(tmp_path: Path) -> None:
+def test_unusable_mqtt_files_are_reported(tmp_path: Path) -> None:
     with pytest.raises(GatewayError, match="password_file"):
         made_client(MqttConfig(host="b", username="u", password_file=tmp_path / "none"), "x")
     with pytest.raises(GatewayError, match="ca_file"):

@@ -93,7 +93,7 @@ def stream(served: Page, query: str = "", **headers: str) -> Iterator[Iterator[t
 # -- documents -----------------------------------------------------------------------------------------------------------
 
 
-def test_the_status_is_the_gateways_own_document_and_says_whether_it_is_old(turning: Turning) -> None:
+def test_status_is_the_gateway_document_with_its_age(turning: Turning) -> None:
     document = turning.page.document("/api/v1/status")
     assert document["stale"] is False
     own = turning.gateway.document
@@ -111,7 +111,7 @@ def test_the_status_is_the_gateways_own_document_and_says_whether_it_is_old(turn
     assert turning.page.document("/api/v1/status") == old, "as it was when it last answered"
 
 
-def test_health_is_of_the_daemon_readiness_of_the_machine(turning: Turning) -> None:
+def test_health_is_of_the_page_and_readiness_of_the_axes(turning: Turning) -> None:
     served = turning.page
     assert [served.get(path).status for path in ("/healthz", "/readyz")] == [200, 200]
     turning.lose_drive()
@@ -162,7 +162,7 @@ def test_every_answer_has_the_headers_that_keep_the_page_to_itself(still: Page) 
         ("/static/%2e%2e/app.py", 404, "path", "Not Found"),
     ],
 )
-def test_what_is_not_there_or_not_allowed_is_told_with_its_field(
+def test_missing_or_forbidden_requests_are_rejected_with_their_field(
     still: Page, path: str, status: int, field: str, part: str
 ) -> None:
     answer = still.get(path)
@@ -218,7 +218,7 @@ def test_parameters_are_read_one_at_a_time(still: Page) -> None:
     assert json.loads(first.getresponse().read())["do_id"] == 1
 
 
-def test_a_parameter_that_is_none_is_told(still: Page) -> None:
+def test_invalid_parameter_is_reported(still: Page) -> None:
     answers = []
 
     def answered() -> bool:
@@ -231,7 +231,7 @@ def test_a_parameter_that_is_none_is_told(still: Page) -> None:
 
 
 @pytest.mark.parametrize("key", ["uptime_s", "counters", "buses"])
-def test_a_status_of_another_version_is_no_answer_and_the_page_goes_on_asking(turning: Turning, key: str) -> None:
+def test_status_of_another_version_is_ignored_and_polling_continues(turning: Turning, key: str) -> None:
     whole = turning.gateway.document
     turning.gateway.document = {name: value for name, value in whole.items() if name != key}
     turning.page.heard()
@@ -259,7 +259,7 @@ def test_a_stream_has_the_status_and_every_event_once(turning: Turning) -> None:
     assert len(told) == len(set(told))
 
 
-def test_a_stream_goes_on_behind_the_last_event_the_page_has(turning: Turning) -> None:
+def test_stream_continues_after_the_last_received_event(turning: Turning) -> None:
     with stream(turning.page) as messages:
         seen = [next(messages) for _ in range(6)]
     ids = [int(number) for kind, number, _ in seen if kind == "event"]
@@ -270,7 +270,7 @@ def test_a_stream_goes_on_behind_the_last_event_the_page_has(turning: Turning) -
             assert (kind, int(number)) == ("event", ids[2])
 
 
-def test_the_event_log_forgets_the_oldest_and_resumes_after_a_restart() -> None:
+def test_event_log_drops_the_oldest_and_resumes_after_a_restart() -> None:
     log = EventLog(5000)
     for number in range(KEPT + 10):
         log.add("t", "plc", None, str(number))
@@ -281,7 +281,7 @@ def test_the_event_log_forgets_the_oldest_and_resumes_after_a_restart() -> None:
     assert len(log.after(10**15)) == KEPT, "so does one whose number nobody gave"
 
 
-def test_the_gateway_is_asked_once_for_all_who_look(turning: Turning) -> None:
+def test_gateway_is_queried_once_for_all_viewers(turning: Turning) -> None:
     with ExitStack() as at_end:
         opened = [at_end.enter_context(stream(turning.page)) for _ in range(5)]
         for messages in opened:
@@ -305,7 +305,7 @@ def test_there_are_no_more_streams_than_allowed(still: Page) -> None:
     until(lambda: still.get("/api/v1/events").status == 200, "a place after the streams were closed")
 
 
-def test_a_flood_of_connections_is_bounded_and_ends_with_it(still: Page) -> None:
+def test_flood_of_connections_is_limited(still: Page) -> None:
     until(lambda: still.get("/healthz").status == 200, "the page")
     flood = [socket.create_connection(("127.0.0.1", still.port)) for _ in range(CONNECTIONS_MAX + 20)]
     try:
@@ -333,7 +333,7 @@ def test_a_flood_of_connections_is_bounded_and_ends_with_it(still: Page) -> None
 @pytest.mark.parametrize(
     "data", [b"\x16\x03\x01garbage\r\n\r\n", b"GET / HTTP/1.1\r\n" + b"x: y\r\n" * 5000, b"GET /\0 HTTP/1.1\r\n\r\n"]
 )
-def test_garbage_is_refused_and_the_page_lives(still: Page, data: bytes) -> None:
+def test_invalid_requests_are_rejected_and_the_page_continues(still: Page, data: bytes) -> None:
     with socket.create_connection(("127.0.0.1", still.port), timeout=PATIENCE_S) as connection:
         try:
             connection.sendall(data)
@@ -387,7 +387,7 @@ def test_a_trend_as_a_file_for_a_spreadsheet(turning: Turning) -> None:
         assert [float(cell) for cell in rows[-1][1:]] == [1500, 1500]
 
 
-def test_signals_that_do_not_exist_are_told_with_those_that_do(turning: Turning) -> None:
+def test_unknown_signals_are_reported_with_the_known_ones(turning: Turning) -> None:
     answer = turning.page.get("/api/v1/objects/1/trace?signals=SPEED")
     document = json.loads(answer.read())
     assert (answer.status, document["field"]) == (400, "signals")

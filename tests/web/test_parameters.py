@@ -27,14 +27,14 @@ def test_elements_have_name_unit_and_meaning() -> None:
         assert names["6041h"] == "Statusword"
 
 
-def test_a_dump_is_what_restoring_takes() -> None:
+def test_dump_can_be_restored() -> None:
     with serving(configuration(axis(1))) as (daemon, client), reached(daemon):
         document = PageParameters(client.address).dump(1)
     assert (document["version"], document["do_id"]) == (1, 1)
     assert any(item["pnu"] == 922 for item in document["parameters"])
 
 
-def test_texts_that_are_no_parameter_and_a_channel_that_is_not_there_are_told() -> None:
+def test_invalid_parameters_and_missing_channel_are_reported() -> None:
     with pytest.raises(RequestError, match="not understood, expected for example") as wrong:
         PageParameters(("127.0.0.1", 9)).read(1, "speed")
     assert (wrong.value.status, wrong.value.field) == (400, "pnu")

@@ -199,7 +199,7 @@ def test_an_answer_that_nobody_reads_ends_the_connection(connection: Connection)
     assert connection.transport.aborted
 
 
-def test_an_answer_that_is_read_slowly_goes_on(connection: Connection) -> None:
+def test_slowly_read_answer_continues(connection: Connection) -> None:
     connection.receive(REQUEST)
     for _ in range(5):
         connection.protocol.pause_writing()

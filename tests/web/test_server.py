@@ -40,7 +40,7 @@ async def application(scope: Any, receive: Any, send: Any) -> None:
     await send({"type": "lifespan.shutdown.complete"})
 
 
-def test_a_connection_that_cannot_be_had_is_one_try_in_a_second() -> None:
+def test_failed_accept_is_retried_once_a_second() -> None:
     """asyncio tries as often as it was told connections to take at once, and repeats each of these tries later."""
 
     async def play() -> tuple[int, int]:

@@ -29,7 +29,7 @@ def test_every_vendored_package_has_version_and_licence() -> None:
         assert any(item["from"] == "LICENSE" for item in package["files"])
 
 
-def test_the_page_asks_nobody_else_and_has_no_code_in_its_markup() -> None:
+def test_page_loads_nothing_from_others_and_has_no_inline_code() -> None:
     for path in STATIC.rglob("*"):
         if path.suffix not in {".html", ".js", ".css"} or FOLDER in path.parents:
             continue

@@ -122,7 +122,7 @@ def test_a_late_answer_is_missed_and_does_not_answer_the_next_cycle(line: tuple[
     assert counts(peer) == (1, 2, 0)
 
 
-def test_after_a_missed_cycle_what_is_certainly_newer_counts(line: tuple[Peer, Callable[..., None]]) -> None:
+def test_after_a_missed_cycle_only_a_newer_answer_counts(line: tuple[Peer, Callable[..., None]]) -> None:
     peer, answer = line
     peer.send()
     peer.send()
@@ -133,7 +133,7 @@ def test_after_a_missed_cycle_what_is_certainly_newer_counts(line: tuple[Peer, C
     assert counts(peer) == (2, 1, 0)
 
 
-def test_cycles_the_client_slept_through_are_not_the_peers_fault(line: tuple[Peer, Callable[..., None]]) -> None:
+def test_cycles_missed_by_the_client_do_not_count_for_the_peer(line: tuple[Peer, Callable[..., None]]) -> None:
     peer, answer = line
     peer.send()
     answer(b"\x00")
@@ -145,7 +145,7 @@ def test_cycles_the_client_slept_through_are_not_the_peers_fault(line: tuple[Pee
     assert list(peer.sent) == [0, 2]
 
 
-def test_the_echo_knows_its_cycle_and_the_plc_what_the_drives_turned_by() -> None:
+def test_echo_has_its_cycle_and_plc_answers_follow_the_speed() -> None:
     echo = EchoDialogue(40)
     assert len(echo.datagram(7)) == 40
     assert [echo.answers(echo.datagram(7), cycle) for cycle in (6, 7, 8)] == [False, True, False]
@@ -177,7 +177,7 @@ def test_a_drive_that_starts_beside_one_in_operation_shows_its_first_tpdo() -> N
     assert 0x182 in [identifier for identifier, _ in wire.frames]
 
 
-def test_what_an_ideal_drive_answers_from_memory_ends_with_the_next_write() -> None:
+def test_stored_answers_of_an_ideal_drive_end_with_a_write() -> None:
     wire = _Wire()
     drives = IdealDrives(wire, 1)  # type: ignore[arg-type]
     read, write = bytes.fromhex("4017100000000000"), bytes.fromhex("2B171000E8030000")
@@ -211,7 +211,7 @@ def after(words: list[int], cycles: int) -> tuple[Peer, PlcDialogue]:
     return peer, plc
 
 
-def test_setpoints_are_followed_to_the_drive_by_their_speed() -> None:
+def test_setpoints_are_matched_at_the_drive_by_their_speed() -> None:
     peer, plc = after([0x0637], 2 * SPEEDS)
     log = [(1000 * cycle + 5 + cycle // SPEEDS, 3 * speed(cycle)) for cycle in range(2 * SPEEDS) if cycle != 70]
     result = setpoints_to_can(peer, plc, _Report([2 * SPEEDS], log), 1_000_000)
@@ -224,13 +224,13 @@ def test_setpoints_are_followed_to_the_drive_by_their_speed() -> None:
     [([0x0637, 0x0231], [5, 5], "0231h"), ([0x0637, 0x0637], [5, 4], r"\[5, 4\]")],
     ids=["an axis is not in operation", "a drive was left out"],
 )
-def test_a_row_whose_axes_did_not_do_their_work_is_refused(words: list[int], rpdos: list[int], told: str) -> None:
+def test_row_with_idle_axes_is_rejected(words: list[int], rpdos: list[int], told: str) -> None:
     peer, plc = after(words, 5)
     with pytest.raises(GatewayError, match=told):
         setpoints_to_can(peer, plc, _Report(rpdos, [(1, 1)]), 1_000_000)
 
 
-def test_a_refused_row_says_why_and_the_others_are_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rejected_row_has_its_reason_and_the_others_are_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     good = Latency(100, 1000, 1200, 900, 100)
     row = Row(1, MS, "C", good, good, good, good, good, 0, 50_000, 3000, 7, 1e5, None, 1.0)
 
@@ -266,7 +266,7 @@ def measured(measurement: Callable[[], T], useful: Callable[[T], object] = lambd
 
 
 @pytest.mark.e2e
-def test_short_measurements_are_consistent_and_say_what_was_measured() -> None:
+def test_short_measurements_are_consistent_and_name_the_build() -> None:
     arguments = ["cycle", "--axes", "4", "--cycle-time-ms", "4", "--seconds", "0.5", "--json"]
     result = measured(lambda: CliRunner().invoke(app, arguments, catch_exceptions=False))
     assert result.exit_code == 0, result.output
@@ -298,12 +298,12 @@ def test_every_loss_stops_the_drive_within_its_bound(row: stops.Stop, loss: Call
 
 
 @pytest.mark.e2e
-def test_a_gateway_that_is_killed_or_stands_still_leaves_the_drive_to_its_own_guarding() -> None:
+def test_killed_or_paused_gateway_leaves_the_drive_to_its_guarding() -> None:
     """It raises when the drive does not stop, or the standing ON starts it again; nothing else is left to stop it."""
     assert [len(row.times_ns) for row in killed.real(1)] == [1, 1]
 
 
-def test_a_stranger_sends_what_the_ports_are_for() -> None:
+def test_flood_sends_valid_datagrams_for_each_port() -> None:
     """Otherwise the flood would be dropped before it costs anything."""
     frame = flood.datagram(flood.CYCLIC)
     endpoint = CyclicEndpoint([telegram(1)] * flood.AXES, cycle_ns=flood.PERIOD_NS)

@@ -37,7 +37,7 @@ TURN_MS = 0.25
 FLOOR = bytes.fromhex("02000000007f") + DEVICE_MAC + b"\x88\x92" + FLOOR_FRAME_ID.to_bytes(2, "big") + bytes(44)
 
 
-def test_a_row_tells_what_the_capture_shows(tmp_path: Path) -> None:
+def test_row_has_the_figures_of_the_capture(tmp_path: Path) -> None:
     with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=50) as site:
         started = captures.BEGIN_NS + site.loop.now()
         site.connect()

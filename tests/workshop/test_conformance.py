@@ -44,7 +44,7 @@ def test_every_fault_of_a_drive_and_of_an_encoder_has_a_case() -> None:
 
 
 @pytest.mark.parametrize("case", CASES, ids=case_id)
-def test_what_the_gateway_does(case: Case, results: dict[str, Result]) -> None:
+def test_gateway_reacts_to_each_fault_as_required(case: Case, results: dict[str, Result]) -> None:
     result = results[case_id(case)]
     assert result.failures == []
     assert not result.restarted
@@ -74,7 +74,7 @@ def test_the_commands_come_in_their_order(title: str, commands: list[str], resul
 
 
 @pytest.mark.parametrize("title", ["heartbeat-stops turning", "lost-pdos every=1 turning", "unknown-state turning"])
-def test_a_doubt_is_a_quick_stop_not_a_coast(title: str, results: dict[str, Result]) -> None:
+def test_unknown_state_is_a_quick_stop_not_a_coast(title: str, results: dict[str, Result]) -> None:
     assert results[title].stopped == "quick stop"
 
 
@@ -134,7 +134,7 @@ def test_a_gateway_that_stops_without_need_fails(monkeypatch: pytest.MonkeyPatch
     assert any("unexpected fault numbers:" in failure for failure in result.failures)
 
 
-def test_a_gateway_that_does_not_stop_or_tell_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gateway_that_does_not_stop_or_report_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench, "PATIENCE_S", 0.5)
     assert "drive stopped not within" in run_case(Case("duplicated-pdos", Reaction.STOPS)).failures[0]
     assert "fault (106,) not within" in run_case(Case("two-pdos", Reaction.REFUSES, (106,), Activity.START)).failures[0]
@@ -169,7 +169,7 @@ def test_a_gateway_that_forgets_a_fault_without_an_acknowledge_fails(monkeypatch
     assert "the fault ended by itself" in result.failures
 
 
-def test_a_gateway_that_tells_or_stops_showing_without_need_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gateway_with_unexpected_reports_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench, "PATIENCE_S", 2)
     result = run_case(encoder_case("position-error", Reaction.MEASURES))
     assert any("the position was not good" in failure for failure in result.failures)
@@ -177,7 +177,7 @@ def test_a_gateway_that_tells_or_stops_showing_without_need_fails(monkeypatch: p
     assert "warning not within" in run_case(encoder_case("duplicated-pdos", Reaction.WARNS)).failures[0]
 
 
-def test_the_command_prints_a_matrix_and_its_exit_status_tells(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_command_prints_a_matrix_and_exits_with_the_result(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     good = CliRunner().invoke(app, ["faults", "drive-fault"])
     assert good.exit_code == 0
@@ -201,7 +201,7 @@ def misbehave(daemon: Daemon, name: str, **values: int) -> None:
     drive_of(daemon).do(begin)
 
 
-def test_status_frame_and_fault_buffer_tell_of_a_lost_drive_and_on_stands_without_effect() -> None:
+def test_lost_drive_is_in_status_and_fault_buffer_and_on_has_no_effect() -> None:
     with running(configuration(axis(1), transport=PATIENT)) as daemon:
         plc = Plc(daemon, [1])
         plc.endpoint.set(0, {"NSOLL_A": 0x1000})
@@ -221,7 +221,7 @@ def test_status_frame_and_fault_buffer_tell_of_a_lost_drive_and_on_stands_withou
         plc.enable()
 
 
-def test_one_axis_that_misbehaves_does_not_stop_its_neighbour() -> None:
+def test_faulty_axis_does_not_stop_another_one() -> None:
     with running(configuration(axis(1) + axis(2), transport=PATIENT)) as daemon:
         plc = Plc(daemon, [1, 1])
         plc.endpoint.set(1, {"STW1": 0x047E})

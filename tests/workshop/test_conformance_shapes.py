@@ -14,11 +14,11 @@ from pdgw.workshop.conformance.shapes import REFUSALS, TELEGRAMS, run_case
 
 @pytest.mark.parametrize("number", TELEGRAMS)
 @pytest.mark.parametrize("name", SHAPES)
-def test_a_drive_of_each_shape_moves_as_told_or_is_refused_with_its_reason(name: str, number: int) -> None:
+def test_drive_of_each_variant_moves_as_commanded_or_is_rejected(name: str, number: int) -> None:
     assert run_case(name, number).failure == ""
 
 
-def test_the_command_prints_the_matrix_and_refuses_a_shape_there_is_not() -> None:
+def test_command_prints_the_matrix_and_rejects_an_unknown_variant() -> None:
     found = CliRunner().invoke(app, ["shapes", "unguarded", "--json"])
     assert found.exit_code == 0
     cases = json.loads(found.stdout)["cases"]

@@ -38,7 +38,7 @@ WITHOUT_CASE = {
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.title)
-def test_what_is_asked_is_seen_on_both_sides(case: Case) -> None:
+def test_each_command_bit_is_visible_on_both_sides(case: Case) -> None:
     assert run_case(case).failures == ()
 
 
@@ -49,7 +49,7 @@ def test_every_bit_of_the_positioner_has_a_case(word: str) -> None:
 
 
 @pytest.mark.parametrize("number", NUMBERS)
-def test_what_telegrams_share_is_seen_in_each(number: int) -> None:
+def test_shared_bits_are_visible_in_each_telegram(number: int) -> None:
     outcomes = run_walk(walk(number))
     assert [(outcome.case.title, outcome.failures) for outcome in outcomes if not outcome.passed] == []
 

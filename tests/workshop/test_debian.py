@@ -39,7 +39,7 @@ def test_every_command_has_a_manual_page_with_its_options(manual: dict[str, str]
         assert f".BR pdgw\\-{name} (1)" in manual["pdgw.1"]
 
 
-def test_text_in_a_manual_page_is_no_request_of_roff() -> None:
+def test_text_of_a_manual_page_is_escaped_for_roff() -> None:
     assert escaped(".SH is 'a\\b'") == r"\&.SH is 'a\eb'"
     assert escaped("two\n  lines -v") == r"two lines \-v"
 

@@ -46,7 +46,7 @@ def test_timing_diagrams_of_the_plc_blocks_are_up_to_date() -> None:
     assert stored == drawn, "run: make docs"
 
 
-def test_the_story_of_the_pictures_has_an_axis_in_each_state_it_is_meant_to_show(tmp_path: Path) -> None:
+def test_screenshots_show_an_axis_in_each_intended_state(tmp_path: Path) -> None:
     story = Story(configuration(), tmp_path)
     story.play()
     try:

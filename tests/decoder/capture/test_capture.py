@@ -87,7 +87,7 @@ def test_pcapng_with_several_sections_simple_and_foreign_blocks() -> None:
     assert packets[2].time_ns == packets[1].time_ns
 
 
-def test_what_scapy_writes_is_read(tmp_path: Path) -> None:
+def test_captures_of_scapy_are_read(tmp_path: Path) -> None:
     packets = [Ether(data) for data in captures.cyclic_packets()]
     wrpcap(str(tmp_path / "a.pcap"), packets)
     with PcapNgWriter(str(tmp_path / "a.pcapng")) as writer:
@@ -119,20 +119,20 @@ DATAGRAM = IP(src="10.0.0.1", dst="10.0.0.2") / UDP(sport=4000, dport=34962) / F
         (113, bytes.fromhex("0000 0001 0006 02aa000000010000 8892") + bytes(FRAME)),
     ],
 )
-def test_a_cyclic_frame_is_found_behind_every_link_layer(link: int, data: bytes) -> None:
+def test_cyclic_frame_is_found_with_every_link_layer(link: int, data: bytes) -> None:
     record = Decoder().decode(Packet(1, 0, link, "", data))
     assert isinstance(record, CyclicRecord)
     assert record.data == bytes(FRAME)
 
 
-def test_a_slow_pipe_changes_nothing() -> None:
+def test_slow_pipe_gives_the_same_packets() -> None:
     for data in (captures.pcap(PLC), captures.pcapng(BOTH)):
         assert list(read_capture(Dribble(data), "pipe")) == read(data)
     assert list(read_candump(Dribble(captures.candump()), "pipe")) == can_packets(captures.candump())
 
 
 @pytest.mark.parametrize("make", [captures.pcap, captures.pcapng])
-def test_cut_off_at_any_byte_what_came_before_is_there(make: Callable[..., bytes]) -> None:
+def test_packets_before_a_cut_at_any_byte_are_read(make: Callable[..., bytes]) -> None:
     whole = make(PLC[:3])
     complete = read(whole)
     ends = {len(make(PLC[:count])) for count in (1, 2, 3)} | {24 if make is captures.pcap else 0}
@@ -207,7 +207,7 @@ def test_forms_of_candump_lines(line: str, cob_id: int | None, data: str, flags:
     assert packet.time_ns == (1_500_000_000 if "(" in line else 0)
 
 
-def test_a_bad_line_is_told_with_its_offset() -> None:
+def test_bad_line_is_reported_with_its_offset() -> None:
     good = captures.candump()
     packets, error = until_damage(read_candump(io.BytesIO(good + b"(1.0) can0 18#1\n"), "can.log"))
     assert len(packets) == len(CANOPEN)
@@ -257,7 +257,7 @@ def test_every_format_of_python_can_gives_the_same_frames(ending: str, tmp_path:
         (".trc", b"99) 1.0 DT 1 0181 Rx - 2 ZZ 01\n"),
     ],
 )
-def test_a_damaged_text_log_is_told_after_what_came_before(ending: str, damage: bytes, tmp_path: Path) -> None:
+def test_damaged_text_log_is_reported_after_its_good_packets(ending: str, damage: bytes, tmp_path: Path) -> None:
     path = tmp_path / f"log{ending}"
     with WRITERS[ending](str(path)) as writer:
         for message in captures.messages(channel="1"):
@@ -271,7 +271,7 @@ def test_a_damaged_text_log_is_told_after_what_came_before(ending: str, damage: 
     assert "offset" in str(error)
 
 
-def test_a_shortened_blf_file_is_told(tmp_path: Path) -> None:
+def test_shortened_blf_file_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "log.blf"
     with can.BLFWriter(str(path)) as writer:
         for message in captures.messages(channel="1") * 3000:
@@ -297,13 +297,13 @@ def test_a_shortened_blf_file_is_told(tmp_path: Path) -> None:
         ("a.log", b"nonsense\n", "not a line of a candump log"),
     ],
 )
-def test_what_cannot_be_read_is_said_so(name: str, data: bytes, message: str, tmp_path: Path) -> None:
+def test_unreadable_file_is_reported(name: str, data: bytes, message: str, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(data)
     with pytest.raises(CaptureError, match=message), open_source(str(tmp_path / name)) as source:
         list(source.packets)
 
 
-def test_a_missing_file_is_said_so() -> None:
+def test_missing_capture_file_is_reported() -> None:
     with pytest.raises(CaptureError, match=r"nowhere\.pcap: cannot be read"):
         open_source("nowhere.pcap")
 
@@ -395,7 +395,7 @@ def test_no_such_interface() -> None:
         live.open_interface("nosuch0")
 
 
-def test_standard_input_is_told_by_its_content(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_format_of_standard_input_is_detected_from_its_content(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     log = tmp_path / "a.asc"
     with can.ASCWriter(str(log)) as writer:
         for message in captures.messages():
@@ -416,7 +416,7 @@ MESSAGES = (
 )
 
 
-def test_what_is_recorded_is_read_again(tmp_path: Path) -> None:
+def test_recorded_packets_are_read_again(tmp_path: Path) -> None:
     path = tmp_path / "can.log"
     path.write_text("".join(candump_line(message) for message in MESSAGES))
     with open_source(str(path)) as source:
@@ -433,7 +433,7 @@ def test_what_is_recorded_is_read_again(tmp_path: Path) -> None:
 
 @pytest.mark.tshark
 @tshark.needs_tshark
-def test_tshark_opens_what_is_recorded(tmp_path: Path) -> None:
+def test_tshark_opens_recorded_packets(tmp_path: Path) -> None:
     path = tmp_path / "can.log"
     path.write_text("".join(candump_line(message) for message in MESSAGES))
     rows = tshark.fields(path, ["frame.time_epoch", "can.id"])

@@ -82,7 +82,7 @@ def test_filters(text: str, record: Record, axes: list[int] | None) -> None:
 @pytest.mark.parametrize(
     "text", ["stw1 == 0", "not stw1 == 0", "stw1 != 0", "not stw1", "stw1.on in (0, 1)", "stw1 + 1"]
 )
-def test_what_a_packet_does_not_have_is_never_true(text: str) -> None:
+def test_filter_on_a_missing_field_is_never_true(text: str) -> None:
     assert Filter(text, NAMES).select(HEARTBEAT) is None
     assert Filter(f"node == 2 or ({text})", NAMES).select(HEARTBEAT) == ()
     assert Filter(f"node == 3 or ({text})", NAMES).select(HEARTBEAT) is None
@@ -114,13 +114,13 @@ def test_what_a_packet_does_not_have_is_never_true(text: str) -> None:
         ("f'{axis}'", "filter at column 1"),
     ],
 )
-def test_bad_filters_are_refused_with_what_is_wrong(text: str, message: str) -> None:
+def test_bad_filters_are_rejected_with_the_error(text: str, message: str) -> None:
     with pytest.raises(ProfidriveError, match=message):
         Filter(text, NAMES).select(FRAME)
 
 
 @given(text=st.text(alphabet="stw1. on=<>andornot()'0123456789&|~+-*/%[],_axis", max_size=40))
-def test_any_text_is_a_filter_or_refused(text: str) -> None:
+def test_any_text_is_a_filter_or_rejected(text: str) -> None:
     try:
         Filter(text, NAMES).select(FRAME)
     except ProfidriveError:
@@ -149,7 +149,7 @@ def test_rows_from_whole_frames_are_those_of_the_units(titles: list[str], words:
             assert all(len(row) == len(titles) for row in straight)
 
 
-def test_a_column_nobody_has_is_refused() -> None:
+def test_unknown_column_is_rejected() -> None:
     with pytest.raises(ProfidriveError, match=r"'nsol_a'.*nsoll_a"):
         Columns(["nsol_a"], NAMES)
 
@@ -188,7 +188,7 @@ def test_changes_show_only_the_signals_that_changed() -> None:
     ]
 
 
-def test_a_status_or_unknown_bytes_that_change_are_news() -> None:
+def test_changes_of_status_or_unknown_bytes_are_shown() -> None:
     follow, changes = decoder(), Changes()
 
     def shown(packet: Packet | CanPacket) -> bool:

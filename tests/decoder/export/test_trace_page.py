@@ -58,7 +58,7 @@ def node(*parts: str) -> Any:
     return json.loads(done.stdout) if done.stdout.strip() else None
 
 
-def test_the_page_needs_nothing_else(page: str) -> None:
+def test_page_is_self_contained(page: str) -> None:
     assert not re.search(r"https?://|<link|\bsrc=|@import|url\(", page)
 
 
@@ -90,7 +90,7 @@ def test_no_text_of_a_capture_ends_the_script(tmp_path: Path) -> None:
 
 
 @needs_node
-def test_hovering_tells_the_words_with_their_bits_and_the_values(page: str) -> None:
+def test_hovering_shows_words_with_bits_and_values(page: str) -> None:
     found = data(page)
     on = next(entry["time"] for entry in found["entries"] if "047Eh -> 047Fh +ON" in entry["text"])
     code = f"process.stdout.write(JSON.stringify(stateAt({json.dumps(found)}, 1, {on + 0.1})))"

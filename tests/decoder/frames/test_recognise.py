@@ -58,7 +58,7 @@ def test_golden_lines(text: str, number: int | None, direction: str | None, line
     assert next(iter(tree(document))).startswith(document["kind"] + ": ")
 
 
-def test_an_actual_value_frame_is_told_by_its_frame_id() -> None:
+def test_actual_value_frame_is_recognised_by_its_frame_id() -> None:
     data = RtFrame(0xC000, bytes.fromhex("0637 2000 80 80"), 5).encode()
     document = recognise(data, telegram(1))
     assert document["direction"] == "actual"

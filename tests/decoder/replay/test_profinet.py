@@ -112,7 +112,7 @@ def test_a_changed_actual_value_is_found(recorded: tuple[Plant, Path], tmp_path:
     assert (difference.what, difference.names) == ("actual values", ("ZSW1",))
 
 
-def test_the_timeline_tells_of_relationships_stops_and_losses(recorded: tuple[Plant, Path], tmp_path: Path) -> None:
+def test_timeline_shows_relationships_stops_and_losses(recorded: tuple[Plant, Path], tmp_path: Path) -> None:
     lines = [text for _, text in told(recorded[0], tmp_path)]
 
     def has(*parts: str) -> int:

@@ -202,7 +202,7 @@ def test_a_refused_sdo_write_is_replayed_as_refused(tmp_path: Path) -> None:
     assert [event.number for step in outcome.steps for event in step.events] == [111]
 
 
-def test_another_choice_of_the_user_is_a_difference(tmp_path: Path) -> None:
+def test_different_configuration_is_a_difference(tmp_path: Path) -> None:
     rig = speed()
     rig.stw(0x047E, 60)
     rig.stw(0x047F, 30)
@@ -221,7 +221,7 @@ def test_a_changed_gateway_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.parametrize("name", ["telegram 1", "telegram 9"])
-def test_a_recording_that_begins_in_operation_is_compared_from_the_next_off(name: str, tmp_path: Path) -> None:
+def test_recording_that_starts_in_operation_is_compared_from_the_next_off(name: str, tmp_path: Path) -> None:
     rig = RIGS[name]()
     begin = rig.frames.plc[40][0]
     rig.stw(0x043E, 120)
@@ -256,7 +256,7 @@ def test_loss_of_the_plc_is_replayed(tmp_path: Path) -> None:
     assert len(loaded.recording.plc.losses) == 2  # and at the end of the recording
 
 
-def test_after_a_difference_comparison_goes_on_with_the_next_off(tmp_path: Path) -> None:
+def test_comparison_continues_at_the_next_off_after_a_difference(tmp_path: Path) -> None:
     rig = speed()
     rig.stw(0x047E, 60)
     rig.stw(0x047F, 40)
@@ -295,7 +295,7 @@ def values_of(command: DriveCommand) -> list[int]:
 
 
 @pytest.mark.parametrize("number", DRIVE_TELEGRAM_NUMBERS)
-def test_a_machine_goes_back_to_its_checkpoint(number: int) -> None:
+def test_machine_returns_to_its_checkpoint(number: int) -> None:
     rng = random.Random(number)
     stepper = Stepper(number)
     stepper.set_references(References())
@@ -332,7 +332,7 @@ def test_an_sdo_that_is_answered_before_the_next_step_is_answered_in_it(tmp_path
     assert compared > 200
 
 
-def test_a_silence_in_which_the_gateway_made_no_step_has_none(tmp_path: Path) -> None:
+def test_no_step_is_replayed_in_a_silence_without_steps(tmp_path: Path) -> None:
     rig = RecordedRig(2)
     rig.step(5)
     rig.enable(0x047E)
@@ -359,7 +359,7 @@ def test_position_errors_that_are_the_same_in_many_frames_are_not_old(tmp_path: 
     assert compared > 60
 
 
-def test_parts_the_machine_has_since_it_knows_its_drive_go_back_too() -> None:
+def test_checkpoint_restores_parts_created_for_the_drive() -> None:
     rig = Rig(105, dsc=DscChoices(DscForm.POSITION, following_window=4096))
     rig.stepper.set_references(References())
     rig.enable(0x040E)
@@ -381,7 +381,7 @@ def test_parts_the_machine_has_since_it_knows_its_drive_go_back_too() -> None:
     assert goes_on() == first
 
 
-def test_a_recording_of_nothing_has_no_steps() -> None:
+def test_empty_recording_has_no_steps() -> None:
     outcome = Replayer(AxisRecording(1, NODE, telegram(1)), cycle_ns=CYCLE_NS, tolerance_ns=20 * MS).run()
     assert (outcome.steps, outcome.differences) == ([], [])
 
@@ -430,7 +430,7 @@ class Stalled(RecordedRig):
 
 
 @pytest.mark.parametrize(("cycles", "watchdog_factor"), [(3, 100), (40, 100), (75, 100), (125, 100), (310, 300)])
-def test_the_gateways_own_recording_is_followed_in_its_order_however_long_it_stood_still(
+def test_gateway_recording_keeps_its_order_after_a_long_pause(
     cycles: int, watchdog_factor: int, tmp_path: Path
 ) -> None:
     rig = Stalled(watchdog_factor)
@@ -449,7 +449,7 @@ def test_the_gateways_own_recording_is_followed_in_its_order_however_long_it_sto
     assert compared > 200
 
 
-def test_a_gateway_that_stood_still_sees_the_loss_behind_what_it_still_had_to_answer(tmp_path: Path) -> None:
+def test_paused_gateway_detects_the_loss_after_the_queued_frames(tmp_path: Path) -> None:
     rig = Stalled()
     rig.step(5)
     rig.enable(0x047E)
@@ -467,9 +467,7 @@ def test_a_gateway_that_stood_still_sees_the_loss_behind_what_it_still_had_to_an
 
 
 @pytest.mark.parametrize("later_ms", [0, 2500])
-def test_a_step_that_was_still_in_time_may_be_answered_when_the_watchdog_has_expired(
-    later_ms: int, tmp_path: Path
-) -> None:
+def test_step_in_time_may_be_answered_after_the_watchdog_expired(later_ms: int, tmp_path: Path) -> None:
     rig = Stalled()
     rig.step(5)
     rig.enable(0x047E)
@@ -487,7 +485,7 @@ def test_a_step_that_was_still_in_time_may_be_answered_when_the_watchdog_has_exp
     assert compared > 100
 
 
-def test_a_frame_that_is_not_followed_by_those_that_make_a_connection_connects_nothing(tmp_path: Path) -> None:
+def test_single_frame_makes_no_connection(tmp_path: Path) -> None:
     rig = RecordedRig(1)
     rig.endpoint = CyclicEndpoint([telegram(1)], cycle_ns=CYCLE_NS)
     rig.step(5)

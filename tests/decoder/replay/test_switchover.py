@@ -73,7 +73,7 @@ def test_a_switchover_too_late_is_a_loss_of_the_plc(tmp_path: Path) -> None:
     assert count(found, "controller plc-2 leads") == 0
 
 
-def test_a_dead_backup_holds_nothing(tmp_path: Path) -> None:
+def test_lost_backup_does_not_keep_the_connection(tmp_path: Path) -> None:
     with twins(tmp_path, data_hold=10) as pair:
         pair.site.dead.add(pair.other)
         pair.site.run(60 * MS)

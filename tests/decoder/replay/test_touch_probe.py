@@ -47,7 +47,7 @@ def test_another_latched_position_is_another_measured_value(tmp_path: Path) -> N
         assert only(plc.replayed(tmp_path)) == [("actual values", ("G1_XIST2",))]
 
 
-def test_a_search_the_drive_refuses_is_the_same_error(tmp_path: Path) -> None:
+def test_search_rejected_by_the_drive_is_replayed_as_the_same_error(tmp_path: Path) -> None:
     with recorded([3], axis(1, telegram_number=3)) as plc:
         plc.enable()
         node = drive_of(plc.daemon).node

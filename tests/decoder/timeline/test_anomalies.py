@@ -43,7 +43,7 @@ def test_a_command_the_drive_does_not_answer_is_a_missed_handshake(tmp_path: Pat
     assert text.endswith("[Switched On]")
 
 
-def test_a_mode_that_is_not_shown_is_told(tmp_path: Path) -> None:
+def test_unconfirmed_mode_is_reported(tmp_path: Path) -> None:
     rig = RecordedRig(100)
     rig.node.misbehave("mode-display-stuck")
     rig.stw(0)
@@ -52,7 +52,7 @@ def test_a_mode_that_is_not_shown_is_told(tmp_path: Path) -> None:
     assert texts(timeline(rig, tmp_path), AnomalyKind.MODE) == ["6060h = 3, 6061h = 1 for 1 s"]
 
 
-def test_a_jump_of_the_cycle_counter_is_told_with_the_frames_missing(tmp_path: Path) -> None:
+def test_counter_jump_is_reported_with_the_number_of_missing_frames(tmp_path: Path) -> None:
     rig = speed()
     del rig.frames.plc[30:32]
     assert texts(timeline(rig, tmp_path), AnomalyKind.COUNTER) == [
@@ -85,7 +85,7 @@ def test_a_repeated_frame_is_stale(tmp_path: Path) -> None:
     assert texts(timeline(rig, tmp_path), AnomalyKind.STALE) == ["frame with counter 3968: stale cycle counter"]
 
 
-def test_a_dropped_level_of_a_control_word_is_told(tmp_path: Path) -> None:
+def test_dropped_level_of_a_control_word_is_reported(tmp_path: Path) -> None:
     rig = with_a_dropped_level(200)
     opening = rig.open(tmp_path)
     opening = replace(opening, known=replace(opening.known, delays=True))
@@ -117,7 +117,7 @@ def ended(rig: RecordedRig) -> None:
     rig.step(5, plc=False)
 
 
-def test_a_gateway_that_ends_after_the_plc_has_not_lost_it(tmp_path: Path) -> None:
+def test_gateway_that_ends_after_the_plc_reports_no_loss(tmp_path: Path) -> None:
     rig = speed()
     ended(rig)
     found = timeline(rig, tmp_path)
@@ -129,7 +129,7 @@ def test_a_gateway_that_ends_after_the_plc_has_not_lost_it(tmp_path: Path) -> No
     assert Reason.PLC_LOST in {entry.reason for entry in found.entries if isinstance(entry, ReasonChange)}
 
 
-def test_without_its_watchdog_a_gateway_that_ends_is_not_told_from_a_loss(tmp_path: Path) -> None:
+def test_without_its_watchdog_the_end_of_a_gateway_looks_like_a_loss(tmp_path: Path) -> None:
     rig = speed()
     ended(rig)
     opening = rig.open(tmp_path)
@@ -140,7 +140,7 @@ def test_without_its_watchdog_a_gateway_that_ends_is_not_told_from_a_loss(tmp_pa
     ]
 
 
-def test_emergencies_and_their_reset_are_told(tmp_path: Path) -> None:
+def test_emergencies_and_their_reset_are_reported(tmp_path: Path) -> None:
     rig = speed()
     rig.node.model.inject(7)
     rig.step(20)
@@ -154,7 +154,7 @@ def test_emergencies_and_their_reset_are_told(tmp_path: Path) -> None:
     assert [entry.text.split()[2] for entry in resets] == ["0000h"]
 
 
-def test_a_drive_that_leaves_operation_by_itself_is_told(tmp_path: Path) -> None:
+def test_drive_that_leaves_operation_by_itself_is_reported(tmp_path: Path) -> None:
     rig = RecordedRig(1)
     rig.step(5)
     rig.enable(0x047E)
@@ -189,7 +189,7 @@ def test_without_answers_the_watchdog_decides_and_is_named(factor: int | None, t
     assert texts(found, AnomalyKind.WATCHDOG) == [f"no frame of the PLC for 44.0 ms: lost after 12 ms, {whose}"]
 
 
-def test_frames_the_gateway_does_not_use_are_told_once(tmp_path: Path) -> None:
+def test_frames_rejected_by_the_gateway_are_reported_once(tmp_path: Path) -> None:
     rig = RecordedRig(1)
     rig.step(5)
     stranger = CyclicEndpoint([rig.stepper.telegram], cycle_ns=CYCLE_NS, peer="192.0.2.1")
@@ -251,7 +251,7 @@ def test_with_one_clock_no_edge_comes_before_its_cause(one_clock: bool) -> None:
     assert stop.cause is (None if one_clock else answer)
 
 
-def test_where_todays_rules_differ_for_longer_no_reasons_are_told(tmp_path: Path) -> None:
+def test_no_reasons_are_shown_where_present_rules_differ_for_longer(tmp_path: Path) -> None:
     rig = RecordedRig(1)
     rig.step(5)
     rig.enable(0x047E)
@@ -266,7 +266,7 @@ def test_where_todays_rules_differ_for_longer_no_reasons_are_told(tmp_path: Path
     assert max(told) < begin + AGREEMENT_NS + 10 * MS
 
 
-def test_a_recording_that_begins_in_operation_tells_no_reasons_before_an_off(tmp_path: Path) -> None:
+def test_recording_that_starts_in_operation_has_no_reasons_before_an_off(tmp_path: Path) -> None:
     rig = RecordedRig(1)
     rig.step(5)
     rig.enable(0x047E)

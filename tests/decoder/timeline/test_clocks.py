@@ -60,7 +60,7 @@ def test_edges_of_one_direction_leave_the_delay_in_the_offset() -> None:
     assert (clocks.pairs, clocks.edges) == (4, 4)
 
 
-def test_an_even_rhythm_is_told_as_ambiguous() -> None:
+def test_regular_rhythm_is_reported_as_ambiguous() -> None:
     times = [100 * MS * i for i in range(1, 41)]
     words = AxisWords(control=toggling(times), controlword=toggling([now + SECOND for now in times]))
     clocks = correlate({1: words}, {1: 1}, CYCLE_NS)
@@ -68,7 +68,7 @@ def test_an_even_rhythm_is_told_as_ambiguous() -> None:
     assert "AMBIGUOUS" in clocks.text
 
 
-def test_commands_that_were_not_passed_on_do_not_disturb() -> None:
+def test_commands_without_effect_do_not_disturb_the_offset() -> None:
     times = [100 * MS, 450 * MS, 1100 * MS, 1900 * MS, 2050 * MS, 3000 * MS]
     passed = times[:4]
     words = AxisWords(

@@ -113,7 +113,7 @@ def test_refusals_of_positioning(reason: Reason, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("word", "reason"), [(0x045F, Reason.INTERMEDIATE_STOP), (0x046F, Reason.REJECTED)])
-def test_stops_of_a_task_are_told(word: int, reason: Reason, tmp_path: Path) -> None:
+def test_stops_of_a_task_are_reported(word: int, reason: Reason, tmp_path: Path) -> None:
     rig = RecordedRig(9)
     rig.step(5)
     rig.enable()
@@ -124,7 +124,7 @@ def test_stops_of_a_task_are_told(word: int, reason: Reason, tmp_path: Path) -> 
     assert last_outcome(rig, tmp_path) is reason
 
 
-def test_an_edge_in_a_frame_that_is_not_used_is_told(tmp_path: Path) -> None:
+def test_edge_in_a_rejected_frame_is_reported(tmp_path: Path) -> None:
     rig = speed()
     number = next(i for i, (a, b) in enumerate(pairwise(rig.frames.plc)) if a[1][3] != b[1][3]) + 1
     for position in range(number, number + 3):
@@ -146,7 +146,7 @@ def on_with_late_status(delay_ms: int) -> RecordedRig:
     return rig
 
 
-def test_a_drive_that_takes_its_time_to_start_has_obeyed(tmp_path: Path) -> None:
+def test_slow_start_of_a_drive_counts_as_followed(tmp_path: Path) -> None:
     """Brakes and contactors need some hundred milliseconds."""
     found = timeline(on_with_late_status(250), tmp_path)
     edge = edges(found, WordKind.CONTROL)[-1]
@@ -156,11 +156,11 @@ def test_a_drive_that_takes_its_time_to_start_has_obeyed(tmp_path: Path) -> None
     assert "-> executed" in "\n".join(entry_lines(edge, found.opening.begin_ns))
 
 
-def test_a_drive_that_does_not_start_within_a_second_has_not_obeyed(tmp_path: Path) -> None:
+def test_start_later_than_a_second_counts_as_not_followed(tmp_path: Path) -> None:
     assert last_outcome(on_with_late_status(700), tmp_path) is Reason.NOT_OPERATING
 
 
-def test_a_reason_that_comes_after_an_off_is_not_what_the_off_came_to(tmp_path: Path) -> None:
+def test_reason_after_an_off_is_not_its_result(tmp_path: Path) -> None:
     """Nobody waits for a drive that is to be off: 100 ms later the OFF is judged."""
     rig = RecordedRig(1)
     rig.step(5)
@@ -174,7 +174,7 @@ def test_a_reason_that_comes_after_an_off_is_not_what_the_off_came_to(tmp_path: 
     assert not changes[-1].settling
 
 
-def test_a_reason_that_comes_by_itself_has_a_line_of_its_own(tmp_path: Path) -> None:
+def test_spontaneous_reason_has_its_own_line(tmp_path: Path) -> None:
     rig = RecordedRig(1)
     rig.step(5)
     rig.enable(0x047E)

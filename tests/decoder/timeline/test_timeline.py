@@ -51,7 +51,7 @@ def test_an_edge_is_followed_over_both_buses(clock_ns: int, tmp_path: Path) -> N
         assert latencies[:3] == [100_000, 500_000, 3_500_000]
 
 
-def test_latencies_are_told_for_each_hop(tmp_path: Path) -> None:
+def test_latencies_are_shown_for_each_hop(tmp_path: Path) -> None:
     found = {item.name: item for item in timeline(speed(), tmp_path).summary.latencies}
     assert found["STW1 -> Controlword"].p50_ns == 100_000
     assert found["Controlword -> Statusword"].max_ns < CYCLE_NS
@@ -77,7 +77,7 @@ def test_latencies_are_kept_to_three_digits() -> None:
     assert latencies.result("hop") == Latency("hop", 1000, 1_000_000, 1_000_000, 1_000_999)
 
 
-def test_no_edge_is_the_cause_of_its_own_cause() -> None:
+def test_cause_and_effect_form_no_cycle() -> None:
     word = Field("Controlword", "Controlword")
     first, second, third = (Edge(time, 1, WordKind.CONTROLWORD, word, 0, 1) for time in (1, 2, 3))
     second.follow(first)
@@ -125,7 +125,7 @@ def golden_lines() -> Iterator[str]:
     yield from summary_lines(found.summary, found.opening.clocks, found.opening.assumed)
 
 
-def test_the_timeline_is_the_reviewed_one() -> None:
+def test_timeline_equals_the_reviewed_text() -> None:
     assert list(golden_lines()) == GOLDEN.read_text().splitlines()
 
 

@@ -28,7 +28,7 @@ def test_absent_node_is_two_lines_for_each_of_its_events() -> None:
     assert lines[2].split()[0] == "44.000000"
 
 
-def test_series_that_begins_again_later_has_a_line_of_its_own() -> None:
+def test_repeated_series_has_its_own_line() -> None:
     entries: list[Anomaly | Event] = [Event(time * SECOND, 1, "state", "offline") for time in (0, 1, 30)]
     lines = [line.partition("state: ")[2] for line in written(entries)]
     assert lines == ["offline", "offline (once more)", "offline"]

@@ -129,7 +129,7 @@ def requests(draw: st.DrawFn) -> Request:
 
 
 @given(request=requests())
-def test_requests_come_back_as_they_were(request: Request) -> None:
+def test_requests_round_trip(request: Request) -> None:
     data = encode_request(request)
     assert len(data) % 2 == 0
     assert decode_request(data) == request
@@ -140,7 +140,7 @@ def test_requests_come_back_as_they_were(request: Request) -> None:
     do_id=st.integers(0, 254),
     values=st.lists(st.one_of(areas(), st.builds(Values.error, st.integers(0, 0xFFFF))), min_size=1, max_size=39),
 )
-def test_read_responses_come_back_as_they_were(reference: int, do_id: int, values: list[Values]) -> None:
+def test_read_responses_round_trip(reference: int, do_id: int, values: list[Values]) -> None:
     response = Response(reference, RequestId.REQUEST, do_id, len(values), tuple(values))
     assert decode_response(encode_response(response)) == response
 
@@ -284,12 +284,12 @@ def test_the_longest_value_area_is_taken_and_a_longer_one_refused() -> None:
         ("01 01 00 01 10 01 10 18 00 03 00", "data after the last value at offset 10: '1 bytes'"),
     ],
 )
-def test_a_bad_request_tells_where_it_is_wrong(text: str, message: str) -> None:
+def test_bad_request_names_the_wrong_field(text: str, message: str) -> None:
     with pytest.raises(RequestError, match=message):
         decode_request(bytes.fromhex(text))
 
 
-def test_a_request_refused_as_a_whole_belongs_to_it_whatever_its_count() -> None:
+def test_response_to_a_rejected_request_matches_any_count() -> None:
     request = Request(1, RequestId.REQUEST, 0, (ParameterAddress(1), ParameterAddress(2)))
     refused = Response(1, RequestId.REQUEST, 0, 1, (Values.error(ParameterErrorNumber.SERVICE_NOT_SUPPORTED),))
     assert check_answers(request, refused) == refused.values
@@ -307,7 +307,7 @@ def test_a_request_refused_as_a_whole_belongs_to_it_whatever_its_count() -> None
         "02 01 01 00 00 10 9A 03 00 00",  # a change without values
     ],
 )
-def test_what_is_no_swapped_request_is_not_taken_for_one(text: str) -> None:
+def test_other_requests_do_not_count_as_word_swapped(text: str) -> None:
     assert unswap(bytes.fromhex(text)) is None
 
 

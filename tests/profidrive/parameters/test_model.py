@@ -129,7 +129,7 @@ def test_what_cannot_be_read_is_answered_with_its_error(address: ParameterAddres
     assert read(address).values == (expected,)
 
 
-def test_the_highest_address_is_only_not_there() -> None:
+def test_highest_address_is_answered_as_missing() -> None:
     assert read(ParameterAddress(ARRAY, 0xFFFE, 1)).values == (error(Number.FAULTY_SUBINDEX),)
     assert read(ParameterAddress(ARRAY, 0, MAX_ELEMENTS)).values == (error(Number.FAULTY_SUBINDEX, 4),)
 
@@ -179,7 +179,7 @@ def test_one_element_of_a_number_is_the_number() -> None:
     assert device.written == [7]
 
 
-def test_a_word_may_stand_for_a_number_of_its_size_with_its_sign() -> None:
+def test_word_is_accepted_for_a_signed_number_of_its_size() -> None:
     device = Device()
     assert not write((ParameterAddress(SIGNED), Values(DataType.WORD, (0xFFFD,))), device=device).negative
     assert device.written == [-3]
@@ -211,7 +211,7 @@ def test_a_failed_parameter_does_not_stop_the_others_and_keeps_its_place() -> No
     assert response.count == 3
 
 
-def test_a_drive_object_that_is_not_there() -> None:
+def test_missing_drive_object_is_an_error() -> None:
     response = respond(
         Request(1, RequestId.REQUEST, 9, (ParameterAddress(NUMBER), ParameterAddress(ARRAY))), None, _BLOCK
     )
@@ -273,7 +273,7 @@ def test_a_request_without_a_header_has_no_answer_and_a_broken_one_has_its_error
     assert broken == bytes.fromhex("01 80 00 01 44 01 00 21")
 
 
-def test_the_request_says_which_drive_object_is_meant() -> None:
+def test_request_addresses_its_drive_object() -> None:
     asked: list[int] = []
 
     def find(do_id: int) -> Device:
@@ -287,7 +287,7 @@ def test_the_request_says_which_drive_object_is_meant() -> None:
 # -- the description ------------------------------------------------------------------------------------------------------
 
 
-def test_a_description_says_what_the_parameter_is() -> None:
+def test_description_has_the_properties_of_the_parameter() -> None:
     (whole,) = read(ParameterAddress(NUMBER, 0, 1, Attribute.DESCRIPTION)).values
     assert whole.format is DataType.OCTET_STRING
     assert isinstance(whole.values, bytes)
@@ -324,7 +324,7 @@ def test_identifier_and_number_of_elements(pnu: int, identifier: int, count: int
     count=st.integers(0, 99),
     limits=st.tuples(st.integers(0, 1000), st.integers(0, 1000)),
 )
-def test_descriptions_come_back_as_they_were(
+def test_descriptions_round_trip(
     data_type: DataType, array: bool, writable: bool, texts: bool, count: int, limits: tuple[int, int]
 ) -> None:
     low = -limits[0] if data_type.char.islower() else limits[0]

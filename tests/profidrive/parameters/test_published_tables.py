@@ -130,7 +130,7 @@ def test_an_unknown_request_id_is_answered_with_80h(request_id: int) -> None:
     assert answer(data, lambda _: Device(), 240) == bytes.fromhex("07 80 01 01 44 01 00 21")
 
 
-def test_a_value_of_a_time_with_a_date_is_refused_by_a_number() -> None:
+def test_time_with_date_is_rejected_with_an_error_number() -> None:
     request = Request(
         1, RequestId.CHANGE, 1, (ParameterAddress(952),), (Values(DataType.TIME_OF_DAY_WITH_DATE, bytes(6)),)
     )

@@ -154,7 +154,7 @@ def test_every_state_and_event_leads_where_the_standard_says(state: State, event
     assert [fields(frame)[:2] for frame in item.frames] == [(PduType.DATA, 0x0000 if finished else 0xFFFF)]
 
 
-def test_sequence_numbers_start_at_ffff_and_go_round_below_8000() -> None:
+def test_sequence_numbers_start_at_ffff_and_wrap_below_8000() -> None:
     item = machine()
     own, peer = 0xFFFF, 0xFFFF
     for _ in range(0x8003):
@@ -221,7 +221,7 @@ def test_an_alarm_exchange_byte_by_byte(priority: Priority, frame_id: str, tag: 
     assert item.error(0xCF81FD05) == bytes.fromhex(f"{head} 14 01 ffff ffff 0004 cf81fd05").ljust(60, b"\0")
 
 
-def test_data_that_answers_another_notification_finishes_nothing() -> None:
+def test_answer_to_another_notification_is_ignored() -> None:
     item = machine()
     told = notification()
     item.send(told, 0)
@@ -244,7 +244,7 @@ def test_data_that_answers_another_notification_finishes_nothing() -> None:
     ],
     ids=["own reference", "peer reference", "sequence", "NACK", "DATA sequence", "short", "length", "version", "ERR"],
 )
-def test_pdus_that_do_not_fit_are_dropped_and_end_nothing(frame: bytes) -> None:
+def test_invalid_alarm_pdus_are_dropped_without_an_effect(frame: bytes) -> None:
     item = machine()
     item.send(notification(), 0)
     item.frames.clear()
@@ -252,7 +252,7 @@ def test_pdus_that_do_not_fit_are_dropped_and_end_nothing(frame: bytes) -> None:
     assert (item.state, item.frames, item.failed, item.dropped) == (State.WAIT_ACK, [], False, 1)
 
 
-def test_data_that_acknowledges_and_holds_no_alarm_ack_is_acknowledged_and_finishes_nothing() -> None:
+def test_data_without_alarm_ack_is_acknowledged_but_finishes_nothing() -> None:
     item = machine()
     item.send(notification(), 0)
     item.frames.clear()
@@ -293,7 +293,7 @@ def test_each_alarm_of_a_relationship_has_the_next_sequence_number_and_its_own_p
         assert not item.pending
 
 
-def test_submodules_that_return_are_told_in_their_order_and_only_those_of_the_project() -> None:
+def test_returning_submodules_of_the_project_are_reported_in_order() -> None:
     item = source(Diagnosis(), frozenset({(1, 2), (3, 2)}))
     for place in ((3, 2), (2, 2), (1, 2), (3, 2)):
         item.returned(place)
@@ -347,7 +347,7 @@ def test_each_class_of_a_drive_appears_and_disappears_once() -> None:
     assert all(item.specifier & CHANNEL_DIAGNOSIS for item in last)
 
 
-def test_a_controller_that_connects_is_told_what_is_present_already() -> None:
+def test_new_controller_gets_the_present_diagnosis() -> None:
     wire = Wire()
     wire.device.set_diagnosis(POINT, MessageClass.SAFETY)
     wire.device.set_diagnosis((3, 1), MessageClass.TEMPERATURE, severity=Severity.MAINTENANCE_REQUIRED)
@@ -361,7 +361,7 @@ def test_a_controller_that_connects_is_told_what_is_present_already() -> None:
     assert severities == [Severity.FAULT, Severity.MAINTENANCE_REQUIRED]
 
 
-def test_a_fault_that_flickers_while_an_alarm_is_outstanding_fills_nothing() -> None:
+def test_intermittent_fault_does_not_fill_the_alarm_queue() -> None:
     wire = Wire()
     wire.connect()
     wire.plc.answer_alarms = False
@@ -374,7 +374,7 @@ def test_a_fault_that_flickers_while_an_alarm_is_outstanding_fills_nothing() -> 
     assert [kind for kind, _, _ in told(wire)] == [AlarmType.DIAGNOSIS, AlarmType.DIAGNOSIS_DISAPPEARS]
 
 
-def test_a_drive_that_comes_back_is_told_as_return_of_submodule_once() -> None:
+def test_returning_drive_is_one_return_of_submodule_alarm() -> None:
     wire = Wire()
     wire.connect()
     wire.device.returned((1, 2))

@@ -198,7 +198,7 @@ def test_a_wrong_header_is_refused_by_its_field(block: Block, position: int, num
     assert refusal.value.number == number
 
 
-def test_a_byte_behind_the_last_field_is_an_error_of_the_length() -> None:
+def test_byte_after_the_last_field_is_a_length_error() -> None:
     data = AR.encode() + b"\0"
     longer = data[:2] + (len(data) - 4).to_bytes(2, "big") + data[4:]
     with pytest.raises(WireError) as refusal:
@@ -206,7 +206,7 @@ def test_a_byte_behind_the_last_field_is_an_error_of_the_length() -> None:
     assert refusal.value.number == 1
 
 
-def test_what_others_sent_is_understood_whatever_its_values() -> None:
+def test_received_blocks_with_any_values_are_decoded() -> None:
     strange = replace(AR, ar_type=0x20, ar_uuid=UUID(int=0), initiator_mac=b"\1" * 6, station_name="no name!")
     assert ArBlockReq.understand(strange.encode()) == strange
     with pytest.raises(WireError):
@@ -226,7 +226,7 @@ def test_numbers_of_fields_count_through_nested_lists_as_the_standard_does() -> 
 
 
 @given(st.lists(st.sampled_from(OURS), max_size=6))
-def test_blocks_in_any_order_are_told_apart(blocks: list[Block]) -> None:
+def test_blocks_in_any_order_are_distinguished(blocks: list[Block]) -> None:
     data = b"".join(block.encode() for block in blocks)
     found = list(split(data))
     assert [kind for kind, _ in found] == [block.TYPE for block in blocks]

@@ -140,7 +140,7 @@ def test_the_table_is_total() -> None:
     assert set(TABLE) == {(state, event) for state in State for event in Event}
 
 
-def test_a_relationship_that_ended_does_nothing_any_more() -> None:
+def test_ended_relationship_is_inactive() -> None:
     sink = Sink()
     item = relation(sink)
     assert item.plan.alarm is not None
@@ -169,7 +169,7 @@ def test_an_alarm_of_the_controller_is_acknowledged_at_once() -> None:
     assert apmx.PDU.unpack_from(frame, 18)[3] & 0xF == PduType.ACK
 
 
-def test_a_loss_of_data_while_parameters_are_written_anew_is_due_before_the_activity_time() -> None:
+def test_data_loss_during_reparameterisation_precedes_the_activity_timeout() -> None:
     item = relation(Sink())
     for event in (Event.PRM_END, Event.CONFIRMED, Event.DATA_RECEIVED):
         item.handle(event, 5)
@@ -179,7 +179,7 @@ def test_a_loss_of_data_while_parameters_are_written_anew_is_due_before_the_acti
     assert item.watch_deadline == item.consumer.deadline == 6 + item.consumer.hold_ns
 
 
-def test_an_alarm_that_waits_for_its_acknowledge_is_due_when_that_is_nearer_than_the_loss_of_data() -> None:
+def test_alarm_repetition_is_due_before_a_later_data_hold_timeout() -> None:
     diagnosis = Diagnosis()
     diagnosis.set((1, 1), 0x9000)
     sink = Sink()
@@ -288,7 +288,7 @@ def test_application_ready_comes_after_the_answer_to_prm_end() -> None:
     assert caller.addressed == [SOURCE, (PLC_IP, 34964)]
 
 
-def test_a_controller_that_confirms_and_then_sends_no_data_is_given_up() -> None:
+def test_controller_without_data_after_its_confirmation_is_aborted() -> None:
     wire = Wire(of_project=project(activity_timeout=10))
     wire.plc.start(0)
     wire.run(5 * S, lambda: wire.plc.provider is not None)
@@ -297,7 +297,7 @@ def test_a_controller_that_confirms_and_then_sends_no_data_is_given_up() -> None
     assert ended(wire) is AbortCode.ACTIVITY_TIMEOUT
 
 
-def test_a_restarted_controller_takes_its_own_place_and_the_old_relationship_ends() -> None:
+def test_restarted_controller_replaces_its_old_relationship() -> None:
     wire = Wire()
     wire.connect()
     wire.run(20 * MS)
@@ -307,7 +307,7 @@ def test_a_restarted_controller_takes_its_own_place_and_the_old_relationship_end
     assert wire.device.connected
 
 
-def test_parameters_can_be_written_anew_while_connected_and_outputs_do_not_count_meanwhile() -> None:
+def test_outputs_do_not_count_during_reparameterisation() -> None:
     wire = Wire()
     wire.connect()
     wire.plc.set_output((1, 2), bytes(4))
@@ -337,7 +337,7 @@ def test_parameters_can_be_written_anew_while_connected_and_outputs_do_not_count
     assert wire.device.output((1, 2)) == bytes(4)
 
 
-def test_a_controller_that_begins_to_write_parameters_and_never_ends_is_given_up() -> None:
+def test_endless_reparameterisation_is_aborted() -> None:
     wire = Wire(of_project=project(activity_timeout=3))
     wire.connect()
     wire.run(20 * MS)
@@ -349,7 +349,7 @@ def test_a_controller_that_begins_to_write_parameters_and_never_ends_is_given_up
     assert 300 * MS <= wire.now - since <= 310 * MS
 
 
-def test_a_deadline_is_the_nearest_of_what_is_being_waited_for() -> None:
+def test_deadline_is_the_earliest_active_timeout() -> None:
     access = relation(Sink(), access=True)
     timeout = access.plan.ar.activity_timeout * 100 * MS
     assert access.deadline == access.watch_deadline == timeout
@@ -372,7 +372,7 @@ def test_a_deadline_is_the_nearest_of_what_is_being_waited_for() -> None:
 
 
 @pytest.mark.parametrize("kind", [PacketType.REJECT, PacketType.FAULT])
-def test_a_controller_that_rejects_application_ready_is_given_up_at_once(kind: PacketType) -> None:
+def test_rejected_application_ready_ends_the_relationship_at_once(kind: PacketType) -> None:
     caller = connected_by_hand()
     wire = caller.wire
     control(caller, PRM_END, Operation.CONTROL)
@@ -487,7 +487,7 @@ def test_only_the_controllers_own_answer_confirms_application_ready() -> None:
     ],
     ids=["error", "session", "AR", "command"],
 )
-def test_a_controller_whose_answer_does_not_confirm_is_given_up(status: int, changes: dict[str, Any]) -> None:
+def test_unconfirmed_application_ready_ends_the_relationship(status: int, changes: dict[str, Any]) -> None:
     caller = connected_by_hand()
     control(caller, PRM_END, Operation.CONTROL)
     wire = caller.wire

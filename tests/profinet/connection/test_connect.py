@@ -335,7 +335,7 @@ def test_the_same_ar_with_a_new_call_is_in_the_wrong_state() -> None:
     assert caller.wire.device.relation is not None
 
 
-def test_an_answer_longer_than_the_caller_takes_is_refused_and_leaves_nothing() -> None:
+def test_connect_answer_beyond_the_callers_limit_is_rejected() -> None:
     caller = Caller()
     status, _ = caller.call(b"".join(block.encode() for block in blocks()), maximum=20)
     assert status == PnioStatus(0xDB, 0x81, 0x40, 0x00)

@@ -148,7 +148,7 @@ class WithoutStatus(LeftOut):
 
 
 @pytest.mark.parametrize("kind", [SameFrameId, LeftOut, WithoutStatus])
-def test_what_real_controllers_ask_for_and_real_devices_grant(kind: type[Project]) -> None:
+def test_requests_of_real_controllers_are_granted(kind: type[Project]) -> None:
     """Each seen in public captures of running machines."""
     wire = Wire(of_project=kind("gateway", model().modules))
     wire.connect()
@@ -186,7 +186,7 @@ def test_a_send_offset_within_the_send_clock_is_granted() -> None:
     assert not status.value, status.text
 
 
-def test_a_submodule_that_is_not_there_is_told_with_no_identification() -> None:
+def test_missing_submodule_is_reported_without_an_identification() -> None:
     status, data = Caller().connect(blocks(wrong(1, ONE_MORE)))
     assert not status.value
     (module,) = ModuleDiffBlock.decode(answered_blocks(data)[0x8104][0]).apis[0].modules
@@ -210,7 +210,7 @@ def test_a_submodule_that_is_not_there_is_told_with_no_identification() -> None:
         "no such submodule",
     ],
 )
-def test_a_project_that_differs_is_granted_told_the_difference_and_the_rest_runs(
+def test_different_project_is_granted_with_the_list_of_differences(
     of_project: Project, state: ModuleState, info: IdentInfo | None, proper: set[int]
 ) -> None:
     status, data = Caller().connect(blocks(of_project))
@@ -325,7 +325,7 @@ def test_lengths_that_contradict_each_other_are_rejected() -> None:
         ({"object": dcerpc.object_uuid(1, 1, 1)}, 0x1C010003),
     ],
 )
-def test_a_call_to_somebody_else_is_rejected(changes: dict[str, Any], status: int) -> None:
+def test_call_to_another_device_is_rejected(changes: dict[str, Any], status: int) -> None:
     wire = Wire()
     header = RpcHeader(PacketType.REQUEST, dcerpc.object_uuid(1, 0x0402, 0xFFFF), UUID(int=4), 0, Operation.CONNECT)
     body = encode_arguments(100, b"", 100, little=True)

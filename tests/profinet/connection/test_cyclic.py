@@ -80,7 +80,7 @@ def test_before_the_first_frame_nothing_is_received_and_a_submodule_without_data
     assert item.status == (37, STATUS_STOP, 0)
 
 
-def test_stop_of_the_controller_and_bad_data_are_no_setpoints_but_keep_the_relationship() -> None:
+def test_provider_stop_and_bad_data_keep_the_relationship_without_setpoints() -> None:
     item = consumer()
     give(item, output_frame(0))
     assert item.output(AXIS) == SETPOINTS
@@ -123,7 +123,7 @@ def test_frames_with_and_without_a_priority_tag_count() -> None:
     [(0, 0x04), (6, 0x04), (19, 0x99)],
     ids=["to another station", "from another station", "another FrameID"],
 )
-def test_frames_of_others_do_not_count(position: int, value: int) -> None:
+def test_frames_of_other_senders_do_not_count(position: int, value: int) -> None:
     wire = Wire()
     wire.connect()
     wire.run(20 * MS)
@@ -150,7 +150,7 @@ def test_the_data_hold_time_is_what_was_agreed(ratio: int, hold: int) -> None:
     assert not wire.device.connected
 
 
-def test_the_consumer_tells_an_axis_of_silence_long_before_the_hold_time() -> None:
+def test_axis_learns_of_silence_before_the_data_hold_time() -> None:
     wire = Wire(of_project=project(reduction_ratio=4, data_hold=255))
     wire.connect()
     wire.run(40 * MS)
@@ -170,7 +170,7 @@ def provider(ratio: int = 4) -> Provider:
     return item
 
 
-def test_frames_are_sent_on_the_grid_of_the_cycle_and_late_ones_are_not_made_up_for() -> None:
+def test_frames_keep_the_grid_of_the_cycle_and_late_ones_are_skipped() -> None:
     item = provider(4)
     sent = []
     skipped = 0
@@ -184,7 +184,7 @@ def test_frames_are_sent_on_the_grid_of_the_cycle_and_late_ones_are_not_made_up_
 
 
 @given(st.integers(1, 16), st.lists(st.integers(0, 40 * MS), max_size=60))
-def test_no_cycle_is_sent_twice_and_the_counter_never_stands_still(ratio: int, steps: list[int]) -> None:
+def test_no_cycle_is_sent_twice_and_the_counter_always_advances(ratio: int, steps: list[int]) -> None:
     item = provider(ratio)
     now = cycles = 0
     counters = []
@@ -262,7 +262,7 @@ def test_before_prm_end_every_status_on_the_wire_is_bad() -> None:
     assert not any(any(frame[20:-4]) for frame in cyclic)
 
 
-def test_a_fault_that_is_there_already_shows_in_the_first_frame() -> None:
+def test_present_fault_is_shown_in_the_first_frame() -> None:
     caller = Caller()
     caller.wire.device.set_diagnosis((1, 1), 0x9000)
     assert not caller.connect(blocks())[0].value

@@ -103,7 +103,7 @@ def test_a_longer_hold_time_than_the_model_allows_is_refused() -> None:
     ],
     ids=["partner", "same number", "another project", "another hold time", "third number", "no redundancy"],
 )
-def test_the_second_controller_has_to_be_the_partner_of_the_first(
+def test_second_controller_must_be_the_partner_of_the_first(
     second: Redundancy | None, refused: tuple[int, int] | None
 ) -> None:
     pair = Pair()
@@ -151,7 +151,7 @@ def test_output_data_counts_only_of_the_primary_and_input_data_goes_to_both() ->
 
 
 @pytest.mark.parametrize(("properties", "valid"), [(0x0, True), (0x1, True), (0x4, False), (0x5, True)])
-def test_input_data_of_the_backup_is_marked_as_its_controller_wants(properties: int, valid: bool) -> None:
+def test_input_data_of_the_backup_is_marked_as_requested(properties: int, valid: bool) -> None:
     pair = Pair(properties=properties).connect_both()
     pair.one.lead(primary=True)
     first, second = pair.roles()
@@ -161,7 +161,7 @@ def test_input_data_of_the_backup_is_marked_as_its_controller_wants(properties: 
     assert len(pair.device.relations) == 2
 
 
-def test_the_newest_wish_leads_and_the_older_one_is_told() -> None:
+def test_newest_request_for_primary_wins_and_the_other_is_reported() -> None:
     pair = led()
     pair.other.lead(primary=True)
     assert pair.roles() == (FAULT, LEADS)
@@ -172,7 +172,7 @@ def test_the_newest_wish_leads_and_the_older_one_is_told() -> None:
     assert [item.relation.plan.ar.station_name for item in told] == ["plc-1", "plc-2"]
 
 
-def test_two_controllers_that_both_ask_for_the_hold_time_are_both_ended() -> None:
+def test_both_relationships_end_if_both_request_primary_too_long() -> None:
     pair = led()
     pair.other.lead(primary=True)
     pair.run(HOLD_MS * MS - 20 * MS)
@@ -184,7 +184,7 @@ def test_two_controllers_that_both_ask_for_the_hold_time_are_both_ended() -> Non
         assert plc.learned.error == AbortCode.DATA_HOLD.status.value
 
 
-def test_a_dead_primary_whose_wish_stands_is_no_dispute() -> None:
+def test_request_of_a_lost_primary_is_no_conflict() -> None:
     pair = Pair(data_hold=100).connect_both()
     pair.one.lead(primary=True)
     pair.run(20 * MS)
@@ -216,7 +216,7 @@ def test_a_switchover_within_the_hold_time_keeps_the_new_relationship(way: str) 
     assert pair.output() == bytes.fromhex("00002000")
 
 
-def test_nobody_primary_for_the_hold_time_ends_both() -> None:
+def test_both_relationships_end_without_a_primary_for_the_hold_time() -> None:
     pair = led()
     pair.one.lead(primary=False)
     pair.run(HOLD_MS * MS - 20 * MS)
@@ -225,13 +225,13 @@ def test_nobody_primary_for_the_hold_time_ends_both() -> None:
     assert not pair.device.relations
 
 
-def test_before_anybody_was_primary_no_hold_time_runs() -> None:
+def test_hold_time_starts_with_the_first_primary() -> None:
     pair = Pair().connect_both()
     pair.run(10 * HOLD_MS * MS)
     assert len(pair.device.relations) == 2
 
 
-def test_alarms_go_to_the_primary_and_to_a_new_one_what_is_present() -> None:
+def test_alarms_are_sent_to_the_primary_and_present_ones_to_a_new_primary() -> None:
     pair = led()
     pair.device.set_diagnosis((1, 1), MessageClass.TEMPERATURE)
     pair.run(100 * MS)
@@ -284,7 +284,7 @@ STEPS = st.lists(
 
 
 @given(STEPS)
-def test_the_newest_edge_leads_whatever_happens(steps: list[tuple[Name, str, int]]) -> None:
+def test_newest_edge_defines_the_primary_in_every_sequence(steps: list[tuple[Name, str, int]]) -> None:
     both: ArSet[Name] = ArSet()
     asks = dict.fromkeys(Name, False)
     for name in Name:

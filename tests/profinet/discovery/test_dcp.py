@@ -69,7 +69,7 @@ def test_an_identify_is_answered_with_every_block_of_the_table_in_its_order() ->
     assert (blocks[3].vendor_id, blocks[3].device_id) == (0xFFFF, 0x0402)
 
 
-def test_an_identify_by_scapy_is_answered_when_its_name_is_ours() -> None:
+def test_identify_of_scapy_is_answered_for_our_name() -> None:
     for name, answered in ((b"gateway", 1), (b"other", 0), (b"gatewa", 0)):
         rig = Rig()
         length = len(name)
@@ -114,7 +114,7 @@ def test_every_filter_of_an_identify_must_match(filters: bytes, answered: bool) 
     assert bool(rig.identify(filters)) is answered
 
 
-def test_the_answer_to_an_identify_waits_as_the_own_address_says() -> None:
+def test_identify_answer_is_delayed_by_the_own_mac_address() -> None:
     rig = Rig()
     rig.ask(dcp.encode(0xFEFE, Service.IDENTIFY, dcp.ServiceType.REQUEST, 9, ALL, 300), ethernet.DCP_MULTICAST, now=5)
     delay = (0x01 * 256 + 0xF4) % 300 * 10 * MS
@@ -143,7 +143,7 @@ def test_a_flood_of_identify_keeps_a_bounded_number_of_answers() -> None:
     assert len(rig.dcp.poll(1 << 62)) == 16
 
 
-def test_get_answers_what_is_asked_and_says_what_is_not_there() -> None:
+def test_get_answers_known_options_and_rejects_unknown_ones() -> None:
     rig = Rig()
     payload = dcp.encode(0xFEFD, Service.GET, dcp.ServiceType.REQUEST, 3, bytes.fromhex("0101 0202 0209 0901"))
     frame = rig.ask(payload)
@@ -167,7 +167,7 @@ def test_get_and_set_count_only_when_sent_to_this_station_alone() -> None:
     assert rig.station.name == "gateway"
 
 
-def test_name_ip_flash_and_reset_are_taken_and_told() -> None:
+def test_name_ip_flash_and_reset_are_accepted_and_reported() -> None:
     rig = Rig()
     suite = IpSuite(IPv4Address("10.0.0.5"), IPv4Address("255.0.0.0"))
     assert rig.set(Option.NAME, b"press-1.hall") is SetError.OK
@@ -234,9 +234,7 @@ def test_while_a_relationship_is_up_name_ip_and_reset_are_refused_and_nothing_ch
         (Option.STOP, b"", 0, SetError.OK),
     ],
 )
-def test_a_set_that_makes_no_sense_is_refused_with_its_error(
-    option: Option, value: bytes, qualifier: int, error: SetError
-) -> None:
+def test_invalid_set_is_rejected_with_its_error(option: Option, value: bytes, qualifier: int, error: SetError) -> None:
     rig = Rig()
     assert rig.set(option, value, qualifier) is error
     assert (rig.station.name, rig.station.ip) == ("gateway", SUITE)
@@ -294,7 +292,7 @@ def test_answers_byte_by_byte() -> None:
     assert rig.ask(bytes.fromhex(f"fefd 04 01 0000000b 0000 0008 {name}")) is None, "an answer is no request"
 
 
-def test_an_address_the_interface_may_not_have_is_refused_and_not_told() -> None:
+def test_unassignable_address_is_rejected_and_not_stored() -> None:
     rig = Rig()
     rig.dcp = DcpResponder(rig.station, lambda: False, lambda suite: False)
     assert rig.set(Option.IP, bytes.fromhex("0a000001ffffff0000000000")) is SetError.LOCAL == 5
@@ -324,7 +322,7 @@ def test_names_the_standard_forbids(name: str) -> None:
 
 
 @given(st.binary(max_size=80), st.sampled_from([0xFEFD, 0xFEFE, 0xFEFF]), st.sampled_from([3, 4, 5, 6]))
-def test_no_dcp_frame_is_too_strange(blocks: bytes, frame_id: int, service: int) -> None:
+def test_any_dcp_frame_is_survived(blocks: bytes, frame_id: int, service: int) -> None:
     rig = Rig()
     payload = dcp.HEADER.pack(frame_id, service, 0, 1, 1, len(blocks)) + blocks
     for destination in (MAC, ethernet.DCP_MULTICAST):

@@ -63,12 +63,12 @@ def test_a_frame_is_this_byte_by_byte() -> None:
     assert lldp.encode(station()).hex() == (bytes.fromhex("0180c200000e 020000000001 88cc") + b"".join(tlvs)).hex()
 
 
-def test_a_station_without_a_name_tells_its_port_alone() -> None:
+def test_station_without_a_name_sends_only_its_port() -> None:
     nameless = Station(Identity(MAC, 1, 2, "gateway", "PDGW"))
     assert lldp.decode(lldp.encode(nameless), 14, 0).port_id == "port-001"
 
 
-def test_what_is_told_is_read_back() -> None:
+def test_sent_lldp_is_read_back() -> None:
     neighbour = lldp.decode(lldp.encode(station()), 14, 5)
     assert (neighbour.port_id, neighbour.alias) == ("port-001.press-1", "port-001.press-1")
     assert (neighbour.mac, neighbour.seen_ns, neighbour.lifetime_ns) == (MAC, 5, 20_000_000_000)
@@ -86,7 +86,7 @@ def test_a_neighbour_built_by_scapy_is_known_by_its_name() -> None:
     assert (neighbour.chassis_id, neighbour.port_id, neighbour.alias) == ("plc", "port-001", "port-001.plc")
 
 
-def test_a_neighbour_may_name_himself_by_his_mac_address() -> None:
+def test_neighbour_may_be_named_by_its_mac_address() -> None:
     tlvs = "0207 04 020000000009  0402 07 31  0602 0014  0000"
     neighbour = lldp.decode(MAC * 2 + bytes.fromhex("88cc" + tlvs), 14, 0)
     assert (neighbour.chassis_id, neighbour.port_id, neighbour.alias) == (
@@ -131,7 +131,7 @@ def told_by_a_neighbour(lifetime_s: int) -> bytes:
     return frame[: ttl + 2] + lifetime_s.to_bytes(2, "big") + frame[ttl + 4 :]
 
 
-def test_a_neighbour_is_known_as_long_as_he_said_and_goes_with_the_cable() -> None:
+def test_neighbour_is_kept_for_its_lifetime_and_removed_with_the_cable() -> None:
     wire = Wire()
     device = wire.device
 
@@ -162,6 +162,6 @@ def test_the_device_is_described_in_columns() -> None:
 
 
 @given(st.binary(max_size=100))
-def test_no_lldp_frame_is_too_strange(data: bytes) -> None:
+def test_any_lldp_frame_is_survived(data: bytes) -> None:
     with contextlib.suppress(ProfidriveError):
         lldp.decode(MAC * 2 + b"\x88\xcc" + data, 14, 0)

@@ -117,7 +117,7 @@ def test_getbulk_answers_repetitions_and_stays_within_one_frame() -> None:
     assert len(found) > 16
 
 
-def test_an_object_that_is_not_there_is_an_error_in_v1_and_an_exception_in_v2c() -> None:
+def test_missing_object_is_an_error_in_v1_and_an_exception_in_v2c() -> None:
     for pdu, asked in ((SNMPget, NEVER), (SNMPnext, END)):
         old = ask(pdu(id=1, varbindlist=binds(SYS_NAME, asked)), version=0)
         assert old is not None

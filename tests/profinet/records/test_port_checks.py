@@ -52,7 +52,7 @@ def present(wire: Wire) -> str:
 
 
 @pytest.mark.parametrize("index", [index for _, index in WRITABLE])
-def test_a_record_of_the_port_or_interface_that_is_garbage_is_refused(index: int) -> None:
+def test_invalid_port_or_interface_record_is_rejected(index: int) -> None:
     wire = connected()
     place = next((0, *place) for place, known in WRITABLE if known == index)
     for garbage in (b"", b"check", bytes(40), bytes.fromhex("0201 0002 0100"), PORT_CHECK + b"tail", b"\xff" * 64):
@@ -93,7 +93,7 @@ def test_any_bytes_as_a_port_record_are_accepted_or_a_wire_error(data: bytes, ke
             check(*key, whole)
 
 
-def test_a_wrong_neighbour_is_diagnosed_by_what_differs_until_the_right_one_is_heard() -> None:
+def test_wrong_neighbour_is_diagnosed_until_the_right_one_is_received() -> None:
     wire = connected((0x8001, 0x802B, PORT_CHECK))
     for legacy in (False, True):
         hear(wire, legacy=legacy)
@@ -108,7 +108,7 @@ def test_a_wrong_neighbour_is_diagnosed_by_what_differs_until_the_right_one_is_h
     assert present(wire) == ""
 
 
-def test_a_neighbour_never_heard_is_diagnosed_ten_seconds_after_the_link() -> None:
+def test_missing_neighbour_is_diagnosed_ten_seconds_after_link_up() -> None:
     wire = connected((0x8001, 0x802B, PORT_CHECK))
     wire.run(9 * SECOND)
     assert present(wire) == ""
@@ -128,7 +128,7 @@ def test_another_speed_than_the_projects_is_diagnosed() -> None:
     assert present(wire) == WRONG_MAU
 
 
-def test_a_port_fault_is_told_to_the_controller_as_an_alarm_and_its_end_too() -> None:
+def test_start_and_end_of_a_port_fault_are_alarms() -> None:
     wire = connected((0x8001, 0x802B, PORT_CHECK))
     hear(wire, name="plc-2")
     hear(wire)
@@ -152,7 +152,7 @@ def lldp_frames(wire: Wire, seconds: int) -> list[bytes]:
     return [frame for frame in wire.frames if frame[12:14] == ethernet.ETHERTYPE_LLDP.to_bytes(2, "big")]
 
 
-def test_lldp_is_sent_as_the_controller_wants_it() -> None:
+def test_lldp_is_sent_as_the_controller_requests() -> None:
     wire = connected((0x8000, 0x8071, INTERFACE_ADJUST))
     frame = lldp_frames(wire, 6)[-1]
     assert b"\x07gateway" in frame

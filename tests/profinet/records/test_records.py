@@ -85,7 +85,7 @@ def test_parameter_requests_reach_the_application_and_its_answer_comes_back() ->
         ((0x9999, 0, 1), Index.REAL_API, AccessError.INVALID_AREA),
     ],
 )
-def test_what_is_not_there_is_an_error_and_never_an_empty_success(
+def test_missing_record_is_an_error_and_never_an_empty_success(
     place: tuple[int, int, int], index: int, error: AccessError
 ) -> None:
     result = read(connected(), place, index)
@@ -93,7 +93,7 @@ def test_what_is_not_there_is_an_error_and_never_an_empty_success(
 
 
 @pytest.mark.parametrize("index", [Index.EXPECTED_AR, Index.MODULE_DIFF, Index.REAL_AR, Index.DIAGNOSIS_ALL_AR])
-def test_what_belongs_to_a_relationship_is_not_readable_without_one(index: int) -> None:
+def test_relationship_records_are_not_readable_without_a_relationship(index: int) -> None:
     result = read(connected(), (0, 0, 1), index, implicit=True)
     assert result.status.code1 == AccessError.STATE_CONFLICT
 
@@ -125,9 +125,7 @@ def test_real_and_expected_identification_show_the_model() -> None:
     ],
     ids=["expected subslot", "real subslot", "expected slot", "real slot", "real API"],
 )
-def test_an_identification_has_the_submodules_it_is_asked_for_and_no_others(
-    index: int, places: list[tuple[int, int]]
-) -> None:
+def test_identification_has_only_the_requested_submodules(index: int, places: list[tuple[int, int]]) -> None:
     data = read(connected(), POINT, index).data
     kind = ExpectedIdentification if index in {0x8000, 0xC000} else RealIdentification
     (api,) = kind.decode(data).apis
@@ -185,7 +183,7 @@ def test_records_of_interface_and_port_are_kept_as_long_as_the_relationship() ->
     assert read(wire, PORT, Index.PORT_DATA_ADJUST).data == b""
 
 
-def test_what_a_relationship_wrote_is_empty_for_who_has_none() -> None:
+def test_records_of_a_relationship_are_empty_without_one() -> None:
     wire = connected()
     assert not write(wire, PORT, Index.PORT_DATA_ADJUST, PORT_ADJUST).status.value
     result = read(wire, PORT, Index.PORT_DATA_ADJUST, implicit=True)
@@ -199,7 +197,7 @@ def test_a_read_without_a_relationship_is_as_an_implicit_one() -> None:
     assert read(wire, (0, 0, 1), Index.EXPECTED_AR).status.code1 == AccessError.STATE_CONFLICT
 
 
-def test_the_application_knows_who_reads_without_a_relationship(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_application_gets_the_address_of_an_implicit_reader(monkeypatch: pytest.MonkeyPatch) -> None:
     wire = connected()
     told: list[bool] = []
 
@@ -297,7 +295,7 @@ def test_writes_count_only_from_the_controllers_own_address() -> None:
     assert caller.wire.application.writes == 1
 
 
-def test_several_writes_before_prm_end_have_a_status_each_and_the_relationship_goes_on() -> None:
+def test_writes_before_prm_end_have_their_own_status() -> None:
     caller = Caller()
     caller.connect(blocks())
 
@@ -321,7 +319,7 @@ def test_several_writes_before_prm_end_have_a_status_each_and_the_relationship_g
     assert caller.wire.device.relation is not None
 
 
-def test_writing_keeps_a_slow_parameterisation_alive() -> None:
+def test_writing_extends_a_slow_parameterisation() -> None:
     caller = Caller()
     caller.connect(blocks())
     wire = caller.wire

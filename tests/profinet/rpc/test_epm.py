@@ -58,7 +58,7 @@ def test_a_lookup_lists_mapper_and_device_then_ends(little: bool) -> None:
     assert struct.unpack_from(f"{end}I", last, len(last) - 4) == (epm.NOT_REGISTERED,)
 
 
-def test_two_lookups_side_by_side_do_not_meet() -> None:
+def test_parallel_lookups_are_independent() -> None:
     service = mapper()
     first, second = (service.execute(epm.LOOKUP, lookup(), ADDRESS, little=True) for _ in range(2))
     assert isinstance(first, bytes)
@@ -81,7 +81,7 @@ def test_unfinished_lookups_are_bounded() -> None:
     assert forgotten[:20] == NIL_HANDLE
 
 
-def test_sixteen_lookups_are_under_way_at_once_and_the_seventeenth_ends_the_first() -> None:
+def test_seventeenth_parallel_lookup_ends_the_first() -> None:
     for others, known in ((15, True), (16, False)):
         service = mapper()
         first = service.execute(epm.LOOKUP, lookup(), ADDRESS, little=True)
@@ -93,7 +93,7 @@ def test_sixteen_lookups_are_under_way_at_once_and_the_seventeenth_ends_the_firs
         assert (answer[:20] == first[:20]) is known
 
 
-def test_a_lookup_that_wants_no_entry_or_has_come_to_its_end_gets_none() -> None:
+def test_lookup_of_zero_entries_or_after_the_end_gets_none() -> None:
     service = mapper()
     none = service.execute(epm.LOOKUP, lookup(most=0), ADDRESS, little=True)
     nothing = bytes(20) + struct.pack("<4I", 0, 1, 0, 0) + struct.pack("<I", 0x16C9A0D6)
@@ -106,7 +106,7 @@ def test_a_lookup_that_wants_no_entry_or_has_come_to_its_end_gets_none() -> None
     assert [service.execute(epm.LOOKUP, lookup(handle), ADDRESS, little=True) for _ in range(2)] == [nothing] * 2
 
 
-def test_a_request_may_leave_references_out_and_have_padding_behind() -> None:
+def test_request_may_omit_references_and_end_with_padding() -> None:
     shortest = epm.lookup_request()
     assert len(shortest) == 40
     for body in (shortest, lookup() + bytes(9)):
@@ -116,7 +116,7 @@ def test_a_request_may_leave_references_out_and_have_padding_behind() -> None:
 
 
 @pytest.mark.parametrize("little", [True, False])
-def test_what_is_asked_and_answered_byte_by_byte(little: bool) -> None:
+def test_request_and_answer_byte_by_byte(little: bool) -> None:
     service, end = mapper(), "<" if little else ">"
     handle = NIL_HANDLE
     for _ in range(2):

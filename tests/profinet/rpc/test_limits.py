@@ -150,7 +150,7 @@ def test_a_damaged_header_is_refused_with_its_field(at: int, value: int, field: 
     assert dcerpc.decode_packet(damaged(packet, 1, 10))[0].packet_type is PacketType.CANCEL_ACK
 
 
-def test_reserved_flags_are_not_looked_at() -> None:
+def test_reserved_flags_are_ignored() -> None:
     packet = damaged(dcerpc.encode_packet(HEADER, b""), 2, 0xFF)
     flags = dcerpc.decode_packet(packet)[0].flags
     assert flags == sum(Flags)
@@ -195,7 +195,7 @@ def test_fragments_without_content_are_bounded_too() -> None:
 
 
 @pytest.mark.parametrize("little", [True, False])
-def test_an_acknowledgement_says_how_much_may_follow(little: bool) -> None:
+def test_acknowledgement_has_the_window_size(little: bool) -> None:
     header, body = dcerpc.decode_packet(dcerpc.encode_fack(replace(HEADER, serial=3, little_endian=little), 8))
     assert (header.packet_type, header.fragment, header.flags) == (PacketType.FACK, 0x0506, Flags(0))
     order = "<" if little else ">"
@@ -231,7 +231,7 @@ def test_a_call_repeated_long_after_its_answer_is_not_executed_again() -> None:
     assert handler.writes == [b"x"]
 
 
-def test_sequence_numbers_go_on_behind_the_last_one() -> None:
+def test_sequence_numbers_continue_after_the_last_one() -> None:
     handler = Echo()
     server = RecordServer(handler, 4096)
     (packet,) = caller().write(0, 0, 1, 0x1234, b"x").packets
@@ -252,7 +252,7 @@ def test_the_answer_to_several_writes_says_how_long_it_is() -> None:
     assert [inner.length for inner in split_answers(behind)] == [3, 3]
 
 
-def test_unfinished_calls_of_others_let_nothing_be_executed_twice() -> None:
+def test_unfinished_calls_of_others_cause_no_second_execution() -> None:
     handler = Echo()
     server = RecordServer(handler, 4096)
     calls = [RecordCaller(UUID(int=number), DEVICE).write(0, 0, 1, 0x1234, b"x").packets[0] for number in range(12)]
@@ -279,7 +279,7 @@ def test_a_read_whose_block_is_a_write_is_rejected_and_not_executed() -> None:
     assert (handler.reads, handler.writes) == (0, [])
 
 
-def test_a_call_that_wants_no_answer_is_executed_without_one() -> None:
+def test_maybe_call_is_executed_without_an_answer() -> None:
     handler = Echo()
     (packet,) = caller().write(0, 0, 1, 0x1234, b"x").packets
     assert RecordServer(handler, 4096).receive(damaged(packet, 2, Flags.MAYBE), "plc") == []
@@ -295,7 +295,7 @@ def test_another_version_of_the_interface_is_unknown() -> None:
         dcerpc.decode_status(body[:3], little=True)
 
 
-def test_a_ping_for_a_call_whose_fragments_are_missing_is_told_that_it_is_being_worked_on() -> None:
+def test_ping_for_an_incomplete_call_is_answered_with_working() -> None:
     server = RecordServer(Echo(), 4096)
     packet = caller().write(0, 0, 1, 0x1234, bytes(3000)).packets[0]
     server.receive(packet, "plc")

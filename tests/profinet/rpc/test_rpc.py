@@ -88,7 +88,7 @@ def finish(call: RecordCall, server: RecordServer) -> RecordResult:
 # -- independent readers ----------------------------------------------------------------------------------------------
 
 
-def test_scapy_reads_our_write_and_its_response_as_we_meant_them() -> None:
+def test_scapy_reads_the_same_write_and_response() -> None:
     server = RecordServer(Echo(), 4096, boot_time=7)
     call = caller().write(0x3A00, 2, 1, RECORD_LOCAL, READ_P965)
     (packet,) = call.packets
@@ -235,7 +235,7 @@ def test_im0_is_what_scapy_builds() -> None:
     ("record", "said"),
     [(b"", "0 bytes"), (bytes(59), "59 bytes"), (bytes(60), "block header of I&M0"), (bytes(61), "61 bytes")],
 )
-def test_a_record_that_is_no_im0_is_told(record: bytes, said: str) -> None:
+def test_invalid_im0_record_is_reported(record: bytes, said: str) -> None:
     with pytest.raises(ProfidriveError, match=said):
         identification.decode_im0(record)
 
@@ -267,7 +267,7 @@ def test_fragments_in_any_order_and_repeated_are_one_execution() -> None:
     assert handler.writes == [data]
 
 
-def test_a_fragment_that_wants_it_is_acknowledged() -> None:
+def test_fragment_is_acknowledged_on_request() -> None:
     server = RecordServer(Echo(), 4096)
     packet = caller().write(0, 0, 1, RECORD_GLOBAL, bytes(3000)).packets[0]
     wanting = bytearray(packet)
@@ -289,7 +289,7 @@ def test_a_repeated_call_is_answered_again_and_executed_once() -> None:
     assert server.repeated == 2
 
 
-def test_a_straggler_behind_a_newer_call_is_neither_executed_nor_answered() -> None:
+def test_late_packet_of_an_older_call_is_ignored() -> None:
     handler = Echo()
     server = RecordServer(handler, 4096)
     plc = caller()
@@ -301,7 +301,7 @@ def test_a_straggler_behind_a_newer_call_is_neither_executed_nor_answered() -> N
     assert handler.writes == [b"old", b"new"]
 
 
-def test_a_caller_that_starts_again_with_small_numbers_is_served_after_a_while() -> None:
+def test_restarted_caller_with_small_sequence_numbers_is_served_later() -> None:
     handler = Echo()
     server = RecordServer(handler, 4096)
     plc = caller()
@@ -311,7 +311,7 @@ def test_a_caller_that_starts_again_with_small_numbers_is_served_after_a_while()
     assert server.receive(first, "plc", STRAGGLER_NS + 1) != []
 
 
-def test_two_plcs_with_the_same_sequence_numbers_do_not_meet() -> None:
+def test_equal_sequence_numbers_of_two_plcs_are_independent() -> None:
     handler = Echo()
     server = RecordServer(handler, 4096)
     packet = caller().write(0, 0, 1, RECORD_GLOBAL, READ_P965).packets[0]
@@ -320,7 +320,7 @@ def test_two_plcs_with_the_same_sequence_numbers_do_not_meet() -> None:
     assert len(handler.writes) == 2
 
 
-def test_forgotten_callers_do_not_fill_the_memory() -> None:
+def test_inactive_callers_do_not_fill_the_memory() -> None:
     server = RecordServer(Echo(), 4096)
     for number in range(1000):
         plc = RecordCaller(UUID(int=number), DEVICE)
@@ -328,7 +328,7 @@ def test_forgotten_callers_do_not_fill_the_memory() -> None:
     assert len(server._calls) <= 64
 
 
-def test_ping_is_answered_by_what_is_known_of_the_call() -> None:
+def test_ping_is_answered_with_the_state_of_the_call() -> None:
     server = RecordServer(Echo(), 4096)
     packet = bytearray(caller().write(0, 0, 1, RECORD_GLOBAL, READ_P965).packets[0])
     ping = bytearray(packet)
@@ -389,7 +389,7 @@ def test_a_call_longer_than_the_device_takes_is_rejected() -> None:
 
 
 @given(st.binary(max_size=400))
-def test_no_datagram_is_too_strange(data: bytes) -> None:
+def test_any_datagram_is_survived(data: bytes) -> None:
     server = RecordServer(Echo(), 4096)
     assert server.receive(data, "plc") == []
     header = caller().read(0, 0, 1, RECORD_GLOBAL).packets[0][:80]
@@ -457,7 +457,7 @@ def test_fragments_that_come_too_late_are_a_new_call() -> None:
     assert handler.writes == [bytes(3000)]
 
 
-def test_unfinished_calls_of_others_are_bounded_and_block_nobody() -> None:
+def test_unfinished_calls_are_bounded_and_block_no_other_call() -> None:
     handler = Echo()
     server = RecordServer(handler, 4096)
     packets = caller().write(0, 0, 1, RECORD_GLOBAL, bytes(3000)).packets

@@ -89,7 +89,7 @@ def numbers(text: str) -> list[int]:
 @tshark.needs_tshark
 @pytest.mark.tshark
 @pytest.mark.parametrize("index", [RECORD_LOCAL, RECORD_GLOBAL])
-def test_every_field_tshark_knows_is_what_was_meant(tmp_path: Path, index: int) -> None:
+def test_every_field_in_tshark_has_the_sent_value(tmp_path: Path, index: int) -> None:
     answers = Answers([codec.encode_response(response) for _, response in TALKS])
     server = RecordServer(answers, 4096)
     plc = RecordCaller(UUID(int=99), dcerpc.object_uuid(1, 2, 3), UUID(int=7))

@@ -158,7 +158,7 @@ def test_buses_do_not_share_their_nodes() -> None:
     assert not other.units
 
 
-def test_telegrams_alone_take_node_ids_from_the_axis_numbers() -> None:
+def test_without_node_ids_the_axis_numbers_are_used() -> None:
     decoder = Decoder(Settings(given_axes([1, 9])))
     record = decoder.decode(CanPacket(1, 0, "", CanFrame(0x202, bytes(7))))
     assert values(record) == {"Controlword": 0, "Modes of Operation": 0, "Target Position": 0}
@@ -200,7 +200,7 @@ def test_heartbeat_states_and_boot_up() -> None:
     ]
 
 
-def test_emcy_and_abort_are_told_in_words() -> None:
+def test_emcy_and_abort_are_shown_as_text() -> None:
     bus = CanopenDecoder()
     emcy = feed(bus, 0x80 + NODE, bytes.fromhex("3081110000000000"))
     assert isinstance(emcy, EmcyRecord)
@@ -212,7 +212,7 @@ def test_emcy_and_abort_are_told_in_words() -> None:
     assert "6040h.0 Controlword 0609 0030h: value range of parameter exceeded" in abort.summary
 
 
-def test_a_request_cut_short_is_shown_with_what_it_asks_for() -> None:
+def test_shortened_request_is_shown_with_its_content() -> None:
     """Typed by hand (cansend 601#2B4060000600); most drives take it. A drive's own frames are never short."""
     bus = CanopenDecoder()
     write_short = feed(bus, 0x600 + NODE, bytes.fromhex("2B4060000600"))
@@ -282,7 +282,7 @@ TEXTS = (
 
 
 @pytest.mark.parametrize(("index", "data", "name", "unit"), TEXTS)
-def test_objects_and_units_of_one_family_are_told_of_no_other_drive(
+def test_objects_and_units_of_a_family_are_shown_only_for_its_drives(
     index: int, data: bytes, name: str, unit: str
 ) -> None:
     unknown, engel, other = CanopenDecoder(), CanopenDecoder(), CanopenDecoder()

@@ -111,14 +111,14 @@ def test_block_with_losses(value: bytes, size: int, losses: list[int], upload: b
     check(follow(block(value, size, losses, upload=upload)), value)
 
 
-def test_the_next_transfer_begins_afresh() -> None:
+def test_next_transfer_starts_with_empty_state() -> None:
     channel = SdoChannel()
     frames = [*block(b"abc", 4, [], upload=True), *segmented(b"defghijkl", upload=False), *expedited_upload(b"m")]
     steps = [channel.feed(from_client, data, 0) for from_client, data in frames]
     assert [step.value for step in steps if step.completes] == [b"abc", b"defghijkl", b"m"]
 
 
-def test_a_transfer_without_its_start_is_said_so() -> None:
+def test_transfer_without_its_start_is_reported() -> None:
     step = SdoChannel().feed(False, b"\x01abcdefg", 0)
     assert (step.name, step.index, step.note) == ("upload segment", None, "start of the transfer missing")
 

@@ -108,7 +108,7 @@ def test_a_response_is_paired_with_its_request_over_repeated_reads() -> None:
     assert telegrams == [(1, 9)]
 
 
-def test_a_refused_change_of_the_telegram_is_none() -> None:
+def test_rejected_telegram_change_has_no_effect() -> None:
     decoder, telegrams = observed()
     exchange = Exchange()
     exchange.write(decoder, change(922, 9), 0)
@@ -118,7 +118,7 @@ def test_a_refused_change_of_the_telegram_is_none() -> None:
     assert not telegrams
 
 
-def test_reading_the_telegram_tells_it_too() -> None:
+def test_reading_p922_shows_the_telegram_too() -> None:
     decoder, telegrams = observed()
     exchange = Exchange()
     exchange.write(decoder, Request(8, RequestId.REQUEST, 2, (ParameterAddress(965), ParameterAddress(922))), 0)
@@ -153,7 +153,7 @@ def test_two_plcs_with_the_same_reference_are_not_mixed_up() -> None:
         assert answer.request.addresses[0].pnu == pnu
 
 
-def test_a_response_without_its_request_stands_alone() -> None:
+def test_response_without_its_request_is_shown_alone() -> None:
     decoder, _ = observed()
     exchange = Exchange()
     exchange.handler.answer = encode_response(Response(9, RequestId.CHANGE, 1, 1))
@@ -176,7 +176,7 @@ def test_fragments_are_put_together() -> None:
     assert len(records) == 1 + -(-(3000 + 84) // MAX_BODY)
 
 
-def test_what_is_no_parameter_request_is_said_so() -> None:
+def test_data_other_than_a_parameter_request_is_reported() -> None:
     decoder, _ = observed()
     exchange = Exchange()
     record = exchange.call(decoder, exchange.caller.write(0, 1, 1, RECORD_GLOBAL, b"\x01\x07\x00\x01"), 0)[0]

@@ -169,7 +169,7 @@ def test_plain_modules_are_no_drive_objects() -> None:
     assert record.units == ()
 
 
-def test_axes_that_were_told_may_be_in_plain_modules() -> None:
+def test_given_axes_may_be_in_plain_modules() -> None:
     """Gateways without the profile have their telegrams there."""
     decoder = Decoder(Settings(given_axes((9, 1, 100))))
     decode(decoder, connect_packets(api_number=0))
@@ -197,7 +197,7 @@ def test_a_device_may_answer_from_a_port_of_its_own(little: bool) -> None:
     assert other.summary == "UDP port 50000 -> 49155, 101 bytes"
 
 
-def test_a_refused_connect_teaches_nothing() -> None:
+def test_rejected_connect_defines_no_layout() -> None:
     decoder = Decoder()
     decode(decoder, connect_packets(status=0xDB813F00))
     (record,) = decode(decoder, [frame(Direction.ACTUAL, VALUES[Direction.ACTUAL])])
@@ -231,14 +231,14 @@ REFUSALS = {
 
 
 @pytest.mark.parametrize(("status", "text"), REFUSALS.items(), ids=[f"{status:08X}" for status in REFUSALS])
-def test_a_refused_connect_is_told_with_block_and_field(status: int, text: str) -> None:
+def test_rejected_connect_is_shown_with_block_and_field(status: int, text: str) -> None:
     _, refused = decode(Decoder(), connect_packets(status))
     assert refused.summary.startswith(f"connect response, 0 bytes: {text} after ")
     assert refused.details()["status"] == {"raw": status, "text": text}
 
 
 @pytest.mark.parametrize(("code1", "code2", "edit"), [(one, two, edit) for one, two, _, edit in CASES])
-def test_a_refusal_of_the_device_is_told_with_a_field_the_block_has(code1: int, code2: int, edit: Change) -> None:
+def test_rejection_of_the_device_names_a_field_of_the_block(code1: int, code2: int, edit: Change) -> None:
     status, _ = Caller().connect(edit(blocks()))
     _, refused = decode(Decoder(), connect_packets(status.value))
     assert (status.code1, status.code2) == (code1, code2)
@@ -252,12 +252,12 @@ def test_a_refusal_of_the_device_is_told_with_a_field_the_block_has(code1: int, 
         (Operation.RELEASE, 0xDC812808, "faulty ReleaseReq.command (DC 81 28 08)"),
     ],
 )
-def test_a_refused_control_or_release_is_told_with_its_field(operation: Operation, status: int, text: str) -> None:
+def test_rejected_control_or_release_is_shown_with_its_field(operation: Operation, status: int, text: str) -> None:
     (refused,) = decode(Decoder(), [ethernet(rpc(PacketType.RESPONSE, status, b"", operation), answer=True)])
     assert refused.summary.endswith(f": {text}")
 
 
-def test_a_frame_shorter_than_its_connect_says_so() -> None:
+def test_frame_shorter_than_its_connect_is_reported() -> None:
     decoder = Decoder()
     decode(decoder, connect_packets())
     short = bytes(12) + b"\x88\x92" + struct.pack(">H44x", INPUT)
@@ -295,7 +295,7 @@ def test_a_damaged_connect_is_refused_or_read(cut: int, position: int, value: in
             read_request(content)
 
 
-def test_submodules_that_name_their_telegram_are_believed_and_the_axes_are_known_from_then_on() -> None:
+def test_telegrams_named_by_submodules_define_the_axes() -> None:
     modules = {DAP_SLOT: access_module(), 1: object_module(ObjectKind.AXIS, telegram(7))}
     project = Project("gateway", modules)
     blocks = project.blocks(project.ar(UUID(int=1), 1, bytes.fromhex("020000000001"), object_uuid(1, 1, 1), "plc"))

@@ -95,7 +95,7 @@ def test_the_right_telegrams_are_among_the_inferred(drawn: list[int], direction:
     ("numbers", "inferred"),
     [([1], [1]), ([2], [2]), ([3], [3]), ([9], [9]), ([20], [20]), ([82], [82]), ([84], [84]), ([100], [100])],
 )
-def test_both_directions_together_tell_a_telegram(numbers: list[int], inferred: list[int]) -> None:
+def test_both_directions_together_identify_a_telegram(numbers: list[int], inferred: list[int]) -> None:
     cyclic, notices = decoder()
     decode(cyclic, zeros(numbers, Direction.SETPOINT))
     record = decode(cyclic, zeros(numbers, Direction.ACTUAL))
@@ -104,7 +104,7 @@ def test_both_directions_together_tell_a_telegram(numbers: list[int], inferred: 
     assert "inferred" in notices[0]
 
 
-def test_a_wrong_telegram_is_told_when_the_first_frames_have_nothing_good_yet() -> None:
+def test_wrong_telegram_is_reported_after_frames_without_good_status() -> None:
     cyclic, notices = decoder((Axis(1, 9),))
     chosen = telegram(111)
     values = [(0,) * len(chosen.actuals.signals)]
@@ -120,7 +120,7 @@ def test_a_wrong_telegram_is_told_when_the_first_frames_have_nothing_good_yet() 
 
 
 @pytest.mark.parametrize("offline", [0, 1])
-def test_given_telegrams_are_not_doubted_while_an_axis_is_offline(offline: int) -> None:
+def test_given_telegrams_are_not_questioned_while_an_axis_is_offline(offline: int) -> None:
     """An IOPS BAD in the place of a status byte makes other telegrams fit: 1 and 9 with axis 1 offline."""
     numbers = [1, 9]
     cyclic, notices = decoder(given_axes(numbers))
@@ -132,7 +132,7 @@ def test_given_telegrams_are_not_doubted_while_an_axis_is_offline(offline: int) 
     assert not notices
 
 
-def test_several_axes_are_told_apart() -> None:
+def test_several_axes_are_distinguished() -> None:
     cyclic, _ = decoder()
     decode(cyclic, zeros([1, 9, 100], Direction.SETPOINT))
     record = decode(cyclic, zeros([1, 9, 100], Direction.ACTUAL))
@@ -173,7 +173,7 @@ def test_p922_decides_against_length_and_option() -> None:
         assert "555 is an unknown telegram" in notices[-1]
 
 
-def test_a_telegram_that_does_not_fit_is_said_so() -> None:
+def test_telegram_that_does_not_fit_is_reported() -> None:
     cyclic, _ = decoder(given_axes([100, 100]))
     record = decode(cyclic, zeros([1], Direction.SETPOINT))
     assert record.units == ()

@@ -71,7 +71,7 @@ def test_every_packet_of_a_session_is_one_of_its_kinds() -> None:
     assert {record.kind for record in found} == {"dcp", "lldp", "rpc", "alarm", "frame", "parameter-request"}
 
 
-def test_station_telegrams_and_controller_are_known_without_being_told() -> None:
+def test_station_telegrams_and_controller_are_found_in_the_capture() -> None:
     decoder = Decoder()
     decode(decoder, frames())
     assert (
@@ -90,7 +90,7 @@ def test_drive_objects_of_a_configuration_are_in_the_slots_of_their_order() -> N
     assert {record.direction for record in cyclic} == set(Direction)
 
 
-def test_relationships_come_and_go() -> None:
+def test_relationships_start_and_end() -> None:
     changes: list[tuple[Change, str]] = []
     for record in records():
         if isinstance(record, RelationRecord):
@@ -120,7 +120,7 @@ def test_answers_are_timed_from_what_they_answer() -> None:
         assert set(found) == {latency}, kind
 
 
-def test_several_writes_in_one_call_are_told_one_by_one_with_their_status() -> None:
+def test_writes_of_one_call_are_shown_one_by_one_with_their_status() -> None:
     texts = [record.summary for record in records() if "E040h" in record.summary]
     first = "802Bh (port data check), slot 0.8001h; 8071h (interface adjust), slot 0.8000h; 0001h, slot 0.1"
     assert first in texts[0]
@@ -278,7 +278,7 @@ def examples() -> list[bytes]:
 
 
 @given(st.data())
-def test_damaged_packets_of_a_session_are_records_all_the_same(data: st.DataObject) -> None:
+def test_damaged_packets_of_a_session_are_still_records(data: st.DataObject) -> None:
     decoder = Decoder()
     for _ in range(5):
         packet = bytearray(data.draw(st.sampled_from(examples())))
