@@ -133,9 +133,8 @@ def test_frame_that_was_overtaken_is_no_reason_for_another_off(
     assert reasons == []
 
 
-@pytest.mark.parametrize("seen", [False, True], ids=["before the drive left operation", "behind that"])
-def test_start_after_doubt_counts_when_gateway_enables_drive_that_left_operation(seen: bool) -> None:
-    """An enable input that is back within a cycle starts the drive by the Enable Operation of a ramp, which was there before."""
+def _left_operation_in_a_ramp() -> SoakAxis:
+    """Enable Operation was sent in a ramp after a provider STOP; then the drive left operation by its enable input."""
     life = Life(next(parts(7, 1, [1])), keep_telegrams=True)
     axis, loop = life.axes[0], life.loop
     axis.drive.model.watchers.clear()
@@ -149,10 +148,36 @@ def test_start_after_doubt_counts_when_gateway_enables_drive_that_left_operation
     loop.run_for(MS)
     axis._entered(State.SWITCHED_ON)
     loop.run_for(MS)
-    if seen:
-        axis.commanded(loop.now(), 0xF)
-    expected = pytest.raises(ViolationError, match="provider STOP") if seen else nullcontext()
-    with expected:
+    return axis
+
+
+_IN_TIME, _LATE = MS, SECOND
+
+
+@pytest.mark.parametrize(
+    ("word", "after", "reached", "rejected"),
+    [
+        (None, _IN_TIME, True, False),
+        (None, _LATE, True, True),
+        (None, _LATE, False, False),
+        (0xF, _IN_TIME, True, True),
+        (0xF, _LATE, True, True),
+        (0x7, _LATE, True, False),
+    ],
+    ids=["nothing yet", "nothing", "drive lost", "enable in time", "enable late", "taken back"],
+)
+def test_start_after_loss_counts_when_gateway_enables_or_does_not_take_back(
+    word: int | None, after: int, reached: bool, rejected: bool
+) -> None:
+    """The input is back: by an Enable Operation from before, the drive may start only until the gateway can have reacted."""
+    axis = _left_operation_in_a_ramp()
+    loop = axis.drive.loop
+    if word is not None:
+        axis.commanded(loop.now(), word)
+    if not reached:
+        axis.check(loop.now(), reached=False, zsw1=None)
+    loop.run_for(after)
+    with pytest.raises(ViolationError, match="provider STOP") if rejected else nullcontext():
         axis._entered(State.OPERATION_ENABLED)
 
 

@@ -57,6 +57,8 @@ _FRAMES_UNDER_WAY: Final = 1000
 _RUNNING_STATE: Final = 0x4F
 _IDENTITY: Final = f"drive: {WrongIdentity.name}"
 """Without a data sheet a gateway accepts the first identity it reads, so this fault needs a data sheet."""
+_REACTION_CYCLES: Final = 4
+"""A frame that may be old is confirmed by two more; the last cycle is that of a late step."""
 _PLAIN: Final = Conditions()
 _CHANGES: Final = 0.3
 """Share of the calm periods with a change of a telegram."""
@@ -115,6 +117,7 @@ class Life:
         words = Words(telegram(number), self.world.chance(f"words {index}"), self._cycle_ns)
         axis = SoakAxis(index, plan, drive, drive.port, words)
         axis.in_force_ns = self._watchdog_ns + 2 * self._cycle_ns
+        axis.reaction_ns = _REACTION_CYCLES * self._cycle_ns + _CHECK_NS
         self.plc.endpoint.setpoints[index] = words.values
         drive.model.watchers.append(lambda state: self.trace.note(f"{axis.name}: drive in {state.value}"))
         return axis

@@ -67,6 +67,8 @@ class SoakAxis:
         """How long a command stays valid without another one. An OFF that is valid at the end of a loss counts as an OFF
         after it.
         """
+        self.reaction_ns = 0
+        """Time from a loss or a report of the drive to the new Controlword, without the latency of the drive."""
         latency = plan.latency
         self.late_ns = (latency.command_ms + latency.status_ms) * MS
         now = drive.loop.now()
@@ -184,10 +186,7 @@ class SoakAxis:
         if state is State.OPERATION_ENABLED and self._previous is not State.OPERATION_ENABLED:
             self.starts += 1
             since, why = self._doubt
-            # A drive may still execute a command sent before the loss: it waited for its enable input, or a disconnected
-            # controller held the frame and the stop after it. A ramp keeps Enable Operation: after a loss of the enable
-            # input shorter than a cycle, the drive continues with the command sent before it left operation.
-            if self._enabled > max(since, self._left) and self._armed < 0:
+            if self._armed < 0 and (self._enabled > max(since, self._left) or self._still_enabled(since)):
                 raise ViolationError(
                     f"{self.name}: started without OFF and ON after a loss or fault ({why}, {(now - since) / MS:.0f} ms ago; "
                     f"OFF {self._ago(self._off)}, ON {self._ago(self._on)})"
@@ -198,6 +197,16 @@ class SoakAxis:
             self._left = now
         self._previous = state
         self._changed = now
+
+    def _still_enabled(self, since: int) -> bool:
+        """Whether the gateway did not take an Enable Operation back in time that it sent before.
+
+        The drive may execute such a command until then: its enable input was away for less than a cycle, for example, or a
+        controller that was disconnected held the frame and the stop after it.
+        """
+        since = max(since, self._left, self._reached_since, self._disturbed_until)
+        late = self.drive.loop.now() - since > self.reaction_ns + self.late_ns
+        return late and self._lost_since is None and self._commanded == _ENABLE
 
     def _ago(self, when: int) -> str:
         return "never" if when < 0 else f"{(self.drive.loop.now() - when) / MS:.0f} ms ago"
