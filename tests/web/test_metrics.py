@@ -192,7 +192,9 @@ def test_alerts_and_dashboard_use_existing_metrics(text: str) -> None:
 
 
 def test_the_metrics_in_the_documents_are_those_there_are_with_their_labels(text: str) -> None:
-    told = {name: labels for row in rows("web.md", "name | is") for name, labels in map(with_labels, named(row[0]))}
+    told = {
+        name: labels for row in rows("web.md", "part | metrics") for name, labels in map(with_labels, named(row[1]))
+    }
     assert set(told) == set(re.findall(r"^# TYPE (\w+) ", text, re.MULTILINE))
     shown = {name: {label for label, _ in labels} for name, labels in samples(text)}
     for name in set(told) & set(shown):
