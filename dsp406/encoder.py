@@ -19,6 +19,7 @@ from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, SdoStep
 from pdgw.ds301.eds.data_sheet import load_dictionary
 from pdgw.ds301.emcy import emcy_text
 from pdgw.ds301.node.client import NodeClient
+from pdgw.ds301.node.configuring import DeviceKind
 from pdgw.ds301.node.node import NodeEvent, NodeSettings
 from pdgw.ds301.node.plan import PdoPlan, plan_steps, straight_plan
 from pdgw.ds301.objects import CanType
@@ -76,10 +77,7 @@ def _has(dictionary: canopen.ObjectDictionary, index: int, subindex: int) -> boo
 class EncoderClient(NodeClient[EncoderSettings]):
     """One encoder. ``on_event`` is called whenever something happens to it that the owner must know."""
 
-    device = "encoder"
-    a_device = "an encoder"
-    profile = ENCODER_PROFILE
-    error_type = Dsp406Error
+    kind = DeviceKind("encoder", "an encoder", ENCODER_PROFILE, Dsp406Error)
 
     def __init__(
         self, network: CanNetwork, settings: EncoderSettings, on_event: Callable[[EncoderEvent], None]
@@ -122,9 +120,9 @@ class EncoderClient(NodeClient[EncoderSettings]):
     def read_parameters(self) -> EncoderParameters:
         """Read the parameters again (in the node's task) and keep them in ``parameters``."""
         values = {
-            name: self._fetch(index, subindex, signed=name == "offset")
+            name: self.sdo.require(index, subindex, signed=name == "offset")
             for name, index, subindex in PARAMETER_OBJECTS
-            if _has(self.dictionary, index, subindex)
+            if _has(self.sdo.dictionary, index, subindex)
         }
         self.parameters = EncoderParameters(**values)
         return self.parameters
@@ -149,18 +147,18 @@ class EncoderClient(NodeClient[EncoderSettings]):
 
     def _plan_steps(self, plan: PdoPlan, available: Collection[int]) -> list[SdoStep]:
         settings = self.settings
-        timers = all(_has(self.dictionary, index, 5) for index in available)
+        timers = all(_has(self.sdo.dictionary, index, 5) for index in available)
         event_ms = settings.tpdo_event_ms if timers else None
         return plan_steps(plan, settings.node_id, available, event_ms=event_ms, inhibit_us=settings.tpdo_inhibit_us)
 
     def _configure(self) -> None:
         settings = self.settings
-        if not settings.sync and CYCLIC_TIMER in self.dictionary:
-            self._do(SdoStep(CYCLIC_TIMER, 0, CanType.U16, settings.tpdo_event_ms, "cyclic timer"))
+        if not settings.sync and CYCLIC_TIMER in self.sdo.dictionary:
+            self.sdo.do(SdoStep(CYCLIC_TIMER, 0, CanType.U16, settings.tpdo_event_ms, "cyclic timer"))
         self._heartbeat_expected = settings.heartbeat_ms > 0
         heartbeat = SdoStep(PRODUCER_HEARTBEAT, 0, CanType.U16, settings.heartbeat_ms, "the encoder's heartbeat")
         try:
-            self._write_checked(heartbeat)
+            self.sdo.write_checked(heartbeat)
         except (Dsp406Error, SdoAbortedError) as error:
             text = str(error)
             self._heartbeat_expected = False  # only the TPDOs show that the encoder is running
@@ -192,8 +190,8 @@ class EncoderClient(NodeClient[EncoderSettings]):
     def _read_diagnostics(self) -> None:
         self._diagnose = False
         for name, index in _DIAGNOSTICS:
-            if index in self.dictionary:
-                setattr(self.feedback, name, self._fetch(index))
+            if index in self.sdo.dictionary:
+                setattr(self.feedback, name, self.sdo.require(index))
 
     # -- frames of the node ---------------------------------------------------------------------------------------------
 

@@ -63,7 +63,7 @@ class SyncProducer:
             self.jitter.add(abs(now - self._last - self.period_ns))
             for axis in self._axes:
                 if axis.good:
-                    age = now - self._measured(axis.drive.position_ns)
+                    age = now - self._measured(axis.drive.units.position_ns)
                     self.dead_times[axis.do_id].add(age + self.period_ns // 2)
         self._before, self._last = self._last, now
 

@@ -26,7 +26,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop.jobs import Jobs
 from pdgw.ds301.loop.loop import Event, Task
 from pdgw.ds301.nmt import GUARD_TOGGLE, HEARTBEAT_STATE, NMT_STATES, NmtCommand, NmtState
-from pdgw.ds301.node.configuring import ConfiguringAccess
+from pdgw.ds301.node.configuring import ConfiguringAccess, DeviceKind
 from pdgw.ds301.node.node import NodeEvent, NodeSettings, NodeStatus, TpdoSlot
 from pdgw.ds301.node.plan import Pace, PdoPlan, plan_steps, straight_plan
 from pdgw.ds301.pdo import Pdo, PdoLayout
@@ -54,11 +54,10 @@ _CHECK_AFTER_NS: Final = 200 * MS
 _ONLINE: Final = NodeStatus.ONLINE
 
 
-class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
+class NodeClient(abc.ABC, Generic[S]):
     """One node. ``on_event`` is called whenever something happens to it that the owner must know."""
 
-    device: ClassVar[str]
-    """What the node is, in messages: ``drive``."""
+    kind: ClassVar[DeviceKind]
 
     def __init__(
         self,
@@ -68,8 +67,10 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         dictionary: canopen.ObjectDictionary,
         on_event: Callable[[NodeEvent], None],
     ) -> None:
-        super().__init__(network.loop, settings.node_id, dictionary)
+        self.loop = network.loop
         self.network = network
+        self.sdo = ConfiguringAccess(network.loop, settings.node_id, dictionary, self.kind)
+        """Access to its objects, in its task."""
         self.settings = settings
         self.layout = layout
         """What has to travel, best in these PDOs."""
@@ -112,7 +113,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         add = self.loop.counters.add
         add(part, "length_errors", "frames", "TPDOs shorter than their mapping, ignored", lambda: self.length_errors)
         add(part, "generation", "times", "configured and started", lambda: self.generation)
-        add(part, "sdo_aborts", "answers", "nodes that reject an access by SDO", lambda: self.sdo_aborts)
+        add(part, "sdo_aborts", "answers", "nodes that reject an access by SDO", lambda: self.sdo.aborts)
         self._apply_times()
 
     # -- the device profile's part --------------------------------------------------------------------------------
@@ -121,8 +122,9 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
     def _image(self, pdo: Pdo) -> object:
         """The image that takes the values of a TPDO."""
 
-    def _make_safe(self, device_type: int) -> None:
+    def _identify(self, device_type: int) -> None:
         """In the node's task, after its first SDO answer (1000h) and before anything else: it takes no RPDO from now on."""
+        self.sdo.check_identity(device_type)
 
     @abc.abstractmethod
     def _configure(self) -> None:
@@ -166,10 +168,10 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         """Start the task: waits for the node, checks identity, configures, goes operational, supervises."""
         node_id = self.settings.node_id
         network = self.network.canopen
-        network.add_node(self._node)
+        network.add_node(self.sdo.node)
         network.subscribe(ERROR_CONTROL + node_id, self._on_heartbeat)
         network.subscribe(EMCY + node_id, self._on_emcy)
-        self._task = self.loop.spawn(self._run, f"{self.device} {node_id}")
+        self._task = self.loop.spawn(self._run, f"{self.kind.name} {node_id}")
 
     def submit(self, job: Callable[[Self], T]) -> Future[T]:
         """Run a job with SDO access in the node's task; never delays the cyclic side.
@@ -186,11 +188,11 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
 
     def command(self, index: int, subindex: int, data: bytes) -> None:
         """In a job: SDO write of a value that the owner commands."""
-        self.write(index, subindex, data)
+        self.sdo.write(index, subindex, data)
 
     def store(self, index: int, subindex: int, data: bytes) -> None:
         """In a job: SDO write by which the node stores (1010h) or restores (1011h) its parameters."""
-        self.write(index, subindex, data)
+        self.sdo.write(index, subindex, data)
 
     def stop(self) -> None:
         """NMT pre-operational and end of the task. The caller must have stopped the device before."""
@@ -204,7 +206,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         self._unsubscribe_pdos()
         self.network.want_sync(self.settings.node_id, wanted=False)
         network, node_id = self.network.canopen, self.settings.node_id
-        if network.nodes.get(node_id) is self._node:
+        if network.nodes.get(node_id) is self.sdo.node:
             del network[node_id]
             network.unsubscribe(ERROR_CONTROL + node_id, self._on_heartbeat)
             network.unsubscribe(EMCY + node_id, self._on_emcy)
@@ -250,7 +252,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
     def _apply_times(self) -> None:
         settings = self.settings
         self._sdo_timeout_ns = max(settings.sdo_timeout_ms * MS, self._slow)
-        self._set_timeout(self._sdo_timeout_ns, slow=self._slow > 0)
+        self.sdo.set_timeout(self._sdo_timeout_ns, slow=self._slow > 0)
         self._timeout_ns = settings.tpdo_event_ms * settings.tpdo_timeout_factor * MS
         self._heartbeat_limit_ms = settings.heartbeat_ms * settings.heartbeat_factor
 
@@ -284,8 +286,8 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
                     self._supervise()
 
     def _not_online(self) -> CanopenError:
-        return self.error_type(
-            f"{self.device} {self.settings.node_id}", self.status.value, "online to be read or written"
+        return self.kind.error_type(
+            f"{self.kind.name} {self.settings.node_id}", self.status.value, "online to be read or written"
         )
 
     def _tell(self, kind: str, text: str) -> None:
@@ -304,7 +306,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         if self.status is not NodeStatus.LOST:
             self._set_status(NodeStatus.OFFLINE, text)
         self._wait(_RETRY_ABSENT_NS)
-        if self._answers_late and self._sdo_timeout_ns < _LONGEST_SDO_NS:
+        if self.sdo.answers_late and self._sdo_timeout_ns < _LONGEST_SDO_NS:
             self._slow = 2 * self._sdo_timeout_ns
             self._apply_times()
             self._tell("status", f"answers SDO late: the SDO timeout is now {self._slow // MS} ms")
@@ -344,12 +346,11 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         # A stopped node answers no SDO before this command; a running one may stop by its abort option. Until it has
         # answered, its state is unknown: a node that was in operation still gets its stop.
         self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
-        device_type = self.read_urgently(DEVICE_TYPE)
+        device_type = self.sdo.read_urgently(DEVICE_TYPE)
         self._sending = False
         self._booted.clear()  # a boot-up before this answer is the expected one
         self._set_status(NodeStatus.CONFIGURING, "checking identity")
-        self._make_safe(device_type)
-        self._check_identity(device_type)
+        self._identify(device_type)
         self._set_status(NodeStatus.CONFIGURING, "mapping PDOs")
         self._configure_pdos()
         self._configure()
@@ -365,13 +366,13 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
 
     def _configure_pdos(self) -> None:
         """Plan the PDOs and map them."""
-        found = {index: cob_id for index in self.dictionary if (cob_id := self._cob_id_of(index)) is not None}
+        found = {index: cob_id for index in self.sdo.dictionary if (cob_id := self.sdo.cob_id_of(index)) is not None}
         self._unsubscribe_pdos()
         plan = self._make_plan(found)
-        while refused := self._map(plan, self._plan_steps(plan, found)):
+        while refused := self.sdo.map_pdos(plan, self._plan_steps(plan, found)):
             other = self._plan_without(plan, *refused)
             if other is None:
-                raise self._refused(*refused)
+                raise self.sdo.refused(*refused)
             plan = other
         self._take_plan(plan)
 
@@ -403,8 +404,8 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
             if self._interrupted:
                 return
             if self.loop.now() > deadline:
-                raise self.error_type(
-                    f"TPDOs of the {self.device}", f"none of {', '.join(missing)}", "each within 1 s of NMT start"
+                raise self.kind.error_type(
+                    f"TPDOs of the {self.kind.name}", f"none of {', '.join(missing)}", "each within 1 s of NMT start"
                 )
             self.loop.sleep(_LOOK_AGAIN_NS)
 
@@ -416,7 +417,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
             if self._interrupted:
                 return
             if self.loop.now() > deadline:
-                raise self.error_type(
+                raise self.kind.error_type(
                     f"heartbeat of node {self.settings.node_id}",
                     "no heartbeat with the state operational",
                     f"one within {limit / SECOND:g} s of NMT start",
@@ -507,7 +508,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
         image = self._image(pdo)
         for entry in pdo.entries:
             signed = entry.type.char.islower()
-            setattr(image, entry.attribute, self._fetch(*entry.address, signed=signed))
+            setattr(image, entry.attribute, self.sdo.require(*entry.address, signed=signed))
 
     # -- frames of the node ---------------------------------------------------------------------------------------------
 
@@ -529,7 +530,7 @@ class NodeClient(ConfiguringAccess, abc.ABC, Generic[S]):
 
     def _on_emcy(self, _can_id: int, data: Any, _timestamp: float) -> None:
         # canopen stores every EMCY permanently; the relevant ones are in our own buffer.
-        self._node.emcy.reset()
+        self.sdo.node.emcy.reset()
         if len(data) != 8:
             return
         code = int.from_bytes(data[:2], "little")

@@ -6,32 +6,44 @@ Source: CiA DS 301 V4.02 chapter 7.5.2.36. A parameter that cannot be written bu
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import ClassVar
+from dataclasses import dataclass
 
+import canopen
 from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort, abort_text
 from pdgw.ds301.communication import IDENTITY, profile_of
 from pdgw.ds301.configuration import SdoStep, is_taken
 from pdgw.ds301.errors import CanopenError
+from pdgw.ds301.loop.loop import Loop
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.sdo import SdoAccess
 from pdgw.ds301.pdo import Pdo, is_communication_parameter
 
 
+@dataclass(frozen=True, slots=True)
+class DeviceKind:
+    """The device profile of a node: ``name`` and ``a_name`` for messages (``drive``, ``a drive``), number of 1000h, and error."""
+
+    name: str
+    a_name: str
+    profile: int
+    error_type: type[CanopenError]
+
+
 class ConfiguringAccess(SdoAccess):
     """SDO access that writes ``SdoStep``s."""
 
-    a_device: ClassVar[str]
-    """What the node is, in messages, with its article: ``a drive``."""
-    profile: ClassVar[int]
-    """The device profile number of 1000h."""
+    def __init__(self, loop: Loop, node_id: int, dictionary: canopen.ObjectDictionary, kind: DeviceKind) -> None:
+        super().__init__(loop, node_id, dictionary, kind.error_type)
+        self.kind = kind
 
-    def _check_identity(self, device_type: int) -> None:
+    def check_identity(self, device_type: int) -> None:
+        """Compare device type (1000h), vendor and product with profile and EDS; the package's error names a difference."""
         name = f"node {self._node_id} device type 1000h"
-        if profile_of(device_type) != self.profile:
+        if profile_of(device_type) != self.kind.profile:
             raise self.error_type(
-                name, f"profile {profile_of(device_type)}", f"{self.a_device} (profile {self.profile})"
+                name, f"profile {profile_of(device_type)}", f"{self.kind.a_name} (profile {self.kind.profile})"
             )
         information = self.dictionary.device_information
         for what, subindex, expected in (
@@ -40,28 +52,30 @@ class ConfiguringAccess(SdoAccess):
         ):
             if not expected:
                 continue
-            found = self._fetch(IDENTITY, subindex)
+            found = self.require(IDENTITY, subindex)
             if found != expected:
                 raise self.error_type(
                     f"node {self._node_id} {what}", f"{found:08X}h", f"{expected:08X}h, as in the EDS"
                 )
 
-    def _do(self, step: SdoStep) -> None:
+    def do(self, step: SdoStep) -> None:
+        """Write a step; the package's error when the node rejects it."""
         try:
             self.write(step.index, step.subindex, step.data)
         except SdoAbortedError as error:
             if step.optional or self._is_fixed_as_wanted(step):
                 return
-            raise self._refused(step, error) from error
+            raise self.refused(step, error) from error
 
-    def _refused(self, step: SdoStep, error: SdoAbortedError) -> CanopenError:
+    def refused(self, step: SdoStep, error: SdoAbortedError) -> CanopenError:
+        """The package's error for a step that the node rejects."""
         return self.error_type(
             f"node {self._node_id} {step.meaning} ({step.index:04X}h/{step.subindex} := {step.value:X}h)",
             abort_text(error.code),
-            f"{self.a_device} that accepts it",
+            f"{self.kind.a_name} that accepts it",
         )
 
-    def _map(self, plan: PdoPlan, steps: Iterable[SdoStep]) -> tuple[SdoStep, SdoAbortedError] | None:
+    def map_pdos(self, plan: PdoPlan, steps: Iterable[SdoStep]) -> tuple[SdoStep, SdoAbortedError] | None:
         """Carry out a plan until a write is refused; that one, with its abort."""
         # A mapping that is already right need not be written. It may be the manufacturer's fixed one.
         planned = (*plan.rpdos, *plan.tpdos)
@@ -85,9 +99,9 @@ class ConfiguringAccess(SdoAccess):
         except SdoAbortedError:
             return False
 
-    def _write_checked(self, step: SdoStep) -> None:
+    def write_checked(self, step: SdoStep) -> None:
         """Write and read back; the package's error when the node does not hold the value."""
-        self._do(step)
+        self.do(step)
         found = self.read(step.index, step.subindex)
         if found != step.data:
             raise self.error_type(step.meaning, found.hex(), f"{step.data.hex()} when read back")
@@ -95,9 +109,9 @@ class ConfiguringAccess(SdoAccess):
     def _is_mapped(self, pdo: Pdo) -> bool:
         """Whether the PDO carries exactly these objects already."""
         wanted = [len(pdo.entries), *(entry.mapping for entry in pdo.entries)]
-        return all(self._fetch(pdo.mapping_index, subindex) == value for subindex, value in enumerate(wanted))
+        return all(self.require(pdo.mapping_index, subindex) == value for subindex, value in enumerate(wanted))
 
-    def _cob_id_of(self, index: int) -> int | None:
+    def cob_id_of(self, index: int) -> int | None:
         """Sub-index 1 of a PDO's communication parameter; None for one that the EDS or the device does not have."""
         if not is_communication_parameter(index):
             return None

@@ -25,7 +25,7 @@ class Inquiry(SdoAccess):
         self._network = network.canopen
 
     def __enter__(self) -> Self:
-        self._network.add_node(self._node)
+        self._network.add_node(self.node)
         return self
 
     def __exit__(self, *_: object) -> None:

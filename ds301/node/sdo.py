@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 import queue
 from collections.abc import Callable
-from typing import ClassVar, Final
+from typing import Final
 
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
@@ -55,33 +55,38 @@ class SdoAccess:
     """Read and write the objects of a node; every method is for a task. ``error_type`` is the package's error for an abort,
     with the object's name."""
 
-    error_type: ClassVar[type[CanopenError]] = CanopenError
-
-    def __init__(self, loop: Loop, node_id: int, dictionary: canopen.ObjectDictionary) -> None:
+    def __init__(
+        self,
+        loop: Loop,
+        node_id: int,
+        dictionary: canopen.ObjectDictionary,
+        error_type: type[CanopenError] = CanopenError,
+    ) -> None:
+        self.error_type = error_type
         self.loop = loop
         self.dictionary = dictionary
         self._node_id = node_id
-        self._node = canopen.RemoteNode(node_id, dictionary)
+        self.node = canopen.RemoteNode(node_id, dictionary)
         self._sdo = SdoClient(loop, node_id, dictionary)
-        self._node.sdo_channels[:] = [self._sdo]
-        self._node.sdo = self._sdo
+        self.node.sdo_channels[:] = [self._sdo]
+        self.node.sdo = self._sdo
         self._repeats = _REPEATS
         self._open = 0
         """Urgent requests that were sent and not answered: their answers may still come."""
         self._open_until = 0
 
-    def _set_timeout(self, nanoseconds: int, *, slow: bool) -> None:
+    def set_timeout(self, nanoseconds: int, *, slow: bool) -> None:
         """The time for each answer; ``slow``: the node was found to need it, and is asked nothing twice."""
         self._sdo.RESPONSE_TIMEOUT = nanoseconds / SECOND
         self._repeats = 0 if slow else _REPEATS
 
     @property
-    def sdo_aborts(self) -> int:
+    def aborts(self) -> int:
         """Accesses the node refused."""
         return self._sdo.aborts
 
     @property
-    def _answers_late(self) -> bool:
+    def answers_late(self) -> bool:
         """The answer to an aborted request has arrived."""
         return not self._sdo.responses.empty()
 
@@ -146,7 +151,7 @@ class SdoAccess:
         except SdoAbortedError as error:
             raise self._unreadable(index, subindex, error) from error
         if answer[0] & ~_OF_THE_SIZE != RESPONSE_UPLOAD | EXPEDITED:
-            return self._fetch(index, subindex)
+            return self.require(index, subindex)
         unused = answer[0] >> 2 & 3 if answer[0] & SIZE_SPECIFIED else 0
         return int.from_bytes(answer[_EXPEDITED_SIZE : _FRAME - unused], "little")
 
@@ -236,7 +241,7 @@ class SdoAccess:
         """An integer object, in the node's task only."""
         return int.from_bytes(self.read(index, subindex), "little", signed=signed)
 
-    def _fetch(self, index: int, subindex: int = 0, *, signed: bool = False) -> int:
+    def require(self, index: int, subindex: int = 0, *, signed: bool = False) -> int:
         """As ``read_number``, with an abort that names the object."""
         try:
             return self.read_number(index, subindex, signed=signed)

@@ -17,6 +17,7 @@ from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.drive.mode_check import ModeCheck
 from pdgw.dsp402.objects import CONTROL_ATTRIBUTE
 from pdgw.dsp402.states import ControlBit, FaultReset
 from pdgw.durations import MS
@@ -58,21 +59,20 @@ class RpdoSender:
         control: Pdo,
         node_id: int,
         feedback: DriveFeedback,
+        mode: ModeCheck,
         wake: Callable[[], None],
         tell: Callable[[str, str], None],
     ) -> None:
         self._network = network
         self._feedback = feedback
+        self._mode = mode
         self._wake = wake
         self._tell = tell
         self.control = _Sender(control, control.cob_id(node_id))
         self.written: list[_Values] = []
         """Of the objects without RPDO."""
-        self.refresh_ns = 0
-        """Time after which an RPDO is sent again."""
+        self._refresh_ns = 0
         self.fault_reset: FaultReset | None = None
-        self.mode_awaited: int | None = None
-        """A mode that 6061h has not shown yet; no speed is sent meanwhile."""
         self.set_point_refused = False
         """A new setpoint (Controlword.4) does not reach the drive, because its data could not be written; until it falls."""
         self.motion_asked = False
@@ -92,8 +92,9 @@ class RpdoSender:
         self._commanded_at = 0
         """When the command was given that is sent now, or waits for its turn."""
 
-    def take_plan(self, plan: PdoPlan, sdo_timeout_ns: int) -> None:
-        """Send by another plan: nothing of it has been sent yet."""
+    def take_plan(self, plan: PdoPlan, sdo_timeout_ns: int, refresh_ns: int) -> None:
+        """Send by another plan: nothing of it has been sent yet. After ``refresh_ns`` an RPDO is sent again."""
+        self._refresh_ns = refresh_ns
         *data, control = plan.rpdos
         self.control = _Sender(control.pdo, control.cob_id)
         self._data_senders = [_Sender(item.pdo, item.cob_id) for item in data]
@@ -137,7 +138,7 @@ class RpdoSender:
         speed, asked = command.target_velocity, command.controlword
         if self.fault_reset is not None:
             command.controlword = self.fault_reset.step(asked, self._feedback.statusword, now)
-        if self.mode_awaited is not None:
+        if self._mode.awaited is not None:
             command.target_velocity = 0
         for values in self.written:
             values.wanted = values.pdo.pack(command)
@@ -167,7 +168,7 @@ class RpdoSender:
 
         Nothing is sent after a refused frame: the Controlword must not overtake its data.
         """
-        due = now - sender.time >= self.refresh_ns
+        due = now - sender.time >= self._refresh_ns
         if self.has_turn and sender.time >= self._commanded_at:
             due = False  # sent for this command: the next free slot is for the rest
         if data != sender.last or due:

@@ -154,7 +154,7 @@ class Axis(DriveObject):
             inputs.fault_code = self.fault_log.fault_code(self._sound_until - EMERGENCY_PATIENCE_NS)
             inputs.warning_code = self.fault_log.warning_code(present=machine.outputs.warning)
         inputs.node_stopped = drive.nmt_stopped
-        inputs.position_ns = drive.position_ns
+        inputs.position_ns = drive.units.position_ns
         if drive.generation != self._generation:
             self._generation = drive.generation
             inputs.news.append(Configured(drive.drive_type, drive.homing_method))
@@ -201,7 +201,7 @@ class Axis(DriveObject):
         numbers = []
         for address in (own, ERROR_CODE):
             try:
-                numbers.append(0 if address is None else drive.read_number(*address))
+                numbers.append(0 if address is None else drive.sdo.read_number(*address))
             except SdoAbortedError:
                 numbers.append(0)
         self._news.append(FaultRead(*numbers))
@@ -251,7 +251,7 @@ class Axis(DriveObject):
 
     def read_references(self, client: NodeClient[Any]) -> None:
         self.drive.learn()
-        self.drive.homing_method = self.drive.read_number(*HOMING_METHOD, signed=True)
+        self.drive.homing_method = self.drive.sdo.read_number(*HOMING_METHOD, signed=True)
 
     def references_changed(self) -> None:
         self._news.append(Configured(self.drive.drive_type, self.drive.homing_method, restarted=False))

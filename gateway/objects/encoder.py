@@ -144,7 +144,7 @@ class EncoderObject(DriveObject):
         parameters = self.client.parameters
         if parameters is None:
             return None
-        dictionary, config = self.client.dictionary, self.config
+        dictionary, config = self.client.sdo.dictionary, self.config
         channel = config.channel if PRESET_MULTI_SENSOR in dictionary else None
         make = EncoderReferences.linear if config.is_linear else EncoderReferences.rotary
         return make(parameters, Fraction(str(config.reference_speed)), channel)

@@ -57,11 +57,11 @@ class ProbeReader:
         return self._job is not None
 
     def _look(self, drive: DriveClient, wish: ProbeWish) -> None:
-        status = drive.read_number(touch_probe.STATUS)
+        status = drive.sdo.read_number(touch_probe.STATUS)
         stored = [edge for edge in wish.edges if status & touch_probe.stored_bit(edge)]
         if stored:
             self._ended = True
-            read = {edge: drive.read_number(touch_probe.POSITIONS[edge], signed=True) for edge in stored}
+            read = {edge: drive.sdo.read_number(touch_probe.POSITIONS[edge], signed=True) for edge in stored}
             self._news.append(ProbeAnswer(wish, read))
         elif not touch_probe.enabled_bits(status):
             self._ended = True
@@ -91,6 +91,6 @@ def refused(wish: ProbeWish, abort: int) -> ProbeAnswer:
 
 def _arm(drive: DriveClient, function: int) -> None:
     """Off first: what was stored before is gone then."""
-    drive.write(touch_probe.FUNCTION, 0, bytes(_FUNCTION_BYTES))
+    drive.sdo.write(touch_probe.FUNCTION, 0, bytes(_FUNCTION_BYTES))
     if function:
-        drive.write(touch_probe.FUNCTION, 0, function.to_bytes(_FUNCTION_BYTES, "little"))
+        drive.sdo.write(touch_probe.FUNCTION, 0, function.to_bytes(_FUNCTION_BYTES, "little"))

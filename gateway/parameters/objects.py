@@ -139,7 +139,9 @@ class ObjectAccess:
 
     def read(self, index: int, subindex: int, context: RequestContext) -> bytes:
         """SDO upload."""
-        return self.run(lambda client: client.read(index, subindex), f"read {index:04X}h/{subindex}", context.deadline)
+        return self.run(
+            lambda client: client.sdo.read(index, subindex), f"read {index:04X}h/{subindex}", context.deadline
+        )
 
     def write(self, index: int, subindex: int, data: bytes, context: RequestContext) -> None:
         """SDO download; refused if it would change a guarded object of a powered axis. The copies of the gateway follow.
@@ -167,7 +169,7 @@ class ObjectAccess:
                     if index in {STORE_PARAMETERS, RESTORE_PARAMETERS}:
                         client.store(index, subindex, data)
                     else:
-                        client.write(index, subindex, data)
+                        client.sdo.write(index, subindex, data)
                 except SdoAbortedError:
                     stale = False  # the device keeps its value
                     raise
@@ -186,7 +188,7 @@ class ObjectAccess:
     def variable(self, index: int, subindex: int) -> Any:
         """The EDS entry, None where the EDS has none."""
         try:
-            item = self.owner.client.dictionary[index]
+            item = self.owner.client.sdo.dictionary[index]
             return item if isinstance(item, canopen.objectdictionary.ODVariable) and not subindex else item[subindex]
         except (KeyError, TypeError):
             return None
@@ -265,7 +267,7 @@ class ObjectParameter:
 
     def description(self) -> Description:
         """From the EDS."""
-        item = self._access.owner.client.dictionary.get(self.index)
+        item = self._access.owner.client.sdo.dictionary.get(self.index)
         if item is None:
             raise ParameterRefused(Number.DESCRIPTION_NOT_AVAILABLE)
         array = not isinstance(item, canopen.objectdictionary.ODVariable)

@@ -221,7 +221,7 @@ class NodeObject(BoundObject):
             raise ParameterRefused(Number.NO_OPERATION_PRIORITY)
 
     def further_pnus(self) -> Iterable[int]:
-        return (index for index in self.owner.client.dictionary if index in OBJECT_PNUS)
+        return (index for index in self.owner.client.sdo.dictionary if index in OBJECT_PNUS)
 
     def _bind_common(self) -> None:
         owner, log_ = self.owner, self.owner.fault_log

@@ -19,7 +19,7 @@ from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.states import Command
-from pdgw.durations import MS
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.telegrams import drive_layout
 from tests.can import interfaces
 from tests.can.interfaces import Wire
@@ -59,7 +59,8 @@ class Axes:
         available = {pdo.communication_index for pdo in layout.rpdos}
         for node_id in range(1, AXES + 1):
             client = DriveClient(self.network, DriveSettings(node_id), layout, lambda _: None)
-            client._take_plan(straight_plan(layout, node_id, available, sync=False))
+            plan = straight_plan(layout, node_id, available, sync=False)
+            client.rpdos.take_plan(plan, SECOND, client.settings.rpdo_refresh_ms * MS)
             client._sending = True
             self.clients.append(client)
 

@@ -130,7 +130,7 @@ def test_missing_node_is_reported_and_found_later(plant: Plant) -> None:
     site.wait_for(lambda: "no answer from node 4" in client.status_text, "told")
     assert client.status is DriveStatus.OFFLINE
     with pytest.raises(Dsp402Error, match="offline"):
-        site.result(client.submit(lambda drive: drive.read(0x1000)))
+        site.result(client.submit(lambda drive: drive.sdo.read(0x1000)))
     plant.power_on()
     plant.online()
 
@@ -240,9 +240,9 @@ def test_jobs_run_beside_the_exchange_and_report_their_own_errors(plant: Plant) 
     plant.power_on()
     client = plant.connect()
     plant.online()
-    assert site.result(client.submit(lambda drive: drive.read(0x1008))) == b"ENGEL HBI"
+    assert site.result(client.submit(lambda drive: drive.sdo.read(0x1008))) == b"ENGEL HBI"
     with pytest.raises(Exception, match="0602"):
-        site.result(client.submit(lambda drive: drive.read(0x5000)))
+        site.result(client.submit(lambda drive: drive.sdo.read(0x5000)))
     blocked = Event(client.loop)
     slow = client.submit(lambda drive: blocked.wait(5000 * MS))
     assert client.refresh(site.now())
@@ -356,8 +356,8 @@ def test_endless_sdo_answer_does_not_block_the_task(plant: Plant, monkeypatch: p
 
     monkeypatch.setattr(drive.node, "receive", segments)
     with pytest.raises(SdoCommunicationError, match="1008h/0 never ends"):
-        site.result(client.submit(lambda drive: drive.read(0x1008)))
-    assert site.result(client.submit(lambda drive: drive.read_number(0x1000))) == 0x0002_0192
+        site.result(client.submit(lambda drive: drive.sdo.read(0x1008)))
+    assert site.result(client.submit(lambda drive: drive.sdo.read_number(0x1000))) == 0x0002_0192
 
 
 def test_number_has_the_length_of_the_eds(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -370,7 +370,7 @@ def test_number_has_the_length_of_the_eds(plant: Plant, monkeypatch: pytest.Monk
     monkeypatch.setattr(
         drive.node, "send", lambda can_id, data: send(can_id, sizeless if data[1:4] == sizeless[1:4] else data)
     )
-    assert site.result(client.submit(lambda drive: drive.read(0x1017))) == b"\x64\0"
+    assert site.result(client.submit(lambda drive: drive.sdo.read(0x1017))) == b"\x64\0"
 
 
 def test_late_answer_to_an_aborted_write_does_not_confirm_the_next(
@@ -394,9 +394,9 @@ def test_late_answer_to_an_aborted_write_does_not_confirm_the_next(
 
     monkeypatch.setattr(drive.node, "send", late)
     with pytest.raises(SdoCommunicationError):
-        site.result(client.submit(lambda drive: drive.write(0x6083, 0, b"\x64\0\0\0")))
+        site.result(client.submit(lambda drive: drive.sdo.write(0x6083, 0, b"\x64\0\0\0")))
     with pytest.raises(SdoAbortedError):
-        site.result(client.submit(lambda drive: drive.write(0x6084, 0, b"\xff\xff\xff\xff")))
+        site.result(client.submit(lambda drive: drive.sdo.write(0x6084, 0, b"\xff\xff\xff\xff")))
 
 
 @pytest.mark.parametrize("pdos", [1, 4])
@@ -421,7 +421,7 @@ def test_any_frame_under_the_identifiers_of_the_node_is_survived(plant: Plant, p
 
     # What is still on its way may spoil an answer, or have the node lost and brought up again.
     def answers() -> bool:
-        job = client.submit(lambda drive: drive.read_number(0x1000))
+        job = client.submit(lambda drive: drive.sdo.read_number(0x1000))
         site.wait_for(job.done, "an answer or an error")
         return job.exception(0) is None
 

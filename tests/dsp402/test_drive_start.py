@@ -156,7 +156,7 @@ def test_unknown_vendor_needs_no_eds_and_missing_scaling_is_named(plant: Plant) 
     assert (client.drive_type.name, client.drive_type.family) == ("ENGEL HBI", "")
     assert {*client.drive_type.modes} == {Mode.POSITION, Mode.VELOCITY, Mode.TORQUE, Mode.HOMING}
     assert "6094h alone does not define the unit" in client.drive_type.scaling.refusal(Quantity.SPEED)
-    assert 0x2003 not in client.dictionary
+    assert 0x2003 not in client.sdo.dictionary
 
 
 def test_a_drive_that_was_exchanged_for_another_one_is_refused(plant: Plant) -> None:
@@ -275,7 +275,7 @@ def test_a_waiting_job_fails_when_the_drive_is_lost(plant: Plant) -> None:
 
     client.submit(hold)
     site.wait_for(running.is_set, "held")
-    waiting = [client.submit(lambda drive: drive.read(0x1000)) for _ in range(3)]
+    waiting = [client.submit(lambda drive: drive.sdo.read(0x1000)) for _ in range(3)]
     drive.do(lambda node: node.power_off())
     site.wait_for(lambda: not client.refresh(site.now()), "overdue, seen although the task is busy")
     release.set()
@@ -291,7 +291,7 @@ def test_stopped_client_releases_the_bus_for_the_next_one(plant: Plant) -> None:
     plant.online()
     blocked = Event(first.loop)
     first.submit(lambda drive: blocked.wait(200 * MS))
-    waiting = first.submit(lambda drive: drive.read(0x1000))
+    waiting = first.submit(lambda drive: drive.sdo.read(0x1000))
     first.stop()
     first.stop()
     assert waiting.done()
@@ -309,7 +309,7 @@ def test_missing_node_does_not_delay_the_other_drive(plant: Plant) -> None:
     dead.start()
     client = plant.connect()
     plant.online()
-    assert site.result(client.submit(lambda drive: drive.read_number(0x1000))) == 0x0002_0192
+    assert site.result(client.submit(lambda drive: drive.sdo.read_number(0x1000))) == 0x0002_0192
     assert dead.status is DriveStatus.OFFLINE
     dead.stop()
 

@@ -161,7 +161,7 @@ def test_parameters_are_read_again_by_a_job(plant: Plant) -> None:
     plant.power_on(still(3.0)).start()
     client = plant.connect()
     plant.online()
-    site.result(client.submit(lambda encoder: encoder.write(PRESET, 0, (1000).to_bytes(4, "little"))))
+    site.result(client.submit(lambda encoder: encoder.sdo.write(PRESET, 0, (1000).to_bytes(4, "little"))))
     site.wait_for(lambda: fresh(client).feedback.channel(1).position == 1000, "preset")
     parameters = site.result(client.submit(lambda encoder: encoder.read_parameters()))
     assert parameters.offset == 1000 - 3 * 4096
@@ -241,7 +241,7 @@ def test_another_encoder_than_the_eds_says_is_refused(plant: Plant) -> None:
     site.wait_for(lambda: client.status is NodeStatus.REFUSED, "refusal")
     assert "product code 1018h/2" in client.status_text
     with pytest.raises(Dsp406Error, match="encoder 9: 'refused'"):
-        site.result(client.submit(lambda encoder: encoder.read(0x6004)))
+        site.result(client.submit(lambda encoder: encoder.sdo.read(0x6004)))
 
 
 def test_a_restart_is_noticed_and_configured_again(plant: Plant) -> None:
@@ -282,7 +282,7 @@ def test_an_encoder_without_heartbeat_is_watched_by_its_tpdos(plant: Plant) -> N
     client = plant.connect(heartbeat_factor=1, heartbeat_ms=1)
     plant.online()
     assert any("no heartbeat" in event.text for event in plant.events)
-    assert site.result(client.submit(lambda encoder: encoder.read_number(0x6004))) == 0
+    assert site.result(client.submit(lambda encoder: encoder.sdo.read_number(0x6004))) == 0
     assert client.generation == 1
 
 
@@ -352,5 +352,5 @@ def test_emcy_burst_is_passed_on_without_a_loss(plant: Plant) -> None:
     plant.online()
     encoder.do(lambda node: node.misbehave("emcy-burst"))
     site.wait_for(lambda: [event for event in plant.events if event.kind == "emcy"], "EMCY")
-    assert site.result(client.submit(lambda encoder: encoder.read_number(0x6004))) == 4096
+    assert site.result(client.submit(lambda encoder: encoder.sdo.read_number(0x6004))) == 4096
     assert client.generation == 1

@@ -12,9 +12,9 @@ from tests.support.gateways.daemon import axis, configuration, drive_of, running
 def _failure(daemon: Daemon, index: int, subindex: int = 0, data: bytes = b"") -> str:
     def access(node: NodeClient) -> None:  # type: ignore[type-arg]
         if data:
-            node.write(index, subindex, data)
+            node.sdo.write(index, subindex, data)
         else:
-            node.read(index, subindex)
+            node.sdo.read(index, subindex)
 
     future = daemon.axes[0].drive.submit(access)
     until(daemon, future.done, "an end of the access")

@@ -121,11 +121,11 @@ def test_the_client_takes_blocks_for_domains_where_the_node_has_them(
             site.wait_for(lambda: client.status is DriveStatus.ONLINE, "online")
             variable = ODVariable("Trace", INDEX, 0)
             variable.data_type = CanType.DOMAIN.code
-            client.dictionary.add_object(variable)
-            assert site.result(client.submit(lambda drive: drive.read(INDEX))) == content(200)
+            client.sdo.dictionary.add_object(variable)
+            assert site.result(client.submit(lambda drive: drive.sdo.read(INDEX))) == content(200)
             assert served, "a block upload was asked for"
             with pytest.raises(SdoAbortedError):
-                site.result(client.submit(lambda drive: drive.read(0x2FFF)))
+                site.result(client.submit(lambda drive: drive.sdo.read(0x2FFF)))
         finally:
             client.stop()
             drive.stop()

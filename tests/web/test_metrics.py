@@ -130,7 +130,7 @@ def test_a_fault_is_active_until_it_is_acknowledged() -> None:
 def test_requests_and_refusals_beside_the_exchange_are_counted() -> None:
     gateway = ShownGateway()
     with serving(configuration(axis(1))) as (daemon, client):
-        aborts = daemon.axes[0].client.sdo_aborts
+        aborts = daemon.axes[0].client.sdo.aborts
         client.request([ParameterAddress(922)])
         client.request([ParameterAddress(0x5FFF)])
         client.request([ParameterAddress(922), ParameterAddress(0x2FFE, 9, 1)])
@@ -138,7 +138,7 @@ def test_requests_and_refusals_beside_the_exchange_are_counted() -> None:
         watch = Watch(daemon.config, gateway)
         look(watch)
         text = exposition(watch)().decode()
-        refused = daemon.axes[0].client.sdo_aborts
+        refused = daemon.axes[0].client.sdo.aborts
     assert value(text, "pdgw_parameter_requests_total", do="1", result="answered") == 1
     assert value(text, "pdgw_parameter_requests_total", do="1", result="refused") == 2
     assert value(text, "pdgw_sdo_aborts_total", bus="can", node="1") == refused

@@ -427,7 +427,7 @@ class AxisTest:
         """Distance of 6064h in increments; None for a drive without it. DoubtError when it exceeds the commanded distance."""
         try:
             raw = self._loop.result(
-                self._axis.drive.submit(lambda node: node.read_number(POSITION_ACTUAL, signed=True)), _SDO_NS
+                self._axis.drive.submit(lambda node: node.sdo.read_number(POSITION_ACTUAL, signed=True)), _SDO_NS
             )
         except SdoAbortedError:
             return None

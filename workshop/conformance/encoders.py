@@ -237,7 +237,9 @@ class _EncoderBench(Bench):
     def set_in(self) -> None:
         """Start the fault of the case and forget what was recorded before."""
         if self.case.activity is Activity.COMMISSIONING:
-            written = self.encoder.client.submit(lambda client: client.write(OPERATING_PARAMETERS, 0, _COMMISSIONING))
+            written = self.encoder.client.submit(
+                lambda client: client.sdo.write(OPERATING_PARAMETERS, 0, _COMMISSIONING)
+            )
             self.until(written.done, "diagnostics switched on")
             written.result(0)
         self.sent.clear()

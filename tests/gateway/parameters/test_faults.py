@@ -90,7 +90,7 @@ def test_a_drive_that_does_not_answer_in_time_is_error_11_and_a_second_request_m
             release.wait(20 * SECOND)
             return b"\0\0"
 
-        monkeypatch.setattr(daemon.axes[0].drive, "read", slow)
+        monkeypatch.setattr(daemon.axes[0].drive.sdo, "read", slow)
         answers: list[Values] = []
         asking = daemon.loop.spawn(lambda: answers.extend(client.request([ParameterAddress(0x6041)] * 3)), "asking")
         until(daemon, entered.is_set, "at work")

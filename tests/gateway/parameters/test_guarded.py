@@ -67,6 +67,7 @@ class Client:
     def __init__(self, before: Callable[[], None]) -> None:
         self.log: list[object] = []
         self._before = before
+        self.sdo = self
 
     def submit(self, job: Callable[[Any], None]) -> Future[None]:
         future: Future[None] = Future()
