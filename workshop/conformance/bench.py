@@ -24,6 +24,7 @@ from pdgw.gateway.configuration.tables.encoder import EncoderConfig
 from pdgw.gateway.configuration.tables.environment import CanConfig, TransportConfig
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.reasons import FaultNumber
+from pdgw.peers.node.node import SimulatedNode
 from pdgw.peers.node.running import RunningNode
 from pdgw.peers.world import World
 from pdgw.workshop.conformance.tested import Tested
@@ -131,6 +132,11 @@ class Result:
     def passed(self) -> bool:
         return not self.failures
 
+    def require(self, holds: object, otherwise: str) -> None:
+        """Store a failure unless a condition is true."""
+        if not holds:
+            self.failures.append(otherwise)
+
     def as_dict(self) -> dict[str, object]:
         """Plain data."""
         case = self.case
@@ -171,6 +177,8 @@ class Bench(abc.ABC):
         """In the order of processing; the first is that of the case."""
         self.devices: list[RunningNode[Any]] = []
         """The first has the fault of the case."""
+        self.shown: list[str] = []
+        """States of the encoder position shown to the PLC, without repetitions."""
         self.watchers: list[Callable[[int], None]] = []
         """Functions called after each cycle."""
         self._beat = 0
@@ -215,6 +223,21 @@ class Bench(abc.ABC):
         fault = self.case.fault if name is None else name
         chosen = self.case.values if values is None else values
         self.devices[0].do(lambda node: node.misbehave(fault, **chosen))
+
+    def behave(self, *, restart: bool = False) -> None:
+        """End the fault, and restart a device that was rejected."""
+
+        def mend(node: SimulatedNode) -> None:
+            node.behave()
+            if restart:
+                node.restart()
+
+        self.devices[0].do(mend)
+
+    def note(self, result: Result) -> None:
+        """Store what was sent, reported and shown during the fault."""
+        result.sent, result.shown, result.numbers = list(self.sent), list(self.shown), self.numbers()
+        result.reason = self.subject.reason.value if self.subject.reason else ""
 
     @property
     def configuration(self) -> GatewayConfig:

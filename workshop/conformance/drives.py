@@ -17,7 +17,7 @@ from pdgw.dsp402.states import State, state_of
 from pdgw.gateway.axis.supervision.drive_events import POWERED
 from pdgw.gateway.configuration.config import AxisConfig
 from pdgw.gateway.objects.axis import Axis
-from pdgw.peers.drive import DriveModel, SimulatedDriveNode
+from pdgw.peers.drive import DriveModel
 from pdgw.peers.drive.device import EDS_PATH
 from pdgw.profidrive.signals import signal
 from pdgw.workshop.conformance import bench as rig
@@ -141,7 +141,7 @@ class DriveBench(rig.Bench):
 
     # -- the PLC ------------------------------------------------------------------------------------------------------
 
-    def shown(self) -> State | None:
+    def state(self) -> State | None:
         return state_of(self.axis.drive.feedback.statusword)
 
     def online(self) -> None:
@@ -163,16 +163,16 @@ class DriveBench(rig.Bench):
         off = 0x06 if self.case.telegram == 100 else _OFF
         self.values[self.word] = off
         self.cycles(3)
-        if self.shown() is State.FAULT:
+        if self.state() is State.FAULT:
             self.values[self.word] = off | _ACKNOWLEDGE
-            self.until(lambda: self.shown() is not State.FAULT, "fault acknowledged")
+            self.until(lambda: self.state() is not State.FAULT, "fault acknowledged")
             self.values[self.word] = off
-        self.until(lambda: self.shown() is State.READY_TO_SWITCH_ON, "ready to switch on")
+        self.until(lambda: self.state() is State.READY_TO_SWITCH_ON, "ready to switch on")
         if self.case.telegram == 100:
             self.values[self.word] = 0x07
-            self.until(lambda: self.shown() is State.SWITCHED_ON, "switched on")
+            self.until(lambda: self.state() is State.SWITCHED_ON, "switched on")
         self.on()
-        self.until(lambda: self.shown() is State.OPERATION_ENABLED, "operation")
+        self.until(lambda: self.state() is State.OPERATION_ENABLED, "operation")
 
     def turn(self) -> None:
         """Set half of the reference speed."""
@@ -204,11 +204,10 @@ def _refused(bench: DriveBench, result: rig.Result) -> None:
     bench.cycles(3)
     bench.on()
     bench.cycles(rig.QUIET_CYCLES)
-    _note(bench, result, 0)
-    if bench.axis.good:
-        result.failures.append("values are shown as good")
-    if not result.reason:
-        result.failures.append("no reason is shown")
+    bench.note(result)
+    result.require(not bench.axis.good, "values are shown as good")
+    result.require(result.reason, "no reason is shown")
+    result.restarted = bench.trace.starts(0) > 0
     result.stopped = "never moved"
     _no_restart(bench, result, 0)
     bench.enable()
@@ -232,16 +231,15 @@ def _in_operation(bench: DriveBench, result: rig.Result) -> None:
     if rig.LOSSES.intersection(case.numbers):
         bench.until(lambda: rig.CONFIGURES in bench.sent, "configured again")
     bench.cycles(_STANDING_CYCLES if case.reaction is rig.Reaction.STANDS else rig.QUIET_CYCLES)
-    _note(bench, result, mark)
+    bench.note(result)
+    result.restarted = case.reaction is not rig.Reaction.GOES_ON and bench.trace.starts(mark) > 0
     result.stopped = bench.trace.stopped_by(mark, case.reaction is rig.Reaction.STANDS)
     if case.reaction is rig.Reaction.GOES_ON:
         _goes_on(bench, result, mark)
     elif case.reaction is rig.Reaction.STANDS:
-        if not bench.standing():
-            result.failures.append("the axis moves again")
-        if bench.axis.reason is None:
-            result.failures.append("no reason is shown")
-        bench.drive.do(lambda node: node.behave())
+        result.require(bench.standing(), "the axis moves again")
+        result.require(bench.axis.reason is not None, "no reason is shown")
+        bench.behave()
         bench.cycles(rig.QUIET_CYCLES)
         if not bench.standing():
             result.restarted = True
@@ -249,8 +247,7 @@ def _in_operation(bench: DriveBench, result: rig.Result) -> None:
         bench.values[bench.word] = _OFF
         bench.until(lambda: bench.model.state not in POWERED, "OFF obeyed")
     else:
-        if bench.axis.reason is None:
-            result.failures.append("no reason is shown")
+        result.require(bench.axis.reason is not None, "no reason is shown")
         bench.on()
         _no_restart(bench, result, mark)
     bench.enable()
@@ -272,33 +269,16 @@ def _goes_on(bench: DriveBench, result: rig.Result, mark: int) -> None:
     if bench.trace.states[mark:]:
         names = ", ".join(state.value for state, _ in bench.trace.states[mark:])
         result.failures.append(f"operation was left: {names}")
-    if abs(bench.model.ramp.speed) < _TURNING_RPM:
-        result.failures.append("the drive does not turn any more")
-    if result.numbers and not bench.case.numbers:
-        result.failures.append(f"unexpected fault numbers: {result.numbers}")
+    result.require(abs(bench.model.ramp.speed) >= _TURNING_RPM, "the drive does not turn any more")
+    result.require(bench.case.numbers or not result.numbers, f"unexpected fault numbers: {result.numbers}")
     bench.off()
     bench.until(lambda: bench.standing() and bench.model.state not in POWERED, "OFF obeyed")
-    bench.drive.do(lambda node: node.behave())
-
-
-def _note(bench: DriveBench, result: rig.Result, mark: int) -> None:
-    """Store what was sent, reported and shown during the fault."""
-    result.sent = list(bench.sent)
-    result.numbers = bench.numbers()
-    result.reason = bench.axis.reason.value if bench.axis.reason else ""
-    if bench.case.reaction is not rig.Reaction.GOES_ON and bench.trace.starts(mark):
-        result.restarted = True
+    bench.behave()
 
 
 def _no_restart(bench: DriveBench, result: rig.Result, mark: int) -> None:
     """End the fault, and restart the device if it was rejected. The ON that stays active must not start it."""
-
-    def mend(node: SimulatedDriveNode) -> None:
-        node.behave()
-        if bench.case.reaction is rig.Reaction.REFUSES:
-            node.restart()
-
-    bench.drive.do(mend)
+    bench.behave(restart=bench.case.reaction is rig.Reaction.REFUSES)
     bench.online()
     bench.cycles(rig.QUIET_CYCLES)
     if bench.trace.starts(mark):

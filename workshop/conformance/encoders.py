@@ -19,7 +19,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.tables.encoder import EncoderConfig
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.encoder import EncoderNode, EncoderObject
-from pdgw.peers.encoder import SimulatedEncoder, SimulatedEncoderNode
+from pdgw.peers.encoder import SimulatedEncoder
 from pdgw.peers.encoder.motion import Motion, still
 from pdgw.profidrive.signals import signal
 from pdgw.workshop.conformance.bench import (
@@ -221,6 +221,7 @@ class _EncoderBench(Bench):
         self.objects.append(self.encoder)
         self.devices.append(self.simulated)
         self.sight = _Sight(self.encoder, zero)
+        self.shown = self.sight.shown
         self.watchers.append(self.sight.look)
         self._stw, self._g1_stw = _CONTROL, _REQUEST
 
@@ -247,19 +248,6 @@ class _EncoderBench(Bench):
         if self.case.activity is not Activity.START:
             self.misbehave()
 
-    def behave(self) -> None:
-        """End the fault; restart a rejected device."""
-        _behave(self.simulated, restart=self.case.reaction is Reaction.NEVER_GOOD)
-
-
-def _behave(device: SimulatedEncoder, *, restart: bool) -> None:
-    def mend(node: SimulatedEncoderNode) -> None:
-        node.behave()
-        if restart:
-            node.restart()
-
-    device.do(mend)
-
 
 def run_encoder_case(case: Case, result: Result) -> None:
     """Run one case of an encoder with telegrams 81 to 84 and store its result."""
@@ -284,30 +272,18 @@ def _fresh(sight: _Sight, result: Result) -> Iterator[None]:
     try:
         yield
     finally:
-        if sight.oldest > _STALE_NS:
-            result.failures.append(f"a position {sight.oldest // MS} ms old was shown as good")
-
-
-def _note(bench: _EncoderBench, result: Result) -> None:
-    """Store what was sent, reported and shown during the fault."""
-    result.sent = list(bench.sent)
-    result.shown = list(bench.sight.shown)
-    result.numbers = bench.numbers()
-    result.reason = bench.encoder.reason.value if bench.encoder.reason else ""
+        result.require(sight.oldest <= _STALE_NS, f"a position {sight.oldest // MS} ms old was shown as good")
 
 
 def _never_good(bench: _EncoderBench, result: Result) -> None:
     case = bench.case
     bench.until(lambda: bench.told(case.numbers), f"fault {case.numbers}")
     bench.cycles(QUIET_CYCLES)
-    _note(bench, result)
-    if bench.sight.shown != ["IOPS BAD"]:
-        result.failures.append("values are shown as good")
-    if not bench.sight.fault:
-        result.failures.append("no fault in ZSW2_ENC")
-    if not result.reason:
-        result.failures.append("no reason is shown")
-    bench.behave()
+    bench.note(result)
+    result.require(bench.sight.shown == ["IOPS BAD"], "values are shown as good")
+    result.require(bench.sight.fault, "no fault in ZSW2_ENC")
+    result.require(result.reason, "no reason is shown")
+    bench.behave(restart=True)
 
 
 def _goes_on(bench: _EncoderBench, result: Result) -> None:
@@ -322,19 +298,21 @@ def _goes_on(bench: _EncoderBench, result: Result) -> None:
         if case.fault in ENCODER_FAULTS:
             _acknowledge_in_vain(bench, result)
     bench.cycles(QUIET_CYCLES)
-    _note(bench, result)
+    bench.note(result)
     bench.behave()
     if case.reaction is Reaction.FAULT:
         _latched(bench, result)
     elif case.reaction is Reaction.WARNS:
         bench.until(lambda: not sight.warning, "end of the warning")
     bench.cycles(QUIET_CYCLES)
-    if not all(text.startswith(_POSITION) for text in sight.shown):
-        result.failures.append(f"the position was not good: {'; '.join(sight.shown)}")
-    if case.reaction is not Reaction.FAULT and any("fault" in text for text in sight.shown):
-        result.failures.append("a fault is shown without need")
-    if bench.numbers() and not case.numbers:
-        result.failures.append(f"unexpected fault numbers: {bench.numbers()}")
+    result.require(
+        all(text.startswith(_POSITION) for text in sight.shown), f"the position was not good: {'; '.join(sight.shown)}"
+    )
+    result.require(
+        case.reaction is Reaction.FAULT or not any("fault" in text for text in sight.shown),
+        "a fault is shown without need",
+    )
+    result.require(case.numbers or not bench.numbers(), f"unexpected fault numbers: {bench.numbers()}")
 
 
 def _invalid(bench: _EncoderBench, result: Result) -> None:
@@ -349,33 +327,34 @@ def _invalid(bench: _EncoderBench, result: Result) -> None:
         bench.until(lambda: bench.told(case.numbers), f"fault {case.numbers}")
         _acknowledge_in_vain(bench, result)
     bench.cycles(QUIET_CYCLES)
-    _note(bench, result)
-    if not result.reason:
-        result.failures.append("no reason is shown")
+    bench.note(result)
+    result.require(result.reason, "no reason is shown")
     bench.behave()
     bench.until(lambda: bench.encoder.good, "IOPS GOOD")
     _latched(bench, result)
     invalid = next(number for number, text in enumerate(result.shown) if not text.startswith(_POSITION))
-    if any(text.startswith(_POSITION) for text in result.shown[invalid:]):
-        result.failures.append(f"the position was good again before an acknowledge: {'; '.join(result.shown)}")
+    result.require(
+        not any(text.startswith(_POSITION) for text in result.shown[invalid:]),
+        f"the position was good again before an acknowledge: {'; '.join(result.shown)}",
+    )
 
 
 def _acknowledge_in_vain(bench: _EncoderBench, result: Result) -> None:
     """Acknowledge while the cause is still present: no effect."""
     bench.acknowledge()
     bench.cycles(3)
-    if not bench.sight.fault:
-        result.failures.append("an acknowledge ended the fault although its cause is present")
+    result.require(bench.sight.fault, "an acknowledge ended the fault although its cause is present")
 
 
 def _latched(bench: _EncoderBench, result: Result) -> None:
     """After its cause, the fault stays until the PLC acknowledges it."""
     bench.until(lambda: not bench.encoder.faulty, "end of the cause")
     bench.cycles(QUIET_CYCLES)
-    if not bench.sight.fault:
-        result.failures.append("the fault ended by itself")
-    if bench.case.reaction is not Reaction.FAULT and not bench.sight.error:
-        result.failures.append("the error of the sensor ended by itself")
+    result.require(bench.sight.fault, "the fault ended by itself")
+    result.require(
+        bench.case.reaction is Reaction.FAULT or bench.sight.error,
+        "the error of the sensor ended by itself",
+    )
     bench.acknowledge()
     bench.until(lambda: bench.sight.measuring, "acknowledged")
     bench.until(lambda: not bench.encoder.fault_log.entries()[0].number, "P947 acknowledged")
@@ -394,6 +373,7 @@ class _SensorBench(DriveBench):
         self.objects.append(self.encoder)
         self.devices.insert(0, self.simulated)
         self.sight = _Sight(self.axis, zero)
+        self.shown = self.sight.shown
         self.watchers.append(self.sight.look)
         self.values["G1_STW"] = _REQUEST
 
@@ -425,10 +405,8 @@ def run_sensor_case(case: Case, result: Result) -> None:
         bench.until(lambda: sight.error, "error in G1_ZSW")
         bench.until(lambda: bench.told(case.numbers), f"fault {case.numbers}")
         bench.cycles(QUIET_CYCLES)
-        result.sent, result.shown = list(bench.sent), list(sight.shown)
-        result.numbers = bench.numbers()
-        result.reason = bench.encoder.reason.value if bench.encoder.reason else ""
-        _behave(bench.simulated, restart=case.reaction is Reaction.G1_MISSING)
+        bench.note(result)
+        bench.behave(restart=case.reaction is Reaction.G1_MISSING)
         bench.until(lambda: bench.encoder.good and not bench.encoder.faulty, "encoder back")
         bench.cycles(QUIET_CYCLES)
         if case.reaction is Reaction.G1_ERROR:
@@ -439,11 +417,10 @@ def run_sensor_case(case: Case, result: Result) -> None:
             bench.values["G1_STW"] = _REQUEST
         bench.until(lambda: sight.measuring, "position again")
         result.stopped = bench.trace.stopped_by(mark, standing=False)
-        if bench.trace.states[mark:] or bench.shown() is not State.OPERATION_ENABLED:
-            result.failures.append("the drive left operation")
-        if "IOPS BAD" in sight.shown:
-            result.failures.append("IOPS of the drive was BAD")
-        if bench.axis.faults:
-            result.failures.append("the drive has a fault")
+        result.require(
+            not bench.trace.states[mark:] and bench.state() is State.OPERATION_ENABLED, "the drive left operation"
+        )
+        result.require("IOPS BAD" not in sight.shown, "IOPS of the drive was BAD")
+        result.require(not bench.axis.faults, "the drive has a fault")
         bench.off()
         bench.until(bench.standing, "OFF obeyed")
