@@ -17,7 +17,7 @@ from pdgw.dsp402.indices import ABORT_OPTION
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.explain import problems
 from pdgw.gateway.configuration.toml_file import read_text
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.errors import GatewayError, writing
 from pdgw.gateway.format_version import at_most
 from pdgw.profidrive.parameters.catalogue import OBJECT_PNUS
 from pdgw.profidrive.parameters.codec import Values
@@ -96,10 +96,8 @@ class Dump(BaseModel):
 
     def save(self, path: Path) -> None:
         """GatewayError when it cannot be written."""
-        try:
+        with writing(path):
             path.write_text(self.model_dump_json(indent=1), encoding="utf-8")
-        except OSError as error:
-            raise GatewayError(f"{path}: cannot be written ({error.strerror or error})") from error
 
     @classmethod
     def load(cls, path: Path) -> Dump:

@@ -17,7 +17,7 @@ from pdgw.ds301.loop.loop import Loop
 from pdgw.durations import SECOND
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import config_text
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.errors import writing
 from pdgw.gateway.links.profinet.ethernet import RawEthernet
 from pdgw.gateway.links.udp import Address
 from pdgw.gateway.platform import DatagramPort, SystemPlatform
@@ -84,12 +84,10 @@ class Recorder:
 
     def __init__(self, folder: Path, config: GatewayConfig, size: int = CAPTURE_SIZE, files: int = CAPTURES) -> None:
         text = config_text(config)
-        try:
+        with writing(f"--record {folder}"):
             folder.mkdir(parents=True, exist_ok=True)
             (folder / CONFIGURATION).write_text(text, encoding="utf-8")
             captures = Captures(folder, text, size, files)
-        except OSError as error:
-            raise GatewayError(f"--record {folder}: cannot be written ({error.strerror or error})") from error
         self.writer: BackgroundWriter[tuple[LinkType, str, int, bytes]] = BackgroundWriter(
             f"--record {folder}", lambda packet: captures.write(*packet), captures.close
         )

@@ -13,7 +13,7 @@ from typing import Final
 from pdgw.decoder.capture.pcapng_file import PcapngWriter, can_packet, udp_packet
 from pdgw.decoder.frames.records import LinkType
 from pdgw.durations import SECOND, US
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.errors import GatewayError, writing
 from pdgw.gateway.trace.layout import CycleFlag
 from pdgw.gateway.trace.place import rings, run_directory
 from pdgw.gateway.trace.reader import Cycle, Frame, RingReader
@@ -99,7 +99,7 @@ def save(
     cycles = [cycle for cycle in reader.cycles() if _within(cycle.time_ns, begin_ns, end_ns)]
     frames = [frame for frame in reader.frames() if _within(frame.time_ns, begin_ns, end_ns)]
     count = 0
-    try:
+    with writing(path):
         writer = PcapngWriter(path, reader.layout.configuration if configuration is None else configuration)
         try:
             for time_ns, link, name, data in packets(reader, cycles, frames):
@@ -107,8 +107,6 @@ def save(
                 count += 1
         finally:
             writer.close()
-    except OSError as error:
-        raise GatewayError(f"{path}: cannot be written ({error.strerror or error})") from error
     return count
 
 

@@ -16,7 +16,7 @@ from pdgw.decoder.frames.records import CyclicRecord, Record
 from pdgw.decoder.timeline.entries import Anomaly, Edge, Entry
 from pdgw.decoder.timeline.text import entry_lines
 from pdgw.durations import SECOND
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.errors import writing
 
 _TEMPLATE: Final = Path(__file__).parent / "trace_page.html"
 _PLACE: Final = "/*DATA*/"
@@ -112,7 +112,5 @@ class TracePage:
         # Escape the data, so that no text in it ends its element.
         data = json.dumps(self.document(), separators=(",", ":")).replace("<", "\\u003c")
         page = _TEMPLATE.read_text(encoding="utf-8").replace(_PLACE, data)
-        try:
+        with writing(f"--html {path}"):
             path.write_text(page, encoding="utf-8")
-        except OSError as error:
-            raise GatewayError(f"--html {path}: cannot be written ({error.strerror or error})") from error

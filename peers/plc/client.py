@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.errors import writing
 from pdgw.gateway.links.udp import Address
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.exchange.endpoint import Exchange
@@ -121,13 +121,10 @@ class PlcRunner(abc.ABC):
 
     def write_trace(self, path: Path) -> None:
         """The samples as CSV; GatewayError when the file cannot be written."""
-        try:
-            with path.open("w", newline="", encoding="utf-8") as file:
-                writer = csv.writer(file)
-                writer.writerow(TRACE_COLUMNS)
-                writer.writerows(self.trace)
-        except OSError as error:
-            raise GatewayError(f"--trace {path}: cannot be written ({error.strerror or error})") from error
+        with writing(f"--trace {path}"), path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(TRACE_COLUMNS)
+            writer.writerows(self.trace)
 
 
 class PlcClient(PlcRunner):

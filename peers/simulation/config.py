@@ -82,17 +82,8 @@ class DeviceConfig(_Section):
     @property
     def options(self) -> dict[str, Any]:
         """The given options that only some kinds of devices have."""
-        options = {
-            "axis": self.axis,
-            "like": self.like,
-            "sync_tolerance": self.sync_tolerance,
-            "command_latency_ms": self.command_latency_ms,
-            "status_latency_ms": self.status_latency_ms,
-            "model": self.model,
-            "channels": self.channels,
-            "motion": self.motion,
-        }
-        return {name: value for name, value in options.items() if value}
+        names = (*_DRIVE_OPTIONS, "model", "channels", "motion")
+        return {name: value for name in names if (value := getattr(self, name))}
 
     @model_validator(mode="after")
     def _options_fit(self) -> DeviceConfig:

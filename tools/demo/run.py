@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.errors import GatewayError, writing
 from pdgw.peers.bus import INTERFACE, ServedBus
 from pdgw.recording.recordings import Part, known_from, look_ahead, write_page
 from pdgw.tools.demo.chapters import Chapter
@@ -93,10 +93,8 @@ class Demo:
 
     def _write(self, name: str, text: str) -> Path:
         path = self.out / name
-        try:
+        with writing(path):
             path.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise GatewayError(f"{path}: cannot be written ({error.strerror or error})") from error
         return path
 
     def _write_page(self) -> None:

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import typer
 
 from pdgw import __version__
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.errors import writing
 from pdgw.tools.output.files import to_be_written
 
 JUnitFile = Annotated[
@@ -130,10 +130,8 @@ class Report:
         for option, path, text in (("--junit", junit, self.junit), ("--html", page, self.page)):
             if path is None:
                 continue
-            try:
+            with writing(f"{option} {path}"):
                 path.write_text(text(), encoding="utf-8")
-            except OSError as error:
-                raise GatewayError(f"{option} {path}: cannot be written ({error.strerror or error})") from error
 
 
 def figures(document: Any, name: str = "") -> dict[str, str]:

@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.logging import RichHandler
 
 from pdgw.ds301.counters import Counters
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.errors import writing
 from pdgw.recording import background_writer
 from pdgw.recording.background_writer import BackgroundWriter
 from pdgw.tools.service.log_format import Bundle, LogFormat, LogLevel, formatter
@@ -145,10 +145,8 @@ class RunLog:
     def _open(self, file: Path | None, log_format: LogFormat) -> logging.Handler:
         handler: logging.Handler
         if file is not None:
-            try:
+            with writing(f"--log-file {file}"):
                 handler = logging.handlers.WatchedFileHandler(file, encoding="utf-8")
-            except OSError as error:
-                raise _unwritable("--log-file", file, error) from error
         elif sys.stderr.isatty() and log_format is LogFormat.AUTO:
             handler = RichHandler(console=Console(stderr=True), show_path=False, log_time_format="%m-%d %H:%M:%S.%f")
         else:
@@ -200,20 +198,14 @@ class RunLog:
         self._listener.stop()
 
 
-def _unwritable(option: str, file: Path, error: OSError) -> GatewayError:
-    return GatewayError(f"{option} {file}: cannot be written ({error.strerror or error})")
-
-
 class CanRecorder:
     """Writes the frames of all networks to a file."""
 
     def __init__(self, file: Path) -> None:
         from pdgw.decoder.capture.canlog import candump_line  # noqa: PLC0415 (a gateway that records nothing starts without)
 
-        try:
+        with writing(f"--can-log {file}"):
             self._file = file.open("w", encoding="ascii", errors="replace", buffering=1 << 16)
-        except OSError as error:
-            raise _unwritable("--can-log", file, error) from error
         self.writer: BackgroundWriter[can.Message] = BackgroundWriter(
             f"--can-log {file}", lambda message: self._file.write(candump_line(message)), self._file.close
         )

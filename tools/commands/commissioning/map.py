@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.errors import GatewayError, writing
 from pdgw.profidrive.frame import FRAME_ID_TO_CONTROLLER, FRAME_ID_TO_DEVICE
 from pdgw.profidrive.telegrams import Direction
 
@@ -104,10 +104,8 @@ def map_(
     if out is None:
         sys.stdout.write(text)
         return
-    try:
+    with writing(f"--out {out}"):
         out.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise GatewayError(f"--out {out}: cannot be written ({error.strerror or error})") from error
 
 
 def _udp_text(maps: Maps, width: int | None) -> str:

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from pdgw.gateway.configuration.tables.defaults import STATUS_PORT
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.errors import writing
 
 
 def explain(
@@ -51,14 +51,11 @@ def _write(path: Path, lines: list[str], document: dict[str, Any]) -> None:
     from pdgw.gateway.trace.reader import RingReader
     from pdgw.recording.trace_file import save
 
-    try:
-        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-            archive.writestr("explain.txt", "\n".join(lines) + "\n")
-            archive.writestr("status.json", json.dumps(document, indent=1))
-            if document["trace"]:
-                with tempfile.TemporaryDirectory() as folder, RingReader(Path(document["trace"])) as reader:
-                    capture = Path(folder) / "capture.pcapng"
-                    save(reader, capture, None)
-                    archive.write(capture, capture.name)
-    except OSError as error:
-        raise GatewayError(f"{path}: cannot be written ({error.strerror})") from error
+    with writing(path), zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("explain.txt", "\n".join(lines) + "\n")
+        archive.writestr("status.json", json.dumps(document, indent=1))
+        if document["trace"]:
+            with tempfile.TemporaryDirectory() as folder, RingReader(Path(document["trace"])) as reader:
+                capture = Path(folder) / "capture.pcapng"
+                save(reader, capture, None)
+                archive.write(capture, capture.name)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.errors import GatewayError, writing
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
@@ -305,10 +305,8 @@ def _finish(engine: Engine, as_json: Path | None, begin_s: float, *, progress: b
             "notes": engine.notes,
             "counters": dict(endpoint.counters),
         }
-        try:
+        with writing(f"--json {as_json}"):
             as_json.write_text(json.dumps(document, indent=2), encoding="utf-8")
-        except OSError as error:
-            raise GatewayError(f"--json {as_json}: cannot be written ({error.strerror or error})") from error
     if not progress:
         Console().print(results_table(engine.results))
     if not reached:
