@@ -1,4 +1,4 @@
-"""The communication objects (1000h-1FFFh) every device of this project has.
+"""Communication objects (1000h-1FFFh) of every simulated device.
 
 Source: CiA DS 301 V4.01 chapter 9.6. A device profile adds its own identity values and PDO counts.
 """

@@ -310,7 +310,7 @@ class Reason(enum.Enum):
         "no new XERR from the PLC for too long: the axis stops with a ramp, then DSC starts again",
         _S.WAITS,
         _E.SETPOINT,
-        "check why the PLC's frames are late, and its cycle time; DSC needs frames earlier than the watchdog does",
+        "check the PLC's cycle time and why its frames are late; DSC tolerates a shorter gap than the watchdog",
     )
     ENCODER_NO_PLC = (
         "no valid frame from the PLC: the encoder receives no request",

@@ -13,7 +13,7 @@ from pdgw.gateway.reasons import Reason
 
 @dataclass(frozen=True)
 class Difference:
-    """Where today's gateway would not have done what the recording shows.
+    """A difference between the recording and the replay by the present gateway.
 
     ``what`` is ``actual values``, ``RPDO n`` or ``SDO``; ``recorded`` and ``today`` map signal or object names to raw values
     (None: nothing was or would be sent there).

@@ -46,7 +46,7 @@ class DriveSettings(NodeSettings):
         return self.interpolation_us if self.interpolates(drive) else self.sync_period_us
 
     def guarding_of(self, drive: DriveType, control_index: int) -> Wanted:
-        """How this drive has to guard the gateway; ``control_index``: of the RPDO with the Controlword."""
+        """How this drive must monitor the gateway. ``control_index``: index of the RPDO with the Controlword."""
         # The RPDO may contain a mode without SYNC supervision (homing).
         cyclic = drive.mode_for(self.initial_mode) in _CYCLIC_MODES
         return Wanted(

@@ -1,4 +1,4 @@
-"""Asks a drive what kind of drive it is, with nothing written. Source: CiA 301 (SDO upload), CiA 402."""
+"""Identify a drive by SDO uploads; nothing is written. Source: CiA 301 (SDO upload), CiA 402."""
 
 from __future__ import annotations
 

@@ -159,7 +159,7 @@ LAYOUTS: dict[Operation, PdoLayout] = {
 
 
 def with_objects(layout: PdoLayout, entries: Mapping[str, Entry]) -> PdoLayout:
-    """The layout with these objects for their image attributes, such as those of a family (``Overlay.entries``)."""
+    """The layout with objects replaced by image attribute, for example by those of a family (``Overlay.entries``)."""
 
     def resolved(pdos: Sequence[Pdo]) -> tuple[Pdo, ...]:
         return tuple(

@@ -204,7 +204,7 @@ class _Direction:
         return entry.attribute in _ESSENTIAL or self.drive.pdos.is_mappable(entry)
 
     def _into(self, pdo: Pdo, group: Sequence[Entry], free: Sequence[int]) -> tuple[Pdo | None, list[Entry]]:
-        """A group in the PDO of its number, else in the next free one; and what has to travel otherwise."""
+        """Assign a group to the PDO of its number, else to the next free one. Also return the objects left over."""
         wanted = [entry for entry in group if self._is_mappable(entry)]
         number = pdo.number if pdo.number in free else self._spare(free)
         if number is None and any(entry.attribute == self.essential for entry in group):

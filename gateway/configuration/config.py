@@ -142,7 +142,7 @@ class AxisConfig(DriveObjectSection):
     dsc_delay_cycles: Annotated[Integer, Field(ge=0, le=DELAY_CYCLES_MAX)] = _DSC.delay_cycles
     xerr_sign: XerrSign = _DSC.xerr_sign
     sync_jitter_us: Annotated[Integer, Field(ge=0, le=JITTER_NS_MAX // US)] = _DSC.jitter_ns // US
-    """Added to the dead time that limits KPC; what ``pdgw status`` shows as jitter."""
+    """Jitter in us, as shown by ``pdgw status``; it is added to the dead time that limits KPC."""
     positioner: PositionerConfig | None = None
     block: Annotated[tuple[BlockConfig, ...], BeforeValidator(as_list)] = ()
 

@@ -1,8 +1,8 @@
-"""The positioner's states and what leads from one to the next, as data.
+"""The positioner's states and transitions, as data.
 
-Source: basic positioners of public drive manuals (docs/motion.md). One function at a time: another starts from IDLE, except
-where a row says that it replaces the one that runs. The first row of a state whose event is there is taken, one row in a step.
-The docs print this table, the machine of ``positioner`` runs it, the tests walk it.
+Source: basic positioners of public drive manuals (docs/motion.md). One function runs at a time. Another one starts from IDLE,
+unless a row lets it replace the running one. In each step the first row whose event has occurred is used.
+The docs contain this table, ``positioner`` executes it, the tests check all of it.
 """
 
 from __future__ import annotations

@@ -138,7 +138,7 @@ class BoundObject:
         self._parameters = {**other._parameters, **self._parameters}
 
     def parameter(self, pnu: int, context: RequestContext) -> Parameter:
-        """The parameter as one request has it; ParameterRefused (impermissible PNU) where there is none."""
+        """The parameter for one request; ParameterRefused (impermissible PNU) if it is unknown."""
         if pnu in LIST_PNUS:
             self.bind_lists()  # the objects of a node may have been read meanwhile
         try:

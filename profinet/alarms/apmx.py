@@ -64,19 +64,19 @@ class State(enum.Enum):
 
 
 class Event(enum.Enum):
-    """What happens to it."""
+    """Events of the alarm machine."""
 
     SEND = "a notification is to be sent"
     ACK = "ACK of what was sent"
     ALARM_ACK = "DATA with an AlarmAck"
-    OTHER_DATA = "DATA with anything else"
+    OTHER_DATA = "DATA with other content"
     REPEATED = "DATA a second time"
     TIMEOUT = "no ACK within the RTA timeout"
     EXHAUSTED = "no ACK after the last repetition"
 
 
 class Action(enum.Enum):
-    """What it does."""
+    """Actions of the alarm machine."""
 
     NOTHING = "nothing"
     TRANSMIT = "send DATA, start the timer"

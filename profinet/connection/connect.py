@@ -117,7 +117,7 @@ def plan(arguments: bytes, model: DeviceModel) -> ConnectPlan:
     blocks = _decode(arguments, redundant=model.redundancy_hold_max > 0)
     ar = _only(ArBlockReq, blocks)
     if ar.properties & DEVICE_ACCESS and ar.ar_type != ArType.DEVICE_ACCESS:
-        raise refuse(ArBlockReq, "properties", f"{ar.properties:08X}h", "device access only with ARType 6")
+        raise refuse(ArBlockReq, "properties", f"{ar.properties:08X}h", "device access requires ARType 6")
     if ar.ar_type == ArType.DEVICE_ACCESS:
         if len(blocks) > 1:
             raise refuse_call(BLOCK_COUNT, "blocks of a device access AR", len(blocks), "the AR block alone")

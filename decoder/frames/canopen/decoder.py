@@ -280,8 +280,8 @@ class CanopenDecoder:
                 self._rebuild(node_id, node, mapping)
 
     def _learn(self, node_id: int, node: _Node, index: int, subindex: int, value: bytes, decoded: Raw | str) -> None:
-        """An object was read or written: the device type identifies the profile, the identity the family; PDO parameters give
-        mappings."""
+        """Learn from an object that was read or written: profile from the device type, family from the identity, mapping
+        from PDO parameters."""
         if (index, subindex) == (DEVICE_TYPE, 0) and not node.has_dictionary:
             node.names = profile_catalogue(int.from_bytes(value, "little"), node.families) or node.names
         if (index, subindex) in _TELLS_FAMILY:

@@ -46,7 +46,7 @@ class CyclicRelation:
 
 @dataclass(frozen=True)
 class Connection:
-    """A Connect: relationships, the data lengths of the submodules by direction, and between whom."""
+    """A Connect: its relationships, the data lengths of the submodules by direction, and both stations."""
 
     relations: tuple[CyclicRelation, ...]
     lengths: Mapping[tuple[Place, Direction], int] = field(default_factory=dict)

@@ -128,14 +128,14 @@ class ControlWordAdapter(Adapter):
         self.g1_stw = self.setpoint("G1_STW")
         self.g1_zsw = self.actual("G1_ZSW", "G1_XIST1", "G1_XIST2")
         self.word: int | None = None
-        """STW1 as it was last, None without a PLC."""
+        """The last STW1; None without a PLC."""
         self._visible = ~0
         self._stop_is_reached = settings.intermediate_stop_reached and telegram.mode is ApplicationMode.POSITIONING
         self._interrupted = False
-        """It is, and an intermediate stop is asked."""
+        """An intermediate stop is active and shows target reached."""
 
     def take(self, word: int | None, demand: Demand) -> bool:
-        """Another STW1, None without a PLC: its part all telegrams share; False where its other bits are not evaluated."""
+        """Evaluate the bits of STW1 that all telegrams share; None without a PLC. False: the other bits do not count."""
         self.word = word
         # OFF2 has priority over OFF3, and both are shown.
         self._visible = ~0 if word is None or word & _NO_QUICK_STOP else ~Flag.NO_QUICK_STOP

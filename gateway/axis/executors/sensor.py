@@ -120,7 +120,7 @@ class SensorChannel:
         self._speed = SpeedFromPosition()
 
     def set_references(self, references: EncoderReferences | None) -> None:
-        """ProfidriveError for a range no sensor has; without references no position is valid."""
+        """Set range and speed unit; None: no position is valid. ProfidriveError for an impossible range."""
         self._references = None
         self._speed.reset()
         if references is not None:

@@ -62,7 +62,7 @@ class StopWatch:
         """Since when the drive shows operation although power off, or the quick stop, is commanded; -1 while it does not."""
         self._braked = 0
         self._nmt_obeyed = False
-        """The node has shown NMT Stopped; it leaves that when it is brought up again."""
+        """The node has reported NMT Stopped. The next bring-up ends this state."""
         self._nmt_tried = False
         """That was of no use: the drive was not off when it was there again."""
 

@@ -63,10 +63,12 @@ def decode(
     port: Annotated[list[int] | None, typer.Option(help="Further UDP port of cyclic frames.")] = None,
     station: Station = "",
     direction: Annotated[
-        DirectionOption | None, typer.Option(help="With --hex: default by FrameID, else setpoint.")
+        DirectionOption | None, typer.Option(help="With --hex. Default: from the FrameID, else setpoint.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object for each packet.")] = False,
-    csv: Annotated[str | None, typer.Option(help="Table of these names, like STW1,NSOLL_A,Statusword.")] = None,
+    csv: Annotated[
+        str | None, typer.Option(help="CSV table with these columns, for example STW1,NSOLL_A,Statusword.")
+    ] = None,
     parquet: Annotated[
         Path | None,
         typer.Option(help="Table of --signal: a .parquet file, or a folder for many captures."),
