@@ -70,7 +70,7 @@ TYPE_NAMES: dict[str, DataType] = {
     "string": DataType.VISIBLE_STRING,
     "octets": DataType.OCTET_STRING,
 } | {item.name.lower(): item for item in DataType if item not in {DataType.ZERO, DataType.ERROR}}
-"""What ``--type`` understands."""
+"""Types that ``--type`` accepts."""
 
 
 def parse_type(text: str) -> DataType:

@@ -1,4 +1,4 @@
-"""What a device says it is: its records I&M0 to I&M4 as names and texts."""
+"""Identification of a device: its records I&M0 to I&M4 as names and texts."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ _OBJECT = re.compile(r"^\[([0-9A-Fa-f]{4})\]\s*\nParameterName=(.+?)\s*$", re.MU
 
 @cache
 def _names() -> Mapping[int, frozenset[str]]:
-    """What the data sheets call each object."""
+    """The names of each object in the data sheets."""
     found: dict[int, set[str]] = {}
     for package in (dsp402, dsp406):
         for path in sorted(Path(package.__path__[0], "eds").glob("*.eds")):

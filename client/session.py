@@ -1,4 +1,4 @@
-"""Reading and writing parameters as a user means them: whole arrays, lists, types looked up in the device."""
+"""Read and write parameters in the user's terms: whole arrays, lists, types from the device."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def elements_of(address: ParameterAddress, answer: Values) -> list[Element]:
 
 
 class Session:
-    """A client with the knowledge of what its parameters are."""
+    """A client that knows the descriptions of its parameters."""
 
     def __init__(self, client: ParameterClient) -> None:
         self.client = client
@@ -102,7 +102,7 @@ class Session:
 
     @property
     def is_encoder(self) -> bool:
-        """By its profile identification (P965)."""
+        """Whether the device is an encoder, by its profile identification (P965)."""
         if self._is_encoder is None:
             (answer,) = self.client.request([ParameterAddress(Pnu.PROFILE)])
             self._is_encoder = answer.values == ENCODER_IDENTIFICATION.to_bytes(2, "big")
@@ -120,7 +120,7 @@ class Session:
         return self._drive_objects
 
     def name_and_unit(self, pnu: int, subindex: int) -> tuple[str, str]:
-        """From the catalogues, whose profile areas differ for drives and encoders; empty where they do not know it."""
+        """Name and unit from the catalogues, which differ for drives and encoders; empty if unknown."""
         if pnu in PARAMETERS:
             spec = PARAMETERS[pnu]
             place = spec.elements[subindex] if subindex < len(spec.elements) else ""
@@ -251,7 +251,7 @@ def _write_address(target: Target, values: Values) -> ParameterAddress:
 
 
 def meaning(element: Element, *, encoder: bool) -> str:
-    """What a value says: bits by name, states, errors."""
+    """The meaning of a value: bits by name, states, errors."""
     if element.failed:
         return ", ".join(part for part in (element.error_text, meant(element)) if part)
     value = element.value

@@ -31,7 +31,7 @@ _GROUP_BIT: Final = 1 << 40
 
 
 class StationAccess:
-    """The relationship, from ``open`` to ``close``. ``device`` and ``ar_uuid`` are what records are asked for with."""
+    """The relationship, from ``open`` to ``close``. ``device`` and ``ar_uuid`` address its record calls."""
 
     def __init__(self, call: Call, name: str) -> None:
         self._call = call

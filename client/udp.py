@@ -46,10 +46,10 @@ class Call(Protocol[R_co]):
 
     @property
     def packets(self) -> list[bytes]:
-        """What is sent."""
+        """The datagrams to send."""
 
     def receive(self, data: bytes) -> R_co | list[bytes] | None:
-        """The answer, datagrams to send back, or None for what is of another call."""
+        """The answer, datagrams to send back, or None for a datagram of another call."""
 
 
 class Channel(Protocol):
@@ -57,7 +57,7 @@ class Channel(Protocol):
 
     @property
     def local_address(self) -> tuple[str, int]:
-        """Where it sends from."""
+        """The address that it sends from."""
 
     def send(self, data: bytes) -> None:
         """Send a datagram; OSError if no program receives there at present."""
@@ -162,7 +162,7 @@ class ParameterClient:
 
     @property
     def local_address(self) -> tuple[str, int]:
-        """Where it sends from."""
+        """The address that it sends from."""
         return self._channel.local_address
 
     def _send(self, packet: bytes) -> None:

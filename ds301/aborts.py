@@ -45,7 +45,7 @@ class Abort(enum.IntEnum):
 
 
 NOT_THERE = (Abort.NO_SUCH_OBJECT, Abort.NO_SUCH_SUBINDEX)
-"""Of an object the device does not have; with another code it is there and cannot be read now."""
+"""Aborts for a missing object. With another code the object exists and cannot be read now."""
 
 ABORT_TEXTS: dict[int, str] = {
     Abort.TOGGLE_NOT_ALTERNATED: "toggle bit not alternated",

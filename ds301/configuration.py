@@ -24,7 +24,7 @@ EVENT_DRIVEN = (EVENT_DRIVEN_MANUFACTURER, EVENT_DRIVEN_PROFILE)
 
 @dataclass(frozen=True, slots=True)
 class SdoStep:
-    """One SDO write and what it is for. ``optional``: a device without the object works as well."""
+    """One SDO write and its purpose. ``optional``: a device without the object works as well."""
 
     index: int
     subindex: int

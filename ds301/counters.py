@@ -14,7 +14,7 @@ class Counter:
     """A count of one part of the gateway. It never falls while that part lives."""
 
     part: str
-    """What counts: ``bus can0``, ``axis 1``, ``link``."""
+    """The counting part: ``bus can0``, ``axis 1``, ``link``."""
     name: str
     unit: str
     meaning: str

@@ -84,11 +84,11 @@ _REMEDIES: Final = {
     "86": "check mechanics, load and the following error window",
     "9": "check what is wired to the fault input of the device",
 }
-"""What to check, by the leading digits of an error code; the longest entry counts. Classes: CiA DSP 402 V2.0 8.1."""
+"""Remedies by the leading digits of an error code; the longest match counts. Classes: CiA DSP 402 V2.0 8.1."""
 
 
 def emcy_remedy(code: int) -> str:
-    """What to check after an error code (EMCY or 603Fh)."""
+    """The remedy for an error code (EMCY or 603Fh)."""
     digits = f"{code:04X}"
     found = (_REMEDIES.get(digits[:length]) for length in range(len(digits), 0, -1))
     return next((text for text in found if text is not None), "read the manual of the device for this code")

@@ -18,7 +18,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import Entry
 
 PDO_BYTES = 8
-"""What one PDO carries at most."""
+"""Size limit of a PDO in bytes."""
 COB_ID_INVALID = 1 << 31
 """Bit 31 of a COB-ID entry: the PDO does not exist / is not valid."""
 COB_ID_NO_REMOTE = 1 << 30
@@ -89,7 +89,7 @@ def is_mapping_parameter(index: int) -> bool:
 
 
 def direction_of(index: int) -> PdoDirection:
-    """Of the PDO that a communication or mapping parameter belongs to."""
+    """Direction of the PDO that a communication or mapping parameter belongs to."""
     return PdoDirection.RPDO if index < PdoDirection.TPDO.communication_index else PdoDirection.TPDO
 
 

@@ -25,7 +25,7 @@ _ABSENT = "not an object of this drive"
 
 
 class Quantity(enum.Enum):
-    """What setpoints and actual values can be fractions of; the value is its name in messages."""
+    """Quantities with a 100 % value; the value is the name in messages."""
 
     SPEED = "speed"
     """60FFh, 606Ch."""
@@ -72,7 +72,7 @@ class Scaling:
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """For a person: each quantity with its 100 % and where it was learned, or with what is missing."""
+        """For the user: each quantity with its 100 % and its source, or with what is missing."""
         told = {quantity: f"{quantity.value}: {found.source}" for quantity, found in self.references.items()}
         told |= {quantity: f"{text} (not known)" for quantity, text in self.unknown.items()}
         return tuple(told[quantity] for quantity in Quantity if quantity in told)
@@ -111,7 +111,7 @@ class PdoSlot:
 
 @dataclass(frozen=True, slots=True)
 class PdoCapabilities:
-    """What can travel in PDOs and how."""
+    """Possible contents of PDOs."""
 
     rpdos: tuple[PdoSlot, ...] = ()
     tpdos: tuple[PdoSlot, ...] = ()
@@ -136,7 +136,7 @@ class Turntable:
 
 @dataclass(frozen=True, slots=True)
 class Quirks:
-    """Where a family departs from the profile; the defaults are the profile."""
+    """Differences of a family from the profile; the defaults are the profile."""
 
     turntable: Turntable | None = None
     range_is_limit: bool = False
@@ -168,7 +168,7 @@ class DriveType:
     """Values of 6098h it offers, with what they search for."""
     pdos: PdoCapabilities = PdoCapabilities()
     faults: Mapping[int, DriveFault] = field(default_factory=dict)
-    """By the manufacturer's fault number."""
+    """Faults by the manufacturer's number."""
     quirks: Quirks = Quirks()
     max_torque: int = 0
     """6072h as it was found; 0 for a drive without it."""

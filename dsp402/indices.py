@@ -1,4 +1,4 @@
-"""Indices of the objects of CiA 402 that are asked for by name; those whose value an image has are found by its attribute.
+"""Indices of CiA 402 objects that are used by name. Objects with a value in an image are found by its attribute.
 
 Source: CiA 402-2.
 """

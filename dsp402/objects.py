@@ -178,7 +178,7 @@ MODE_DISPLAY: Final = DRIVE_OBJECTS.attribute("modes_of_operation_display").addr
 ERROR_CODE: Final = DRIVE_OBJECTS.attribute("emcy_code").address
 MAX_TORQUE: Final = DRIVE_OBJECTS.attribute("max_torque").address
 HOMING_METHOD: Final = DRIVE_OBJECTS.attribute("homing_method").address
-"""Where some of them are, for SDO."""
+"""Addresses of some of them, for SDO."""
 
 
 def _of_a_family(attribute: str, name: str, type_: CanType) -> Entry:

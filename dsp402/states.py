@@ -193,7 +193,7 @@ _FROM: Final = {
     )
     for state in State
 }
-"""What leaves each state: bits of the Controlword that count, their value, the bit that must have risen, the target."""
+"""Transitions from each state: mask and value of the Controlword, the bit that must rise, the target."""
 
 
 def next_state(state: State, controlword: int, previous: int) -> State:

@@ -31,7 +31,7 @@ _FOLDER = Path(__file__).parent / "eds"
 
 
 def eds_path(device: EncoderDevice) -> Path:
-    """Where the package keeps the EDS of one of its devices."""
+    """Path of the EDS of one of the package's devices."""
     return _FOLDER / f"{device.name}.eds"
 
 

@@ -55,7 +55,7 @@ class EncoderSettings(NodeSettings):
     device: EncoderDevice = ROTARY
     """Whose EDS is taken when ``eds`` is None."""
     diagnosis_ms: int = 200
-    """How often alarms and warnings are read; an EMCY lets them be read at once."""
+    """Interval of reading alarms and warnings; an EMCY triggers it at once."""
 
 
 def load_eds(path: Path, node_id: int) -> canopen.ObjectDictionary:

@@ -44,7 +44,7 @@ _NO_WARNING = Warnings(0)
 
 @dataclass(frozen=True, slots=True)
 class EncoderFault:
-    """What a cause does: EMCY error code (0: none is sent), bits of the error register 1001h, alarms and warnings."""
+    """Effects of a cause: EMCY error code (0: none), bits of the error register 1001h, alarms and warnings."""
 
     name: str
     meaning: str
@@ -104,7 +104,7 @@ ENCODER_FAULTS: MappingProxyType[str, EncoderFault] = MappingProxyType(
         )
     }
 )
-"""By name."""
+"""The causes by name."""
 
 COMMISSIONING_FAULT = EncoderFault(
     "commissioning diagnostics", "The diagnostics found a defect.", 0x5000, 0x21, Alarm.COMMISSIONING_DIAGNOSTICS

@@ -111,4 +111,4 @@ PARAMETER_OBJECTS: tuple[tuple[str, int, int], ...] = (
     ("offset", OFFSET, 0),
     ("operating_time", OPERATING_TIME, 0),
 )
-"""Where each field of ``EncoderParameters`` is read from."""
+"""Object of each field of ``EncoderParameters``."""

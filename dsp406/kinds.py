@@ -88,7 +88,7 @@ class EncoderDevice:
 
     @property
     def unit(self) -> str:
-        """What the mechanical position is given in."""
+        """Unit of the mechanical position."""
         return "mm" if self.is_linear else "revolutions"
 
     @property

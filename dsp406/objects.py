@@ -39,7 +39,7 @@ CAM_STATE: Final = 0x6300
 CAM_LOW_LIMIT: Final = 0x6310
 CAM_HIGH_LIMIT: Final = 0x6320
 CAM_HYSTERESIS: Final = 0x6330
-"""Of the first cam; the next index is that of the next."""
+"""Object of the first cam; the next index belongs to the next cam."""
 AREA_STATE: Final = 0x6400
 WORK_AREA_LOW: Final = 0x6401
 WORK_AREA_HIGH: Final = 0x6402
@@ -55,7 +55,7 @@ OPERATING_TIME: Final = 0x6508
 OFFSET: Final = 0x6509
 MODULE_IDENTIFICATION: Final = 0x650A
 SERIAL_NUMBER: Final = 0x650B
-"""Indices of objects that are asked for by name."""
+"""Indices of objects that are used by name."""
 
 
 class Category(enum.Enum):

@@ -6,7 +6,7 @@ from pdgw.gateway.errors import GatewayError
 
 
 class CaptureError(GatewayError):
-    """A capture cannot be read (on): names the source, the offset in bytes and what is wrong there."""
+    """A capture cannot be read any further. The text names the source, the offset in bytes and the error."""
 
     def __init__(self, source: str, offset: int | None, what: str) -> None:
         self.source = source

@@ -22,7 +22,7 @@ from pdgw.ds301.connection_set import NODE_IDS
 from pdgw.gateway.errors import GatewayError
 
 _LOOK_AT: Final = 20_000
-"""Packets that are looked at for telegrams and the first cyclic frame."""
+"""Number of packets searched for telegrams and the first cyclic frame."""
 _LOOK_AT_CAN: Final = 2_000
 """Number of packets that are enough without any cyclic frame."""
 _NODE_FILE = re.compile(r"(\d{1,3})=(.+)")
@@ -30,7 +30,7 @@ _NODE_FILE = re.compile(r"(\d{1,3})=(.+)")
 
 @dataclass(frozen=True)
 class Knowledge:
-    """What the user gave: the decoder's settings, every name that can be asked for, the bit rate of the first bus."""
+    """The user's settings: those of the decoder, every known name, the bit rate of the first bus."""
 
     settings: Settings
     names: Names

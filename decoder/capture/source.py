@@ -23,12 +23,12 @@ STANDARD_INPUT: Final = "-"
 _HEAD: Final = 2048
 _BLF: Final = ".blf"
 _BLF_SIZE: Final = slice(16, 24)
-"""Where the header has the length of the file."""
+"""Place of the file length in the header."""
 _BINARY_READERS: Final = {_BLF: "BLFReader", ".mf4": "MF4Reader"}
 _TEXT_READERS: Final = {".asc": "ASCReader", ".csv": "CSVReader", ".trc": "TRCReader"}
 _DATABASE: Final = ".db"
 _CONTENT: Final = ((b"LOGG", _BLF), (b"MDF ", ".mf4"), (b"date ", ".asc"), (b";", ".trc"), (b"timestamp,", ".csv"))
-"""How python-can's formats begin."""
+"""First bytes of the formats of python-can."""
 FORMATS: Final = "pcap, pcapng, candump, .asc, .blf, .csv, .db, .mf4, .trc"
 
 

@@ -8,14 +8,14 @@ BLOCK = 1 << 20
 
 
 class ByteSource(Protocol):
-    """What is needed of a file, pipe or standard input."""
+    """The interface of a file, pipe or standard input."""
 
     def read1(self, size: int, /) -> bytes:
         """Bytes as they come, at most ``size``; empty at the end."""
 
 
 class Window:
-    """``data[at:]`` is what was read and not yet used; ``base`` the offset of ``data`` in the stream."""
+    """``data[at:]`` has been read and is not used yet. ``base``: offset of ``data`` in the stream."""
 
     def __init__(self, source: ByteSource) -> None:
         self._source = source

@@ -112,7 +112,7 @@ def _known(file: str, options: ArchiveOptions) -> tuple[Knowledge, str]:
     if not embedded:
         return options.knowledge(), ""
     try:
-        return options.knowledge(embedded), "configuration of the gateway: read from the capture"
+        return options.knowledge(embedded), "the configuration of the gateway is read from the capture"
     except GatewayError as error:
         return options.knowledge(), f"the configuration in the capture is ignored: {error}"
 

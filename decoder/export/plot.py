@@ -70,7 +70,7 @@ class Panel:
 
 
 def quantity_of(name: str) -> str:
-    """What a value with this identifier is a set or actual value of; empty for any other."""
+    """The quantity of a setpoint or actual value with this identifier; empty for any other."""
     return _QUANTITIES.get(name, "")
 
 
@@ -87,7 +87,7 @@ def panels_of(titles: Sequence[str], names: Names) -> list[Panel]:
 
 
 def _state_of(layout: ProcessDataLayout) -> Callable[[Sequence[Any]], str] | None:
-    """How the state of an axis is read from a unit; None where it has no status word."""
+    """A function that reads the state of an axis from a unit; None without a status word."""
     for name in _STATUS_NAMES:
         position = layout.positions.get(name)
         if position is not None:

@@ -21,7 +21,7 @@ from pdgw.gateway.errors import writing
 _TEMPLATE: Final = Path(__file__).parent / "trace_page.html"
 _PLACE: Final = "/*DATA*/"
 MAX_POINTS: Final = 50_000
-"""Of one curve; beyond that it is thinned out."""
+"""Most points of a curve; a longer one is thinned out."""
 MAX_ENTRIES: Final = 50_000
 
 

@@ -1,6 +1,6 @@
-"""What becomes of decoded packets: text, JSON lines, CSV, Parquet, statistics.
+"""Outputs of decoded packets: text, JSON lines, CSV, Parquet, statistics.
 
-Every writer takes the packets one by one and keeps nothing of them (the picture, ``plot``, thins its curves out).
+Every writer gets the packets one by one and stores none (``plot`` thins its curves out).
 """
 
 from __future__ import annotations

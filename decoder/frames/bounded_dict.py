@@ -1,4 +1,4 @@
-"""What is waited for: a dictionary that forgets its oldest entries."""
+"""A dictionary that drops its oldest entries, for packets that wait for an answer."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ V = TypeVar("V")
 
 
 class BoundedDict(Generic[K, V]):
-    """The newest entries; a capture of any length fills no memory with what is never answered."""
+    """The newest entries, so that unanswered packets do not fill the memory in a long capture."""
 
     def __init__(self) -> None:
         self._entries: OrderedDict[K, V] = OrderedDict()

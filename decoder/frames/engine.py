@@ -94,12 +94,12 @@ class Decoder:
 
     @property
     def inference(self) -> str:
-        """How ``inferred`` became known, for the user; empty where it is not."""
+        """The source of ``inferred``, for the user; empty if it is not known."""
         return self._cyclic.inference
 
     @property
     def sure(self) -> bool:
-        """Enough frames were seen for ``inferred`` to stay as it is."""
+        """Whether ``inferred`` is final because enough frames were checked."""
         return self._cyclic.sure
 
     def decode(self, packet: Packet | CanPacket) -> Record:

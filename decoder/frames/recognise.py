@@ -1,6 +1,6 @@
-"""What a piece of data is: telegram words, a C_SDU, a cyclic frame, a parameter request or response.
+"""Recognise a piece of data: telegram words, a C_SDU, a cyclic frame, a parameter request or response.
 
-Source: docs/telegrams.md, docs/transport.md, docs/parameter-channel.md. ``recognise`` says why it decided so.
+Source: docs/telegrams.md, docs/transport.md, docs/parameter-channel.md. ``recognise`` states the reason of its decision.
 """
 
 from __future__ import annotations

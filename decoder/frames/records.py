@@ -38,7 +38,7 @@ class BusKind(enum.StrEnum):
 
 
 class LinkType(enum.IntEnum):
-    """How the bytes of a packet begin; the numbers are the link types of pcap files (LINKTYPE_...)."""
+    """Format of the first bytes of a packet; the numbers are the link types of pcap files (LINKTYPE_...)."""
 
     NULL = 0
     ETHERNET = 1
@@ -53,7 +53,7 @@ class LinkType(enum.IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class ProcessDataLayout:
-    """What the values of a data unit are: fields in order. ``telegram`` and ``direction`` only on the PLC's side."""
+    """The fields of a data unit, in order. ``telegram`` and ``direction`` exist only on the PLC's side."""
 
     fields: tuple[Field, ...]
     telegram: int = 0
@@ -129,7 +129,7 @@ class Record:
 
     @property
     def summary(self) -> str:
-        """What is to be said besides the units, in one line."""
+        """Further information besides the units, in one line."""
         return ""
 
     def details(self) -> Document:
@@ -241,7 +241,7 @@ class AcyclicRecord(Record):
     text: str
     fields: Document
     latency_ns: int | None = None
-    """Of an answer: since the packet that asked, where that was seen."""
+    """Time from the request to this answer, if the request was captured."""
 
     @property
     def summary(self) -> str:
@@ -268,7 +268,7 @@ class ParameterRequestRecord(AcyclicRecord):
 
 @dataclass(slots=True)
 class ParameterResponseRecord(AcyclicRecord):
-    """A read of a record that carries a parameter response; ``request`` is what it answers, where that was seen.
+    """A record read with a parameter response. ``request``: the request, if it was captured.
 
     ``latency_ns`` counts from the write of the request.
     """
@@ -286,7 +286,7 @@ class ParameterResponseRecord(AcyclicRecord):
 
 @dataclass(slots=True)
 class OtherRecord(Record):
-    """A packet of the PLC's side that is none of ours, or cannot be what it claims; ``text`` says what and why."""
+    """A packet of the PLC's side that is unknown or contradicts itself. ``text`` names what and why."""
 
     text: str = ""
 

@@ -18,7 +18,7 @@ from pdgw.gateway.links.udp import Address
 from pdgw.profidrive.telegrams import Telegram
 
 SENDER: Final[Address] = ("", 0)
-"""Of every frame over UDP."""
+"""Sender of every frame over UDP."""
 _NEVER: Final = (1 << 63) - 1
 """Later than every time."""
 _NO_FRAME: Final = _NEVER
@@ -146,7 +146,7 @@ class _Events:
 
 
 class _Receiver:
-    """Feeds an endpoint and keeps what it makes of it."""
+    """Passes frames to an endpoint and stores the results."""
 
     def __init__(self, endpoint: CyclicEndpoint | ProfinetEndpoint, orders: Sequence[Orders | None]) -> None:
         self._inputs = PlcInputs([])

@@ -1,4 +1,4 @@
-"""What both captures say about one axis: what the gateway took in and sent out, on one clock."""
+"""The data of both captures about one axis: inputs and outputs of the gateway, on one clock."""
 
 from __future__ import annotations
 

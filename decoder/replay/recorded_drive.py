@@ -28,7 +28,7 @@ _UNPOWERED: Final = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.S
 
 
 class PdoParts(NamedTuple):
-    """What of a PDO is read; positions are -1 where it does not have the object."""
+    """The used parts of a PDO. A position is -1 if the object is missing."""
 
     direction: PdoDirection
     number: int
@@ -36,7 +36,7 @@ class PdoParts(NamedTuple):
     """Controlword of an RPDO, Statusword of a TPDO."""
     mode: int
     attributes: tuple[tuple[str, int], ...]
-    """Of a TPDO: attributes of ``DriveFeedback`` with their positions."""
+    """Attributes of ``DriveFeedback`` in a TPDO, with their positions."""
 
     def feedback(self, values: tuple[Any, ...]) -> tuple[tuple[str, int], ...]:
         """The attributes with their values."""
@@ -59,7 +59,7 @@ class RecordedDrive:
     _parts: dict[PdoLayout, PdoParts] = field(default_factory=dict)
 
     def configured(self, *, restarted: bool) -> Configured:
-        """What the gateway had learned by now."""
+        """The drive as the gateway has read it until now."""
         return Configured(recorded_drive_type(frozenset(self._answers.items())), self.homing_method, restarted)
 
     def stop(self) -> None:

@@ -58,7 +58,7 @@ class Recording:
 
 @dataclass
 class _Node:
-    """What the CAN side said about one axis, on its own clock."""
+    """The data of the CAN side about one axis, on its own clock."""
 
     axis: Axis
     feedback: list[Feedback] = field(default_factory=list)

@@ -103,7 +103,7 @@ class _Choice:
         self.inputs = inputs
         self.tried = 0
         self.best: Difference | None = None
-        """Of what was tried, the choice that differs least."""
+        """The tried inputs with the smallest difference."""
 
 
 class Replayer:
@@ -387,14 +387,14 @@ class Replayer:
         return wrong
 
     def _answer_probe(self, now: int) -> None:
-        """The machine's wish is answered in the step after the gateway had read the position from the drive."""
+        """Answer the machine's request in the step after the gateway has read the position from the drive."""
         state, found = self._state, self._state.probe_found
         if found is not None and found.time_ns <= now:
             state.probes, state.probe_found = found.used, None
             self._machine.inputs.news.append(found.answer)
 
     def _find_probe(self, now: int) -> None:
-        """The recorded transfers that serve what the machine wishes since this step."""
+        """Find the recorded transfers for the machine's requests since this step."""
         state, wish = self._state, self._machine.outputs.probe
         if wish is not state.probe:
             state.probe = wish
@@ -463,7 +463,7 @@ def _time(answer: Answer) -> int:
 
 
 def _near(times: Sequence[int], now: int, certain: int, latest: int, taken: int) -> list[int]:
-    """How many events may have been taken: the first ``certain`` ones, none of a time after ``latest``; the likeliest first."""
+    """Possible numbers of processed events: at least ``certain``, none later than ``latest``; the likeliest first."""
     low = max(taken, certain)
     high = max(low, bisect_right(times, latest))
     likely = min(max(low, bisect_right(times, now)), high)

@@ -1,4 +1,4 @@
-"""What a replay of one axis came to: its steps, and where they differ from the recording."""
+"""The result of a replay of one axis: its steps, and the differences from the recording."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Difference:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What differs, in the order of the frame."""
+        """The different values, in the order of the frame."""
         recorded, today = self.recorded or {}, self.today or {}
         return tuple(name for name in {**recorded, **today} if recorded.get(name) != today.get(name))
 

@@ -58,7 +58,7 @@ def _spans(sent: Mapping[int, Sequence[Sent]], can_end_ns: int) -> list[_Span]:
 
 @dataclass(slots=True)
 class Place:
-    """How far a hypothesis has come: the span it is in (-1: none), and the payload in force by RPDO number."""
+    """The state of a hypothesis: its span (-1: none), and the last payload by RPDO number."""
 
     span: int = -1
     cursors: dict[int, int] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""The drive's touch probe in a replay: what the recorded SDOs answer to a wish of today's machine."""
+"""The drive's touch probe in a replay: the recorded SDO answers to a request of the machine."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pdgw.gateway.objects.touch_probe import dropped, refused
 
 
 class Found(NamedTuple):
-    """When the gateway had the answer, and how many transfers were looked at for it."""
+    """Time at which the gateway had the answer, and the number of transfers searched for it."""
 
     time_ns: int
     answer: ProbeAnswer
@@ -20,7 +20,7 @@ class Found(NamedTuple):
 
 
 def find_answer(wish: ProbeWish, transfers: Sequence[ProbeTransfer], first: int, begin_ns: int) -> Found | None:
-    """From transfer number ``first`` on, not before ``begin_ns``; None: the request was withdrawn, or nothing arrived."""
+    """Search from transfer ``first`` on, not before ``begin_ns``. None: the request was withdrawn, or no answer arrived."""
     function = touch_probe.function(wish.edges, zero_pulse=wish.zero_pulse)
     armed = False
     missing: list[int] = []

@@ -44,7 +44,7 @@ _TICK_NS: Final = 10 * MS
 _UNUSED: Final = 8
 """Number of consecutive answers without use of the PLC's frames that cannot be a crossing of frames and answers."""
 _JUDGED: Final = 16
-"""Steps of the cycle counter after which it is known how it counts."""
+"""Steps of the cycle counter after which its increment is known."""
 _COUNTER_CYCLES: Final = 10
 """Tolerance in cycles of a counter that is a clock: a recorder and a busy sender wait."""
 _VERDICTS = {Verdict.STALE: AnomalyKind.STALE, Verdict.PROVIDER_STOP: AnomalyKind.STOPPED}
@@ -86,7 +86,7 @@ class TimelineBuilder:
         self._last_ns = 0
 
     def add(self, record: Record) -> Sequence[Entry]:
-        """One more record, about in the order of time; what is complete by now."""
+        """Add a record, roughly in order of time. Return the entries that are complete now."""
         now = self._last_ns = record.time_ns
         if isinstance(record, CanRecord):
             self._can_seen = True
@@ -128,7 +128,7 @@ class TimelineBuilder:
         return self._release(None)
 
     def _missing(self) -> Iterator[tuple[int, str]]:
-        """What was not in the records, by DO-ID (0: of all)."""
+        """Missing data by DO-ID (0: of all)."""
         seen = self._exchange.seen
         if Direction.SETPOINT not in seen:
             yield 0, "no frame from a PLC: the recording does not show what the PLC commanded"
@@ -198,7 +198,7 @@ class _CycleCounter:
         self._last = None
 
     def jump(self, counter: int, now: int) -> str:
-        """What is unusual about the next frame's counter; empty for an old frame, too."""
+        """The anomaly of the next frame's counter; empty if normal or for an old frame."""
         last, self._last = self._last, counter
         elapsed, self._last_ns = now - self._last_ns, now
         if last is None or not is_newer(counter, last):
@@ -256,7 +256,7 @@ class _Exchange:
         }
         self._standing: Verdict | None = None
         self.seen: set[Direction] = set()
-        """Of which directions there were frames."""
+        """Directions of the frames seen until now."""
         self._last_frame = 0
         self._lost_since: int | None = None
         self._answered = False
@@ -437,7 +437,7 @@ class _Exchange:
 
     @property
     def _silence_ns(self) -> int:
-        """How long the PLC may be silent."""
+        """Longest silence of the PLC in nanoseconds."""
         endpoint = self._endpoint
         return endpoint.watchdog_ns if isinstance(endpoint, ProfinetEndpoint) else self._watchdog_ns
 

@@ -184,7 +184,7 @@ def correlate(words: Mapping[int, AxisWords], telegrams: Mapping[int, int], cycl
 
 
 def _votes(distances: Sequence[Distance], values: Sequence[int], width: int) -> list[int]:
-    """How many different edges of the PLC's side have a partner in the window that begins at each distance."""
+    """Number of different edges of the PLC's side with a partner in the window that starts at each distance."""
     counts = []
     inside: dict[object, int] = {}
     end = 0

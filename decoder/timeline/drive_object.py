@@ -39,7 +39,7 @@ class ObjectFollower:
         self.doubt = OrderDoubt.NONE
         """Whether the PLC may have ordered something that the gateway has not in force."""
         self.heard = False
-        """Something came from the node."""
+        """Whether a frame of the node has arrived."""
 
     # -- parts of an axis ---------------------------------------------------------------------------------------------
 

@@ -56,7 +56,7 @@ class Edge:
     root: Edge | None = None
     """The first cause of all, once the edge is out."""
     answered: bool = False
-    """A ZSW1 that goes back to this edge is out."""
+    """Whether a ZSW1 caused by this edge was sent."""
 
     @property
     def name(self) -> str:
@@ -169,7 +169,7 @@ class Anomaly:
 
 @dataclass
 class Event:
-    """What a node did besides its words: NMT, state, error reset."""
+    """An event of a node besides its words: NMT, state, error reset."""
 
     time_ns: int
     do_id: int
@@ -215,7 +215,7 @@ class Latencies:
 
 @dataclass(frozen=True)
 class Latency:
-    """How long one hop takes, in nanoseconds; percentiles by nearest rank, to three digits."""
+    """Duration of one hop in nanoseconds; percentiles by nearest rank, to three digits."""
 
     name: str
     count: int
@@ -244,13 +244,13 @@ WHOLE_WAY: Final = "STW1 -> ... -> ZSW1"
 
 
 class Summary:
-    """What a timeline, or a part of it, comes to: fed with its entries in the order of time."""
+    """Summary of a timeline or a part of it. It gets the entries in order of time."""
 
     def __init__(self) -> None:
         self.anomalies: Counter[AnomalyKind] = Counter()
-        """How many of each kind."""
+        """Number of anomalies of each kind."""
         self.refusals: Counter[Reason] = Counter()
-        """How many edges came to each reason."""
+        """Number of edges with each reason."""
         self._hops = {name: Latencies() for name in (*HOPS.values(), WHOLE_WAY)}
 
     def add(self, entry: Entry) -> None:
@@ -265,7 +265,7 @@ class Summary:
                 self._whole_way(entry)
 
     def _whole_way(self, entry: Edge) -> None:
-        """Of each edge of the PLC, the way to the first ZSW1 that follows from it."""
+        """Measure the time from an edge of the PLC to the first ZSW1 that it causes."""
         root = entry.root
         if entry.kind is WordKind.STATUS and root is not None and root.kind is WordKind.CONTROL and not root.answered:
             root.answered = True
@@ -273,7 +273,7 @@ class Summary:
 
     @property
     def latencies(self) -> list[Latency]:
-        """Of each hop that occurred, and of the whole way to the first answer in ZSW1."""
+        """Latencies of each hop, and from the PLC's edge to the first answer in ZSW1."""
         found = (values.result(name) for name, values in self._hops.items())
         return [item for item in found if item is not None]
 

@@ -37,7 +37,7 @@ class Repetitions:
     def __init__(self, zero_ns: int) -> None:
         self._zero_ns = zero_ns
         self._series: dict[tuple[str, int, str], tuple[int, Anomaly | Event]] = {}
-        """By what is repeated: how often since its line, and the last one."""
+        """By repeated event: its number since its line, and the last one."""
 
     def ended(self, now: int | None = None) -> Iterator[str]:
         """The counts of the series that have ended by ``now``; None: all."""
@@ -61,7 +61,7 @@ class Repetitions:
 
 
 def edge_text(edge: Edge) -> str:
-    """Word, values, bits, what it means, and how long after what."""
+    """Word, values, bits, meaning, and the time since the cause."""
     raised, lowered = edge.bits
     parts = [f"{edge.name:<15} {edge.before:04X}h -> {edge.after:04X}h"]
     if edge.field.explain and (word := edge.field.explain(edge.after)):

@@ -16,7 +16,7 @@ class Changes:
     def __init__(self) -> None:
         self._last: dict[object, ProcessData] = {}
         self._rest: dict[object, object] = {}
-        """What is compared besides the units."""
+        """The compared data besides the units."""
 
     def select(self, record: Record, units: tuple[ProcessData, ...]) -> tuple[ProcessData, ...] | None:
         """The units reduced to the signals that changed; None when the packet says nothing new.
@@ -46,7 +46,7 @@ class Changes:
 
 
 def _compared(record: Record, has_units: bool) -> object | None:
-    """What makes a packet new besides its units; None when it always is, or nothing does."""
+    """Data whose change makes a packet new besides its units; None if it is always new or never."""
     if isinstance(record, CyclicRecord):
         status = (record.data_status, record.transfer_status)
         return status if has_units else (*status, record.data[: -TRAILER.size])

@@ -15,11 +15,11 @@ from pdgw.decoder.view.names import RECORD_NAMES, Getter, Names, Value, part_val
 
 Row = list[Value]
 _Cell = tuple[int, int, Callable[[Any], Value] | None]
-"""Column, position of the value, and what is done with it (None: nothing)."""
+"""Column, position of the value, and its conversion (None: no conversion)."""
 _Plan = tuple[Row, tuple[_Cell, ...], tuple[tuple[int, Getter], ...], ProcessData | None]
 """Row with what never changes, cells to fill, fields to ask for, and the unit it is of."""
 _CYCLIC_POSITIONS = {"frame_id": 0, "cycle_counter": -3, "data_status": -2, "transfer_status": -1}
-"""Where ``CyclicRecord.values`` has its header and trailer."""
+"""Positions of header and trailer in ``CyclicRecord.values``."""
 _OF_LAYOUT = frozenset(("axis", "node", "telegram", "direction", "pdo", "kind", "bus"))
 """Fields that all packets of one layout have alike."""
 _COMMON = frozenset(
@@ -97,7 +97,7 @@ class Columns:
         return not self._deciding or any(row[column] is not None for column in self._deciding)
 
     def _plan(self, record: CyclicRecord | PdoRecord) -> tuple[_Plan, ...]:
-        """What to take from where, for all packets of this layout."""
+        """Sources of the columns, for all packets of this layout."""
         units: Sequence[ProcessData | None] = record.units or (None,)
         cyclic = isinstance(record, CyclicRecord)
         firsts = [axis[3] for axis in record.layout.axes] if isinstance(record, CyclicRecord) else [0]

@@ -21,7 +21,7 @@ Value = int | float | str | bool | None
 Getter = Callable[[Record, ProcessData | None], Value]
 
 TEXT_PART: Final = "text"
-"""``statusword.text`` is the word for a value, as bits are asked for."""
+"""``statusword.text`` is the text of a value, in the notation of bits."""
 
 
 def _attribute(name: str) -> Getter:
@@ -137,7 +137,7 @@ class Names:
             parts.add(TEXT_PART)
 
     def getter(self, text: str) -> Getter:
-        """How to look up ``name`` or ``name.part``; ProfidriveError names an unknown one."""
+        """A function that reads ``name`` or ``name.part``; ProfidriveError names an unknown one."""
         name, part = self.split(text)
         if name in RECORD_NAMES:
             return RECORD_NAMES[name]

@@ -70,7 +70,7 @@ def unit_head(unit: ProcessData) -> str:
 
 
 def source_text(record: Record) -> str:
-    """Who spoke: the direction of a frame, the COB-ID and node of a CAN frame."""
+    """The source: direction of a frame, COB-ID and node of a CAN frame."""
     if isinstance(record, CyclicRecord):
         if record.direction is None:
             return "frame"
@@ -97,7 +97,7 @@ def line_parts(record: Record, units: Sequence[ProcessData] | None = None) -> tu
 
 
 def record_line(record: Record, zero_ns: int, units: Sequence[ProcessData] | None = None) -> str:
-    """Number, seconds since ``zero_ns``, bus, source, what was said."""
+    """One line: number, seconds since ``zero_ns``, bus, source, content."""
     source, text, values = line_parts(record, units)
     said = " | ".join(part for part in (text, values) if part)
     seconds = (record.time_ns - zero_ns) / SECOND
@@ -105,7 +105,7 @@ def record_line(record: Record, zero_ns: int, units: Sequence[ProcessData] | Non
 
 
 def record_tree(record: Record, units: Sequence[ProcessData] | None = None) -> Iterator[str]:
-    """What comes below the line of a record with ``-v``: every field, every bit."""
+    """Further lines of a record with ``-v``: every field, every bit."""
     details = record.details()
     for key, value in details.items():
         if key != "text":

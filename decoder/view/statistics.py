@@ -174,7 +174,7 @@ class Statistics:
 
     @property
     def seconds(self) -> float:
-        """From the first packet to the last."""
+        """Time from the first packet to the last."""
         return 0.0 if self.first_ns is None else (self.last_ns - self.first_ns) / SECOND
 
     def load(self, stream: Stream, bitrate: int) -> tuple[float, float]:

@@ -10,7 +10,7 @@ from pdgw.ds301.errors import CanopenError
 
 
 def system_text(error: OSError, channel: object, bitrate: int | None = None) -> str:
-    """What the system says about a CAN interface, and the command that helps where there is one."""
+    """The system's error text for a CAN interface, with the remedy if there is a command for it."""
     text = error.strerror or str(error)
     name = channel if isinstance(channel, str) and channel else "can0"
     if error.errno == errno.ENETDOWN:

@@ -14,7 +14,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.durations import SECOND
 
 DEFAULT_BITRATE: Final = 1_000_000
-"""Of a bus of which none is given."""
+"""Default bit rate of a bus."""
 _OVERHEAD_BITS = 47
 _STUFFED_OVERHEAD_BITS = 34
 _SDO_SHARE: Final = 0.5
@@ -61,9 +61,9 @@ def check_load(name: str, frames: Sequence[CyclicFrames], bitrate: int, limit: f
 
 
 def sdo_gap_ns(load: float, bitrate: int) -> int:
-    """From one SDO request to the next, nanoseconds: request and answer take half of what the planned ``load`` leaves of the bus.
+    """Time between two SDO requests in nanoseconds. Request and answer use half of what the planned ``load`` leaves free.
 
-    An overloaded bus gives them a tenth, otherwise no node would ever be configured.
+    An overloaded bus gives them a tenth, otherwise no node could be configured.
     """
     share = max(_SDO_SHARE * (1 - load), _LEAST_SDO_SHARE)
     return int(2 * frame_bits(8) * SECOND / (bitrate * share))

@@ -36,7 +36,7 @@ FrameTap = Callable[[int, bytes, int, int], object]
 """Identifier with the flags of SocketCAN, data, 1 for a frame that was sent, monotonic nanoseconds."""
 _OPERATIONAL: Final = bytes((NmtState.OPERATIONAL,))
 _ONE_BYTE: Final = bytes(1)
-"""Of a request: the length alone is sent."""
+"""Data of a remote request: only its length is sent."""
 _BUSY_NS: Final = 100 * MS
 """An interface that accepts no frame for this time is not healthy; a queue that is full for a moment is normal."""
 _ASK_AGAIN_NS: Final = 5 * MS
@@ -51,7 +51,7 @@ _FUNCTION: Final = 0x780
 """The part of a COB-ID that names the service."""
 _LOOK_NS: Final = 20 * MS
 _EARLY_NS: Final = MS
-"""What is due so soon after a cycle is begun with the one before: which of the two comes first would be chance."""
+"""Actions due this soon after a cycle start with the cycle before, so that their order does not depend on chance."""
 _FIRST_PAUSE_NS: Final = 100 * MS
 _LONGEST_PAUSE_NS: Final = 2_000 * MS
 """Between two tries to open an interface that was lost."""
@@ -71,7 +71,7 @@ class CanNetwork(Receiver):
         self.bring_ups = Turns(loop, _BRING_UPS)
         """Nodes that are configured at a time."""
         self._sdo_gap = 0
-        """From one SDO request to the next, so that the bus has room for everything else."""
+        """Time between two SDO requests, which leaves the bus free for other frames."""
         self._sdo_next = 0
         self._sdo_frames: deque[tuple[int, bytes]] = deque()
         self._sdo_due: Timer | None = None

@@ -90,7 +90,7 @@ class SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]
 
     @property
     def responses(self) -> Mailbox[bytes]:
-        """What the node answered."""
+        """The answers of the node."""
         return self._box
 
     @responses.setter

@@ -63,7 +63,7 @@ class PortLostError(Exception):
 
 
 class Receiver(Protocol):
-    """What a port delivers to, on the loop's thread."""
+    """Receiver of a port's events, on the loop's thread."""
 
     def on_frame(self, can_id: int, data: bytes) -> None:
         """A data frame with a standard identifier."""
@@ -160,7 +160,7 @@ class SocketPort(CanPort):
             self._receiver.on_room()
 
     def drop(self) -> None:
-        """The kernel has no way to: its queue (SO_SNDBUF, txqueuelen) goes out before what is sent now."""
+        """Not possible in the kernel: its queue (SO_SNDBUF, txqueuelen) is sent before new frames."""
 
     def _read(self) -> None:
         """One frame: the loop asks for the next one, of all buses in one call; a socket that has none takes longer to say so."""

@@ -49,7 +49,7 @@ class _Analysis:
         )
 
     def wait(self, sender: int, waits: Mapping[int, int]) -> int:
-        """From the moment the last frame of a queue is due until it begins. The waits of other queues are their jitter."""
+        """Time from the last frame of a queue being due until it starts. The waits of other queues are their jitter."""
         queue = self._queues[sender]
         lowest = max(frame.cob_id for frame in queue)
         blocking = max(self.duration[frame] for frame in queue)

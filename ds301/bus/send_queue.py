@@ -1,6 +1,6 @@
-"""Who sends next on a bus whose interface has no room: stops first, then the sender that has waited longest.
+"""The next sender on a bus whose interface is full: stops first, then the sender that has waited longest.
 
-The queue holds senders, not frames: a sender whose turn comes sends the newest values it has. Sans-I/O.
+The queue contains senders, not frames: a sender sends its newest values when it is served. Sans-I/O.
 """
 
 from __future__ import annotations

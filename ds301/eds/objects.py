@@ -40,9 +40,9 @@ _ACCESS_SPELLED = {
     **dict.fromkeys(("constant", "c"), "const"),
 }
 _ELEMENT_TYPE_KEYS = ("accesstype", "datatype", "pdomapping")
-"""What all elements of an array have in common."""
+"""Properties shared by all elements of an array."""
 _ELEMENT_KEYS = (*_ELEMENT_TYPE_KEYS, "defaultvalue", "lowlimit", "highlimit")
-"""What the sub-indices of a compact object have from it."""
+"""Properties that the sub-indices of a compact object inherit from it."""
 _WRITABLE_COUNTS = frozenset((PREDEFINED_ERROR_FIELD, *filter(is_mapping_parameter, PDO_PARAMETERS)))
 """Objects whose sub-index 0 is a value the master may write, not the number of sub-indices."""
 
@@ -56,7 +56,7 @@ _HANDLED = frozenset(
 )
 
 Texts = dict[str, dict[str, str]]
-"""What is written: keys and values by section."""
+"""The text to write: keys and values by section."""
 
 
 @dataclass(slots=True)
@@ -340,7 +340,7 @@ class ObjectWriter:
         return number(text) if is_plain(text) else None
 
     def _common_text(self, key: str) -> str:
-        """What all elements of an array that have a value for ``key`` agree on, "" otherwise."""
+        """The common value of ``key`` in all elements of an array that have one, else ""."""
         subs = self._item.subs.items()
         found = {section.text(key).lower() for subindex, section in subs if 0 < subindex < _STRUCTURE} - {""}
         return found.pop() if len(found) == 1 else ""

@@ -33,7 +33,7 @@ class Repair:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One thing of a file that cannot be used: where, what is there and why not."""
+    """A part of a file that cannot be used: place, content and reason."""
 
     line: int
     section: str
@@ -62,7 +62,7 @@ class EdsError(CanopenError):
 
 @dataclass(slots=True)
 class Report:
-    """Collects what an import repairs and what it has to refuse."""
+    """Collects the repairs and errors of an import."""
 
     repairs: list[Repair] = field(default_factory=list)
     problems: list[Problem] = field(default_factory=list)

@@ -50,7 +50,7 @@ class Timer:
         self.action: Callable[[], None] | None = action
 
     def postpone(self, when: int) -> None:
-        """It will be called later than it would have been, without a turn of the loop at the time before."""
+        """Delay the call to a later time, without waking the loop at the earlier one."""
         self.when = when
 
     def cancel(self) -> None:
@@ -116,7 +116,7 @@ class Task:
 
 
 class Loop(abc.ABC):
-    """What both clocks have in common. All methods but ``call_threadsafe`` belong to the loop's own thread."""
+    """Common part of both clocks. All methods but ``call_threadsafe`` belong to the loop's own thread."""
 
     def __init__(self) -> None:
         self.hub = greenlet.getcurrent()
@@ -124,7 +124,7 @@ class Loop(abc.ABC):
         self.tasks: set[Task] = set()
         """Those that have not ended."""
         self.counters = Counters()
-        """Of everything that runs on the loop."""
+        """Counters of everything that runs on the loop."""
         self.task_errors = 0
         self._told: set[tuple[str, type[Exception], str]] = set()
         """Unexpected errors: what they ended, their kind and the place they came from."""
@@ -178,7 +178,7 @@ class Loop(abc.ABC):
 
     @abc.abstractmethod
     def close(self) -> None:
-        """End the tasks, wait for what was offloaded, and release what the loop itself has."""
+        """End the tasks, wait for offloaded work, and release the loop's own resources."""
 
     def stop(self) -> None:
         """End ``run`` after the present turn."""

@@ -11,7 +11,7 @@ from pdgw.durations import MS_PER_SECOND
 
 READABLE: Final = 0x001
 WRITABLE: Final = 0x004
-"""Of a descriptor that is ready: bits of its state. Any other bit, an error or the peer's end, is for who reads."""
+"""Bits in the state of a ready descriptor. Any other bit (error, end of the peer) is reported to the reader."""
 NO_DESCRIPTOR: Final = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 """Errors of ``accept`` when the system has no resources for another connection. The port stays readable meanwhile."""
 _AT_ONCE: Final = 64
@@ -22,13 +22,13 @@ class Readiness(Protocol):
     """Watches descriptors."""
 
     def watch(self, descriptor: int, *, read: bool, write: bool) -> None:
-        """What to look for, instead of what was before; neither ends it."""
+        """Replace the monitored events of a descriptor; neither ends its monitoring."""
 
     def wait(self, seconds: float) -> list[tuple[int, int]]:
         """Descriptors with their states, after this time at most; 0 does not wait. It may return earlier with none."""
 
     def close(self) -> None:
-        """Release what it has itself."""
+        """Release its own resources."""
 
 
 class SelectReadiness(Readiness):
@@ -57,9 +57,10 @@ class SelectReadiness(Readiness):
 
 
 class EpollReadiness(Readiness):
-    """Readiness by Linux's ``epoll``, whose cost does not grow with the buses.
+    """Readiness by Linux's ``epoll``, whose cost does not grow with the number of buses.
 
-    It waits whole milliseconds, what is left ``select`` on it, in microseconds: one call where a frame comes before.
+    It waits for whole milliseconds and uses ``select`` on it for the rest in microseconds: one call if a frame arrives
+    earlier.
     """
 
     def __init__(self) -> None:
@@ -95,5 +96,5 @@ class EpollReadiness(Readiness):
 
 
 def best_readiness() -> Readiness:
-    """What this system offers."""
+    """The best implementation that this system supports."""
     return EpollReadiness() if hasattr(select, "epoll") else SelectReadiness()

@@ -73,9 +73,9 @@ class NodeClient(abc.ABC, Generic[S]):
         """Access to its objects, in its task."""
         self.settings = settings
         self.layout = layout
-        """What has to travel, best in these PDOs."""
+        """The objects to transfer, with their preferred PDOs."""
         self.plan: PdoPlan | None = None
-        """What travels in which PDO of this node; None before its first start."""
+        """The PDOs of this node with their contents; None before its first start."""
         self.on_event = on_event
         self.status = NodeStatus.OFFLINE
         self.status_text = "not started"
@@ -96,7 +96,7 @@ class NodeClient(abc.ABC, Generic[S]):
         """The last heartbeat of the node says Stopped."""
         self._heartbeat_expected = False
         self._guarded_by_requests = False
-        """The node is asked for its state, and answers with a toggle bit (node guarding)."""
+        """The node is monitored by remote requests, which it answers with a toggle bit (node guarding)."""
         self._toggle = -1
         self._slow = 0
         """The time for SDO answers of a node that was found to need more than configured."""
@@ -131,7 +131,7 @@ class NodeClient(abc.ABC, Generic[S]):
         """Everything between the mapping of the PDOs and NMT start, in the node's task; errors refuse the node."""
 
     def _make_plan(self, found: Mapping[int, int]) -> PdoPlan:
-        """What travels in which PDO. ``found``: COB-IDs by the communication parameter indices the node has."""
+        """Assign the objects to PDOs. ``found``: COB-IDs by the communication parameter indices of the node."""
         return straight_plan(self.layout, self.settings.node_id, found, sync=self.settings.sync)
 
     def _plan_without(self, plan: PdoPlan, step: SdoStep, error: SdoAbortedError) -> PdoPlan | None:
@@ -156,11 +156,11 @@ class NodeClient(abc.ABC, Generic[S]):
 
     @property
     def heard_ns(self) -> int:
-        """When the node's last TPDO or heartbeat came; 0 never."""
+        """Time of the node's last TPDO or heartbeat; 0: never."""
         return max([self._heartbeat, *(slot.time for slot in self._slots)])
 
     def guard(self) -> None:
-        """Ask a node for its state that is guarded by being asked; with the gateway's own heartbeat."""
+        """Request the state of a node that uses node guarding. Called with the gateway's own heartbeat."""
         if self._guarded_by_requests:
             self.network.request(ERROR_CONTROL + self.settings.node_id)
 
@@ -395,7 +395,7 @@ class NodeClient(abc.ABC, Generic[S]):
 
     @property
     def _interrupted(self) -> bool:
-        """What is being brought up restarted, or is to get another layout."""
+        """Whether the node has restarted during the bring-up, or its layout has changed."""
         return self._booted.is_set() or self._reconfigure
 
     def _await_tpdos(self) -> None:

@@ -91,7 +91,7 @@ class ConfiguringAccess(SdoAccess):
         return None
 
     def _is_fixed_as_wanted(self, step: SdoStep) -> bool:
-        """Whether a communication parameter that cannot be written already does what was to be written."""
+        """Whether a read-only communication parameter already has the required effect."""
         if not is_communication_parameter(step.index):
             return False
         try:

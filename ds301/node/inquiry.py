@@ -1,4 +1,4 @@
-"""Asks a node what it is, with nothing written: for commissioning, while no gateway runs on its bus.
+"""Identify a node by SDO uploads only: for commissioning, while no gateway runs on its bus.
 
 Source: CiA 301 (SDO upload). Every object is one SDO upload; no NMT command, no PDO.
 """
@@ -16,7 +16,7 @@ from pdgw.ds301.node.sdo import SdoAccess
 
 
 class Inquiry(SdoAccess):
-    """A node that is asked until the end of the ``with`` block, inside a task. ``timeout_s``: for each answer."""
+    """Queries a node until the end of the ``with`` block, inside a task. ``timeout_s``: for each answer."""
 
     def __init__(self, network: CanNetwork, node_id: int, timeout_s: float) -> None:
         super().__init__(network.loop, node_id, canopen.ObjectDictionary())

@@ -1,4 +1,4 @@
-"""What the owner of a node sees of it: settings, status, events, and the newest data of its TPDOs.
+"""A node for its owner: settings, status, events, and the newest data of its TPDOs.
 
 Source: CiA DS 301 (heartbeat, EMCY, PDO).
 """
@@ -16,7 +16,7 @@ GATEWAY_NODE_ID: Final = 127
 
 
 class NodeStatus(enum.Enum):
-    """Where the node is on its way to operation."""
+    """Steps of a node towards operation."""
 
     OFFLINE = "offline"
     """Not seen yet, or stopped by us."""
@@ -46,9 +46,9 @@ class NodeSettings:
     sync: bool = False
     """TPDOs on SYNC (type 1) instead of event-driven."""
     sync_period_us: int = 0
-    """RPDOs on SYNC too, which comes so often (1006h); 0: they are taken when they come."""
+    """RPDOs use SYNC with this period (1006h), too; 0: they take effect on arrival."""
     cycle_ms: int = 0
-    """From one SYNC of the gateway to the next."""
+    """Time between two SYNC of the gateway."""
 
 
 @dataclass(frozen=True, slots=True)

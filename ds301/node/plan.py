@@ -28,7 +28,7 @@ class Pace(enum.Enum):
     CHANGE = "on change only, and also read by SDO"
     """There is no event timer and no SYNC: a frame that is lost does not come again, and silence says nothing."""
     AT_ONCE = "at once"
-    """Of an RPDO."""
+    """Effect of an RPDO."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class PdoPlan:
     read: tuple[Pdo, ...] = ()
     """Objects that are read by SDO periodically, in groups."""
     notes: tuple[str, ...] = field(default=())
-    """What was chosen and why, for a person."""
+    """Decisions and their reasons, for the user."""
 
     @property
     def needs_sync(self) -> bool:
@@ -90,7 +90,7 @@ class PdoPlan:
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """For a person: each PDO, what goes by SDO, and the notes."""
+        """For the user: each PDO, the objects transferred by SDO, and the notes."""
         by_sdo = ((self.written, "written by SDO when they change"), (self.read, "read by SDO every 100 ms"))
         told = [
             f"{what}: {', '.join(str(entry) for group in groups for entry in group.entries)}"

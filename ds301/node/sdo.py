@@ -42,7 +42,7 @@ _UNNAMED = b"\0\0\0"
 _OF_THE_SIZE = SIZE_SPECIFIED | 3 << 2
 _REPEATS = 2
 _REPEAT_AFTER = 10
-"""An urgent request goes out again when a tenth of the time for its answer is over."""
+"""An urgent request is repeated after this fraction of its timeout."""
 
 
 def _download(index: int, subindex: int, data: bytes) -> bytes:
@@ -76,7 +76,7 @@ class SdoAccess:
         self._open_until = 0
 
     def set_timeout(self, nanoseconds: int, *, slow: bool) -> None:
-        """The time for each answer; ``slow``: the node was found to need it, and is asked nothing twice."""
+        """Set the timeout of each answer. ``slow``: the node needs it, so no request is repeated."""
         self._sdo.RESPONSE_TIMEOUT = nanoseconds / SECOND
         self._repeats = 0 if slow else _REPEATS
 
@@ -196,7 +196,7 @@ class SdoAccess:
         raise SdoCommunicationError(f"{self._sdo.where}: No SDO response received")
 
     def _next(self, deadline: int) -> bytes | None:
-        """What the node answers until then."""
+        """The next answer of the node until the deadline."""
         try:
             answer: bytes = self._sdo.responses.get(timeout=max(0, deadline - self.loop.now()) / SECOND)
         except queue.Empty:
@@ -220,7 +220,7 @@ class SdoAccess:
         self._open_until = now + int(self._sdo.RESPONSE_TIMEOUT * SECOND)
 
     def answered(self, index: int, subindex: int = 0, *, signed: bool = False) -> int | None:
-        """The integer that ``ask`` asked for, None while no answer has come. An abort is raised as canopen does."""
+        """The integer requested by ``ask``; None while no answer has arrived. An abort is raised as canopen does."""
         asked = SDO_STRUCT.pack(0, index, subindex)[1:]
         while not self._sdo.responses.empty():
             answer = self._next(self.loop.now())

@@ -109,7 +109,7 @@ class DriveClient(NodeClient[DriveSettings]):
         """The type of the drive, made again at each start and after a write to an object it depends on."""
         self.homing_method = 0
         self.guarding: Guarding | None = None
-        """What stops this drive when the gateway dies; None before its first start."""
+        """The way in which this drive stops when the gateway fails; None before its first start."""
         self.serial_number = 0
         """1018h/4; 0 for a drive without one."""
         self._identity: tuple[int, int] | None = None
@@ -118,7 +118,7 @@ class DriveClient(NodeClient[DriveSettings]):
         """and of the one that is there."""
         self._mode = ModeCheck(sdo, feedback, self._tell)
         self.rpdos = RpdoSender(network, layout.rpdos[0], node_id, feedback, self._mode, self._wake.set, self._tell)
-        """What is sent of each command."""
+        """Sends the parts of each command."""
         self._mapping = DriveMapping(sdo.read_number)
         self._tpdos = TpdoCheck(sdo, self._mapping)
         self.units = UnitCheck(sdo, feedback, self._units_changed)
@@ -145,7 +145,7 @@ class DriveClient(NodeClient[DriveSettings]):
             self.network.wait(self, stop=stop)
 
     def send_waiting(self) -> bool:
-        """Its turn on the bus: send the newest command; False when the interface has no room."""
+        """Send the newest command. False if the interface is full."""
         rpdos = self.rpdos
         command = rpdos.command
         if command is None or not self._sending:

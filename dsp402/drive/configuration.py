@@ -1,4 +1,4 @@
-"""What has to be written to a drive before it may operate, beside its PDOs (``ds301.configuration``): the guarding.
+"""Required SDO writes of a drive besides its PDOs (``ds301.configuration``): the guarding.
 
 Source: docs/translation.md "Losses".
 """

@@ -40,12 +40,12 @@ class Wanted:
     sync_loss_periods: int = 0
     """Without SYNC, after which the drive's family stops in a cyclic synchronous mode; 0: not known to."""
     sync_period_us: int = 0
-    """From one SYNC to the next where the drive operates in such a mode and no other; 0 elsewhere."""
+    """Time between two SYNC if the drive operates only in a mode with SYNC; else 0."""
 
 
 @dataclass(frozen=True, slots=True)
 class Guarding:
-    """What was found. ``text`` is for a person; empty ``refusal``: something stops the drive."""
+    """The selected guarding. ``text``: for the user. An empty ``refusal`` means that the drive stops."""
 
     text: str
     refusal: str = ""
@@ -117,7 +117,7 @@ def _by_sync(found: Guarding, wanted: Wanted, read: Callable[[int, int], int]) -
 
 
 def _reaction(step: SdoStep, refused: Callable[[SdoStep], str], read: Callable[[int, int], int]) -> tuple[str, str]:
-    """What the drive does then; and why that is nothing, empty when it is something."""
+    """The reaction of the drive, and why it has none; empty if it has one."""
     found, refusal = step.value, refused(step)
     if refusal:
         try:

@@ -88,7 +88,7 @@ class DriveFeedback:
 
 
 def attributes(image: object) -> tuple[str, ...]:
-    """The values of an image, not what its class declares; not by ``__slots__``, which a compiled class does not have."""
+    """The value attributes of an image. Not from ``__slots__``, which a compiled class lacks."""
     return tuple(name for name in dir(image) if name.islower() and not name.startswith("_"))
 
 

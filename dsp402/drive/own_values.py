@@ -48,7 +48,7 @@ class OwnValue:
 
 @dataclass(frozen=True, slots=True)
 class OwnValues:
-    """What is kept of one drive. ``identity``: vendor-ID, product code and serial number (1018h/1, 2 and 4)."""
+    """The stored values of one drive. ``identity``: vendor-ID, product code and serial number (1018h/1, 2 and 4)."""
 
     identity: tuple[int, int, int] = (0, 0, 0)
     values: tuple[OwnValue, ...] = ()
@@ -71,7 +71,7 @@ class OwnValueKeeper:
         self._write = write
         self._tell = tell
         self.identity = (0, 0, 0)
-        """Of the drive that is there."""
+        """Identity of the connected drive."""
         self.save: Callable[[OwnValues], None] = lambda _: None
         """Saves for the next process; returns when the values survive a crash."""
         self._saved = OwnValues()
@@ -108,7 +108,7 @@ class OwnValueKeeper:
             self._write(*kept.address, kept.value.to_bytes(kept.size, "little"))
 
     def trust(self) -> None:
-        """The gateway's values are no longer in the drive: what it shows at its next start is its own."""
+        """The gateway's values are no longer in the drive, so the values of its next start are its own."""
         self._values = {address: replace(kept, written=()) for address, kept in self._values.items()}
         self.commit()
 

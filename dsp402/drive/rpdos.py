@@ -44,7 +44,7 @@ class _Values:
         self.pdo = pdo
         self.wanted = b""
         self.written: bytes | None = b""
-        """What the drive holds for certain; None while or after a write that did not end well."""
+        """The confirmed value in the drive; None during a write or after a failed one."""
         self.refused: bytes | None = None
         self.retry_at = 0
         self.error = ""
@@ -70,7 +70,7 @@ class RpdoSender:
         self._tell = tell
         self.control = _Sender(control, control.cob_id(node_id))
         self.written: list[_Values] = []
-        """Of the objects without RPDO."""
+        """Objects without RPDO."""
         self._refresh_ns = 0
         self.fault_reset: FaultReset | None = None
         self.set_point_refused = False

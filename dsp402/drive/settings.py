@@ -24,7 +24,7 @@ class DriveSettings(NodeSettings):
     allow_unguarded: bool = False
     """Operate a drive that nothing stops when the gateway dies."""
     units: UnitKeys | None = None
-    """What the configuration says about the drive's units."""
+    """Units of the drive in the configuration."""
     family: str = ""
     """The overlay to take, whatever the drive's identity is."""
     interpolation_us: int = 0

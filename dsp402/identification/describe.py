@@ -53,7 +53,7 @@ _INTEGERS = {
     (item.bits, item.char.islower()): item
     for item in (CanType.I8, CanType.I16, CanType.I32, CanType.U8, CanType.U16, CanType.U32)
 }
-"""By bits, and whether they are signed."""
+"""Data types by number of bits and sign."""
 _MODE_OBJECTS = (
     (Mode.POSITION, TARGET_POSITION),
     (Mode.VL_VELOCITY, VL_TARGET_VELOCITY),
@@ -65,7 +65,7 @@ _MODE_OBJECTS = (
 
 
 def questions(dictionary: canopen.ObjectDictionary) -> tuple[ObjectAddress, ...]:
-    """What the device itself is asked for its description, as far as its data sheet has it."""
+    """The objects to read from the device for its description, if its data sheet has them."""
     count = variable(dictionary, SUPPORTED_HOMING_METHODS, 0)
     methods = (
         []
@@ -128,7 +128,7 @@ def _speaks_vl(modes: Mapping[int, str]) -> bool:
 
 
 def answers_of_defaults(dictionary: canopen.ObjectDictionary) -> dict[ObjectAddress, int]:
-    """What a device would answer that has the values its data sheet gives as defaults, and every object that is optional."""
+    """The answers of a device that has the default values of its data sheet and every optional object."""
     found = {address: variable(dictionary, *address) for address in questions(dictionary)}
     present = dict.fromkeys(found.keys() & OPTIONAL_OBJECTS, 0)
     return present | {

@@ -1,4 +1,4 @@
-"""A CiA 402 drive without a data sheet: the device itself is asked which objects of the profile it has.
+"""Describe a CiA 402 drive without a data sheet: read from the device which objects of the profile it has.
 
 Source: CiA 301 and CiA 402. Types and PDO mapping flags are those of the profile; a device that differs needs its EDS.
 """
@@ -77,7 +77,7 @@ def dictionary_of(
 
 @cache
 def _recorded_addresses() -> Mapping[ObjectAddress, bool]:
-    """What a drive is asked at its start, and whether it is a signed number."""
+    """The objects that are read at the start of a drive, and whether each is a signed number."""
     dictionary = generic_dictionary()
     return {address: signed(dictionary, address) for address in questions(dictionary)}
 

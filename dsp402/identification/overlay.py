@@ -184,11 +184,11 @@ class Overlay(_Model):
     modes: dict[int, str] = {}
     """The manufacturer's modes of operation."""
     homing_methods: tuple[int, ...] = ()
-    """Where the drive has no 60E3h."""
+    """Homing methods of a drive without 60E3h."""
     homing_texts: dict[int, str] = {}
-    """Of the manufacturer's homing methods."""
+    """Texts of the manufacturer's homing methods."""
     faults: dict[int, Fault] = {}
-    """By the manufacturer's number."""
+    """Faults by the manufacturer's number."""
     quirks: QuirkKeys = QuirkKeys()
     units: Units = Units()
 
@@ -255,7 +255,7 @@ class Overlay(_Model):
 
     @property
     def eds_path(self) -> Path | None:
-        """Its data sheet, if the package has one."""
+        """The data sheet of the family, if the package has one."""
         return _DATA_SHEETS / self.eds if self.eds else None
 
     @property

@@ -29,7 +29,7 @@ __all__ = [
 
 
 class Operation(enum.Enum):
-    """How the drive is operated, which decides what its PDOs carry."""
+    """The kind of operation of the drive, which decides the contents of its PDOs."""
 
     VELOCITY = "velocity"
     VELOCITY_WITH_POSITION = "velocity with position"

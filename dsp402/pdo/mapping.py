@@ -19,7 +19,7 @@ from pdgw.dsp402.pdo.planner import Findings, Key, plan_pdos
 
 ReadNumber = Callable[[int, int], int]
 _NOT_NOW = (Abort.CANNOT_STORE, Abort.CANNOT_STORE_LOCAL_CONTROL, Abort.CANNOT_STORE_DEVICE_STATE)
-"""The drive refuses for the state it is in: that says nothing about what it can."""
+"""Aborts caused by the present state of the drive; they prove nothing about its capabilities."""
 
 
 class DriveMapping:

@@ -33,7 +33,7 @@ _DUMMIES = 0x20
 
 @dataclass
 class Findings:
-    """What a device answered that its data sheet did not say."""
+    """Answers of a device beyond its data sheet."""
 
     present: set[Key] = field(default_factory=set)
     """PDOs it has."""
@@ -249,7 +249,7 @@ class _Direction:
         return adopted
 
     def _gain(self, pdo: Pdo, wanted: Mapping[ObjectAddress, Entry]) -> int:
-        """How much a fixed PDO is worth: the essential word first, then what the layout names first."""
+        """The value of a fixed PDO: the essential word counts most, then the first objects of the layout."""
         order = [entry.attribute for entry in wanted.values()]
         worth = sum(1 << (len(order) - order.index(name)) for name in pdo.attributes)
         return worth + (1 << len(order) + 1 if self.essential in pdo.attributes else 0)

@@ -25,7 +25,7 @@ class Doubt:
     pdo: Pdo
     entry: Entry
     begin: int
-    """Its place in the PDO: first byte."""
+    """Position in the PDO: first byte."""
     first: bytes = b""
     seen: int = -1
     """When its newest frame came."""
@@ -37,7 +37,7 @@ class Doubt:
 
 
 class PdoValueCheck:
-    """Of one drive, from one start to the next; for the objects of ``MOTION``."""
+    """The check of one drive, from one start to the next, for the objects of ``MOTION``."""
 
     def __init__(self, pdos: Iterable[Pdo]) -> None:
         self._doubts: list[Doubt] = []
@@ -72,7 +72,7 @@ class PdoValueCheck:
         return (doubt for doubt in tuple(self._doubts) if doubt.first)
 
     def trust(self, doubt: Doubt) -> None:
-        """It cannot be asked for."""
+        """Stop checking the object, which cannot be read."""
         self._doubts.remove(doubt)
 
     @property

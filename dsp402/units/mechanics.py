@@ -75,7 +75,7 @@ def _ratio(answers: Answers, index: int) -> Fraction | None:
 
 
 class Mechanics:
-    """What one revolution of the motor is in every kind of unit, and the factors the drive answers."""
+    """One revolution of the motor in every kind of unit, and the factors read from the drive."""
 
     def __init__(self, answers: Answers, keys: UnitKeys, family: FamilyUnits, name: str) -> None:
         own = family.only_while_one | {family.velocity_step}
@@ -196,7 +196,7 @@ class Mechanics:
         return Known(counts.value * unit.factor, f"{unit}, {counts.source}", counts.by_position)
 
     def turn(self, kind: Kind) -> Found:
-        """What one revolution of the motor is in this kind."""
+        """One revolution of the motor in this kind of unit."""
         if kind is Kind.TURN:
             return Known(1 / self.gear.value, self.gear.source, self.gear.by_position)
         if kind is Kind.POSITION:

@@ -45,7 +45,7 @@ SCALING_OBJECTS: tuple[ObjectAddress, ...] = (
     *((index, 0) for index in _NUMBERS),
     *((index, subindex) for index in _RATIOS for subindex in (1, 2)),
 )
-"""What a drive is asked for its scaling, as far as it has it."""
+"""Objects to read for the scaling, if the drive has them."""
 
 _ALL_POSITIONS = DRIVE_OBJECTS.attribute("target_position").limits
 _NO_RANGE = Reference(
@@ -160,7 +160,7 @@ def _speed(rated: Found, velocity: Found, index: int) -> Reference | _Lacking:
 
 
 def _sources(*found: Known) -> str:
-    """Where it was learned, each once."""
+    """The sources, each once."""
     return ", ".join(dict.fromkeys(part for item in found for part in item.source.split(", ") if part))
 
 

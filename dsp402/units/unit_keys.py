@@ -14,7 +14,7 @@ from pdgw.dsp402.units.units import parse_unit
 
 @dataclass(frozen=True, slots=True)
 class UnitKeys:
-    """What a configuration says about the units of an axis; None or empty: nothing."""
+    """Units of an axis in the configuration; None or empty: not set."""
 
     rated_speed_rpm: Fraction | None = None
     """100 % of a speed in rpm of the motor."""
@@ -52,7 +52,7 @@ def check_unit_keys(keys: UnitKeys) -> None:
 
 @dataclass(frozen=True, slots=True)
 class FamilyUnits:
-    """What an overlay says about the units of a family."""
+    """Units of a family in its overlay."""
 
     velocity: str = ""
     velocity_step: int = 0
@@ -60,7 +60,7 @@ class FamilyUnits:
     only_while_one: frozenset[int] = frozenset()
     """Objects that must be 1/1, or missing, for ``velocity`` to apply."""
     increments_per_revolution: Fraction | None = None
-    """Of a family whose increments are always the same, in place of 608Fh."""
+    """For a family with constant increments, instead of 608Fh."""
     position: str = ""
     counts_per_revolution: Fraction | None = None
     acceleration: str = ""

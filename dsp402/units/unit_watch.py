@@ -14,7 +14,7 @@ from pdgw.durations import MS, SECOND
 
 _FAST_NS: Final = 50 * MS
 _BEGINNING_NS: Final = 2 * SECOND
-"""From the first command to move: units that are wrong have to show soon."""
+"""Time after the first motion command in which wrong units must be detected."""
 _SLOW_NS: Final = 100 * MS
 _PATIENCE_NS: Final = 200 * MS
 _POSITION: Final = (indices.POSITION_ACTUAL, 0)
@@ -30,18 +30,18 @@ _WATCHED: Final = (
     indices.FEED_CONSTANT,
     indices.POSITION_FACTOR,
 )
-"""What the unit of velocities can depend on, the likeliest first."""
+"""Objects that define the unit of velocities, the likeliest first."""
 
 
 class UnitWatch:
-    """Of one drive, from one description of it to the next."""
+    """Monitors the unit objects of one drive, from one description to the next."""
 
     def __init__(self, answers: Mapping[ObjectAddress, int]) -> None:
         self._turn = [address for index in _WATCHED for address in sorted(answers) if address[0] == index]
         self.told = {address: answers[address] for address in self._turn}
-        """What each of these objects said."""
+        """The last value of each of these objects."""
         self.position_missing = False
-        """It is in a TPDO, or the drive has none."""
+        """False: the position is in a TPDO, or the drive has none."""
         self.read_ns = 0
         """When the position was read last; 0 never."""
         self.asked: ObjectAddress | None = None
@@ -81,7 +81,7 @@ class UnitWatch:
         return True
 
     def forget(self, address: ObjectAddress) -> None:
-        """It cannot be read any more."""
+        """The object cannot be read any more."""
         self.asked = None
         if address == _POSITION:
             self.position_missing = True

@@ -15,7 +15,7 @@ from pdgw.dsp402.errors import Dsp402Error
 
 
 class Kind(enum.Enum):
-    """What is counted; the value is its name in units a person writes."""
+    """Kinds of units; the value is the name in a unit typed by the user."""
 
     TURN = "rev"
     """Revolutions of the output shaft of the gear."""

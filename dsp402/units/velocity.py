@@ -168,7 +168,7 @@ class _Sources:
         return Unknown(f"{claim.source} applies to positions and is not confirmed for velocities ({seen})", key)
 
     def _agreeing(self, stated: Found, told: Sequence[Known]) -> Found:
-        """What the configuration says, unless everything the drive says is something else."""
+        """The configured value, unless all sources of the drive contradict it."""
         stated = self._confirmed(stated) if isinstance(stated, Known) else stated
         if isinstance(stated, Unknown):
             return stated

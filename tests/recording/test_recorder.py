@@ -109,7 +109,7 @@ def test_decode_knows_the_axes_of_a_capture_that_has_its_configuration(
     decode([str(path)])
     shown = capsys.readouterr()
     assert "axis 1 T1 " in shown.out
-    assert shown.err == f"note: the configuration of the gateway is taken from {path}\n"
+    assert shown.err == f"note: the configuration of the gateway is read from {path}\n"
     decode([str(path)], telegram=[20])
     assert "configuration of the gateway" not in capsys.readouterr().err
 
@@ -133,7 +133,7 @@ def test_configuration_is_read_from_the_capture_or_its_folder(
     assert not known_from(None, [], [], files).settings.axes
     (tmp_path / CONFIGURATION).write_text(config_text(simulated([9] * 2)))
     assert [axis.telegram for axis in known_from(None, [], [], files).settings.axes] == [9, 9]
-    assert f"configuration of the gateway is taken from {tmp_path / CONFIGURATION}" in capsys.readouterr().err
+    assert f"configuration of the gateway is read from {tmp_path / CONFIGURATION}" in capsys.readouterr().err
     Recorder(tmp_path, simulated([1])).stop()
     carried = known_from(None, [], [], [*files, str(tmp_path / CAPTURE)])
     assert [axis.telegram for axis in carried.settings.axes] == [1]

@@ -46,7 +46,7 @@ def plant(tmp_path: Path) -> Path:
         (
             config_text(simulated([1])).replace("do_id = 1", "do_id = 7"),
             7,
-            "the configuration of the gateway is taken from",
+            "the configuration of the gateway is read from",
         ),
         ("[can]\n", 1, "the configuration in the capture is ignored"),
     ],

@@ -92,7 +92,7 @@ class _Node:
     parameters: dict[tuple[int, int], int] = field(default_factory=dict)
     """PDO parameters as seen in SDO transfers or given by the EDS."""
     origins: dict[int, str] = field(default_factory=dict)
-    """Where the mapping of each mapping parameter index is known from."""
+    """Source of the mapping, by mapping parameter index."""
     cob_ids: dict[int, int] = field(default_factory=dict)
     """COB-ID in force by communication parameter index."""
     vendor_id: int | None = None

@@ -1,4 +1,4 @@
-"""What one packet of the CAN side said: PDOs, SDO transfers and the other CANopen services, as records without I/O."""
+"""Records of the CAN side without I/O: PDOs, SDO transfers and the other CANopen services."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ _BLOCK_UPLOAD_LAST: Final = "block upload end response"
 
 
 class Phase(enum.Enum):
-    """What the frames of a transfer are in turn."""
+    """Kinds of the frames of a transfer, in order."""
 
     SEGMENTS = "segments"
     BLOCK = "block"
@@ -29,7 +29,7 @@ class Phase(enum.Enum):
 
 @dataclass(slots=True)
 class Step:
-    """What one frame is in its transfer; see ``SdoRecord`` for the fields."""
+    """The role of one frame in its transfer; see ``SdoRecord`` for the fields."""
 
     name: str
     from_client: bool

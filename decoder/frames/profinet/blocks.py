@@ -75,7 +75,7 @@ def split(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def name_of(kind: int) -> str:
-    """What a block is called."""
+    """Name of a block."""
     if kind in BLOCKS:
         return BLOCKS[kind].__name__
     return _IM_NAMES.get(kind, f"block {kind:04X}h")
@@ -141,7 +141,7 @@ def _plain(value: Any) -> Any:
 
 
 def place_text(slot: int, subslot: int) -> str:
-    """A submodule's place, for the reader; interface and port are known by their hexadecimal number."""
+    """Text for a submodule's place. Interface and port have hexadecimal numbers."""
     return f"slot {slot}.{subslot:04X}h" if subslot >= INTERFACE_SUBSLOT else f"slot {slot}.{subslot}"
 
 
@@ -163,7 +163,7 @@ def diagnoses(entries: bytes, usi: int) -> list[Document]:
 
 
 def diagnosis_text(entry: ChannelDiagnosis) -> str:
-    """What an entry says, for the reader."""
+    """Text of an entry."""
     specifier = entry.properties >> SPECIFIER_SHIFT & _SPECIFIER_MASK
     subtype = f", {entry.ext_error_type:04X}h" if isinstance(entry, ExtendedDiagnosis) else ""
     what = f"channel error {entry.error_type:04X}h{subtype}"

@@ -40,7 +40,7 @@ class CyclicRelation:
     frame_id: int
     block: IocrBlockReq
     data: Mapping[Place, int]
-    """Where the data of each submodule begins; its IOPS follows."""
+    """Offset of the data of each submodule; its IOPS follows."""
     iocs: Mapping[Place, int]
 
 
@@ -100,7 +100,7 @@ class Connection:
         return any(self.addresses(direction) == addresses for direction in Direction)
 
     def plan(self, direction: Direction) -> CyclicPlan | None:
-        """What a protocol machine of this end needs; None without a relationship of this direction."""
+        """The cyclic plan for a protocol machine of this end; None without a relationship of this direction."""
         relation = self.relation(direction)
         if relation is None:
             return None
@@ -113,7 +113,7 @@ class Connection:
 
 @dataclass(frozen=True)
 class Response:
-    """What a device grants: FrameIDs by IOCRReference, its MAC address and, in an advanced start-up, its name."""
+    """The values granted by a device: FrameIDs by IOCRReference, its MAC address and, in an advanced start-up, its name."""
 
     frame_ids: Mapping[int, int]
     mac: bytes | None = None
@@ -146,7 +146,7 @@ def read_request(arguments: bytes) -> Connection:
 
 
 def read_response(arguments: bytes) -> Response:
-    """What a Connect response grants; ProfidriveError when a block is damaged."""
+    """Decode a Connect response; ProfidriveError when a block is damaged."""
     frame_ids = {}
     mac, station = None, ""
     for kind, data in split(arguments):

@@ -37,7 +37,7 @@ _CYCLIC_LAST = 0xFBFF
 _FRAME_MIN = HEADER.size + C_SDU_MIN + TRAILER.size
 _DIRECTIONS = {FRAME_ID_TO_DEVICE: Direction.SETPOINT, FRAME_ID_TO_CONTROLLER: Direction.ACTUAL}
 _ATTEMPTS = 500
-"""Frames of one kind that are all looked at for their telegrams; of later ones every ``_SELDOM``-th."""
+"""Number of frames of one kind that are all checked for their telegrams; then every ``_SELDOM``-th."""
 _SELDOM = 64
 _MAX_KINDS = 4096
 """Different kinds of frame remembered."""
@@ -173,7 +173,7 @@ class CyclicDecoder:
         self._notify = notify
         self._observed: dict[int, int] = {}
         self.inference = ""
-        """What was said about the telegrams inferred last."""
+        """The last report about inferred telegrams."""
         self._candidates: list[Candidate] | None = None
         self._seen: set[Direction] = set()
         self._doubted: Counter[Direction] = Counter()
@@ -181,7 +181,7 @@ class CyclicDecoder:
         self._plain: dict[_Kind, tuple[int, FrameLayout]] = {}
         """Frames with unknown telegrams: their number, and the layout without signals."""
         self._relations: dict[tuple[int, bytes], tuple[CyclicRelation, Connection]] = {}
-        """By FrameID and the destination and source of its frames, empty where these are not known."""
+        """By FrameID, destination and source of the frames; empty where these are unknown."""
         self._connection: Connection | None = None
         """The last Connect that has telegrams."""
 
@@ -209,7 +209,7 @@ class CyclicDecoder:
 
     @property
     def sure(self) -> bool:
-        """Live frames of both directions were looked at: more will not make ``inferred`` surer."""
+        """Whether live frames of both directions were checked, so that ``inferred`` is final."""
         return len(self._seen) == len(Direction)
 
     def connect(self, connection: Connection) -> bool:
@@ -387,7 +387,7 @@ class CyclicDecoder:
         )
 
     def _infer(self, direction: Direction, data: bytes) -> None:
-        """Narrow the telegrams down by a live frame of a direction that was not looked at yet."""
+        """Narrow the telegrams down by a live frame of a direction that was not checked yet."""
         if direction in self._seen or data[-2] & _LIVE != _LIVE:
             return
         found = infer(data[HEADER.size : -TRAILER.size], direction)

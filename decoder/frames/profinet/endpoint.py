@@ -68,7 +68,7 @@ class ProfinetEndpoint:
 
     @property
     def watchdog_ns(self) -> int:
-        """How long the PLC may be silent: longer while another controller can take over."""
+        """Longest silence of the PLC in nanoseconds; longer while another controller can take over."""
         allowed = min(self._last_ns + self._set.hold_ns, self._successor_until) - self._last_ns
         return max(self._limit_ns, allowed)
 

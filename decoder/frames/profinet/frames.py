@@ -41,7 +41,7 @@ _NAMES: Final = {
     **dict.fromkeys(range(0xFF40, 0xFF44), "PTCP, measurement of a line's delay"),
     **dict.fromkeys(range(0xFF80, 0xFF90), "a fragment of a larger frame"),
 }
-"""What other frames are, by FrameID."""
+"""Names of other frames by FrameID."""
 _OPTIONS: Final = {option.value: option for option in Option}
 _MACS_SIZE: Final = 12
 _U16: Final = 2
@@ -51,7 +51,7 @@ _NOTIFICATION_TYPES: Final = frozenset(cls.TYPE for cls in NOTIFICATIONS.values(
 
 
 def named_frame(frame_id: int) -> str:
-    """What a frame is that is neither cyclic nor read here."""
+    """Name of a frame that is neither cyclic nor decoded here."""
     return _NAMES.get(frame_id, "not a cyclic frame")
 
 

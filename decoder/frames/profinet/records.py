@@ -11,7 +11,7 @@ from pdgw.decoder.frames.records import AcyclicRecord
 
 
 class Change(enum.Enum):
-    """What becomes of a relationship."""
+    """Changes of a relationship."""
 
     GRANTED = "granted"
     READY = "confirmed: cyclic data is valid"
@@ -34,7 +34,7 @@ class StationRecord(AcyclicRecord):
 
 @dataclass(slots=True)
 class DcpRecord(StationRecord):
-    """Discovery and configuration: who is there, names and addresses."""
+    """Discovery and configuration: stations, names and addresses."""
 
     kind: ClassVar[str] = "dcp"
 
@@ -53,8 +53,8 @@ class AlarmRecord(StationRecord):
     kind: ClassVar[str] = "alarm"
 
     slot: int = field(kw_only=True, default=0)
-    """Of the submodule a notification is about; 0 of others and of the device itself."""
+    """Slot of the submodule in a notification; 0 in others and for the device itself."""
     tells: bool = field(kw_only=True, default=False)
-    """It is a notification, no acknowledgement."""
+    """Whether it is a notification and not an acknowledgement."""
     ended: Connection | None = field(kw_only=True, default=None)
     """The relationship an ERR ends, where its Connect was seen."""

@@ -148,7 +148,7 @@ def decode(
     file = files[0] if files else None
     embedded = configuration_in(Path(file)) if file is not None and config is None and not telegram else ""
     if embedded:
-        _tell([f"the configuration of the gateway is taken from {file}"])
+        _tell([f"the configuration of the gateway is read from {file}"])
     known = known_beforehand(telegram or [], config, eds or [], port or [], station, embedded)
     selection = Selection(
         nodes=frozenset(node or ()),
