@@ -136,8 +136,15 @@ def test_a_drive_without_a_torque_limit_is_given_none_when_it_restarts() -> None
     assert hand.stepper.sdo_request is None
 
 
-def test_a_drive_that_restarted_is_given_its_own_torque_limit_once() -> None:
+def test_a_restarted_drive_keeps_a_torque_limit_that_no_task_lowers() -> None:
     hand = positioner().enable()
+    hand.stepper.drive_restarted()
+    hand(OFF, State.SWITCH_ON_DISABLED)
+    assert hand.stepper.sdo_request is None
+
+
+def test_a_drive_that_restarted_is_given_its_own_torque_limit_once() -> None:
+    hand = positioner(PRESSING).enable()
     assert hand.stepper.sdo_request is None
     hand.stepper.drive_restarted()
     hand(OFF, State.SWITCH_ON_DISABLED)
@@ -149,7 +156,7 @@ def test_a_drive_that_restarted_is_given_its_own_torque_limit_once() -> None:
 
 
 def test_answer_from_before_a_restart_does_not_count_after_it() -> None:
-    hand = positioner().enable()
+    hand = positioner(PRESSING).enable()
     hand.stepper.drive_restarted()
     hand(OFF, State.SWITCH_ON_DISABLED)
     hand.stepper.drive_restarted()

@@ -150,7 +150,7 @@ class PositionerExecutor(MotionExecutor):
         self.positioner.choose(_settings(choices), BlockTable(choices.blocks))
 
     def restarted(self) -> None:
-        self._torque.restarted()
+        self._torque.restarted(lowers=self.clamps)
         super().restarted()
 
     def lost(self) -> None:

@@ -34,10 +34,11 @@ class TorqueLimit:
         if self._writes is not None:
             self._withdraw()
 
-    def restarted(self) -> None:
-        """The drive has its own or its last limit again: write the new one once."""
-        self._withdraw()
-        self._refused = -1
+    def restarted(self, *, lowers: bool) -> None:
+        """The drive has its own or its last limit again: write the new one once, if a task may have lowered it (``lowers``)."""
+        if lowers or self._held != self._base:
+            self._withdraw()
+            self._refused = -1
 
     def _withdraw(self) -> None:
         if self._outputs.writes == self._writes:
