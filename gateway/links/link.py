@@ -122,36 +122,16 @@ class UdpLink:
         self._register_counters(counters)
 
     def _register_counters(self, counters: Counters) -> None:
+        add = partial(counters.add, "link")
         for verdict in Verdict:
-            counters.add("link", verdict.name.lower(), "frames", verdict.value, partial(self._count_of, verdict))
-        counters.add("link", "sent", "frames", "to the PLC", lambda: self.endpoint.sent)
-        counters.add(
-            "link", "skipped", "frames", "overtaken by a newer frame before the axes read them", lambda: self.skipped
-        )
-        counters.add(
-            "link",
-            "watchdog_expiries",
-            "times",
-            "timeouts: no valid frame in time",
-            lambda: self.endpoint.watchdog_expiries,
-        )
-        counters.add(
-            "link",
-            "iops_bad",
-            "values",
-            "data of a drive object that the PLC marked as bad",
-            lambda: self.endpoint.iops_bad,
-        )
-        counters.add(
-            "link",
-            "orders_dropped",
-            "changes",
-            "control words sent in too few frames, may be old frames",
-            lambda: self.endpoint.orders_dropped,
-        )
-        counters.add(
-            "link", "errors", "datagrams", "send or receive failed: peer not reachable", lambda: self.port.errors
-        )
+            add(verdict.name.lower(), "frames", verdict.value, partial(self._count_of, verdict))
+        add("sent", "frames", "to the PLC", lambda: self.endpoint.sent)
+        add("skipped", "frames", "overtaken by a newer frame before the axes read them", lambda: self.skipped)
+        add("watchdog_expiries", "times", "timeouts: no valid frame in time", lambda: self.endpoint.watchdog_expiries)
+        add("iops_bad", "values", "data of a drive object that the PLC marked as bad", lambda: self.endpoint.iops_bad)
+        dropped = "control words sent in too few frames, may be old frames"
+        add("orders_dropped", "changes", dropped, lambda: self.endpoint.orders_dropped)
+        add("errors", "datagrams", "send or receive failed: peer not reachable", lambda: self.port.errors)
 
     def _count_of(self, verdict: Verdict) -> int:
         return self.endpoint.counters[verdict]

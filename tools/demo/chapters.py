@@ -51,6 +51,10 @@ class Panel:
     notes: str
 
 
+def _panel(telegram: int, what: str, unit: str, axis: int, *curves: Curve) -> Panel:
+    return Panel(f"Telegram {telegram}: {what}", unit, axis, curves, f"telegram {telegram}")
+
+
 def _scaled(name: str, scale: float = 1.0, *, wanted: bool = False) -> Curve:
     return Curve(name, lambda values: values[name] * scale, wanted)
 
@@ -109,7 +113,7 @@ def _wide(position: int) -> int:
     return position - 2 * _I32 if position >= _I32 else position
 
 
-_N2, _N4 = _RPM / N2_100_PERCENT, _RPM / N4_100_PERCENT
+_N2, _N4, _P4 = _RPM / N2_100_PERCENT, _RPM / N4_100_PERCENT, _POSITION / N4_100_PERCENT
 
 CHAPTERS: Final[Mapping[str, Chapter]] = {
     chapter.name: chapter
@@ -120,32 +124,13 @@ CHAPTERS: Final[Mapping[str, Chapter]] = {
             _SCENARIOS / "demo.yaml",
             ({"telegram": 1}, {"telegram": 9}, {"telegram": 100}),
             (
-                Panel(
-                    *("Telegram 1: speed", "rpm", 1),
-                    (_scaled("NSOLL_A", _N2, wanted=True), _scaled("NIST_A", _N2)),
-                    "telegram 1",
+                _panel(1, "speed", "rpm", 1, _scaled("NSOLL_A", _N2, wanted=True), _scaled("NIST_A", _N2)),
+                _panel(9, "position", "increments", 2, _scaled("MDI_TARPOS", _P4, wanted=True), _scaled("XIST_A", _P4)),
+                _panel(
+                    *(100, "speed", "rpm", 3, _scaled("Target Velocity", _RPM_PER_UNIT, wanted=True)),
+                    _scaled("Velocity Actual Value", _RPM_PER_UNIT),
                 ),
-                Panel(
-                    *("Telegram 9: position", "increments", 2),
-                    (
-                        _scaled("MDI_TARPOS", _POSITION / N4_100_PERCENT, wanted=True),
-                        _scaled("XIST_A", _POSITION / N4_100_PERCENT),
-                    ),
-                    "telegram 9",
-                ),
-                Panel(
-                    *("Telegram 100: speed", "rpm", 3),
-                    (
-                        _scaled("Target Velocity", _RPM_PER_UNIT, wanted=True),
-                        _scaled("Velocity Actual Value", _RPM_PER_UNIT),
-                    ),
-                    "telegram 100",
-                ),
-                Panel(
-                    *("Telegram 83: speed of the encoder on axis 1", "rpm", 4),
-                    (_scaled("NIST_B", _N4),),
-                    "telegram 83",
-                ),
+                _panel(83, "speed of the encoder on axis 1", "rpm", 4, _scaled("NIST_B", _N4)),
             ),
             encoders=(83,),
         ),
@@ -155,19 +140,12 @@ CHAPTERS: Final[Mapping[str, Chapter]] = {
             _SCENARIOS / "demo-positioner.yaml",
             ({"telegram": 111, "positioner": {**SIMULATED, "software_limits": [-20_000, 90_000]}},),
             (
-                Panel(
-                    *("Telegram 111: position", "LU", 1),
-                    (_scaled("MDI_TARPOS", wanted=True), _scaled("XIST_A")),
-                    "telegram 111",
-                ),
-                Panel("Telegram 111: speed", "rpm", 1, (_scaled("NIST_B", _N4),), "telegram 111"),
-                Panel(
-                    *("Telegram 111: override and active block", "", 1),
-                    (
-                        Curve("OVERRIDE in 10 %", lambda values: values["OVERRIDE"] * 10 / N2_100_PERCENT, True),
-                        Curve("POS_ZSW1.BLOCK", lambda values: values["POS_ZSW1"] & 0x7F, True),
-                    ),
-                    "telegram 111",
+                _panel(111, "position", "LU", 1, _scaled("MDI_TARPOS", wanted=True), _scaled("XIST_A")),
+                _panel(111, "speed", "rpm", 1, _scaled("NIST_B", _N4)),
+                _panel(
+                    *(111, "override and active block", "", 1),
+                    Curve("OVERRIDE in 10 %", lambda values: values["OVERRIDE"] * 10 / N2_100_PERCENT, True),
+                    Curve("POS_ZSW1.BLOCK", lambda values: values["POS_ZSW1"] & 0x7F, True),
                 ),
             ),
             like=SYNCHRONOUS,
@@ -179,30 +157,13 @@ CHAPTERS: Final[Mapping[str, Chapter]] = {
             _SCENARIOS / "demo-dsc.yaml",
             ({"telegram": 105, "dsc": "position", "following_window": 4096},),
             (
-                Panel(
-                    *("Telegram 105: position", "increments", 1),
-                    (
-                        Curve(
-                            "target (G1_XIST1 + XERR)",
-                            lambda values: _wide(values["G1_XIST1"]) + values["XERR"],
-                            True,
-                        ),
-                        Curve("G1_XIST1", lambda values: _wide(values["G1_XIST1"])),
-                    ),
-                    "telegram 105",
+                _panel(
+                    *(105, "position", "increments", 1),
+                    Curve("target (G1_XIST1 + XERR)", lambda v: _wide(v["G1_XIST1"]) + v["XERR"], True),
+                    Curve("G1_XIST1", lambda v: _wide(v["G1_XIST1"])),
                 ),
-                Panel(
-                    "Telegram 105: position error as the PLC sees it",
-                    "increments",
-                    1,
-                    (_scaled("XERR"),),
-                    "telegram 105",
-                ),
-                Panel(
-                    *("Telegram 105: speed", "rpm", 1),
-                    (_scaled("NSOLL_B", _N4, wanted=True), _scaled("NIST_B", _N4)),
-                    "telegram 105",
-                ),
+                _panel(105, "position error as the PLC sees it", "increments", 1, _scaled("XERR")),
+                _panel(105, "speed", "rpm", 1, _scaled("NSOLL_B", _N4, wanted=True), _scaled("NIST_B", _N4)),
             ),
             cycle_ms=4,
             like=SYNCHRONOUS,

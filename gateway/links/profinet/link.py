@@ -151,22 +151,18 @@ class ProfinetLink:
         self._register_counters(loop.counters)
 
     def _register_counters(self, counters: Counters) -> None:
+        add, device = partial(counters.add, "link"), self.device
         for verdict in Verdict:
-            counters.add("link", verdict.name.lower(), "frames", verdict.value, partial(self._count_of, verdict))
-        device = self.device
-        counters.add("link", "foreign", "frames", "unknown relationship", lambda: device.foreign)
-        counters.add(
-            "link", "watchdog_expiries", "times", "no frame in time while connected", lambda: self.watchdog_expiries
-        )
-        counters.add("link", "switchovers", "times", "for the other redundant controller", lambda: self.switchovers)
-        counters.add("link", "connects_refused", "times", "Connect refused", lambda: device.cm.refusals)
-        counters.add("link", "dcp_refused", "blocks", "DCP Set rejected", lambda: device.dcp.refused)
-        counters.add("link", "errors", "frames", "send or receive failed", lambda: self.port.errors)
-        counters.add("link", "sent", "frames", "cyclic frames to the controller", lambda: device.cm.cyclic.sent)
-        counters.add(
-            "link", "missed", "frames", "cyclic frames not sent in their cycle", lambda: device.cm.cyclic.missed
-        )
-        counters.add("link", "invalid", "frames", "sent with BAD data: the gateway was held up", lambda: self.invalid)
+            add(verdict.name.lower(), "frames", verdict.value, partial(self._count_of, verdict))
+        add("foreign", "frames", "unknown relationship", lambda: device.foreign)
+        add("watchdog_expiries", "times", "no frame in time while connected", lambda: self.watchdog_expiries)
+        add("switchovers", "times", "for the other redundant controller", lambda: self.switchovers)
+        add("connects_refused", "times", "Connect refused", lambda: device.cm.refusals)
+        add("dcp_refused", "blocks", "DCP Set rejected", lambda: device.dcp.refused)
+        add("errors", "frames", "send or receive failed", lambda: self.port.errors)
+        add("sent", "frames", "cyclic frames to the controller", lambda: device.cm.cyclic.sent)
+        add("missed", "frames", "cyclic frames not sent in their cycle", lambda: device.cm.cyclic.missed)
+        add("invalid", "frames", "sent with BAD data: the gateway was held up", lambda: self.invalid)
 
     def _count_of(self, verdict: Verdict) -> int:
         return self.device.cm.cyclic.received[verdict]
