@@ -84,11 +84,12 @@ measured: compiled
 
 # The same sources with the cyclic path compiled by mypyc (a C compiler is needed): into build/compiled, beside the editable install.
 COMPILED := build/compiled
-WITH_COMPILED := PYTHONSAFEPATH=1 PYTHONPATH=$(CURDIR)/$(COMPILED)
+BUILD := 1
+WITH_COMPILED = PYTHONSAFEPATH=1 PYTHONPATH=$(CURDIR)/$(COMPILED)
 
 compiled: $(STAMP)
 	rm -rf build/lib* build/bdist* build/temp* build/mypyc build/c build/wheel $(COMPILED)
-	PDGW_COMPILED=1 $(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps -w build/wheel .
+	PDGW_COMPILED=$(BUILD) $(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps -w build/wheel .
 	$(BIN)/python -m zipfile -e build/wheel/*.whl $(COMPILED)
 
 test-compiled: compiled
@@ -108,8 +109,11 @@ fuzz: $(STAMP)
 limit-cycles: $(STAMP)
 	PDGW_LIMIT_CYCLES=1 $(BIN)/pytest $(TOGETHER) tests/gateway/test_limit_cycle.py
 
-soak: $(STAMP)
-	$(BIN)/python -m pdgw.workshop soak --hours 24 --axes 2
+# On a build of its own, in which the simulators are compiled as the gateway is.
+soak: BUILD := soak
+soak: COMPILED := build/soak
+soak: compiled
+	$(WITH_COMPILED) $(BIN)/python -m pdgw.workshop soak --hours 24 --axes 2
 
 # Each planted defect and the virtual time until the soak finds it.
 planted: $(STAMP)

@@ -71,10 +71,26 @@ COMPILED = (
 """Patterns of what every cycle runs through. Traps: an enum with an ``__init__``, a class derived from an untyped library's
 (``ds301/bus/on_canopen.py``), an interpreted class derived from a compiled one, a value of another type than declared, ``...`` as
 a default, a constant tuple of floats. A constant is ``Final``, or it is looked up by its name in every cycle."""
+SIMULATORS = (
+    "peers/drive/model/[!_]*.py",
+    "peers/drive/node.py",
+    "peers/encoder/node.py",
+    "peers/node/device.py",
+    "peers/node/node.py",
+    "peers/node/pdos.py",
+    "peers/node/running.py",
+    "peers/plc/exchange/cycling.py",
+    "peers/plc/exchange/endpoint.py",
+    "peers/world/can_bus.py",
+    "peers/world/udp.py",
+)
+"""Patterns of the simulators that a soak runs in every cycle. ``PDGW_COMPILED=soak`` compiles them too, for no wheel."""
 TREE = Path("build/mypyc")
 HEADERS = Path("build/c/pdgw")
 """Where mypyc writes the headers of the group, which its compiler options do not have."""
-WANTED = os.environ.get("PDGW_COMPILED") == "1"
+BUILD = os.environ.get("PDGW_COMPILED")
+WANTED = BUILD in {"1", "soak"}
+PATTERNS = COMPILED + SIMULATORS if BUILD == "soak" else COMPILED
 NATIVE = sys.platform == "linux" and (WANTED or os.environ.get("PDGW_NATIVE") == "1")
 ENGINE = Extension(
     "pdgw.gateway.links.profinet.engine",
@@ -109,7 +125,7 @@ def extensions() -> list[Any]:
     rules.write_text("[mypy]\n" + "".join(map(section, tools["mypy"]["overrides"])), encoding="utf-8")
     options = [f"--config-file={rules}", "--strict", "--follow-imports=silent", "--ignore-missing-imports"]
     made: list[Any] = mypycify(
-        [*options, *(str(package / file) for pattern in COMPILED for file in sorted(Path().glob(pattern)))],
+        [*options, *(str(package / file) for pattern in PATTERNS for file in sorted(Path().glob(pattern)))],
         group_name="pdgw.compiled",
         # One C file for each module: a single one has 95 MB, of which four fifths are leading spaces.
         multi_file=True,

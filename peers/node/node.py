@@ -227,7 +227,7 @@ class SimulatedNode(Device):
         """Whether a COB-ID is one of the node's valid PDOs."""
         return self.pdos.get(can_id) is not None
 
-    def send_message(self, can_id: int, data: bytes) -> None:
+    def send_message(self, can_id: int, data: bytes | bytearray) -> None:
         """Called by canopen's SDO server to send."""
         self.transmit(can_id, bytes(data))
 
@@ -279,7 +279,7 @@ class SimulatedNode(Device):
             data = fault.reading(entry, data)
         return data
 
-    def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
+    def set_data(self, index: int, subindex: int, data: bytes | bytearray, check_writable: bool = False) -> None:
         entry = self.entry(index, subindex)
         if check_writable and entry.access not in {Access.RW, Access.WO}:
             raise SdoAbortedError(Abort.READ_ONLY)

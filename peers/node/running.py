@@ -5,7 +5,6 @@ It connects the simulation to clock and bus. A device profile adds the commands 
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable
 from typing import Generic, Self, TypeVar
 
@@ -28,7 +27,7 @@ class RunningNode(Generic[N]):
     """
 
     def __init__(self, bus: can.BusABC | CanPort, make: Callable[[SendFunction], N], loop: Loop | None = None) -> None:
-        self._thread = simulation_thread() if loop is None else None
+        self._shared = simulation_thread() if loop is None else None
         self.loop = simulation_thread().loop if loop is None else loop
         self.port: CanPort = open_port(self.loop, bus) if isinstance(bus, can.BusABC) else bus
         self.node = make(self._send)
@@ -65,10 +64,10 @@ class RunningNode(Generic[N]):
         self._call(act)
 
     def _call(self, action: Callable[[], None]) -> None:
-        if self._thread is None:
+        if self._shared is None:
             action()
         else:
-            self._thread.call(action)
+            self._shared.call(action)
 
     def _start(self) -> None:
         self.running = True
@@ -85,8 +84,9 @@ class RunningNode(Generic[N]):
     def _send(self, can_id: int, data: bytes) -> None:
         # A node that cannot transmit stays silent. Its master detects this by heartbeat and PDO supervision.
         try:
-            with contextlib.suppress(PortBusyError):
-                self.port.send(can_id, data)
+            self.port.send(can_id, data)
+        except PortBusyError:
+            return
         except PortLostError as error:
             self.on_lost(str(error))
 

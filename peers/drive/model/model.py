@@ -172,6 +172,11 @@ class DriveModel:
     homing_method: int
     touch_probe_function: int
     touch_probe_status: int
+    touch_probe_1_rising: int
+    touch_probe_1_falling: int
+    touch_probe_2_rising: int
+    touch_probe_2_falling: int
+    digital_inputs: int
 
     # -- units --------------------------------------------------------------------------------------------------------
 

@@ -25,6 +25,7 @@ class TouchProbe:
     def __init__(self, drive: DriveModel) -> None:
         self._drive = drive
         self._armed = 0
+        self._at_zero_pulse = False
         self._inputs = [False, False]
 
     def command(self) -> None:
@@ -36,17 +37,18 @@ class TouchProbe:
             if touch_probe.waits_for(function, edge) and touch_probe.waits_for(self._armed, edge):
                 kept |= drive.touch_probe_status & touch_probe.stored_bit(edge)
         self._armed = function
+        self._at_zero_pulse = touch_probe.at_zero_pulse(function)
         drive.touch_probe_status = touch_probe.enabled_bits(function) | kept
 
     def set_input(self, probe: int, on: bool) -> None:
         """Deflect or release probe 1 or 2."""
         before, self._inputs[probe - 1] = self._inputs[probe - 1], on
-        if on is not before and not (probe == 1 and touch_probe.at_zero_pulse(self._armed)):
+        if on is not before and not (probe == 1 and self._at_zero_pulse):
             self._latch(2 * (probe - 1) + (not on), self._drive.position)
 
     def turned(self, before: float, after: float) -> None:
         """The machine has moved between two positions (increments)."""
-        if not touch_probe.at_zero_pulse(self._armed) or before == after:
+        if not self._at_zero_pulse or before == after:
             return
         passed = math.floor(after / INCREMENTS_PER_REVOLUTION)
         if after < before:
