@@ -120,7 +120,7 @@ class Daemon:
                 [False] * count,
                 [False] * count,
             )
-            """Of each drive object after its last step: actual values, whether they are good, whether it is released."""
+            """For each drive object after its last step: actual values, whether they are good, whether it is released."""
             by_do = {item.do_id: item for item in self.encoders}
             for axis in self.axes:
                 for place, source in enumerate((axis.config.g1, axis.config.g2)):
@@ -151,7 +151,7 @@ class Daemon:
         self.sync_producers = self._sync_producers()
 
     def _sync_producers(self) -> dict[str, SyncProducer]:
-        """By the name of each bus on which something waits for SYNC."""
+        """SYNC producers by the name of their bus."""
         synced = {client.network.name for client in self.clients if client.settings.sync}
         synced |= {name for name, network in self.networks.items() if network.sync_wanted}
         cyclic = [axis for axis in self.axes if axis.drive.settings.sync_period_us]
@@ -185,7 +185,7 @@ class Daemon:
         udp = self.platform.open_udp(str(transport.listen), transport.cyclic_port, "cyclic port")
         opened.callback(udp.close)
         self.address = udp.address
-        """Where cyclic frames are taken: address and port, or the Ethernet interface."""
+        """Where cyclic frames are received: address and port, or the Ethernet interface."""
         return lambda: UdpLink(udp, transport, [item.telegram for item in self.objects], self.loop.counters)
 
     def _axis(self, config: AxisConfig) -> Axis:
@@ -218,7 +218,7 @@ class Daemon:
 
     @property
     def name(self) -> str:
-        """What the gateway is called."""
+        """Name of the gateway."""
         if self.config.name is not None:
             return self.config.name
         if self.config.transport.type != "profinet":
@@ -232,7 +232,7 @@ class Daemon:
         return [*(axis.client for axis in self.axes), *(node.client for node in self.encoder_nodes)]
 
     def check_telegram_change(self, changed: DriveObject, asked_by: str | None) -> None:
-        """GatewayError when another telegram cannot be selected now. ``asked_by``: the address of the request, if any."""
+        """GatewayError if no other telegram can be selected now. ``asked_by``: the address of the request, if any."""
         if changed.powered or not changed.outputs.known_off:
             raise GatewayError(
                 f"{changed.label}: the telegram cannot be changed: the axis is in operation, or was when it was "
@@ -246,9 +246,9 @@ class Daemon:
             )
 
     def change_telegram(self, changed: DriveObject, number: int, asked_by: str | None = None) -> None:
-        """P922 of a drive object; the frame layout follows, and every drive object waits for frames that fit.
+        """Select a telegram (P922). The frame layout follows, and every drive object waits for frames that fit.
 
-        GatewayError or ProfidriveError when it is not possible now.
+        GatewayError or ProfidriveError if this is not possible now.
         """
         if number == changed.telegram.number:
             return

@@ -21,5 +21,5 @@ FIRMWARE_VERSION = RELEASE[0] * 100 + RELEASE[1]
 
 
 def unit(vendor_id: int, device_id: int) -> tuple[int, int, int, int, int]:
-    """How P964 and P975 begin: manufacturer, type, version, date of the release."""
+    """First elements of P964 and P975: manufacturer, type, version, date of the release."""
     return vendor_id, device_id, FIRMWARE_VERSION, RELEASE_YEAR, RELEASE_DAY_MONTH

@@ -1,6 +1,6 @@
-"""What the gateway needs of its surroundings: a clock, CAN interfaces, UDP ports.
+"""The gateway's interface to its environment: a clock, CAN interfaces, UDP ports.
 
-``SystemPlatform`` is the machine it runs on; a simulated world offers the same on virtual time.
+``SystemPlatform`` is the machine it runs on; a simulated world implements the same with virtual time.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class DatagramPort(Protocol):
 
     @property
     def address(self) -> Address:
-        """Where it listens."""
+        """The address that it listens on."""
 
     def start(self, action: Callable[[], None], *, urgent: bool = False) -> None:
         """Call ``action`` in the loop whenever datagrams wait."""
@@ -51,7 +51,7 @@ class DatagramPort(Protocol):
 
 
 class Platform(Protocol):
-    """Where clock, buses and ports come from."""
+    """Source of clock, buses and ports."""
 
     has_services: bool
     """Whether it has a status port, a flight recorder, SNMP and a service manager: a simulated world has none of them."""

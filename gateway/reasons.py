@@ -14,10 +14,10 @@ from pdgw.ds301.emcy import BUS_OFF_RECOVERED, HEARTBEAT_ERROR
 
 
 class AxisState(enum.Enum):
-    """What a drive object does in the eyes of the user; ``value`` is the word shown, the same everywhere."""
+    """State of a drive object for the user; ``value`` is the word shown everywhere."""
 
     OBEYS = "In operation"
-    """It follows the PLC's setpoints."""
+    """The drive follows the PLC's setpoints."""
     OFF = "Off"
     """As the PLC asks."""
     STARTING = "Starting"
@@ -53,11 +53,11 @@ class Reason(enum.Enum):
     code: int
     """1 for the first; 0 is left for no reason."""
     state: AxisState
-    """What the object is in with it, unless power is on and it is being stopped."""
+    """State of the object with this reason, unless power is on and it is being stopped."""
     enable: Enable
     """The link of the chain it breaks."""
     remedy: str
-    """What to do."""
+    """The remedy."""
 
     def __new__(cls, text: str, state: AxisState, enable: Enable, remedy: str) -> Reason:
         member = object.__new__(cls)

@@ -76,13 +76,13 @@ class DeviceParameters(BaseModel):
     sys_contact: Annotated[str, Field(max_length=255)] = ""
     sys_name: Annotated[str, Field(max_length=255)] = ""
     sys_location: Annotated[str, Field(max_length=255)] = ""
-    """Of MIB-II, written by SNMP."""
+    """Object of MIB-II, written by SNMP."""
     station_name: Annotated[str, Field(max_length=240)] | None = None
     """Set by DCP; None if the value of the configuration is in force."""
     station_ip: Annotated[str, Field(pattern="^[0-9a-f]{24}$")] | None = None
     """Address, mask and gateway given by DCP, hexadecimal."""
     objects: dict[int, DoParameters] = Field(default_factory=dict)
-    """By DO-ID."""
+    """Parameters by DO-ID."""
 
     def drive_object(self, do_id: int) -> DoParameters:
         """The stored parameters of a DO, created on first use."""

@@ -47,7 +47,7 @@ class SyncProducer:
         self.network = network
         self.period_ns = period_ns
         self.jitter = Spread()
-        """Of the intervals, from the period."""
+        """Deviation of the intervals from the period."""
         self.dead_times: dict[int, Spread] = {axis.do_id: Spread() for axis in axes}
         """Dead times by DO: from the SYNC that samples a position to the middle of the period in which the resulting setpoint
         acts."""
@@ -56,7 +56,7 @@ class SyncProducer:
         self._last = self._before = 0
 
     def send(self) -> None:
-        """One SYNC, from the cyclic exchange, and what it shows."""
+        """Send one SYNC from the cyclic exchange and measure the interval."""
         self.network.send_sync()
         now = self._clock()
         if self._last:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class PdgwError(Exception):
-    """What the library raises: GatewayError, CanopenError and ProfidriveError; one line that says what is wrong."""
+    """Base of the errors of the library: GatewayError, CanopenError and ProfidriveError. The text is one line."""
 
 
 class ValueNotAllowedError(PdgwError):

@@ -47,7 +47,7 @@ class Problem(NamedTuple):
 
     @property
     def line(self) -> str:
-        """``motion.limit = 0: allowed: 1 to 5``: all of it, for what has no file with lines to point at."""
+        """``motion.limit = 0: allowed: 1 to 5``: the complete text for input without a file."""
         key = "" if self.names_key else ".".join(map(str, self.location))
         value = f" = {self.value}" if key and self.value else ""
         return f"{key}{value}{': ' if key else ''}{self.text}"
@@ -199,7 +199,7 @@ def _annotation(field: FieldInfo) -> Any:
 
 
 def _items_of(annotation: Any) -> Any:
-    """What a list or mapping holds."""
+    """Type of the items of a list or mapping."""
     for part in _members(annotation):
         if get_origin(part) in {list, tuple, dict, Mapping}:
             return [item for item in get_args(part) if item is not Ellipsis][-1]

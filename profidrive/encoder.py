@@ -54,7 +54,7 @@ _DEVICE_LIFE = _ZSW2_ENC.bit("SIGN_OF_LIFE")
 PARKED_NS = 100 * MS
 """Minimum time of G1_ZSW.14 = 1, because masters poll it."""
 PRESET_SETTLE_NS = 200 * MS
-"""How long after its answer a preset may still appear as a jump of the position; it is confirmed when it did."""
+"""Time after its answer in which a preset may still appear as a jump of the position. Then it is confirmed."""
 
 
 class SensorError(enum.IntEnum):
@@ -92,7 +92,7 @@ class SensorState(enum.Enum):
 
 
 class SensorEvent(enum.Enum):
-    """What one cycle can bring; several are taken in this order."""
+    """Events of a cycle; several are processed in this order."""
 
     DONE = "preset done"
     FAILED = "preset failed"
@@ -115,7 +115,7 @@ _TROUBLES: MappingProxyType[tuple[Trouble, bool], SensorError] = MappingProxyTyp
         (Trouble.REFUSED, True): SensorError.MEASUREMENT_ABORTED,
     }
 )
-"""By what is wrong, and whether it is a measurement on the fly."""
+"""Error by cause, and whether it is a measurement on the fly."""
 _S, _E = SensorState, SensorEvent
 TRANSITIONS: MappingProxyType[tuple[SensorState, SensorEvent], SensorState] = MappingProxyType(
     {
@@ -186,7 +186,7 @@ class SensorInterface:
         self.state = SensorState.NORMAL
         self.error: SensorError | None = None
         self.measuring: Measuring | None = None
-        """Of a sensor whose device can latch positions; None: commands of G1_STW are not supported."""
+        """State of a sensor that can latch positions; None: commands of G1_STW are not supported."""
         self._refused: Trouble | None = None
         self._answer: tuple[SensorEvent, SensorError | None] | None = None
         self._previous = _EVERYTHING

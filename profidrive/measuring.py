@@ -56,11 +56,11 @@ class Measuring:
     def __init__(self) -> None:
         self.wanted: Search | None = None
         self.on_the_fly = False
-        """Of the command given last."""
+        """Whether the last command was a measurement on the fly."""
         self.value: int | None = None
         """Value of the present read command."""
         self.trouble: Trouble | None = None
-        """Of this step."""
+        """Problem in this step."""
         self._values: dict[int, int] = {}
         self._command = SensorCommand.NONE.value
         self._read = -1
@@ -93,7 +93,7 @@ class Measuring:
         return self.wanted is not None or self._command != SensorCommand.NONE or bool(self._values)
 
     def cancel(self) -> None:
-        """The sensor has another state: nothing is looked for, no value is left."""
+        """The sensor has another state: abort searches, drop values."""
         self.wanted = None
         self.value = None
         self._values.clear()

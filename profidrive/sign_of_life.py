@@ -46,7 +46,7 @@ class SignOfLife:
         self.received = 0
         """The controller's counter of the last cycle."""
         self.due = 0
-        """What comes next; 0 as long as the controller has not begun."""
+        """Expected next counter; 0 before the controller has started."""
         self._own = 0
 
     @property

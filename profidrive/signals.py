@@ -41,7 +41,7 @@ from pdgw.profidrive.words import (
 
 
 class SignalQuantity(enum.Enum):
-    """What the value of a signal measures; the value is its name in messages and pictures."""
+    """Quantity of a signal; the value is its name in messages and pictures."""
 
     SPEED = "speed"
     MOTION_VELOCITY = "velocity of a motion task"
@@ -100,7 +100,7 @@ class Signal:
         raise ProfidriveError(f"bit of {self.name}", name, "one of " + ", ".join(b.name for b in self.bits))
 
     def fields(self, *, positioning: bool = False) -> Iterator[Bit]:
-        """The bits in ascending order, with the positioning meanings where asked."""
+        """The bits in ascending order, on request with the positioning meanings."""
         if not positioning or not self.positioning_bits:
             yield from self.bits
             return
@@ -117,7 +117,7 @@ class Signal:
         return word
 
     def value_of(self, raw: int) -> int | float:
-        """The value of a raw one: of a float what its pattern means, else the raw value itself."""
+        """The value of a raw one: for a float the number of its bit pattern, else the raw value."""
         return float_of(raw) if self.is_float else raw
 
     def percent(self, raw: int) -> float | None:

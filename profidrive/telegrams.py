@@ -30,7 +30,7 @@ class Direction(enum.Enum):
 
 
 class ApplicationMode(enum.Enum):
-    """What the axis does under a telegram."""
+    """Function of the axis with a telegram."""
 
     VELOCITY = "velocity"
     POSITIONING = "positioning"
@@ -39,7 +39,7 @@ class ApplicationMode(enum.Enum):
 
 
 class ApplicationClass(enum.IntEnum):
-    """Where the loops are closed: PROFIdrive profile chapter 6.2. Classes 2, 5 and 6 have no telegram here."""
+    """Location of the control loops: PROFIdrive profile chapter 6.2. Classes 2, 5 and 6 have no telegram here."""
 
     SPEED = 1
     """Speed controlled by the drive; the PLC closes no loop."""
@@ -306,7 +306,7 @@ _CATALOGUE: dict[int, Telegram] = {
 TELEGRAMS: Final = MappingProxyType(_CATALOGUE)
 """Every telegram by its number."""
 OWN_NUMBERS: Final = range(999, 0x8000)
-"""Of a user's own telegrams: 999 is the profile's free configuration, and no vendor's telegram has a higher number."""
+"""Numbers of a user's own telegrams: 999 is the profile's free configuration, and no vendor's telegram is above it."""
 
 
 def telegram(number: int) -> Telegram:

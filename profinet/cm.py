@@ -96,7 +96,7 @@ class ContextManager:
         self._afterwards: list[Callable[[int], object]] = []
         self._ended: list[ApplicationRelation] = []
         self.relations: dict[UUID, ApplicationRelation] = {}
-        """By ARUUID."""
+        """Relationships by ARUUID."""
         self.records = DeviceRecords(model, station, diagnosis, application, self.relations.values)
         self.io: ApplicationRelation | None = None
         """That of the IO controller; of two, the one that leads or led last."""
@@ -158,7 +158,7 @@ class ContextManager:
         relation.handle(Event.RECORD, now)
 
     def after_answer(self, now: int) -> None:
-        """What a call makes happen once its answer is on the way."""
+        """Actions of a call after its answer was sent."""
         for action in self._afterwards:
             action(now)
         self._afterwards.clear()

@@ -233,7 +233,7 @@ class ProfinetDevice:
         return frame
 
     def poll(self, now: int) -> None:
-        """Send what is due, notice what has not come."""
+        """Send what is due and check timeouts."""
         self._next = None
         expiry = self.cm.set.deadline
         if expiry is not None and now >= expiry:
@@ -299,14 +299,14 @@ class ProfinetDevice:
         return not self._outgoing and not self._events and self._next is None
 
     def outgoing(self) -> Sequence[Outgoing]:
-        """What is to be sent, in this order. Send it before the next ``poll``: buffers are reused."""
+        """The frames and datagrams to send, in order. Send them before the next ``poll``: buffers are reused."""
         if not self._outgoing:
             return ()
         ready, self._outgoing = self._outgoing, []
         return ready
 
     def events(self) -> Sequence[DeviceEvent]:
-        """What happened since the last call."""
+        """Events since the last call."""
         if not self._events:
             return ()
         happened, self._events = self._events, []
@@ -328,11 +328,11 @@ class ProfinetDevice:
 
     @property
     def relations(self) -> Sequence[ApplicationRelation]:
-        """Those of all IO controllers: the input data goes to each."""
+        """Relationships of all IO controllers; each gets the input data."""
         return self.cm.controllers
 
     def successor(self, now: int) -> ApplicationRelation | None:
-        """Of a set, the relationship that may lead next: it exchanges data, and its controller sends."""
+        """In a redundant set, the relationship that may lead next: it exchanges data, and its controller sends."""
         for relation in self.cm.set.members:
             consumer = relation.consumer
             if not relation.backup or not relation.connected or consumer is None or consumer.last_ns is None:
@@ -343,7 +343,7 @@ class ProfinetDevice:
 
     @property
     def redundancy_hold_ns(self) -> int:
-        """How long a successor may take to lead."""
+        """Time within which a successor may take the lead."""
         return self.cm.set.hold_ns
 
     @property
@@ -378,7 +378,7 @@ class ProfinetDevice:
         self._diagnosis_changed()
 
     def clear_diagnosis(self, place: Subslot, error_type: int | None = None, subtype: int = NO_SUBTYPE) -> None:
-        """It disappears; None: all of the submodule."""
+        """Remove a diagnosis; None: all of the submodule."""
         self.diagnosis.clear(place, error_type, subtype)
         self._diagnosis_changed()
 

@@ -17,7 +17,7 @@ HEADER_SIZE: Final = 14
 TAG_SIZE: Final = 4
 MINIMUM: Final = 60
 DCP_MULTICAST: Final = bytes.fromhex("010ecf000000")
-"""Where Identify requests go."""
+"""Destination of Identify requests."""
 LLDP_MULTICAST: Final = bytes.fromhex("0180c200000e")
 _TYPE = struct.Struct(">H")
 _TAG = struct.Struct(">HHH")
@@ -43,7 +43,7 @@ def frame(
 
 
 def payload_of(data: bytes) -> tuple[int, int]:
-    """EtherType and where the payload starts; (0, 0) of what is too short."""
+    """EtherType and start of the payload; (0, 0) for a short frame."""
     if len(data) < HEADER_SIZE:
         return 0, 0
     (ethertype,) = _TYPE.unpack_from(data, 12)

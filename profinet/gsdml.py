@@ -80,7 +80,7 @@ def _data_type(signal: Signal) -> str:
 
 
 class Snmp(enum.Enum):
-    """What the device's SNMP agent allows."""
+    """Features of the device's SNMP agent."""
 
     NONE = enum.auto()
     READ = enum.auto()

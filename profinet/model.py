@@ -55,7 +55,7 @@ class ObjectKind(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Submodule:
-    """What is plugged in a subslot; lengths in bytes, seen from the controller."""
+    """Submodule in a subslot; lengths in bytes, seen from the controller."""
 
     ident: int
     inputs: int = 0
@@ -64,7 +64,7 @@ class Submodule:
 
 @dataclass(frozen=True, slots=True)
 class Module:
-    """What is plugged in a slot."""
+    """Module in a slot."""
 
     api: int
     ident: int
@@ -97,7 +97,7 @@ def object_module(kind: ObjectKind, telegram: Telegram) -> Module:
 
 @dataclass(frozen=True, slots=True)
 class DeviceModel:
-    """A device: who it is and what is plugged, by slot."""
+    """A device: its identity, and its modules by slot."""
 
     identity: Identity
     modules: Mapping[int, Module]
@@ -106,7 +106,7 @@ class DeviceModel:
     """Longest redundancy data hold time in ms; 0: no system redundancy."""
 
     def submodule(self, slot: int, subslot: int) -> Submodule | None:
-        """What is plugged there."""
+        """The submodule in this place."""
         module = self.modules.get(slot)
         return None if module is None else module.submodules.get(subslot)
 

@@ -1,4 +1,4 @@
-"""What a device is and how it is called: identity, name of station, IP suite.
+"""Identity and names of a device: identity, name of station, IP suite.
 
 Source: IEC 61158-6-10 (NameOfStation, IPsuite, AnnotationString), IEC 61158-5-10.
 """
@@ -63,7 +63,7 @@ class IpSuite:
 
     @classmethod
     def decode(cls, data: bytes) -> IpSuite:
-        """Of 12 bytes."""
+        """Decode 12 bytes."""
         return cls(IPv4Address(data[:4]), IPv4Address(data[4:8]), IPv4Address(data[8:12]))
 
 
@@ -72,7 +72,7 @@ NO_IP: Final = IpSuite()
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What never changes while the device runs. ``software``: prefix letter and three numbers 0..255."""
+    """Constant identity of the device. ``software``: prefix letter and three numbers 0..255."""
 
     mac: bytes
     vendor_id: int

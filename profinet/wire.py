@@ -31,7 +31,7 @@ class WireError(ProfidriveError):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Check:
-    """What a field may hold, for the machine and in words."""
+    """Allowed values of a field, for the machine and as text."""
 
     accepts: Callable[[Any], bool]
     allowed: str
@@ -46,7 +46,7 @@ def between(low: int, high: int) -> Check:
 
 
 class Cursor:
-    """Where a structure is being read. ``checked``: False to understand what others sent, whatever its values."""
+    """Read position in a structure. ``checked``: False accepts any values of other senders."""
 
     __slots__ = ("at", "checked", "data", "start")
 
@@ -54,7 +54,7 @@ class Cursor:
         self.data = data
         self.at = at
         self.start = start
-        """What alignment counts from."""
+        """Origin of the alignment."""
         self.checked = checked
 
     @property
@@ -70,7 +70,7 @@ class Cursor:
 
 
 class _Kind:
-    """How one field looks on the wire. ``width`` is how many numbers it takes in the count of fields."""
+    """Encoding of a field. ``width``: its share in the count of fields."""
 
     width = 1
 
@@ -280,7 +280,7 @@ def align() -> Any:
 
 
 def rest() -> Any:
-    """What is left of the block."""
+    """The rest of the block."""
     return _field(_Rest(), b"")
 
 
@@ -313,7 +313,7 @@ def _kinds(cls: type[Structure]) -> tuple[tuple[str, _Kind], ...]:
 
 
 def width(cls: type[Structure]) -> int:
-    """How many numbers the fields of a structure take."""
+    """Share of a structure in the count of fields."""
     return sum(kind.width for _, kind in _kinds(cls))
 
 
@@ -342,7 +342,7 @@ class Block(Structure):
 
     TYPE: ClassVar[int]
     ERROR_CODE1: ClassVar[int] = 0
-    """What names this block in a refusal."""
+    """Code of this block in a rejection."""
     VERSION: ClassVar[tuple[int, int]] = (1, 0)
 
     def encode(self) -> bytes:
@@ -406,7 +406,7 @@ def split(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 class BlockLengthError(WireError):
-    """BlockLength goes beyond the data; ``kind`` is the BlockType."""
+    """BlockLength exceeds the data; ``kind`` is the BlockType."""
 
     def __init__(self, kind: int, length: int, most: int) -> None:
         self.kind = kind

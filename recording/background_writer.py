@@ -47,7 +47,7 @@ class BackgroundWriter(Generic[T]):
         self._thread.start()
 
     def count_in(self, counters: Counters, part: str) -> None:
-        """Show what was lost."""
+        """Count the lost records."""
         counters.add(part, "lost", "frames", "not recorded: the disk is full or too slow", lambda: self.lost)
 
     def put(self, item: T) -> None:

@@ -39,7 +39,7 @@ _OF_KERNEL, _OF_READER = 0, 1
 _STATISTICS: Final = struct.Struct("3I")
 _WAIT_S: Final = 0.2
 _NICE: Final = 10
-"""Of the thread that writes: whatever is recorded comes first."""
+"""Niceness of the writing thread, below everything that is recorded."""
 
 
 class EthernetCapture:

@@ -44,7 +44,7 @@ from pdgw.recording.defaults import TOLERANCE_NS
 from pdgw.recording.progress import with_progress
 
 INFER_FROM = 20_000
-"""Packets of a file that are looked at for the telegrams."""
+"""Packets of a file that are searched for the telegrams."""
 _MIN_TOLERANCE_CYCLES = 4
 CONFIGURATION = "gateway.toml"
 """Beside captures: the configuration they were made with."""

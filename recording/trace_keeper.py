@@ -72,7 +72,7 @@ class Keeper:
             self._keep(*pending)
 
     def ended(self) -> None:
-        """The daemon is gone: what is pending is kept now; without its stop sequence that is a stop too, in a file of its own."""
+        """The daemon has ended: save what is pending. An end without its stop sequence is a stop with its own file."""
         self.poll()
         if self._pending is not None:
             self._keep(*self._pending)
@@ -144,7 +144,7 @@ def follow(path: Path, choice: Choice, wait: Callable[[float], bool], pause_s: f
 
 
 def _follow_one(reader: RingReader, keeper: Keeper, wait: Callable[[float], bool], pause_s: float) -> bool:
-    """Until the daemon of this ring has gone, or the end is asked for (True)."""
+    """Follow until the daemon of this ring has ended, or until the end is requested (True)."""
     newest, silent = reader.newest_cycle, 0.0
     while True:
         asked = wait(pause_s)

@@ -90,7 +90,7 @@ class Interface:
 
     @property
     def routes(self) -> Sequence[BaseRoute]:
-        """What can be asked for."""
+        """The routes of the page."""
         do = "/api/v1/objects/{do_id:int}"
         return (
             Route("/", self._page),
@@ -233,7 +233,7 @@ class Interface:
 
 
 def _whole(name: str, text: str, low: int = 0, high: int = 1 << 53) -> int:
-    """A number of a query; RequestError with what is allowed."""
+    """Parse a number of a query; RequestError names the allowed values."""
     if len(text) > _DIGITS_MAX or not text.isascii() or not text.isdecimal() or not low <= int(text) <= high:
         raise RequestError(name, f"{name} = {text[:20]!r}: expected a whole number from {low} to {high}")
     return int(text)

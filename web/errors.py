@@ -1,4 +1,4 @@
-"""What a request itself has wrong: answered by 400 or 404 with the name of the field."""
+"""Errors of a request: answered with 400 or 404 and the name of the field."""
 
 from __future__ import annotations
 

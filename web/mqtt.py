@@ -50,7 +50,7 @@ def topic_name(config: GatewayConfig) -> str:
 
 
 def object_message(item: Document) -> str:
-    """What is said of a drive object: nothing that changes while it does what it should, such as a speed."""
+    """Message on a drive object, without values that change in normal operation, such as a speed."""
     fault = item["cause"] or (item["faults"][0] if item["faults"] else None)
     newest = None if fault is None else {key: fault[key] for key in ("number", "text", "is_warning", "active", "time")}
     return json.dumps({key: item[key] for key in _TOLD} | {"fault": newest})
@@ -60,7 +60,7 @@ class BoundedClient(Client):
     """paho's client, which would collect any packet in memory: a large one ends the connection."""
 
     def _sock_recv(self, bufsize: int) -> bytes:
-        """``bufsize``: what is missing of a packet."""
+        """``bufsize``: missing bytes of a packet."""
         if bufsize > MESSAGE_MAX:
             log.warning("MQTT: message of %d bytes from the broker rejected, allowed: %d", bufsize, MESSAGE_MAX)
             raise ConnectionError("message too large")
@@ -113,7 +113,7 @@ class Publisher:
 
     @property
     def connected(self) -> bool:
-        """The broker is there, and what is said from now on is for this connection."""
+        """The broker is connected; new messages belong to this connection."""
         return self._client.is_connected() and self._ready.is_set()
 
     def start(self) -> None:

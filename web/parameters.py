@@ -15,7 +15,7 @@ from pdgw.web.errors import RequestError
 
 
 class PageParameters:
-    """Of the gateway whose record channel is at ``address``; None: there is none for this machine."""
+    """Parameters of the gateway with the record channel at ``address``; None: no channel for this machine."""
 
     def __init__(self, address: tuple[str, int] | None) -> None:
         self._address = address
@@ -35,7 +35,7 @@ class PageParameters:
             return read_all(session)[0].model_dump(mode="json")
 
     def names(self, do_id: int) -> list[dict[str, Any]]:
-        """What the drive object has, by number and name."""
+        """Parameters of the drive object, by number and name."""
         with self._session(do_id) as session:
             return [{"pnu": address_text(pnu), "name": session.name_and_unit(pnu, 0)[0]} for pnu in session.pnus()]
 

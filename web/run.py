@@ -68,7 +68,7 @@ def _made(watch: Watch, parameters: Parameters, capture: Capture, token: Token |
 
 
 def page_address(port: socket.socket, *, tls: bool) -> str:
-    """What is typed into a browser."""
+    """The address to open in a browser."""
     host, number = port.getsockname()[:2]
     name = f"[{host}]" if ":" in host else host
     return f"http{'s' if tls else ''}://{name}:{number}/"

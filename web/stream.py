@@ -22,7 +22,7 @@ Samples = Callable[[], bytes | None]
 
 
 async def parts(feed: Feed, log: EventLog, last_id: int, samples: Samples | None) -> AsyncIterator[bytes]:
-    """What a stream consists of; ``last_id``: the last event the page has."""
+    """The parts of a stream. ``last_id``: the last event of the page."""
     yield f"retry: {_RETRY_MS}\n\n".encode()
     while True:
         message = b""
@@ -58,7 +58,7 @@ class Streams:
             task.cancel()
 
     async def serve(self, last_id: int, samples: Samples | None, receive: Receive, send: Send) -> None:
-        """Send until the browser goes or does not take any more."""
+        """Send until the browser disconnects or stops reading."""
         self.open += 1
         try:
             async with self._feed.watched():

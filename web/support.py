@@ -1,4 +1,4 @@
-"""What the page says about the gateway itself, and the file that is sent to who helps."""
+"""The page's information about the gateway itself, and the support file."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def licence(name: str) -> dict[str, str]:
 
 
 def about_document(config: GatewayConfig) -> dict[str, Any]:
-    """What the view About shows."""
+    """Contents of the view About."""
     return {"version": __version__, "configuration": public_config(config), "licences": licences()}
 
 

@@ -188,7 +188,7 @@ class Traces:
         return _document(do_id, chosen, times, values)
 
     def live(self, do_id: int, tick: int) -> bytes | None:
-        """What came since the last tick as an event of a stream, the same for all streams; None while there is nothing."""
+        """New samples since the last tick as an event, the same for all streams; None without any."""
         known = self._live.get(do_id)
         if known is not None and known.tick == tick:
             return known.message
@@ -211,7 +211,7 @@ class Traces:
 
 @dataclass(frozen=True, slots=True)
 class _Live:
-    """What the streams of a drive object were sent last."""
+    """The last samples sent to the streams of a drive object."""
 
     reader: RingReader
     tick: int

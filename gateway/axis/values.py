@@ -26,7 +26,7 @@ class SdoWrite:
 
 
 class Notice(enum.Enum):
-    """What a node did or became."""
+    """Events of a node."""
 
     EMERGENCY = "EMCY"
     BOOT = "boot-up during operation"
@@ -89,7 +89,7 @@ class PresetAnswer:
 
 @dataclass(frozen=True, slots=True)
 class FaultRead:
-    """The manufacturer's fault number and 603Fh of a drive, as ``Outputs.read_fault`` asked; 0 where it has no such object."""
+    """Fault number of the manufacturer and 603Fh, requested by ``Outputs.read_fault``; 0 without the object."""
 
     number: int
     code: int
@@ -173,7 +173,7 @@ class EncoderInput(Protocol):
 
     @property
     def error_code(self) -> int:
-        """Of the last EMCY, 0 when it said that no error is left."""
+        """Code of the last EMCY; 0 if it reported the end of all errors."""
 
     @property
     def valid(self) -> bool:
@@ -249,7 +249,7 @@ class Inputs:
 
 
 class Outputs:
-    """What a step decided. The object is the same for every step of an axis or encoder."""
+    """Results of a step. The object is the same for every step of an axis or encoder."""
 
     PASSING: ClassVar[frozenset[str]] = frozenset(
         {
@@ -322,7 +322,7 @@ class Outputs:
         self.drive_error = 0
         """603Fh of the drive, or the error code of its last EMCY; 0: none."""
         self.told: list[str] = []
-        """What is worth a line in the log, of this step."""
+        """Lines for the log from this step."""
         self.acknowledged = False
         """The fault buffer moves on: the PLC acknowledged and the device has left its fault."""
         self.emergency_over = False
@@ -337,11 +337,11 @@ class Outputs:
         self.presets: list[SdoWrite | None] = [None, None]
         """Presets for the encoders at G1 and G2; a new object for each."""
         self.probe: ProbeWish | None = None
-        """Positions the drive has to latch; another object for each wish."""
+        """Positions that the drive must latch; a new object for each request."""
         self.read_fault = False
         """The fault number of the drive has to be read from it (``FaultRead``)."""
         self.saturations = 0
-        """How often a value had to be limited."""
+        """Number of limited values."""
 
     def fault(self, record: FaultRecord) -> None:
         """A new fault or warning."""
@@ -359,7 +359,7 @@ class Outputs:
         self.eventful = True
 
     def forget(self) -> None:
-        """What was of one step only."""
+        """Clear the values that belong to one step only."""
         self.faults.clear()
         self.told.clear()
         self.acknowledged = self.emergency_over = self.read_fault = self.eventful = False

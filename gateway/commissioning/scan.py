@@ -64,7 +64,7 @@ class Sheet:
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """What a configuration says about a node."""
+    """A node in the configuration."""
 
     what: str
     """Such as ``DO 1``."""
@@ -77,11 +77,11 @@ class Expected:
 
 @dataclass(slots=True)
 class FoundNode:
-    """A node that was heard or that answered."""
+    """A node with a received frame or an answer."""
 
     node_id: int
     nmt_state: str = ""
-    """Of its last heartbeat; empty when none was heard."""
+    """State in its last heartbeat; empty without one."""
     device_type: int | None = None
     """1000h; None when it answers no SDO."""
     vendor_id: int | None = None
@@ -93,10 +93,10 @@ class FoundNode:
     eds: Path | None = None
     """The data sheet that fits its identity, or that the configuration names."""
     notes: list[str] = field(default_factory=list)
-    """What a person should look at, one sentence each."""
+    """Remarks for the user, one sentence each."""
     drive: DriveType | None = None
     lacks: Mapping[int, str] = field(default_factory=dict)
-    """By telegram, what is missing for it; empty text when nothing is."""
+    """Missing parts by telegram; an empty text if nothing is missing."""
 
     @property
     def profile(self) -> int | None:
@@ -105,7 +105,7 @@ class FoundNode:
 
 
 def expected_on(config: GatewayConfig, bus: CanConfig) -> dict[int, Expected]:
-    """What a configuration says of the nodes of one of its buses; of several drive objects of a node, the first."""
+    """The nodes of a bus in the configuration; of several drive objects of a node, the first."""
     expected: dict[int, Expected] = {}
     for axis in config.axis:
         if config.bus_of(axis).name == bus.name:
@@ -143,7 +143,7 @@ def _dictionary(path: Path, node_id: int) -> canopen.ObjectDictionary:
 
 
 class Scan:
-    """Of one bus. ``run`` is for a task; the network must have been started."""
+    """The scan of a bus. ``run`` is for a task; the network must have been started."""
 
     def __init__(
         self,
@@ -303,7 +303,7 @@ class Scan:
 
 
 def _guarding(node: Inquiry, drive: DriveType, settings: DriveSettings) -> str:
-    """What would guard the gateway, for a person; an object that is there counts as one that can be written."""
+    """Text on the possible guarding of the gateway. An existing object counts as writable."""
 
     def number(index: int, subindex: int) -> int:
         value = node.number(index, subindex)

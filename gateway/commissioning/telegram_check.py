@@ -1,4 +1,4 @@
-"""What a drive lacks for a telegram, before anything is configured or moves: the axis machine's own judgement."""
+"""Check what a drive lacks for a telegram, by the rules of the axis machine, before anything is configured or moves."""
 
 from __future__ import annotations
 
@@ -72,12 +72,12 @@ def planned(
 
 
 def not_available(drive: DriveType, number: int, settings: AxisSettings = _USUAL) -> tuple[str, ...]:
-    """One line for each object that the telegram can do without and the drive lacks, with what it shows or does instead."""
+    """One line for each optional object of the telegram that the drive lacks, with the effect."""
     return planner.not_available(_needs(drive, number, settings)[0], drive)
 
 
 def _needs(drive: DriveType, number: int, settings: AxisSettings) -> tuple[PdoLayout, bool]:
-    """What travels in PDOs, and whether the gateway makes the positions of traversing tasks."""
+    """The contents of the PDOs, and whether the gateway calculates the positions of traversing tasks."""
     needs = drive_layout(number, _form(settings), settings.second_sensor, g1_is_encoder=settings.g1_is_encoder)
     made = drive.interpolates and number in TASK_TELEGRAM_NUMBERS
     return interpolated(needs) if made else needs, made

@@ -33,7 +33,7 @@ _TPDOS = 4
 """TPDOs with a COB-ID of the pre-defined connection set."""
 _SDO_SIZE = 8
 _ANY_NODE = 0
-"""Who answers an SDO request: one node at a time."""
+"""Sender of the SDO answers: one node at a time."""
 HEARTBEATS: Final = 2
 """Heartbeats of the gateway in the shortest heartbeat time of its nodes."""
 

@@ -67,7 +67,7 @@ class FrameMap:
 
 
 def counter_step(config: GatewayConfig) -> int:
-    """What the PLC adds to the cycle counter with each frame."""
+    """Increment of the cycle counter from frame to frame of the PLC."""
     return max(1, int(config.transport.cycle_time_ms * MS) // COUNTER_UNIT_NS)
 
 

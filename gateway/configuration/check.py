@@ -1,4 +1,4 @@
-"""What a configuration refers to, checked as far as that is possible without a device: CAN interfaces and data sheets."""
+"""Check the references of a configuration without devices: CAN interfaces and data sheets."""
 
 from __future__ import annotations
 

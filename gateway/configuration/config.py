@@ -68,7 +68,7 @@ _MAXIMUM_INHIBIT_US = 6_553_500
 _AXIS: Final = AxisSettings()
 _NODE: Final = DriveSettings(node_id=1)
 _DSC: Final = DscChoices(DscForm.SPEED, following_window=1)
-"""What holds where the file says nothing."""
+"""Defaults of the keys that the file does not set."""
 Place = tuple[str, int]
 """Section and number of its table."""
 
@@ -104,7 +104,7 @@ class AxisConfig(DriveObjectSection):
     setpoint_enable: SetpointEnable = _AXIS.setpoint_enable
     control_lost: ControlLost = _AXIS.control_lost
     stop_time_ms: Annotated[Integer, Field(ge=10, le=600_000)] = _AXIS.stop_time_ns // MS
-    """From 100 % speed to standstill by the drive's own ramps (6084h, 6085h)."""
+    """Time from 100 % speed to standstill with the drive's own ramps (6084h, 6085h)."""
     modulo_axis: Boolean = _AXIS.modulo_axis
     intermediate_stop_reached: Boolean = _AXIS.intermediate_stop_reached
     simulate: Boolean = False
@@ -148,7 +148,7 @@ class AxisConfig(DriveObjectSection):
 
     @property
     def units(self) -> UnitKeys:
-        """What it says about units."""
+        """The units from the keys."""
         return UnitKeys(
             self.rated_speed_rpm,
             self.velocity_unit,
@@ -257,7 +257,7 @@ class AxisConfig(DriveObjectSection):
 
     @property
     def telegrams(self) -> tuple[int, ...]:
-        """What the axis can be given (P922): not those whose keys are missing, or do not go with ``g1``."""
+        """Telegrams that P922 can select: those whose keys are set and compatible with ``g1``."""
         missing = {
             *(POSITIONER_TELEGRAM_NUMBERS if self.positioner is None else ()),
             *(FLOAT_TELEGRAM_NUMBERS if self.positioner is None or not self.positioner.has_unit else ()),
@@ -267,7 +267,7 @@ class AxisConfig(DriveObjectSection):
 
     @property
     def dsc_form(self) -> DscForm:
-        """What decides on the mode and the PDOs of telegrams with DSC."""
+        """The form of DSC, which decides mode and PDOs of telegrams with DSC."""
         return self.dsc or DscForm.SPEED
 
     def inhibit_us(self, cycle_time_ms: float) -> int:
@@ -307,9 +307,9 @@ class GatewayConfig(Section):
     """The whole file."""
 
     version: Annotated[Integer, AfterValidator(at_most(FORMAT_VERSION))] = FORMAT_VERSION
-    """Of the format; a file without it has the first one."""
+    """Version of the format; a file without it has the first version."""
     name: DisplayName | None = None
-    """Of the gateway; None: "pdgw", with PROFINET the name of station."""
+    """Name of the gateway; None: "pdgw", with PROFINET the name of station."""
     telegram: Annotated[tuple[TelegramConfig, ...], BeforeValidator(as_list)] = ()
     """Telegrams of the user's own. Before the axes, which may have them."""
     can: Annotated[tuple[CanConfig, ...], BeforeValidator(as_list), Field(min_length=1)]

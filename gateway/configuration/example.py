@@ -39,8 +39,8 @@ def simulated(
 ) -> GatewayConfig:
     """The configuration of ``pdgw run --simulate``: simulated drives and encoders on a virtual bus, 4 ms.
 
-    ``numbers``: the telegram of each axis. The encoders sit on the shafts of the axes, one after the other. GatewayError names
-    what is not possible.
+    ``numbers``: the telegram of each axis. The encoders are on the shafts of the axes in order. GatewayError for an
+    impossible request.
     """
     document = {
         "can": {"interface": "virtual", "channel": "pdgw"},

@@ -87,7 +87,7 @@ def parse_config(text: str, name: str = "configuration") -> GatewayConfig:
 
 
 def config_text(config: GatewayConfig) -> str:
-    """What is not as by default, and the format's version, as TOML."""
+    """The keys that differ from the defaults, and the format version, as TOML."""
     document = {"version": config.version} | config.model_dump(exclude_defaults=True)
     for item in document.get("axis", ()):
         if _PERCENT in item:

@@ -64,7 +64,7 @@ ITEMS: Final = MappingProxyType(
         )
     }
 )
-"""By PNU; one of two limits that is not configured is the end of the range."""
+"""Parameters by PNU. If one of two limits is not configured, it is the end of the range."""
 BLOCK_ITEMS: Final = MappingProxyType(
     {
         item.spec.pnu: item
@@ -159,7 +159,7 @@ class PositionerValues:
         self._rows |= {number: tuple(row) for number, row in rows.items() if len(row) == len(BLOCK_ITEMS)}
 
     def value(self, pnu: int) -> int:
-        """Of a parameter of ``ITEMS``."""
+        """The value of a parameter of ``ITEMS``."""
         if pnu in self._stored:
             return self._stored[pnu]
         key = ITEMS[pnu].key
@@ -168,7 +168,7 @@ class PositionerValues:
         return int(getattr(self._config, key))
 
     def row(self, number: int) -> Row:
-        """Of a block, also of one that is not there."""
+        """The row of a block, also of a missing one."""
         return self._rows.get(number, _EMPTY_ROW)
 
     def choices(self) -> PositionerChoices:

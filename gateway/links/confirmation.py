@@ -68,7 +68,7 @@ class Orders:
         lives: list[int] = []
         self._power: int | None = None
         self._place = 0
-        """Of the word with OFF1 to OFF3 in the telegram."""
+        """Place of the word with OFF1 to OFF3 in the telegram."""
         positioning = half.mode is ApplicationMode.POSITIONING
         has_stw1 = "STW1" in half.names
         self._off2_opens = not has_stw1
@@ -93,7 +93,7 @@ class Orders:
         self.lives = tuple(lives)
         """First byte of its words with a sign of life."""
         self.mask = half.struct.pack(*mask)
-        """Its bits in the telegram's bytes."""
+        """Mask of its bits in the telegram's bytes."""
         if len(words) == 1 and words[0][1] == ~0:
             only = slice(words[0][0], words[0][0] + 1)
             self.read = itemgetter(only)
@@ -124,7 +124,7 @@ class Orders:
         return (*in_force[:power], word, *in_force[power + 1 :])
 
     def goes_on(self, values: Sequence[int], before: Sequence[int]) -> bool:
-        """Whether another controller orders with its values what was in force, or nothing but stops besides."""
+        """Whether the values of another controller repeat the commands in force, apart from additional stops."""
         order, in_force = self.read(values), self.read(before)
         return order == in_force or self.stopped(order, in_force, released=True) == order
 
@@ -173,7 +173,7 @@ class Confirmation:
         self._early = 0
         """Bits of STW1 that fell with the newest order, discarded the task and are not confirmed."""
         self._dropped: tuple[tuple[int, ...], tuple[int, ...]] | None = None
-        """The last one, and the bits in which it differed from the order in force."""
+        """The last dropped command, and its differences from the command in force."""
 
     def restart(self, order: tuple[int, ...] | None, repeats: int) -> None:
         """A new connection: its last ``repeats`` frames contained ``order``."""

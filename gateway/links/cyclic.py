@@ -62,9 +62,9 @@ class Verdict(enum.Enum):
 
 
 _Orders = tuple[tuple[int, ...] | None, ...]
-"""What a frame orders, of each drive object; None where its IOPS is BAD."""
+"""The commands of a frame to each drive object; None where its IOPS is BAD."""
 _Axis = tuple[Callable[[bytes, int], tuple[int, ...]], int, int, Callable[[Sequence[int]], tuple[int, ...]]]
-"""How the values of a drive object are read, where they and its IOPS are, and how its order is read from them."""
+"""Decoding of a drive object: its values, their place, that of its IOPS, and its command."""
 _ACCEPTED: Final = Verdict.ACCEPTED
 _PROVIDER_STOP: Final = Verdict.PROVIDER_STOP
 _MISFITS: Final = (Verdict.TRUNCATED, Verdict.OVERSIZED, Verdict.WRONG_TELEGRAM)
@@ -129,7 +129,7 @@ class CyclicEndpoint:
         self._axes = tuple(axes)
         self._values = tuple((index, unpack, offset) for index, (unpack, offset, _, _) in enumerate(axes))
         self._order_mask = int.from_bytes(mask, "big")
-        """Of a frame: all that can start or stop something."""
+        """Mask of a frame: all bits that can start or stop something."""
         self._history = FrameHistory(cycle_ns, self._order_mask, lives)
         provider = self.provider
         self._answers = tuple(
@@ -141,13 +141,13 @@ class CyclicEndpoint:
         self._dropped_before = 0
         self._released: Sequence[bool] = [False] * len(telegrams)
         self.peer: Address | None = None
-        """Where frames come from and go to; kept after a loss so that the PLC can watch the axes stop."""
+        """Source and target of frames; kept after a loss, so that the PLC sees the axes stop."""
         self.connected = False
         self._telegrams = tuple(item.number for item in telegrams)
         self._misfit = ""
         self.counters: dict[Verdict, int] = dict.fromkeys(Verdict, 0)
         self.watchdog_expiries = 0
-        """Losses of the PLC: silence, another sequence of frames, or a gateway that looked too late."""
+        """Losses of the PLC: silence, another sequence of frames, or a late gateway."""
         self.iops_bad = 0
         self.sent = 0
 
@@ -158,7 +158,7 @@ class CyclicEndpoint:
 
     @property
     def layout_text(self) -> str:
-        """What the PLC's frames have to be, while it seems to send another layout; else empty."""
+        """The expected layout of the PLC's frames while another one seems to arrive; else empty."""
         if not self._misfit:
             return ""
         numbers = ", ".join(map(str, self._telegrams))
@@ -365,7 +365,7 @@ class CyclicEndpoint:
 
     @property
     def heard_ns(self) -> int | None:
-        """When the newest frame that counts came; None: none yet."""
+        """Arrival of the newest valid frame; None: none yet."""
         return self._last_time or None
 
     def poll(self, now: int) -> bool:

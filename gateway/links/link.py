@@ -1,4 +1,4 @@
-"""How the PLC reaches the gateway: the loop talks to a ``Link`` and knows no transport.
+"""The link to the PLC. The loop uses a ``Link`` and knows no transport.
 
 ``UdpLink`` is the PROFINET cyclic frame over UDP (docs/transport.md).
 """
@@ -42,11 +42,11 @@ class Link(Protocol):
 
     @property
     def peer(self) -> str | None:
-        """Who the PLC is or last was, for people."""
+        """The present or last PLC, for the user."""
 
     @property
     def peer_host(self) -> str | None:
-        """Its address alone."""
+        """Address of the present or last PLC."""
 
     @property
     def setpoints(self) -> Sequence[Sequence[int] | None]:
@@ -54,7 +54,7 @@ class Link(Protocol):
 
     @property
     def doubts(self) -> Sequence[OrderDoubt]:
-        """Of each drive object: whether the PLC may have ordered something that ``setpoints`` do not have."""
+        """For each drive object, whether the PLC may have sent a command that ``setpoints`` lack."""
 
     def start(self, action: Callable[[], None]) -> None:
         """Call ``action`` in the loop whenever something of the PLC waits."""
@@ -96,13 +96,13 @@ class Link(Protocol):
 
     @property
     def heard_ns(self) -> int | None:
-        """When the newest frame that counts came; None: none yet."""
+        """Arrival of the newest valid frame; None: none yet."""
 
     def status(self) -> dict[str, object]:
         """Connection and verdicts, for ``pdgw status``."""
 
     def close(self) -> None:
-        """Release what it listens on."""
+        """Close its ports."""
 
 
 class UdpLink:

@@ -1,6 +1,6 @@
-"""Filters in the kernel (classic BPF, Linux): what is not meant for us costs the exchange nothing.
+"""Filters in the kernel (classic BPF, Linux), so that frames for others cost the exchange nothing.
 
-Source: linux/filter.h. A program is a sequence of instructions; a packet it returns 0 for is dropped.
+Source: linux/filter.h. A program is a sequence of instructions; a packet for which it returns 0 is dropped.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ _FOLLOWED: Final = 8
 
 
 class Order(enum.Enum):
-    """What the counter of a frame says."""
+    """Meaning of a frame's counter."""
 
     NEXT = "in sequence, and newer than the last frame"
     STALE = "not newer, or ahead of the elapsed time"
@@ -102,7 +102,7 @@ class FrameSequence:
         self._present: _Run | None = None
         self._followed: list[_Run] = []
         self.elapsed_ns = 0
-        """By the PLC's clock, since the start of the present sequence."""
+        """Time by the PLC's clock since the start of the present sequence."""
         self.repeats = 0
         """Number of frames with the same command, up to the newest one, when a sequence becomes the present one."""
 

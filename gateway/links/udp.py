@@ -17,7 +17,7 @@ from pdgw.gateway.links import packet_filter
 Address = tuple[str, int]
 _MAXIMUM_DATAGRAM: Final = 2048
 SO_TIMESTAMPNS: Final = 35
-"""Of Linux; Python has no name for it before 3.14."""
+"""Option of Linux; Python has no name for it before 3.14."""
 _TIMESPEC: Final = struct.Struct("@ll")
 _ANCILLARY: Final = socket.CMSG_SPACE(_TIMESPEC.size) if hasattr(socket, "CMSG_SPACE") else 0
 
@@ -103,7 +103,7 @@ class UdpSocket:
             return None
 
     def _arrival(self, _level: int, kind: int, data: bytes) -> int | None:
-        """The time in the first ancillary message: nothing else was asked for."""
+        """The time in the first ancillary message; no other one is requested."""
         if kind != SO_TIMESTAMPNS or len(data) != _TIMESPEC.size:
             return None
         seconds, nanoseconds = _TIMESPEC.unpack(data)

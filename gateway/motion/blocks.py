@@ -15,7 +15,7 @@ from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.signals import signal
 
 HIGHEST_BLOCK = (1 << signal("POS_STW1").bit("BLOCK").width) - 1
-"""What POS_STW1 can ask for; SATZANW reaches half of it."""
+"""Highest block number in POS_STW1; SATZANW reaches half of it."""
 PERCENT_MAX = 100
 OUTPUTS_MASK = 0b11
 """``value`` of the output tasks: bit 0 output 1, bit 1 output 2 (POS_ZSW2.10, .11)."""
@@ -25,7 +25,7 @@ TORQUE_MAX = 1000
 
 
 class BlockMode(enum.Enum):
-    """How ``position`` is meant."""
+    """Meaning of ``position``."""
 
     ABSOLUTE = "absolute"
     RELATIVE = "relative"
@@ -39,7 +39,7 @@ class BlockMode(enum.Enum):
 
 
 class BlockTask(enum.Enum):
-    """What a block does."""
+    """Task of a block."""
 
     POSITION = "position"
     WAIT = "wait"
@@ -55,7 +55,7 @@ class BlockTask(enum.Enum):
 
 
 class BlockNext(enum.Enum):
-    """How a block continues."""
+    """Continuation after a block."""
 
     END = "end"
     CONTINUE_WITH_STOP = "continue-with-stop"

@@ -24,7 +24,9 @@ from pdgw.profidrive.datatypes import N4_100_PERCENT, DataType
 KPC_PER_UNIT: Final = 1000
 """KPC counts 0.001/s."""
 SYNC_PERIODS_TO_EFFECT = Fraction(5, 2)
-"""From a TPDO to the effect of the RPDO that answers it: up to the PLC's frame, to the next SYNC, half a period of the drive."""
+"""SYNC periods from a TPDO to the effect of its RPDO: until the PLC's frame, until the next SYNC, half a period in the
+drive.
+"""
 _E = Fraction(2_718_281_828, 1_000_000_000)
 _PI = Fraction(3_141_592_654, 1_000_000_000)
 _LOWEST, _HIGHEST = DataType.INTEGER32.integer_range
@@ -37,7 +39,7 @@ XerrSign = Literal[1, -1]
 
 
 def dead_time_ns(sync_period_ns: int, jitter_ns: int) -> int:
-    """From measuring a position to the effect of the speed made from it."""
+    """Time from measuring a position to the effect of the speed calculated from it."""
     return (
         round_half_away(sync_period_ns * SYNC_PERIODS_TO_EFFECT.numerator, SYNC_PERIODS_TO_EFFECT.denominator)
         + jitter_ns
@@ -50,7 +52,7 @@ def highest_gain(dead_time: int) -> int:
 
 
 def longest_hold_ns(dead_time: int) -> int:
-    """How long (ns) a setpoint may be held without a new one.
+    """Longest time (ns) for which a setpoint may be used without a new one.
 
     Its age is dead time too: from T + age = pi / (2 x KPC) on the loop oscillates, with the highest gain from 4.27 T on.
     """
@@ -73,7 +75,7 @@ class DscForm(enum.Enum):
     POSITION = "position"
     """In the drive (mode 8), by its own gain; any KPC but 0 only switches DSC on."""
     SPEED = "speed"
-    """By the rule, over CAN (mode 9)."""
+    """The gateway calculates the speed and sends it over CAN (mode 9)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +89,7 @@ class DscChoices:
     """Age of the position the PLC used, in cycles."""
     xerr_sign: XerrSign = 1
     jitter_ns: int = 0
-    """Of SYNC, added to the dead time."""
+    """Jitter of SYNC, added to the dead time."""
 
     def __post_init__(self) -> None:
         _check("following_window", self.following_window, 1, FOLLOWING_WINDOW_MAX)
@@ -108,7 +110,7 @@ class DscSettings:
 
     choices: DscChoices
     increments_per_revolution: int
-    """Of G1_XIST1 without its fine resolution; the position units of the drive."""
+    """Increments of G1_XIST1 without its fine resolution; position units of the drive."""
     reference_speed: Fraction
     """rpm of 100 % NSOLL_B."""
     velocities_per_rpm: Fraction
@@ -117,7 +119,7 @@ class DscSettings:
     fine_resolution: int = 0
     """Bits XERR is shifted left by (P979)."""
     velocity_range: tuple[int, int] = (_LOWEST, _HIGHEST)
-    """What the object of the speed, or of the feed-forward, can hold."""
+    """Range of the object of the speed, or of the feed-forward."""
 
     def __post_init__(self) -> None:
         _check("increments per revolution", self.increments_per_revolution, 1, _HIGHEST)
@@ -209,7 +211,7 @@ class Dsc:
         return max(low, min(velocity, high))
 
     def _starts_near(self, error: int) -> bool:
-        """Whether the setpoint is within the following window of the axis; only asked until DSC is on."""
+        """Whether the setpoint is within the following window of the axis; checked until DSC is active."""
         result = self.setpoint
         if not result.active and abs(error) > self.choices.following_window:
             result.reason = Reason.DSC_FAR_FROM_AXIS

@@ -27,13 +27,13 @@ _IDLE, _MDI, _BRAKING, _HOMING = State.IDLE, State.MDI, State.BRAKING, State.HOM
 
 
 class MdiDrive(Protocol):
-    """What the positioner asks its executor."""
+    """The positioner's interface to its executor."""
 
     def offers_homing(self, *, edge: bool) -> bool:
-        """Whether the homing that is asked for with this ``edge`` may begin."""
+        """Whether the requested homing with this ``edge`` may start."""
 
     def converted(self, asked: Asked) -> Goal:
-        """The task that is asked for."""
+        """The requested task."""
 
 
 class MdiPositioner(Positioner):
@@ -49,13 +49,13 @@ class MdiPositioner(Positioner):
         self.before = _IDLE
         """The state before this step."""
         self._waiting: Goal | None = None
-        """The task of the newest edge, which is to start."""
+        """The task of the newest edge, waiting to start."""
         self._braking_reason: Reason | None = None
         super().__init__(_SETTINGS, transitions=MDI_TRANSITIONS)
 
     @property
     def goal(self) -> Goal | None:
-        """What the axis is to do."""
+        """The goal of the axis."""
         return self._course.goal
 
     @property
@@ -85,7 +85,7 @@ class MdiPositioner(Positioner):
         return outcome
 
     def _reason(self, asked: Asked) -> Reason | None:
-        """Why the axis does not do what is asked."""
+        """Why the axis does not follow."""
         state, before = self._state, self.before
         if state is _BRAKING or before is _BRAKING:
             return self._braking_reason

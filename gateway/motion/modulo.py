@@ -10,7 +10,7 @@ from enum import IntEnum
 
 
 class Direction(IntEnum):
-    """How a modulo axis goes to an absolute target."""
+    """Direction of a modulo axis to an absolute target."""
 
     SHORTEST = 0
     POSITIVE = 1
@@ -59,13 +59,13 @@ class Ring:
         return self._base + self._turn(raw) + raw
 
     def _turn(self, raw: int) -> int:
-        """What the count has gone on by beside the difference of the positions."""
+        """Turns of the count besides the difference of the positions."""
         moved = raw - self._raw
         half = self._size // 2
         return (moved + half) % self._size - half - moved
 
     def target(self, count: int) -> int | None:
-        """The drive's position for a count; None where the way to it crosses the ends of the ring."""
+        """Position as shown by the drive."""
         raw = count - self._base
         return raw if self._low <= raw < self._low + self._size else None
 

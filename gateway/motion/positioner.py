@@ -29,7 +29,7 @@ _KEPT = frozenset({State.MDI, State.SETTING_UP, State.BLOCK})
 _DISTURBANCES = frozenset(
     {Event.NOT_OPERATING, Event.REJECTED, Event.TASK_REFUSED, Event.MDI, Event.SETTING_UP, Event.BLOCK}
 )
-"""What cannot be there in a calm step: in operation, not rejected, without the edge of a task."""
+"""Events that are impossible in a calm step: in operation, not rejected, without the edge of a task."""
 _Row = tuple[Callable[[], bool], Callable[[], None], State]
 _FUNCTION = {Event.MDI: State.MDI, Event.SETTING_UP: State.SETTING_UP, Event.BLOCK: State.BLOCK}
 
@@ -56,10 +56,10 @@ class _Task:
     positive: bool
     negative: bool
     direction: Direction
-    """Of an absolute task of a modulo axis; both bits are refused."""
+    """Direction of an absolute task of a modulo axis; both bits together are rejected."""
 
     def is_of(self, asked: Asked) -> bool:
-        """Whether nothing else is asked now."""
+        """Whether the request is unchanged."""
         return (
             asked.target == self.target
             and asked.velocity == self.velocity
@@ -131,7 +131,7 @@ class Positioner:
         self._rows, self._calm_rows = self._table[self._state]
 
     def _events(self) -> dict[Event, Callable[[], bool]]:
-        """What finds an event."""
+        """The checks of the events."""
         return {
             Event.NOT_OPERATING: lambda: not self._asked.operating,
             Event.OPERATING: lambda: self._asked.operating,
@@ -157,7 +157,7 @@ class Positioner:
         }
 
     def _actions(self) -> dict[Action, Callable[[], None]]:
-        """What does an action."""
+        """The functions of the actions."""
         return {
             Action.NOTHING: lambda: None,
             Action.DROP: self._drop,
@@ -178,7 +178,7 @@ class Positioner:
         }
 
     def set_ranges(self, positions: tuple[int, int], distances: tuple[int, int]) -> None:
-        """Where the drive can be sent, in its own coordinates, and how far with one relative task."""
+        """Set the range of the drive's positions, in its own coordinates, and of one relative task."""
         self.settings = self._course.settings = replace(
             self.settings, position_range=positions, distance_range=distances
         )
@@ -192,12 +192,12 @@ class Positioner:
         self._chain.blocks = blocks
 
     def forget_home(self) -> None:
-        """The drive's coordinates are new: positions are what it counts, from whatever zero."""
+        """The drive has new coordinates: its home position is unknown."""
         self.outcome.home_set = False
         self._course.offset = 0
 
     def step(self, asked: Asked, seen: Seen, now: int) -> Outcome:
-        """One cycle. Nothing of ``asked`` and ``seen`` is kept."""
+        """Run one cycle. ``asked`` and ``seen`` are not stored."""
         self._asked, self._seen, self._now = asked, seen, now
         outcome, course = self.outcome, self._course
         if self._owed:
@@ -231,7 +231,7 @@ class Positioner:
     # -- inputs ---------------------------------------------------------------------------------------------------------
 
     def _look(self, asked: Asked) -> None:
-        """Other bits, before the table is asked: edges, and what they are the edges of."""
+        """Evaluate changed bits before the table: edges, and the words they belong to."""
         self._controls, self._operating = asked.controls, asked.operating
         self._find_edges()
         if not asked.operating:
@@ -412,7 +412,7 @@ class Positioner:
         motion.serial += 1
 
     def _homed(self) -> None:
-        """The drive's position counts from the home position, which is the reference coordinate."""
+        """The drive's position now counts from the home position, which is the reference coordinate."""
         self._course.offset = self._reference_coordinate()
         self.outcome.home_set = True
 
@@ -483,7 +483,7 @@ class Positioner:
         outcome.reason = course.held or (None if asked.do_not_reject else _REJECTED) or outcome.warning
 
     def _show_acknowledge(self) -> None:
-        """Of a task that is owed one. A position task is the drive's to acknowledge, anything else the gateway's."""
+        """Show the acknowledgement of a task. The drive acknowledges position tasks, the gateway all others."""
         outcome, task = self.outcome, self._task
         if not self._asked.activate:
             outcome.acknowledged = self._owed = False

@@ -39,7 +39,7 @@ class Profile:
         self.speed = 0
 
     def toward(self, target: int, speed: int, acceleration: int, deceleration: int) -> None:
-        """To a position, with ``speed`` (0 or more) at most. One that cannot be met any more is passed and come back to."""
+        """Move to a position with at most ``speed`` (0 or more). If it cannot be reached any more, pass it and return."""
         way = target - self.position
         wanted = 0
         if way * self.speed >= 0:
@@ -49,10 +49,10 @@ class Profile:
         self.turn(wanted, acceleration, deceleration)
 
     def turn(self, speed: int, acceleration: int, deceleration: int) -> None:
-        """To a speed with its sign."""
+        """Change to a speed with its sign."""
         self.speed = next_speed(self.speed, speed, acceleration, deceleration)
         self.position += self.speed
 
     def stop(self, deceleration: int) -> None:
-        """To standstill."""
+        """Stop."""
         self.turn(0, 0, deceleration)

@@ -30,7 +30,7 @@ class _OfAsked:
 
 @dataclass(slots=True, eq=False)
 class Asked(_OfAsked):
-    """What the PLC asks for, bit for bit by its meaning."""
+    """The commands of the PLC by their meaning."""
 
     operating: bool = False
     """Operation is enabled, and a PLC in control requests it."""
@@ -60,7 +60,7 @@ class Asked(_OfAsked):
     continuous_update: bool = False
     block: int = 0
     homing_method: int = 0
-    """Of telegram 9, whose positions, speeds and ramps are fractions of references (4000 0000h = 100 %)."""
+    """Homing method of telegram 9, whose positions, speeds and ramps are fractions of references (4000 0000h = 100 %)."""
     override: int = FULL
     """0..7FFFh; what the PLC sends below 0 is 0."""
     target: int = 0
@@ -68,18 +68,18 @@ class Asked(_OfAsked):
     acceleration: int = FULL
     deceleration: int = FULL
     reference_coordinate: int | None = None
-    """Of the reference point; None: the configured one."""
+    """Position of the reference point; None: the configured one."""
     controls: tuple[int, ...] = ()
     """The control words that all bits but ``operating`` and ``to_fixed_stop`` are from: while they are the same, the bits are."""
 
     def forget(self) -> None:
-        """Nothing is asked."""
+        """Clear all commands."""
         for item in fields(self):
             setattr(self, item.name, item.default)
 
 
 class HomingResult(enum.Enum):
-    """Of the homing that ``Seen.taken`` names."""
+    """Result of the homing in ``Seen.taken``."""
 
     RUNNING = "running"
     ATTAINED = "attained"
@@ -123,7 +123,7 @@ class Seen(_OfSeen):
 
 
 class MotionKind(enum.Enum):
-    """What an executor has to do."""
+    """Tasks of an executor."""
 
     STAND = "stand"
     """Ramp to standstill and stay there; a setpoint that was not sent is cancelled."""
@@ -141,12 +141,12 @@ class _OfMotion:
 
 @dataclass(slots=True, eq=False)
 class Motion(_OfMotion):
-    """The motion wished. A new ``serial`` is a new setpoint; the same one is never given twice, only the newest waits."""
+    """The requested motion. A new ``serial`` is a new setpoint; each is sent once, and only the newest waits."""
 
     kind: MotionKind = MotionKind.STAND
     serial: int = 0
     target: int = 0
-    """Where a position task ends."""
+    """Target of a position task."""
     distance: int | None = None
     """The task is relative to the position of the drive when it accepts the task."""
     velocity: int = 0
@@ -239,13 +239,13 @@ class PositionerChoices:
     """The drive keeps a setpoint for after the one that runs (set of setpoints)."""
     blocks: tuple[Block, ...] = ()
     clamping_torque: int | None = None
-    """Of a task with STW2.8, in 1/1000 of the rated torque; None: only blocks move to a fixed stop."""
+    """Torque of a task with STW2.8, in 1/1000 of the rated torque; None: only blocks move to a fixed stop."""
     modulo: int = 0
     """LU after which positions wrap; 0: not a modulo axis."""
     lu_per_unit: int = 0
     """LU in one unit of length of telegram 112; 0: the axis cannot have it."""
     units_per_second: bool = False
-    """Its velocities are per second, else per minute."""
+    """Velocities are per second, else per minute."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,7 +255,7 @@ class PositionerSettings:
     max_velocity: int
     position_window: int
     position_range: tuple[int, int]
-    """What the drive can be sent to."""
+    """Positions that the drive accepts."""
     jog_velocities: tuple[int, int]
     """Signed, of jog 1 and jog 2."""
     jog_distances: tuple[int, int]
@@ -270,4 +270,4 @@ class PositionerSettings:
     modulo: int = 0
     """Positions of the user are 0 to this value - 1; 0: no wrap. ``Seen`` and ``Motion`` always count across the turns."""
     distance_range: tuple[int, int] = DataType.INTEGER32.integer_range
-    """How far the drive can be sent with one relative task; at first all that a telegram can ask for."""
+    """Distances of one relative task that the drive accepts; at first all that a telegram can request."""

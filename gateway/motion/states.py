@@ -32,7 +32,7 @@ class State(enum.Enum):
 
 
 class Event(enum.Enum):
-    """What a step looks for; ``value`` for the reader."""
+    """Conditions checked in a step; ``value`` is the text for readers."""
 
     NOT_OPERATING = "operation left, PLC lost, drive lost or in fault"
     OPERATING = "operation enabled"
@@ -65,7 +65,7 @@ class Event(enum.Enum):
 
 
 class Action(enum.Enum):
-    """What is done on the way; ``value`` for the reader."""
+    """Actions of a transition; ``value`` is the text for readers."""
 
     NOTHING = ""
     DROP = "drop task, kept task, jog and update"
@@ -103,7 +103,7 @@ _REPLACED_BY_SETTING_UP = Transition(Event.SETTING_UP, State.SETTING_UP, Action.
 _REPLACED_BY_BLOCK = Transition(Event.BLOCK, State.BLOCK, Action.REPLACE)
 _JOG_RELEASED = Transition(Event.JOG_RELEASED, State.BRAKING, Action.BRAKE)
 _ENDS = (_LOST, _REJECTED)
-"""What every motion ends by, before anything else is looked at,"""
+"""Events that end every motion; they are checked first."""
 _TASK = (*_ENDS, _REFUSED, _REPLACED_BY_MDI, _REPLACED_BY_SETTING_UP)
 """and what every task does."""
 
@@ -155,7 +155,7 @@ TRANSITIONS: Mapping[State, tuple[Transition, ...]] = MappingProxyType(
         State.BRAKING: (_LOST, Transition(Event.STANDING, State.IDLE)),
     }
 )
-"""Every state with its rows, in the order they are looked at."""
+"""Every state with its rows, in the order of their check."""
 
 _DROPPED = Transition(Event.NOT_OPERATING, State.IDLE, Action.DROP)
 MDI_TRANSITIONS: Mapping[State, tuple[Transition, ...]] = MappingProxyType(

@@ -27,9 +27,9 @@ _STAND, _POSITION, _SPEED = MotionKind.STAND, MotionKind.POSITION, MotionKind.SP
 
 @dataclass(slots=True, unsafe_hash=True)
 class Goal:
-    """What the axis is to do; it outlives intermediate stops. Replaced, never changed.
+    """A motion task; it survives intermediate stops. Replaced, never changed.
 
-    Under continuous update there is one in each cycle: a frozen class would take three times as long to make it.
+    With continuous update there is one in each cycle: creating a frozen class would take three times as long.
     """
 
     kind: MotionKind
@@ -64,11 +64,11 @@ class Course:
         self.sent = 0
         """Serial of the newest setpoint of the goal, 0 while there is none."""
         self.speed: Goal | None = None
-        """The goal of a function with a speed as asked for, without software limits."""
+        """The task of a function with a speed, without software limits."""
         self.held: Reason | None = None
         """Why the goal is kept and not pursued."""
         self.first_serial = 0
-        """Of the task that runs, 0 while nothing of it was sent."""
+        """First serial of the running task; 0 until it is sent."""
         self.queued = 0
         """Serial of the setpoint that waits in the drive, 0 for none."""
         self.limits: tuple[int, int] | None = None
@@ -108,7 +108,7 @@ class Course:
         return low <= end - self.offset <= high
 
     def _end(self, target: int, absolute: bool, direction: Direction) -> int:
-        """Where a task ends in the user's coordinates, of a modulo axis counted on across the turns."""
+        """End of a task in the user's coordinates; for a modulo axis across its turns."""
         begin = self._seen.position + self.offset
         if not absolute:
             return begin + target
@@ -199,7 +199,7 @@ class Course:
     # -- setpoints -----------------------------------------------------------------------------------------------------
 
     def follow(self, asked: Asked, now: int) -> None:
-        """Bring the motion in line with the goal: hold, resume, override, software limits."""
+        """Adapt the motion to the task: hold, resume, override, software limits."""
         motion, goal = self.outcome.motion, self.goal
         if self.speed is not None and (goal is None or goal.kind is _POSITION) != (self.limits is not None):
             self._aim_speed()
@@ -227,7 +227,7 @@ class Course:
         self._send(motion, goal, override)
 
     def _hold(self, goal: Goal, asked: Asked, now: int) -> Reason | None:
-        """Why a goal is kept and not pursued."""
+        """Why a task is kept but not executed."""
         seen = self._seen
         if not asked.no_intermediate_stop:
             self._at_limit = False

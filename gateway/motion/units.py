@@ -26,7 +26,7 @@ def round_half_away(numerator: int, denominator: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class DriveUnits:
-    """What one revolution and one rpm are in a drive's objects; every value above 0, none from a default."""
+    """One revolution and one rpm in the units of a drive; all values above 0, none by default."""
 
     positions_per_revolution: Fraction
     """Units of 607Ah and 6064h (608Fh; 6091h and 6092h where present)."""

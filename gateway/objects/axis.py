@@ -44,11 +44,11 @@ from pdgw.profidrive.telegrams import telegram
 _OWNED: Final = OWNED | {(ABORT_OPTION, 0), (GUARD_TIME, 0), (LIFE_TIME_FACTOR, 0), CONTROLWORD, MODE}
 _REFERENCES: Final = {*SCALING_OBJECTS, HOMING_METHOD}
 _SECOND_FORMAT: Final = SensorFormat(resolution=0, turns=0, xist1_absolute=False, valid=False)
-"""The drive's second encoder: what one revolution is, is not asked for."""
+"""Format of the drive's second encoder; its resolution is not read."""
 _REACTION_MARGIN: Final = 2
 _NO_BRAKE: Final = Brake.NONE
 _WITHHOLD_HEARTBEAT: Final = Brake.WITHHOLD_HEARTBEAT
-"""A member of an enum is looked up each time it is used."""
+"""A constant, because each access to a member of an enum is a look-up."""
 
 
 class Axis(DriveObject):
@@ -85,7 +85,7 @@ class Axis(DriveObject):
         self._links: tuple[SensorLink | None, SensorLink | None] = (None, None)
         """The encoders that are G1 and G2."""
         self.units_witnessed: UnitsWitnessed | None = None
-        """What was kept of the last axis test."""
+        """The stored result of the last axis test."""
         self._brake: Brake = _NO_BRAKE
         self._word = 0
         """The Controlword of the last step."""
@@ -118,7 +118,7 @@ class Axis(DriveObject):
                 self.references_changed()  # a setting that the drive does not support blocks operation
 
     def positioner_values(self, stored: DoParameters) -> PositionerValues | None:
-        """The positioner's configuration with what was stored instead; None for an axis without one."""
+        """The positioner's configuration with its stored changes; None for an axis without one."""
         config = self.config
         if config.positioner is None:
             return None

@@ -41,7 +41,7 @@ from pdgw.profidrive.telegrams import Telegram
 log = logging.getLogger("gateway")
 
 OWNED = frozenset({(CONSUMER_HEARTBEAT, 1), (PRODUCER_HEARTBEAT, 0)})
-"""What guards gateway and device against each other."""
+"""Objects of the mutual monitoring of gateway and device."""
 _NOTICE_OF_KIND = {
     "emcy": Notice.EMERGENCY,
     "boot": Notice.BOOT,
@@ -63,7 +63,7 @@ class DriveObject(abc.ABC):
     kind: ClassVar[str]
     """``axis`` or ``encoder``, in the log."""
     telegram_numbers: tuple[int, ...]
-    """What P922 may select."""
+    """Telegrams that P922 can select."""
 
     config: AxisConfig | EncoderConfig
 
@@ -75,25 +75,25 @@ class DriveObject(abc.ABC):
         """The last step stops the device: ``transmit`` it before what moves others."""
         self.fault_log = FaultLog(network.loop.now())
         self.last_setpoints: Sequence[int] | None = None
-        """What the PLC last sent, also after its loss."""
+        """The last setpoints of the PLC, also after its loss."""
         self.doubt = OrderDoubt.NONE
         """Whether the PLC may have ordered something that the next step is not given."""
         self.fresh = True
         """The setpoints of the next step came with it."""
         self._news: deque[News] = deque()
-        """What happened since the last step."""
+        """Events since the last step."""
         self._generation = 0
         self._told_reason: Reason | None = None
         self._shown_reason: Reason | None = None
-        """What the log had last."""
+        """The reason logged last."""
         self._operated = False
-        """It was in operation then."""
+        """Whether it was in operation then."""
         self.happenings: deque[Happening] = deque(maxlen=KEPT)
         """Faults, warnings and reasons, the oldest first."""
         self.gateway_stops = False
         """The gateway is being stopped: this is not a loss of the PLC."""
         self._writes: tuple[SdoWrite, ...] | None = None
-        """What the last SDO job writes."""
+        """Writes of the last SDO job."""
         self._future: Future[None] | None = None
 
     # -- the device's part ------------------------------------------------------------------------------------------------
@@ -106,7 +106,7 @@ class DriveObject(abc.ABC):
     @property
     @abc.abstractmethod
     def outputs(self) -> Outputs:
-        """What the last step decided."""
+        """Results of the last step."""
 
     @abc.abstractmethod
     def step(self, setpoints: Sequence[int] | None, now: int) -> Outputs:
@@ -191,7 +191,7 @@ class DriveObject(abc.ABC):
 
     @property
     def faults(self) -> Sequence[FaultRecord]:
-        """What happened lately, warnings included, oldest first."""
+        """The latest faults and warnings, oldest first."""
         return self.fault_log.history
 
     @property

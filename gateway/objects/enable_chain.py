@@ -43,7 +43,7 @@ _STOPS: Final = {
     PowerWish.QUICK_STOP_DISABLED: Reason.QUICK_STOP,
     PowerWish.ON: Reason.ENABLE_MISSING,
 }
-"""What the PLC asks instead of operation; its OFF is a ramp stop first, which the phase shows."""
+"""Stop commands of the PLC. Its OFF1 is first a ramp stop, which the phase shows."""
 _PHASES: Final = {
     Phase.RAMP_STOP: Reason.RAMP_STOP,
     Phase.SHUTDOWN: Reason.RAMP_STOP,
@@ -63,11 +63,11 @@ class ChainLink(NamedTuple):
     ok: bool | None
     """None if the link cannot be judged: a drive on a broken bus is unknown."""
     reason: Reason | None = None
-    """Of a broken link."""
+    """Reason of a broken link."""
     evidence: str = ""
-    """What shows that it is broken."""
+    """Evidence that it is broken."""
     remedy: str = ""
-    """What to do about it."""
+    """The remedy."""
 
 
 class Standing(NamedTuple):
@@ -157,7 +157,7 @@ class _Chain:
         return connected
 
     def keep(self, reason: Reason | None) -> None:
-        """What the machine reports breaks a link too, unless a broken link explains it already."""
+        """A reason of the machine also breaks a link, unless a broken link explains it already."""
         if reason is not None and all(link.ok is not False for link in self._links.values()):
             self.breaks(reason)
 
@@ -174,7 +174,7 @@ def asks_for_operation(demand: Demand) -> bool:
 
 
 def axis_standing(axis: Axis) -> Standing:
-    """Of an axis, as its last step left it."""
+    """Chain of an axis after its last step."""
     chain, machine = _Chain(axis, AXIS_CHAIN), axis.machine
     demand, reason = machine.demand, machine.outputs.reason
     if chain.judge_node(Reason.DRIVE_OFFLINE):
@@ -240,7 +240,7 @@ def _judge_command(chain: _Chain, axis: Axis) -> None:
 
 
 def encoder_standing(encoder: EncoderObject) -> Standing:
-    """Of an encoder, as its last step left it."""
+    """Chain of an encoder after its last step."""
     chain, machine = _Chain(encoder, ENCODER_CHAIN), encoder.machine
     reason = machine.outputs.reason
     if chain.judge_node(Reason.ENCODER_OFFLINE):

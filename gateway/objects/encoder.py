@@ -140,7 +140,7 @@ class EncoderObject(DriveObject):
 
     @property
     def references(self) -> EncoderReferences | None:
-        """What gives the channel's values their meaning, None before the encoder was read."""
+        """Reference values of the channel; None before the encoder was read."""
         parameters = self.client.parameters
         if parameters is None:
             return None
@@ -216,4 +216,4 @@ class EncoderObject(DriveObject):
         self.client.read_parameters()
 
     def references_changed(self) -> None:
-        """Its parameters are another object then, which the next step sees."""
+        """Another object replaces its parameters, so that the next step detects the change."""

@@ -56,7 +56,7 @@ class FaultLog:
         """Faults with an id up to this one are acknowledged."""
 
     def enter(self, record: FaultRecord) -> None:
-        """A fault goes to the buffer, a warning to the warning word."""
+        """Store a fault in the buffer, or a warning in the warning word."""
         self.history.append(record)
         self._entered += 1
         if not record.is_warning:
@@ -119,9 +119,10 @@ class FaultLog:
         return [self._buffer.entry(place) or _NO_FAULT for place in range(SIZE)]
 
     def cause(self, since: int = 0) -> ToldFault | None:
-        """The fault to name first: the oldest that is not acknowledged.
+        """The most important fault: the oldest unacknowledged one.
 
-        What the device reported from ``since`` (monotonic ns) on goes first, the loss of the PLC last: it follows from others.
+        Faults that the device reported since ``since`` (monotonic ns) come first, the loss of the PLC last, because it is a
+        consequence.
         """
         told = self.told(present=True)  # `present` False would end the warnings
         active = [item for item in reversed(told) if item.active and not item.record.is_warning]
@@ -144,7 +145,7 @@ class FaultLog:
         return FIRST_WARNING + (word & -word).bit_length() - 1 if word else 0
 
     def standing(self) -> list[Fault]:
-        """What is not acknowledged: situation 0."""
+        """The unacknowledged faults: situation 0."""
         found = (self._buffer.entry(place) for place in range(FAULTS_PER_SITUATION))
         return [fault for fault in found if fault is not None]
 

@@ -1,4 +1,4 @@
-"""What happened around the last fault or stop, in at most ten lines; each drive object keeps its own last happenings."""
+"""Events around the last fault or stop, in at most ten lines; each drive object stores its own."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from pdgw.profidrive.sensor_format import SensorFormat
 
 
 class SensorLink:
-    """``place``: 0 for G1, 1 for G2. ``step`` comes before each step of the machine."""
+    """``place``: 0 for G1, 1 for G2. ``step`` precedes each step of the machine."""
 
     def __init__(self, encoder: EncoderObject, place: int, do_id: int) -> None:
         self._encoder = encoder

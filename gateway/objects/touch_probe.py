@@ -25,7 +25,7 @@ _FUNCTION_BYTES = 2
 
 
 class ProbeReader:
-    """Carries out the wishes of one axis; answers go to ``news``."""
+    """Executes the probe requests of one axis; answers are added to ``news``."""
 
     def __init__(self, drive: DriveClient, news: deque[News]) -> None:
         self._drive = drive
@@ -34,10 +34,10 @@ class ProbeReader:
         self._job: Future[None] | None = None
         self._due = 0
         self._ended = True
-        """There is nothing to look for: answered, or no wish."""
+        """Whether there is nothing to read: answered, or no request."""
 
     def step(self, wish: ProbeWish | None, now: int) -> bool:
-        """One cycle; a wish that is another object than the last is a new one. False: there is nothing to do without a wish."""
+        """Run one cycle; another request object is a new request. False: nothing to do without a request."""
         if self._job is not None:
             if not self._job.done():
                 return True
@@ -90,7 +90,7 @@ def refused(wish: ProbeWish, abort: int) -> ProbeAnswer:
 
 
 def _arm(drive: DriveClient, function: int) -> None:
-    """Off first: what was stored before is gone then."""
+    """Disable first, which clears the stored positions."""
     drive.sdo.write(touch_probe.FUNCTION, 0, bytes(_FUNCTION_BYTES))
     if function:
         drive.sdo.write(touch_probe.FUNCTION, 0, function.to_bytes(_FUNCTION_BYTES, "little"))

@@ -56,7 +56,7 @@ class AcyclicServer:
 
     @property
     def address(self) -> Address:
-        """Where it listens."""
+        """The address that it listens on."""
         return self.port.address
 
     def start(self) -> None:
@@ -70,7 +70,7 @@ class AcyclicServer:
         self.port.close()
 
     def _on_readable(self) -> None:
-        """By budget: what the task has not served yet waits in the kernel, and a flood is lost there."""
+        """Serve a limited number: further datagrams wait in the kernel, where a flood is dropped."""
         for _ in range(_AT_ONCE):
             datagram = self.port.receive()
             if datagram is None:
@@ -132,7 +132,7 @@ class ProfinetRecords:
 
 
 def record_service(daemon: Daemon) -> AcyclicServer | ProfinetRecords:
-    """What serves the records on the transport of a daemon."""
+    """The record service on the transport of a daemon."""
     if daemon.config.transport.type == "udp":
         return AcyclicServer(daemon)
     from pdgw.gateway.links.profinet.link import ProfinetLink  # noqa: PLC0415 (the other transport starts without)

@@ -26,7 +26,7 @@ from pdgw.dsp402 import indices
 
 
 class Check(enum.Enum):
-    """What has to follow a write, before the axis may be switched on again."""
+    """Checks after a write, before the axis may be switched on again."""
 
     NOTHING = "nothing: the gateway has no copy of it"
     REFERENCES = "the gateway reads the references again"

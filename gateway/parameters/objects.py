@@ -82,7 +82,7 @@ _NUMBERS_AS_OCTETS = {CanType.I64.code, CanType.U64.code}
 
 @dataclass(frozen=True, slots=True)
 class RequestContext:
-    """Who sent a parameter request, and how long the answer may take."""
+    """Sender of a parameter request, and the time limit of the answer."""
 
     host: str | None = None
     """Address of the sender, where its transport has one."""
@@ -266,7 +266,7 @@ class ObjectParameter:
             raise ParameterRefused(Number.FAULTY_SUBINDEX, subindex if told else None)
 
     def description(self) -> Description:
-        """From the EDS."""
+        """Description from the EDS."""
         item = self._access.owner.client.sdo.dictionary.get(self.index)
         if item is None:
             raise ParameterRefused(Number.DESCRIPTION_NOT_AVAILABLE)

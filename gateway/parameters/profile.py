@@ -442,7 +442,7 @@ class EncoderChannelObject(NodeObject):
         self.encoder.preset_value = value
 
     def _operating_status(self, context: RequestContext) -> Sequence[int]:
-        """Read from the encoder; what it does not have is 0."""
+        """Read the status from the encoder; missing objects are 0."""
         values = [_STATUS_HEADER]
         for index, subindex in _STATUS_OBJECTS:
             try:

@@ -55,7 +55,7 @@ _STORED: dict[int, tuple[str, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class Caller:
-    """Who asks: the address, and the activity of its remote procedure calls."""
+    """A client: its address, and the activity of its remote procedure calls."""
 
     address: Address
     activity: UUID
@@ -97,7 +97,7 @@ class Records:
         self._requests: OrderedDict[_Owner, Future[bytes | None]] = OrderedDict()
 
     def of(self, address: Address, activity: UUID) -> CallerRecords:
-        """What a caller may do, as a RecordHandler."""
+        """The access of a client, as a RecordHandler."""
         return CallerRecords(self, Caller(address, activity))
 
     def write(self, caller: Caller, block: RecordBlock, data: bytes) -> None:

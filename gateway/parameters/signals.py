@@ -28,7 +28,7 @@ SIGNAL_SOURCES: dict[str, int] = {
     "IAIST_GLATT": _index("current_actual"),
     "NIST_A_GLATT": _index("velocity_actual"),
 }
-"""By signal name; signals that are not here come from no single object."""
+"""Source by signal name; other signals have no single source object."""
 
 _ELEMENTS = 100
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 from pdgw.gateway.reasons import AxisState, Reason
 
 CAUSE_KEYS: Final = ("do_id", "label", "state", "state_id", "sentence", "reason", "reason_id", "remedy", "cause")
-"""What ``causes`` needs of the status of a drive object."""
+"""Keys in the status of a drive object that ``causes`` uses."""
 _FINE: Final = (AxisState.OBEYS.name, AxisState.OFF.name)
 """States that need no action."""
 _ORDER: Final = tuple(state.name for state in reversed(AxisState))

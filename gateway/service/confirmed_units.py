@@ -1,4 +1,4 @@
-"""What a person has seen of the units of an axis: made by ``pdgw axis test``, shown by ``pdgw status``."""
+"""Units of an axis that a person has confirmed: written by ``pdgw axis test``, shown by ``pdgw status``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ NEVER = "units not verified (pdgw axis test)"
 
 
 def witnessed(date: str, serial_number: int, scaling: Scaling) -> UnitsWitnessed:
-    """What is kept of a test on a day (``2026-11-22``) of the drive with this serial number (1018h/4) and these units."""
+    """The stored result of a test: date (``2026-11-22``), serial number of the drive (1018h/4) and its units."""
     counts = scaling.counts_per_revolution
     return UnitsWitnessed(
         date=date,

@@ -11,7 +11,7 @@ from typing import Final, Protocol
 from pdgw.durations import MS, SECOND
 
 BOUNDS_NS: Final = (*(int(step * scale * MS) for scale in (0.1, 1, 10) for step in (1, 2, 5)), 100 * MS)
-"""Upper ends of the classes: 0.1 to 100 ms in steps of 1, 2, 5; what is longer has a class of its own."""
+"""Upper ends of the classes: 0.1 to 100 ms in steps of 1, 2, 5. Longer times have their own class."""
 
 
 class Histogram:
@@ -46,9 +46,9 @@ class CycleWatch:
 
     def __init__(self) -> None:
         self.periods = Histogram()
-        """From the beginning of a cycle to that of the next one."""
+        """Times from the start of a cycle to the next."""
         self.responses = Histogram()
-        """From the PLC's frame to the answer."""
+        """Times from the PLC's frame to the answer."""
         self.listeners: list[CycleListener] = []
         self._last = 0
 

@@ -24,7 +24,7 @@ _MCL_CURRENT, _MCL_FUTURE = 1, 2
 _SETCAP = "root, CAP_SYS_NICE and CAP_IPC_LOCK (systemd: AmbientCapabilities), or LimitRTPRIO and LimitMEMLOCK"
 
 Line = tuple[int, str]
-"""What to log, with its level."""
+"""A log level and line."""
 
 
 def apply(config: RealtimeConfig, cycle_time_ms: float) -> list[Line]:
@@ -65,7 +65,7 @@ def _by_default(cycle_time_ms: float) -> Line:
 
 
 def usual(pid: int) -> None:
-    """Give a process that this one started the usual scheduling, which it would have inherited otherwise."""
+    """Restore normal scheduling for a child process, which inherits the gateway's."""
     if hasattr(os, "sched_setscheduler"):
         os.sched_setscheduler(pid, os.SCHED_OTHER, os.sched_param(0))
 

@@ -34,7 +34,7 @@ class ServiceManager:
 
     @classmethod
     def of_this_process(cls) -> ServiceManager:
-        """By the environment of the process."""
+        """Create it from the environment variables of the process."""
         return cls(os.environ, os.getpid())
 
     def count_in(self, counters: Counters) -> None:

@@ -32,11 +32,11 @@ _CONNECTIONS = 8
 """Answered at the same time; more are closed."""
 _PATIENCE_NS = 5 * SECOND
 _PAUSE_NS = SECOND
-"""Before the next connection is looked for when there was no file descriptor for one."""
+"""Pause before the next accept when no file descriptor was available."""
 _REQUEST = 64
 """Bytes of the longest request."""
 SCHEMA = 1
-"""Of the document; it rises when a key changes its meaning or goes, readers ignore keys they do not know."""
+"""Version of the document. It rises when a key changes its meaning or is removed; readers ignore unknown keys."""
 
 
 def clock_time(seconds: float) -> str:
@@ -65,7 +65,7 @@ def _fault(item: DriveObject, told: ToldFault) -> dict[str, Any]:
 
 
 def _object_status(item: DriveObject) -> dict[str, Any]:
-    """What axes and encoders have in common."""
+    """The common status of axes and encoders."""
     setpoints, standing, cause = item.last_setpoints, item.standing, item.cause
     broken = standing.broken
     heard_ns = item.client.heard_ns
@@ -220,7 +220,7 @@ def encoded(daemon: Daemon) -> Iterator[bytes]:
 
 
 def explanation(daemon: Daemon, items: Sequence[DriveObject]) -> list[dict[str, Any]]:
-    """What happened around the last fault or stop of drive objects, in at most ten lines."""
+    """Events around the last fault or stop of drive objects, in at most ten lines."""
     now, wall = daemon.loop.now(), daemon.loop.wall()
     found = around_the_last_stop(happening for item in items for happening in item.happenings)
     return [
@@ -319,7 +319,7 @@ class StatusServer:
         self._tasks.add(task)
 
     def _wait_for_descriptors(self, error: OSError) -> None:
-        """Who waits at the port would wake the loop in every turn, for nothing."""
+        """Stop reading the port: waiting clients would wake the loop in every turn without result."""
         self._refused += 1
         if not self._full:
             self._full = True

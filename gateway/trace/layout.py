@@ -31,7 +31,7 @@ WORD: Final = 8
 SEQUENCE: Final = struct.Struct("@Q")
 PEER_OFFSET: Final = 256
 PEER_SIZE: Final = 64
-"""Who the PLC is or was last, as text, filled up with zeros."""
+"""The present or last PLC as text, padded with zeros."""
 FRAME: Final = struct.Struct("@QqIBBBB8s")
 """Sequence, time, identifier with the flags of SocketCAN, number of the bus, sent (1) or received (0), length, spare, data."""
 _CYCLE_HEAD: Final = "@QqIHHH6x"
@@ -53,13 +53,13 @@ class Word(IntEnum):
     ENDED = 7
     """1: the daemon ended in order, nothing more comes."""
     PROCESS = 8
-    """Its process id."""
+    """Its process ID."""
     FRAMES_BEFORE = 9
     """Where stores may be seen out of order (``ordering``): sequence number of the newest CAN frame before the newest cycle."""
 
 
 class CycleFlag(IntFlag):
-    """Of a cycle."""
+    """Flags of a cycle."""
 
     FRESH = 1
     """Begun by a frame of the PLC."""
@@ -69,7 +69,7 @@ class CycleFlag(IntFlag):
 
 
 class ObjectFlag(IntFlag):
-    """Of a drive object in a cycle."""
+    """Flags of a drive object in a cycle."""
 
     SETPOINTS = 1
     """They are valid."""
@@ -120,7 +120,7 @@ class RingLayout:
     """Records, a power of two."""
     frames: int
     address: tuple[str, int] = ("", 0)
-    """Where the PLC's frames are taken."""
+    """Where the PLC's frames are received."""
     reasons: tuple[str, ...] = ()
     """Names of the reasons; code 1 is the first."""
     configuration: str = ""
@@ -160,7 +160,7 @@ class RingLayout:
 
     @classmethod
     def parse(cls, data: bytes | memoryview, name: str) -> Self:
-        """From the bytes of a file called ``name``; GatewayError when they are none of ours or damaged."""
+        """Parse the bytes of a file called ``name``; GatewayError for another or damaged file."""
         if len(data) < PAGE or START.unpack_from(data)[0] != MAGIC:
             raise GatewayError(f"{name}: not a ring file of the flight recorder")
         _, version, length, cycles, frames = START.unpack_from(data)

@@ -1,4 +1,4 @@
-"""Where rings are: a run directory of this machine, which is in RAM."""
+"""Folder of the rings: a run directory of this machine, in RAM."""
 
 from __future__ import annotations
 

@@ -50,11 +50,11 @@ class ObjectSample(NamedTuple):
     statusword: int
     controlword: int
     reason: int
-    """Its code, 0 for none; ``RingLayout.reasons`` has the names."""
+    """Code of the reason, 0 for none; ``RingLayout.reasons`` has the texts."""
     flags: int
     """``ObjectFlag``."""
     faults: int
-    """How many faults it had since the start, modulo 256."""
+    """Number of faults since the start, modulo 256."""
 
 
 class Cycle(NamedTuple):
@@ -65,7 +65,7 @@ class Cycle(NamedTuple):
     flags: int
     """``CycleFlag``."""
     response_us: int | None
-    """From the PLC's frame to the answer, None without one; 65535: as much or more."""
+    """Time from the PLC's frame to the answer; None without one; 65535: as much or more."""
     received: bytes
     """The PLC's newest frame, empty before the first one."""
     sent: bytes
@@ -173,7 +173,7 @@ class RingReader:
 
     @property
     def peer(self) -> str:
-        """Who the PLC is or was last."""
+        """The present or last PLC."""
         return bytes(self._view[PEER_OFFSET : PEER_OFFSET + PEER_SIZE]).rstrip(b"\0").decode(errors="replace")
 
     def wall_ns(self, time_ns: int) -> int:

@@ -40,7 +40,7 @@ _GOOD: Final = int(ObjectFlag.GOOD)
 _ACTIVE: Final = int(ObjectFlag.ACTIVE_FAULT)
 _NO_FEEDBACK: Final = DriveFeedback()
 _NO_COMMAND: Final = DriveCommand()
-"""Of an encoder, whose values are in its telegram."""
+"""Command of an encoder, whose values are in its telegram."""
 
 
 class FlightRecorder:
@@ -74,7 +74,7 @@ class FlightRecorder:
         return self._lost + (self._ring.failures if self._ring is not None else 0)
 
     def start(self) -> None:
-        """It records already."""
+        """Nothing to do: it records from its construction on."""
 
     def stop(self) -> None:
         """End in order; the file stays."""
@@ -197,7 +197,7 @@ class FlightRecorder:
 
 
 def _shape(layout: RingLayout) -> tuple[object, ...]:
-    """What makes another ring necessary."""
+    """Properties that require a new ring when they change."""
     return layout.places, layout.objects
 
 
@@ -217,7 +217,7 @@ def _traced(item: DriveObject) -> TracedObject:
 
 
 class _Source:
-    """Where the values of a drive object are, from cycle to cycle the same objects."""
+    """The objects with the values of a drive object, which are the same in each cycle."""
 
     def __init__(self, item: DriveObject) -> None:
         self.outputs = item.outputs

@@ -37,7 +37,7 @@ PREVIOUS = ".previous" + SUFFIX
 _MODE = 0o440
 """No other program opens the ring for writing by mistake; the gateway has it open already."""
 _LOCK_MODE = 0o600
-"""Who may read it could lock it."""
+"""File mode: a user who can read the file could lock it."""
 _NAMES = 9
 """Maximum number of gateways of one name on a machine, each with its own file."""
 _U64: Final = (1 << 64) - 1
@@ -46,7 +46,7 @@ _FRAME_SIZE: Final = FRAME.size
 _NEWEST_CYCLE: Final = int(Word.NEWEST_CYCLE)
 _NEWEST_FRAME: Final = int(Word.NEWEST_FRAME)
 _FRAMES_BEFORE: Final = int(Word.FRAMES_BEFORE)
-"""Plain values: a member of an enum is looked up each time it is used."""
+"""Constants, because each access to a member of an enum is a look-up."""
 
 
 class RingFile:
@@ -111,11 +111,11 @@ class RingFile:
         words[word] = words[_NEWEST_FRAME] = sequence
 
     def set_clock(self, wall_offset_ns: int) -> None:
-        """How far the wall clock is ahead of the monotonic one."""
+        """Set the difference of the wall clock to the monotonic clock."""
         self._words[Word.WALL_OFFSET] = wall_offset_ns & _U64
 
     def set_peer(self, peer: str) -> None:
-        """Who the PLC is or was last."""
+        """Set the present or last PLC."""
         self._map[PEER_OFFSET : PEER_OFFSET + PEER_SIZE] = peer.encode()[:PEER_SIZE].ljust(PEER_SIZE, b"\0")
 
     @property

@@ -60,7 +60,7 @@ class ParameterSpec:
 
 
 def _bit_texts(name: str) -> tuple[str, ...]:
-    """What 1 means, from bit 0, cut to the size of a parameter text."""
+    """Meaning of 1 for each bit from 0, cut to the size of a parameter text."""
     item = signal(name)
     return tuple(bit.name.replace("_", " ").lower()[:NAME_SIZE] for bit in item.bits)
 

@@ -19,7 +19,7 @@ MAX_PARAMETERS = 39
 MAX_ELEMENTS = 234
 _HEADER = struct.Struct(">BBBB")
 HEADER_SIZE = _HEADER.size
-"""Of a request and of a response."""
+"""Size of a header of request or response."""
 _ADDRESS = struct.Struct(">BBHH")
 _NEGATIVE = 0x80
 
@@ -32,7 +32,7 @@ class RequestId(enum.IntEnum):
 
 
 class Attribute(enum.IntEnum):
-    """What of a parameter is meant."""
+    """The addressed part of a parameter."""
 
     VALUE = 0x10
     DESCRIPTION = 0x20

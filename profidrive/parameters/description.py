@@ -51,7 +51,7 @@ class Identifier(enum.IntFlag):
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """What a parameter is. ``count`` is the number of elements of an array, the length of a string, 0 otherwise."""
+    """Description of a parameter. ``count``: elements of an array, length of a string, else 0."""
 
     type: DataType
     name: str

@@ -11,7 +11,7 @@ from pdgw.profidrive.errors import ProfidriveError
 
 
 class ParameterErrorNumber(enum.IntEnum):
-    """What a failed parameter is answered with."""
+    """Error numbers of a failed parameter access."""
 
     IMPERMISSIBLE_PNU = 0x00
     VALUE_CANNOT_BE_CHANGED = 0x01

@@ -37,7 +37,7 @@ class Parameter(Protocol):
         """The other way round."""
 
     def description(self) -> Description:
-        """What the parameter is."""
+        """Description of the parameter."""
 
 
 class DriveObjectParameters(Protocol):
@@ -81,7 +81,7 @@ class BoundParameter:
     get: Callable[[], int | float | bytes | Sequence[int]]
     set: Callable[[int], None] | None = None
     format: DataType | None = None
-    """Where the device answers with another type than declared."""
+    """Format of the answer, if it differs from the declared one."""
     own_texts: Callable[[], Sequence[str]] | None = None
     """A text array that only the device can know."""
 

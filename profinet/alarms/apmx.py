@@ -56,7 +56,7 @@ def following(sequence: int) -> int:
 
 
 class State(enum.Enum):
-    """Of the sending side."""
+    """States of the sending side."""
 
     IDLE = "idle"
     WAIT_ACK = "waits for ACK"

@@ -55,22 +55,22 @@ def _usi(error: ErrorType) -> int:
 
 
 class Diagnosis:
-    """What is present, by submodule and error type."""
+    """The present diagnosis, by submodule and error type."""
 
     def __init__(self) -> None:
         self._present: dict[Subslot, dict[ErrorType, Severity]] = {}
         self.changes = 0
-        """Counts what was set and cleared."""
+        """Number of changes."""
 
     def set(
         self, place: Subslot, error_type: int, severity: Severity = Severity.FAULT, subtype: int = NO_SUBTYPE
     ) -> None:
-        """It appears, or is present with another severity."""
+        """Add an entry or change its severity."""
         self._present.setdefault(place, {})[error_type, subtype] = severity
         self.changes += 1
 
     def clear(self, place: Subslot, error_type: int | None = None, subtype: int = NO_SUBTYPE) -> None:
-        """It disappears; None: all of the submodule."""
+        """Remove an entry; None: all of the submodule."""
         self.changes += 1
         if error_type is None:
             self._present.pop(place, None)
@@ -81,7 +81,7 @@ class Diagnosis:
             self._present.pop(place, None)
 
     def of(self, place: Subslot) -> Mapping[ErrorType, Severity]:
-        """What is present at a submodule."""
+        """The present diagnosis of a submodule."""
         return self._present.get(place, {})
 
     def all(self) -> Iterator[tuple[Subslot, ErrorType, Severity]]:
@@ -136,7 +136,7 @@ class AlarmSource:
 
     @property
     def pending(self) -> bool:
-        """``next`` may have something: asked in each cycle, so that nothing is compared while nothing changes."""
+        """Whether ``next`` may have an alarm. Called in each cycle, so nothing is compared without a change."""
         return bool(self._returned) or self._seen != self._diagnosis.changes
 
     def returned(self, place: Subslot) -> None:

@@ -138,7 +138,7 @@ class SrInfoBlock(Block):
 
     @property
     def hold_ns(self) -> int:
-        """How long the device holds the outputs while no relationship leads."""
+        """Time for which the device keeps the outputs without a leading relationship."""
         return self.hold_factor * HOLD_FACTOR_NS
 
     @property
@@ -249,7 +249,7 @@ class DataDescription(Structure):
 
 @dataclass(frozen=True, kw_only=True)
 class ExpectedSubmodule(Structure):
-    """What the project has in a subslot."""
+    """The project's submodule in a subslot."""
 
     subslot: int = u16(between(1, 0x9FFF))
     ident: int = u32()
@@ -272,7 +272,7 @@ class ExpectedSubmodule(Structure):
 
 @dataclass(frozen=True, kw_only=True)
 class ExpectedSlot(Structure):
-    """What the project has in a slot."""
+    """The project's module in a slot."""
 
     api: int = u32()
     slot: int = u16(between(0, 0x7FFF))
@@ -351,7 +351,7 @@ class DiffApi(Structure):
 
 @dataclass(frozen=True, kw_only=True)
 class ModuleDiffBlock(Block):
-    """What is not as the project has it."""
+    """Differences from the project."""
 
     TYPE: ClassVar[int] = 0x8104
     apis: tuple[DiffApi, ...] = array(DiffApi)

@@ -95,4 +95,4 @@ COMMANDS: Final[dict[int, tuple[type[ControlBlock], ControlCommand]]] = {
     PrmEndReq.TYPE: (PrmEndReq, ControlCommand.PRM_END),
     PrmBeginReq.TYPE: (PrmBeginReq, ControlCommand.PRM_BEGIN),
 }
-"""What a controller may ask for by Control: the block and its command."""
+"""Block and command of each Control service."""

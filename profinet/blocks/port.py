@@ -1,4 +1,4 @@
-"""Blocks that a controller writes to port and interface before PrmEnd: what the device checks, and what it adjusts.
+"""Blocks that a controller writes to port and interface before PrmEnd: checks and adjustments.
 
 Source: IEC 61158-6-10 (PDPortDataCheck, PDPortDataAdjust, PDInterfaceAdjust), as tshark reads them.
 """
@@ -57,7 +57,7 @@ class CheckLinkState(wire.Block):
 
 @dataclass(frozen=True, kw_only=True)
 class AdjustDomainBoundary(wire.Block):
-    """Where a synchronisation domain ends: nothing passes through a device with one port."""
+    """End of a synchronisation domain. A device with one port forwards nothing anyway."""
 
     TYPE: ClassVar[int] = 0x0209
     reserved: None = wire.padding(2)
@@ -69,7 +69,7 @@ class AdjustDomainBoundary(wire.Block):
 
 @dataclass(frozen=True, kw_only=True)
 class AdjustMulticastBoundary(wire.Block):
-    """Where multicast ends: nothing passes through a device with one port."""
+    """End of a multicast domain. A device with one port forwards nothing anyway."""
 
     TYPE: ClassVar[int] = 0x0210
     reserved: None = wire.padding(2)
@@ -115,7 +115,7 @@ class PortData(wire.Block):
     blocks: bytes = wire.rest()
 
     def parts(self) -> Iterator[wire.Block]:
-        """Yield what is inside; WireError for a damaged block and for one that this device does not have."""
+        """Yield the inner blocks; WireError for a damaged or unsupported block."""
         content = self.blocks
         # Some controllers pad a block with zeros; no inner type starts with a zero.
         while content := content.lstrip(b"\0"):
@@ -130,7 +130,7 @@ class PortData(wire.Block):
 
 @dataclass(frozen=True, kw_only=True)
 class PortDataCheck(PortData):
-    """What the device checks at its port."""
+    """Checks at the port."""
 
     TYPE: ClassVar[int] = 0x0200
     PARTS: ClassVar[dict[int, type[wire.Block]]] = {
@@ -140,7 +140,7 @@ class PortDataCheck(PortData):
 
 @dataclass(frozen=True, kw_only=True)
 class PortDataAdjust(PortData):
-    """What the device adjusts at its port. Speed and link state are the operating system's."""
+    """Adjustments of the port. The operating system controls speed and link state."""
 
     TYPE: ClassVar[int] = 0x0202
     PARTS: ClassVar[dict[int, type[wire.Block]]] = {
@@ -155,7 +155,7 @@ STANDARD_LLDP: Final = 1 << 0
 
 @dataclass(frozen=True, kw_only=True)
 class InterfaceAdjust(wire.Block):
-    """How LLDP frames name the station."""
+    """Name of the station in LLDP frames."""
 
     TYPE: ClassVar[int] = 0x0250
     reserved: None = wire.padding(2)

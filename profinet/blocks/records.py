@@ -14,7 +14,7 @@ from pdgw.profinet.wire import Block, Structure, align, array, octets, padding, 
 
 @dataclass(frozen=True, kw_only=True)
 class IdentSubmodule(Structure):
-    """What is in a subslot."""
+    """Submodule in a subslot."""
 
     subslot: int = u16()
     ident: int = u32()
@@ -22,7 +22,7 @@ class IdentSubmodule(Structure):
 
 @dataclass(frozen=True, kw_only=True)
 class IdentSlot(Structure):
-    """What is in a slot."""
+    """Module in a slot."""
 
     slot: int = u16()
     ident: int = u32()
@@ -31,7 +31,7 @@ class IdentSlot(Structure):
 
 @dataclass(frozen=True, kw_only=True)
 class IdentApi(Structure):
-    """What belongs to an API."""
+    """Contents of an API."""
 
     api: int = u32()
     slots: tuple[IdentSlot, ...] = array(IdentSlot)
@@ -46,7 +46,7 @@ class IdentificationData(Block):
 
 @dataclass(frozen=True, kw_only=True)
 class ExpectedIdentification(IdentificationData):
-    """What the project has."""
+    """Identification in the project."""
 
     TYPE: ClassVar[int] = 0x0012
     VERSION: ClassVar[tuple[int, int]] = (1, 1)
@@ -54,7 +54,7 @@ class ExpectedIdentification(IdentificationData):
 
 @dataclass(frozen=True, kw_only=True)
 class RealIdentification(IdentificationData):
-    """What is plugged."""
+    """Identification of the plugged modules."""
 
     TYPE: ClassVar[int] = 0x0013
     VERSION: ClassVar[tuple[int, int]] = (1, 1)
@@ -205,7 +205,7 @@ class ArData(Block):
 
 @dataclass(frozen=True, kw_only=True)
 class LogEntry(Structure):
-    """How a relationship ended."""
+    """The end of a relationship in the log."""
 
     time: bytes = octets(8)
     ar_uuid: UUID = uuid()

@@ -64,7 +64,7 @@ class AbortCode(enum.IntEnum):
 
 
 class State(enum.Enum):
-    """Of a relationship."""
+    """States of a relationship."""
 
     PARAMETERISING = "connected, waits for PrmEnd"
     CONFIRMING = "ApplicationReady sent, waits for its confirmation"
@@ -75,7 +75,7 @@ class State(enum.Enum):
 
 
 class Event(enum.Enum):
-    """What happens to it."""
+    """Events of a relationship."""
 
     RECORD = "the controller reads or writes a record"
     PRM_END = "PrmEnd"
@@ -97,7 +97,7 @@ class Event(enum.Enum):
 
 
 class Action(enum.Enum):
-    """What it does."""
+    """Actions of a relationship."""
 
     NOTHING = "nothing"
     RESTART_ACTIVITY = "start the activity time again"
@@ -154,7 +154,7 @@ TABLE: Final[dict[tuple[State, Event], tuple[State, Action]]] = {
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """How a relationship ended."""
+    """Reasons for the end of a relationship."""
 
     event: Event
     code: AbortCode
@@ -175,7 +175,7 @@ class CyclicCounters:
 
 
 class Output(Protocol):
-    """Where frames and datagrams go."""
+    """Output of frames and datagrams."""
 
     def frame(self, data: bytes | bytearray) -> None:
         """Send an Ethernet frame."""
@@ -204,7 +204,7 @@ class ApplicationRelation:
         self.source = source
         self.activity = activity
         self.reference = own_reference
-        """Of the alarm relationship, this side."""
+        """Reference of the alarm relationship on this side."""
         self.ended: Ended | None = None
         self.has_data = ar.ar_type != ArType.DEVICE_ACCESS
         self.backup = plan.redundancy is not None
@@ -225,7 +225,7 @@ class ApplicationRelation:
         self.consumer: Consumer | None = None
         self.machines: dict[Priority, AlarmMachine] = {}
         self.head = b""
-        """What a frame with output data begins with when it has no tag; empty without data."""
+        """First bytes of an untagged frame with output data; empty without data."""
         if plan.inputs is not None and plan.outputs is not None and plan.alarm is not None:
             self.provider = Provider(plan.inputs, ar.initiator_mac, own_mac, plan.proper)
             self.provider.start(now)
@@ -427,7 +427,7 @@ class ApplicationRelation:
         return frame
 
     def poll(self, now: int) -> None:
-        """Send what is due; let what has not come have its consequences."""
+        """Send what is due and check timeouts."""
         if self.state is State.CLOSED:
             return
         consumer, provider = self.consumer, self.provider

@@ -109,7 +109,7 @@ class ConnectPlan:
     """Submodules that are as the project has them."""
     diff: ModuleDiffBlock | None
     redundancy: SrInfoBlock | None = None
-    """Of a relationship of system redundancy."""
+    """Block of a relationship with system redundancy."""
 
 
 def plan(arguments: bytes, model: DeviceModel) -> ConnectPlan:
@@ -334,7 +334,7 @@ def _occupy(used: bytearray, which: str, item: Place, length: int) -> None:
 
 
 def compare(slots: Iterable[ExpectedSlot], model: DeviceModel) -> tuple[ModuleDiffBlock | None, frozenset[Subslot]]:
-    """What differs from the project (None: nothing), and the submodules that do not."""
+    """The differences from the project (None: none), and the submodules that match."""
     proper: set[Subslot] = set()
     apis: dict[int, list[DiffModule]] = {}
     for slot in slots:

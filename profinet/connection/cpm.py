@@ -56,7 +56,7 @@ class Consumer:
         self.trailer = HEADER.size + block.data_length
         """Places of CycleCounter and status, from the FrameID on."""
         self.size = self.trailer + TRAILER.size
-        """Of a frame, from the FrameID on."""
+        """Size of a frame from the FrameID on."""
         self.counter: int | None = None
         """CycleCounter of the last frame that was accepted; None: none yet."""
         self._places = {

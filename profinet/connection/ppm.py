@@ -40,7 +40,7 @@ class Provider:
         self._plan = plan
         self._proper = frozenset(proper)
         self.step = block.send_clock * block.reduction_ratio
-        """Of the CycleCounter from frame to frame."""
+        """Increment of the CycleCounter from frame to frame."""
         self.counter = 0
         """CycleCounter of the last frame."""
         self.due = 0

@@ -52,7 +52,7 @@ def port_id(station: Station) -> str:
 
 
 def chassis_id(station: Station) -> str:
-    """What names the device."""
+    """Chassis ID: the name of the device."""
     return station.name if station.name and station.lldp_legacy else station.identity.chassis
 
 

@@ -86,7 +86,7 @@ class Index(enum.IntEnum):
 
 
 class Scope(enum.Enum):
-    """What the address of a record has to name."""
+    """Required parts of a record's address."""
 
     SUBSLOT = "subslot"
     SLOT = "slot"

@@ -73,7 +73,7 @@ Written = Mapping[tuple[Subslot, int], bytes]
 
 
 def check(place: Subslot, index: int, data: bytes) -> None:
-    """Raise WireError for a record that is not what its index says."""
+    """Raise WireError for a record that does not fit its index."""
     block = WRITABLE[place, index].decode(data)
     if isinstance(block, PortData):
         for _ in block.parts():

@@ -34,7 +34,7 @@ SIGNATURE = 4
 
 @dataclass(frozen=True, slots=True)
 class Im0:
-    """What the device is. ``software`` is prefix letter and three numbers 0..255."""
+    """Identification of the device. ``software``: prefix letter and three numbers 0..255."""
 
     vendor_id: int
     order_id: str

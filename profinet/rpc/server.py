@@ -147,7 +147,7 @@ class RpcServer(Generic[Source]):
 
 
 class RecordHandler(Protocol):
-    """What serves the records; both raise RecordRefused."""
+    """Serves the records; both methods raise RecordRefused."""
 
     def read(self, block: records.RecordBlock, *, implicit: bool) -> bytes:
         """The data of a record."""

@@ -40,7 +40,7 @@ _ADDRESSES_MAX = 256
 """Number of the latest addresses with wrong tokens."""
 _TOKEN_MIN, _TOKEN_MAX = 16, 4096
 _SEALED = ("/api/", "/metrics")
-"""What needs the token. The page's own files and the answers to "is it well?" hold nothing of the plant."""
+"""Paths that need the token. The page's own files and the health answers contain no data of the plant."""
 _LOCAL_NAMES = frozenset({"localhost", "127.0.0.1", "[::1]"})
 
 
@@ -108,12 +108,12 @@ class Token:
         return hmac.compare_digest(digest, self._digest) and kind.lower() == "bearer"
 
     def shown(self, headers: Headers) -> bool:
-        """A request of who has the token or the cookie."""
+        """Whether the request has the token or the cookie."""
         given = headers.get("authorization")
         return self.is_session(headers.get("cookie", "")) if given is None else self.opens(given)
 
     def is_session(self, cookies: str) -> bool:
-        """A ``Cookie`` header of who has logged in."""
+        """Whether a ``Cookie`` header belongs to a logged-in user."""
         try:
             given = SimpleCookie(cookies).get(COOKIE)
         except CookieError:

@@ -20,7 +20,7 @@ Peer = tuple[str, int]
 
 
 def sender(host: str) -> str:
-    """What counts as one sender: the IPv4 address or the IPv6 network."""
+    """The part of an address that counts as one sender: the IPv4 address or the IPv6 network."""
     try:
         address = ipaddress.ip_address(host.partition("%")[0])
     except ValueError:

@@ -29,7 +29,7 @@ class Event:
 
     id: int
     time: str
-    """Of the gateway's clock, ISO with time zone."""
+    """Time of the gateway's clock, ISO with time zone."""
     kind: str
     """``fault``, ``warning``, ``reason``, ``plc``, ``bus``, ``node`` or ``gateway``."""
     do_id: int | None

@@ -35,14 +35,14 @@ class Feed:
         self._ask = ask
         self._took = took
         self.document: Document | None = None
-        """What the gateway last said; None: nothing yet."""
+        """The gateway's last answer; None: none yet."""
         self.answered: float | None = None
         """When, seconds of the wall clock."""
         self.stale = True
-        """It did not answer the last time."""
+        """Whether the last request failed."""
         self.failure = "not read yet"
         self.watched_s, self.unwatched_s = _WATCHED_S, _UNWATCHED_S
-        """From one question to the next."""
+        """Intervals of the requests."""
         self.ticks = 0
         self.listeners: list[Callable[[], None]] = []
         """Called after each tick; they do not wait for anything."""
@@ -90,7 +90,7 @@ class Feed:
         tick.set()
 
     def status(self) -> Document:
-        """What ``/api/v1/status`` answers: the newest document, with whether it is old and since when."""
+        """The answer of ``/api/v1/status``: the newest document, whether it is old, and since when."""
         return (self.document or {}) | {"stale": self.stale, "answered": self.answered}
 
     @property

@@ -68,7 +68,7 @@ class BusLoads:
 
 
 class Gateway(Protocol):
-    """What is asked of a gateway, on a thread; GatewayError when it does not answer."""
+    """Requests to a gateway, on a thread; GatewayError when it does not answer."""
 
     def status(self) -> Document:
         """``gateway.service.status.snapshot``."""

@@ -90,7 +90,7 @@ class VelocityCheck:
         self._restart()
 
     def set_drive(self, scaling: Scaling, window: int) -> None:
-        """What the drive's units are; ``window``: speeds within it are standstill."""
+        """Set the drive's units. ``window``: speeds within it count as standstill."""
         counts, per_rpm = scaling.counts_per_revolution, scaling.velocity_per_rpm
         if counts is None or per_rpm is None:
             self._counts = self._counts_per_unit = 0.0
@@ -106,13 +106,13 @@ class VelocityCheck:
     def _restart(self) -> None:
         self._at = self._compared_at = -1
         self._way = 0
-        """What 606Ch adds up to since the last position, in velocity units times nanoseconds,"""
+        """Integral of 606Ch since the last position, in velocity units times nanoseconds,"""
         self._lowest = self._highest = 0
         """and between which values it was."""
         self._position = self._position_ns = 0
         """The position a step began with; 0 ns before the first."""
         self._steps: tuple[tuple[float, float], ...] = ()
-        """Of each step, what 6064h moved and what 606Ch says, in position units."""
+        """For each step, the change of 6064h and the distance from 606Ch, in position units."""
         self._target = 0
         self._ceiling = 0.0
         self._over_since = -1

@@ -14,7 +14,7 @@ SIMULATED_ENCODER_TELEGRAM: Final = 83
 
 
 class Trigger(StrEnum):
-    """What has a part of the flight recorder kept."""
+    """Events after which a part of the flight recorder is kept."""
 
     FAULT = "fault"
     """A new fault of a drive object."""

@@ -37,7 +37,7 @@ class EncoderConfig(DriveObjectSection):
     """100 % of NIST_A and NIST_B: rpm, of a linear encoder mm/s."""
     simulate: Boolean = False
     motion: str = "still"
-    """Of a simulated encoder, as ``pdgw sim encoder --motion`` takes it."""
+    """Motion of a simulated encoder, in the notation of ``pdgw sim encoder --motion``."""
     tpdo_event_ms: Annotated[Integer, Field(ge=1, le=10_000)] | None = None
     """Cyclic timer 6200h. None: the cycle of the PLC."""
     sync: Boolean = False
@@ -59,7 +59,7 @@ class EncoderConfig(DriveObjectSection):
 
     @property
     def device_keys(self) -> tuple[object, ...]:
-        """What all channels of a device have to agree in."""
+        """Keys that must be equal for all channels of a device."""
         return (
             self.model,
             self.eds,
@@ -72,7 +72,7 @@ class EncoderConfig(DriveObjectSection):
 
     @property
     def speed_unit(self) -> str:
-        """Of ``reference_speed``."""
+        """Unit of ``reference_speed``."""
         return "mm/s" if self.is_linear else "rpm"
 
     def event_ms(self, cycle_time_ms: float) -> int:
@@ -80,7 +80,7 @@ class EncoderConfig(DriveObjectSection):
         return max(1, int(cycle_time_ms)) if self.tpdo_event_ms is None else self.tpdo_event_ms
 
     def settings(self, channels: tuple[int, ...], cycle_time_ms: float) -> EncoderSettings:
-        """Of the client of the device."""
+        """Settings of the device's client."""
         event_ms = max(self.event_ms(cycle_time_ms), ceil(cycle_time_ms) if self.sync else 1)
         return EncoderSettings(
             node_id=self.node_id,

@@ -1,4 +1,4 @@
-"""What the configuration says of the gateway's surroundings: buses, nodes, transport, parameter channel, real-time priority."""
+"""Configuration of the gateway's environment: buses, nodes, transport, parameter channel, real-time priority."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from pdgw.profinet.rpc.records import NIL
 from pdgw.profinet.station import IpSuite, check_name
 
 _NODE: Final = NodeSettings(node_id=1)
-"""What holds of a node where the file says nothing."""
+"""Defaults of the node keys."""
 _MISSPELT = 0.85
 """A further [can] key this similar to a known key counts as a typing error."""
 
@@ -102,7 +102,7 @@ def _is_station_name(text: str) -> str:
 
 
 class TransportConfig(Section):
-    """How the PLC is reached."""
+    """The transport to the PLC."""
 
     type: Literal["udp", "profinet"] = "udp"
     interface: Annotated[str, Field(min_length=1, max_length=15)] | None = None
@@ -112,7 +112,7 @@ class TransportConfig(Section):
     router: IPv4Address | None = None
     """The IP suite's standard gateway, with a fixed address."""
     snmp_community: Annotated[str, Field(min_length=1, max_length=32, pattern=r"^[!-~]+$")] | None = None
-    """By which the SNMP agent of ``profinet`` answers, mostly "public"; None: there is no agent."""
+    """Community of the SNMP agent (``profinet``), usually "public"; None: no agent."""
     snmp_write_community: Annotated[str, Field(min_length=1, max_length=32, pattern=r"^[!-~]+$")] | None = None
     """Community that may write sysContact, sysName and sysLocation; None: none."""
     switchover_ms: Annotated[Integer, Field(ge=3, le=2000)] | None = None
@@ -132,7 +132,7 @@ class TransportConfig(Section):
     parameter_timeout_ms: Annotated[Integer, Field(ge=100, le=60_000)] = 2000
     """A parameter request is answered within this time; what the drive has not answered by then fails."""
     ar_uuid: UUID = NIL
-    """Of the static application relationship."""
+    """ARUUID of the static application relationship."""
     station_name: Annotated[str, AfterValidator(_is_station_name)] = DEFAULT_STATION_NAME
     """P61000; of ``profinet`` the name until DCP gives another one, "" for none: a controller may name the device then."""
 
@@ -185,7 +185,7 @@ class TransportConfig(Section):
 
 
 class ParametersConfig(Section):
-    """Who may use the parameter channel."""
+    """Access rights to the parameter channel."""
 
     write_from: tuple[IPv4Network, ...] | None = None
     """Addresses and networks parameters may be written from. None: all senders if ``listen`` is loopback, else none."""
@@ -205,11 +205,11 @@ class TraceConfig(Section):
     directory: Path | None = None
     """On a file system in RAM; None: systemd's RuntimeDirectory, or ``pdgw`` in the XDG run directory, or in /dev/shm."""
     seconds: Annotated[Integer, Field(ge=1, le=86_400)] = 120
-    """What the ring is to hold at least, as far as there is room."""
+    """Least time that the ring covers, if there is enough space."""
     megabytes: Annotated[Integer, Field(ge=1, le=4096)] = 32
     """All records together at most."""
     keep: tuple[Trigger, ...] = ()
-    """What has the seconds before and after it kept in a file."""
+    """Events with the seconds before and after them saved to a file."""
     keep_directory: Path | None = None
     """Where; None: ``traces`` in the state directory."""
     keep_before_s: Annotated[Integer, Field(ge=0, le=3600)] = 10
@@ -219,10 +219,10 @@ class TraceConfig(Section):
 
 
 class RealtimeConfig(Section):
-    """What is asked of the operating system for the exchange; refused politely where it does not grant it."""
+    """Requests to the operating system for the exchange. A rejected default is only logged."""
 
     priority: Annotated[Integer, Field(ge=0, le=99)] | None = None
-    """Of SCHED_FIFO. 0: the usual scheduling; None: 40 where the system grants it."""
+    """Priority of SCHED_FIFO. 0: normal scheduling; None: 40 if the system permits it."""
     cpu: tuple[Annotated[Integer, Field(ge=0, le=1023)], ...] = ()
     """Processors to run on; empty: all."""
     lock_memory: Boolean = False

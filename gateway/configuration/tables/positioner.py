@@ -70,7 +70,7 @@ class BlockConfig(BaseModel):
 
 
 class PositionerConfig(BaseModel):
-    """What telegrams 7, 110, 111 and 112 need."""
+    """Keys for telegrams 7, 110, 111 and 112."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -81,7 +81,7 @@ class PositionerConfig(BaseModel):
     """100 % of MDI_ACC."""
     max_deceleration: _Above0
     position_window: _Above0
-    """LU around the target in which it counts as reached."""
+    """Window around the target, in LU, in which it counts as reached."""
     jog_1_velocity: _Position = -300
     jog_2_velocity: _Position = 300
     jog_1_distance: _Distance = 0
@@ -94,7 +94,7 @@ class PositionerConfig(BaseModel):
     """The drive keeps a setpoint for after the one that runs."""
 
     clamping_torque: Annotated[_Integer, Field(ge=1, le=TORQUE_MAX)] | None = None
-    """Of a task with STW2.8, in 1/1000 of the rated torque."""
+    """Torque of a task with STW2.8, in 1/1000 of the rated torque."""
     lu_per_unit: _Above0 | None = None
     """Telegram 112: LU in one unit of length."""
     velocity_per: Literal["second", "minute"] | None = None
@@ -146,7 +146,7 @@ class PositionerConfig(BaseModel):
 
     @property
     def has_unit(self) -> bool:
-        """What telegram 112 needs is there."""
+        """Whether the keys for telegram 112 are set."""
         return self.lu_per_unit is not None and self.velocity_per is not None
 
 
@@ -165,7 +165,7 @@ SIMULATED = {
     "software_limits": (-1_000_000, 1_000_000),
     "homing_method": 35,
 }
-"""Of the simulated drives of ``pdgw run --simulate``."""
+"""Values for the simulated drives of ``pdgw run --simulate``."""
 SIMULATED_BLOCKS: tuple[dict[str, int | str], ...] = (
     {"number": 1, "position": 20_000, "velocity": 6000, "next": "flying"},
     {"number": 2, "position": 50_000, "velocity": 12_000, "next": "external"},

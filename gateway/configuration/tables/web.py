@@ -1,4 +1,4 @@
-"""What the configuration says of ``pdgw web``: where its page is, who may see it, and whether it publishes by MQTT."""
+"""Configuration of ``pdgw web``: address of the page, access rights, MQTT."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class WebConfig(Section):
 
     @property
     def address(self) -> tuple[str, int]:
-        """Where it listens."""
+        """The address that it listens on."""
         return split_address(self.listen)
 
     @property

@@ -64,7 +64,7 @@ class Node(Protocol):
 
 
 class Diagnosed(Protocol):
-    """What a drive object is asked for its diagnosis."""
+    """The properties of a drive object for its diagnosis."""
 
     fault_log: FaultLog
 
@@ -73,7 +73,7 @@ class Diagnosed(Protocol):
 
 
 def present_classes(item: Diagnosed) -> set[MessageClass]:
-    """What is wrong with a drive object: its faults until they are acknowledged, and a node that is away."""
+    """Problems of a drive object: unacknowledged faults, and a lost node."""
     found = {message_class(fault.code) for fault in item.fault_log.standing()}
     if item.client.status is not NodeStatus.ONLINE:
         found.add(MessageClass.INTERNAL_COMMUNICATION)

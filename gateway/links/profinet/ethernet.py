@@ -90,7 +90,7 @@ class EthernetPort(Protocol):
 
     @property
     def mac(self) -> bytes:
-        """Its address."""
+        """MAC address."""
 
     @property
     def link_up(self) -> bool:
@@ -98,7 +98,7 @@ class EthernetPort(Protocol):
 
     @property
     def medium(self) -> Medium:
-        """Its speed, duplex mode and autonegotiation."""
+        """Speed, duplex mode and autonegotiation."""
 
     def start(
         self, on_real_time: Callable[[], None], on_other: Callable[[], None], on_link: Callable[[], None]
@@ -256,7 +256,7 @@ class RawEthernet:
 
     @property
     def descriptors(self) -> list[int]:
-        """Of real-time frames, DCP, LLDP and datagrams."""
+        """Descriptors of real-time frames, DCP, LLDP and datagrams."""
         return [item.fileno() for item in (self._real_time, self._dcp, self._lldp, self._rpc)]
 
     def _receive(self, read: Callable[[int], T], size: int) -> T | None:

@@ -33,7 +33,7 @@ _UNKNOWN: Final = Medium(0, 0, 0)
 
 
 def medium_of(command: bytes) -> Medium:
-    """What a driver answered to ETHTOOL_GSET. MAU type 0: a speed without one, or no link."""
+    """Decode a driver's answer to ETHTOOL_GSET. MAU type 0: an unknown speed, or no link."""
     _, supported, advertising, low, duplex, _, _, _, enabled, _, _, _, high, *_ = _COMMAND.unpack(command)
     autonegotiation = bool(supported & _SUPPORTS_AUTONEGOTIATION) | (enabled == 1) << 1
     advertised = sum(0x8000 >> bit for ours, bit in _ADVERTISED if advertising >> ours & 1)

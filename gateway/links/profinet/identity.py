@@ -20,7 +20,7 @@ RELEASED = date(identity.RELEASE_YEAR, identity.RELEASE_DAY_MONTH % 100, identit
 
 
 def profinet_identity(transport: TransportConfig, mac: bytes) -> Identity:
-    """Who the device is."""
+    """Identity of the device."""
     return Identity(
         mac,
         transport.vendor_id,

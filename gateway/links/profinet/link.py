@@ -94,7 +94,7 @@ class ProfinetLink:
         self._timer: Timer | None = None
         self._timer_due = 0
         self._consumer: Consumer | None = None
-        """Of the controller that leads, or led last while another one may take over."""
+        """Data of the leading controller, or of the last one while another may take over."""
         self._taken_over = False
         """Another controller leads: compare its orders with those in force."""
         self.switchovers = 0
@@ -103,14 +103,14 @@ class ProfinetLink:
         self._engine: Engine | None = None
         """Receives and sends the cyclic frames; None: Python does."""
         self._lent: Provider | None = None
-        """What the engine sends."""
+        """Data that the engine sends."""
         self._stepped = 0
         """When the drive objects had made their last step."""
         self._orders_lost = False
         self.invalid = 0
         """Input frames whose data the engine marked as BAD."""
         self._held_up = False
-        """It did so, or sent none, since it was looked last."""
+        """Whether this has happened, or no frame was sent, since the last check."""
         self._exchange: Callable[[], None] = lambda: None
         self._closed = False
         self._answering = False
@@ -133,7 +133,7 @@ class ProfinetLink:
         self.watchdog_expiries = 0
         self.loss = ""
         self._end = ""
-        """How the newest relationship that exchanged data ended."""
+        """Reason of the end of the newest relationship with data exchange."""
         self._keeper = StationKeeper(port, transport, store, loop)
         model = profinet_model(transport, port.mac, config.objects, self._telegrams)
         name, ip = self._keeper.first_name(), self._keeper.first_ip()
@@ -168,7 +168,7 @@ class ProfinetLink:
         return self.device.cm.cyclic.received[verdict]
 
     def _count(self) -> None:
-        """What the engine counted, as if Python had received and sent it."""
+        """Count the engine's frames as if Python had received and sent them."""
         if self._engine is None:
             return
         counts = dict(zip(COUNTS, self._engine.counts(), strict=True))
@@ -188,7 +188,7 @@ class ProfinetLink:
         self.invalid += counts["invalid"]
 
     def serve_records(self, records_of: Callable[[str], RecordHandler]) -> None:
-        """Who serves parameter access and I&M from now on, for the host that asks."""
+        """Set the handler of parameter access and I&M for each requesting host."""
         self._records_of = records_of
 
     def _records_for(self, host: str) -> RecordHandler:
@@ -310,7 +310,7 @@ class ProfinetLink:
         return True
 
     def _hold_ns(self, now: int) -> int:
-        """How long the axes continue without a leading controller: 0 if no other one can take over."""
+        """Time for which the axes continue without a leading controller: 0 if no other one can take over."""
         return 0 if self.device.successor(now) is None else self.device.redundancy_hold_ns
 
     def lose_setpoints(self) -> None:
@@ -599,7 +599,7 @@ class ProfinetLink:
             self._pairing = None
 
     def _on_watch(self) -> None:
-        """What is wrong with the drive objects, as diagnosis of their access points."""
+        """Report problems of the drive objects as diagnosis of their access points."""
         self._watch = self._loop.call_later(_DIAGNOSIS_NS, self._on_watch)
         self._count()
         changed = False

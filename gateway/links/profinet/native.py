@@ -41,14 +41,14 @@ VERDICTS: Final = (
     Verdict.NOT_VALID,
     Verdict.STALE,
 )
-"""What the engine calls 0 to 6."""
+"""The engine's numbers 0 to 6."""
 FOREIGN, OTHER = 7, 8
 """A real-time frame that is not the controller's; one of the controller that is not cyclic."""
 COUNTS: Final = (
     *VERDICTS,
     *("foreign", "other", "sent", "missed", "invalid", "withheld", "dropped", "errors", "octets in", "octets out"),
 )
-"""What ``Engine.counts`` returns, in this order. Frames that ``take`` returned are not among those received."""
+"""Elements of ``Engine.counts``, in order. Frames returned by ``take`` are not among the received ones."""
 _SILENT_CYCLES: Final = 4
 """Number of cycles of the gateway without a step of the drive objects after which their data is not valid."""
 _ALL: Final = 0xFF
@@ -110,7 +110,7 @@ def order_mask(consumer: Consumer, telegrams: Sequence[Telegram]) -> bytes:
 
 
 def bound_ns(relation: ApplicationRelation, cycle_ns: int) -> int:
-    """How old the drive objects' last step may be. ``cycle_ns``: of the gateway."""
+    """Greatest age of the drive objects' last step. ``cycle_ns``: cycle of the gateway."""
     block = relation.plan.inputs.block if relation.plan.inputs is not None else None
     return max(0 if block is None else block.hold_ns, _SILENT_CYCLES * cycle_ns)
 

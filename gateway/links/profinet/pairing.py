@@ -56,7 +56,7 @@ class Pairing:
         return self.together
 
     def taken(self, now: int, *, found: bool) -> None:
-        """What waited was taken; ``found``: the controller's frame was there."""
+        """The queued frames were read. ``found``: the controller's frame was among them."""
         if not found or now >= self._look_at:
             self.end()
 

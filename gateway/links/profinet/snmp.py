@@ -38,7 +38,7 @@ def open_port(interface: str) -> socket.socket:
 
 
 _FIELDS: Final = {mib.SYS_CONTACT: "sys_contact", mib.SYS_NAME: "sys_name", mib.SYS_LOCATION: "sys_location"}
-"""Of the store."""
+"""Fields of the store."""
 _TEXT_MAX: Final = 255
 
 

@@ -17,7 +17,7 @@ from pdgw.profinet.station import IpSuite
 log = logging.getLogger("gateway")
 
 FLASH_NS = 3_000 * MS
-"""How long the device shows itself after a flash signal."""
+"""Duration of the signal after a DCP flash request."""
 _SAME_REFUSAL_NS, _OTHER_REFUSAL_NS = 60_000 * MS, 1_000 * MS
 """Times after which a refused Connect is logged again: for the same reason, for another reason."""
 
@@ -98,7 +98,7 @@ class StationKeeper:
         return self._loop.now() < self._flashing_until
 
     def on_event(self, event: NameSet | IpSet | ResetToFactory | Flash | Refused, name: str) -> None:
-        """What DCP changed is kept; the log has everything. ``name``: the station's."""
+        """Store changes by DCP; log all events. ``name``: name of the station."""
         match event:
             case NameSet(given, permanent):
                 log.info("name of station set to %r by DCP", given)
