@@ -109,6 +109,21 @@ def test_gateway_that_ended_starts_again_when_interface_is_plugged_in() -> None:
     assert life.daemon is not ended
 
 
+def test_gateway_that_starts_again_has_the_drives_own_torque_limit_of_the_one_before() -> None:
+    life = Life(next(parts(11, 1, [102])), keep_telegrams=True)
+    life.play(5 * SECOND)
+    axis, before = life.axes[0], life.daemon
+    kept = before.store.parameters.drive_object(1).own_values
+    assert [item.index for item in kept.values] == [0x6072]
+    axis.drive.node.model.max_torque = 1
+    life.begin_trouble(next(item for item in TROUBLES if item.name == "bus: other master"), axis, MS)
+    while life.daemon is before or not life.daemon.clients[0].generation:
+        life.play(life.loop.now() + MS)
+    drive = life.daemon.axes[0].drive.drive_type
+    assert drive is not None
+    assert drive.max_torque == kept.values[0].value
+
+
 @pytest.mark.parametrize("delay_ms", [100, 250], ids=["counter old", "counter as if new"])
 @pytest.mark.parametrize(("place", "value"), [("iops", 0), ("STW1", 0x7D)], ids=["IOPS BAD", "OFF2"])
 def test_frame_that_was_overtaken_is_no_reason_for_another_off(

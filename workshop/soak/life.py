@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import logging
 import math
+import shutil
+import tempfile
+import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from random import Random
 from typing import Final
 
@@ -16,6 +20,7 @@ from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.axis.telegrams import TASK_TELEGRAM_NUMBERS
+from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.links.udp import Address
 from pdgw.peers.drive import LINEAR_AXIS, ROTARY_AXIS, shape
@@ -74,9 +79,11 @@ class Life:
         self.trace = Trace(self.loop.now, frames=frames)
         self.calm = True
         self.plan: Plan = part.plan
-        self._config = self.plan.configuration(CHANNEL, PLC_HOST, ENGINEER_HOST)
+        self._folder = Path(tempfile.mkdtemp())
+        """Of the parameter store, which one gateway after the other uses."""
+        weakref.finalize(self, shutil.rmtree, self._folder)
+        self._config = self._configuration()
         self._may_change_telegrams = not keep_telegrams
-        """False after a restart of the gateway, which does not know the drive's ramps from before the present telegram."""
         self.daemon = self._gateway()
         self._cycle_ns = self.daemon.cycle_ns
         self._watchdog_ns = self._cycle_ns * self._config.transport.watchdog_factor
@@ -103,6 +110,10 @@ class Life:
         self.bus.offered.append(self._on_offered)
         self.bus.taps.append(self._on_frame)
         self.trace.note(f"cycle {self.plan.cycle_ms} ms; " + "; ".join(map(str, self.plan.axes)))
+
+    def _configuration(self) -> GatewayConfig:
+        config = self.plan.configuration(CHANNEL, PLC_HOST, ENGINEER_HOST)
+        return config.model_copy(update={"store": self._folder / "store.json"})
 
     def _gateway(self) -> Daemon:
         daemon = build_gateway(self._config, self.world)
@@ -250,9 +261,8 @@ class Life:
         self.trace.note(f"{axis.name}: P922 := {number}: {'taken' if done else 'refused'}")
         if done:
             axis.change(Words(telegram(number), axis.words.chance, self._cycle_ns))
-            # A restarted gateway reads it from its store.
             self.plan = self.plan.with_telegram(axis.index, number)
-            self._config = self.plan.configuration(CHANNEL, PLC_HOST, ENGINEER_HOST)
+            self._config = self._configuration()
             telegrams = [item.words.telegram for item in self.axes]
             self._layout = CSduLayout(telegrams, Direction.SETPOINT)
             self.plc.restart(self.world.network.open(PLC_HOST, 0, "PLC"), telegrams)
@@ -308,7 +318,6 @@ class Life:
         if self.daemon.stopped.is_set() and UNPLUGGED not in self._active:
             self.trace.note(f"gateway ended ({self.daemon.failure}) and starts again")
             self._end(_IDENTITY)
-            self._may_change_telegrams = False
             for axis in self.axes:
                 axis.restarted()
             for told in self.told:
