@@ -125,9 +125,8 @@ class AxisMachine:
         self._guard = EnableGuard()
         records = AxisRecords(settings, self.interlock, self.demand, self.inputs, self.report, self.outputs)
         self.executor = _make_executor(kind, records)
-        # Made now, while the images of the executor are the drive's.
         with_tasks = kind is Kind.POSITIONING or kind is Kind.POSITIONER
-        self._own_interpolation = Interpolation(self.executor) if with_tasks else None
+        self._own_interpolation = Interpolation(records) if with_tasks else None
         self._interpolation: Interpolation | None = None
         """Between executor and drive, where the drive has no profile position."""
         self.sensor = SensorWords() if "G1_STW" in self.telegram.setpoints.names else None
@@ -221,7 +220,7 @@ class AxisMachine:
             trouble = None if drive_ok else _LOST
             interlock.step(wish, demand.acknowledge, trouble, statusword, standstill, now)
             between = self._interpolation
-            reason = executor.step() if between is None else between.step()
+            reason = executor.step() if between is None else between.step(executor)
             if drive_ok:
                 self._check_velocity(interlock.action, now)
                 cell = interlock.cell
@@ -240,7 +239,7 @@ class AxisMachine:
             if self._interpolation is None:
                 executor.refuse()
             else:
-                self._interpolation.refuse()
+                self._interpolation.refuse(executor)
             report.flags = statusword & _OF_THE_DRIVE | SHOWN_FAULT
             if not drive_ok:
                 executor.lost()

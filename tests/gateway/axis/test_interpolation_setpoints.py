@@ -12,12 +12,12 @@ from itertools import pairwise
 
 import pytest
 
-from pdgw.dsp402.drive.images import DriveFeedback
+from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State, StatusBit
 from pdgw.gateway.axis.demand_report import Demand, Report
-from pdgw.gateway.axis.executors.base import AxisRecords, Executor
+from pdgw.gateway.axis.executors.base import AxisRecords
 from pdgw.gateway.axis.executors.positions.interpolation import Interpolation
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.power_table import Action
@@ -49,13 +49,16 @@ def ramp(rpm_s: int) -> Fraction:
     return counts(rpm_s, CYCLE * CYCLE)
 
 
-class Asks(Executor):
+def records_of(cycle_ns: int) -> AxisRecords:
+    settings = AxisSettings(cycle_ns=cycle_ns)
+    return AxisRecords(settings, Interlock(settings), Demand(), Inputs(DriveFeedback()), Report(), Outputs(0, None))
+
+
+class Asks:
     """Asks for what the test has put into its command."""
 
-    def __init__(self, cycle_ns: int) -> None:
-        settings = AxisSettings(cycle_ns=cycle_ns)
-        inputs, outputs = Inputs(DriveFeedback()), Outputs(0, None)
-        super().__init__(AxisRecords(settings, Interlock(settings), Demand(), inputs, Report(), outputs))
+    def __init__(self, command: DriveCommand) -> None:
+        self.command = command
 
     def refuse(self) -> None:
         self.command.controlword = 0
@@ -68,17 +71,15 @@ class Axis:
     """``wished`` is what an executor commands, ``seen`` what it sees; ``targets`` what the drive gets."""
 
     def __init__(self, position: int = 0, position_range: tuple[int, int] | None = None) -> None:
-        self.executor = Asks(CYCLE_NS)
-        self.feedback, self.command = self.executor.feedback, self.executor.command
-        self.interpolation = Interpolation(self.executor)
+        self.records = records_of(CYCLE_NS)
+        self.feedback, self.command = self.records.inputs.feedback, self.records.outputs.command
+        self.interpolation = Interpolation(self.records)
         self.interpolation.set_drive(
             replace(CSP, scaling=replace(CSP.scaling, position_range=position_range)), modulo=False
         )
-        self.wished, self.seen = self.executor.command, self.executor.feedback = (
-            self.interpolation.wished,
-            self.interpolation.seen,
-        )
-        self.executor.interlock.action = Action.ENABLE_OPERATION
+        self.wished, self.seen = self.interpolation.wished, self.interpolation.seen
+        self.executor = Asks(self.wished)
+        self.records.interlock.action = Action.ENABLE_OPERATION
         self.follows = True
         self.targets: list[int] = [position]
         self.feedback.position_actual = position
@@ -123,8 +124,8 @@ class Axis:
         reason = None
         for _ in range(cycles):
             self.wished.controlword = word
-            self.executor.inputs.standstill = len(self.targets) > 1 and self.targets[-1] == self.targets[-2]
-            reason = self.interpolation.step()
+            self.records.inputs.standstill = len(self.targets) > 1 and self.targets[-1] == self.targets[-2]
+            reason = self.interpolation.step(self.executor)
             self.targets.append(self.command.target_position)
             if self.follows:
                 self.feedback.position_actual = self.command.target_position
@@ -252,7 +253,7 @@ def test_drive_in_operation_against_its_command_is_guided_to_standstill(action: 
     else:
         axis.travels(90_000)
     axis.step(100)
-    axis.executor.interlock.action = action
+    axis.records.interlock.action = action
     check_slows_down_with(slowing_down(axis), SLOW)
 
 
@@ -391,10 +392,10 @@ def test_drive_back_in_operation_gets_its_present_position() -> None:
     axis.travels(90_000)
     axis.step(40)
     for _ in range(50):
-        axis.interpolation.refuse()
+        axis.interpolation.refuse(axis.executor)
     axis.follows = False
     axis.feedback.position_actual = 80_000
-    axis.executor.interlock.action = Action.QUICK_STOP
+    axis.records.interlock.action = Action.QUICK_STOP
     axis.step()
     assert axis.targets[-1] == 80_000
 
@@ -440,7 +441,7 @@ def test_modulo_axis_needs_a_drive_with_a_continuous_position(modulo: bool, wrap
 
 def test_mode_8_needs_a_cycle_time() -> None:
     with pytest.raises(Dsp402Error, match="cycle"):
-        Interpolation(Asks(0)).set_drive(CSP, modulo=False)
+        Interpolation(records_of(0)).set_drive(CSP, modulo=False)
 
 
 def test_setpoint_of_a_rejected_axis_is_its_present_position() -> None:
@@ -449,7 +450,7 @@ def test_setpoint_of_a_rejected_axis_is_its_present_position() -> None:
     axis.step(20)
     for position in (12_345, -777):
         axis.feedback.position_actual = position
-        axis.interpolation.refuse()
+        axis.interpolation.refuse(axis.executor)
         assert axis.command.target_position == position
         assert axis.command.controlword == 0
 

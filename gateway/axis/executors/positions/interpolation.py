@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import lcm
 from types import MappingProxyType
-from typing import Final
+from typing import Final, Protocol
 
 from pdgw.ds301.objects import CanType, Entry
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
@@ -23,7 +23,7 @@ from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, State, StatusBit
 from pdgw.durations import SECOND, SECONDS_PER_MINUTE
 from pdgw.gateway.axis.demand_report import STATE_MASK
-from pdgw.gateway.axis.executors.base import Executor, known
+from pdgw.gateway.axis.executors.base import AxisRecords, known
 from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.motion.dsc import wrapped
 from pdgw.gateway.motion.profile import Profile
@@ -63,6 +63,14 @@ def _offered(drive: DriveType) -> DriveType:
     )
 
 
+class Tasks(Protocol):
+    """The methods of an executor of modes 1, 3 and 6 that are called, as in ``Executor``."""
+
+    def step(self) -> Reason | None: ...
+
+    def refuse(self) -> None: ...
+
+
 @dataclass(frozen=True, slots=True)
 class _Setpoint:
     """A setpoint of profile position as it was taken, in units of the profile."""
@@ -74,14 +82,14 @@ class _Setpoint:
 
 
 class Interpolation:
-    """Between an executor of modes 1, 3 and 6 and the drive whose images it has when this is made."""
+    """Between an executor of modes 1, 3 and 6 and the drive of one axis."""
 
-    def __init__(self, executor: Executor) -> None:
-        self._executor = executor
-        self._command, self._feedback = executor.command, executor.feedback
+    def __init__(self, records: AxisRecords) -> None:
+        self._inputs, self._interlock = records.inputs, records.interlock
+        self._command, self._feedback = records.outputs.command, records.inputs.feedback
         self.wished, self.seen = DriveCommand(), DriveFeedback()
         """What the executor commands and sees, instead of the images of the drive."""
-        self._cycle_ns = executor.settings.cycle_ns
+        self._cycle_ns = records.settings.cycle_ns
         self._profile = Profile()
         self._resolution = 1
         """Units of the profile in one position unit."""
@@ -140,18 +148,18 @@ class Interpolation:
 
     # -- the machine's side -------------------------------------------------------------------------------------------
 
-    def refuse(self) -> None:
+    def refuse(self, executor: Tasks) -> None:
         """As ``Executor.refuse``."""
-        self._executor.refuse()
+        executor.refuse()
         self._command.controlword = self.wished.controlword
         self._stand(self._feedback)
         self._unseen = True
 
-    def step(self) -> Reason | None:
+    def step(self, executor: Tasks) -> Reason | None:
         """As ``Executor.step``."""
-        feedback, executor = self._feedback, self._executor
+        feedback = self._feedback
         cyclic = feedback.modes_of_operation_display == _CYCLIC
-        self._show(feedback, executor.inputs.standstill, cyclic=cyclic)
+        self._show(feedback, self._inputs.standstill, cyclic=cyclic)
         reason = executor.step()
         command, wished = self._command, self.wished
         mode, word = wished.modes_of_operation, wished.controlword
@@ -165,7 +173,7 @@ class Interpolation:
             self._unseen = False
             self._stand(feedback)
             return reason
-        if executor.interlock.action not in _OPERATES:
+        if self._interlock.action not in _OPERATES:
             word |= _HALT  # the drive has not followed yet: send no further position meanwhile
         if mode != self._mode:
             self._mode = mode
