@@ -1,6 +1,6 @@
-"""What is loaded for what: a door, a command and the rules bring along only what they work with.
+"""Modules loaded by the package, by commands and by rules: only those that they need.
 
-Each script is a Python of its own, because what was once loaded stays.
+Each script is a Python process of its own, because modules stay loaded.
 """
 
 from __future__ import annotations

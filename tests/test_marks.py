@@ -8,7 +8,7 @@ from tests.conftest import is_real
 
 AT_MOST = 40
 ON_THEIR_OWN = {"tour", "can"}
-"""Folders that ``make test`` does not play."""
+"""Folders that ``make test`` does not run."""
 
 
 def test_number_of_tests_with_processes_or_real_time_is_limited(request: pytest.FixtureRequest) -> None:

@@ -69,7 +69,7 @@ GOALS = {
     "timeline.md": (r"more than 20 times faster",),
     "transport.md": (r"31\.25 us",),
 }
-"""What is no measurement: goals, limits, facts of a protocol."""
+"""Figures other than measurements: goals, limits, facts of a protocol."""
 
 
 @pytest.mark.parametrize("path", MEASURED, ids=lambda path: path.name)

@@ -1,4 +1,4 @@
-"""The package as it is installed: nothing is left out of the wheel, its metadata is complete, the front door leads in."""
+"""The installed package: the wheel is complete, its metadata is complete, the public names work."""
 
 from __future__ import annotations
 

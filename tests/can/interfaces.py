@@ -26,7 +26,7 @@ def up(name: str, *, bitrate: int = 1_000_000, more: tuple[str, ...] = ()) -> No
 
 
 def is_controller(name: str) -> bool:
-    """Whether hardware, or the emulation of some, is behind an interface."""
+    """Whether an interface has real or emulated hardware."""
     return (_DEVICES / name / "device").exists()
 
 
@@ -38,7 +38,7 @@ class Wire:
     far: str
 
     def unplug(self) -> None:
-        """The near interface goes away, as that of an adapter which is pulled out."""
+        """Remove the near interface, like that of an unplugged adapter."""
         if is_controller(self.near):
             slot = (_DEVICES / self.near / "device").resolve().name
             (_DRIVER / "unbind").write_text(slot)
@@ -47,7 +47,7 @@ class Wire:
             ip("del", self.near)
 
     def plug(self) -> bool:
-        """It is there again, up; False: the far one was made anew with it."""
+        """Bring it back, up. False: the far interface was created again with it."""
         slot = _unplugged.pop(self.near, None)
         if slot is None:
             _tunnel(self)

@@ -61,11 +61,11 @@ class Plant:
         return drive
 
     def outside(self, action: Callable[[], T]) -> T:
-        """Do what takes long, such as a command, while the gateway goes on."""
+        """Run something slow, such as a command, while the gateway keeps running."""
         return self.loop.result(self.loop.offload(action))
 
     def play(self, story: Callable[[], None]) -> None:
-        """Until the story has ended; what it raises is raised here. The gateway is stopped in order."""
+        """Run a test sequence to its end and raise its exception here. Then stop the gateway in order."""
         loop = self.loop
         outcome: list[BaseException | None] = []
 

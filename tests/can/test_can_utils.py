@@ -1,4 +1,4 @@
-"""The tools everybody has beside: can-utils on the gateway's bus, Wireshark on what was recorded."""
+"""Common tools beside the gateway: can-utils on its bus, Wireshark on its recording."""
 
 from __future__ import annotations
 

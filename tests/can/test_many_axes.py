@@ -1,4 +1,4 @@
-"""Twenty axes behind an interface that takes few frames at a time, on a slow wire, recorded by candump."""
+"""Twenty axes on a slow bus whose interface has a short queue, recorded by candump."""
 
 from __future__ import annotations
 

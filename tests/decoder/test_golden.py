@@ -1,6 +1,6 @@
-"""Golden files: small hand-made captures and the reviewed text and JSON they become.
+"""Golden files: small hand-made captures with their reviewed text and JSON.
 
-``python -m tests.decoder.test_golden`` writes the expectations anew; the difference is to be read before it is committed.
+``python -m tests.decoder.test_golden`` writes the expectations again. Read the difference before you commit it.
 """
 
 from __future__ import annotations

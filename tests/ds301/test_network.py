@@ -151,7 +151,7 @@ class PlainPort:
 
 
 class Ports:
-    """Opens ports; ``missing`` so many times there is no interface."""
+    """Opens ports; the interface is ``missing`` this number of times."""
 
     def __init__(self) -> None:
         self.opened: list[PlainPort] = []

@@ -1,4 +1,4 @@
-"""Drives whose PDOs cannot be mapped anew."""
+"""Drives with fixed PDO mappings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drives with too few RPDOs: data by SDO first, then the set-point."""
+"""Drives with too few RPDOs: data by SDO first, then the setpoint."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Units as people write them and as drives tell them."""
+"""Units in the notation of users and in the objects of drives."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ from pdgw.tools.demo.namespaces import VethPair
 
 AXIS = (1, 2)
 PATIENCE_S = 60.0
-"""Nothing that works needs so long, on a machine however busy."""
+"""Longest time of any step, also on a busy machine."""
 OFF, ON = bytes.fromhex("047e0000"), bytes.fromhex("047f2000")
 IP_ADDRESS_LOST = "CF 81 FD 1F"
 TRIES = 10

@@ -1,4 +1,4 @@
-"""Damaged inputs by the million (``make fuzz INPUTS=...``): whatever comes, the gateway goes on with who is in order."""
+"""Millions of damaged inputs (``make fuzz INPUTS=...``): the gateway keeps serving correct clients."""
 
 from __future__ import annotations
 

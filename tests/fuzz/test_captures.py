@@ -1,4 +1,4 @@
-"""Mutated and truncated captures of every format: decoded up to the damage, which is told with its place; never a traceback."""
+"""Mutated and truncated captures of every format: decoded up to the damage, which is reported with its place; no traceback."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Damaged frames and datagrams by the hundred thousand: no exception, nothing piles up, the controller's relationship goes on."""
+"""Many damaged frames and datagrams: no exception, no growing queue, and the controller's relationship continues."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A drive that goes on as it was told last: what is sent to it, and withheld from it, until it stands and afterwards."""
+"""A drive that continues with its last command: frames sent to it and withheld from it, until standstill and after."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ GUARDS = {
 
 
 def _obeys_no_command(node: SimulatedDriveNode, *, nmt: bool) -> None:
-    """Every RPDO has the data of the last one; ``nmt``: NMT is obeyed."""
+    """Every RPDO has the data of the last one; ``nmt``: NMT commands are executed."""
     receive = node.receive
     held: dict[int, bytes] = {}
 

@@ -1,4 +1,4 @@
-"""Many axes behind an interface with few places: setpoints of every axis are sent in every cycle, and a stop at once."""
+"""Many axes on an interface with a short queue: setpoints of every axis are sent in every cycle, and a stop at once."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ def test_two_axes_as_simulated_with_telegram_9_are_tasked_each_for_itself() -> N
 
 
 def test_a_withheld_heartbeat_stops_the_drives_of_that_bus_and_no_others() -> None:
-    """The last brake of a drive that obeys nothing is its own guarding of the gateway."""
+    """The last means against a drive that ignores all commands is its own guarding of the gateway."""
     can = "".join(f'[[can]]\nname = "{name}"\ninterface = "virtual"\nchannel = "{name}"\n' for name in ("l", "r"))
     axes = "".join(
         f'[[axis]]\ndo_id = {n}\nnode_id = 5\ntelegram = 1\ncan = "{bus}"\nsimulate = true\n'

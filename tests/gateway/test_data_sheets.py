@@ -1,4 +1,4 @@
-"""Data sheets of the market: which telegrams each drive is accepted for, and that it moves as it is told with those."""
+"""Data sheets of the market: the accepted telegrams of each drive, and its motion with them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drives whose units lie or contradict each other: the shaft turns at the speed the PLC asked for, or not at all."""
+"""Drives with wrong or contradicting units: the shaft turns at the commanded speed or not at all."""
 
 from __future__ import annotations
 

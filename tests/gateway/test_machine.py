@@ -41,7 +41,7 @@ class Turning:
         self.plc.until(lambda: self.plc.value("NIST_A") == HALF_SPEED, "half speed")
 
     def undisturbed(self, cycles: int = 500) -> None:
-        """Play on: the speed and the state stay in every cycle, no fault, no loss."""
+        """Continue: speed and state stay in every cycle, without fault or loss."""
         for _ in range(cycles):
             self.plc.exchange()
             assert (self.plc.value("NIST_A"), self.plc.state()) == (HALF_SPEED, 0x07), snapshot(self.daemon)

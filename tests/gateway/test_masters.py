@@ -63,7 +63,7 @@ def test_a_master_that_comes_later_ends_the_gateway_after_its_drives_are_stopped
 
 
 def test_torque_reduction_is_of_the_limit_that_the_drive_had_before_it() -> None:
-    """Also behind starts of the node with power on, at which 6072h shows the reduced limit."""
+    """Also after restarts of the node with power on, when 6072h shows the reduced limit."""
     with running(configuration(axis(1, telegram_number=102))) as daemon:
         other = world_of(daemon).bus(CHANNEL).join("another tool")
         model, plc = drive_of(daemon).model, Plc(daemon, [102])

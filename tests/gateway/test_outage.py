@@ -106,7 +106,7 @@ def test_the_stop_is_on_its_way_while_the_bus_is_away() -> None:
 def test_an_enable_that_waited_in_the_controller_turns_no_drive(
     outage_ms: int, droppable: bool, at_most_ms: int
 ) -> None:
-    """The wire is cut while the drive stands in Switched On, then the PLC enables: that is queued, and the stop behind it."""
+    """The wire is cut in Switched On, then the PLC enables: the enable is queued, and the stop after it."""
     switched_on = ON & ~0x8
     with running(configuration(axis(1))) as daemon:
         plc = Plc(daemon, [1])

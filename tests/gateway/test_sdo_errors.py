@@ -1,4 +1,4 @@
-"""An SDO that fails is told with the node, the object and what the abort code means."""
+"""A failed SDO is reported with node, object and meaning of the abort code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drives of every shape behind the gateway, without a data sheet: each does what is asked, or is refused with its reason."""
+"""Drives of every variant on the gateway, without a data sheet: each follows or is rejected with its reason."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ QUARTER = 0x1000
 REFUSED = {
     "unguarded": "1016h",
 }
-"""What does not come online, and what it is told for."""
+"""Variants that do not come online, and their reasons."""
 PATIENCE = 300_000 * MS
 """A drive that answers SDO after half a second has some hundred of them to answer."""
 
@@ -62,7 +62,7 @@ def test_a_shape_the_gateway_cannot_map_or_guard_is_refused_with_what_is_missing
 
 TEN_TURNS = 40_960
 KEYS = {"no-range": 'rated_acceleration_rpm_s = 10000\nacceleration_unit = "rpm/s"\n'}
-"""What a shape does not tell about itself."""
+"""Keys for values that a variant lacks."""
 
 
 def _asks_for_ten_turns(plc: Plc, reference: int) -> None:

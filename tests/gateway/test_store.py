@@ -1,4 +1,4 @@
-"""The non-volatile parameters survive a crash at any moment, and damage is told and set aside."""
+"""The stored parameters survive a crash at any time; damage is reported and the file kept aside."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A mistake of the program in one request: its caller is told, it is counted and logged, and the next request is served."""
+"""A program error in one request: its client gets an error, it is counted and logged, and the next request is served."""
 
 from __future__ import annotations
 

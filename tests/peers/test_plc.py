@@ -113,7 +113,7 @@ def test_a_setpoint_that_does_not_fit_is_named_and_changes_nothing() -> None:
 
 
 def play(document: dict[str, object], answers: list[dict[str, int] | None]) -> tuple[Engine, list[dict[str, int]]]:
-    """Play a scenario; ``answers`` are the actual values of axis 1, cycle by cycle, the last one for ever."""
+    """Run a scenario; ``answers``: actual values of axis 1, cycle by cycle; the last one is repeated."""
     scenario = Scenario.model_validate(document)
     plc = PlcEndpoint([telegram(number) for number in scenario.telegrams], CYCLE)
     engine = Engine(scenario, plc)
@@ -250,7 +250,7 @@ def element(value: int | float | str, error: int | None = None) -> Element:
 
 
 def parameters(step: dict[str, object], answers: list[list[Element] | str | None]) -> tuple[Engine, list[object]]:
-    """Play one step on the parameter channel: one answer a cycle, an error for a text, None for no answer."""
+    """Run one step on the parameter channel: one answer a cycle, an error for a text, None for no answer."""
     scenario = Scenario.model_validate({"telegrams": [1, 1], "steps": [{"axis": 2, "within": "20 ms", **step}]})
     engine = Engine(scenario, PlcEndpoint([telegram(1)] * 2, CYCLE))
     asked: list[object] = []

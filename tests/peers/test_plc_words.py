@@ -1,4 +1,4 @@
-"""The PLC simulator knows every function by name: words from the declarations, actions played on a gateway in virtual time."""
+"""Every function of the PLC simulator by name: words from the declarations, actions run on a gateway in virtual time."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ def give_domain(node: SimulatedDriveNode, data: bytes) -> None:
 
 
 class Wire(canopen.Network):  # type: ignore[misc]
-    """canopen's network with one simulated drive behind it, which answers at once."""
+    """canopen's network with one simulated drive, which answers at once."""
 
     def __init__(self) -> None:
         super().__init__()

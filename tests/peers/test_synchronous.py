@@ -1,4 +1,4 @@
-"""Cyclic synchronous modes of the simulated drive: interpolation between set-points, and what happens when they stay away."""
+"""Cyclic synchronous modes of the simulated drive: interpolation between setpoints, and missing setpoints."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Bench:
         assert self.model.state is State.OPERATION_ENABLED
 
     def sync(self, **values: int) -> None:
-        """A SYNC; ``values``: the set-points that came before it, none: the RPDO was lost."""
+        """A SYNC. ``values``: setpoints before it; none: the RPDO was lost."""
         if values:
             for name, value in values.items():
                 setattr(self.model, name, value)

@@ -1,4 +1,4 @@
-"""Virtual buses with a name of their own, a loop that tests play, and waiting for conditions instead of sleeping."""
+"""Virtual buses with names of their own, a loop run by tests, and waiting for conditions instead of sleeping."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from pdgw.durations import MS
 
 _numbers = itertools.count()
 _loops: list[SystemLoop] = []
-"""Those the test plays while it waits."""
+"""Loops that run while the test waits."""
 PATIENCE_S = 300.0
-"""Nothing that works needs so long, on a machine however busy: who waits so long has found a defect."""
+"""Longest wait, also on a busy machine; a longer one is a defect."""
 
 
 def channel() -> str:
@@ -40,7 +40,7 @@ def wait_for(condition: Callable[[], object], what: str | Callable[[], str], sec
 
 
 def play(duration: int) -> None:
-    """So many nanoseconds of the test's loops."""
+    """Run the test's loops for this number of nanoseconds."""
     if not _loops:
         time.sleep(duration / 1e9)
     for loop in _loops:

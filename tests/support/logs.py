@@ -1,4 +1,4 @@
-"""The log of a command in a test's own process: what it sets up is taken back, or the next test hears none, or too much."""
+"""The log of a command in the process of a test: its handlers are removed, so that they do not affect the next test."""
 
 from __future__ import annotations
 

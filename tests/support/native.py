@@ -51,7 +51,7 @@ def engine_type() -> Any:
 
 
 class NativeEthernet(FakeEthernet):
-    """As a machine with the engine: its thread is played by the loop."""
+    """Like a machine with the engine, whose thread the loop runs."""
 
     def __init__(self, loop: Loop) -> None:
         super().__init__(loop)

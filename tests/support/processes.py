@@ -21,7 +21,7 @@ PATIENT = "heartbeat_ms = 2000\ntpdo_event_ms = 2000\nsdo_timeout_ms = 5000\n"
 _LOSS = re.compile(r"ERROR +PLC lost|fault 101")
 _TRIES = 4
 _END_OF_A_LOG = 2000
-"""So many characters of each log stand in the message of a test that fails."""
+"""Length of each log's end in the message of a failed test, in characters."""
 _PATIENCE_WITH_A_DEMO_S = 1800
 
 

@@ -1,4 +1,4 @@
-"""``pdgw axis test``: it turns what may be turned, slowly and not far, and tells wrong units from right ones."""
+"""``pdgw axis test``: turns an axis slowly and not far, and distinguishes wrong units from right ones."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from tests.support.processes import PATIENT
 BUS = "world"
 TURN = 4096
 WRONG = 'rated_speed_rpm = 3000\nignored_unit_objects = ["6094h"]\n'
-"""Keys with which a wrong unit is believed."""
+"""Keys with which a wrong unit is used."""
 CHOICES = Choices(Fraction(2), Fraction(2))
 """60 rpm for two turns."""
 

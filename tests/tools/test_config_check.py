@@ -1,4 +1,4 @@
-"""``pdgw config check``: with ``--bus`` it tells what 100 % is for the drives that answer."""
+"""``pdgw config check``: with ``--bus`` it shows the 100 % values of the drives that answer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The chapters of the demo: their files are valid, and their stories come true in virtual time."""
+"""The chapters of the demo: their files are valid, and their scenarios pass in virtual time."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ FOLLOWS = {
 
 
 def movements(name: str) -> Scenario:
-    """The story of a chapter as far as its drives, a scenario's engine and frames are all it needs."""
+    """The part of a chapter's scenario that needs only drives, a scenario engine and frames."""
     scenario = load_scenario(CHAPTERS[name].scenario)
     drives = len(CHAPTERS[name].axes)
     own = [step for step in scenario.steps if step.axis <= drives and step.action not in ELSEWHERE]
@@ -136,7 +136,7 @@ def test_messages_of_the_plc_are_shown(
 
 
 class Stories(Demo):
-    """A demo whose processes are not started; its PLC has told that all went well and ended with ``status``."""
+    """A demo without started processes; its PLC has reported success and ended with ``status``."""
 
     status = 0
 

@@ -1,4 +1,4 @@
-"""Lines of the log: with dates, as JSON, for the journal; what repeats itself is told once and counted."""
+"""Lines of the log: with dates, as JSON, for the journal; repeated lines are written once and counted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the gateway writes beside its work never holds it up: full disks, pipes nobody reads, storms."""
+"""Log and recording never delay the gateway: full disks, blocked pipes, storms."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ def test_saved_trace_has_both_buses_and_the_configuration(tmp_path: Path, capsys
 
 
 def silent(reader: RingReader) -> int:
-    """Frames that were not there: cycles without one of the PLC, and without anybody to answer."""
+    """Number of missing frames: cycles without a frame of the PLC and without an answer."""
     return sum((not cycle.flags & 1) + (not cycle.received or not cycle.flags & 4) for cycle in reader.cycles())
 
 

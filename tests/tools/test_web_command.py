@@ -1,4 +1,4 @@
-"""``pdgw web``: what it cannot start with is told in one line, packages that are missing too."""
+"""``pdgw web``: start errors are one line, also missing packages."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CONFIG = '[can]\ninterface = "virtual"\n[[axis]]\ndo_id = 1\nnode_id = 1\ntelegr
 
 @pytest.fixture(autouse=True)
 def _keeps_its_priority(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The process of the tests does not stand back."""
+    """The process of the tests keeps its priority."""
     monkeypatch.setattr(os, "nice", lambda _: 0)
 
 

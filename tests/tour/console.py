@@ -20,7 +20,7 @@ from doctest import ELLIPSIS, NORMALIZE_WHITESPACE, OutputChecker
 from pathlib import Path
 
 PATIENCE_S = 120.0
-"""No command of a document needs so long, on a machine however busy."""
+"""Longest time of a command in a document, also on a busy machine."""
 
 _BLOCK = re.compile(
     r"^(?P<indent> *)```(?P<kind>console|toml|yaml|python)\n(?P<body>.*?)^ *```$", re.MULTILINE | re.DOTALL
@@ -39,7 +39,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class File:
-    """A file the reader is told to write."""
+    """A file that the reader writes."""
 
     name: str
     text: str
@@ -64,7 +64,7 @@ def agrees(shown: str, printed: str) -> bool:
 
 
 class Background:
-    """A command that goes on; what it prints is gathered."""
+    """A command in the background; its output is collected."""
 
     def __init__(self, text: str, folder: Path) -> None:
         self.text = text
@@ -90,7 +90,7 @@ class Background:
         assert seen, f"$ {self.text}\nshould have printed\n{shown}\nbut printed\n{self.printed}"
 
     def end(self) -> str:
-        """Ctrl-C; returns what it printed behind it. A command that does not end is an error."""
+        """Send Ctrl-C. Return the further output. A command that does not end is an error."""
         before = len(self.printed)
         self._process.send_signal(signal.SIGINT)
         self._process.wait(PATIENCE_S)
@@ -105,7 +105,7 @@ class Background:
 
 @dataclass(slots=True)
 class Terminal:
-    """Where a document is played: a folder and the commands that go on in it."""
+    """Runs a document: a folder and the background commands in it."""
 
     folder: Path
     running: list[Background] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""The reader of the gateway's status goes on whatever one answer or one listener does."""
+"""The reader of the gateway's status continues after any faulty answer or listener."""
 
 from __future__ import annotations
 

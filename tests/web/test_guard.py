@@ -138,7 +138,7 @@ def test_after_five_wrong_tokens_the_next_wrong_one_waits_for_a_minute() -> None
 
 
 def test_wrong_tokens_do_not_lock_the_right_one_out() -> None:
-    """Others may have the same address, behind a proxy for example."""
+    """Other clients may have the same address, for example with a proxy."""
     asked = Asked(TOKEN)
     for _ in range(2 * FAILURES_MAX):
         asked.status(authorization="Bearer wrong")

@@ -82,7 +82,7 @@ class Subscriber:
 
 
 def looked(watch: Watch, publisher: Publisher) -> None:
-    """One look at the gateway, told to the broker."""
+    """Query the gateway once and publish the result."""
     look(watch)
     publisher.tell()
 

@@ -1,4 +1,4 @@
-"""The interface of the page: documents, streams that resume, limits, headers, trends; what is told of a silent gateway."""
+"""The interface of the page: documents, streams that resume, limits, headers, trends; data of a silent gateway."""
 
 from __future__ import annotations
 

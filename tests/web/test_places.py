@@ -298,7 +298,7 @@ def test_a_connection_with_the_token_carries_more_requests() -> None:
 
 
 def test_large_answers_are_made_only_while_there_is_room() -> None:
-    """A reader that takes nothing keeps one answer in memory, the requests behind it keep none."""
+    """A reader that accepts nothing keeps one answer in memory; its further requests keep none."""
     size = 50 * PART
     made: list[int] = []
 

@@ -190,7 +190,7 @@ def test_stored_answers_of_an_ideal_drive_end_with_a_write() -> None:
 
 
 class _Report:
-    """Drives that tell what the test says."""
+    """Drives with the report that the test sets."""
 
     def __init__(self, rpdos: list[int], log: list[tuple[int, int]]) -> None:
         self._report = rpdos, log
@@ -200,7 +200,7 @@ class _Report:
 
 
 def after(words: list[int], cycles: int) -> tuple[Peer, PlcDialogue]:
-    """A peer as it is after so many answered cycles, the last with these ZSW1."""
+    """A peer after this number of answered cycles, the last with these ZSW1."""
     plc = PlcDialogue(len(words), 1_000_000)
     gateway = CyclicEndpoint([telegram(1)] * len(words), cycle_ns=1_000_000)
     peer = Peer(9, plc)

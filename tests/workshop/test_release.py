@@ -54,7 +54,7 @@ def test_a_source_distribution_unpacks_to_what_it_was_made_from(tmp_path: Path) 
 
 
 class Builds:
-    """Stands for pip: the wheel of each build has the content that is next."""
+    """Replaces pip: the wheel of each build has the next content."""
 
     def __init__(self, *contents: bytes) -> None:
         self.contents = list(contents)

@@ -53,7 +53,7 @@ def test_zsw1_that_shows_another_state_is_found(monkeypatch: pytest.MonkeyPatch)
 
 
 def asked_axis(word: int) -> SoakAxis:
-    """An axis of telegram 1 whose drive stands still in calm, asked for full speed with this STW1 for a long time."""
+    """An axis of telegram 1 with its drive at standstill, commanded to full speed with this STW1 for a long time."""
     life = Life(next(parts(7, 1, [1])), keep_telegrams=True)
     life.play(SECOND)
     (axis,) = life.axes

@@ -14,7 +14,7 @@ from pdgw.workshop.walk.cases import Case
 from pdgw.workshop.walk.machine import Transducer
 
 PAIRS = 1
-"""So many pairs at least for each attribute."""
+"""Least number of pairs for each attribute."""
 Attribute = tuple[str, str]
 """Class and name."""
 WALKED = [
@@ -23,7 +23,7 @@ WALKED = [
     Case(100),
 ]
 STATES = 200
-"""So many states of each case are stepped."""
+"""Number of tested states of each case."""
 
 
 def difference(one: Checkpoint, other: Checkpoint) -> set[Attribute]:
@@ -58,7 +58,7 @@ class Twins(Transducer):
         return number
 
     def goes_on(self, state: Checkpoint, number: int) -> tuple[object, ...]:
-        """What one step from a state decides, and the state behind it."""
+        """Result of one step from a state, and the next state."""
         self._checkpoints.restore(state)
         output = self._step(*self.inputs[number])
         return output, self._checkpoints.fingerprint()

@@ -1,4 +1,4 @@
-"""Reading captures: every format gives the same packets; damage is told with its offset after what came before."""
+"""Reading captures: every format gives the same packets; damage is reported with its offset after the packets before it."""
 
 from __future__ import annotations
 

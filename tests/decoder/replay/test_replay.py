@@ -387,7 +387,7 @@ def test_empty_recording_has_no_steps() -> None:
 
 
 class Stalled(RecordedRig):
-    """A gateway that stands still now and then: what comes meanwhile waits, and is dealt with in one turn."""
+    """A gateway with pauses: frames that arrive meanwhile are queued and processed together."""
 
     def __init__(self, watchdog_factor: int = 100) -> None:
         self.watchdog_factor = watchdog_factor

@@ -1,4 +1,4 @@
-"""Replay of drives that are not the ENGEL-like one: their speeds are other objects, or the gateway makes their set-points."""
+"""Replay of drives other than the ENGEL-like one: with other speed objects, or with setpoints from the gateway."""
 
 from __future__ import annotations
 

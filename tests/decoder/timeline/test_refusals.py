@@ -1,4 +1,4 @@
-"""The timeline tells every refusal in the gateway's words."""
+"""The timeline shows every rejection with the gateway's text."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.support.axis.recorded import RecordedRig
 from tests.support.readers.timeline import edges, texts, timeline
 
 IOPS_OF_PLC = 6
-"""Where telegram 1's IOPS lies in a frame."""
+"""Offset of telegram 1's IOPS in a frame."""
 
 
 def last_outcome(rig: RecordedRig, folder: Path) -> Reason | None:

@@ -1,6 +1,6 @@
-"""The timeline of small recordings: causes, latencies, and the reviewed one.
+"""Timelines of small recordings: causes, latencies, and the reviewed one.
 
-``python -m tests.decoder.timeline.test_timeline`` writes the golden file anew. Read the difference before you commit it.
+``python -m tests.decoder.timeline.test_timeline`` writes the golden file again. Read the difference before you commit it.
 """
 
 from __future__ import annotations

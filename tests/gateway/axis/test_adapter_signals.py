@@ -1,4 +1,4 @@
-"""Every signal of a telegram is read or written. An actual value that nobody writes would be 0 with a good IOPS."""
+"""Every signal of a telegram is read or written. An actual value without a writer would be 0 with a good IOPS."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A machine that was taken back to a saved moment takes the answers that belong to this moment."""
+"""A machine restored to a saved time accepts the answers that belong to this time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""While an order is in doubt, no status word says "reached" or "acknowledged". The oracle is published bit numbers."""
+"""While a command is unconfirmed, no status word shows "reached" or "acknowledged". The oracle is published bit numbers."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ MOVING = {
 
 
 class Twins:
-    """Two axes with the same PLC and the same drive: one of them in doubt about an order."""
+    """Two axes with the same PLC and drive; a command to one of them is unconfirmed."""
 
     def __init__(self, number: int) -> None:
         self.rigs = [Rig(number, positioner=CHOICES, dsc=DSC) for _ in range(2)]
         self.shown = dict.fromkeys((name for name in telegram(number).actuals.names if name in CLAIMS), 0)
-        """Claims of the axis without doubt, ever."""
+        """All confirmations of the other axis until now."""
 
     def step(self, cycles: int, doubt: OrderDoubt, **values: int) -> None:
         certain, doubtful = self.rigs

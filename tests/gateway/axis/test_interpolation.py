@@ -1,4 +1,4 @@
-"""Tasks on a drive with cyclic synchronous position alone (shape ``csp``): the gateway makes the set-points."""
+"""Tasks on a drive with only cyclic synchronous position (variant ``csp``): the gateway generates the setpoints."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ SMALL = Machine(negative_limit=-20_000, positive_limit=20_000, negative_stop=-30
 
 
 class CspRig(Rig):
-    """Keeps every set-point the drive was sent."""
+    """Stores every setpoint sent to the drive."""
 
     def __init__(self, machine: Machine | None = None, **settings: object) -> None:
         self.targets: list[int] = []
@@ -80,7 +80,7 @@ def steps(targets: Sequence[int]) -> list[int]:
 
 
 def check_profile(targets: Sequence[int], speed: Fraction, ramp: Fraction) -> None:
-    """No set-point is further from the one before, and no step another than the one before, than asked; rounding apart."""
+    """Check that every step and its change are within the commanded limits, apart from rounding."""
     ways = steps(targets)
     assert max(map(abs, ways), default=0) <= speed + 1
     assert max(map(abs, steps(ways)), default=0) <= ramp + 2

@@ -1,4 +1,4 @@
-"""The set-points of mode 8 themselves: what an executor asks of modes 1 and 3, and the position each SYNC brings the drive.
+"""The setpoints of mode 8: commands of an executor for modes 1 and 3, and the position that each SYNC sends.
 
 No simulated drive: it follows at once, so that every position is one of the profile. Each loop has an end.
 """
@@ -111,7 +111,7 @@ class Axis:
         self.wished.target_velocity = int(rpm * unit)
 
     def travels(self, target: int, word: int = SET_POINT) -> None:
-        """A set-point of profile position, and its handshake."""
+        """A setpoint of profile position with its handshake."""
         unit = CSP.scaling.velocity_per_rpm
         assert unit is not None
         self.wished.modes_of_operation = Mode.POSITION

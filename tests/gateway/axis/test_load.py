@@ -1,4 +1,4 @@
-"""Telegram 20: current, torque, power and the NAMUR word behind the speed."""
+"""Telegram 20: current, torque, power and the NAMUR word after the speed."""
 
 from __future__ import annotations
 

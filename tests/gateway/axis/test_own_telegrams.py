@@ -32,7 +32,7 @@ WORDS = {"STW1": [0x047F, 0x047F, 0x047E, 0x047B, 0x047D, 0x043F, 0x04FF], "MOMR
 
 @pytest.fixture(autouse=True)
 def only_here() -> Iterator[None]:
-    """What a test adds is forgotten behind it."""
+    """Remove the telegrams that a test adds."""
     yield
     for known in (catalogue._CATALOGUE, telegrams.DRIVE_TELEGRAMS):
         for number in [number for number in known if number in catalogue.OWN_NUMBERS]:

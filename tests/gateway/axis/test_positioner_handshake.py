@@ -1,4 +1,4 @@
-"""Telegram 111 with a drive that answers when the test says so: set-points, modes, Halt, homing, and what is shown."""
+"""Telegram 111 with a drive that answers on demand of the test: setpoints, modes, Halt, homing, and displayed states."""
 
 from __future__ import annotations
 

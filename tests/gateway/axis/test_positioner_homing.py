@@ -1,4 +1,4 @@
-"""Telegram 111 with a drive that answers when the test says so: homing, modulo axes, ranges, and what the drive tells."""
+"""Telegram 111 with a drive that answers on demand of the test: homing, modulo axes, ranges, and reports of the drive."""
 
 from __future__ import annotations
 

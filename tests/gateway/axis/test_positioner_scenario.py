@@ -1,4 +1,4 @@
-"""The scenario that shows a positioner, played in virtual time on the axis machine and the simulated drive."""
+"""The scenario of the positioner, in virtual time on the axis machine and the simulated drive."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Telegram 9 where orders overlap: edges while braking, homing asked anew, tasks at the end of the number range."""
+"""Telegram 9 with overlapping commands: edges while braking, repeated homing, tasks at the end of the number range."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_homing_commanded_while_braking_starts_at_standstill() -> None:
 
 
 def test_repeated_homing_waits_for_its_own_method() -> None:
-    """The answer to the first writes must not be taken for that to the second: the axis would home the wrong way."""
+    """The answer to the first writes must not count for the second: the axis would home in the wrong direction."""
     rig = axis()
     rig.sdo_delay = 10**9
     home(rig, 17)

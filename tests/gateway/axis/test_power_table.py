@@ -76,7 +76,7 @@ def test_off_never_switches_power_on() -> None:
 
 
 def test_enable_without_on_is_sent_only_to_a_drive_that_is_enabled() -> None:
-    """The rule behind all rows: no Controlword that can put power on while the PLC does not ask for ON."""
+    """General rule: no Controlword switches power on unless the PLC commands ON."""
     enabled = set(IN_OPERATION)
     for name, item in walk(wishes=NOT_ASKED, drives=set(Drive) - enabled, phases=set(Phase) - {Phase.PASS}):
         assert item.controlword & 0x1 == 0, name

@@ -1,4 +1,4 @@
-"""G2 of telegrams 4, 6, 103 and 106: the machine of G1 with another position behind it."""
+"""G2 of telegrams 4, 6, 103 and 106: the state machine of G1 with another position."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Telegram 9 under random orders: what the drive is told, against the rules of its guide and one task per edge."""
+"""Telegram 9 with random commands: frames to the drive compared with the rules of its guide and one task per edge."""
 
 from __future__ import annotations
 

@@ -190,7 +190,7 @@ def test_zsw1_5_stays_0_until_the_quick_stop_is_over() -> None:
 @pytest.mark.parametrize("state", [State.READY_TO_SWITCH_ON, State.SWITCHED_ON, State.OPERATION_ENABLED])
 @pytest.mark.parametrize("cycles", [1, 5])
 def test_on_without_off_does_not_start_a_drive_that_missed_the_stop(word: int, state: State, cycles: int) -> None:
-    """Its PDOs are lost: it goes on showing the state it had."""
+    """Its PDOs are lost, so it keeps showing its last state."""
     bench = Bench()
     bench.step(OFF, cycles=3)
     if state is State.OPERATION_ENABLED:

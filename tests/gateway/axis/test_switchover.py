@@ -62,7 +62,7 @@ BEFORE: dict[str, Callable[[Rig], None]] = {
 
 
 def take_over(rig: Rig, word: int) -> bool:
-    """As the link does it; whether the new controller's order goes on."""
+    """Switch over as the link does. Return whether the new controller's command continues."""
     half = rig.stepper.telegram.setpoints
     before = half.from_dict(rig.values)
     goes_on = Orders(half).goes_on(half.from_dict({**rig.values, "STW1": word}), before)

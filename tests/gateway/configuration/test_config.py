@@ -391,7 +391,7 @@ def test_missing_files_are_named(tmp_path: Path) -> None:
 
 
 def _shown(head: str, further: frozenset[str]) -> dict[str, object]:
-    """The keys of one table of the example with their values, also those behind a #, up to what another table starts with."""
+    """The keys of one table of the example with their values, also commented ones, up to the next table."""
     part = re.split(rf"\n{re.escape(head)}(?: *#.*)?\n", example())[1].partition("\n[")[0].partition("\n# [")[0]
     lines = (line.removeprefix("# ") for line in part.splitlines() if re.match(r"(# )?[a-z]\w* = ", line))
     return {key: value for line in lines for key, value in tomllib.loads(line).items() if key not in further}

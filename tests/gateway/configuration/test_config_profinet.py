@@ -1,4 +1,4 @@
-"""What [transport] of a PROFINET device may hold, and how a slip of the pen is told."""
+"""Allowed values in [transport] of a PROFINET device, and the report of errors."""
 
 from __future__ import annotations
 

@@ -213,7 +213,7 @@ def test_without_time_stamps_a_frame_may_have_come_in_time_while_the_gateway_was
 
 @pytest.mark.parametrize("stamped", [False, True])
 def test_a_gateway_that_stood_still_believes_nothing_that_waited(stamped: bool) -> None:
-    """The queue holds a whole life of a PLC: it stopped, was switched on again and went away."""
+    """The queue has all frames of a PLC that stopped, was switched on again and ended."""
     endpoint = device()
     connect(endpoint)
     now = 100 * CYCLE
@@ -248,7 +248,7 @@ def test_no_connection_begins_before_the_loss_was_told() -> None:
 
 
 def test_without_delays_a_connection_waits_for_the_report_of_the_loss_too() -> None:
-    """On Ethernet one frame connects: without this rule the axes would go on with an ON, and would never see the loss."""
+    """On Ethernet one frame connects: without this rule the axes would continue with an ON and never see the loss."""
     endpoint = CyclicEndpoint([telegram(1)], cycle_ns=CYCLE, delays=False)
     assert endpoint.receive(frame(1), PLC, 0) is Verdict.ACCEPTED
     assert endpoint.receive(frame(2), PLC, 20 * CYCLE) is Verdict.UNCONFIRMED
@@ -270,7 +270,7 @@ def test_the_answer_carries_values_status_and_a_running_counter() -> None:
 
 
 def test_an_endpoint_with_another_telegram_goes_on_counting() -> None:
-    """A cycle counter that starts anew would look like old frames to the PLC."""
+    """A restarted cycle counter would look like old frames to the PLC."""
     first, second = device(1), device(2)
     connect(first)
     for _ in range(5):

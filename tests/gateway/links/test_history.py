@@ -16,7 +16,7 @@ from pdgw.profidrive.telegrams import telegram
 
 PLC = ("192.168.0.10", 40000)
 ON, TASK = 0x047F, 0x0C7F
-"""STW1.11 starts something, and its fall is no stop that acts at once."""
+"""STW1.11 starts something; its falling edge is no stop that takes effect at once."""
 
 
 def sent(number: int, order: int, cycle: int, *, life: bool) -> bytes:
@@ -156,7 +156,7 @@ def test_no_copy_of_a_pulse_up_to_5_s_late_orders_anything_exhaustive(life: bool
 
 
 def test_a_frame_of_an_earlier_connection_orders_nothing_until_5_s_have_passed() -> None:
-    """Its delay is no whole turn of the counter: the PLC restarted with another one."""
+    """Its delay is not a multiple of the counter's period, because the PLC restarted with another counter."""
     for age in (0, 500, 1020, 1030, 1100, 1240):
         line = Line(4 * MS, life=False)
         for _ in range(age + 4):

@@ -35,7 +35,7 @@ STOPS = (0x10, 0x20, 0x40, 0x30)
 CLAIMS = 0x1400
 """Target reached, task acknowledged."""
 RECENT = WATCHDOG + (CONFIRMING_FRAMES + 1) * CYCLE
-"""What is put in force may have been sent so long ago: a late frame, and those that had to confirm it."""
+"""Greatest age of a command in force: a late frame, and those that had to confirm it."""
 
 
 @dataclass
@@ -318,7 +318,7 @@ def test_a_frame_that_is_late_by_whole_turns_of_the_counter_orders_nothing(turns
 
 
 def test_old_off_frames_of_an_earlier_connection_do_not_release_a_standing_on() -> None:
-    """An attack on the gateway of before: OFF frames delayed beyond the watchdog, then the ON that stands."""
+    """An attack on an earlier gateway: OFF frames delayed beyond the watchdog, then the ON that stays active."""
     plc, gateway, now = connected(OFF, 50)
     delayed = [plc.frame(now + n * CYCLE, OFF) for n in range(1, 6)]
     now += 5 * CYCLE
@@ -409,7 +409,7 @@ def test_a_burst_of_old_frames_is_no_sequence() -> None:
 
 
 def test_a_silence_longer_than_the_counter_s_turn_is_counted_whole() -> None:
-    """With a long watchdog the history of orders must not lose the turns that nobody saw."""
+    """With a long watchdog the history of commands must include the counter periods without frames."""
     cycle = 4 * MS
     sequence = FrameSequence(cycle, 5_000 * MS)
     now = 0

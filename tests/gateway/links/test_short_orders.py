@@ -1,4 +1,4 @@
-"""STW1.6 low for one or two frames soon after a task: the next task runs, or the PLC is not told that it was reached."""
+"""STW1.6 low for one or two frames soon after a task: the next task runs, or the PLC gets no "reached" for it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The UDP edge on the machine: a stranger's flood ends in the kernel, and a port can be left alone for a while."""
+"""The UDP sockets of the machine: a flood of an unknown sender ends in the kernel, and a port can be paused."""
 
 from __future__ import annotations
 

@@ -31,13 +31,13 @@ def axis() -> Iterator[Axis]:
 
 
 class Requests:
-    """An axis whose drive is online: the SDO jobs it was given wait for the test, and the machine is played by it too."""
+    """An axis with an online drive; the test answers its SDO jobs and acts as its machine."""
 
     def __init__(self, axis: Axis) -> None:
         axis.drive.status = DriveStatus.ONLINE
         self._axis = axis
         self.told: list[SdoAnswer] = []
-        """What the machine is told."""
+        """Answers passed to the machine."""
 
     @property
     def jobs(self) -> list[Future[Any]]:
@@ -45,7 +45,7 @@ class Requests:
         return [future for future, _ in self._axis.drive._jobs._waiting]
 
     def cycle(self) -> None:
-        """A step of the axis, around a machine that takes back what was answered."""
+        """A step of the axis, with a machine that drops answered requests."""
         outputs = self._axis.outputs
         news: list[News] = []
         self._axis._deliver(news)

@@ -1,4 +1,4 @@
-"""What the axis tells of the drive's own doings: once, under its number, and without losing the first cause."""
+"""Reports of the axis about its drive: once, with the right number, and without losing the first cause."""
 
 from __future__ import annotations
 

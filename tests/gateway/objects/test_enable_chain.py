@@ -38,7 +38,7 @@ _BEHIND = {
     Enable.CONTROL: {Enable.OPERATION, Enable.ON_EDGE, Enable.SETPOINT},
     Enable.ON_EDGE: {Enable.OPERATION, Enable.SETPOINT},
 }
-"""What cannot be judged while a link is broken: a drive that nobody commands cannot follow."""
+"""Links that cannot be judged while another one is broken: a drive without commands cannot follow."""
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Encoders behind the gateway: from PLC frames and records to simulated CiA 406 devices and back."""
+"""Encoders on the gateway: from PLC frames and records to simulated CiA 406 devices and back."""
 
 from __future__ import annotations
 

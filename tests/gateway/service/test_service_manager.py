@@ -1,4 +1,4 @@
-"""The service manager: told when the gateway is ready, kept awake by its cycles alone, told when it stops."""
+"""Reports to the service manager: ready, watchdog triggered only by cycles, stopping."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The status document: state words and chain from the daemon, faults with ids, and a socket nobody can block."""
+"""The status document: state words and chain from the daemon, faults with ids, and a socket that no client can block."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ def loop() -> Iterator[SystemLoop]:
 
 
 def server_of(loop: SystemLoop, failures: int) -> tuple[StatusServer, Listener, socket.socket]:
-    """A server, its port, and somebody who asks there what nobody knows."""
+    """A server, its port, and a client with an unknown request."""
     server = StatusServer(cast(Daemon, SimpleNamespace(loop=loop)), 0)
     listener = Listener(server._listener, failures)
     server._listener = cast(socket.socket, listener)

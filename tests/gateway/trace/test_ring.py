@@ -91,7 +91,7 @@ def test_a_record_changed_while_it_is_copied_is_left_out(tmp_path: Path) -> None
     with RingReader(ring.path) as reader:
 
         class Moving:
-            """A view whose copy is taken, and then the writer goes on."""
+            """A view that is copied before the writer continues."""
 
             def __init__(self, view: memoryview) -> None:
                 self.view = view

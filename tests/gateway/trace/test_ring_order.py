@@ -27,7 +27,7 @@ _COMPARED = 64
 
 
 class Machine:
-    """A writer, and what another processor has seen of its stores so far."""
+    """A writer, and its stores that another processor has seen until now."""
 
     def __init__(self, directory: Path, seed: int) -> None:
         self.random = random.Random(seed)

@@ -1,4 +1,4 @@
-"""The parameter model: what each request is answered with, without a gateway or a drive behind it."""
+"""The answers of the parameter model, without gateway or drive."""
 
 from __future__ import annotations
 

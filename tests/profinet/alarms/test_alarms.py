@@ -44,7 +44,7 @@ def machine() -> AlarmMachine:
 
 
 def pdu(kind: PduType, sequence: int, ack: int, content: bytes = b"", *, own: int = OWN, peer: int = PEER) -> bytes:
-    """A PDU of the controller behind a tagged header."""
+    """A PDU of the controller with a tagged header."""
     return bytes(START) + apmx.encode(Priority.LOW, own, peer, kind, sequence, ack, content)
 
 

@@ -1,4 +1,4 @@
-"""Every error code of the Connect table is provoked by a case that names it; a refusal leaves nothing behind."""
+"""Every error code of the Connect table has a case; a rejection has no lasting effect."""
 
 from __future__ import annotations
 

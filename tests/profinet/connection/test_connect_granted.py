@@ -99,7 +99,7 @@ def test_device_access_needs_no_data_and_two_are_possible() -> None:
 
 
 class SameFrameId(Project):
-    """As a software controller asks for: only the destination tells the frames of both directions apart."""
+    """Like a software controller: only the destination distinguishes the frames of both directions."""
 
     def iocr(self, kind: IocrType, layout: Layout) -> IocrBlockReq:
         return replace(super().iocr(kind, layout), frame_id=INPUT_FRAME_ID)

@@ -1,4 +1,4 @@
-"""What a controller has the device check and adjust at its port: refused as garbage, compared with LLDP, diagnosed, told."""
+"""Checks and adjustments at the port by a controller: invalid ones rejected, others compared with LLDP, diagnosed, reported."""
 
 from __future__ import annotations
 

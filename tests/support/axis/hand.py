@@ -8,7 +8,7 @@ from pdgw.gateway.axis.settings import AxisSettings
 from tests.support.axis.stepper import Stepper
 
 OFF, ON = 0x043E, 0x043F
-"""STW1 of a telegram with positions: bits 4 and 5 stand."""
+"""STW1 of a telegram with positions: bits 4 and 5 are set."""
 OPERATING = STATUS_OF[State.OPERATION_ENABLED]
 _CYCLE_NS = 4_000_000
 

@@ -49,7 +49,7 @@ _DSC = 'dsc = "speed"\nfollowing_window = 100000\n'
 
 
 class Ending(enum.Enum):
-    """The stop that stands after the short command."""
+    """The stop that stays active after the short command."""
 
     OFF = "OFF"
     PLC_LOST = "PLC lost, on_plc_loss = ramp"
@@ -65,7 +65,7 @@ class Beginning(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """``frames``: PLC frames for which the short command stands."""
+    """``frames``: duration of the short command in PLC frames."""
 
     status_ms: int
     frames: int
@@ -124,7 +124,7 @@ class Site:
         self.loop.run_for(200 * MS)
 
     def entries_under_off(self, case: Case) -> int:
-        """How often the drive enters operation while a stop stands."""
+        """Number of entries to operation during an active stop."""
         self.plc.silent = False
         self.drive.model.latency = Latency()
         self._enable()

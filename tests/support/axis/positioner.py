@@ -77,7 +77,7 @@ class PositionerRig:
         self.waiting: Motion | None = None
         self._arriving: tuple[int, Motion] | None = None
         self.starts: list[Motion] = []
-        """Every set-point the drive took."""
+        """Every setpoint accepted by the drive."""
         self.step()
 
     @property
@@ -100,7 +100,7 @@ class PositionerRig:
         return self.outcome
 
     def settle(self, cycles: int = 4000) -> Outcome:
-        """Run until the axis has stood for some cycles."""
+        """Run until the axis was at standstill for some cycles."""
         still = 0
         for _ in range(cycles):
             self.step()
@@ -110,7 +110,7 @@ class PositionerRig:
         raise AssertionError(f"does not settle: {self.outcome}")
 
     def home(self) -> None:
-        """The reference point is set where the axis stands; the software limits are watched from now on."""
+        """Set the reference point at the present position; from now on the software limits are active."""
         self.step(set_reference_point=True)
         self.step(30, set_reference_point=False, software_limits=True)
         assert self.outcome.home_set

@@ -178,7 +178,7 @@ class RecordedRig(Rig):
         return self.actuals
 
     def pause(self, milliseconds: int) -> None:
-        """Time passes in which nobody does anything."""
+        """Let time pass without events."""
         self._advance(milliseconds)
 
     def stw(self, word: int, cycles: int = 5) -> None:
@@ -190,7 +190,7 @@ class RecordedRig(Rig):
 
     @property
     def known(self) -> Known:
-        """What the command line would be told."""
+        """Settings of the command line."""
         return known(self.number, self.settings)
 
     def load(self, folder: Path, offset_ns: int | None = None, *, clock_ns: int = 0, jitter_ns: int = 0) -> Loaded:
@@ -212,7 +212,7 @@ def known(number: int, settings: AxisSettings | None = None) -> Known:
 
 
 def on_the_way(cycles: int) -> RecordedRig:
-    """Telegram 9 behind an endpoint that confirms changes of control words, moving to a position for so many cycles."""
+    """Telegram 9 with an endpoint that confirms changes of control words, moving to a position for this number of cycles."""
     rig = RecordedRig(9)
     rig.endpoint = CyclicEndpoint([rig.stepper.telegram], cycle_ns=CYCLE_NS)
     rig.step(5)

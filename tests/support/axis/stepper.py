@@ -61,7 +61,7 @@ class _Device:
 
 
 class Stepper(_Device):
-    """An axis machine; ``events`` are the faults of all steps so far."""
+    """An axis machine. ``events``: faults of all steps until now."""
 
     machine: AxisMachine
 
@@ -84,11 +84,11 @@ class Stepper(_Device):
         return self._checkpoints
 
     def set_references(self, references: References | None, homing_method: int = 0) -> None:
-        """Only the references of the ENGEL-like drive are read anew."""
+        """Read only the references of the ENGEL-like drive again."""
         self.set_drive(None if references is None else engel(references), homing_method)
 
     def set_drive(self, drive: DriveType | None, homing_method: int = 0) -> None:
-        """Only what the drive is was read anew."""
+        """Read only the description of the drive again."""
         self.drive_type = drive
         self.machine.inputs.news.append(Configured(drive, homing_method, restarted=False))
 
@@ -147,7 +147,7 @@ class Stepper(_Device):
 
 
 class EncoderStepper(_Device):
-    """An encoder machine; ``events`` are the faults of all steps so far."""
+    """An encoder machine. ``events``: faults of all steps until now."""
 
     machine: EncoderMachine
 

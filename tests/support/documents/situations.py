@@ -127,7 +127,7 @@ def _fault_then_silence(plc: Plc, daemon: Daemon) -> None:
 
 
 def _on_too_early(plc: Plc, _: Daemon) -> None:
-    """After a loss of the PLC, ON stands in the first frame."""
+    """After a loss of the PLC, the first frame has ON."""
     plc.silent = True
     settle(plc)
     plc.silent = False

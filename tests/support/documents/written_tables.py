@@ -24,5 +24,5 @@ def number_of(cell: str) -> int:
 
 
 def named(cell: str) -> list[str]:
-    """What stands in back quotes, a table of the configuration (``[units]``) left out."""
+    """Texts in back quotes, without tables of the configuration (``[units]``)."""
     return [name for name in re.findall(r"`([^`]+)`", cell) if not name.startswith("[")]

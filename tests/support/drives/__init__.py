@@ -1,1 +1,1 @@
-"""Drives: simulated ones on a desk, such as data sheets describe, and such as lie."""
+"""Drives for tests: on a test bench, from data sheets, and with wrong reports."""

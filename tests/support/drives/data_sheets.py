@@ -90,7 +90,7 @@ class Sheet:
 
     @property
     def shape(self) -> Shape:
-        """The drive behind the sheet."""
+        """The drive of the sheet."""
         return _shape(self.name)
 
     @property

@@ -21,7 +21,7 @@ from pdgw.peers.drive.device import VENDOR_ID as ENGEL_VENDOR
 
 @dataclass(frozen=True, slots=True)
 class References:
-    """What the reference objects of the ENGEL-like drive hold; 0 is what a drive without the object is taken for."""
+    """Values of the reference objects of the ENGEL-like drive; 0: the drive lacks the object."""
 
     max_motor_speed: int = 3000
     velocity_numerator: int = 1
@@ -52,7 +52,7 @@ REFERENCE_OBJECTS: tuple[tuple[str, int, int], ...] = (
 
 @cache
 def described(name: str) -> DriveType:
-    """A shape of simulated drive as its data sheet and defaults tell it."""
+    """A variant of the simulated drive, described by its data sheet and defaults."""
     chosen = shape(name)
     dictionary = import_eds(write_eds(chosen.info, chosen.objects()).encode(), 1).dictionary
     return describe(dictionary, answers_of_defaults(dictionary))

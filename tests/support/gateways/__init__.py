@@ -1,1 +1,1 @@
-"""Whole gateways in virtual time, and the masters that they obey."""
+"""Complete gateways in virtual time, and their masters."""

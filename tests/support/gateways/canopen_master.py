@@ -27,7 +27,7 @@ _WAITING = (canopen.sdo.client, canopen.pdo.base, canopen.nmt, canopen.emcy, can
 
 
 def _play_until(world: World, condition: Any, timeout_s: float) -> bool:
-    """Whether the condition came to hold within so many seconds of the world."""
+    """Run the world until the condition is true. False after this number of its seconds."""
     try:
         world.loop.until(condition, "what canopen waits for", int(timeout_s * SECOND))
     except TimeoutError:
@@ -36,7 +36,7 @@ def _play_until(world: World, condition: Any, timeout_s: float) -> bool:
 
 
 class _Queue(queue.Queue[bytes]):
-    """Who waits for an answer plays the world."""
+    """Waiting for an answer runs the world."""
 
     def __init__(self, world: World) -> None:
         super().__init__()
@@ -49,7 +49,7 @@ class _Queue(queue.Queue[bytes]):
 
 
 class _Condition:
-    """Who waits for it plays the world."""
+    """Waiting runs the world."""
 
     def __init__(self, world: World) -> None:
         self._world = world
@@ -85,7 +85,7 @@ class Master(canopen.Network):  # type: ignore[misc]
         self.notify(can_id, bytearray(data), self._world.loop.now() / SECOND)
 
     def on_other_frame(self, can_id: int, data: bytes, *, extended: bool, remote: bool) -> None:
-        """Nobody sends it one."""
+        """Not used."""
 
     def on_error_frame(self, *, bus_off: bool, passive: bool) -> None:
         raise AssertionError("an error on the bus")

@@ -30,7 +30,7 @@ POSITIONER = "[axis.positioner]\n" + toml_text(SIMULATED)
 """The keys of a simulated positioner, behind those of its axis."""
 SIMULATED_POSITIONER = f"simulate = true\n{POSITIONER}"
 PATIENCE = 10 * SECOND
-"""No healthy gateway needs so long for what a test waits for."""
+"""Longest wait for a normal gateway."""
 
 
 def configuration(axes: str, *, can: str = "", transport: str = "", name: str = "") -> GatewayConfig:
@@ -70,7 +70,7 @@ def encoder_of(daemon: Daemon, node_id: int = 20) -> SimulatedEncoder:
 
 
 def until(daemon: Daemon, condition: Callable[[], object], what: str, patience: int = PATIENCE) -> None:
-    """Play the world until a condition holds."""
+    """Run the world until a condition is true."""
     world_of(daemon).loop.until(condition, what, patience)
 
 
@@ -177,7 +177,7 @@ def reached(daemon: Daemon) -> Iterator[None]:
 
 @contextmanager
 def exchanging(plc: Plc) -> Iterator[None]:
-    """The PLC goes on exchanging frames whenever time passes."""
+    """The PLC keeps exchanging frames whenever time passes."""
     going = True
 
     def exchange() -> None:

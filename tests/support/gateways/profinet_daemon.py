@@ -71,7 +71,7 @@ class Plant:
         self.dead: set[IoController] = set()
         """These do nothing any more."""
         self.others: dict[Address, deque[bytes]] = {}
-        """Datagrams to whoever else asks the device."""
+        """Datagrams to other clients of the device."""
         self.killed = False
         """The controller does nothing any more."""
         self.frames: list[tuple[int, bytes]] = []
@@ -135,7 +135,7 @@ class Plant:
         return -1 if data is None else int.from_bytes(data[:2], "big")
 
     def enable(self, slot: int = 1, *values: int) -> None:
-        """OFF, then ON, with further set-points."""
+        """OFF, then ON, with further setpoints."""
         self.set(slot, OFF, *values)
         self.until(lambda: self.word(slot) & 0x4F == 0x01, "ready")
         self.set(slot, ON, *values)
@@ -174,7 +174,7 @@ def plant(config: GatewayConfig, *, data_hold: int = 100, native: bool = False) 
 
 
 def parameterise_anew(site: Plant) -> None:
-    """The controller goes on sending, and nothing of it counts until it is done."""
+    """The controller keeps sending, but its data does not count until it has finished."""
     plc = site.plc
     block = PrmBeginReq(ar_uuid=plc.ar_uuid, session_key=plc.session, command=ControlCommand.PRM_BEGIN)
     plc._send_call(Operation.CONTROL, block.encode(), lambda status, arguments, now: None, site.loop.now())

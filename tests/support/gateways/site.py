@@ -1,4 +1,4 @@
-"""The gateway's network in a world of its own, with its heartbeat; the test plays the world while it waits."""
+"""The gateway's network in a world of its own, with its heartbeat; the test runs the world while it waits."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def now() -> int:
 
 
 def play(duration: int) -> None:
-    """So many nanoseconds."""
+    """Run the world for this number of nanoseconds."""
     _worlds[-1].loop.run_for(duration)
 
 

@@ -52,7 +52,7 @@ class SocketPlc:
         self.until(lambda: self.signal(axis, "ZSW1") & 0x4F == 0x07, "operation")
 
     def stays_off(self, axis: int) -> None:
-        """The ON that still stands does not start it; on a busy machine its drive may be lost meanwhile."""
+        """The ON that stays active must not start it. On a busy machine its drive may be lost meanwhile."""
         for _ in range(50):
             self.exchange()
             actuals = self.endpoint.actuals[axis]

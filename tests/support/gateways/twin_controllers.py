@@ -27,7 +27,7 @@ SPEED, OTHER_SPEED = 0x1000, 0x0800
 
 
 class Twins:
-    """Two controllers of a plant with one axis: the first leads, the axis turns; both have the same set-points."""
+    """Two controllers of a plant with one turning axis: the first leads; both have the same setpoints."""
 
     def __init__(self, site: Plant, *, data_hold: int = 3) -> None:
         self.site = site

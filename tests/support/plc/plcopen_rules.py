@@ -63,7 +63,7 @@ class Rules:
         return {name: dict(self.axis.at(name)) for name in EXECUTED}
 
     def _seen(self) -> str:
-        """What MC_ReadStatus shows; an axis without values of the gateway obeys nothing."""
+        """The state in MC_ReadStatus; an axis without values of the gateway does not follow."""
         status = self.axis.at("status")
         if status["VALID"]:
             return self.axis.state

@@ -1,4 +1,4 @@
-"""A small ring whose records tell their own number, for tests and for the writer they torture."""
+"""A small ring whose records contain their own number, for tests and for their writer."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LIMIT = 1 << 20
 
 
 def record(number: int) -> list[object]:
-    """A cycle whose every field tells its number."""
+    """A cycle with its number in every field."""
     received, sent = number.to_bytes(12, "big"), bytearray(number.to_bytes(10, "big"))
     return [
         number,

@@ -185,5 +185,5 @@ class Wire:
         assert self.device.connected, (self.plc.phase, self.plc.learned)
 
     def told(self, kind: type[DeviceEvent]) -> list[Any]:
-        """Events of this kind so far."""
+        """Events of this kind until now."""
         return [event for event in self.events if isinstance(event, kind)]

@@ -1,4 +1,4 @@
-"""A Connect built by scapy tells FrameIDs, directions and places; tshark reads the same of it."""
+"""FrameIDs, directions and places from a Connect built by scapy; tshark reads the same."""
 
 from __future__ import annotations
 

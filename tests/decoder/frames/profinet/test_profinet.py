@@ -1,4 +1,4 @@
-"""A PROFINET session as a capture: everything in it is named, tshark and scapy read the same, and nothing was told beforehand."""
+"""A PROFINET session as a capture: everything is named without settings, and tshark and scapy read the same."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def test_frames_of_another_station_are_left_out_unless_it_is_the_chosen_one() ->
 
 
 def _with_macs(frame: bytes) -> bytes:
-    """The same of another device: its MAC address wherever it stands."""
+    """The same packets with the MAC address of another device."""
     return frame.replace(DEVICE_MAC, DEVICE_MAC[:-1] + b"\x77")
 
 

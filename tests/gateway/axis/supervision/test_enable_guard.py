@@ -1,4 +1,4 @@
-"""The guard behind the last translator: one Enable Operation for each time the PLC begins to ask for operation, after an OFF."""
+"""The final guard: one Enable Operation for each time the PLC starts to request operation, after an OFF."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A drive that does not obey a stop: found within the derived time, answered by stronger brakes, never by mistake."""
+"""A drive that ignores a stop is detected within the derived time and stopped by stronger means; no false detection."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def turning(**settings: object) -> Bench:
 
 
 def deaf(bench: Bench, word: int | None, cycles: int) -> Brake:
-    """The drive shows what it showed, whatever it is told."""
+    """The drive keeps its state, whatever it is sent."""
     feedback = bench.drive.feedback
     for _ in range(cycles):
         bench.now += CYCLE
@@ -50,7 +50,7 @@ def test_drive_that_ignores_a_stop_gets_nmt_stop_and_one_fault(word: int | None)
 
 
 def test_quick_stop_is_supervised_by_speed_while_the_statusword_changes() -> None:
-    """A Statusword of no state now and then begins the reaction time of Operation Enabled anew, and not that of the speed."""
+    """An invalid Statusword from time to time restarts the reaction time of Operation Enabled, but not that of the speed."""
     watch = StopWatch(REACTION, CYCLE)
     watch.reference = TURNING
     at = range(0, 2 * REACTION, REACTION // 4)
@@ -76,7 +76,7 @@ def test_heartbeat_continues_for_a_node_in_nmt_stopped() -> None:
 
 
 def test_heartbeat_continues_during_bring_up_after_nmt_stopped() -> None:
-    """For that the gateway itself takes it out of Stopped; the others on the bus go on."""
+    """For the bring-up the gateway itself ends NMT Stopped; other nodes continue."""
     bench = turning()
     assert deaf(bench, QUICK_STOP, REACTION // CYCLE + 20) is Brake.NMT_STOP
     inputs = bench.stepper.machine.inputs

@@ -31,7 +31,7 @@ def scaling(*, counts: int | None = COUNTS, wraps: tuple[int, int] | None = None
 
 
 class Axis:
-    """Turns at a speed of time; shows another one if it is told to."""
+    """Turns at a speed that depends on time; can show a wrong one."""
 
     def __init__(self, **options: object) -> None:
         self.check = VelocityCheck(STOP_TIME)

@@ -67,7 +67,7 @@ def identify(
 
 
 def shown(dut: Rig) -> tuple[str, str]:
-    """Name and address, as Identify all tells them."""
+    """Name and address from Identify all."""
     (answer,) = identify(dut, (ALL, b""))
     blocks = {(block.option, block.sub_option): block for block in answer.dcp_blocks}
     return blocks[NAME].name_of_station.decode(), blocks[IP_SUITE].ip

@@ -1,4 +1,4 @@
-"""The Ethernet edge where it cannot be had: one line that says why and what helps."""
+"""An unavailable Ethernet interface: one line with reason and remedy."""
 
 from __future__ import annotations
 

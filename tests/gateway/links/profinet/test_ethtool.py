@@ -1,4 +1,4 @@
-"""Speed and duplex mode of an interface, as its driver says and as LLDP tells it; tshark reads the names."""
+"""Speed and duplex mode of an interface, from its driver and in LLDP; tshark reads the names."""
 
 from __future__ import annotations
 

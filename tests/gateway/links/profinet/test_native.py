@@ -80,7 +80,7 @@ class Sent:
     status: int = STATUS_NORMAL
     transfer: int = 0
     data: list[tuple[int, int]] = field(default_factory=list)
-    """Bytes of setpoints and statuses: place behind the FrameID, value."""
+    """Bytes of setpoints and statuses: offset after the FrameID, value."""
     tag: bool = False
     cut: int = 0
     damage: list[tuple[int, int]] = field(default_factory=list)

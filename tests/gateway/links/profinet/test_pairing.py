@@ -27,7 +27,7 @@ from tests.support.wire.profinet import DEVICE_MAC, PLC_IP, PLC_MAC, project
 
 @dataclass
 class Played:
-    """What became of a controller's frames."""
+    """Results of a controller's frames."""
 
     wakes: list[int] = field(default_factory=list)
     """When a frame woke the loop."""
@@ -109,7 +109,7 @@ def test_a_long_cycle_lets_each_frame_wake_the_loop(tmp_path: Path) -> None:
 
 
 class PairedRig(Rig):
-    """Its drive objects show what they were told; or the gateway ends with the next frame."""
+    """Its drive objects show their setpoints, or the gateway ends with the next frame."""
 
     ending = False
     at_once = 0

@@ -90,7 +90,7 @@ def test_without_a_backup_the_axis_stops_after_the_watchdog(tmp_path: Path) -> N
 
 
 def test_a_dead_backup_cannot_take_over(tmp_path: Path) -> None:
-    """Its relationship still stands, it is silent."""
+    """Its relationship still exists, but it is silent."""
     with twins(tmp_path, data_hold=10) as pair:
         site = pair.site
         site.dead.add(pair.other)

@@ -91,7 +91,7 @@ def restart(site: Plant) -> None:
 
 
 def readdress(site: Plant) -> None:
-    """Not by DCP, which is refused: by somebody on the gateway's machine."""
+    """Change the address on the gateway's machine, because DCP rejects it."""
     site.port.address = IpSuite(IPv4Address("10.0.0.9"), IPv4Address("255.0.0.0"), IPv4Address(0))
     site.port.on_link()
 
