@@ -76,7 +76,7 @@ def _declared(kind: Any, declaration: str) -> frozenset[str]:
 
 @cache
 def _access(*names: str) -> tuple[Callable[[Any], tuple[Any, ...]], Callable[[Any, tuple[Any, ...]], None]]:
-    """How to get and to set these attributes of an object, made for them: loops over names take five times as long."""
+    """Generated functions that get and set these attributes of an object: loops over names take five times as long."""
     attributes = "".join(f"item.{name}," for name in names)
     made: dict[str, Any] = {}
     exec(f"def get(item): return ({attributes})\ndef put(item, values): ({attributes}) = values", made)
@@ -85,7 +85,7 @@ def _access(*names: str) -> tuple[Callable[[Any], tuple[Any, ...]], Callable[[An
 
 @cache
 def _picking(*terms: str) -> Callable[[Any, tuple[Any, ...]], tuple[Hashable, ...]]:
-    """How to make what is compared of a part's values, made for it likewise."""
+    """A generated function that collects the compared values of a part."""
     made: dict[str, Any] = {}
     exec(f"def pick(kind, values): return (kind, {''.join(f'{term},' for term in terms)})", made)
     pick: Callable[[Any, tuple[Any, ...]], tuple[Hashable, ...]] = made["pick"]
@@ -177,7 +177,7 @@ class _Part:
         return self._children
 
     def put(self, values: tuple[Any, ...], number: int) -> None:
-        """Set what it has now."""
+        """Store the present values."""
         item = self.item
         if self._containers:
             # A container stays the same object for all its users.
@@ -219,7 +219,7 @@ class Checkpoints:
         self._serials: tuple[tuple[_Part, int], ...] = ()
         self._look_again()
         self._is_fresh = False
-        """What the parts have noted is what they have."""
+        """Whether the stored values are the present ones."""
 
     def step(self) -> Outputs:
         """One step of the machine. After a step in which the drive became known, the machine may have new parts."""

@@ -52,7 +52,7 @@ class PowerWish(enum.IntEnum):
 
 
 class SpeedWish(enum.IntEnum):
-    """What is to be done with the speed setpoint."""
+    """Treatment of the speed setpoint."""
 
     FOLLOW = 0
     HOLD = 1
@@ -106,7 +106,7 @@ class Demand:
         self.xerr = 0
         """Position error of the PLC's controller, with the fine resolution of G1."""
         self.kpc = 0
-        """Its gain in 0.001/s; 0: no position control by the drive."""
+        """Gain of XERR in 0.001/s; 0: no position control by the drive."""
         self.fresh = False
         """The request is from a frame of this cycle; used by telegrams with DSC."""
         self.torque_reduction = 0
@@ -122,7 +122,7 @@ class Demand:
 
 
 class Flag:
-    """What an axis shows, as bits of ``Report.flags``. The positions are those of ZSW1, so that masking makes the word."""
+    """Displayed states of an axis, as bits of ``Report.flags``. The positions are those of ZSW1, so a mask gives the word."""
 
     NO_COAST_STOP: Final = _ZSW1.bit("NO_COAST_STOP").mask
     NO_QUICK_STOP: Final = _ZSW1.bit("NO_QUICK_STOP").mask
@@ -144,11 +144,11 @@ class Flag:
 
 
 NO_SENSOR: Final = (SENSOR_STATUS[SensorState.ERROR], 0, SensorError.COMMAND_NOT_SUPPORTED.value)
-"""What the words of a sensor show where there is none."""
+"""Words of a missing sensor."""
 
 
 class Report:
-    """What an axis shows now; see ``Flag``. ``position`` and ``speed`` are fractions of the references."""
+    """Displayed state of an axis; see ``Flag``. ``position`` and ``speed`` are fractions of the references."""
 
     PASSING: ClassVar[frozenset[str]] = frozenset(
         {
@@ -190,11 +190,11 @@ class Report:
         self.speed = 0
         self.position = 0
         self.length_speed = 0
-        """Of a positioner: LU/min."""
+        """Speed of a positioner in LU/min."""
         self.homing_method = 0
         self.tasks_active = False
         self.motion: Outcome | None = None
-        """What a positioner shows; always the same object, None for an axis without one."""
+        """State of a positioner; always the same object, None for an axis without one."""
         self.message = 0
         """MELDW."""
         self.load: tuple[int, int, int] = (0, 0, 0)
@@ -236,5 +236,5 @@ SHOWN_STATE: Final = tuple(_SHOWN[state] for state in STATE_OF_STATUS)
 SHOWN_UNCOMMANDED: Final = tuple(
     _SHOWN[State.QUICK_STOP_ACTIVE if state is State.OPERATION_ENABLED else state] for state in STATE_OF_STATUS
 )
-"""The same for an axis whose operation is not what is commanded: it is being stopped with power on."""
+"""The same for uncommanded operation: the axis is being stopped with power on."""
 SHOWN_FAULT: Final = _FAULT

@@ -116,12 +116,12 @@ class Interlock:
         """Bits 0-3 and 7 of the Controlword; of ``Action.PASS`` they are the telegram's."""
         self.reason: Reason | None = Reason.NO_PLC
         self.cell: Cell = CELLS[0]
-        """What the table said last."""
+        """The last result of the table."""
         self._no_plc = _NO_PLC[settings.on_plc_loss]
         self._resume = settings.ramp_stop_resume
         self._connected = False
         self.plc_was_there = False
-        """A PLC without control counts: what is missing then is not the first frame."""
+        """There was a PLC, also one without control: its absence is a loss, not a wait for the first frame."""
         self._acknowledge_armed = False
         self._disable_armed = False
         """STW1.3 was 1 during the present stop: its fall to 0 ends that."""

@@ -431,7 +431,7 @@ class AxisMachine:
         return made.set_drive(drive, modulo=modulo)
 
     def _set_drive(self, drive: DriveType | None, homing_method: int) -> None:
-        """What the drive is; one whose 100 % are not known, or that lacks a mode, refuses operation (fault 104)."""
+        """Set the drive. One with unknown 100 % values or without a needed mode blocks operation (fault 104)."""
         self._usable = False
         if drive is None:
             return

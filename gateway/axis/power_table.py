@@ -63,7 +63,7 @@ class Drive(enum.IntEnum):
     LOST = 12
     """Not online, or silent."""
     NO_REFERENCES = 13
-    """Its reference objects are not read or not valid, so its speed is unknown."""
+    """Its reference objects are missing or invalid, so its speed is unknown."""
     POWERED_UNREAD = 14
     """As NO_REFERENCES, and its Statusword shows power."""
     RESTARTED = 15
@@ -448,9 +448,9 @@ _PLC_ASKED: Final = (Reason.NEEDS_OFF, Reason.RAMP_STOP, Reason.QUICK_STOP, Reas
 DRIVES: Final = len(Drive)
 WISHES: Final = len(PowerWish)
 CELLS: Final = _compile()
-"""By ``(phase * DRIVES + drive) * WISHES + wish``."""
+"""Cells by ``(phase * DRIVES + drive) * WISHES + wish``."""
 
 
 def cell(phase: Phase, drive: Drive, wish: PowerWish) -> Cell:
-    """What the table says."""
+    """The cell of the table."""
     return CELLS[(phase * DRIVES + drive) * WISHES + wish]

@@ -1,4 +1,4 @@
-"""What of a drive's scaling a telegram cannot do without: the quantities its signals are fractions of.
+"""Scaling of a drive that a telegram requires: the quantities whose fractions its signals are.
 
 Source: docs/units.md "What each signal needs". A signal in the drive's own units needs no 100 %.
 """
@@ -42,18 +42,18 @@ _UNITS = (
     ("velocity_per_rpm", "velocity units per rpm", "velocity_unit"),
     ("acceleration_per_rpm_s", "acceleration units per rpm/s", "acceleration_unit"),
 )
-"""What a scaling has beside its 100 %: the attribute, its name in messages, and the key that gives it."""
+"""Parts of a scaling besides its 100 % values: attribute, name in messages, and configuration key."""
 
 
 class Missing(NamedTuple):
-    """What a telegram lacks of a scaling, all of it at once."""
+    """All parts of a scaling that a telegram lacks."""
 
     why: str
     keys: tuple[str, ...]
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """To paste into the [[axis]]; each is refused until its value is filled in."""
+        """Lines to paste into the [[axis]]; each is rejected until its value is filled in."""
         return tuple(KEY_LINES[key] for key in self.keys)
 
     @property

@@ -64,7 +64,7 @@ class AxisSettings:
     reaction_ns: int = 400 * MS
     """Longest time until a stop must have an effect: twice the sum of RPDO refresh, event timer of the TPDO and one cycle."""
     stop_time_ns: int = 10 * SECOND
-    """From 100 % speed to standstill by the drive's own ramps."""
+    """Time from 100 % speed to standstill with the drive's own ramps."""
     sign_of_life_failures: int = MONITORING_OFF
     """P925: tolerated failures of the PLC's sign of life in succession; 65535: not watched, only answered."""
     jog_speeds_rpm: tuple[Fraction, Fraction] | None = None
@@ -73,7 +73,7 @@ class AxisSettings:
     """G1 is an encoder of its own, not the drive's position."""
     second_sensor: SecondSensor = SecondSensor.NONE
     cycle_ns: int = 0
-    """Of the PLC, and from one SYNC to the next; needed where setpoints are made for each cycle."""
+    """Cycle of the PLC and period of SYNC; needed if setpoints are generated for each cycle."""
     dsc: DscChoices | None = None
     """Needed by telegrams 5, 6, 105 and 106."""
     intermediate_stop_reached: bool = False

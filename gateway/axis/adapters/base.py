@@ -1,4 +1,4 @@
-"""What the machine asks of every adapter of a drive's telegram, and what STW1 means in all that have it."""
+"""Interface of the adapters of a drive's telegram, and the meaning of STW1 in all telegrams that have it."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class SignalAdapter:
     def __init__(self, telegram: Telegram) -> None:
         self.telegram = telegram
         self.served = _SERVED_ELSEWHERE
-        """Names of the signals whose place was asked for."""
+        """Names of the signals whose place was requested."""
 
     def setpoint(self, name: str, *following: str) -> int:
         """The place of a setpoint and of those that follow it; -1 without it."""
@@ -87,16 +87,16 @@ class Adapter(SignalAdapter):
         raise NotImplementedError
 
     def write(self, report: Report, actuals: list[int]) -> None:
-        """Raw actual values in telegram order; words the report has nothing for stay as they are."""
+        """Write raw actual values in telegram order. Words without a value in the report do not change."""
         raise NotImplementedError
 
     def kept(self, demand: Demand) -> tuple[object, ...]:
-        """What the next setpoints may leave as it is (``checkpoint``): values, and objects of which everything counts."""
+        """State that the next setpoints may leave unchanged (``checkpoint``): values, and objects compared completely."""
         return (demand,)
 
 
 def _without_control(control_lost: ControlLost) -> dict[PowerWish, dict[PowerWish, PowerWish]]:
-    """What STW1 asks without control, by the last wish and what its bits 0-3 say: a stop passes, nothing starts."""
+    """The power command of STW1 without control, by the last command and its bits 0-3: a stop passes, nothing starts."""
     holds = control_lost is ControlLost.HOLD
 
     def wish(last: PowerWish, now: PowerWish) -> PowerWish:
@@ -114,7 +114,7 @@ _UNCONTROLLED: Final = {item: _without_control(item) for item in ControlLost}
 
 
 class ControlWordAdapter(Adapter):
-    """A telegram with STW1 and ZSW1, and perhaps the words of a sensor. STW1 is looked at when it changes."""
+    """A telegram with STW1 and ZSW1, and possibly the words of a sensor. STW1 is evaluated when it changes."""
 
     PASSING: ClassVar[frozenset[str]] = frozenset({"_uncontrolled"})
     ASIDE: ClassVar[frozenset[str]] = frozenset({"word", "_visible", "_interrupted"})

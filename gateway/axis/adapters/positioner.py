@@ -32,7 +32,7 @@ _START_HOMING = _STW1.bit("START_HOMING", positioning=True).mask
 _EXTERNAL = _STW1.bit("EXTERNAL_BLOCK_CHANGE", positioning=True).mask
 _ZSW1 = signal("ZSW1")
 _OWN = ~(_ZSW1.bit("DEVICE_14").mask | _ZSW1.bit("DEVICE_15").mask)
-"""What the Statusword has there is neither acceleration nor deceleration."""
+"""Bits of the Statusword that are neither acceleration nor deceleration."""
 
 _TO_FIXED_STOP = signal("STW2").bit("TO_FIXED_STOP").mask
 _SHOWN_FIXED_STOP = signal("ZSW2").bit("TO_FIXED_STOP").mask
@@ -75,7 +75,7 @@ _FUNCTION = dict.fromkeys(State, 0) | {
     State.SETTING_UP: _POS_ZSW1.bit("SETTING_UP").mask,
     State.MDI: _POS_ZSW1.bit("MDI_ACTIVE").mask,
 }
-"""Of the state that is shown,"""
+"""POS_ZSW1 bits of the displayed state,"""
 _RUNNING = dict.fromkeys(State, 0) | dict.fromkeys((State.JOG, State.JOG_INCREMENTAL), _JOGGING)
 """and of the one that is."""
 _MDI_STATES = (State.MDI, State.SETTING_UP)
@@ -143,7 +143,7 @@ class PositionerAdapter(ControlWordAdapter):
         return (*kept, self.asked) if demand in kept else kept
 
     def forget(self) -> None:
-        """Nothing is asked."""
+        """Clear all commands."""
         self.asked.forget()
 
     def read_controls(self, controls: Sequence[int]) -> None:
@@ -214,7 +214,7 @@ class _FloatValues:
         self._speed = adapter.actual("VIST_F")
         self._lu = choices.lu_per_unit
         self._minutes = 60 if choices.units_per_second else 1
-        """What makes velocities per minute."""
+        """Factor to velocities per minute."""
 
     def read(self, setpoints: Sequence[int], asked: Asked) -> None:
         asked.to_fixed_stop = setpoints[self._stw2] & _TO_FIXED_STOP != 0
@@ -238,7 +238,7 @@ class _FloatValues:
 
 
 def _whole(value: float, factor: int, divisor: int = 1) -> int:
-    """A number times ``factor`` / ``divisor``, to the nearest; 0 for what is none."""
+    """A number times ``factor`` / ``divisor``, rounded to nearest; 0 for an invalid number."""
     if not isfinite(value):
         return 0
     numerator, denominator = value.as_integer_ratio()
@@ -252,7 +252,7 @@ def _share(percent: float) -> int:
 
 
 class _ValuesOfMdi:
-    """Where STW2, OVERRIDE and the setpoints of MDI are, and the words that show it."""
+    """Places of STW2, OVERRIDE and the setpoints of MDI, and the words that show them."""
 
     __slots__ = ("_first", "_message", "_override", "_position", "_stw2", "_zsw2")
 
@@ -381,7 +381,7 @@ def _mode(outcome: Outcome, asked: Asked) -> State:
 
 
 def _first(outcome: Outcome, asked: Asked) -> int:
-    """POS_ZSW1."""
+    """The value of POS_ZSW1."""
     word = outcome.block | _FUNCTION[_mode(outcome, asked)] | _RUNNING[outcome.state]
     if outcome.homing:
         word |= _HOMING

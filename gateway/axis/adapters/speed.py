@@ -132,6 +132,6 @@ class DscAdapter(WideSpeedAdapter):
 
 
 def _speed_signal(half: TelegramHalf) -> tuple[str, int]:
-    """The name of the speed, and what its steps are worth in N4."""
+    """The name of the speed, and the value of its steps in N4."""
     item = next(item for item in half.signals if item.quantity is SignalQuantity.SPEED)
     return item.name, N4_PER_N2 if item.type is DataType.N2 else 1

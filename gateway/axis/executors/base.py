@@ -23,11 +23,11 @@ from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.normalisation import Normalisation
 
 OPERATION_ENABLED = tuple(state is State.OPERATION_ENABLED for state in STATE_OF_STATUS)
-"""By the Statusword's ``STATE_MASK``."""
+"""By the Statusword under ``STATE_MASK``."""
 
 
 class AxisRecords(NamedTuple):
-    """What an executor reads and writes in each step. The objects stay the same as long as the machine."""
+    """The records that an executor reads and writes in each step. The objects never change."""
 
     settings: AxisSettings
     interlock: Interlock
@@ -52,9 +52,9 @@ class Executor:
         """Images of the drive, or of the one that ``Interpolation`` shows instead."""
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
-        """What the drive is: at start, after a write to a reference object, after a restart of the drive.
+        """Set the drive: at the start, after a write to a reference object, after a restart of the drive.
 
-        Dsp402Error for one that cannot do what the telegram asks.
+        Dsp402Error if it lacks something that the telegram needs.
         """
         raise NotImplementedError
 
@@ -65,7 +65,7 @@ class Executor:
         """The drive is not there; called after the step of such a cycle."""
 
     def recall(self, *, home_set: bool) -> None:
-        """What an earlier machine of this axis had found out (a recording that begins in the middle)."""
+        """Restore the knowledge of an earlier machine of this axis (for a recording that starts in the middle)."""
 
     def refuse(self) -> None:
         """Without valid references nothing is converted; the drive gets the Controlword and nothing else."""

@@ -58,7 +58,7 @@ class DscExecutor(Executor):
         self._limit = LimitWatch()
         self._held = False
         self._heard = 0
-        """When the newest setpoints came; this cycle while DSC is off."""
+        """Arrival of the newest setpoints; this cycle while DSC is off."""
         self._out_of_date = False
         """No new setpoints for too long: the axis stops, whatever arrives during the stop."""
 

@@ -1,6 +1,6 @@
-"""Speed with what the motor delivers: telegram 20.
+"""Speed with load values of the motor: telegram 20.
 
-Source: docs/motion.md "Telegram 20". 6078h is the torque too, in 1/1000 of what is rated; a drive without it shows 0.
+Source: docs/motion.md "Telegram 20". 6078h also gives the torque in 1/1000 of the rated value; a drive without it shows 0.
 """
 
 from __future__ import annotations

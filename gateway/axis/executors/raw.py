@@ -18,7 +18,7 @@ from pdgw.gateway.reasons import Reason
 _PASS, _RAMP = Action.PASS, Action.RAMP
 _BYTE = 0xFF
 _CONTROLWORD, _MODE, _FIRST_VALUE = 0, 1, 2
-"""Where a transparent telegram has what is not simply passed on."""
+"""Places of the words in a transparent telegram that are not passed on unchanged."""
 
 
 class RawExecutor(Executor):

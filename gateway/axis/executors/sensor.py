@@ -36,12 +36,12 @@ STANDING_NS: Final = 100 * MS
 """Without a new position for this time, and for several usual intervals, an encoder is at standstill."""
 _STANDING_INTERVALS = 4
 _POSITIONS = 1 << 32
-"""Of a drive's 6064h, taken as unsigned."""
+"""Number of values of a drive's 6064h, taken as unsigned."""
 
 
 @dataclass(frozen=True, slots=True)
 class EncoderReferences:
-    """What gives the values of an encoder their meaning; read from it at start and after every change."""
+    """Reference values of an encoder; read from it at the start and after every change."""
 
     total_range: int
     """Number of different positions, in measuring units."""
@@ -80,7 +80,7 @@ class SpeedFromPosition:
         self._samples: deque[tuple[int, int]] = deque()
 
     def reset(self) -> None:
-        """What came before has nothing to do with what follows."""
+        """Forget the earlier positions."""
         self._samples.clear()
 
     def step(self, count: int, time: int, now: int) -> int:
@@ -199,7 +199,7 @@ class SensorWords:
     def __init__(self) -> None:
         self.channel = SensorChannel()
         self.probe: ProbeWish | None = None
-        """What the drive's touch probe has to latch; another object for each wish."""
+        """Positions that the drive's touch probe must latch; a new object for each request."""
         self._search: Search | None = None
 
     def measure(self, *, possible: bool) -> None:
@@ -207,7 +207,7 @@ class SensorWords:
         self.channel.sensor.measuring = Measuring() if possible else None
 
     def probed(self, answer: ProbeAnswer) -> None:
-        """An answer to a wish that is withdrawn counts for nothing."""
+        """Process an answer of the touch probe. An answer to a withdrawn request is ignored."""
         sensor, search = self.channel.sensor, self._search
         if answer.wish is not self.probe or search is None:
             return

@@ -52,9 +52,9 @@ class SpeedExecutor(Executor):
         self._jogging: SpeedWish | None = None
         """The jog that was begun at standstill."""
         self._frozen = False
-        """The ramp was frozen at the edge of the wish; the target is where it was then."""
+        """The ramp is frozen since the edge of the command, with the target of that time."""
         self._range = (0, 0)
-        """Of Target Velocity."""
+        """Range of Target Velocity."""
         self._tolerance = 0
         self._limit = LimitWatch()
         self._stopped = 0
@@ -159,7 +159,7 @@ class SpeedExecutor(Executor):
         return own and target == self._target
 
     def _jog(self, wish: SpeedWish, standstill: bool) -> int:
-        """The speed of a jog, 0 for none and for one that does not begin at standstill."""
+        """The speed of a jog; 0 without a jog, or if it does not start at standstill."""
         if wish is _ZERO:
             self._jogging = None
             return 0

@@ -21,7 +21,7 @@ _READY_STATES = (*_ENABLED_STATES, State.SWITCHED_ON, State.READY_TO_SWITCH_ON)
 
 
 def _message_states(*, motor_hot: bool, stage_hot: bool) -> tuple[int, ...]:
-    """By the Statusword's ``STATE_MASK``."""
+    """By the Statusword under ``STATE_MASK``."""
     return tuple(
         MessageWord.states(
             enabled=state in _ENABLED_STATES,

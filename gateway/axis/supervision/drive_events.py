@@ -30,7 +30,7 @@ EMERGENCIES_KEPT: Final = 64
 """Number of different EMCY that are distinguished at a time."""
 INTERNAL_FAULT: Final = 10
 CANOPEN_FAULT: Final = 12
-"""The manufacturer's numbers for what has none of its own."""
+"""Numbers of the manufacturer's table for other faults."""
 _CANOPEN_ERRORS: Final = range(0x8100, 0x8300)
 """EMCY classes 81xxh communication and 82xxh protocol error."""
 _CLASS: Final = 0xFF00
@@ -204,7 +204,7 @@ class Acknowledgement:
         self._seen = False
         self._until = 0
         self.waits = False
-        """There is something to do although nothing is asked now."""
+        """Whether work is pending although nothing is requested now."""
 
     @property
     def pending(self) -> bool:
@@ -212,7 +212,7 @@ class Acknowledgement:
         return self._until != 0
 
     def step(self, asked: bool, ok: bool, faulty: bool, now: int) -> bool:
-        """One cycle with the bit's level; a cause that stays needs another edge."""
+        """Process one cycle with the level of the bit. A cause that stays needs another edge."""
         over = self._step(asked, ok, faulty, now)
         self.waits = self._seen or self._until != 0
         return over
@@ -232,7 +232,7 @@ class Acknowledgement:
 
 
 class DriveWatch:
-    """What a drive shows of its own accord, by its Statusword."""
+    """Supervises the Statusword of a drive for changes that were not commanded."""
 
     ASIDE: ClassVar[frozenset[str]] = frozenset({"fault_began", "fault_since"})
     SUPERVISION: ClassVar[frozenset[str]] = frozenset({"shown"})

@@ -30,15 +30,16 @@ class EnableGuard:
         self._on = False
         """The present ON came after an OFF."""
         self._asked = False
-        """The PLC asked for operation in the cycle before."""
+        """Whether the PLC requested operation in the previous cycle."""
         self._commanded = False
         """The Controlword of the cycle before was Enable Operation."""
         self._granted = False
         """The PLC began to ask, and operation was not commanded since."""
 
     def step(self, wish: PowerWish | None, controlword: int) -> bool:
-        """One cycle; False for an Enable Operation without a request, which must not be sent. ``wish``: request of the PLC, None
-        without one."""
+        """Check one cycle. False for an Enable Operation without a request, which must not be sent. ``wish``: request of the
+        PLC, None without one.
+        """
         asks = wish is _ENABLE
         if asks is not self._asked or not asks:
             self._asked = asks

@@ -20,7 +20,7 @@ _HOLDS_POWER: Final = (Action.RAMP, Action.QUICK_STOP)
 
 
 class Brake(enum.IntEnum):
-    """What has to be done beside the Controlword."""
+    """Stops beside the Controlword."""
 
     NONE = 0
     NMT_STOP = 1

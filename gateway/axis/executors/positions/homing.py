@@ -74,7 +74,7 @@ class Homing:
         self._writes: tuple[SdoWrite, ...] = ()
         self._busy = False
         self._answer: str | None = None
-        """Of the writes: None not asked yet, empty while they run, "done", or what went wrong."""
+        """State of the writes: None: not requested, empty: running, "done", or the error."""
         self._since = 0
         self._idle_since = -1
         self._attained_seen_low = False

@@ -88,26 +88,26 @@ class Interpolation:
         self._inputs, self._interlock = records.inputs, records.interlock
         self._command, self._feedback = records.outputs.command, records.inputs.feedback
         self.wished, self.seen = DriveCommand(), DriveFeedback()
-        """What the executor commands and sees, instead of the images of the drive."""
+        """The images used by the executor, instead of those of the drive."""
         self._cycle_ns = records.settings.cycle_ns
         self._profile = Profile()
         self._resolution = 1
         """Units of the profile in one position unit."""
         self._speed_unit = 1
-        """Of one velocity unit in one cycle, in units of the profile,"""
+        """Value of one velocity unit per cycle, in units of the profile,"""
         self._ramp_unit = 1
         """and of one acceleration unit."""
         self._range = _ALL_POSITIONS
-        """Of setpoints. One that wraps (607Bh) limits them too: whether a drive takes a jump by a range for none is unknown."""
+        """Range of setpoints. An overflowing range (607Bh) limits them too: drives may treat its jump as a motion."""
         self._turns_on = True
         """Without a range, positions continue beyond 32 bits, as in every drive."""
         self._window: int | None = None
         self._mode = _POSITION
-        """What the executor asked for last, of the two."""
+        """The last mode requested by the executor, of the two."""
         self._setpoint: _Setpoint | None = None
         self._queued: _Setpoint | None = None
         self._deceleration = 1
-        """Of the newest setpoint, in units of the profile: a stop uses it."""
+        """Deceleration of the newest setpoint in units of the profile; a stop uses it."""
         self._acknowledged = False
         self._word = 0
         """Controlword of the cycle before."""
@@ -116,7 +116,7 @@ class Interpolation:
         self._held = 0
         """Direction in which a limit of the drive stops the axis, until another request; 0: none."""
         self._unseen = False
-        """The drive was away, or not understood: what it shows next is news."""
+        """The drive was lost or its state unknown: its next state counts as new."""
 
     def set_drive(self, drive: DriveType, *, modulo: bool) -> DriveType:
         """Drive type for the executor in place of the real one; ``modulo``: positions wrap at the end of a range.
@@ -217,7 +217,7 @@ class Interpolation:
 
     @property
     def _position(self) -> int:
-        """Of the profile in position units, beyond 32 bits where there is no range."""
+        """Position of the profile in position units, beyond 32 bits without a range."""
         return (self._profile.position + self._resolution // 2) // self._resolution
 
     @property
@@ -317,7 +317,7 @@ class Interpolation:
         self._deceleration = setpoint.deceleration
 
     def _target(self, word: int) -> int:
-        """Where the setpoint ends, in position units."""
+        """End of the setpoint in position units."""
         target = self.wished.target_position
         if self._turns_on:
             self._profile.position -= (self._position - self._demanded) * self._resolution

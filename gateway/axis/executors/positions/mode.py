@@ -12,7 +12,7 @@ from pdgw.gateway.reasons import FaultNumber, Reason
 
 
 class ModeSwitch:
-    """The mode that is asked for, and since when it is waited for."""
+    """The requested mode, and the time of the request."""
 
     INSTANTS: ClassVar[Mapping[str, int]] = {"since": MODE_CONFIRM_NS}
     PASSING: ClassVar[frozenset[str]] = frozenset({"asked"})
@@ -25,7 +25,7 @@ class ModeSwitch:
         """The mode of tasks, to which everything else returns."""
         self.mode = base
         self.halted = False
-        """Halt is set: the mode stays what it is."""
+        """Halt is set: the mode must not change."""
         self.asked = False
         """A mode was requested in this cycle."""
         self.since = -1

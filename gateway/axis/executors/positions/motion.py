@@ -23,7 +23,7 @@ from pdgw.gateway.motion.states import State
 HALT = ControlBit.HALT
 NEW_SETPOINT = ControlBit.NEW_SETPOINT
 ACKNOWLEDGED = StatusBit.MODE_12
-"""Of mode 1."""
+"""Acknowledge bit of mode 1."""
 _RAMPS = (Action.RAMP, Action.RAMP_END)
 
 
@@ -43,7 +43,7 @@ class MotionExecutor(Executor):
         self._seen = Seen()
         self._nothing = Asked()
         self._target = CanType.I32.integer_range
-        """What 607Ah can hold."""
+        """Range of 607Ah."""
         self._setpoint_bit = False
         self._bits = 0
         """Controlword bits of the setpoint given last, beside CW.4."""
@@ -78,7 +78,7 @@ class MotionExecutor(Executor):
         )
 
     def _cycle(self) -> Outcome:
-        """One cycle: what the axis does, what is asked of it, Controlword and mode."""
+        """Run one cycle: state of the axis, commands, Controlword and mode."""
         interlock, mode = self.interlock, self._mode
         action = interlock.action
         asked = self.demand.motion or self._nothing
@@ -107,11 +107,11 @@ class MotionExecutor(Executor):
         return outcome
 
     def _look(self) -> None:
-        """What the drive shows."""
+        """Read the state of the drive."""
         raise NotImplementedError
 
     def _execute(self, motion: Motion) -> int:
-        """Controlword bits 4-12 of the motion wished."""
+        """Controlword bits 4-12 of the requested motion."""
         raise NotImplementedError
 
     def _stop(self) -> None:
@@ -123,7 +123,7 @@ class MotionExecutor(Executor):
         self.command.target_velocity = 0
 
     def _forget_homing(self) -> None:
-        """No homing runs, nor has one ended that is still asked for."""
+        """No homing is running, and none has ended that is still requested."""
         self._homing_begun = self._attained = 0
         self._seen.homing = HomingResult.RUNNING
         self.homing.give_up()

@@ -50,9 +50,9 @@ _STANDING, _REACHED, _WITHIN_TOLERANCE = Flag.STANDING, Flag.REACHED, Flag.WITHI
 _HOME_SET, _TASK_ACKNOWLEDGED = Flag.HOME_SET, Flag.TASK_ACKNOWLEDGED
 _INTERNAL_LIMIT, _TARGET_REACHED = StatusBit.INTERNAL_LIMIT, StatusBit.TARGET_REACHED
 _FOLLOWING_ERROR = StatusBit.MODE_13
-"""Of mode 1."""
+"""Following error bit of mode 1."""
 _ENDLESS = (-(1 << 62), (1 << 62) - 1)
-"""Where a modulo axis can be sent, whose position is counted on across the ends."""
+"""Range of a modulo axis whose position continues across its ends."""
 _AT_LIMIT = 20
 """Divisor of the torque limit: within this part, the torque is at its limit."""
 
@@ -85,7 +85,7 @@ class PositionerExecutor(MotionExecutor):
         """Serial number of the motion before which the drive was sent to its actual position."""
         self._warned: Reason | None = None
         self._inputs = 0
-        """The digital inputs as they were looked at last."""
+        """The digital inputs at the last check."""
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
         choices, scaling = self.choices, drive.scaling
@@ -132,7 +132,7 @@ class PositionerExecutor(MotionExecutor):
         return fixed_stop or choices.clamping_torque is not None
 
     def _make_ring(self, scaling: Scaling, units: DriveUnits) -> Ring:
-        """How the position of this drive counts; Dsp402Error if it wraps at another value than the modulo range."""
+        """The ring for the position of this drive; Dsp402Error if it overflows at another value than the modulo range."""
         if not scaling.position_wraps or scaling.position_range is None:
             low, high = CanType.I32.integer_range
             return Ring(low, high - low + 1)
@@ -188,7 +188,7 @@ class PositionerExecutor(MotionExecutor):
             self._seen.probe = units.to_length(position if self._ring is None else self._ring.near(position))
 
     def _probe(self, asked: Asked) -> None:
-        """Arm the probe of passive homing, and take it back."""
+        """Arm or disarm the probe of passive homing."""
         outputs, seen = self.outputs, self._seen
         seen.probe = None
         seen.probe_refused = False
@@ -299,7 +299,7 @@ class PositionerExecutor(MotionExecutor):
         return ring.target(units.to_drive(motion.target)) is None
 
     def _slow_down(self) -> int:
-        """To standstill in the mode there is."""
+        """Decelerate to standstill in the present mode."""
         self._setpoint_bit = False
         self.command.target_velocity = 0
         return 0 if self._mode.mode == _VELOCITY_MODE else HALT

@@ -35,10 +35,10 @@ class PositioningExecutor(MotionExecutor):
         super().__init__(records, self._mdi, Mode.POSITION.value)
         self._turntable = self.settings.modulo_axis
         self._turn_bits = dict.fromkeys(Direction, 0)
-        """Of the Controlword, for the direction of a turntable."""
+        """Controlword bits for the direction of a turntable."""
         self._scaling: TaskScaling | None = None
         self._resumed_at = 0
-        """Where the axis was when an intermediate stop ended."""
+        """Position of the axis at the end of an intermediate stop."""
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
         self._mode.rebase(base_mode(drive, modulo=self._turntable))
@@ -88,7 +88,7 @@ class PositioningExecutor(MotionExecutor):
     # -- requests of the positioner --------------------------------------------------------------------------------------
 
     def offers_homing(self, *, edge: bool) -> bool:
-        """A method that the drive has not starts nothing and raises the warning, until homing is not asked for any more."""
+        """A method that the drive lacks starts nothing and sets the warning until homing is no longer requested."""
         asked, outputs = self.demand.motion or self._nothing, self.outputs
         if not asked.homing:
             if self.positioner.outcome.state is _IDLE:
@@ -100,7 +100,7 @@ class PositioningExecutor(MotionExecutor):
         return False
 
     def converted(self, asked: Asked) -> Goal:
-        """A task in the drive's units."""
+        """Convert a task to the drive's units."""
         scaling, limited = self._scaling, self.limited
         assert scaling is not None, "tasks start in operation, which needs the drive"
         target = limited(scaling.position if asked.absolute else scaling.relative, asked.target)

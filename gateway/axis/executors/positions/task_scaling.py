@@ -1,4 +1,4 @@
-"""What a traversing task needs of a drive: its mode, and 100 % of position, velocity and accelerations."""
+"""Requirements of a traversing task on a drive: its mode, and 100 % of position, velocity and accelerations."""
 
 from __future__ import annotations
 
