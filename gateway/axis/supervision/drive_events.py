@@ -30,7 +30,7 @@ EMERGENCIES_KEPT: Final = 64
 """Number of different EMCY that are distinguished at a time."""
 INTERNAL_FAULT: Final = 10
 CANOPEN_FAULT: Final = 12
-"""Numbers of the manufacturer's table for other faults."""
+"""Numbers of the manufacturer's table for faults without their own number."""
 _CANOPEN_ERRORS: Final = range(0x8100, 0x8300)
 """EMCY classes 81xxh communication and 82xxh protocol error."""
 _CLASS: Final = 0xFF00
