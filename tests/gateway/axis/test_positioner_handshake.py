@@ -116,6 +116,29 @@ def test_no_setpoint_is_sent_before_the_drive_shows_its_mode(wanted: int, mode: 
     assert hand.stepper.reason is None
 
 
+@pytest.mark.parametrize("shown", [Mode.VELOCITY, Mode.HOMING])
+def test_a_task_rises_bit_4_once_when_the_drive_leaves_the_mode_before_it_acknowledges(shown: Mode) -> None:
+    hand = positioner().enable()
+    assert hand(ON | ACTIVATE, POS_STW1=MDI_RELATIVE, MDI_TARPOS=10_000) & NEW_SETPOINT
+    hand.mode = shown
+    words = [hand(ON, OPERATING | TAKEN) for _ in range(5)]
+    assert hand.stepper.reason is Reason.MODE_NOT_CONFIRMED
+    hand.mode = Mode.POSITION
+    assert all(word & NEW_SETPOINT for word in [*words, hand(ON)]), "a second rising edge would be a second task"
+    assert not any(hand(ON, OPERATING | TAKEN) & NEW_SETPOINT for _ in range(3))
+    assert not any(hand(ON) & NEW_SETPOINT for _ in range(10))
+
+
+def test_setting_up_replaces_a_setpoint_that_the_drive_has_not_acknowledged() -> None:
+    hand = positioner().enable()
+    assert hand(ON | ACTIVATE, MDI_TARPOS=10_000) & NEW_SETPOINT
+    hand(ON)
+    assert not hand(ON | ACTIVATE, POS_STW1=SETTING_UP) & NEW_SETPOINT
+    hand(ON, MDI_TARPOS=20_000)
+    assert hand(ON | ACTIVATE, POS_STW1=MDI_ABSOLUTE) & NEW_SETPOINT
+    assert hand.target == 8192, "not the target of the first task again"
+
+
 def test_bit_12_of_another_mode_is_no_acknowledge() -> None:
     hand = positioner().enable()
     hand(ON | ACTIVATE, MDI_TARPOS=10_000)

@@ -283,12 +283,18 @@ class PositionerExecutor(MotionExecutor):
             return 0  # reset Halt alone: a setpoint or a mode together with it is not allowed
         if kind is _HOMING:
             return self._home_axis(motion)
-        if not mode.confirmed(wanted):
-            return 0
+        confirmed = mode.confirmed(wanted)
         if kind is not _POSITION:
-            self._turn(motion, units)
+            self._setpoint_bit = False  # replaced before its acknowledge
+            if confirmed:
+                self._turn(motion, units)
             return 0
-        if not self._setpoint_bit and motion.serial != self._seen.given:
+        if self._setpoint_bit:
+            # One edge for each task: the bit stays until the acknowledge, also while the drive shows another mode.
+            return self._bits | NEW_SETPOINT
+        if not confirmed:
+            return 0
+        if motion.serial != self._seen.given:
             self._give(motion, units)
         return self._bits | (NEW_SETPOINT if self._setpoint_bit else 0)
 
