@@ -360,7 +360,8 @@ class Daemon:
         self._opened.close()
 
     def _begin_stop(self) -> None:
-        """As after a loss of the PLC: each axis stops its way; then power is off everywhere, or the time is over."""
+        """As after a loss of the PLC: each axis stops its way, and only OFF2 and OFF3 count; then power is off everywhere, or the
+        time is over."""
         if self._stopping or self.stopped.is_set():
             return
         log.info("stopping the drives")
@@ -368,7 +369,6 @@ class Daemon:
         for item in self.objects:
             item.gateway_stops = True
         self._stop_until = self.loop.now() + _SHUTDOWN_NS
-        self.link.lose_setpoints()
 
     def _finish(self) -> None:
         if self.stopped.is_set():
@@ -397,9 +397,7 @@ class Daemon:
             self._take(self.link.receive(now := self.loop.now()), now)
 
     def _take(self, accepted: bool, now: int) -> None:
-        if self._stopping:
-            self.link.lose_setpoints()
-        elif accepted:
+        if accepted and not self._stopping:
             self._cycle(now, accepted=True)
 
     def _on_due(self) -> None:
@@ -408,7 +406,7 @@ class Daemon:
         if now - self._deadline > self.cycle_ns // 2:
             self.late += 1
         # The queued frames arrived before this cycle: process them before the watchdog.
-        accepted = not self._stopping and self.link.receive(now)
+        accepted = self.link.receive(now) and not self._stopping
         self._cycle(now, accepted=accepted)
         if not self.stopped.is_set():
             self._due = self.loop.call_at(self._deadline, self._on_due)
@@ -425,7 +423,7 @@ class Daemon:
 
     def _cycle(self, now: int, *, accepted: bool) -> None:
         link = self.link
-        # Setpoints that the gateway itself releases do not count as a loss of the PLC.
+        # A gateway that stops needs no PLC any more.
         if link.poll(now) and not self._stopping:
             log.error("PLC lost: %s", link.loss, extra={"event": "plc"})
             for item in self.objects:

@@ -201,7 +201,7 @@ class AxisMachine:
         commanded = outputs.command.controlword
         statusword = feedback.statusword
         demand.fresh = inputs.fresh
-        setpoints, life = inputs.setpoints, self.life
+        setpoints, life = None if inputs.gateway_stops else inputs.setpoints, self.life
         if life is not None:
             if life.step(setpoints, outputs.actuals):
                 detail = f"more than {life.counters.tolerated} failures in succession"
@@ -333,7 +333,8 @@ class AxisMachine:
             self.outputs.found.append((FaultNumber.CONTROL_LOST, "STW1.10 = 0"))
 
     def _stop_without_plc(self) -> PowerWish | None:
-        """OFF2 or OFF3 in a frame that does not count otherwise: without control after a loss, or without sign of life."""
+        """OFF2 or OFF3 in a frame that does not count otherwise: without control after a loss, without sign of life, or while
+        the gateway stops."""
         setpoints = self.inputs.setpoints
         return None if setpoints is None else _STOPS_WITHOUT_PLC.get(WISHES[setpoints[0] & POWER_BITS])
 

@@ -191,6 +191,7 @@ class Inputs:
             "drive_ok",
             "encoders",
             "encoders_ok",
+            "gateway_stops",
             "node_stopped",
             "set_point_refused",
             "setpoints",
@@ -207,6 +208,7 @@ class Inputs:
         "fault_code",
         "feedback",
         "fresh",
+        "gateway_stops",
         "news",
         "node_stopped",
         "now",
@@ -224,6 +226,8 @@ class Inputs:
         """Raw signal values in telegram order; None while there is no valid PLC (silent, provider STOP, IOPS BAD)."""
         self.fresh = False
         """True if ``setpoints`` arrived in this cycle, False if they are older."""
+        self.gateway_stops = False
+        """The gateway is being stopped: of ``setpoints``, only OFF2 and OFF3 count."""
         self.doubt = OrderDoubt.NONE
         """Whether the PLC may have ordered something else than ``setpoints``."""
         self.feedback = feedback

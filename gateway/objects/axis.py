@@ -145,6 +145,7 @@ class Axis(DriveObject):
         inputs.now = now
         inputs.setpoints = setpoints
         inputs.fresh = self.fresh
+        inputs.gateway_stops = self.gateway_stops
         inputs.doubt = self.doubt
         inputs.drive_ok = drive.refresh(now)
         inputs.set_point_refused = drive.rpdos.set_point_refused

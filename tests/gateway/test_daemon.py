@@ -29,7 +29,7 @@ from pdgw.gateway.service.status_client import fetch, fetch_faults
 from pdgw.peers.world import World
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.gateways import machine
-from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, running, until, world_of
+from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, drive_of, running, until, world_of
 from tests.support.gateways.socket_plc import SocketPlc
 from tests.support.processes import free_tcp_port
 
@@ -207,6 +207,49 @@ def test_stop_brings_a_turning_drive_to_rest_then_pre_operational() -> None:
         assert model.emcy == []
     assert daemon.axes[0].drive.status_text == "stopped"
     assert not daemon.axes[0].powered
+
+
+@pytest.mark.parametrize(
+    ("word", "controlword"),
+    [(ON & ~0x2, 0x0), (ON & ~0x4, 0x2), (0x0000, 0x0), (0x636A, 0x2)],
+    ids=["OFF2", "OFF3", "zeros", "OFF3 without control"],
+)
+def test_off2_and_off3_end_the_ramp_of_a_gateway_that_stops(word: int, controlword: int) -> None:
+    with running(configuration(axis(1, more='simulate = true\non_plc_loss = "ramp"'))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.endpoint.set(0, {"NSOLL_A": 0x2000})
+        plc.enable()
+        plc.until(lambda: plc.value("NIST_A") == 0x2000, "1500 rpm")
+        command = daemon.axes[0].machine.outputs.command
+        daemon.stop()
+        plc.exchange()
+        plc.exchange()
+        assert (command.controlword & 0xF, command.target_velocity) == (0xF, 0), "the ramp of the loss reaction"
+        plc.endpoint.set(0, {"STW1": word})
+        plc.exchange()
+        plc.exchange()
+        assert command.controlword & 0xF == controlword
+        plc.silent = True
+        plc.exchange()
+        assert command.controlword & 0xF == controlword, "the stop stays in force without frames"
+
+
+def test_off_and_on_start_nothing_while_the_gateway_stops() -> None:
+    axes = axis(1, more='simulate = true\non_plc_loss = "ramp"') + axis(2)
+    with running(configuration(axes)) as daemon:
+        plc = Plc(daemon, [1, 1])
+        plc.endpoint.set(0, {"NSOLL_A": 0x2000})
+        plc.enable()
+        plc.endpoint.set(1, {"STW1": OFF})
+        plc.until(lambda: plc.value("NIST_A") == 0x2000 and plc.state(1) == 0x01, "1500 rpm, axis 2 ready")
+        daemon.stop()
+        model = drive_of(daemon, 2).model
+        for word in (OFF, OFF, ON, ON, ON):
+            plc.endpoint.set(1, {"STW1": word})
+            plc.exchange()
+            assert daemon.axes[1].machine.outputs.command.controlword & 0xF in {0x0, 0x2}
+            assert model.state not in {State.SWITCHED_ON, State.OPERATION_ENABLED}
+        assert not daemon.stopped.is_set(), "axis 1 still ramps"
 
 
 def test_another_telegram_is_selected_only_out_of_operation() -> None:
