@@ -36,7 +36,7 @@ from pdgw.gateway.axis.executors.sensor import DriveSensor, EncoderReferences, S
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.executors.torque import TorqueExecutor
 from pdgw.gateway.axis.interlock import Interlock
-from pdgw.gateway.axis.power_table import CONTROLWORDS, Action, Drive, Phase
+from pdgw.gateway.axis.power_table import CONTROLWORDS, OFFS, Action, Drive, Phase
 from pdgw.gateway.axis.required_scaling import Missing, missing, needed_quantities
 from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
 from pdgw.gateway.axis.supervision.drive_events import (
@@ -74,6 +74,7 @@ from pdgw.profidrive.telegrams import telegram
 _OF_THE_DRIVE: Final = Flag.OF_THE_DRIVE
 _WARNING: Final = Flag.WARNING
 _DROPPED: Final = OrderDoubt.DROPPED
+_WAITS: Final = OrderDoubt.WAITS
 _INTERNAL_LIMIT: Final = StatusBit.INTERNAL_LIMIT
 _FOLLOW: Final = Phase.FOLLOW
 _PASS: Final = Phase.PASS
@@ -210,6 +211,8 @@ class AxisMachine:
                 setpoints = None
         self.adapter.read(setpoints, demand)
         wish = demand.power if demand.connected else self._stop_without_plc()
+        if inputs.doubt is _WAITS and wish in OFFS and not interlock.released:
+            wish = PowerWish.STOP  # the PLC may send ON already, so this OFF releases nothing
         if not demand.in_control:
             self._without_control()
         elif self._control_lost:

@@ -367,7 +367,7 @@ class Life:
             axis.good = self._runs and bool(data[iops] & IOPS_GOOD)
             if axis.good:
                 axis.asked(now, bytes(data[layout.offsets[axis.index] : iops]), certain=certain)
-            elif not stale:
+            elif certain:
                 axis.doubt("IOPS BAD" if self._runs else "provider STOP")
 
     def _doubt_gap(self, now: int) -> None:

@@ -6,9 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pdgw.dsp402.states import State
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, Kind, drive_telegram
-from pdgw.gateway.reasons import OrderDoubt
+from pdgw.gateway.reasons import OrderDoubt, Reason
 from pdgw.profidrive.telegrams import telegram
+from tests.gateway.axis.test_velocity import OFF, ON, Bench
 from tests.support.axis.positioner import CHOICES
 from tests.support.axis.rig import Rig
 from tests.support.axis.stepper import DSC
@@ -100,3 +102,22 @@ def test_every_status_bit_is_shown_once_the_command_is_confirmed(number: int) ->
         if twins.shown == expected:
             break
     assert twins.shown == expected
+
+
+@pytest.mark.parametrize("doubt", list(OrderDoubt))
+def test_an_off_releases_a_locked_axis_only_if_no_other_order_waits(doubt: OrderDoubt) -> None:
+    bench = Bench()
+    bench.operate()
+    bench.drive_ok = False
+    bench.step(OFF, cycles=10)
+    bench.drive_ok = True
+    inputs = bench.stepper.machine.inputs
+    inputs.doubt = doubt  # an ON, sent while the drive was lost, is not confirmed yet
+    bench.step(OFF, cycles=100)
+    inputs.doubt = OrderDoubt.NONE
+    bench.step(ON, cycles=10)
+    started = bench.drive.state is State.OPERATION_ENABLED
+    assert started is (doubt is not OrderDoubt.WAITS)
+    if not started:
+        assert bench.stepper.reason is Reason.NEEDS_OFF
+        bench.operate()
