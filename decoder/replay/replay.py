@@ -294,7 +294,9 @@ class Replayer:
         waits = taken < len(times) and times[taken] <= tick.time_ns < self._certain_times[taken]
         dropped = taken > 0 and self._recording.setpoints[taken - 1].dropped
         hidden = answer is not None and not any(answer.actuals[place] & mask for place, mask in self._machine.claims)
-        return OrderDoubt.WAITS if hidden and (waits or dropped) else OrderDoubt.NONE
+        if not hidden:
+            return OrderDoubt.NONE
+        return OrderDoubt.WAITS if waits else OrderDoubt.DROPPED if dropped else OrderDoubt.NONE
 
     def _as_told(self, tick: Tick, inputs: _Inputs, faults: tuple[FaultRecord, ...], *, compared: bool) -> Step:
         outputs = self._machine.outputs

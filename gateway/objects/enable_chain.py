@@ -148,13 +148,13 @@ class _Chain:
         self.breaks(reason, next(told, ""))
 
     def judge_plc(self, *, connected: bool, never: Reason, lost: bool) -> bool:
-        if connected:
-            self.holds(Enable.PLC)
-        elif self.item.gateway_stops:
+        if self.item.gateway_stops:
             self.breaks(Reason.GATEWAY_STOPS)
+        elif connected:
+            self.holds(Enable.PLC)
         else:
             self.breaks(Reason.PLC_LOST if lost else never)
-        return connected
+        return connected and not self.item.gateway_stops
 
     def keep(self, reason: Reason | None) -> None:
         """A reason of the machine also breaks a link, unless a broken link explains it already."""

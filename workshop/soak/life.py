@@ -356,7 +356,9 @@ class Life:
         self._arrived = now
         sent = self._sent.get(data, now)
         stale = self._newest is not None and source == self._newest[0] and sent <= self._newest[1]
-        if not stale:
+        if stale:
+            self._quiet_since = now  # delayed frames still arrive between the new ones
+        else:
             self._newest = source, sent
         self._runs = bool(data[_STATUS_OFFSET] & STATUS_RUN)
         layout = self._layout

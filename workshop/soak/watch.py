@@ -37,8 +37,8 @@ REACHED_RPM: Final = 90
 _STANDS_RPM = 1.0
 _OPERATION, _FAULT, _REACHED = 0x0004, 0x0008, 0x0400
 _ENABLE: Final = 0x000F
-_MOVES: Final = 0x007F
-"""STW1 bits that enable the setpoint."""
+_MOVES: Final = 0x047F
+"""STW1 bits that enable the setpoint, with control by the PLC."""
 _NO_OFF2, _NO_OFF3 = 0x0002, 0x0004
 _AFTER_OFF2: Final = frozenset({0x0})
 _AFTER_OFF3: Final = frozenset({0x0, 0x2})
