@@ -272,8 +272,8 @@ class Daemon:
         """Change stored parameters, in a task: saved first, then in force. GatewayError when the file cannot be written."""
         self.loop.result(self.loop.offload(lambda: self.store.update(change)))
 
-    def _save_own_values(self, axis: Axis, values: OwnValues) -> None:
-        """Without a store, or when it cannot be written, the axis runs: reported, because a crash would lose the values."""
+    def _save_own_values(self, axis: Axis, values: OwnValues) -> bool:
+        """True when saved. Without a store, or if it cannot be written, the log says what a crash loses; the axis runs."""
 
         def change(parameters: DeviceParameters) -> None:
             parameters.drive_object(axis.do_id).own_values = values
@@ -282,9 +282,11 @@ class Daemon:
             self.update_store(change)
         except GatewayError as error:
             log.error("%s: the drive's own limits are not saved: %s", axis.label, error)
+            return False
         if self.store.path is None and values.values:
             texts = ", ".join(item.text(item.value) for item in values.values)
             log.warning("%s: no parameter store: a crash of the gateway loses the drive's own %s", axis.label, texts)
+        return True
 
     # -- life ---------------------------------------------------------------------------------------------------------
 
@@ -397,8 +399,8 @@ class Daemon:
             self._take(self.link.receive(now := self.loop.now()), now)
 
     def _take(self, accepted: bool, now: int) -> None:
-        if accepted and not self._stopping:
-            self._cycle(now, accepted=True)
+        if accepted:
+            self._cycle(now, accepted=not self._stopping)
 
     def _on_due(self) -> None:
         """A cycle without a frame, unless one waits: frames postpone it."""
@@ -439,6 +441,8 @@ class Daemon:
             actuals[index] = outputs.actuals
             good[index] = outputs.good
             released[index] = outputs.released
+        if self._stopping:
+            link.lose_setpoints()  # IOCS reports it
         self.cycles += 1
         cycle = self.cycle_ns
         answered = 0

@@ -190,8 +190,8 @@ class NodeClient(abc.ABC, Generic[S]):
         """In a job: SDO write of a value that the owner commands."""
         self.sdo.write(index, subindex, data)
 
-    def store(self, index: int, subindex: int, data: bytes) -> None:
-        """In a job: SDO write by which the node stores (1010h) or restores (1011h) its parameters."""
+    def write_for_client(self, index: int, subindex: int, data: bytes) -> None:
+        """In a job: SDO write that a parameter client asks for."""
         self.sdo.write(index, subindex, data)
 
     def stop(self) -> None:

@@ -23,6 +23,7 @@ from pdgw.ds301.communication import (
     IDENTITY_SERIAL,
     IDENTITY_VENDOR,
     RESTORE_PARAMETERS,
+    STORE_PARAMETERS,
     SYNC_PERIOD,
     profile_of,
 )
@@ -113,9 +114,7 @@ class DriveClient(NodeClient[DriveSettings]):
         self.serial_number = 0
         """1018h/4; 0 for a drive without one."""
         self._identity: tuple[int, int] | None = None
-        """Vendor-ID and product code of the device whose objects were found out,"""
-        self._device = (0, 0)
-        """and of the one that is there."""
+        """Vendor-ID and product code of the device whose objects were found out."""
         self._mode = ModeCheck(sdo, feedback, self._tell)
         self.rpdos = RpdoSender(network, layout.rpdos[0], node_id, feedback, self._mode, self._wake.set, self._tell)
         """Sends the parts of each command."""
@@ -179,8 +178,7 @@ class DriveClient(NodeClient[DriveSettings]):
                     ) from error
                 if address in OPTIONAL_OBJECTS and error.code not in NOT_THERE:
                     answers[address] = 0  # the drive has the object, and keeps its own value unless it is written
-        self._device = answers.get(IDENTITY_VENDOR, 0), answers.get(IDENTITY_PRODUCT, 0)
-        self._compare_identity(self._device)
+        self._compare_identity((answers.get(IDENTITY_VENDOR, 0), answers.get(IDENTITY_PRODUCT, 0)))
         self.drive_type = describe(self.sdo.dictionary, answers, self.settings.units, self.settings.family)
         self.units.watch = UnitWatch(answers)
         return self.drive_type
@@ -253,8 +251,7 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _make_plan(self, found: Mapping[int, int]) -> PdoPlan:
         if self.own_values:
-            identity = self.sdo.require(*IDENTITY_VENDOR), self.sdo.require(*IDENTITY_PRODUCT)
-            self.own_values.identify((*identity, self._read_serial()))
+            self.own_values.identify(self._read_identity())
             carried = {entry.address for pdo in self.layout.rpdos for entry in pdo.entries}
             self.own_values.carry(carried, off=self._is_off)
         self._mapping.survey(self.learn(), found)
@@ -302,28 +299,50 @@ class DriveClient(NodeClient[DriveSettings]):
         for entry in self.rpdos.written_entries:
             if entry.address not in self.own_values:
                 self.sdo.require(*entry.address)
-        self.serial_number = self._read_serial()
-        self.own_values.identify((*self._device, self.serial_number))
+        identity = self._read_identity()
+        self.serial_number = identity[2]
+        self.own_values.identify(identity)
         for entry in self.rpdos.entries:
             if entry.attribute in _LIMITS_AND_RAMPS:
                 self.own_values.overwrite(entry.address)
         self.own_values.commit()
 
-    def _read_serial(self) -> int:
-        return int.from_bytes(self._read_if_present(*IDENTITY_SERIAL) or b"", "little")
+    def _read_identity(self) -> tuple[int, int, int]:
+        """1018h/1, 2 and 4; 0 for a sub-index that the drive does not have."""
+        return (
+            self.sdo.require(*IDENTITY_VENDOR),
+            self._read_optional(*IDENTITY_PRODUCT),
+            self._read_optional(*IDENTITY_SERIAL),
+        )
+
+    def _read_optional(self, index: int, subindex: int) -> int:
+        try:
+            return self.sdo.read_number(index, subindex)
+        except SdoAbortedError as error:
+            if error.code not in NOT_THERE:
+                raise
+            return 0
 
     def command(self, index: int, subindex: int, data: bytes) -> None:
         self.own_values.write((index, subindex), data)
 
-    def store(self, index: int, subindex: int, data: bytes) -> None:
-        """The drive stores its own values, not those of the RPDOs, which are not sent meanwhile. What it restores is its own."""
+    def write_for_client(self, index: int, subindex: int, data: bytes) -> None:
+        """The drive stores its own values (1010h), not those of the RPDOs, which are not sent meanwhile. What it restores
+        (1011h), and what a client writes, is its own.
+        """
+        if index not in {STORE_PARAMETERS, RESTORE_PARAMETERS}:
+            self.sdo.write(index, subindex, data)
+            self.own_values.forget((index, subindex))
+            return
         restores = index == RESTORE_PARAMETERS
         self._sending = False
         try:
-            self.own_values.show()
-            self.sdo.write(index, subindex, data)
             if restores:
+                self.sdo.write(index, subindex, data)
                 self.own_values.trust()
+            else:
+                self.own_values.show()
+                self.sdo.write(index, subindex, data)
         finally:
             # Without RPDOs until the next start, which follows a restore: it reads what the drive has then.
             self._sending = not (self._reconfigure or restores)

@@ -11,6 +11,8 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from typing import Final
 
+from canopen import SdoAbortedError
+
 from pdgw.ds301.objects import ObjectAddress
 from pdgw.dsp402.indices import HOMING_SPEEDS
 from pdgw.dsp402.objects import MAX_TORQUE
@@ -57,8 +59,8 @@ class OwnValues:
 class OwnValueKeeper:
     """Keeps the own values of one drive, in its task.
 
-    ``read`` returns the data of an object, nothing for one that is not there. ``write`` raises what an SDO write raises.
-    ``tell`` reports an event of the node.
+    ``read`` returns the data of an object, None for one that is not there, and nothing for one that cannot be read now.
+    ``write`` raises what an SDO write raises. ``tell`` reports an event of the node.
     """
 
     def __init__(
@@ -72,16 +74,19 @@ class OwnValueKeeper:
         self._tell = tell
         self.identity = (0, 0, 0)
         """Identity of the connected drive."""
-        self.save: Callable[[OwnValues], None] = lambda _: None
-        """Saves for the next process; returns when the values survive a crash."""
+        self.save: Callable[[OwnValues], bool] = lambda _: True
+        """Saves for the next process; True when the values survive a crash."""
         self._saved = OwnValues()
         self._values: dict[ObjectAddress, OwnValue] = {}
+        self._unproven = False
+        """The values are of another process and of a drive without a serial number: it may have been exchanged."""
 
     def load(self, saved: OwnValues) -> None:
         """Continue with what another process had kept."""
         self._saved = saved
         self.identity = saved.identity
         self._values = {item.address: item for item in saved.values}
+        self._unproven = saved.identity[2] == 0
 
     def __bool__(self) -> bool:
         return bool(self._values)
@@ -100,12 +105,28 @@ class OwnValueKeeper:
             texts = ", ".join(item.text(item.value) for item in self._values.values())
             self._tell("status", f"another drive (1018h): the kept own values of the last one are dropped: {texts}")
             self._values.clear()
+        if self._unproven:
+            # The value may be another drive's and too high; what the drive shows can only be too low.
+            dropped = [item for item in self._values.values() if item.written is None]
+            for item in dropped:
+                del self._values[item.address]
+            if dropped:
+                texts = ", ".join(item.text(item.value) for item in dropped)
+                self._tell(
+                    "status", f"no serial number (1018h/4): own values of before are not used, check them: {texts}"
+                )
+            self._unproven = False
         self.identity = identity
 
     def show(self) -> None:
         """Write own values to the drive and keep them: the RPDOs overwrite them again."""
         for kept in self._values.values():
             self._write(*kept.address, kept.value.to_bytes(kept.size, "little"))
+
+    def forget(self, address: ObjectAddress) -> None:
+        """A parameter client wrote the object: its value is the drive's own."""
+        if self._values.pop(address, None) is not None:
+            self.commit()
 
     def trust(self) -> None:
         """The gateway's values are no longer in the drive, so the values of its next start are its own."""
@@ -118,6 +139,8 @@ class OwnValueKeeper:
             if addresses is not None and kept.address not in addresses:
                 continue
             data = self._read(*kept.address)
+            if data == b"":
+                continue  # not known now: kept for the next start
             shown = int.from_bytes(data or b"", "little")
             if data is None or shown == kept.value:
                 text = ""  # the drive has its own value, or lacks the object now
@@ -125,7 +148,11 @@ class OwnValueKeeper:
                 text = (
                     f"{kept.text(shown)} was written by the gateway: the drive's own value {kept.value} is written back"
                 )
-                self._write(*kept.address, kept.value.to_bytes(kept.size, "little"))
+                try:
+                    self._write(*kept.address, kept.value.to_bytes(kept.size, "little"))
+                except SdoAbortedError as error:
+                    self._tell("status", f"{kept.text(shown)}: the own value {kept.value} is not written back: {error}")
+                    continue
             else:
                 text = f"{kept.text(shown)} is the drive's own value now, {kept.value} before: another tool wrote it"
             del self._values[kept.address]
@@ -147,8 +174,12 @@ class OwnValueKeeper:
 
     def overwrite(self, address: ObjectAddress) -> None:
         """RPDOs carry this object from now on; ``commit`` follows."""
-        if address not in self._values and (data := self._read(*address)):
+        if address in self._values:
+            return
+        if data := self._read(*address):
             self._values[address] = OwnValue(*address, len(data), int.from_bytes(data, "little"))
+        elif data is not None:
+            self._tell("status", f"{address[0]:04X}h cannot be read now: its own value is not kept")
 
     def write(self, address: ObjectAddress, data: bytes) -> None:
         """Write an object by SDO in operation; its own value is saved before."""
@@ -163,6 +194,5 @@ class OwnValueKeeper:
     def commit(self) -> None:
         """Save what has changed."""
         now = OwnValues(self.identity, tuple(self._values.values())) if self._values else OwnValues()
-        if now != self._saved:
+        if now != self._saved and self.save(now):
             self._saved = now
-            self.save(now)

@@ -75,6 +75,7 @@ _OF_THE_DRIVE: Final = Flag.OF_THE_DRIVE
 _WARNING: Final = Flag.WARNING
 _DROPPED: Final = OrderDoubt.DROPPED
 _WAITS: Final = OrderDoubt.WAITS
+_LOCKS: Final = (Phase.LOCKED, Phase.UNCONFIRMED, Phase.COAST)
 _INTERNAL_LIMIT: Final = StatusBit.INTERNAL_LIMIT
 _FOLLOW: Final = Phase.FOLLOW
 _PASS: Final = Phase.PASS
@@ -211,7 +212,7 @@ class AxisMachine:
                 setpoints = None
         self.adapter.read(setpoints, demand)
         wish = demand.power if demand.connected else self._stop_without_plc()
-        if inputs.doubt is _WAITS and wish in OFFS and not interlock.released:
+        if inputs.doubt is _WAITS and wish in OFFS and interlock.phase in _LOCKS:
             wish = PowerWish.STOP  # the PLC may send ON already, so this OFF releases nothing
         if not demand.in_control:
             self._without_control()

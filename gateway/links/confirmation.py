@@ -194,9 +194,9 @@ class Confirmation:
     @property
     def doubt(self) -> OrderDoubt:
         """Whether the PLC may have ordered something that is not in force, or the reverse."""
-        if self._dropped is not None:
-            return OrderDoubt.DROPPED
-        return OrderDoubt.WAITS if self._waits or self._early else OrderDoubt.NONE
+        if self._waits or self._early:
+            return OrderDoubt.WAITS
+        return OrderDoubt.NONE if self._dropped is None else OrderDoubt.DROPPED
 
     def judge(
         self, order: tuple[int, ...], in_force: tuple[int, ...] | None, *, is_new: bool, released: bool

@@ -73,6 +73,9 @@ class Link(Protocol):
     def loss(self) -> str:
         """Reason for the loss of the PLC, after ``poll`` has reported it."""
 
+    def lose_setpoints(self) -> None:
+        """No drive object has a valid PLC until its next data."""
+
     def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], released: Sequence[bool]) -> None:
         """Answer the PLC. ``good``: the values of that drive object are valid; ``released``: an OFF does nothing but stop it."""
 
@@ -210,6 +213,9 @@ class UdpLink:
     @property
     def loss(self) -> str:
         return silence(self._transport.watchdog_factor)
+
+    def lose_setpoints(self) -> None:
+        self.endpoint.lose_setpoints()
 
     def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], released: Sequence[bool]) -> None:
         endpoint = self.endpoint

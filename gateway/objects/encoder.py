@@ -121,7 +121,7 @@ class EncoderObject(DriveObject):
         client, machine = self.client, self.machine
         inputs = machine.inputs
         inputs.now = now
-        inputs.setpoints = setpoints
+        inputs.setpoints = None if self.gateway_stops else setpoints
         inputs.doubt = self.doubt
         inputs.ok = client.refresh(now)
         if client.parameters is not self._parameters:

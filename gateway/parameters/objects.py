@@ -17,7 +17,6 @@ import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.aborts import Abort
-from pdgw.ds301.communication import RESTORE_PARAMETERS, STORE_PARAMETERS
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.objects import CanType
@@ -166,10 +165,7 @@ class ObjectAccess:
             stale = reads_again
             try:
                 try:
-                    if index in {STORE_PARAMETERS, RESTORE_PARAMETERS}:
-                        client.store(index, subindex, data)
-                    else:
-                        client.sdo.write(index, subindex, data)
+                    client.write_for_client(index, subindex, data)
                 except SdoAbortedError:
                     stale = False  # the device keeps its value
                     raise

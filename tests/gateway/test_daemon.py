@@ -225,13 +225,35 @@ def test_off2_and_off3_end_the_ramp_of_a_gateway_that_stops(word: int, controlwo
         plc.exchange()
         plc.exchange()
         assert (command.controlword & 0xF, command.target_velocity) == (0xF, 0), "the ramp of the loss reaction"
+        assert endpoint_of(daemon).setpoints == [None], "IOCS is BAD"
         plc.endpoint.set(0, {"STW1": word})
+        plc.send()
+        plc.endpoint.set(0, {"STW1": ON})
         plc.exchange()
         plc.exchange()
-        assert command.controlword & 0xF == controlword
+        assert command.controlword & 0xF == controlword, "one frame is enough"
         plc.silent = True
         plc.exchange()
         assert command.controlword & 0xF == controlword, "the stop stays in force without frames"
+
+
+def test_an_encoder_ignores_the_plc_while_the_gateway_stops() -> None:
+    axes = (
+        axis(1, more='simulate = true\non_plc_loss = "ramp"')
+        + "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 81\nsimulate = true\n"
+    )
+    with running(configuration(axes)) as daemon:
+        plc = Plc(daemon, [1, 81])
+        plc.endpoint.set(0, {"NSOLL_A": 0x2000})
+        plc.enable()
+        plc.until(lambda: plc.value("NIST_A") == 0x2000, "1500 rpm")
+        inputs = daemon.encoders[0].machine.inputs
+        assert inputs.setpoints is not None
+        daemon.stop()
+        for _ in range(3):
+            plc.exchange()
+            assert inputs.setpoints is None
+        assert not daemon.stopped.is_set(), "axis 1 still ramps"
 
 
 def test_off_and_on_start_nothing_while_the_gateway_stops() -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
+from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.nmt import NmtCommand
@@ -324,3 +326,114 @@ def test_replay_of_a_gateway_after_a_crash_is_equal(site: Site, tmp_path: Path, 
         for _ in range(100):
             plc.exchange()
         assert only(plc.replayed(tmp_path)) == []
+
+
+def test_a_drive_that_may_have_been_exchanged_keeps_its_lower_limit(
+    site: Site, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
+    site.shown = {SERIAL: 0}
+    with site.gateway(speed(102)) as plc:
+        reduce(plc)
+        site.crash(plc)
+    site.shown[MAX_TORQUE] = 800
+    with site.gateway(speed(102)) as plc:
+        start(plc)
+        drive = plc.daemon.axes[0].drive.drive_type
+        assert drive is not None
+        assert torque(plc) == drive.max_torque == 800
+    assert "no serial number (1018h/4)" in caplog.text
+
+
+def test_a_drive_without_a_product_code_comes_online_again(tmp_path: Path) -> None:
+    text = (
+        (Path(__file__).parents[2] / "dsp402/eds/engel.eds")
+        .read_text()
+        .replace("ProductNumber=0x1\n", "ProductNumber=0\n")
+    )
+    eds = tmp_path / "drive.eds"
+    eds.write_text(re.sub(r"\[1018sub2\].*?(?=\n\[)", "", text, flags=re.DOTALL))
+
+    def prepare(daemon: Daemon) -> None:
+        node = drive_of(daemon).node
+        node.entries = {address: entry for address, entry in node.entries.items() if address != (0x1018, 2)}
+
+    config = configuration(axis(1, telegram_number=102, more=f'simulate = true\neds = "{eds}"'))
+    with running(config, prepare) as daemon:
+        plc = Plc(daemon, [102])
+        drive = daemon.axes[0].drive
+        plc.until(lambda: drive.generation == 1, "online")
+        assert drive.own_values
+        drive_of(daemon).do(lambda item: item.restart())
+        plc.until(lambda: drive.generation == 2, "online again")
+
+
+def refuse(plc: Plc, method: str, address: tuple[int, int], times: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The drive aborts the next accesses to an object (0800 0022h)."""
+    node = drive_of(plc.daemon).node
+    access, left = getattr(node, method), [times]
+
+    def refusing(index: int, subindex: int, *args: object, **options: object) -> object:
+        if (index, subindex) == address and left[0]:
+            left[0] -= 1
+            raise SdoAbortedError(0x08000022)
+        return access(index, subindex, *args, **options)
+
+    monkeypatch.setattr(node, method, refusing)
+
+
+def test_a_drive_that_refuses_its_own_value_comes_online(
+    site: Site, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    caplog.set_level(logging.INFO)
+    with site.gateway(clamping()) as plc:
+        press(plc)
+        site.crash(plc)
+    with site.gateway(speed(1)) as plc:
+        refuse(plc, "set_data", ACCELERATION, 1000, monkeypatch)
+        start(plc)
+        assert "6083h" in caplog.text
+        assert "is not written back" in caplog.text
+        assert site.kept().values, "kept for the next start"
+
+
+def test_a_limit_that_cannot_be_read_once_is_not_forgotten(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    with site.gateway(clamping()) as plc:
+        press(plc)
+        drive = plc.daemon.axes[0].drive
+        assert drive.drive_type is not None
+        own, generation = drive.drive_type.max_torque, drive.generation
+        refuse(plc, "get_data", MAX_TORQUE, 1, monkeypatch)
+        other = world_of(plc.daemon).bus("world").join("another tool")
+        other.send(NMT, bytes((NmtCommand.ENTER_PRE_OPERATIONAL, 1)))
+        plc.until(lambda: drive.generation > generation, "online again")
+        assert drive.drive_type.max_torque == own
+
+
+def test_a_save_that_failed_is_repeated(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    with site.gateway(speed(102)) as plc:
+        plc.until(lambda: plc.daemon.axes[0].drive.generation == 1, "online")
+        drive, values = plc.daemon.axes[0].drive, site.kept()
+        assert values.values
+        results = [False, True]
+        monkeypatch.setattr(drive.own_values, "save", lambda _: results.pop(0))
+        drive.own_values._values.pop(MAX_TORQUE)
+        drive.own_values.commit()
+        drive.own_values.commit()
+        drive.own_values.commit()
+        assert results == []
+
+
+def test_a_value_that_a_client_writes_is_the_drives_own(site: Site) -> None:
+    with site.gateway(speed(9)) as plc:
+        plc.endpoint.set(0, {"SATZANW": 0x8000 | 35, "MDI_VELOCITY": 1 << 29})
+        enable_positioner(plc)
+        plc.endpoint.set(0, {"STW1": GO | HOMING})
+        plc.until(lambda: plc.value("ZSW1") & 0x800, "homed")
+        drive = plc.daemon.axes[0].drive
+        assert (0x6099, 1) in drive.own_values
+        done = drive.submit(lambda node: node.write_for_client(0x6099, 1, bytes((100, 0, 0, 0))))
+        plc.until(done.done, "written")
+        done.result()
+        assert drive_of(plc.daemon).node.read(0x6099, 1) == 100
+        assert (0x6099, 1) not in {item.address for item in site.kept().values}

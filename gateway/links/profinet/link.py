@@ -306,14 +306,14 @@ class ProfinetLink:
             if self._end:
                 self._release()
         self._receivable = self._orders_lost = False
-        self._lose_setpoints()
+        self.lose_setpoints()
         return True
 
     def _hold_ns(self, now: int) -> int:
         """Time for which the axes continue without a leading controller: 0 if no other one can take over."""
         return 0 if self.device.successor(now) is None else self.device.redundancy_hold_ns
 
-    def _lose_setpoints(self) -> None:
+    def lose_setpoints(self) -> None:
         for index in range(len(self.setpoints)):
             self.setpoints[index] = None
 
@@ -467,7 +467,7 @@ class ProfinetLink:
                 relation = self.device.relation
                 if relation is None or not relation.connected:
                     # PrmBegin: further setpoints of the controller do not count until the parameters are complete
-                    self._lose_setpoints()
+                    self.lose_setpoints()
                 if self._newest is not None and any(item not in self._places for item in self.device.relations):
                     self.send(*self._newest, ())
                 self._pump()
@@ -570,7 +570,7 @@ class ProfinetLink:
                 self._end = f"the relationship has ended: {ended.text}"
                 if not self._hold_ns(self._loop.now()):
                     self._release()
-                    self._lose_setpoints()
+                    self.lose_setpoints()
             case _:
                 self._keeper.on_event(event, self.station.name)
 

@@ -182,7 +182,7 @@ def test_a_pulse_that_is_dropped_stays_in_doubt_until_the_plc_repeats_it() -> No
         assert (line.order, line.endpoint.doubts[0].name, line.endpoint.orders_dropped) == (TASK, "DROPPED", 1)
     line.send(ON)
     line.send(ON)
-    assert line.endpoint.doubts[0].name == "DROPPED"
+    assert line.endpoint.doubts[0].name == "WAITS", "a waiting order comes before a dropped one"
     line.send(ON)
     assert (line.order, line.endpoint.doubts[0].name, line.endpoint.orders_dropped) == (ON, "NONE", 1)
 
