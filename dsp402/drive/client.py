@@ -114,7 +114,9 @@ class DriveClient(NodeClient[DriveSettings]):
         self.serial_number = 0
         """1018h/4; 0 for a drive without one."""
         self._identity: tuple[int, int] | None = None
-        """Vendor-ID and product code of the device whose objects were found out."""
+        """Vendor-ID and product code of the device whose objects were found out,"""
+        self._device = (0, 0)
+        """and of the one that is there."""
         self._mode = ModeCheck(sdo, feedback, self._tell)
         self.rpdos = RpdoSender(network, layout.rpdos[0], node_id, feedback, self._mode, self._wake.set, self._tell)
         """Sends the parts of each command."""
@@ -170,7 +172,7 @@ class DriveClient(NodeClient[DriveSettings]):
             try:
                 answers[address] = self.sdo.read_number(*address, signed=signed(self.sdo.dictionary, address))
             except SdoAbortedError as error:
-                if address == IDENTITY_VENDOR:
+                if address == IDENTITY_VENDOR or (address == IDENTITY_PRODUCT and error.code not in NOT_THERE):
                     raise Dsp402Error(
                         f"node {self.settings.node_id} object {address[0]:04X}h/{address[1]}",
                         abort_text(error.code),
@@ -178,7 +180,8 @@ class DriveClient(NodeClient[DriveSettings]):
                     ) from error
                 if address in OPTIONAL_OBJECTS and error.code not in NOT_THERE:
                     answers[address] = 0  # the drive has the object, and keeps its own value unless it is written
-        self._compare_identity((answers.get(IDENTITY_VENDOR, 0), answers.get(IDENTITY_PRODUCT, 0)))
+        self._device = answers.get(IDENTITY_VENDOR, 0), answers.get(IDENTITY_PRODUCT, 0)
+        self._compare_identity(self._device)
         self.drive_type = describe(self.sdo.dictionary, answers, self.settings.units, self.settings.family)
         self.units.watch = UnitWatch(answers)
         return self.drive_type
@@ -251,7 +254,8 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _make_plan(self, found: Mapping[int, int]) -> PdoPlan:
         if self.own_values:
-            self.own_values.identify(self._read_identity())
+            identity = self.sdo.require(*IDENTITY_VENDOR), self._read_optional(*IDENTITY_PRODUCT)
+            self.own_values.identify((*identity, self._read_optional(*IDENTITY_SERIAL)))
             carried = {entry.address for pdo in self.layout.rpdos for entry in pdo.entries}
             self.own_values.carry(carried, off=self._is_off)
         self._mapping.survey(self.learn(), found)
@@ -299,23 +303,15 @@ class DriveClient(NodeClient[DriveSettings]):
         for entry in self.rpdos.written_entries:
             if entry.address not in self.own_values:
                 self.sdo.require(*entry.address)
-        identity = self._read_identity()
-        self.serial_number = identity[2]
-        self.own_values.identify(identity)
+        self.serial_number = self._read_optional(*IDENTITY_SERIAL)
+        self.own_values.identify((*self._device, self.serial_number))
         for entry in self.rpdos.entries:
             if entry.attribute in _LIMITS_AND_RAMPS:
                 self.own_values.overwrite(entry.address)
         self.own_values.commit()
 
-    def _read_identity(self) -> tuple[int, int, int]:
-        """1018h/1, 2 and 4; 0 for a sub-index that the drive does not have."""
-        return (
-            self.sdo.require(*IDENTITY_VENDOR),
-            self._read_optional(*IDENTITY_PRODUCT),
-            self._read_optional(*IDENTITY_SERIAL),
-        )
-
     def _read_optional(self, index: int, subindex: int) -> int:
+        """0 for an object that the drive does not have."""
         try:
             return self.sdo.read_number(index, subindex)
         except SdoAbortedError as error:

@@ -75,6 +75,9 @@ class Client:
         settle(future, lambda: job(self))
         return future
 
+    def write_for_client(self, index: int, subindex: int, data: bytes) -> None:
+        self.write(index, subindex, data)
+
     def write(self, index: int, subindex: int, data: bytes) -> None:
         self.log.append((index, subindex))
 
