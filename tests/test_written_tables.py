@@ -94,10 +94,10 @@ def test_the_pdos_are_those_of_the_declarations(row: list[str]) -> None:
 
 
 def test_the_bounds_of_the_stops_are_those_that_are_measured_against() -> None:
-    told = {row[0]: (row[1], row[5]) for row in rows("measured/stops.txt", "what is lost")}
+    measured = {row[0]: (row[1], row[5]) for row in rows("measured/stops.txt", "what is lost")}
     text = (ROOT / "docs/safety.md").read_text(encoding="utf-8")
     for stop, _ in VIRTUAL:
-        assert told[stop.cause] == (stop.measured, f"{stop.bound_ms:g} ms: {stop.bound}")
+        assert measured[stop.cause] == (stop.measured, f"{stop.bound_ms:g} ms: {stop.bound}")
         assert f"`{stop.cause}` {stop.bound_ms:g} ms" in text
 
 

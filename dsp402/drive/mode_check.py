@@ -23,7 +23,7 @@ _NO_MODE: Final = 0
 
 
 class ModeCheck:
-    """Of one drive; ``tell`` reports an event of the node."""
+    """Checks the mode of one drive. ``tell`` is called with kind and text of an event of the node."""
 
     def __init__(self, sdo: ConfiguringAccess, feedback: DriveFeedback, tell: Callable[[str, str], None]) -> None:
         self._sdo = sdo

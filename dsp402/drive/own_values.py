@@ -1,7 +1,7 @@
 """The drive's own values of objects that the gateway overwrites: limits, ramps and homing speeds.
 
 A value is read and saved before it is overwritten, and is kept until it was written back to the drive. While it is kept, what
-the drive shows for the object is the gateway's and counts for nothing, whatever restarted meanwhile: the drive, its
+the drive shows for the object was written by the gateway and is not used, even after a restart of the drive, its
 node or the gateway. No I/O of its own: ``OwnValueKeeper`` gets functions for SDO access.
 """
 
@@ -60,7 +60,7 @@ class OwnValueKeeper:
     """Keeps the own values of one drive, in its task.
 
     ``read`` returns the data of an object, None for one that is not there, and nothing for one that cannot be read now.
-    ``write`` raises what an SDO write raises. ``tell`` reports an event of the node.
+    ``write`` raises what an SDO write raises. ``tell`` is called with kind and text of an event.
     """
 
     def __init__(

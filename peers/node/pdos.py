@@ -90,7 +90,7 @@ class NodePdos:
 
     def next_event(self, now: int) -> int:
         """Time of the next TPDO: its timer, the end of its inhibit time, or a change of the image."""
-        soonest = told = NEVER
+        soonest = changed = NEVER
         change = self.node.next_change(now)
         if self.node.state is NmtState.OPERATIONAL:
             for tpdo in self._events:
@@ -100,10 +100,10 @@ class NodePdos:
                 if tpdo.event_ns:
                     due = tpdo.due if tpdo.due > free else free
                     soonest = min(soonest, due)
-                if change is not None and tpdo.on_change and free < told and not self._unchanged(tpdo):
-                    told = free
+                if change is not None and tpdo.on_change and free < changed and not self._unchanged(tpdo):
+                    changed = free
         if change is not None:
-            seen = change + _UNSEEN_MS * MS if told == NEVER else max(change, told)
+            seen = change + _UNSEEN_MS * MS if changed == NEVER else max(change, changed)
             soonest = min(soonest, seen)
         return soonest
 

@@ -59,7 +59,7 @@ class Keyboard:
     """Converts keys to setpoints, sans-I/O: ``press`` from any thread, ``step`` once per cycle.
 
     Each axis has its own queue of keys. A stop key acts at once: it clears the queue, aborts an enable that waits for the
-    drive, and lets only a started handshake finish. ``tell`` gets messages for the user. ``leave`` is called for the exit
+    drive, and lets only a started handshake finish. ``tell`` is called with messages for the user, ``leave`` for the exit
     key.
     """
 

@@ -11,7 +11,7 @@ JOG = 0x100
 CYCLE_NS = 4_000_000
 
 
-def told(hand: Hand) -> bool:
+def reports_missing_mode(hand: Hand) -> bool:
     return any(fault.number == FaultNumber.MODE_NOT_CONFIRMED for fault in hand.stepper.machine.outputs.faults)
 
 
@@ -25,4 +25,4 @@ def test_an_abandoned_mode_request_does_not_count_for_the_next_one() -> None:
     for _ in range(10):
         hand(ON | JOG)
         assert hand.stepper.reason is Reason.MODE_NOT_CONFIRMED
-        assert not told(hand)
+        assert not reports_missing_mode(hand)

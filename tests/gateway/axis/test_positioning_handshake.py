@@ -304,8 +304,8 @@ def test_homing_withdrawn_before_its_method_is_written_sends_nothing_more() -> N
 
 
 @pytest.mark.parametrize("answered", [False, True], ids=["method not taken", "method taken"])
-@pytest.mark.parametrize("stands", [False, True], ids=["one frame", "stands"])
-def test_task_edge_in_the_frame_that_withdraws_a_waiting_homing_starts(answered: bool, stands: bool) -> None:
+@pytest.mark.parametrize("stays", [False, True], ids=["bit 6 in one frame", "bit 6 stays 1"])
+def test_task_edge_in_the_frame_that_withdraws_a_waiting_homing_starts(answered: bool, stays: bool) -> None:
     hand = positioning().enable()
     hand(ON | HOMING, SATZANW=0x8000 | 17)
     if answered:
@@ -314,7 +314,7 @@ def test_task_edge_in_the_frame_that_withdraws_a_waiting_homing_starts(answered:
     word = hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000))
     for _ in range(5):
         hand.feedback.modes_of_operation_display = hand.stepper.command.modes_of_operation
-        word = hand(ON | ACTIVATE if stands else ON)
+        word = hand(ON | ACTIVATE if stays else ON)
     assert (word & NEW_SETPOINT, hand.target) == (NEW_SETPOINT, 7_000)
 
 
