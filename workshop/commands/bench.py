@@ -412,7 +412,7 @@ def _print_machine(console: Console, realtime: bool = False) -> None:
     priority = "real-time" if realtime else "usual"
     build = f"{facts['date']}, pdgw {facts['version']}, {facts['build']}, {facts['python']}"
     system = f"{facts['system']} {facts['processor']}, {facts['cores']} cores, {priority} priority"
-    console.print(f"{build}, {system}", highlight=False)
+    console.print(f"{build}, {system}", highlight=False, soft_wrap=True)
 
 
 def _share(value: float | None) -> str:
