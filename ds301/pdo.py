@@ -73,6 +73,10 @@ class PdoDirection(enum.Enum):
             raise CanopenError(f"node-ID with {self.label} {number}", node_id, f"1..{_HIGHEST_SHORT_NODE_ID}")
         return self.bases[number - 1] + node_id
 
+    def predefined(self, node_id: int) -> tuple[int, ...]:
+        """The COB-IDs of a node in the pre-defined connection set."""
+        return tuple(base + node_id for base in self.bases[:_PREDEFINED])
+
 
 PDO_PARAMETERS: Final = range(PdoDirection.RPDO.communication_index, PdoDirection.TPDO.mapping_index + PDOS_MAX)
 """Indices of all communication and mapping parameters."""

@@ -98,6 +98,8 @@ class CanNetwork(Receiver):
         """SDO requests and SYNC."""
         self._refused_at = 0
         self._pdos: dict[int, PdoCallback] = {}
+        self._nodes_of_pdos: dict[int, int] = {}
+        """Node-ID by the COB-ID of a PDO."""
         self._watchers: list[Callable[[int], None]] = []
         self._looking: Timer | None = None
         self._sync_for: set[int] = set()
@@ -159,6 +161,10 @@ class CanNetwork(Receiver):
     def unsubscribe_pdo(self, cob_id: int) -> None:
         """End a subscription; a missing one is not an error."""
         self._pdos.pop(cob_id, None)
+
+    def node_of_pdo(self, cob_id: int, node_id: int) -> int:
+        """The node that has this COB-ID for a PDO: ``node_id`` from now on, unless another node already has it."""
+        return self._nodes_of_pdos.setdefault(cob_id, node_id)
 
     def watch(self, look: Callable[[int], None]) -> None:
         """Call with the time every 20 ms, all of the bus together: each time of its own would wake the loop."""

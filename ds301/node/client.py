@@ -29,7 +29,7 @@ from pdgw.ds301.nmt import GUARD_TOGGLE, HEARTBEAT_STATE, NMT_STATES, NmtCommand
 from pdgw.ds301.node.configuring import ConfiguringAccess, DeviceKind
 from pdgw.ds301.node.node import NodeEvent, NodeSettings, NodeStatus, TpdoSlot
 from pdgw.ds301.node.plan import Pace, PdoPlan, plan_steps, straight_plan
-from pdgw.ds301.pdo import Pdo, PdoLayout
+from pdgw.ds301.pdo import Pdo, PdoDirection, PdoLayout
 from pdgw.durations import MS, SECOND
 
 log = logging.getLogger("gateway")
@@ -109,6 +109,9 @@ class NodeClient(abc.ABC, Generic[S]):
         """When the node is brought up again because its configuration was written to; until then no cyclic data counts."""
         self._jobs = Jobs()
         self._task: Task | None = None
+        for direction in PdoDirection:
+            for cob_id in direction.predefined(settings.node_id):
+                network.node_of_pdo(cob_id, settings.node_id)
         part = f"node {settings.node_id} on {network.name}"
         add = self.loop.counters.add
         add(part, "length_errors", "frames", "TPDOs shorter than their mapping, ignored", lambda: self.length_errors)
@@ -369,12 +372,27 @@ class NodeClient(abc.ABC, Generic[S]):
         found = {index: cob_id for index in self.sdo.dictionary if (cob_id := self.sdo.cob_id_of(index)) is not None}
         self._unsubscribe_pdos()
         plan = self._make_plan(found)
+        self._check_cob_ids(plan)
         while refused := self.sdo.map_pdos(plan, self._plan_steps(plan, found)):
             other = self._plan_without(plan, *refused)
             if other is None:
                 raise self.sdo.refused(*refused)
             plan = other
+            self._check_cob_ids(plan)
         self._take_plan(plan)
+
+    def _check_cob_ids(self, plan: PdoPlan) -> None:
+        """Refuse a plan with the COB-ID of another node: that node would take the commands, or its values would be mixed."""
+        node_id = self.settings.node_id
+        for item in (*plan.rpdos, *plan.tpdos):
+            other = self.network.node_of_pdo(item.cob_id, node_id)
+            if other != node_id:
+                raise self.kind.error_type(
+                    f"node {node_id} {item.pdo}",
+                    f"COB-ID {item.cob_id:03X}h",
+                    f"a COB-ID that node {other} does not use (PDO5 is PDO1 of the node-ID that is 64 higher): "
+                    "set another node-ID",
+                )
 
     def _take_plan(self, plan: PdoPlan) -> None:
         settings = self.settings

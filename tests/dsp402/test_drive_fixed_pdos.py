@@ -9,9 +9,10 @@ from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.pdo import PdoDirection
-from pdgw.dsp402.drive.client import DriveStatus
+from pdgw.dsp402.drive.client import DriveClient, DriveStatus
 from pdgw.dsp402.drive.images import DriveCommand
-from pdgw.dsp402.pdo.layouts import Operation
+from pdgw.dsp402.drive.settings import DriveSettings
+from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
 from tests.support.axis.mapping import engel_layout, pdo_steps
 from tests.support.drives.plant import NODE, Plant, observe
@@ -115,3 +116,15 @@ def test_fixed_pdos_that_carry_what_is_needed_are_adopted_as_they_are(
     client.send(command, 1)
     site.wait_for(lambda: drive.model.controlword == 0x06, "the Controlword is heard")
     site.wait_for(lambda: client.refresh(0) is not None and client.feedback.statusword & 0x6F == 0x21, "ready")
+
+
+@pytest.mark.parametrize(("address", "cob_id"), [((0x1400, 1), 0x205), ((0x1800, 1), 0x185)])
+def test_drive_that_keeps_a_cob_id_of_another_node_is_refused(
+    plant: Plant, address: tuple[int, int], cob_id: int
+) -> None:
+    _fixed(plant, Operation.VELOCITY, {address: cob_id})
+    DriveClient(plant.network, DriveSettings(node_id=5), LAYOUTS[Operation.VELOCITY], plant.events.append)
+    client = plant.connect()
+    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    assert f"COB-ID {cob_id:03X}h" in client.status_text
+    assert "node 5" in client.status_text
