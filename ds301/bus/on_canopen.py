@@ -2,23 +2,36 @@
 
 from __future__ import annotations
 
+import queue
+import struct
 from collections.abc import Callable
+from typing import Final
 
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 from canopen.sdo.constants import (
+    INITIATE_BLOCK_TRANSFER,
     REQUEST_ABORTED,
+    REQUEST_BLOCK_UPLOAD,
     REQUEST_DOWNLOAD,
     REQUEST_UPLOAD,
+    RESPONSE_ABORTED,
 )
 
 from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.connection_set import SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.loop.loop import Loop, Mailbox
+from pdgw.durations import SECOND
 
+UNNAMED: Final = b"\0\0\0"
+"""Index and sub-index in the aborts of devices that do not say which access it is."""
+_ABORT: Final = bytes((RESPONSE_ABORTED,))
 _COMMAND = 0xE0
+_BLOCK_COMMAND = 0xE3
 _BEGINS = (REQUEST_DOWNLOAD, REQUEST_UPLOAD)
-"""Requests that name their object."""
+"""Requests that name their object,"""
+_BEGINS_BLOCK = REQUEST_BLOCK_UPLOAD | INITIATE_BLOCK_TRANSFER
+"""and the one of a block transfer."""
 
 
 class AcyclicNetwork(canopen.Network):  # type: ignore[misc]
@@ -51,6 +64,7 @@ class SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]
     """canopen's SDO client, waiting on the loop instead of a thread's queue."""
 
     def __init__(self, loop: Loop, node_id: int, dictionary: canopen.ObjectDictionary) -> None:
+        self._loop = loop
         self._box: Mailbox[bytes] = Mailbox(loop)
         self.aborts = 0
         self._node_id = node_id
@@ -65,18 +79,22 @@ class SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]
         super().on_response(can_id, data, timestamp)
 
     def send_request(self, request: bytes) -> None:
-        if request[0] & _COMMAND in _BEGINS:
+        if request[0] & _COMMAND in _BEGINS or request[0] & _BLOCK_COMMAND == _BEGINS_BLOCK:
             self._asked = bytes(request[1:4])
         super().send_request(request)
 
     def read_response(self) -> bytes:
-        try:
-            answer: bytes = super().read_response()
-        except SdoAbortedError as error:
-            raise self.aborted(error.code) from error
-        except SdoCommunicationError as error:
-            raise SdoCommunicationError(f"{self.where}: {error}") from error
-        return answer
+        """The next answer. An abort that names another object answers another client, or an earlier request: it is ignored."""
+        deadline = self._loop.now() + int(self.RESPONSE_TIMEOUT * SECOND)
+        while True:
+            try:
+                answer = self.responses.get(timeout=max(0, deadline - self._loop.now()) / SECOND)
+            except queue.Empty as error:
+                raise SdoCommunicationError(f"{self.where}: No SDO response received") from error
+            if answer[:1] != _ABORT:
+                return answer
+            if answer[1:4] in (self._asked, UNNAMED):
+                raise self.aborted(*struct.unpack_from("<L", answer, 4))
 
     def aborted(self, code: int) -> ObjectAbortedError:
         """The error of an abort by the node."""

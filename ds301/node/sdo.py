@@ -24,7 +24,7 @@ from canopen.sdo.constants import (
 )
 
 from pdgw.ds301.aborts import Abort, abort_text
-from pdgw.ds301.bus.on_canopen import SdoClient
+from pdgw.ds301.bus.on_canopen import UNNAMED, SdoClient
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop.loop import Loop
 from pdgw.ds301.objects import CanType
@@ -37,8 +37,6 @@ _EXPEDITED_SIZE = 4
 _LONGEST_UPLOAD = 1 << 16
 _LONGEST_UPLOAD_NS: Final = 10 * SECOND
 _FRAME = 8
-_UNNAMED = b"\0\0\0"
-"""Index and sub-index in the aborts of devices that do not say which access it is."""
 _OF_THE_SIZE = SIZE_SPECIFIED | 3 << 2
 _REPEATS = 2
 _REPEAT_AFTER = 10
@@ -74,6 +72,8 @@ class SdoAccess:
         self._open = 0
         """Urgent requests that were sent and not answered: their answers may still come."""
         self._open_until = 0
+        self._unconfirmed: set[bytes] = set()
+        """Confirmations of writes that timed out: they may still come."""
 
     def set_timeout(self, nanoseconds: int, *, slow: bool) -> None:
         """Set the timeout of each answer. ``slow``: the node needs it, so no request is repeated."""
@@ -128,7 +128,8 @@ class SdoAccess:
     def write(self, index: int, subindex: int, data: bytes) -> None:
         """SDO download, in the node's task only; raises canopen's SdoAbortedError / SdoCommunicationError.
 
-        The late answer to an aborted write does not confirm this one (canopen would accept it).
+        The late answer to an aborted write does not confirm this one (canopen would accept it). If both are for the same object,
+        the object is read back.
         """
         self._settle()
         sdo = self._sdo
@@ -136,12 +137,21 @@ class SdoAccess:
             sdo.download(index, subindex, data)
             return
         address = SDO_STRUCT.pack(RESPONSE_DOWNLOAD, index, subindex)
+        unconfirmed = address in self._unconfirmed
+        self._unconfirmed.add(address)
         deadline = self.loop.now() + int(sdo.RESPONSE_TIMEOUT * SECOND)
-        answer = sdo.request_response(_download(index, subindex, data))
-        while answer[: len(address)] != address:
-            if self.loop.now() > deadline:
-                raise SdoCommunicationError(f"no answer to the write of {index:04X}h/{subindex}")
-            answer = sdo.read_response()
+        try:
+            answer = sdo.request_response(_download(index, subindex, data))
+            while answer[: len(address)] != address:
+                if self.loop.now() > deadline:
+                    raise SdoCommunicationError(f"no answer to the write of {index:04X}h/{subindex}")
+                answer = sdo.read_response()
+        except SdoAbortedError:
+            self._unconfirmed.discard(address)
+            raise
+        self._unconfirmed.discard(address)
+        if unconfirmed and (found := self.read(index, subindex)[: len(data)]) != data:
+            raise SdoCommunicationError(f"{index:04X}h/{subindex} is {found.hex()} after the write of {data.hex()}")
 
     def read_urgently(self, index: int, subindex: int = 0) -> int:
         """An unsigned integer of 32 bits at most, as ``read_number``; a lost frame costs a tenth of the time for answers."""
@@ -185,7 +195,7 @@ class SdoAccess:
                     broken = f"{len(answer)} bytes, {_FRAME} expected"
                     continue
                 told = answer[1:_EXPEDITED_SIZE]
-                if answer[0] == RESPONSE_ABORTED and told in (asked, _UNNAMED):
+                if answer[0] == RESPONSE_ABORTED and told in (asked, UNNAMED):
                     raise self._sdo.aborted(int.from_bytes(answer[_EXPEDITED_SIZE:], "little"))
                 if told == asked:
                     return answer
@@ -224,7 +234,7 @@ class SdoAccess:
         asked = SDO_STRUCT.pack(0, index, subindex)[1:]
         while not self._sdo.responses.empty():
             answer = self._next(self.loop.now())
-            if answer is None or len(answer) != _FRAME or answer[1:_EXPEDITED_SIZE] not in (asked, _UNNAMED):
+            if answer is None or len(answer) != _FRAME or answer[1:_EXPEDITED_SIZE] not in (asked, UNNAMED):
                 continue
             if answer[0] == RESPONSE_ABORTED:
                 raise self._sdo.aborted(int.from_bytes(answer[_EXPEDITED_SIZE:], "little"))

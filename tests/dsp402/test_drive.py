@@ -399,6 +399,68 @@ def test_late_answer_to_an_aborted_write_does_not_confirm_the_next(
         site.result(client.submit(lambda drive: drive.sdo.write(0x6084, 0, b"\xff\xff\xff\xff")))
 
 
+def test_late_confirmation_does_not_confirm_the_next_value_of_the_same_object(
+    plant: Plant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A setpoint would start towards the earlier value, which is still in the drive."""
+    drive = plant.power_on()
+    client = plant.connect()
+    plant.online()
+    send, receive = drive.node.send, drive.node.receive
+    confirmation = b"\x60\x83\x60\0"
+    held: list[bytes] = []
+    writes = 0
+
+    def late(can_id: int, data: bytes) -> None:
+        if can_id == 0x580 + NODE and data.startswith(confirmation) and not held:
+            held.append(data)
+        else:
+            send(can_id, data)
+
+    def busy(can_id: int, data: bytes, now: int) -> None:
+        """The drive confirms the first write when the second one comes, and has not executed that."""
+        nonlocal writes
+        if can_id == 0x600 + NODE and data[1:4] == confirmation[1:] and data[0] >> 5 == 1:
+            writes += 1
+            if writes == 2:
+                send(0x580 + NODE, held[0])
+                return
+        receive(can_id, data, now)
+
+    monkeypatch.setattr(drive.node, "send", late)
+    monkeypatch.setattr(drive.node, "receive", busy)
+
+    def write(value: int) -> None:
+        site.result(client.submit(lambda drive: drive.sdo.write(0x6083, 0, value.to_bytes(4, "little"))))
+
+    with pytest.raises(SdoCommunicationError):
+        write(100)
+    with pytest.raises(SdoCommunicationError, match="6083h/0 is 64000000"):
+        write(200)
+    write(300)
+    assert drive.model.profile_acceleration == 300
+
+
+def test_abort_of_another_clients_access_is_not_taken_for_the_own_one(
+    plant: Plant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another tool reads objects that the drive lacks, while the gateway reads the drive's units."""
+    drive = plant.power_on()
+    client = plant.connect()
+    plant.online()
+    before, send = client.drive_type, drive.node.send
+    missing = b"\x80\x00\x20\x00" + Abort.NO_SUCH_OBJECT.to_bytes(4, "little")
+
+    def also_of_others(can_id: int, data: bytes) -> None:
+        if can_id == 0x580 + NODE:
+            send(can_id, missing)
+        send(can_id, data)
+
+    monkeypatch.setattr(drive.node, "send", also_of_others)
+    assert site.result(client.submit(lambda drive: drive.learn())) == before
+    assert site.result(client.submit(lambda drive: drive.sdo.write(0x6083, 0, b"\x64\0\0\0"))) is None
+
+
 @pytest.mark.parametrize("pdos", [1, 4])
 def test_any_frame_under_the_identifiers_of_the_node_is_survived(plant: Plant, pdos: int) -> None:
     drive = site.drive(NODE)
