@@ -60,6 +60,7 @@ from pdgw.dsp402.objects import (
 from pdgw.dsp402.pdo.layouts import interpolated
 from pdgw.dsp402.pdo.mapping import DriveMapping
 from pdgw.dsp402.states import Command, FaultReset, State, state_of
+from pdgw.dsp402.units.scaling import SCALING_OBJECTS
 from pdgw.dsp402.units.unit_watch import UnitWatch
 from pdgw.durations import MS, US_PER_MS
 
@@ -80,6 +81,7 @@ _LIMITS_AND_RAMPS: Final = frozenset(
 _INTERPOLATED: Final = (
     "traversing tasks: no profile position mode (6502h); the gateway calculates a position for each SYNC (mode 8)"
 )
+_UNITS_AND_LIMITS: Final = frozenset(SCALING_OBJECTS)
 _OFF: Final = (State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.FAULT)
 """States of a drive that has no power, and gets none without two commands."""
 
@@ -165,6 +167,7 @@ class DriveClient(NodeClient[DriveSettings]):
     def learn(self) -> DriveType:
         """Read the type of the drive again (in its task) and store it in ``drive_type``."""
         answers: dict[tuple[int, int], int] = {}
+        ignored = self.settings.units.ignored_unit_objects if self.settings.units is not None else ()
         for address in questions(self.sdo.dictionary):
             if address == MAX_TORQUE and (own := self.own_values.value(address)) is not None:
                 answers[address] = own  # the drive reports what the gateway wrote
@@ -177,6 +180,12 @@ class DriveClient(NodeClient[DriveSettings]):
                         f"node {self.settings.node_id} object {address[0]:04X}h/{address[1]}",
                         abort_text(error.code),
                         "an object that can be read (every device has it)",
+                    ) from error
+                if address in _UNITS_AND_LIMITS and address[0] not in ignored and error.code not in NOT_THERE:
+                    raise Dsp402Error(
+                        f"node {self.settings.node_id} object {address[0]:04X}h/{address[1]}",
+                        abort_text(error.code),
+                        "an object that can be read, because it defines units or 100 %; or one of ignored_unit_objects",
                     ) from error
                 if address in OPTIONAL_OBJECTS and error.code not in NOT_THERE:
                     answers[address] = 0  # the drive has the object, and keeps its own value unless it is written

@@ -25,6 +25,7 @@ from pdgw.dsp402.units.unit_keys import UnitKeys
 from pdgw.durations import MS, SECOND
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
 from pdgw.peers.node.node import Value
+from tests.support.drives.drive_types import engel
 from tests.support.drives.plant import NODE, Plant, eds_without, observe
 from tests.support.gateways import site
 
@@ -128,6 +129,19 @@ def test_an_optional_object_that_cannot_be_read_now_is_not_missing(plant: Plant)
     site.wait_for(lambda: client.generation, "online")
     assert client.plan is not None
     assert "profile_deceleration" in {entry.attribute for entry in client.plan.commanded}
+
+
+@pytest.mark.parametrize("index", [0x6094, 0x607B])
+def test_unit_that_cannot_be_read_now_is_not_missing(plant: Plant, index: int) -> None:
+    drive = _lacking(plant, read=index)
+    assert isinstance(drive.node, _Lacking)
+    drive.node.abort, drive.node.aborts = Abort.CANNOT_STORE_DEVICE_STATE, 1
+    client = plant.connect()
+    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    assert f"object {index:04X}h/" in client.status_text
+    plant.online()
+    assert client.drive_type is not None
+    assert client.drive_type.scaling == engel().scaling
 
 
 @pytest.mark.parametrize("index", [0x1018, 0x6098])
