@@ -68,7 +68,7 @@ def needs_the_mark(what: str) -> None:
 
 
 def _on_audit(event: str, arguments: tuple[object, ...]) -> None:
-    """One-shot readers of a file (tshark, node, git ...) are no processes in this sense: they have no time of their own."""
+    """Record real processes. Programs that only read a file (tshark, node, git ...) do not count: timing does not affect them."""
     if event == "subprocess.Popen":
         program = Path(str(arguments[0])).name
         if program.startswith(("python", "pdgw", "unshare", "mosquitto")):
@@ -91,7 +91,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, bool, bool]:
     """From the set-up of the fixtures, also of a module's, until they are gone."""
-    global _marked  # noqa: PLW0603 (an audit hook cannot be removed, and is told nothing)
+    global _marked  # noqa: PLW0603 (an audit hook cannot be removed and has no argument for it)
     _marked = is_real(item)
     try:
         return (yield)
@@ -101,7 +101,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, bool, bool]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
-    """Compiled classes have no place where a defect could be planted: such a test is played on the sources, by a process."""
+    """Run a test that plants a defect in a process with the sources: a compiled class cannot be changed."""
     if pyfuncitem.get_closest_marker("planted") is None or kind() != COMPILED:
         return None
     global _marked  # noqa: PLW0603

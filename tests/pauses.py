@@ -1,7 +1,7 @@
-"""``make test-paused``: a command while, again and again, processes of it are held up (SIGSTOP), one or several at a time.
+"""``make test-paused``: run a command and repeatedly pause (SIGSTOP) one or several of its processes.
 
-So does a busy machine, only more seldom: what fails here for another reason than its defect will fail there one day. The exit
-status is the command's. Linux only. ``tests.thread_pauses`` does it to threads.
+A busy machine does the same, only more seldom: a test that fails here without a defect will fail there one day. The exit
+status is the command's. Linux only. ``tests.thread_pauses`` pauses threads.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import threading
 from pathlib import Path
 
 SHORTEST_GAP_S = 0.2
-"""Between two pauses everything runs for so long, and up to five times that."""
+"""Shortest time between two pauses; the longest is five times that."""
 
 
 def family(process: int) -> list[int]:

@@ -1,8 +1,8 @@
-"""Every command a document gives its reader is typed by a test, or stands below with the reason why it cannot be.
+"""Every command of a document is run by a test, or is listed below with the reason why it cannot be run.
 
-Typed: the tutorials, README and ``tests/tour/other-documents.md`` by ``make tour``, each in processes of its own; the commands of
-``HERE`` in this process, on files made for them. Names of commands in a sentence and synopses (`pdgw map CONFIG`) are no
-commands to be typed; that they exist, with their options, is held by ``test_documents``.
+``make tour`` runs those of the tutorials, README and ``tests/tour/other-documents.md``, each in processes of its own. This module
+runs the commands of ``HERE`` in this process, on files made for them. Names of commands in a sentence and synopses
+(`pdgw map CONFIG`) are not run; ``test_documents`` checks that they exist, with their options.
 """
 
 from __future__ import annotations

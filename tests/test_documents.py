@@ -26,7 +26,7 @@ _WORD = re.compile(r"[a-z][a-z-]*")
 
 
 def commands(text: str) -> Iterator[str]:
-    """What is to be typed, without comments; a command may go on in the next line of prose."""
+    """The commands without comments; a command may continue in the next line of prose."""
     for pattern in (INLINE, BLOCK):
         for match in pattern.finditer(text):
             yield command_in(match)
@@ -38,7 +38,7 @@ def command_in(match: re.Match[str]) -> str:
 
 
 def resolve(program: str, words: list[str]) -> tuple[Any, list[str]]:
-    """The command of the first words, and the words behind it."""
+    """The command of the first words, and the remaining words."""
     command: Any = get_command(PROGRAMS[program])
     context = command.make_context(program, [], resilient_parsing=True)
     while hasattr(command, "commands") and words:

@@ -103,7 +103,7 @@ def help_of_all() -> list[str]:
 
 @pytest.mark.e2e
 def test_package_and_commands_import_only_what_they_need() -> None:
-    # The front door, then the help of every command, then commands that only look, then one that decodes.
+    # The package itself, then the help of every command, then commands that only read, then one that decodes.
     door, helping, looking, decoding = loaded(
         ", ".join(["--help, -h, --version", *help_of_all()]), "status --port 1", "decode --hex 047F2000 --telegram 1"
     )

@@ -86,7 +86,7 @@ def test_metadata_has_author_description_and_audience() -> None:
     assert all(not text.startswith("License") for text in classifiers), "the licence is an SPDX expression"
 
 
-# -- the front door ---------------------------------------------------------------------------------------------------
+# -- the public package -----------------------------------------------------------------------------------------------
 
 
 def documentation(found: Any) -> str | None:

@@ -229,7 +229,7 @@ def test_search_finds_existing_imports() -> None:
 
 
 def test_pydantic_errors_are_worded_in_one_place() -> None:
-    """Whoever catches a ValidationError hands it to ``pdgw.explain``; ``error_count`` alone needs no words."""
+    """Code that catches a ValidationError passes it to ``pdgw.explain``; only ``error_count`` needs no text."""
     catching = [
         file
         for room in (*PRODUCT, "decoder", "web", "client", "recording", "peers", "tools")
@@ -249,7 +249,7 @@ def test_modules_allowed_for_all_belong_to_no_package(module: str) -> None:
 
 
 def test_units_of_time_are_declared_once() -> None:
-    """Nobody reckons with nanoseconds of a millisecond or a second that are spelled out."""
+    """No module contains the nanoseconds of a millisecond or a second as a number."""
     spelled_out = re.compile(r"[*/%] (1e[69]|1_000_000|1_000_000_000|10\*\*[69])\b")
     found = [
         (str(file.relative_to(ROOT)), line.strip())

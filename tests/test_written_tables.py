@@ -79,7 +79,7 @@ def test_the_layouts_are_those_of_the_declarations(row: list[str]) -> None:
 
 @pytest.mark.parametrize("row", list(rows(PUBLISHED, "telegram | RPDO")), ids=lambda row: row[0])
 def test_the_pdos_are_those_of_the_declarations(row: list[str]) -> None:
-    """What goes by SDO in any case is told behind the last PDO."""
+    """Objects that are always written by SDO are listed after the last PDO."""
 
     def addresses(pdo: Pdo) -> list[tuple[int, int]]:
         return [FAMILY.entries.get(entry.attribute, entry).address for entry in pdo.entries]

@@ -1,10 +1,10 @@
-"""The other half of ``make test-paused``: in a test with threads now one of them, now another is held up, for up to a second.
+"""The second half of ``make test-paused``: in a test with threads, pause one thread after the other for up to a second.
 
-So does a busy machine, only more seldom. A pytest plugin (``python -m pytest -p tests.thread_pauses``) that does nothing to a
-test until it has a thread beside its own. Then every thread is held up behind numbers of lines drawn at random: in the first
-ones of its life, between two accesses to what it shares, in the middle of a long wait. ``PDGW_PAUSES`` is the seed; the same
-test gets the same numbers again, not the same race. With a test that fails its pauses are shown: where the one that did it was
-is often the place of the defect. Threads of the test's own process only; its processes are held up by ``tests.pauses``.
+A busy machine does the same, only more seldom. This pytest plugin (``python -m pytest -p tests.thread_pauses``) does nothing
+until a test has a second thread. Then every thread pauses after random numbers of lines: just after its start, between two
+accesses to shared data, in the middle of a long wait. ``PDGW_PAUSES`` is the seed; the same test gets the same numbers again,
+not the same race. A test that fails shows its pauses: the pause that made it fail is often at the place of the defect. Only
+threads of the test's own process pause; ``tests.pauses`` pauses its processes.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ def pytest_configure() -> None:
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
     """From the set-up of the fixtures until they are gone."""
-    global _of_this_test  # noqa: PLW0603 (a trace function is told nothing)
+    global _of_this_test  # noqa: PLW0603 (a trace function has no argument for it)
     pauses = _of_this_test = Pauses(f"{os.environ.get('PDGW_PAUSES', '1')} {item.nodeid}")
     # What a module's fixture has started. Daemons may be left by any test, and wait for nothing.
     if any(not thread.daemon for thread in threading.enumerate() if thread is not threading.main_thread()):

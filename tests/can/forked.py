@@ -49,7 +49,7 @@ class Forked:
 
     @property
     def text(self) -> str:
-        """Everything printed so far."""
+        """The output up to now."""
         return self.log.read_text(errors="replace")
 
     def type(self, keys: str) -> None:

@@ -1,4 +1,4 @@
-"""A gateway on real interfaces, simulated drives on the wire, a PLC, and a test's story: one loop, see ``unhurried``."""
+"""A gateway on real interfaces, simulated drives on the wire, a PLC and the sequence of a test in one loop, see ``unhurried``."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def axis_table(number: int, channel: str, more: str = "") -> str:
 
 
 class Plant:
-    """``tables``: the buses and axes of the configuration. ``play`` runs a story as a task beside the gateway."""
+    """``tables``: the buses and axes of the configuration. ``play`` runs a sequence as a task beside the gateway."""
 
     def __init__(self, *tables: str) -> None:
         transport = (
@@ -102,7 +102,7 @@ class Plant:
         while (datagram := self._port.receive()) is not None:
             self.plc.receive(datagram[0], self.loop.now())
 
-    # -- inside the story -------------------------------------------------------------------------------------------------
+    # -- inside the sequence ----------------------------------------------------------------------------------------------
 
     def until(self, condition: Callable[[], object], what: str, seconds: float = PATIENCE_S) -> None:
         end = self.loop.now() + int(seconds * SECOND)

@@ -58,7 +58,7 @@ def axis() -> tuple[object, object]:
 
 
 def press(plc: Forked, key: str, shown: tuple[object, object], *processes: Forked) -> None:
-    """Until the axis shows it; pressed again where the PLC has given up waiting for a drive that was held up."""
+    """Press a key until the axis shows the state; press it again if the PLC timed out while it waited for a paused drive."""
     given_up = plc.text.count("not met")
     plc.type(key)
 

@@ -47,7 +47,7 @@ def recorded(interface: str, path: Path) -> Iterator[None]:
 
 
 class Axes:
-    """Drive clients in operation, whose drives nobody plays."""
+    """Drive clients in operation; their drives are not simulated."""
 
     def __init__(self, interface: str) -> None:
         self.loop = SystemLoop()

@@ -31,7 +31,7 @@ class _Clock:
 
 
 class ToldReadiness:
-    """Tells the clock how long the loop means to wait."""
+    """Report to the clock how long the loop waits."""
 
     def __init__(self, clock: _Clock) -> None:
         self.system = best_readiness()

@@ -326,7 +326,7 @@ def test_readers_and_writers_of_one_descriptor_are_added_and_removed(readiness: 
     loop.call_later(0, loop.stop)
     loop.run()
     assert len(seen) == 2, "nobody watches any more"
-    loop.remove_reader(ours.fileno())  # a second time is no error
+    loop.remove_reader(ours.fileno())  # a second removal raises no error
     loop.close()
     ours.close()
     theirs.close()

@@ -109,7 +109,7 @@ def test_malformed_frame_is_counted_and_reception_continues(
 
 
 def test_unknown_nmt_state_of_a_node_ends_no_reception() -> None:
-    """canopen names the old state when somebody else commands the node another one."""
+    """canopen reports the old state after another master commands another one."""
     network = CanNetwork(VirtualLoop(), PlainPort)
     network.canopen.add_node(4)
     network.on_frame(0x704, b"\x2e")
@@ -335,7 +335,7 @@ def test_every_interface_without_its_driver_or_channel_is_a_clear_error(interfac
 
 
 class Full(ScriptedBus):
-    """A driver that blocks at its first frame until the test lets it go on, with a buffer of its own."""
+    """A driver with its own buffer that blocks at its first frame until the test releases it."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -33,7 +33,7 @@ PASSED_ON = 11
 
 
 class Axes:
-    """``nodes`` drive clients in operation on a bus where the gateway's interface has so many ``places``; nobody answers."""
+    """``nodes`` drive clients in operation; the gateway's interface has room for ``places`` frames; no node answers."""
 
     def __init__(self, nodes: int, number: int, places: int) -> None:
         self.world = World()

@@ -322,7 +322,7 @@ def test_any_exception_of_a_driver_names_the_interface(monkeypatch: pytest.Monke
         open_bus("slcan", "ttyACM0")
 
 
-# -- what a node's task must not do for ever --------------------------------------------------------------------------------
+# -- what a node's task must not do permanently -----------------------------------------------------------------------------
 
 
 def test_unreadable_values_are_a_loss(plant: Plant) -> None:

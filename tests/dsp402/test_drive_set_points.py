@@ -22,7 +22,7 @@ from tests.support.gateways import site
 
 
 class TwoPdos:
-    """A positioning drive with two RPDOs: 6083h and 6084h are written by SDO. Its set-points as the drive sees them."""
+    """A positioning drive with two RPDOs: 6083h and 6084h are written by SDO. Record the setpoints that the drive receives."""
 
     def __init__(self, plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
         self.plant = plant
@@ -190,7 +190,7 @@ class _PartlyFull:
 
 @contextmanager
 def _starting(plant: Plant, refused: int) -> Iterator[tuple[DriveClient, DriveCommand, _PartlyFull]]:
-    """A drive in operation that is about to get a set-point; the bus does not take one of its frames."""
+    """A drive in operation that is about to get a setpoint; the bus refuses one of its frames."""
     plant.power_on()
     client = plant.connect(Operation.POSITIONING, initial_mode=None)
     plant.online()

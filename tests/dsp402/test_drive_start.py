@@ -88,7 +88,7 @@ class _Lacking(SimulatedDriveNode):
     write_lacks = 0
     abort = Abort.NO_SUCH_OBJECT
     aborts = 1 << 30
-    """So many reads of it fail."""
+    """Number of its reads that fail."""
 
     def entry(self, index: int, subindex: int) -> Entry:
         if index == self.read_lacks and self.aborts:
@@ -294,7 +294,7 @@ def test_a_waiting_job_fails_when_the_drive_is_lost(plant: Plant) -> None:
     site.wait_for(lambda: not client.refresh(site.now()), "overdue, seen although the task is busy")
     release.set()
     for job in waiting:
-        # The first may still be taken and time out; none waits for ever.
+        # The first one may still be sent and time out; none waits permanently.
         site.wait_for(job.done, "answered")
         assert job.exception(0) is not None
 
@@ -380,7 +380,7 @@ def _starts(plant: Plant) -> Callable[[], int]:
 
 
 def test_heartbeat_from_before_nmt_start_does_not_count(plant: Plant) -> None:
-    """The node answers everything but does not go into operation as its heartbeat tells it."""
+    """The node answers all requests, but its heartbeat still reports pre-operational."""
     drive = plant.power_on()
     stuck = bytes((NmtState.PRE_OPERATIONAL,))
     send = drive.node.send

@@ -24,7 +24,7 @@ class Pair:
         self.until = world.loop.until
         self.until(lambda: self.drive.node.state.value, "boot-up")
         node.nmt.state = "PRE-OPERATIONAL"
-        # p402 waits for a TPDO before it believes a Statusword: send it every 5 ms, changed or not.
+        # p402 waits for a TPDO before it uses a Statusword: send it every 5 ms, changed or not.
         node.sdo[0x1800][5].raw = 5
         node.setup_402_state_machine()
         node.nmt.state = "OPERATIONAL"

@@ -7,7 +7,7 @@ from pdgw.dsp402.pdo.value_check import CONTRADICTIONS, PdoValueCheck
 
 PDO = LAYOUTS[Operation.VELOCITY].tpdos[0]
 SHOWN, HELD = bytes(4), b"\1\0\0\0"
-"""Velocity Actual Value behind the Statusword, and what the object holds."""
+"""Velocity Actual Value after the Statusword in the TPDO, and the value of the object."""
 FRAME = b"\x37\x02" + SHOWN
 
 

@@ -291,7 +291,7 @@ class Drive:
     answers: dict[tuple[int, int], int]
     turns: Callable[[int], float]
     by_position: bool = True
-    """It needs a limit of the velocity in its units (607Fh) to be believed."""
+    """Its factors are used only with a velocity limit in its units (607Fh)."""
 
 
 factors = st.integers(1, 1 << 20)

@@ -58,9 +58,9 @@ def connected(runner: RunningController) -> bool:
 
 
 def moves(runner: RunningController, seen: dict[str, object]) -> bool:
-    """Connect, turn the drive, read records and release; False where that did not come, such as when the relationship ended.
+    """Connect, turn the drive, read records and release; False if a step failed, such as when the relationship ended.
 
-    No data hold time is longer than 1.92 s: a busy machine ends a relationship now and then.
+    No data hold time is longer than 1.92 s: on a busy machine a relationship may time out.
     """
     plc = runner.controller
     results: list[RecordResult] = []

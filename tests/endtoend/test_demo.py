@@ -118,11 +118,11 @@ PASSING = {
 
 
 FOR_PICTURES = ({"hold": "400 ms"}, {"hold": "500 ms"}, {"hold": "1 s"})
-"""Steps in which a curve goes on as it is: all processes of the demo compute for seconds in them."""
+"""Steps that only extend a curve: all processes of the demo compute for seconds in them."""
 
 
 def without_passing_moments(chapter: str) -> str:
-    """A chapter's story with time for a busy machine; all its movements come true in virtual time (test_demo_chapters.py)."""
+    """The scenario of a chapter with time for a busy machine; test_demo_chapters.py checks all its movements in virtual time."""
     story = yaml.safe_load(CHAPTERS[chapter].scenario.read_text(encoding="utf-8"))
     for step in story["steps"]:
         passing = PASSING.get(step.get("note", ""), set())
@@ -164,7 +164,7 @@ def part_of_the_story(chapter: str, first: str, last: str) -> str:
 
 
 def test_chapters_of_positioner_and_dsc_run_and_are_plotted(tmp_path: Path) -> None:
-    # Their whole stories come true in virtual time (tests/tools/test_demo_chapters.py): here they are played in parts.
+    # tests/tools/test_demo_chapters.py runs the complete scenarios in virtual time; this test runs parts of them.
     for chapter, first, last, drawn in (
         ("positioner", "telegram 111: MDI to 80000 LU", "telegram 111: override 0", "OVERRIDE"),
         ("dsc", "telegram 105: the same sine with DSC", "telegram 105: DSC holds", "XERR"),
@@ -196,7 +196,7 @@ def children(pid: int) -> dict[str, int]:
 
 @contextmanager
 def told_a_part(out: Path) -> Iterator[tuple[subprocess.Popen[str], dict[str, int]]]:
-    """A demo in its story, and its processes; nothing of it is left afterwards."""
+    """A demo that runs its scenario, with its processes. All of them are ended afterwards."""
     evidence = out / "basics"
     evidence.mkdir(parents=True)
     (evidence / "report.json").write_text('{"passed": true}')  # of an earlier one

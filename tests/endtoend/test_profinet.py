@@ -84,7 +84,7 @@ def story(out: Path) -> None:
 
 
 def capture_without_a_configuration(out: Path) -> None:
-    """It tells everything by itself."""
+    """The capture contains its configuration (Connect)."""
     result = in_process("decode", str(out / "plc.pcapng"), "--json")
     assert result.returncode == 0, result.stderr
     assert "observed in Connect of press-1: axis 1 telegram 1, axis 2 telegram 9" in result.stderr

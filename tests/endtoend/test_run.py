@@ -25,7 +25,7 @@ from tests.support.processes import COMMAND, free_tcp_port, free_udp_port, runni
 
 pytestmark = pytest.mark.e2e
 LONG_CYCLE = ("--cycle-time-ms", "100")
-"""So long may the PLC be busy with something else, or not get the processor, before it is lost: a hundred times that."""
+"""A hundred times this time may pass without a frame of the PLC before it counts as lost: a busy machine delays it."""
 
 
 def test_axis_and_encoder_turn_despite_other_traffic_until_provider_stop(tmp_path: Path) -> None:
@@ -45,7 +45,7 @@ def test_axis_and_encoder_turn_despite_other_traffic_until_provider_stop(tmp_pat
 
         garbage = (b"", b"x", bytes(46), bytes(1500), b"\xc0\x01")
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as intruder:
-            # A stranger beside a connected PLC is counted, or dropped by the kernel before it costs anything.
+            # Frames of an unknown sender beside a connected PLC are counted, or the kernel drops them at no cost.
             for data in (*garbage, bytes(plc.endpoint.build())):
                 intruder.sendto(data, ("127.0.0.1", port))
         for data in garbage:
@@ -96,7 +96,7 @@ def test_every_signal_runs_the_stop_sequence_and_completes_the_files(
     assert first == sorted(first), "Shutdown, Switch On, Enable Operation in this order"
     assert recorded[-1] == (0, bytes((0x80, 1))), "the last frame is NMT pre-operational"
 
-    # What the gateway recorded needs nothing else to be told and played again, and has no false alarms.
+    # Timeline and replay need only what the gateway recorded, and report no false alarms.
     capture = str(tmp_path / "record" / CAPTURE)
     timeline([capture])
     told = capsys.readouterr().out
@@ -144,7 +144,7 @@ def test_the_keyboard_turns_the_drive_from_a_terminal_which_is_restored(tmp_path
         try:
             while data := os.read(master, 4096):
                 shown.extend(data)
-        except OSError:  # how a terminal says that nobody holds its other end
+        except OSError:  # error of a terminal whose other end is closed
             return
 
     def until_shown(*texts: bytes) -> bytes:

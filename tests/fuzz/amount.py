@@ -15,7 +15,7 @@ SEED = int(os.environ.get("PDGW_FUZZ_SEED", "1"))
 
 
 def damage(data: bytes, chance: random.Random, start: int = 0) -> bytes:
-    """Change a few bytes behind ``start``, cut, extend or repeat a piece."""
+    """Change a few bytes after ``start``, cut, extend or repeat a piece."""
     out = bytearray(data)
     for _ in range(chance.randrange(4)):
         at = chance.randrange(min(start, len(out) - 1), len(out))

@@ -50,7 +50,7 @@ def _modules() -> list[Path]:
 def test_nothing_public_is_counted_and_not_registered(path: Path) -> None:
     registered = "\n".join(module.read_text() for module in _modules())
     for node in ast.walk(ast.parse(path.read_text())):
-        # A time that is added up is no count.
+        # A sum of times does not count anything.
         if (
             isinstance(node, ast.AugAssign)
             and isinstance(node.value, ast.Constant)

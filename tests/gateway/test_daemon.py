@@ -340,7 +340,7 @@ def test_the_nodes_of_a_full_bus_are_pre_operational_behind_the_end_of_the_gatew
         until(daemon, lambda: all(client.generation for client in daemon.clients), "online")
         drives = [drive_of(daemon, number) for number in nodes]
         assert {drive.node.state for drive in drives} == {NmtState.OPERATIONAL}
-        # What the bus is still busy with when the gateway lets go of it.
+        # Frames that the bus still transmits when the gateway closes it.
         for _ in nodes:
             daemon.networks["can"].send(0x7E5, bytes(8))
         daemon.stop()
@@ -419,7 +419,7 @@ def test_the_status_port_tells_axes_and_counters_whoever_else_has_connected_to_i
     with machine.running(config, lambda d: d.services.append(StatusServer(d, port))) as daemon:
         plc = SocketPlc(daemon.address, [1])
         plc.until(lambda: plc.signal(0, "ZSW1") & 0x4F == 0x40, "online")
-        # Who connects and leaves disturbs nobody.
+        # A client that connects and disconnects does not disturb the others.
         socket.create_connection(("127.0.0.1", port)).close()
         document = fetch(port, PATIENCE_S)
         assert document["schema"] == 1
@@ -434,7 +434,7 @@ def test_the_status_port_tells_axes_and_counters_whoever_else_has_connected_to_i
         def connect() -> socket.socket:
             return socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
 
-        # A line without an end is no reason to wait, nor to take more of it.
+        # The gateway neither waits for the end of an endless line nor reads more of it.
         with connect() as endless:
             endless.sendall(b"x" * 64)
             assert b"allowed" in endless.recv(1000)

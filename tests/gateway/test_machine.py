@@ -81,7 +81,7 @@ def test_after_a_suspend_the_axis_is_stopped_and_needs_an_off_before_the_next_on
             FaultNumber.PLC_LOST,
             FaultNumber.NODE_LOST,
         }, "the reason is reported"
-        for _ in range(1000):  # ON stands
+        for _ in range(1000):  # ON stays set
             machine.plc.exchange()
             assert machine.plc.state() != 0x07
         machine.plc.until(lambda: abs(machine.plc.value("NIST_A")) < 10, "standstill")

@@ -210,7 +210,7 @@ def test_jitter_and_dead_time_are_measured_and_shown() -> None:
         assert sync["period_ms"] == CYCLE_MS
         assert 200 <= sync["jitter_p99_us"] <= sync["jitter_worst_us"] <= 600
         (item,) = sync["axes"]
-        # The position of the last SYNC is in the set-point of the next one, which is in force for a period.
+        # The position at the last SYNC is in the next setpoint, which applies for one period.
         assert 6 <= item["dead_time_p99_ms"] <= item["dead_time_worst_ms"] <= 6.6
         assert item["dead_time_calculated_ms"] == 2.5 * CYCLE_MS + 0.5
         assert item["highest_gain"] == pytest.approx(1000 / (2.718281828 * 10.5), abs=0.01)

@@ -229,7 +229,7 @@ def test_a_preset_sets_the_position_and_leaves_xist1(
         status, xist1, xist2 = cycle(word)
     assert status == ABSOLUTE | PRESET
     assert xist2 == (request.position + turned - preset_at) % RANGE
-    if abs(signed_part(jump)) > 4 * abs(speed):  # a smaller jump cannot be told from motion
+    if abs(signed_part(jump)) > 4 * abs(speed):  # a smaller jump cannot be distinguished from motion
         assert abs(signed(xist1 - first_xist1, 32) - (turned - first)) <= abs(speed)
         assert signed(sensor.xist3, 64) % RANGE == xist2
     assert cycle(ABSOLUTE)[0] == ABSOLUTE

@@ -49,7 +49,7 @@ def test_zsw1_is_that_of_the_general_state_machine(steps: list[str | tuple[int, 
         elif isinstance(step, tuple):
             word, cycles = step
             if broken:
-                word &= ~0x80  # the plain drive knows no causes: nobody acknowledges while there is one
+                word &= ~0x80  # the plain drive has no causes: no acknowledgement while there is one
             shown = bench.step(word, 0x1000 if number == 1 else 0x1000_0000, cycles)
             expected = machine.settle(word)
             assert shown & oracle.STATE_BITS == expected, (f"{word:04X}h", machine.state)

@@ -265,7 +265,7 @@ ORDER = {
     "ExternalTextList": "PrimaryLanguage",
     "PrimaryLanguage": "Text",
 }
-"""What may stand in an element, in the order in which the schema has it: tools refuse a file with another one."""
+"""Children of an element in the order of the schema: tools reject a file with another order."""
 
 
 REDUNDANT = ElementTree.fromstring(GsdmlWriter(IDENTITY, "pdgw", KINDS, redundant=True).write().encode())

@@ -32,7 +32,7 @@ def bus(name: str) -> can.BusABC:
 
 
 def wait_for(condition: Callable[[], object], what: str | Callable[[], str], seconds: float = PATIENCE_S) -> None:
-    """Until the condition holds; ``what`` is told where it does not, as it is then where it is a function."""
+    """Wait until the condition is true. At the timeout, fail with ``what``; a function is evaluated at that time."""
     deadline = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < deadline, f"not within {seconds} s: {what() if callable(what) else what}"

@@ -1,4 +1,4 @@
-"""The web page of a gateway that is played by the test: its documents are what the test says, in virtual time or not."""
+"""The web page of a gateway that the test simulates: the test sets its documents, in virtual time or not."""
 
 from __future__ import annotations
 

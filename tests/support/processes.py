@@ -43,9 +43,9 @@ def pdgw(*arguments: str, timeout: float = 600, text: str | None = None) -> subp
 
 
 def played_undisturbed(*words: str, log: Path, losses: int = 0) -> subprocess.CompletedProcess[str]:
-    """``pdgw demo``. Once more where its gateway's log tells of more than ``losses``: its story bears none that it does not play.
+    """Run ``pdgw demo``; repeat it if its gateway logs more than ``losses`` losses.
 
-    A process that is held up for longer than the gateway's times is lost, and the gateway right to say so.
+    A busy machine may pause a process for longer than the gateway's timeouts: the gateway then correctly reports a loss.
     """
     for _ in range(_TRIES):
         result = pdgw("demo", *words, timeout=_PATIENCE_WITH_A_DEMO_S)

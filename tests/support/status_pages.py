@@ -1,6 +1,6 @@
 """Pages of simulated gateways on loopback, all in one thread: each answers with what it was given.
 
-``python -m tests.support.status_pages 200`` measures ``pdgw status --fleet`` over so many of them.
+``python -m tests.support.status_pages 200`` measures ``pdgw status --fleet`` with 200 of them.
 """
 
 from __future__ import annotations

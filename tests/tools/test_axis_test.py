@@ -112,7 +112,7 @@ def test_every_drive_variant_turns_as_commanded_and_not_further(name: str) -> No
     assert abs(outcome.speed_factor - 1) < Fraction(1, 20)
     if outcome.position_factor is not None:
         assert abs(outcome.position_factor - 1) < Fraction(1, 50)
-    else:  # a drive that does not tell the unit of its position
+    else:  # a drive that does not report the unit of its position
         fit = re.search(r"counts_per_revolution is unknown, (\d+) would match", "".join(site.lines))
         assert fit is not None
         assert abs(int(fit[1]) - TURN) < TURN // 50
@@ -405,7 +405,7 @@ def test_command_turns_a_simulated_axis_after_confirmation(tmp_path: Path) -> No
     )
     for _ in range(40):
         result = pdgw("axis", "test", "3", str(file), "--percent", "10", "--turns", "0.5", text="turn 3\n4\n")
-        # Whoever is held up, the drive or this process, finds the way travelled and its time in doubt, and is right in it.
+        # If the drive or this process is paused, distance and time do not match, and the test correctly fails.
         if not result.returncode:
             break
     assert result.returncode == 0, result.stdout + result.stderr

@@ -42,7 +42,7 @@ def commands_of(name: str, command: Any) -> Iterator[tuple[str, Any]]:
     """A command and all below it."""
     yield name, command
     for below, item in getattr(command, "commands", {}).items():
-        if command.get_command(None, below).params:  # no stand-in
+        if command.get_command(None, below).params:  # not a placeholder
             yield from commands_of(f"{name} {below}", item)
 
 

@@ -90,7 +90,7 @@ def test_invalid_status_answer_becomes_an_error_text(
         answer = ask(Place("a", "127.0.0.1", port))
     assert answer.document is None
     assert error in answer.error
-    assert ask(Place("a", "127.0.0.1", port)).error  # nobody listens any more
+    assert ask(Place("a", "127.0.0.1", port)).error  # the port is closed
     assert ask(Place("a", "127.0.0.1", port, token_file="none")).error
 
 

@@ -63,7 +63,7 @@ def test_the_journal_gets_levels_and_no_second_date(monkeypatch: pytest.MonkeyPa
         levels = (logging.ERROR, logging.WARNING, logging.INFO, logging.DEBUG)
         lines = [chosen.format(record("x", level=level)) for level in levels]
         assert lines == ["<3>x", "<4>x", "<6>x", "<7>x"]
-        # A log file is no journal, and neither is standard error that was redirected since.
+        # Neither a log file nor standard error that was redirected since is the journal.
         assert formatter(LogFormat.AUTO, to_file=True).format(record("x")).startswith("19")
         monkeypatch.setenv("JOURNAL_STREAM", f"{status.st_dev}:{status.st_ino + 1}")
         assert formatter(LogFormat.AUTO, to_file=False).format(record("x")).startswith("19")

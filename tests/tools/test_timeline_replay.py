@@ -48,7 +48,7 @@ def test_the_timeline_as_text(files: list[str], capsys: pytest.CaptureFixture[st
     text = lines(capsys)
     on = next(i for i, line in enumerate(text) if "047Eh -> 047Fh +ON" in line)
     assert text[on + 1].endswith("-> executed")
-    # Before or behind it: the offset of the clocks is known to a part of a cycle only.
+    # Before or after it: the offset of the clocks is known only to a part of a cycle.
     assert any("Controlword     0006h -> 0007h [Switch On] +SWITCH_ON" in line for line in (text[on - 1], text[on + 2]))
     assert any("clocks: the CAN clock differs by -" in line and "edges match" in line for line in text)
     assert any(line.startswith("STW1 -> Controlword") for line in text)

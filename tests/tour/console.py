@@ -1,9 +1,10 @@
-"""Plays what a document shows: the ``console`` blocks of a Markdown file, command by command, as a reader would type them.
+"""Run the ``console`` blocks of a Markdown file, command by command, as a reader types them.
 
-In such a block a line that begins with ``$`` is a command for bash, the lines below it are what it prints (``...`` stands for
-anything, spaces and line ends count as one space); it succeeds, unless an ``error:`` is shown. A command that ends in ``&`` goes
-on beside the others: its output is waited for. ``$ kill %1`` ends the first of them as Ctrl-C would, and what is below it is the
-rest of its output. A block ``toml``, ``yaml`` or ``python`` whose first line is ``# NAME`` is a file the reader writes.
+In such a block, a line that begins with ``$`` is a command for bash. The lines below it are its output (``...`` matches any text;
+spaces and line ends count as one space). The command must succeed unless the output contains ``error:``. A command that ends in
+``&`` runs beside the others; the tour waits for its output. ``$ kill %1`` ends the first of these as Ctrl-C does, and the lines
+below it are the rest of its output. A block ``toml``, ``yaml`` or ``python`` whose first line is ``# NAME`` is a file the reader
+writes.
 """
 
 from __future__ import annotations

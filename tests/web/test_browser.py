@@ -1,6 +1,6 @@
 """The page in Chromium: what a technician reads when an axis moves, and when it does not.
 
-The gateway plays in virtual time and the test says when it goes on; the browser is waited for, never slept for.
+The gateway runs in virtual time and the test advances it. The test waits for the browser and never sleeps.
 """
 
 from __future__ import annotations

@@ -92,7 +92,7 @@ def with_broker(config: GatewayConfig, port: int) -> GatewayConfig:
 
 
 def vanish_at_the_good_bye(publisher: Publisher) -> None:
-    """The connection ends without a word once the publisher has seen that it stands, before it says anything more."""
+    """Close the connection silently after the publisher has seen that it is open, before its next message."""
     client = publisher._client
     client.reconnect_delay_set(int(PATIENCE_S), int(PATIENCE_S))
     said = client.publish

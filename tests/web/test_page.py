@@ -286,7 +286,7 @@ def test_gateway_is_queried_once_for_all_viewers(turning: Turning) -> None:
         opened = [at_end.enter_context(stream(turning.page)) for _ in range(5)]
         for messages in opened:
             next(messages)
-        # The page goes on asking: ticks are read around the questions, so that none of them is counted without its tick.
+        # The page continues to ask: read the ticks around the requests, so that each request counts with its tick.
         ticks = turning.page.watch.feed.ticks
         before = turning.gateway.asked
         turning.page.heard()

@@ -41,7 +41,7 @@ async def application(scope: Any, receive: Any, send: Any) -> None:
 
 
 def test_failed_accept_is_retried_once_a_second() -> None:
-    """asyncio tries as often as it was told connections to take at once, and repeats each of these tries later."""
+    """asyncio tries to accept ``backlog`` connections at once, and repeats each failed try later."""
 
     async def play() -> tuple[int, int]:
         with Port() as port, socket.socket() as visitor:

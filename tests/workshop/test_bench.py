@@ -117,7 +117,7 @@ def test_a_late_answer_is_missed_and_does_not_answer_the_next_cycle(line: tuple[
     peer.settle()
     assert counts(peer) == (0, 2, 0)
     peer.send()
-    answer(b"\x01", b"?")  # of cycle 1 and, behind it, of cycle 2
+    answer(b"\x01", b"?")  # of cycle 1, then of cycle 2
     peer.settle()
     assert counts(peer) == (1, 2, 0)
 

@@ -62,7 +62,7 @@ def test_row_has_the_figures_of_the_capture(tmp_path: Path) -> None:
     assert first_of_floor(records) == captures.BEGIN_NS + sent[0][0]
     row = row_of(4, 24, records, echoes, Cost(0.05, 1 << 20, 0.5), Cost(0.01, 1 << 20, 0.1))
     assert (row.gateway.p50_ms, row.missed) == (4, 0)
-    # The device moves its frames to just behind the controller's, which is seen in turns of the plant.
+    # The device moves its frames to just after the controller's, which is seen in turns of the plant.
     assert 4 <= row.gateway.p99_ms <= row.gateway.max_ms <= 4 + TURN_MS
     assert (row.floor.frames, row.floor.p99_ms) == (100, 4)
     assert row.gateway.frames == pytest.approx(105, abs=3)

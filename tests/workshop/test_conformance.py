@@ -111,7 +111,7 @@ def test_an_encoder_that_is_lost_is_stopped_by_nmt_if_it_is_silent_and_configure
 
 @pytest.mark.planted
 def test_a_gateway_that_starts_a_drive_again_by_itself_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    # It does not see that the drive took the enable back, and nothing stands behind it.
+    # It does not detect that the drive lost its enable input, and no second safeguard is active.
     monkeypatch.setattr(Interlock, "_changed", lambda self, drive, shown, now: drive)
     monkeypatch.setattr(EnableGuard, "step", lambda self, wish, controlword: True)
     result = run_case(Case("enable-input-dropped", Reaction.STOPS))

@@ -1,6 +1,6 @@
-"""What the walk leaves out of a state's identity (``ASIDE``) has no influence: states that differ only in it go on alike.
+"""What the walk leaves out of a state's identity (``ASIDE``) has no influence: states that differ only in it continue alike.
 
-The walk takes two states for one when they differ only in such attributes. Each pair of such states that differs in another
+The walk counts two states as one if they differ only in such attributes. Each pair of such states that differs in another
 attribute than the pairs before is stepped with every input here: words, commands and following states have to be the same.
 """
 

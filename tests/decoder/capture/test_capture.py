@@ -351,7 +351,7 @@ def test_a_network_interface_is_read_live_or_refused_with_the_reason() -> None:
     except Exception as error:
         assert "--interface lo: cannot be opened" in str(error)  # noqa: PT017 (without privileges this is right)
         return
-    # Others may use the loopback too: these frames are told by their FrameID, and sent again where the kernel had no room.
+    # Other programs may use the loopback: the FrameID identifies these frames. They are sent again if the kernel had no room.
     sent = [bytes(FRAME)[:-4] + bytes((0, counter, 0x35, 0)) for counter in range(3)]
     sent = [b"\xf7\xfe" + frame[2:] for frame in sent]
     received: set[bytes] = set()

@@ -22,7 +22,7 @@ ENABLED = b"\x0f\x00"
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Plant, Path]]:
-    """Enable, speed, OFF1, PLC in STOP, silence, release and a second connection, in which parameters are written anew."""
+    """Enable, speed, OFF1, PLC in STOP, silence, release and a second connection that writes the parameters again."""
     folder = tmp_path_factory.mktemp("recorded")
     config = configuration(axis(1) + axis(2, telegram_number=9), folder / "store.json")
     with plant(config, data_hold=400) as site:

@@ -246,7 +246,7 @@ def test_with_one_clock_no_edge_comes_before_its_cause(one_clock: bool) -> None:
     answer = words.edge(WordKind.STATUSWORD, 6 * MS, 0x1617)
     assert stop is not None
     words.explain(WordKind.CONTROLWORD, stop)
-    # A step behind both decides what was sent before the answer: with two clocks their order is not certain.
+    # A step after both decides what was sent before the answer: with two clocks their order is unknown.
     words.decided(WordKind.CONTROLWORD, Decision(8 * MS, 0x000F, 0x0002, answer))
     assert stop.cause is (None if one_clock else answer)
 

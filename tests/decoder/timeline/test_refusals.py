@@ -161,7 +161,7 @@ def test_start_later_than_a_second_counts_as_not_followed(tmp_path: Path) -> Non
 
 
 def test_reason_after_an_off_is_not_its_result(tmp_path: Path) -> None:
-    """Nobody waits for a drive that is to be off: 100 ms later the OFF is judged."""
+    """After an OFF no reason is expected from the drive: the OFF is rated 100 ms later."""
     rig = RecordedRig(1)
     rig.step(5)
     rig.stw(0x047E, 60)

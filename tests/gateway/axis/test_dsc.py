@@ -157,7 +157,7 @@ HELD_CYCLES = longest_hold_ns(dead_time_ns(CYCLE_NS, 0)) // CYCLE_NS
 
 
 def turn(rig: Rig, cycles: int = 100) -> int:
-    """The PLC moves the set-point on by 20 increments in each cycle (73 rpm), without NSOLL_B; returns the target then."""
+    """Advance the setpoint by 20 increments per cycle (73 rpm), without NSOLL_B; return the target."""
     target = rig.feedback.position_actual
     for _ in range(cycles):
         target += 20

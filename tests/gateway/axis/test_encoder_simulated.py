@@ -133,7 +133,7 @@ def test_preset_then_read_gives_the_preset(
     step = per_second * model.steps_per_unit * 0.004
     expected = before["G1_XIST2"] + value if relative else value
     assert abs(around(actuals["G1_XIST2"] - expected, rig.total_range)) <= abs(step) * cycles + 2
-    # Where the shaft turns further than the preset jumps, one cannot be told from the other.
+    # If the shaft turns further than the preset jumps, the two cannot be distinguished.
     if abs(around(expected - before["G1_XIST2"], rig.total_range)) > 4 * abs(step) * (cycles + 3):
         assert abs(around(actuals["G1_XIST1"] - before["G1_XIST1"], 1 << 32) - step * cycles) <= abs(step) + 2
 

@@ -186,7 +186,7 @@ def test_halt_stops_a_task_on_its_ramp_without_an_automatic_resume() -> None:
     axis = Axis()
     axis.travels(90_000)
     axis.step(100)
-    axis.ramps(SLOW, FAST)  # of no set-point
+    axis.ramps(SLOW, FAST)  # not those of a setpoint
     check_slows_down_with(slowing_down(axis, HALT), SLOW)
     stood = axis.targets[-1]
     axis.step(200)

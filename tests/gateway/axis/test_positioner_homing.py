@@ -314,7 +314,7 @@ def test_modulo_axis_is_not_sent_beyond_the_end_of_its_drive(limit: int, given: 
     assert bool(hand(ON | ACTIVATE, MDI_TARPOS=0) & NEW_SETPOINT) is given
 
 
-# -- what the drive tells -----------------------------------------------------------------------------------------------
+# -- reports of the drive -----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -235,7 +235,7 @@ def test_lost_drive_gets_a_stop_in_every_cycle_until_it_is_off() -> None:
         assert bench.controlword & 0xF == 0x2
     machine = bench.stepper.machine
     assert not machine.outputs.known_off
-    # It was configured anew meanwhile, and still turns.
+    # The drive was configured again meanwhile and still turns.
     bench.drive_ok = True
     bench.drive.state = State.OPERATION_ENABLED
     bench.drive.show()

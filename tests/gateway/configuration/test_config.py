@@ -413,7 +413,7 @@ def _shown(head: str, further: frozenset[str]) -> dict[str, object]:
 def test_the_example_shows_a_key_that_has_a_default_with_its_default(
     head: str, section: type[BaseModel], further: set[str]
 ) -> None:
-    """``type`` stands there twice, a key without a default shows what it may be."""
+    """``type`` is in the example twice; a key without a default shows its allowed values."""
     shown = _shown(head, frozenset({*further, "type", "family"}))
     defaults = {key: field.default for key, field in section.model_fields.items()}
     compared = {key: value for key, value in shown.items() if defaults[key] not in {None, "", PydanticUndefined}}

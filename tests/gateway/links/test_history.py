@@ -16,7 +16,7 @@ from pdgw.profidrive.telegrams import telegram
 
 PLC = ("192.168.0.10", 40000)
 ON, TASK = 0x047F, 0x0C7F
-"""STW1.11 starts something; its falling edge is no stop that takes effect at once."""
+"""STW1.11 starts homing; its falling edge does not stop at once."""
 
 
 def sent(number: int, order: int, cycle: int, *, life: bool) -> bytes:

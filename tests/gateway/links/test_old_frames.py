@@ -329,7 +329,7 @@ def test_old_off_frames_of_an_earlier_connection_do_not_release_a_standing_on() 
     gateway.step(now + 10 * CYCLE)
     now += 10 * CYCLE
     assert not gateway.endpoint.connected
-    gateway.plc.sent += [(now + n * CYCLE, OFF) for n in range(6)]  # that they are taken for a while is not the point
+    gateway.plc.sent += [(now + n * CYCLE, OFF) for n in range(6)]  # may be accepted for a while
     for frame in delayed:
         now += CYCLE
         gateway.receive(frame, now - 2 * MS)
@@ -348,7 +348,7 @@ def test_a_second_path_that_brings_every_frame_again_later_is_not_taken_for_a_re
         now += CYCLE
         if now in late:
             gateway.receive(late.pop(now), now - MS)
-        # The PLC sends ON for a while, then pauses for longer than the watchdog, then stands at OFF.
+        # The PLC sends ON for a while, then pauses for longer than the watchdog, then sends OFF.
         order = ON if cycle < 500 else OFF
         if not 500 <= cycle < 520:
             frame = plc.frame(now, order)

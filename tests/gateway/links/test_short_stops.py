@@ -93,7 +93,7 @@ def test_the_bit_that_is_halt_in_a_controlword_is_no_stop_in_stw1(number: int) -
 
 @pytest.mark.parametrize("word", [0x043F, 0x047F & ~0x0400 | 0x80, 0x0C7F, 0x04FF, 0x147F])
 def test_what_starts_something_waits_also_beside_a_stop(word: int) -> None:
-    """Falling edges of STW1.6 are no stop in positioning telegrams; .7, .11 and .12 start or release something."""
+    """A falling edge of STW1.6 does not stop in positioning telegrams; .7, .11 and .12 start or release something."""
     line = Line(9)
     stops = ON & (word | ~0x0400)
     assert [line.send(word), line.send(word), line.send(word)] == [stops, stops, word]

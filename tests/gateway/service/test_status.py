@@ -117,7 +117,7 @@ def test_what_is_sent_in_parts_is_the_snapshot() -> None:
 
 
 def test_every_key_of_the_document_is_told() -> None:
-    """Those of an axis or an encoder alone stand in the rows of these, in front of what is told of them."""
+    """Keys of only an axis or only an encoder are in its row, before their description."""
     with running(configuration(axis(1) + ENCODER)) as daemon:
         document = snapshot(daemon)
     top = {name.removesuffix("[]") for row in rows("status.md", "key | is") for name in named(row[0])}

@@ -75,7 +75,7 @@ def test_a_record_that_is_being_written_is_left_out(tmp_path: Path) -> None:
         ring.cycle(record(number))
     with RingReader(ring.path) as reader, ring.path.open("r+b") as file, mmap.mmap(file.fileno(), 0) as raw:
         size = ring.layout.cycle.size
-        # Number 21 goes to where 5 is: the writer has cleared the number and stands in the middle.
+        # Number 21 replaces number 5: the writer has cleared the number and is in the middle.
         struct.pack_into("@Q", raw, ring.layout.cycles_offset + 5 * size, 0)
         assert [cycle.sequence for cycle in reader.cycles()] == [6, *range(7, 21)]
         # A number that is not the expected one is another turn's.

@@ -292,7 +292,7 @@ def test_description_has_the_properties_of_the_parameter() -> None:
     assert whole.format is DataType.OCTET_STRING
     assert isinstance(whole.values, bytes)
     assert len(whole.values) == 46
-    # Identifier: text array, not standardised, writable, UNSIGNED16; name from byte 14; limits behind it.
+    # Identifier: text array, not standardised, writable, UNSIGNED16; name from byte 14, then the limits.
     assert whole.values[:4] == bytes.fromhex("0506 0000")
     assert whole.values[14:30] == b"P922".ljust(16)
     assert whole.values[30:38] == struct.pack(">II", 1, 100)

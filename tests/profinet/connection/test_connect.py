@@ -85,7 +85,7 @@ def places(which: str, edit: Callable[[Place], Place]) -> Change:
     return iocr_api(on_api)
 
 
-# IOCS of the output data lie in the input relationship behind API 3A00h; the first API has none of them.
+# The input relationship contains the IOCS of the output data after API 3A00h; the first API has none of them.
 def iocs_of_output(edit: Callable[[Place], Place]) -> Change:
     def apply(items: list[Block]) -> list[Block]:
         return iocr_api(lambda api: replace(api, iocs=(edit(api.iocs[0]), *api.iocs[1:])), 1)(items)
@@ -239,7 +239,7 @@ def test_a_refused_connect_names_block_and_field(code1: int, code2: int, name: s
     assert answered == b""
     assert caller.wire.device.relation is None
     assert not caller.wire.device.cm.relations
-    # It leaves nothing behind: the same controller connects as if nothing had been.
+    # No state remains: the same controller connects as for the first time.
     status, _ = caller.connect(blocks())
     assert not status.value, status.text
 

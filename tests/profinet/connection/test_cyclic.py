@@ -224,7 +224,7 @@ def test_every_status_of_a_submodule_that_is_as_projected_is_good_from_ready_on_
     plan = project().plan(IocrType.INPUT, 0x8001)
     wrong = {(1, 1), (2, 2)}
     item = Provider(plan, PLC_MAC, DEVICE_MAC, PLACES - wrong)
-    start = 20  # behind header, tag and FrameID
+    start = 20  # after header, tag and FrameID
     offsets = {place: [data.iops] for place, data in plan.data.items()}
     for place, offset in plan.iocs.items():
         offsets.setdefault(place, []).append(offset)

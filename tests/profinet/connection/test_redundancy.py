@@ -59,7 +59,7 @@ class Pair(Wire):
         return self
 
     def roles(self) -> tuple[int, int]:
-        """What each controller is told, once it can be."""
+        """The role reported to each controller, after the next frames."""
         self.run(20 * MS)
         return self.one.told & ROLE, self.other.told & ROLE
 

@@ -269,7 +269,7 @@ def test_answers_byte_by_byte() -> None:
     def frame(payload: str) -> bytes:
         return (head + bytes.fromhex(payload)).ljust(60, b"\0")
 
-    # What is not there yet is told: BlockInfo 0 without an address. Control options cannot be read.
+    # A missing value is reported: BlockInfo 0 without an address. Control options cannot be read.
     rig.station.ip = IpSuite()
     assert answer("fefd 03 00 00000007 0000 0002 0102") == frame(
         "fefd 03 01 00000007 0000 0012 0102 000e 0000 00000000 00000000 00000000"

@@ -23,7 +23,7 @@ from tests.support.readers import tshark
 R, C = RequestId.REQUEST, RequestId.CHANGE
 PREFIX = "pn_io.profidrive.parameter."
 U8, U16, U32 = DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32
-# An odd number of bytes only at the end: tshark 4.0 does not know the padding behind it and reads on in the middle.
+# An odd number of bytes only at the end: tshark 4.0 does not skip the padding after it and reads the next value from it.
 TALKS: list[tuple[Request, Response]] = [
     (Request(1, R, 1, (ParameterAddress(965),)), Response(1, R, 1, 1, (Values(U16, (0x329,)),))),
     (

@@ -1,7 +1,7 @@
-"""Search for limit cycles: entries into Operation Enabled under a standing OFF, with a Statusword that is late.
+"""Search for limit cycles: entries into Operation Enabled while the PLC sends OFF, with a late Statusword.
 
-An axis operates and moves; Disable Operation or a short ON stands for a few frames, then the PLC asks for a stop and for nothing
-else, for as long as the drive needs. A gateway that answers a Statusword older than its own command enables the drive again.
+An axis operates and moves; the PLC sends Disable Operation or a short ON for a few frames, then only a stop, for as
+long as the drive needs. A gateway that answers a Statusword older than its own command enables the drive again.
 """
 
 from __future__ import annotations

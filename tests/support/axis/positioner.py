@@ -58,7 +58,7 @@ CHOICES = PositionerChoices(
 
 @dataclass
 class PositionerRig:
-    """``asked`` is changed by the test, ``step`` runs cycles. ``delay``: cycles from a set-point to the drive's acknowledge."""
+    """``asked`` is changed by the test, ``step`` runs cycles. ``delay``: cycles from a setpoint to the drive's acknowledge."""
 
     settings: PositionerSettings = SETTINGS
     blocks: tuple[Block, ...] = ()

@@ -58,7 +58,7 @@ class Frames:
         for now, cob_id, data in sorted(self.can, key=lambda item: item[0]):
             # What the gateway sends and what it receives stay in their order, whatever the recorder does to the times.
             sent = cob_id == 0 or cob_id in _SENT
-            if cob_id & ~0x7F in _SDO:  # a request recorded behind its response would be another recording
+            if cob_id & ~0x7F in _SDO:  # a request recorded after its response would be another recording
                 lines.append((now, cob_id, data))
                 continue
             last[sent] = max(last[sent], now + noise.randint(-jitter_ns, jitter_ns))
@@ -73,7 +73,7 @@ class Frames:
     def write_in_order(self, folder: Path, waited: Mapping[bytes, int] | None = None) -> list[str]:
         """gateway.pcapng as the gateway writes it: in the order in which it dealt with the frames.
 
-        ``waited``: frames of the PLC that had come so many nanoseconds before, which is the time they have.
+        ``waited``: nanoseconds between the arrival of a frame of the PLC and its processing; the file has the time of arrival.
         """
         before = waited or {}
         packets = [(now, now - before.get(data, 0), LinkType.ETHERNET, MACS + data) for now, data in self.plc]

@@ -78,7 +78,7 @@ class Stepper(_Device):
 
     @property
     def checkpoints(self) -> Checkpoints:
-        """Those of the machine from the first time on that somebody asks: to look for its parts takes longer than to step it."""
+        """Checkpoints of the machine, made at the first use: to find its parts takes longer than to step it."""
         if self._checkpoints is None:
             self._checkpoints = Checkpoints(self.machine)
         return self._checkpoints

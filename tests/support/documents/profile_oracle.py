@@ -20,7 +20,7 @@ STATE_BITS = 0x7F
 
 
 class StateMachine:
-    """Each control word stands until the axis has done what it asks: S5, the way to standstill, is over then."""
+    """Each control word stays until the axis has executed it: S5, the way to standstill, is over then."""
 
     def __init__(self) -> None:
         self.state = S1
@@ -72,7 +72,7 @@ SENSOR_SHOWN = {
 
 
 def sensor_state(state: str, before: int, word: int, error: bool, answer: str) -> str:
-    """The state behind G1_STW ``word``; ``before``: the word of the cycle before, ``answer``: what became of a preset."""
+    """The state after G1_STW ``word``; ``before``: the word of the previous cycle, ``answer``: the result of a preset."""
     edges = word & ~before
     if state == "PRESETTING":
         state = {"done": "PRESET_DONE", "failed": "ERROR"}.get(answer, state)

@@ -1,6 +1,6 @@
-"""A drive whose shaft turns by a law of its own, whatever its objects say about units: for tests of drives that lie.
+"""A drive whose speed does not depend on the units in its objects: for tests of drives that report wrong units.
 
-It knows nothing of the gateway's scaling. One unit of 60FFh is ``rpm_per_unit`` of the shaft, which has ``counts`` position units
+It does not use the gateway's scaling. One unit of 60FFh is ``rpm_per_unit`` of the shaft, which has ``counts`` position units
 a revolution; 606Ch is what ``shown`` makes of the true speed.
 """
 
@@ -41,7 +41,7 @@ class Law:
     shown: Callable[[float, float], float] = lambda rpm, target: rpm
     """The speed that 606Ch shows, in rpm, for the true one and the commanded one."""
     excess: Callable[[float], float] = lambda seconds: 1.0
-    """So many times the commanded speed it turns, after so many seconds in operation."""
+    """Ratio of true to commanded speed, as a function of the seconds in operation."""
     vl: bool = False
     """Its speed is that of velocity mode (vl): 6042h, 6044h."""
 

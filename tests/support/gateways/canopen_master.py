@@ -1,6 +1,6 @@
 """python canopen as an independent master in virtual time: its own SDO client, PDO, NMT and CiA 402 code, the world's clock.
 
-What it waits on (queues, conditions, the clock) is replaced where its modules look it up; waiting plays the world.
+Its queues, conditions and clock are replaced in its modules; a wait advances the world.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ from pdgw.profidrive.telegrams import telegram
 D = TypeVar("D", SimulatedDrive, SimulatedEncoder)
 OFF, ON = 0x047E, 0x047F
 POSITIONER = "[axis.positioner]\n" + toml_text(SIMULATED)
-"""The keys of a simulated positioner, behind those of its axis."""
+"""The keys of a simulated positioner, after those of its axis."""
 SIMULATED_POSITIONER = f"simulate = true\n{POSITIONER}"
 PATIENCE = 10 * SECOND
 """Longest wait for a normal gateway."""

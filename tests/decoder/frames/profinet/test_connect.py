@@ -116,7 +116,7 @@ def connect_packets(status: int = 0, api_number: int = API_PROFIDRIVE) -> list[b
 
 
 def frame(direction: Direction, values: dict[int, tuple[int, ...]]) -> bytes:
-    """A frame with the layout of the Connect, behind EtherType 8892h."""
+    """A frame with the layout of the Connect, after EtherType 8892h."""
     c_sdu = bytearray(LENGTH)
     for slot, number in TELEGRAMS.items():
         half = telegram(number).half(direction)
@@ -274,7 +274,7 @@ def test_tshark_reads_the_same_of_the_connect(tmp_path: Path) -> None:
     rows = tshark.fields(path, names, ["-E", "occurrence=a"])
     assert not any(row["_ws.malformed"] for row in rows)
     asked, answered = ([int(part, 0) for part in row["pn_io.frame_id"].split(",")] for row in rows)
-    # Behind the relationships' own FrameIDs tshark repeats them with what it learned of each.
+    # tshark repeats the FrameIDs of the relationships at the end, with what it derived for each.
     assert (asked[:2], answered) == ([INPUT, 0xFFFF], [INPUT, OUTPUT])
     connection = read_request(request())
     assert [relation.frame_id for relation in connection.relations] == asked[:2]

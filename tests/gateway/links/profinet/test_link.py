@@ -232,7 +232,7 @@ def test_nothing_more_is_looked_for_behind_a_frame_at_its_time_and_what_piled_up
 
 
 def test_cyclic_frames_alone_do_not_hide_what_else_is_due(rig: Rig) -> None:
-    """Frames go out by the short way; LLDP, alarms and the data hold time come in their time all the same."""
+    """Frames are sent by the short way; LLDP, alarms and the data hold time are on time anyway."""
     rig.connect()
     seen: list[bytes] = []
     original = rig.port.send

@@ -144,7 +144,7 @@ def test_every_frame_is_judged_as_by_the_device_itself(frames: list[Sent]) -> No
 
 @given(FRAMES)
 def test_python_sees_each_order_in_turn_and_ends_with_the_same_image(frames: list[Sent]) -> None:
-    """``reference`` receives all; ``behind`` what the engine hands over, now and then."""
+    """``reference`` receives all frames; ``behind`` those that the engine hands over, at intervals."""
     twin = Twin()
     reference, behind = Consumer(twin.consumer.plan), Consumer(twin.consumer.plan)
     for item in (reference, behind):
@@ -464,7 +464,7 @@ def test_a_stall_is_logged_and_counted(tmp_path: Path, caplog: pytest.LogCapture
     with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=400, native=True) as site:
         port = site.port
         assert isinstance(port, NativeEthernet)
-        port.changes["bound_ns"] = 3 * CYCLE // 8  # input frames are half a cycle behind the last step: always too old
+        port.changes["bound_ns"] = 3 * CYCLE // 8  # input frames are half a cycle after the last step: too old
         site.connect()
         site.run(200 * MS)
         assert site.link.invalid > 0

@@ -55,7 +55,7 @@ def play(ratio: int, phase: int, arrivals: Sequence[int]) -> Played:
                 waiting.clear()
             played.sent.append(due)
             assert provider.poll(due) is not None
-            if port.listening and waiting:  # as the kernel tells of what is there
+            if port.listening and waiting:  # as the kernel reports readable data
                 played.waits += [due - came for came in waiting]
                 waiting.clear()
                 played.wakes.append(due)

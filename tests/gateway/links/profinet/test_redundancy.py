@@ -64,7 +64,7 @@ def test_nobody_takes_over_and_the_axis_stops_as_after_a_loss(tmp_path: Path, wa
         site.until(lambda: model.state is not State.OPERATION_ENABLED, "a stop", limit)
         assert site.loop.now() - since >= HOLD_MS * MS - 2 * CYCLE_NS
         assert pair.lost()
-        # It takes over too late, with the ON that stands.
+        # It becomes primary too late, with ON set.
         site.run(100 * MS)
         pair.connect(pair.other)
         pair.other.lead(primary=True)
@@ -137,7 +137,7 @@ def test_a_stop_of_the_new_leader_is_obeyed_as_such(tmp_path: Path, word: int, r
 
 
 def test_a_switchover_starts_no_drive_with_a_standing_on(tmp_path: Path) -> None:
-    """The first controller had ordered OFF, which releases the lock; the ON of the second one is no edge."""
+    """The first controller had ordered OFF, which releases the lock; the second one sends ON without an edge."""
     with twins(tmp_path) as pair:
         site, model = pair.site, pair.drive.model
         pair.set(pair.one, OFF)

@@ -52,7 +52,7 @@ def stop(site: Plant) -> None:
 
 
 def become_backup(site: Plant) -> None:
-    """Of a relationship without redundancy: its data does not count, and nobody else's does."""
+    """Become backup in a relationship without redundancy: no data counts then."""
     assert site.plc.provider is not None
     site.plc.provider.data_status &= ~STATUS_PRIMARY
 
