@@ -420,6 +420,12 @@ class Reason(enum.Enum):
         _E.PLC,
         "start the gateway again",
     )
+    NOT_ACKNOWLEDGED = (
+        "the drive did not acknowledge the setpoint (Statusword.12 = 0): it may not execute the task",
+        _S.WAITS,
+        _E.SETPOINT,
+        "check that 6061h of the drive keeps the mode of operation; then reject the task (STW1.4 = 0) or send a new one",
+    )
 
 
 class OrderDoubt(enum.IntEnum):
@@ -461,6 +467,7 @@ class FaultNumber(enum.IntEnum):
     ENABLE_UNASKED = 126
     FRAME_CHANGED = 127
     VELOCITY = 128
+    NOT_ACKNOWLEDGED = 129
 
 
 FIRST_WARNING = 108
@@ -516,6 +523,7 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
             GatewayFault(FaultNumber.ENABLE_UNASKED, "Enable Operation without a command of the PLC", 0xFF18),
             GatewayFault(FaultNumber.FRAME_CHANGED, "frame of the PLC changed by P922", 0xFF17),
             GatewayFault(FaultNumber.VELOCITY, "speed contradicts the units of the drive", 0xFF19),
+            GatewayFault(FaultNumber.NOT_ACKNOWLEDGED, "setpoint not acknowledged", 0xFF1A, is_warning=True),
         )
     }
 )

@@ -491,4 +491,4 @@ class Positioner:
             block = self._chain.block
             still = task.event is _BLOCK_TASK and block is not None and not block.task.moves
             speed = self._course.speed is not None
-            outcome.acknowledged = still or speed or 0 < self._course.first_serial <= self._seen.taken
+            outcome.acknowledged = still or speed or 0 < outcome.motion.first <= self._seen.taken

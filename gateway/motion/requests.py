@@ -136,7 +136,7 @@ class _OfMotion:
     """What a checkpoint treats apart in ``Motion``: a compiled dataclass takes a class variable for a field."""
 
     __slots__ = ()
-    SERIALS: ClassVar[frozenset[str]] = frozenset({"serial"})
+    SERIALS: ClassVar[frozenset[str]] = frozenset({"serial", "first"})
 
 
 @dataclass(slots=True, eq=False)
@@ -145,6 +145,8 @@ class Motion(_OfMotion):
 
     kind: MotionKind = MotionKind.STAND
     serial: int = 0
+    first: int = 0
+    """Serial of the first setpoint of the task; 0 until it is sent."""
     target: int = 0
     """Target of a position task."""
     distance: int | None = None
@@ -161,7 +163,7 @@ class Motion(_OfMotion):
 
     def forget(self) -> None:
         """Clear the data of a motion that is over. Its torque limit is cleared when the axis starts to brake."""
-        self.target = self.velocity = 0
+        self.first = self.target = self.velocity = 0
         self.distance = None
         self.override = self.acceleration = self.deceleration = FULL
         self.immediate = True

@@ -53,7 +53,7 @@ class Course:
 
     INSTANTS: ClassVar[Mapping[str, int]] = {"_limit_since": LIMIT_STANDING_NS, "_stop_since": FIXED_STOP_NS}
     PASSING: ClassVar[frozenset[str]] = frozenset({"_seen"})
-    SERIALS: ClassVar[frozenset[str]] = frozenset({"sent", "first_serial", "queued"})
+    SERIALS: ClassVar[frozenset[str]] = frozenset({"sent", "queued"})
 
     def __init__(self, settings: PositionerSettings, outcome: Outcome) -> None:
         self.settings = settings
@@ -67,8 +67,6 @@ class Course:
         """The task of a function with a speed, without software limits."""
         self.held: Reason | None = None
         """Why the goal is kept and not pursued."""
-        self.first_serial = 0
-        """First serial of the running task; 0 until it is sent."""
         self.queued = 0
         """Serial of the setpoint that waits in the drive, 0 for none."""
         self.limits: tuple[int, int] | None = None
@@ -90,7 +88,7 @@ class Course:
         """No goal any more: ramp to standstill."""
         self.outcome.motion.forget()
         self.goal = self.speed = self.held = None
-        self.sent = self.queued = self.first_serial = 0
+        self.sent = self.queued = 0
         self._at_limit = False
 
     def in_range(self, target: int, absolute: bool, direction: Direction = Direction.SHORTEST) -> bool:
@@ -251,8 +249,8 @@ class Course:
         motion.kind, motion.target, motion.distance = goal.kind, goal.target, goal.distance
         motion.velocity, motion.acceleration, motion.deceleration = goal.velocity, goal.acceleration, goal.deceleration
         motion.override, motion.immediate, motion.torque = override, True, goal.torque
-        if not self.first_serial:
-            self.first_serial = serial
+        if not motion.first:
+            motion.first = serial
 
     def queue(self, position: int, absolute: bool, velocity: int, acceleration: int, deceleration: int) -> None:
         """Send a position task that waits in the drive for the end of the goal; not beyond a limit, where the axis must stop."""

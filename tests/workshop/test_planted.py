@@ -10,6 +10,7 @@ import pytest
 
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis import interlock, power_table
+from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS, MotionExecutor
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.machine import AxisMachine
@@ -34,6 +35,7 @@ from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.supervision.stop_supervision import StopWatch
 from pdgw.gateway.motion.mdi import MdiPositioner
 from pdgw.gateway.motion.positioner import Positioner
+from pdgw.gateway.motion.requests import Motion
 from pdgw.gateway.motion.states import Event
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.sign_of_life import SignOfLife
@@ -55,7 +57,8 @@ class Narrow(Case):
     """Only what the way to a defect needs: the walk of everything takes a minute."""
 
     def _frames(self) -> list[Plc]:
-        kept = ("OFF1", "OFF1 ack", "ON+enable", "homing", "jog")
+        motion = ("homing", "jog") if self.homing or self.jog else ("task",)
+        kept = ("OFF1", "OFF1 ack", "ON+enable", *motion)
         return [item for item in super()._frames() if item.name.rpartition(" ")[0] in kept]
 
     def _shown(self) -> list[Shown]:
@@ -142,6 +145,20 @@ def homing_goes_on_without_its_bit(patch: Patch) -> None:
     patch.setattr(MdiPositioner, "_events", lambda self: {**events(self), **never})
 
 
+def handshake_waits_without_a_reason(patch: Patch) -> None:
+    patch.setattr(MotionExecutor, "_await_acknowledge", lambda _: None)
+
+
+def setpoint_is_repeated(patch: Patch) -> None:
+    def wrong(self: MotionExecutor, motion: Motion, given: int) -> bool:
+        overdue = self.inputs.now - self._set_at >= ACKNOWLEDGE_NS
+        if overdue:
+            self._seen.given = 0
+        return overdue
+
+    patch.setattr(MotionExecutor, "_replaces", wrong)
+
+
 PLANTED: dict[str, tuple[Case, Callable[[Patch], None]]] = {
     "forgotten OFF": (
         DEFAULT,
@@ -202,6 +219,8 @@ PLANTED: dict[str, tuple[Case, Callable[[Patch], None]]] = {
         Narrow(110, jog=True),
         lambda patch: patch.setattr(Positioner, "_jog_bit", lambda self: self._jog or 1),
     ),
+    "handshake waits without a reason": (Narrow(9), handshake_waits_without_a_reason),
+    "setpoint is repeated": (Narrow(7), setpoint_is_repeated),
     "refusal without reason": (DEFAULT, each_cell(lambda cell: replace(cell, reason=None))),
 }
 

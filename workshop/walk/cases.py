@@ -13,7 +13,7 @@ from pdgw.ds301.eds.writer import write_eds
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.identification.describe import answers_of_defaults, describe
 from pdgw.dsp402.modes import Mode
-from pdgw.durations import MS
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction
 from pdgw.gateway.axis.telegrams import (
     DRIVE_TELEGRAM_NUMBERS,
@@ -43,6 +43,8 @@ after its end with the fewest states.
 FINE_TICK_NS = 100 * MS
 NOT_WALKED = dict.fromkeys(ENCODER_TELEGRAM_NUMBERS, "an encoder has no power stage and no motion")
 """Telegrams without a walk, with the reason."""
+ANSWER_NS = 2 * SECOND
+"""Time in which a drive acknowledges a setpoint (docs/motion.md)."""
 STOP_TIME_NS = FINE_TICK_NS // 2
 """With this time, the limit in the speed supervision falls to the setpoint within one step."""
 
@@ -102,6 +104,7 @@ class Case:
             tasks=self._tasks,
             own_ramp=is_central(number),
             life=self.life,
+            answer_steps=ANSWER_NS // self.tick_ns,
         )
         monitor = BrakeMonitor() if self.guarding else Monitor(expected)
         result = walk(machine, monitor, first_only=first_only)

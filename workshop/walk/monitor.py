@@ -66,6 +66,7 @@ class Rule(enum.Enum):
     OPERATES = "ZSW1.2 only with Operation Enabled commanded and shown"
     REACHED = "ZSW1.10 only when the setpoint sent is the PLC's and the drive is in operation"
     REASON = "every refusal has a reason"
+    UNANSWERED = "a setpoint that the drive does not acknowledge in time has a reason"
     GUARD = "the final guard has nothing to stop"
     RESET = "Fault Reset only with an edge of the PLC in this connection"
 
@@ -87,6 +88,8 @@ class Expected:
     """The gateway generates the ramps itself."""
     life: int | None = None
     """P925: tolerated consecutive failures of the sign of life; None: not monitored."""
+    answer_steps: int = 0
+    """Steps in which a drive acknowledges a setpoint."""
 
 
 class Memory(NamedTuple):
@@ -126,6 +129,8 @@ class Memory(NamedTuple):
     """The sign of life has started in this connection."""
     missed: int = 0
     """Its consecutive failures, up to the first that is not tolerated."""
+    unanswered: int = 0
+    """Steps of New Setpoint without an acknowledge, up to the first that needs a reason; -1 after an acknowledge."""
 
 
 class _Asked:
@@ -230,6 +235,7 @@ class Monitor:
             broken.append(Rule.RESET)
         active = plc.word & FUNCTIONS if asked.connected and expected.tasks else 0
         edge = starts = given = False
+        unanswered = 0
         if expected.tasks:
             starts = cw & _NEW_SETPOINT != 0 or output.velocity != 0
             given = commanded and operates and memory.given and plc.word & DO_NOT_REJECT != 0
@@ -243,6 +249,9 @@ class Monitor:
                 broken.append(Rule.WITHDRAWN)
             given = given or (edge and starts)
             edge = edge and not (starts and not memory.started)
+            unanswered = self._unanswered(memory, shown, output)
+            if unanswered > expected.answer_steps and not output.reason:
+                broken.append(Rule.UNANSWERED)
         elif output.velocity and not commanded and not (expected.own_ramp and ramp) and not expected.raw:
             broken.append(Rule.MOTION)
         voltage_off = not cw & _VOLTAGE
@@ -267,8 +276,17 @@ class Monitor:
             (ramp or quick_stop) and armed,
             asked.lives,
             asked.missed,
+            unanswered,
         )
         return after, broken
+
+    def _unanswered(self, memory: Memory, shown: Shown, output: Output) -> int:
+        if not output.controlword & _NEW_SETPOINT or output.mode == Mode.HOMING:
+            return 0
+        taken = shown.mode == Mode.POSITION and shown.statusword & StatusBit.MODE_12
+        if taken or memory.unanswered < 0:
+            return -1
+        return min(memory.unanswered, self._expected.answer_steps) + 1
 
     def _check_stops(
         self,

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State, StatusBit
+from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS
 from pdgw.gateway.motion.blocks import Block, BlockNext
 from pdgw.gateway.motion.requests import PositionerChoices
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.signals import signal
 from tests.gateway.axis.test_modulo import TABLE, drive_type
 from tests.support.axis.hand import OFF, ON, OPERATING, Hand
@@ -27,6 +29,7 @@ MDI_ABSOLUTE, MDI_RELATIVE, SETTING_UP, CONTINUOUS_UPDATE = 0x8100, 0x8000, 0xC2
 ZSW1 = signal("ZSW1")
 HOME_SET = ZSW1.bit("HOME_POSITION_SET", positioning=True).mask
 WARNING = ZSW1.bit("WARNING").mask
+ACKNOWLEDGED = ZSW1.bit("TASK_ACKNOWLEDGE", positioning=True).mask
 FOLLOWS = ZSW1.bit("WITHIN_TOLERANCE", positioning=True).mask
 SHOWN, SHOWN_2 = signal("POS_ZSW1"), signal("POS_ZSW2")
 DRIVE = engel(References(position_min=-2_000_000, position_max=2_000_000, max_acceleration=2000, max_deceleration=2000))
@@ -137,6 +140,96 @@ def test_setting_up_replaces_a_setpoint_that_the_drive_has_not_acknowledged() ->
     hand(ON, MDI_TARPOS=20_000)
     assert hand(ON | ACTIVATE, POS_STW1=MDI_ABSOLUTE) & NEW_SETPOINT
     assert hand.target == 8192, "not the target of the first task again"
+
+
+def unanswered(hand: Hand, word: int = ON) -> list[int]:
+    """The Controlwords of a drive that drops the setpoint, up to the first cycle in which that is reported."""
+    words = [hand(word) for _ in range(ACKNOWLEDGE_NS // 4_000_000 - 1)]
+    assert hand.stepper.reason is None
+    assert not hand.actuals["ZSW1"] & WARNING
+    return [*words, hand(word)]
+
+
+def edges(words: list[int]) -> int:
+    return sum(word & ~before & NEW_SETPOINT != 0 for before, word in pairwise([0, *words]))
+
+
+def test_a_setpoint_that_the_drive_drops_is_reported_and_the_next_task_replaces_it() -> None:
+    hand = positioner().enable()
+    words = [hand(ON | ACTIVATE, POS_STW1=MDI_RELATIVE, MDI_TARPOS=10_000)]
+    words += unanswered(hand)
+    assert hand.stepper.reason is Reason.NOT_ACKNOWLEDGED
+    assert [event.number for event in hand.stepper.events] == [FaultNumber.NOT_ACKNOWLEDGED]
+    words += [hand(ON) for _ in range(1000)]
+    assert edges(words) == 1, "one edge for one relative task, however long it takes"
+    assert len(hand.stepper.events) == 1, "reported once"
+    assert hand.actuals["ZSW1"] & WARNING
+    words = [hand(ON | ACTIVATE, MDI_TARPOS=5000) for _ in range(3)]
+    assert edges(words) == 1
+    assert hand.target == 2048
+    hand(ON | ACTIVATE, OPERATING | TAKEN)
+    assert hand.actuals["ZSW1"] & ACKNOWLEDGED
+    assert not hand.actuals["ZSW1"] & WARNING
+    assert not any(hand(ON) & NEW_SETPOINT for _ in range(1000))
+    assert hand.stepper.reason is None
+
+
+def test_a_task_that_waits_for_a_dropped_setpoint_is_given_after_the_time() -> None:
+    hand = positioner().enable()
+    hand(ON | ACTIVATE, POS_STW1=MDI_RELATIVE, MDI_TARPOS=10_000)
+    hand(ON)
+    assert edges([hand(ON | ACTIVATE, MDI_TARPOS=5000)]) == 1, "still that of the first"
+    words = [hand(ON | ACTIVATE) for _ in range(ACKNOWLEDGE_NS // 4_000_000 + 10)]
+    assert edges(words) == 2
+    assert hand.target == 2048
+
+
+@pytest.mark.parametrize("way", ["override", "continuous update"])
+def test_a_dropped_setpoint_is_not_repeated_for_the_same_task(way: str) -> None:
+    hand = positioner().enable()
+    hand(ON | ACTIVATE, POS_STW1=MDI_ABSOLUTE | CONTINUOUS_UPDATE, MDI_TARPOS=10_000)
+    unanswered(hand, ON | ACTIVATE)
+    changed = {"OVERRIDE": 0x2000} if way == "override" else {"MDI_TARPOS": 20_000}
+    assert all(hand(ON | ACTIVATE, **changed) & NEW_SETPOINT for _ in range(1000))
+    assert hand.target == 4096
+    assert hand.stepper.reason is Reason.NOT_ACKNOWLEDGED
+
+
+def test_a_late_acknowledge_ends_the_warning() -> None:
+    hand = positioner().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=10_000)
+    unanswered(hand, ON | ACTIVATE)
+    assert not hand(ON | ACTIVATE, OPERATING | TAKEN) & NEW_SETPOINT
+    assert hand.stepper.reason is None
+    assert hand.actuals["ZSW1"] & (WARNING | ACKNOWLEDGED) == ACKNOWLEDGED
+
+
+def test_a_setpoint_that_waits_in_the_drive_is_not_overdue_before_the_motion_ends() -> None:
+    blocks = (
+        Block(0, position=100_000, velocity=3000, next=BlockNext.FLYING),
+        Block(1, position=200_000, velocity=3000),
+    )
+    hand = positioner(replace(CHOICES, blocks=blocks)).enable()
+    hand(ON | ACTIVATE, POS_STW1=0)
+    hand(ON | ACTIVATE, OPERATING | TAKEN)
+    hand(ON | ACTIVATE)
+    assert all(hand(ON | ACTIVATE) & NEW_SETPOINT for _ in range(1000)), "the drive has one buffer"
+    assert hand.stepper.reason is None
+    for _ in range(ACKNOWLEDGE_NS // 4_000_000 + 1):
+        hand(ON | ACTIVATE, OPERATING | REACHED)
+    assert hand.stepper.reason is Reason.NOT_ACKNOWLEDGED
+
+
+def test_anchor_of_a_modulo_axis_that_the_drive_drops_is_not_followed_by_the_task() -> None:
+    """It would be relative to an unknown position."""
+    hand = positioner(replace(TABLE, software_limits=None), drive_type(wraps=True)).enable()
+    hand.feedback.position_actual = 10
+    hand(ON)
+    words = [hand(ON | ACTIVATE, MDI_TARPOS=9_900)]
+    assert hand.target == 10, "the actual position"
+    words += [hand(ON | ACTIVATE) for _ in range(1000)]
+    assert edges(words) == 1
+    assert hand.stepper.reason is Reason.NOT_ACKNOWLEDGED
 
 
 def test_bit_12_of_another_mode_is_no_acknowledge() -> None:

@@ -6,8 +6,9 @@ import pytest
 
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State, StatusBit
+from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS
 from pdgw.gateway.axis.values import SdoWrite
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.peers.drive.family import TURNTABLE
 from tests.gateway.axis.test_positioning import (
     ACKNOWLEDGE,
@@ -129,6 +130,40 @@ def test_bit_12_of_another_mode_is_no_acknowledge_of_a_task() -> None:
     hand.mode = Mode.POSITION
     assert not hand(ON, OPERATING | TAKEN) & NEW_SETPOINT
     assert hand.actuals["ZSW1"] & ACKNOWLEDGE
+
+
+def test_a_task_that_the_drive_drops_is_reported_and_the_next_one_replaces_it() -> None:
+    hand = positioning().enable()
+    words = [hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000), MDI_MOD=0)]
+    hand.mode = Mode.HOMING
+    words += [hand(ON, OPERATING | TAKEN)]
+    hand.mode = Mode.POSITION
+    words += [hand(ON) for _ in range(ACKNOWLEDGE_NS // 4_000_000 - 2)]
+    assert hand.stepper.reason is None
+    words += [hand(ON)]
+    assert hand.stepper.reason is Reason.NOT_ACKNOWLEDGED
+    assert [event.number for event in hand.stepper.events] == [FaultNumber.NOT_ACKNOWLEDGED]
+    words += [hand(ON) for _ in range(1000)]
+    assert all(word & NEW_SETPOINT for word in words), "one edge for one relative task"
+    assert len(hand.stepper.events) == 1, "reported once"
+    assert hand.actuals["ZSW1"] & WARNING
+    assert not hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000)) & NEW_SETPOINT
+    assert hand(ON | ACTIVATE) & NEW_SETPOINT
+    assert hand.target == 7_000
+    assert hand.stepper.reason is None
+    assert not hand.actuals["ZSW1"] & WARNING
+    hand(ON, OPERATING | TAKEN)
+    assert not any(hand(ON) & NEW_SETPOINT for _ in range(1000))
+
+
+def test_a_late_acknowledge_of_a_task_ends_the_warning() -> None:
+    hand = positioning().enable()
+    for _ in range(1000):
+        hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    assert hand.actuals["ZSW1"] & WARNING
+    assert hand(ON | ACTIVATE, OPERATING | TAKEN) & NEW_SETPOINT
+    assert hand.stepper.reason is None
+    assert hand.actuals["ZSW1"] & (WARNING | ACKNOWLEDGE) == ACKNOWLEDGE
 
 
 @pytest.mark.parametrize("mod", [0b001, 0b011, 0b101])

@@ -6,11 +6,13 @@ for a homing whose method the drive has taken; never with the fall of Halt, nor 
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Mapping
+from typing import ClassVar, Final
 
 from pdgw.ds301.objects import CanType
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.states import ControlBit, StatusBit
+from pdgw.durations import SECOND
 from pdgw.gateway.axis.demand_report import STATE_MASK
 from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisRecords, Executor
 from pdgw.gateway.axis.executors.positions.homing import Homing, Progress
@@ -19,17 +21,25 @@ from pdgw.gateway.axis.power_table import Action
 from pdgw.gateway.motion.positioner import Positioner
 from pdgw.gateway.motion.requests import Asked, HomingResult, Motion, Outcome, Seen
 from pdgw.gateway.motion.states import State
+from pdgw.gateway.reasons import FaultNumber, Reason
 
 HALT = ControlBit.HALT
 NEW_SETPOINT = ControlBit.NEW_SETPOINT
 ACKNOWLEDGED = StatusBit.MODE_12
 """Acknowledge bit of mode 1."""
+ACKNOWLEDGE_NS: Final = 2 * SECOND
+"""After this time without an acknowledge, a setpoint is reported and another task may replace it.
+
+CiA 402 has no limit. A drive that is free for a setpoint acknowledges it within some milliseconds; before that, the data of the
+setpoint may have to be written by SDO. A drive whose buffer is full is given no setpoint.
+"""
 _RAMPS = (Action.RAMP, Action.RAMP_END)
 
 
 class MotionExecutor(Executor):
     """The positioner of one axis, and its drive."""
 
+    INSTANTS: ClassVar[Mapping[str, int]] = {"_set_at": ACKNOWLEDGE_NS}
     SERIALS: ClassVar[frozenset[str]] = frozenset({"_homing_begun"})
     POSITION_FOLLOWS: ClassVar[int] = 0
     """Cycles from "homing attained" to the position that counts from the new zero."""
@@ -44,7 +54,8 @@ class MotionExecutor(Executor):
         self._nothing = Asked()
         self._target = CanType.I32.integer_range
         """Range of 607Ah."""
-        self._setpoint_bit = False
+        self._set_at = -1
+        """When CW.4 rose for a setpoint, monotonic ns; -1 while it is 0."""
         self._bits = 0
         """Controlword bits of the setpoint given last, beside CW.4."""
         self._homing_begun = 0
@@ -132,7 +143,7 @@ class MotionExecutor(Executor):
         """The handshake is over: whether the drive has acknowledged makes no more difference."""
         seen = self._seen
         seen.taken = seen.executing = seen.given
-        self._setpoint_bit = False
+        self._set_at = -1
         self._bits = 0
 
     def _set_point(self, target: int, bits: int) -> None:
@@ -140,7 +151,40 @@ class MotionExecutor(Executor):
         low, high = self._target
         self.command.target_position = max(low, min(target, high))
         self._bits = bits
-        self._setpoint_bit = True
+        self._set_at = self.inputs.now
+
+    def _acknowledged(self) -> None:
+        """The drive has taken the setpoint."""
+        self._seen.taken = self._seen.given
+        outcome = self.positioner.outcome
+        if outcome.warning is Reason.NOT_ACKNOWLEDGED:
+            outcome.warning = None
+            self.outputs.warned = False
+
+    def _await_acknowledge(self) -> None:
+        """The drive has not taken the setpoint: a warning after ``ACKNOWLEDGE_NS``."""
+        statusword, outcome, inputs = self.feedback.statusword, self.positioner.outcome, self.inputs
+        if not self._bits & ControlBit.CHANGE_IMMEDIATELY and not statusword & StatusBit.TARGET_REACHED:
+            self._set_at = inputs.now  # a drive with one buffer takes it at the end of the motion
+        elif (
+            inputs.now - self._set_at >= ACKNOWLEDGE_NS
+            and outcome.warning is not Reason.NOT_ACKNOWLEDGED
+            and not inputs.set_point_refused
+        ):
+            outcome.warning = Reason.NOT_ACKNOWLEDGED
+            self.outputs.warned = True
+            detail = f"607Ah = {self.command.target_position}, Statusword {statusword:04X}h, "
+            detail += f"6061h = {self.feedback.modes_of_operation_display} after {ACKNOWLEDGE_NS / SECOND:g} s"
+            self.outputs.found.append((FaultNumber.NOT_ACKNOWLEDGED, detail))
+
+    def _replaces(self, motion: Motion, given: int) -> bool:
+        """Another task than that of the setpoint ``given`` waits, and the drive does not take this setpoint any more.
+
+        A new setpoint of the same task does not count: its edge would be a second one.
+        """
+        if motion.first <= given:
+            return False
+        return self.inputs.now - self._set_at >= ACKNOWLEDGE_NS or self.inputs.set_point_refused
 
     def _home(self, motion: Motion, method: int, speed: int | None) -> int:
         """Controlword bits of a homing: the drive takes method and speeds, confirms the mode, and homes."""

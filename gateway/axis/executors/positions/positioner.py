@@ -53,6 +53,8 @@ _FOLLOWING_ERROR = StatusBit.MODE_13
 """Following error bit of mode 1."""
 _ENDLESS = (-(1 << 62), (1 << 62) - 1)
 """Range of a modulo axis whose position continues across its ends."""
+_REPORTED = (Reason.HOMING_ERROR, Reason.NOT_ACKNOWLEDGED)
+"""Warnings that are reported where they are detected."""
 _AT_LIMIT = 20
 """Divisor of the torque limit: within this part, the torque is at its limit."""
 
@@ -219,7 +221,7 @@ class PositionerExecutor(MotionExecutor):
         """Report another warning of the positioner once; it is shown while it is active."""
         if warning is None:
             self.outputs.warned = False
-        elif warning is not Reason.HOMING_ERROR:  # reported where it was detected
+        elif warning not in _REPORTED:
             self.outputs.warned = True
             self.outputs.found.append((FaultNumber.POSITIONER, warning.value))
         self._warned = warning
@@ -255,13 +257,14 @@ class PositionerExecutor(MotionExecutor):
             seen.negative_limit = inputs & NEGATIVE_LIMIT_SWITCH != 0
             seen.positive_limit = inputs & POSITIVE_LIMIT_SWITCH != 0
         seen.reached = False
-        if not self._mode.shows_base():
-            return
-        if self._setpoint_bit:
-            if statusword & ACKNOWLEDGED:
-                seen.taken = seen.given
-                self._setpoint_bit = False
-        elif not statusword & ACKNOWLEDGED and seen.taken == seen.given:
+        shows_base = self._mode.shows_base()
+        if self._set_at >= 0:
+            if statusword & ACKNOWLEDGED and shows_base:
+                self._acknowledged()
+                self._set_at = -1
+            else:
+                self._await_acknowledge()
+        elif shows_base and not statusword & ACKNOWLEDGED and seen.taken == seen.given:
             # A waiting setpoint keeps the acknowledgement until the drive starts it.
             seen.executing = seen.taken
             seen.reached = statusword & _TARGET_REACHED != 0
@@ -285,18 +288,21 @@ class PositionerExecutor(MotionExecutor):
             return self._home_axis(motion)
         confirmed = mode.confirmed(wanted)
         if kind is not _POSITION:
-            self._setpoint_bit = False  # replaced before its acknowledge
+            self._set_at = -1  # replaced before its acknowledge
             if confirmed:
                 self._turn(motion, units)
             return 0
-        if self._setpoint_bit:
+        if self._set_at >= 0:
             # One edge for each task: the bit stays until the acknowledge, also while the drive shows another mode.
-            return self._bits | NEW_SETPOINT
+            if not self._replaces(motion, max(self._seen.given, self._anchored)):
+                return self._bits | NEW_SETPOINT
+            self._set_at = -1
+            return self._bits
         if not confirmed:
             return 0
         if motion.serial != self._seen.given:
             self._give(motion, units)
-        return self._bits | (NEW_SETPOINT if self._setpoint_bit else 0)
+        return self._bits if self._set_at < 0 else self._bits | NEW_SETPOINT
 
     def _crosses(self, ring: Ring, motion: Motion, units: LengthUnits) -> bool:
         """A setpoint that was not given yet leads across an end of what the drive shows."""
@@ -306,7 +312,7 @@ class PositionerExecutor(MotionExecutor):
 
     def _slow_down(self) -> int:
         """Decelerate to standstill in the present mode."""
-        self._setpoint_bit = False
+        self._set_at = -1
         self.command.target_velocity = 0
         return 0 if self._mode.mode == _VELOCITY_MODE else HALT
 
@@ -315,7 +321,7 @@ class PositionerExecutor(MotionExecutor):
         mode, outcome = self._mode, self.positioner.outcome
         kept = outcome.state not in _WITHOUT_FUNCTION
         if kept:
-            self._setpoint_bit = False
+            self._set_at = -1
         else:
             self._seen.given = outcome.motion.serial
             self._end_set_point()

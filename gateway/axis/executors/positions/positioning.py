@@ -131,8 +131,12 @@ class PositioningExecutor(MotionExecutor):
         seen.standstill, seen.stopped = self.inputs.standstill, self.stopped
         seen.internal_limit = statusword & StatusBit.INTERNAL_LIMIT != 0
         seen.reached = statusword & StatusBit.TARGET_REACHED != 0
-        if self._setpoint_bit and statusword & ACKNOWLEDGED and self._mode.shows_base():
-            seen.taken = seen.executing = seen.given
+        if self._set_at >= 0 and seen.taken != seen.given:
+            if statusword & ACKNOWLEDGED and self._mode.shows_base():
+                self._acknowledged()
+                seen.executing = seen.taken
+            else:
+                self._await_acknowledge()
 
     def _execute(self, motion: Motion) -> int:
         mdi, mode, outputs = self._mdi, self._mode, self.outputs
@@ -163,15 +167,15 @@ class PositioningExecutor(MotionExecutor):
         return self._word_bits()
 
     def _word_bits(self) -> int:
-        return self._bits | NEW_SETPOINT if self._setpoint_bit else self._bits
+        return self._bits if self._set_at < 0 else self._bits | NEW_SETPOINT
 
     def _interrupted(self, goal: Goal) -> int:
         """An intermediate stop: the handshake ends; one of a goal that is replaced is over."""
         if self._mdi.waits:
             self._bits = self._bits_of(goal)
-            self._setpoint_bit = False
+            self._set_at = -1
         elif self._may_fall():
-            self._setpoint_bit = False
+            self._set_at = -1
         return self._word_bits()
 
     def _may_fall(self) -> bool:
@@ -182,8 +186,12 @@ class PositioningExecutor(MotionExecutor):
     def _shake_hands(self, motion: Motion, goal: Goal | None) -> None:
         """CW.4 falls, or rises for a task that waits once the drive took the last one back."""
         statusword, mode = self.feedback.statusword, self._mode
-        if self._setpoint_bit:
-            self._setpoint_bit = not self._may_fall()
+        if self._set_at >= 0:
+            if self._may_fall():
+                self._set_at = -1
+            elif self._replaces(motion, self._seen.given):
+                self._set_at = -1
+                self.outputs.warned = False
         elif goal is not None and self._mdi.waits:
             acknowledged = statusword & ACKNOWLEDGED and mode.shows_base()
             if not acknowledged and mode.confirmed(mode.base):
