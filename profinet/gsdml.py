@@ -91,7 +91,8 @@ class Snmp(enum.Enum):
 class GsdmlWriter:
     """Write the file of a device with these kinds of drive object and their telegrams.
 
-    ``redundant``: two controllers (S2). ``snmp``: writable SNMP is what conformance class B adds.
+    ``redundant``: two controllers (S2). ``snmp``: writable SNMP is what conformance class B adds. ``min_device_interval``:
+    shortest cycle in 31.25 us.
     """
 
     def __init__(
@@ -102,9 +103,11 @@ class GsdmlWriter:
         *,
         redundant: bool = False,
         snmp: Snmp = Snmp.NONE,
+        min_device_interval: int = model.SEND_CLOCKS[-1],
     ) -> None:
         self._redundant = redundant
         self._snmp = snmp
+        self._min_device_interval = min_device_interval
         self._identity = identity
         self._vendor = vendor
         self._telegrams = telegrams
@@ -172,7 +175,7 @@ class GsdmlWriter:
             PNIO_Version=VERSION,
             PhysicalSlots=f"{model.DAP_SLOT}..{model.OBJECTS_MAX}",
             ModuleIdentNumber=_hex(model.DAP_MODULE_IDENT),
-            MinDeviceInterval=str(model.MIN_DEVICE_INTERVAL),
+            MinDeviceInterval=str(self._min_device_interval),
             DNS_CompatibleName=identity.product,
             FixedInSlots=str(model.DAP_SLOT),
             ObjectUUID_LocalIndex=str(identity.instance),
@@ -238,7 +241,8 @@ class GsdmlWriter:
         relations = SubElement(interface, "ApplicationRelations", StartupMode="Legacy;Advanced")
         if self._redundant:
             relations.set("NumberOfAR", str(len(AR_NUMBERS)))
-        SubElement(relations, "TimingProperties", SendClock="32", ReductionRatio=_RATIOS)
+        clocks = " ".join(str(clock) for clock in model.SEND_CLOCKS if clock >= self._min_device_interval)
+        SubElement(relations, "TimingProperties", SendClock=clocks, ReductionRatio=_RATIOS)
         port = SubElement(
             parent,
             "PortSubmoduleItem",

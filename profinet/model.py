@@ -34,8 +34,8 @@ TELEGRAM_IDENT: Final = 0x0001_0000
 """Plus the telegram's number."""
 OBJECTS_MAX: Final = 254
 """Drive objects of a device: as many as there are DO-IDs."""
-MIN_DEVICE_INTERVAL: Final = 32
-"""Shortest cycle in 31.25 us: 1 ms."""
+SEND_CLOCKS: Final = (8, 16, 32)
+"""Send clocks in 31.25 us: 0.25, 0.5 and 1 ms. Every device supports the last one."""
 
 Subslot = tuple[int, int]
 """Slot and subslot."""
@@ -101,7 +101,8 @@ class DeviceModel:
 
     identity: Identity
     modules: Mapping[int, Module]
-    min_device_interval: int = MIN_DEVICE_INTERVAL
+    min_device_interval: int = SEND_CLOCKS[-1]
+    """Shortest cycle in 31.25 us, one of ``SEND_CLOCKS``."""
     redundancy_hold_max: int = 0
     """Longest redundancy data hold time in ms; 0: no system redundancy."""
 
@@ -112,10 +113,13 @@ class DeviceModel:
 
 
 def drive_model(
-    identity: Identity, objects: list[tuple[ObjectKind, Telegram]], redundancy_hold_max: int = 0
+    identity: Identity,
+    objects: list[tuple[ObjectKind, Telegram]],
+    redundancy_hold_max: int = 0,
+    min_device_interval: int = SEND_CLOCKS[-1],
 ) -> DeviceModel:
     """A device with these drive objects from slot 1 on."""
     modules = {DAP_SLOT: access_module()}
     for slot, (kind, telegram) in enumerate(objects, start=1):
         modules[slot] = object_module(kind, telegram)
-    return DeviceModel(identity, modules, redundancy_hold_max=redundancy_hold_max)
+    return DeviceModel(identity, modules, min_device_interval, redundancy_hold_max)

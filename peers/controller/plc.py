@@ -17,9 +17,16 @@ from pdgw.peers.plc.exchange.parameters import ParameterAccess, ParameterWorker
 from pdgw.profidrive.frame import STATUS_NORMAL, STATUS_STOP
 from pdgw.profidrive.telegrams import ApplicationMode, Telegram
 from pdgw.profinet.blocks.connect import TICK_NS
-from pdgw.profinet.model import DAP_SLOT, TELEGRAM_SUBSLOT, Module, ObjectKind, access_module, object_module
+from pdgw.profinet.model import (
+    DAP_SLOT,
+    SEND_CLOCKS,
+    TELEGRAM_SUBSLOT,
+    Module,
+    ObjectKind,
+    access_module,
+    object_module,
+)
 
-_SEND_CLOCK = 32
 _RETRY_NS = SECOND
 _CONNECT_S = 30
 _HOLD_NS = 1500 * MS
@@ -28,14 +35,15 @@ _HOLD_NS = 1500 * MS
 
 def project_of(station_name: str, telegrams: Sequence[Telegram], cycle_ns: int) -> Project:
     """Axes and encoders in the order of their telegrams. GatewayError when PROFINET has no such cycle."""
-    ratio = cycle_ns // (_SEND_CLOCK * TICK_NS)
-    if ratio not in {1 << power for power in range(10)} or ratio * _SEND_CLOCK * TICK_NS != cycle_ns:
-        raise GatewayError(f"--cycle-ms {cycle_ns / MS:g}: allowed with --profinet are 1, 2, 4, 8 ... 512")
+    clock = next((item for item in SEND_CLOCKS if item * TICK_NS == cycle_ns), SEND_CLOCKS[-1])
+    ratio = cycle_ns // (clock * TICK_NS)
+    if ratio not in {1 << power for power in range(10)} or ratio * clock * TICK_NS != cycle_ns:
+        raise GatewayError(f"--cycle-ms {cycle_ns / MS:g}: allowed with --profinet are 0.25, 0.5, 1, 2, 4 ... 512")
     modules: dict[int, Module] = {DAP_SLOT: access_module()}
     for slot, telegram in enumerate(telegrams, start=1):
         kind = ObjectKind.ENCODER if telegram.mode is ApplicationMode.ENCODER else ObjectKind.AXIS
         modules[slot] = object_module(kind, telegram)
-    return Project(station_name, modules, _SEND_CLOCK, ratio, max(3, _HOLD_NS // cycle_ns))
+    return Project(station_name, modules, clock, ratio, max(3, _HOLD_NS // cycle_ns))
 
 
 class ProfinetPlc(PlcRunner):

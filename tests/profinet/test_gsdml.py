@@ -17,12 +17,15 @@ import pytest
 from typer.testing import CliRunner
 
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, ENCODER_TELEGRAM_NUMBERS
+from pdgw.gateway.configuration.tables.environment import TransportConfig
+from pdgw.gateway.links.profinet.identity import profinet_model
 from pdgw.profidrive.telegrams import Direction, Telegram, telegram
 from pdgw.profinet.blocks.alarm import MessageClass
 from pdgw.profinet.gsdml import GsdmlWriter, Snmp, file_name
 from pdgw.profinet.model import ObjectKind, access_module, object_module
 from pdgw.profinet.station import check_name
 from pdgw.tools.cli import app
+from pdgw.tools.output.gsdml import write_gsdml
 from tests.support.wire.profinet import IDENTITY
 
 NS = "{http://www.profibus.com/GSDML/2003/11/DeviceProfile}"
@@ -102,12 +105,31 @@ def test_numbers_have_the_form_and_the_range_of_their_attribute() -> None:
         for name in ("ID", "TextId"):
             assert re.fullmatch(r"[A-Za-z_][\w.-]*", item.attrib.get(name, "X"))
     (timing,) = every("TimingProperties")
-    assert timing.attrib["SendClock"] == "32"
     assert places(timing.attrib["ReductionRatio"]) == {1 << power for power in range(10)}
     for item in every("Text"):
         assert 0 < len(item.attrib["Value"]) <= 255
-    (point,) = every("DeviceAccessPointItem")
-    assert int(point.attrib["MinDeviceInterval"]) * 31_250 == 1_000_000
+
+
+@pytest.mark.parametrize(
+    ("cycle_ms", "interval", "clocks"),
+    [
+        (0.25, 8, "8 16 32"),
+        (0.3, 16, "16 32"),
+        (0.5, 16, "16 32"),
+        (0.75, 32, "32"),
+        (1, 32, "32"),
+        (4, 32, "32"),
+    ],
+)
+def test_shortest_cycle_is_one_millisecond_or_a_shorter_configured_one(
+    cycle_ms: float, interval: int, clocks: str, tmp_path: Path
+) -> None:
+    transport = TransportConfig(type="profinet", interface="eth1", cycle_time_ms=cycle_ms)
+    root = ElementTree.parse(write_gsdml(transport, tmp_path, "--gsdml")).getroot()
+    (point,) = root.iter(NS + "DeviceAccessPointItem")
+    (timing,) = root.iter(NS + "TimingProperties")
+    assert (point.attrib["MinDeviceInterval"], timing.attrib["SendClock"]) == (str(interval), clocks)
+    assert profinet_model(transport, bytes(6), [], []).min_device_interval == interval
 
 
 _OTHERS_READING = """

@@ -7,7 +7,13 @@ from pathlib import Path
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, ENCODER_TELEGRAM_NUMBERS
 from pdgw.gateway.configuration.tables.environment import TransportConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.links.profinet.identity import PRODUCT, RELEASED, VENDOR_NAME, profinet_identity
+from pdgw.gateway.links.profinet.identity import (
+    PRODUCT,
+    RELEASED,
+    VENDOR_NAME,
+    min_device_interval,
+    profinet_identity,
+)
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.gsdml import GsdmlWriter, Snmp, file_name
 from pdgw.profinet.model import ObjectKind
@@ -23,8 +29,8 @@ def write_gsdml(transport: TransportConfig, folder: Path, option: str) -> Path:
     if transport.snmp_write_community is not None:
         snmp = Snmp.WRITE
     redundant = transport.switchover_ms is not None
-    device = profinet_identity(transport, _NO_MAC)
-    text = GsdmlWriter(device, VENDOR_NAME, kinds, redundant=redundant, snmp=snmp).write()
+    device, interval = profinet_identity(transport, _NO_MAC), min_device_interval(transport)
+    text = GsdmlWriter(device, VENDOR_NAME, kinds, redundant=redundant, snmp=snmp, min_device_interval=interval).write()
     path = folder / file_name(VENDOR_NAME, PRODUCT, RELEASED)
     try:
         path.write_text(text, encoding="utf-8")

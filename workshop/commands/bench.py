@@ -122,13 +122,13 @@ def cycle(
 @app.command("profinet")
 def over_profinet(
     cycle_time_ms: Annotated[
-        list[int] | None, typer.Option(min=1, max=512, help="Cycle time in milliseconds; repeat for more rows.")
+        list[float] | None, typer.Option(min=0.25, max=512, help="Cycle time in milliseconds; repeat for more rows.")
     ] = None,
     seconds: Seconds = 5,
     as_json: AsJson = False,
     realtime: RealTime = False,
 ) -> None:
-    """The PROFINET device at 1, 2, 4 and 32 ms over virtual Ethernet interfaces, against a process that only sends (Linux)."""
+    """The PROFINET device at 0.25 to 32 ms over virtual Ethernet interfaces, against a process that only sends (Linux)."""
     if not namespaces.inside():
         namespaces.enter("pdgw.workshop")
     if realtime:
@@ -136,7 +136,7 @@ def over_profinet(
     rows, refused = [], []
     with _progress() as status:
         for cycle_ms, native in product(cycle_time_ms or profinet.CYCLES_MS, profinet.exchanges()):
-            status.update(f"PROFINET, {cycle_ms} ms{', native' if native else ''}")
+            status.update(f"PROFINET, {cycle_ms:g} ms{', native' if native else ''}")
             try:
                 rows.append(profinet.measure(cycle_ms, seconds, realtime=realtime, native=native))
             except GatewayError as error:
@@ -155,7 +155,7 @@ def over_profinet(
         for name, item in ((row.name, row.gateway), ("only sends", row.floor)):
             own = item is row.gateway
             periods.add_row(
-                f"{row.cycle_ms} ms" if own else "",
+                f"{row.cycle_ms:g} ms" if own else "",
                 name,
                 *(f"{value:.3f} ms" for value in (item.p50_ms, item.p99_ms, item.max_ms)),
                 f"{row.missed} of {item.frames}" if own else "",
@@ -170,14 +170,14 @@ def over_profinet(
     for row in rows:
         for name, cost in ((row.name, row.cost), ("only sends", row.floor_cost)):
             costs.add_row(
-                f"{row.cycle_ms} ms" if cost is row.cost else "",
+                f"{row.cycle_ms:g} ms" if cost is row.cost else "",
                 name,
                 _share(cost.cpu_share),
                 f"{cost.resident_bytes / 2**20:.0f} MiB",
                 f"{cost.start_s:.2f} s",
             )
         times.add_row(
-            f"{row.cycle_ms} ms{', native' if row.native else ''}",
+            f"{row.cycle_ms:g} ms{', native' if row.native else ''}",
             *(f"{value:.2f} ms" for value in (row.data_ms, row.connect_ms, row.record_ms, row.echo_ms)),
             f"{row.ratio_record:.1f} times",
             f"{row.killed_ms:.1f} ms (hold {row.hold_ms:g})",
@@ -186,7 +186,7 @@ def over_profinet(
     console.print(times)
     for refusal in refused:
         name = "native" if refusal["native"] else "Python"
-        text = f"refused: {refusal['cycle_ms']} ms, {name}: {refusal['refused']}"
+        text = f"refused: {refusal['cycle_ms']:g} ms, {name}: {refusal['refused']}"
         console.print(text, markup=False, highlight=False)
 
 

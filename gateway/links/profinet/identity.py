@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from datetime import date
 
+from pdgw.durations import MS
 from pdgw.gateway import identity
 from pdgw.gateway.configuration.config import AxisConfig
 from pdgw.gateway.configuration.tables.encoder import EncoderConfig
 from pdgw.gateway.configuration.tables.environment import TransportConfig
+from pdgw.profidrive.frame import COUNTER_UNIT_NS
 from pdgw.profidrive.telegrams import Telegram
-from pdgw.profinet.model import DeviceModel, ObjectKind, drive_model
+from pdgw.profinet.model import SEND_CLOCKS, DeviceModel, ObjectKind, drive_model
 from pdgw.profinet.station import Identity
 
 PRODUCT = "profidrive-gateway"
@@ -33,10 +35,18 @@ def profinet_identity(transport: TransportConfig, mac: bytes) -> Identity:
     )
 
 
+def min_device_interval(transport: TransportConfig) -> int:
+    """Shortest cycle of a controller in 31.25 us: 1 ms, or less if the configured cycle is shorter."""
+    return next(
+        (clock for clock in SEND_CLOCKS if clock * COUNTER_UNIT_NS >= transport.cycle_time_ms * MS), SEND_CLOCKS[-1]
+    )
+
+
 def profinet_model(
     transport: TransportConfig, mac: bytes, objects: Sequence[AxisConfig | EncoderConfig], telegrams: Sequence[Telegram]
 ) -> DeviceModel:
     """A slot for each drive object, in the order of the configuration."""
     kinds = [ObjectKind.AXIS if isinstance(item, AxisConfig) else ObjectKind.ENCODER for item in objects]
     identified = list(zip(kinds, telegrams, strict=True))
-    return drive_model(profinet_identity(transport, mac), identified, transport.switchover_ms or 0)
+    device = profinet_identity(transport, mac)
+    return drive_model(device, identified, transport.switchover_ms or 0, min_device_interval(transport))

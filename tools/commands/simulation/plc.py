@@ -89,7 +89,7 @@ def plc(
     axes: Annotated[
         int | None, typer.Option(min=1, max=32, help="With --interactive: number of axes (default: 1).")
     ] = None,
-    cycle_ms: Annotated[float, typer.Option(min=0.5, max=512, help="Cycle time.")] = 4,
+    cycle_ms: Annotated[float, typer.Option(min=0.25, max=512, help="Cycle time.")] = 4,
     interactive: Annotated[bool, typer.Option("--interactive", help="Control the axes with the keyboard.")] = False,
     pcap: Annotated[
         Path | None, typer.Option(callback=to_be_written, help="Record both directions to this file.")

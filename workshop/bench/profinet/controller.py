@@ -41,9 +41,9 @@ def _tell(phase: str) -> None:
     print(json.dumps({"phase": phase}), flush=True)
 
 
-def main(cycle_ms: int, hold_ms: int, killed_hold_ms: int, seconds: float) -> None:
-    made = project_of(STATION, [telegram(1)], cycle_ms * MS)
-    project = replace(made, data_hold=hold_ms // cycle_ms)
+def main(cycle_ms: float, hold_ms: float, killed_hold_ms: float, seconds: float) -> None:
+    made = project_of(STATION, [telegram(1)], round(cycle_ms * MS))
+    project = replace(made, data_hold=round(hold_ms / cycle_ms))
     echo = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     device = str(IPv4Interface(ADDRESS_HERE).ip)
     runner = RunningController(THERE, project, IPv4Interface(ADDRESS_HERE))
@@ -82,7 +82,7 @@ def main(cycle_ms: int, hold_ms: int, killed_hold_ms: int, seconds: float) -> No
         runner.run(_ECHO_S)
     _tell("measured" if plc.phase is Phase.DATA else plc.learned.ended or plc.phase.value)
     release()
-    plc.project = replace(made, data_hold=killed_hold_ms // cycle_ms)
+    plc.project = replace(made, data_hold=round(killed_hold_ms / cycle_ms))
     for _ in range(_TRIES):  # on a busy machine the short hold time can expire before the intended end
         connect()
         runner.run(_SHORT_S)
@@ -96,4 +96,4 @@ def main(cycle_ms: int, hold_ms: int, killed_hold_ms: int, seconds: float) -> No
 if __name__ == "__main__":
     if len(sys.argv) > 5:
         use_real_time_priority()
-    main(int(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), float(sys.argv[4]))
+    main(*map(float, sys.argv[1:5]))

@@ -37,7 +37,7 @@ from pdgw.recording.ethernet_capture import EthernetCapture
 from pdgw.tools.demo.namespaces import HERE, VethPair
 from pdgw.workshop.bench.processes.processes import USUAL_SCHEDULING, cpu_ns
 
-CYCLES_MS: Final = (1, 2, 4, 32)
+CYCLES_MS: Final = (0.25, 0.5, 1, 2, 4, 32)
 STATION: Final = "press-1"
 FLOOR_FRAME_ID: Final = 0xBBFF
 """FrameID of the process that only sends."""
@@ -106,7 +106,7 @@ class Cost:
 class ProfinetRow:
     """The figures of one cycle time."""
 
-    cycle_ms: int
+    cycle_ms: float
     native: bool
     """Whether the native engine exchanged the frames."""
     gateway: Period
@@ -159,7 +159,7 @@ def period(times: Sequence[int]) -> Period:
     return Period(len(times), gaps[last // 2] / MS, gaps[round(0.99 * last)] / MS, gaps[last] / MS)
 
 
-def measure(cycle_ms: int, seconds: float, *, realtime: bool, native: bool) -> ProfinetRow:
+def measure(cycle_ms: float, seconds: float, *, realtime: bool, native: bool) -> ProfinetRow:
     """Measure one row, in a namespace of its own (``namespaces.enter``). ``native``: with the native engine."""
     holds = [max(_CYCLES_HELD, -(-least // cycle_ms)) * cycle_ms for least in (_HOLD_MS, _KILLED_HOLD_MS)]
     as_asked = [str(_PRIORITY)] if realtime else []
@@ -177,7 +177,7 @@ def measure(cycle_ms: int, seconds: float, *, realtime: bool, native: bool) -> P
         )
         echo = [sys.executable, "-P", str(_BESIDE / "echoes_only.py"), str(ECHO_PORT), *as_asked]
         sender = [sys.executable, "-P", str(_BESIDE / "sends_only.py")]
-        floor = [*sender, HERE, str(cycle_ms * MS), f"{FLOOR_FRAME_ID:04x}"]
+        floor = [*sender, HERE, str(round(cycle_ms * MS)), f"{FLOOR_FRAME_ID:04x}"]
         with (
             EthernetCapture(HERE, capture) as recording,
             ExitStack() as running,  # the senders must end before the capture, which waits for silence
@@ -292,8 +292,8 @@ def _median_ms(times: Sequence[int]) -> float:
 
 
 def row_of(
-    cycle_ms: int,
-    hold_ms: int,
+    cycle_ms: float,
+    hold_ms: float,
     records: Sequence[Record],
     echoes: Sequence[int],
     cost: Cost,
@@ -328,7 +328,7 @@ def row_of(
         direction: max(r.time_ns for r in cyclic if r.direction is direction and r.time_ns > last.time_ns)
         for direction in (Direction.ACTUAL, Direction.SETPOINT)
     }
-    usual = cycle_ms * MS // COUNTER_UNIT_NS
+    usual = round(cycle_ms * MS) // COUNTER_UNIT_NS
     steps = [(later.cycle_counter - earlier.cycle_counter) & 0xFFFF for earlier, later in pairwise(exchanged)]
     return ProfinetRow(
         cycle_ms,
