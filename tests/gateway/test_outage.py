@@ -136,3 +136,35 @@ def test_an_enable_that_waited_in_the_controller_turns_no_drive(
         assert (enabled[-1] - enabled[0] if enabled else 0) <= at_most_ms * MS
         assert droppable is (not enabled)
         assert drive.model.state is not State.OPERATION_ENABLED
+
+
+@pytest.mark.parametrize("outage_ms", [300, 1000, 5000])
+def test_an_enable_that_waited_starts_a_drive_in_ready_to_switch_on_for_10_ms_at_most(outage_ms: int) -> None:
+    """Its Statusword is late: the Enable Operation is the answer to a Switched On that the drive has left by an OFF."""
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.endpoint.set(0, {"STW1": OFF})
+        plc.until(lambda: plc.state() == 0x01, "ready")
+        plc.endpoint.set(0, {"STW1": ON & ~0x8, "NSOLL_A": FULL_SPEED})
+        plc.until(lambda: plc.state() == 0x03, "switched on")
+        drive, world = drive_of(daemon), world_of(daemon)
+        drive.do(lambda node: node.misbehave("late-status", delay_ms=100))
+        enabled: list[int] = []
+        drive.do(
+            lambda node: node.model.disguises.append(
+                lambda model, now: enabled.append(now) if model.state is State.OPERATION_ENABLED else None
+            )
+        )
+        with exchanging(plc):
+            world.loop.run_for(200 * MS)
+            plc.endpoint.set(0, {"STW1": OFF})
+            until(daemon, lambda: drive.model.state is State.READY_TO_SWITCH_ON, "the drive obeys the OFF")
+            world.gateway_port(CHANNEL).connect(connected=False)
+            plc.endpoint.set(0, {"STW1": ON})
+            world.loop.run_for(outage_ms * MS)
+            assert not enabled
+            world.gateway_port(CHANNEL).connect(connected=True)
+            world.loop.run_for(3 * SECOND)
+        assert enabled
+        assert enabled[-1] - enabled[0] <= 10 * MS
+        assert drive.model.state is not State.OPERATION_ENABLED

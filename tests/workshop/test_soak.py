@@ -196,6 +196,33 @@ def test_start_after_loss_counts_when_gateway_enables_or_does_not_take_back(
         axis._entered(State.OPERATION_ENABLED)
 
 
+@pytest.mark.parametrize(
+    ("enabled_ms", "started_ms", "rejected"),
+    [(100, 9_990, False), (100, 9_970, True), (5_000, 9_990, True), (100, 200, True)],
+    ids=["held frame", "no stop behind it", "sent long after the loss", "not stopped at all"],
+)
+def test_drive_turns_after_loss_only_until_stop_behind_held_frame(
+    enabled_ms: int, started_ms: int, rejected: bool
+) -> None:
+    """Times since the loss, checked after 10 s: the controller sent an Enable Operation late, and the stop after it."""
+    life = Life(next(parts(7, 1, [1])), keep_telegrams=True)
+    (axis,), loop = life.axes, life.loop
+    model = axis.drive.model
+    model.watchers.clear()
+    lost = loop.now()
+    axis._check_standstill(lost, reached=False)
+    loop.run_for(enabled_ms * MS)
+    for stw1 in (0x047E, 0x047F):
+        axis.asked(loop.now(), stw1.to_bytes(2, "big") + bytes(2), certain=True)
+    axis.commanded(loop.now(), 0xF)
+    loop.run_for((started_ms - enabled_ms) * MS)
+    axis._entered(State.OPERATION_ENABLED)
+    loop.run_for((10_000 - started_ms) * MS)
+    model.state, model.ramp.speed = State.OPERATION_ENABLED, 9.0
+    with pytest.raises(ViolationError, match="under power 10000 ms after a loss") if rejected else nullcontext():
+        axis._check_standstill(loop.now(), reached=False)
+
+
 def test_rpdo_to_drive_after_power_on_is_no_controlword() -> None:
     """The drive has its own mapping then, and takes no RPDO."""
     life = Life(next(parts(7, 1, [9])), keep_telegrams=True)
