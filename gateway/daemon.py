@@ -28,10 +28,11 @@ from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
 from pdgw.gateway.configuration.tables.environment import CanConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.link import Link, UdpLink
-from pdgw.gateway.masters import LISTEN_NS, watch_for_masters
+from pdgw.gateway.masters import LISTEN_NS, watch_for_masters, watch_for_writes
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.encoder import EncoderNode, EncoderObject
+from pdgw.gateway.parameters.objects import relies_on
 from pdgw.gateway.platform import Platform, SystemPlatform
 from pdgw.gateway.reasons import FaultNumber, OrderDoubt
 from pdgw.gateway.service.cycle_times import CycleWatch
@@ -326,6 +327,8 @@ class Daemon:
             network.start()
             drives = [axis.node_id for axis in self.axes if axis.network is network]
             watch_for_masters(self.networks[name], GATEWAY_NODE_ID, drives, self._on_other_master)
+        for item in self.objects:
+            watch_for_writes(item.network, item.node_id, partial(relies_on, item), item.client.distrust)
         self._beat = self.loop.call_later(LISTEN_NS, self._begin)
 
     def _exchange(self) -> None:

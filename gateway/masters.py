@@ -1,4 +1,4 @@
-"""Detect another master on a bus: before the start the gateway refuses, later it stops.
+"""Detect another master on a bus: before the start the gateway refuses, later it stops. Detect what other tools write by SDO.
 
 Another gateway is visible by the heartbeat of our own node-ID or by RPDOs to our drives; the interface does not deliver our own
 frames. Two masters would overwrite each other's commands, and the heartbeat of one would prevent the stop by the other.
@@ -9,12 +9,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.connection_set import ERROR_CONTROL
+from pdgw.ds301.connection_set import ERROR_CONTROL, SDO_REQUEST
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.durations import MS
 
 LISTEN_NS = 250 * MS
 """Listening time before the first frame is sent: longer than the usual heartbeat of 100 ms."""
+
+_DOWNLOADS = (1, 6)
+"""Commands of SDO requests that begin to write an object (CiA 301): download, block download."""
+_COMMAND_BITS = 5
+"""They are above these bits of the first byte."""
+_SUBINDEX = 3
+"""Place of the sub-index, after the index."""
 
 
 def watch_for_masters(
@@ -39,3 +46,17 @@ def watch_for_masters(
     for node_id in drives:
         for number in range(1, 5):
             watch(PdoDirection.RPDO.cob_id(number, node_id), f"RPDO{number} of drive {node_id}")
+
+
+def watch_for_writes(
+    network: CanNetwork, node_id: int, relies_on: Callable[[int, int], bool], on_write: Callable[[str], None]
+) -> None:
+    """Call ``on_write`` with one line when another SDO client writes an object of a node that the gateway ``relies_on``."""
+
+    def request(data: bytes, _now: int) -> None:
+        if len(data) > _SUBINDEX and data[0] >> _COMMAND_BITS in _DOWNLOADS:
+            index, subindex = int.from_bytes(data[1:_SUBINDEX], "little"), data[_SUBINDEX]
+            if relies_on(index, subindex):
+                on_write(f"another tool writes {index:04X}h/{subindex}")
+
+    network.subscribe_pdo(SDO_REQUEST + node_id, request)

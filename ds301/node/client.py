@@ -105,6 +105,8 @@ class NodeClient(abc.ABC, Generic[S]):
         """Something for the node's task: a job, a loss, another layout."""
         self._reconfigure = False
         self._held = False
+        self._distrusted = ""
+        """Empty, or why the configuration of the node is not that of the gateway any more."""
         self._check_at: int | None = None
         """When the node is brought up again because its configuration was written to; until then no cyclic data counts."""
         self._jobs = Jobs()
@@ -252,6 +254,11 @@ class NodeClient(abc.ABC, Generic[S]):
         if check:
             self._check_at = self.loop.now() + _CHECK_AFTER_NS
 
+    def distrust(self, text: str) -> None:
+        """Another master has changed what the gateway relies on: the node is lost, and configured again."""
+        self._distrusted = text
+        self._wake.set()
+
     def _apply_times(self) -> None:
         settings = self.settings
         self._sdo_timeout_ns = max(settings.sdo_timeout_ms * MS, self._slow)
@@ -346,6 +353,7 @@ class NodeClient(abc.ABC, Generic[S]):
         self._booted.clear()
         self._reconfigure = False
         self._check_at = None
+        self._distrusted = ""
         # A stopped node answers no SDO before this command; a running one may stop by its abort option. Until it has
         # answered, its state is unknown: a node that was in operation still gets its stop.
         self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
@@ -491,6 +499,8 @@ class NodeClient(abc.ABC, Generic[S]):
                     self._tell("status", f"object without PDO: {trouble}")
 
     def _lost(self, now: int) -> str:
+        if self._distrusted:
+            return self._distrusted
         if self._booted.is_set():
             return f"node {self.settings.node_id} restarted"
         if now - self._heartbeat > self._heartbeat_limit_ms * MS and self._heartbeat_expected:

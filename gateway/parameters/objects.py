@@ -94,6 +94,11 @@ def error_of_abort(code: int) -> Number:
     return ABORT_ERRORS.get(code, Number.MANUFACTURER)
 
 
+def relies_on(owner: DriveObject, index: int, subindex: int) -> bool:
+    """Whether the gateway commands this object, has a copy of it, or must not have it changed by others."""
+    return owner.owns(index, subindex) or owner.is_reference(index, subindex) or guard_of(index) is not None
+
+
 class ObjectAccess:
     """SDO access to the node of a drive object, within the time limit of a request.
 

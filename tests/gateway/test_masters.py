@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pdgw.ds301.communication import PRODUCER_HEARTBEAT
-from pdgw.ds301.connection_set import ERROR_CONTROL, NMT
+from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.dsp402.states import State
@@ -15,7 +15,7 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.world import World
-from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, exchanging, running, world_of
+from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, exchanging, running, until, world_of
 
 HEARTBEAT = ERROR_CONTROL + GATEWAY_NODE_ID
 CHANNEL = "world"
@@ -108,6 +108,86 @@ def test_a_drive_that_another_tool_takes_out_of_operation_is_lost_with_its_next_
         plc.until(lambda: client.generation > generation, "online again")
         plc.enable()
         plc.until(lambda: plc.value("NIST_A") == 0x2000, "1500 rpm again")
+
+
+def _download(index: int, subindex: int, data: bytes) -> bytes:
+    return bytes((0x23 | (4 - len(data)) << 2, *index.to_bytes(2, "little"), subindex)) + data.ljust(4, b"\0")
+
+
+MAPPED_ANEW = (
+    _download(0x1400, 1, (0x8000_0201).to_bytes(4, "little")),
+    _download(0x1600, 0, b"\0"),
+    _download(0x1600, 1, (0x6040_0010).to_bytes(4, "little")),
+    _download(0x1600, 2, (0x60FF_0020).to_bytes(4, "little")),
+    _download(0x1600, 0, b"\2"),
+    _download(0x1400, 1, (0x201).to_bytes(4, "little")),
+)
+"""RPDO1 with the Controlword before Target Velocity."""
+
+
+@pytest.mark.parametrize(
+    ("frames", "what"),
+    [
+        (MAPPED_ANEW, "1400h/1"),
+        ((_download(0x6060, 0, b"\1"),), "6060h/0"),
+        ((_download(0x6040, 0, b"\x0f\0"),), "6040h/0"),
+        ((_download(0x6094, 1, bytes((50, 0, 0, 0))),), "6094h/1"),
+        ((_download(0x607E, 0, b"\x40"),), "607Eh/0"),
+    ],
+    ids=["mapping", "mode", "Controlword", "units", "polarity"],
+)
+def test_write_of_another_tool_stops_the_drive_and_configures_it_again(frames: tuple[bytes, ...], what: str) -> None:
+    with running(configuration(axis(1, more="simulate = true\n"))) as daemon:
+        plc, model, client = Plc(daemon, [1]), drive_of(daemon).model, daemon.axes[0].drive
+        plc.endpoint.set(0, {"NSOLL_A": 0x2000})
+        plc.enable()
+        plc.until(lambda: plc.value("NIST_A") == 0x2000, "1500 rpm")
+        fastest, generation = model.ramp.speed, client.generation
+        other = world_of(daemon).bus(CHANNEL).join("another tool")
+        for frame in frames:
+            other.send(SDO_REQUEST + 1, frame)
+            plc.exchange()
+        speeds: list[float] = []
+
+        def online() -> bool:
+            speeds.append(model.ramp.speed)
+            return client.generation > generation
+
+        plc.until(online, "configured again")
+        assert all(-0.01 * fastest <= speed <= 1.05 * fastest for speed in speeds)
+        fault = daemon.axes[0].faults[0]
+        assert fault.number == FaultNumber.NODE_LOST
+        assert f"another tool writes {what}" in fault.text
+        assert model.state is not State.OPERATION_ENABLED
+        plc.until(lambda: model.ramp.speed == 0, "standstill")
+        for _ in range(50):
+            plc.exchange()
+        assert (model.ramp.speed, plc.state() & 0x4) == (0, 0), "a standing ON starts nothing"
+        assert drive_of(daemon).node.get_data(0x1600, 1) == (0x60FF_0020).to_bytes(4, "little")
+
+
+def test_preset_of_another_tool_makes_the_position_of_an_encoder_invalid() -> None:
+    encoder = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 81\nsimulate = true\n"
+    with running(configuration(encoder)) as daemon:
+        made = daemon.encoders[0]
+        until(daemon, lambda: made.good, "online")
+        world_of(daemon).bus(CHANNEL).join("another tool").send(SDO_REQUEST + 20, _download(0x6003, 0, bytes(4)))
+        until(daemon, lambda: not made.good, "not valid")
+        until(daemon, lambda: made.good, "configured again")
+        assert "another tool writes 6003h/0" in made.faults[0].text
+
+
+def test_another_tool_may_read_and_write_what_the_gateway_does_not_use() -> None:
+    with running(configuration(axis(1, more="simulate = true\n"))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.enable()
+        other = world_of(daemon).bus(CHANNEL).join("another tool")
+        for frame in (b"\x40\x60\x60\0\0\0\0\0", _download(0x6065, 0, b"\1\0\0\0"), b"\x23", b""):
+            other.send(SDO_REQUEST + 1, frame)
+            for _ in range(20):
+                plc.exchange()
+        assert not daemon.axes[0].faults
+        assert plc.state() == 0x07
 
 
 def test_a_heartbeat_without_an_nmt_state_is_none() -> None:
