@@ -51,6 +51,12 @@ class PowerWish(enum.IntEnum):
     """OFF3, and STW1.3 fell to 0 (Disable Operation) while the axis was being stopped: the quick stop ends."""
 
 
+OFF1S: Final = (PowerWish.OFF, PowerWish.OFF_DISABLED)
+"""OFF1. In telegram 100, OFF is a Shutdown and resumes no ramp."""
+OFFS: Final = (*OFF1S, PowerWish.RAW_OFF)
+"""After one of these, ON counts."""
+
+
 class SpeedWish(enum.IntEnum):
     """Treatment of the speed setpoint."""
 

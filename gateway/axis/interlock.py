@@ -11,7 +11,7 @@ from typing import ClassVar, Final
 
 from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit
 from pdgw.durations import MS
-from pdgw.gateway.axis.demand_report import STATE_MASK, PowerWish
+from pdgw.gateway.axis.demand_report import OFF1S, STATE_MASK, PowerWish
 from pdgw.gateway.axis.power_table import (
     CELLS,
     CONTROLWORDS,
@@ -54,7 +54,7 @@ _STANDING: Final = Drive.STANDING
 _IN_OPERATION: Final = (_OPERATING, _STANDING)
 _SWITCHED_ON: Final = Drive.SWITCHED_ON
 _LEAVING: Final = Drive.LEAVING
-_OFFS: Final = (PowerWish.OFF, PowerWish.OFF_DISABLED)
+_OFF1S: Final = OFF1S
 _WITHOUT_DISABLE: Final = {
     PowerWish.OFF_DISABLED: PowerWish.OFF,
     PowerWish.QUICK_STOP_DISABLED: PowerWish.QUICK_STOP,
@@ -201,7 +201,7 @@ class Interlock:
             if wish in _WITHOUT_DISABLE and not self._disable_armed:
                 # A stop that starts with STW1.3 = 0 brakes.
                 wish = _WITHOUT_DISABLE[wish]
-            if wish in _OFFS:
+            if wish in _OFF1S:
                 self._off_seen = self._resume
             elif wish is _STOP:
                 self._off_seen = False  # without control an OFF does not count, and an earlier one no longer counts

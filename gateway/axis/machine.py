@@ -16,6 +16,7 @@ from pdgw.gateway.axis.adapters.base import POWER_BITS, WISHES
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.claims import claims
 from pdgw.gateway.axis.demand_report import (
+    OFFS,
     SHOWN_FAULT,
     SHOWN_STATE,
     SHOWN_UNCOMMANDED,
@@ -36,7 +37,7 @@ from pdgw.gateway.axis.executors.sensor import DriveSensor, EncoderReferences, S
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.executors.torque import TorqueExecutor
 from pdgw.gateway.axis.interlock import Interlock
-from pdgw.gateway.axis.power_table import CONTROLWORDS, OFFS, Action, Drive, Phase
+from pdgw.gateway.axis.power_table import CONTROLWORDS, Action, Drive, Phase
 from pdgw.gateway.axis.required_scaling import Missing, missing, needed_quantities
 from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
 from pdgw.gateway.axis.supervision.drive_events import (

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from pdgw.dsp402.states import ControlBit, State
-from pdgw.gateway.axis.demand_report import Flag, PowerWish
+from pdgw.gateway.axis.demand_report import OFF1S, OFFS, Flag, PowerWish
 from pdgw.gateway.reasons import Reason
 
 
@@ -137,7 +137,6 @@ P, D, W, A = Phase, Drive, PowerWish, Action
 ANY_PHASE: Final = tuple(Phase)
 ANY_DRIVE: Final = tuple(Drive)
 ANY_WISH: Final = tuple(PowerWish)
-OFFS: Final = (W.OFF, W.OFF_DISABLED, W.RAW_OFF)
 ENABLES: Final = (W.ENABLE, W.RESUME)
 NO_PLC: Final = (W.NO_PLC_RAMP, W.NO_PLC_QUICK_STOP, W.NO_PLC_COAST)
 RAMPS: Final = (W.NO_PLC_RAMP, W.STOP)
@@ -215,7 +214,7 @@ ROWS: Final = (
     Row(
         (P.LOCKED, P.UNCONFIRMED, P.COAST, *STOPPING),
         UNPOWERED,
-        (W.OFF, W.OFF_DISABLED),
+        OFF1S,
         P.FOLLOW,
         A.SHUTDOWN,
         Reason.NOT_OPERATING,

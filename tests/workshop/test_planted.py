@@ -10,6 +10,7 @@ import pytest
 
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis import interlock, power_table
+from pdgw.gateway.axis.demand_report import OFFS, PowerWish
 from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS, MotionExecutor
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.interlock import Interlock
@@ -19,7 +20,6 @@ from pdgw.gateway.axis.power_table import (
     ENABLES,
     IN_OPERATION,
     OBEYING,
-    OFFS,
     RAMPS,
     ROWS,
     SHOWS_OPERATION,
@@ -28,7 +28,6 @@ from pdgw.gateway.axis.power_table import (
     Cell,
     Drive,
     Phase,
-    PowerWish,
     Row,
 )
 from pdgw.gateway.axis.settings import PlcLossReaction

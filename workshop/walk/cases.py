@@ -98,7 +98,7 @@ class Case:
         plc = self._frames()
         expected = Expected(
             self.on_plc_loss,
-            self.resume,
+            self.resume and number != RAW,
             self.hold,
             raw=number == RAW,
             tasks=self._tasks,

@@ -9,13 +9,13 @@ from __future__ import annotations
 from typing import Final
 
 from pdgw.dsp402.states import ControlBit
-from pdgw.gateway.axis.demand_report import PowerWish
+from pdgw.gateway.axis.demand_report import OFFS, PowerWish
 
 ENABLE_OPERATION: Final = (
     ControlBit.SWITCH_ON | ControlBit.ENABLE_VOLTAGE | ControlBit.QUICK_STOP | ControlBit.ENABLE_OPERATION
 )
 _ENABLE: Final = PowerWish.ENABLE
-_OFFS: Final = (PowerWish.OFF, PowerWish.OFF_DISABLED, PowerWish.RAW_OFF)
+_OFFS: Final = OFFS
 _GOES_ON: Final = (PowerWish.ON, PowerWish.HOLD)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from pdgw.dsp402.states import STATUS_OF, State
 from pdgw.durations import MS
-from pdgw.gateway.axis.demand_report import Flag, PowerWish
+from pdgw.gateway.axis.demand_report import OFFS, Flag, PowerWish
 from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Interlock
 from pdgw.gateway.axis.power_table import (
     CELLS,
@@ -19,7 +19,6 @@ from pdgw.gateway.axis.power_table import (
     IN_OPERATION,
     NO_PLC,
     OFF,
-    OFFS,
     QUICK_STOPS,
     ROWS,
     SHOWS_OPERATION,
