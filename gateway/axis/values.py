@@ -186,6 +186,7 @@ class Inputs:
     ASIDE: ClassVar[frozenset[str]] = frozenset({"now"})
     PASSING: ClassVar[frozenset[str]] = frozenset(
         {
+            "doubt",
             "fault_code",
             "fresh",
             "drive_ok",

@@ -30,7 +30,7 @@ from pdgw.workshop.walk.brakes import BrakeMonitor
 from pdgw.workshop.walk.drive import anything, guarded
 from pdgw.workshop.walk.machine import Transducer
 from pdgw.workshop.walk.monitor import Expected, Monitor
-from pdgw.workshop.walk.plc import HOMING_METHOD, RAW, frames, is_central, stops, with_life
+from pdgw.workshop.walk.plc import HOMING_METHOD, OFF1, RAW, frames, is_central, stops, with_life
 from pdgw.workshop.walk.recovery import recovery
 from pdgw.workshop.walk.search import Result, walk
 from pdgw.workshop.walk.values import Plc, Shown
@@ -74,6 +74,8 @@ class Case:
     """Traversing tasks with homing."""
     jog: bool = False
     """Traversing tasks with jog."""
+    waits: bool = False
+    """Each OFF1 also while another order waits for its confirmation."""
     tick_ns: int = TICK_NS
 
     @property
@@ -89,6 +91,7 @@ class Case:
                 *([] if self.life is None else ["sign of life"]),
                 *(["homing"] if self.homing else []),
                 *(["jog"] if self.jog else []),
+                *(["waiting orders"] if self.waits else []),
             ]
         )
 
@@ -134,6 +137,8 @@ class Case:
         made = frames(self.number, homing=self.homing, jog=self.jog, full=self.full)
         if self.guarding:
             made = stops(made)
+        if self.waits:
+            made += [item._replace(name=f"{item.name} waits", waits=True) for item in made if item.word & 0xF == OFF1]
         return made if self.life is None else list(with_life(made))
 
     def _settings(self) -> AxisSettings:
@@ -168,7 +173,7 @@ def selected() -> Iterator[Case]:
     """For CI: each reaction to a loss and each setting once; sign of life, guarding and traversing tasks."""
     quick_stop, ramp, coast = PlcLossReaction.QUICK_STOP, PlcLossReaction.RAMP, PlcLossReaction.COAST
     yield Case(1, quick_stop)
-    yield Case(1, quick_stop, resume=True, hold=True)
+    yield Case(1, quick_stop, resume=True, hold=True, waits=True)
     yield Case(1, ramp)
     yield Case(1, coast, hold=True)
     yield Case(RAW, quick_stop)

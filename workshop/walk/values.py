@@ -28,6 +28,8 @@ class Plc(NamedTuple):
     fresh: bool = True
     """It arrived in this cycle. False: values of an earlier cycle."""
     life: Life = Life.NONE
+    waits: bool = False
+    """Another order of the PLC waits for its confirmation."""
 
 
 class Shown(NamedTuple):

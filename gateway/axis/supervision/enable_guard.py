@@ -1,7 +1,8 @@
 """Last guard: compares the number of Enable Operation commands with the number of requests of the PLC.
 
 It uses no phases and no drive state. An ON counts after an OFF of the same connection. Each time the PLC starts to request
-operation in such an ON (STW1 bits 0-3 = 1111 after another word), one rising Enable Operation is allowed. Source: docs/safety.md.
+operation in such an ON (STW1 bits 0-3 = 1111 after another word), one rising Enable Operation is allowed. None is allowed if
+Enable Operation stayed set until then (``ramp_stop_resume``, ``control_lost = "hold"``). Source: docs/safety.md.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ class EnableGuard:
     def _follow(self, wish: PowerWish | None) -> None:
         if wish is _ENABLE:
             self._on = self._on or self._off_seen
-            self._granted = self._on
+            self._granted = self._on and not self._commanded
         elif wish in _OFFS:
             self._off_seen = True
             self._on = self._granted = False

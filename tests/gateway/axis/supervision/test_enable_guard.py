@@ -53,6 +53,13 @@ def test_guard_needs_an_off_after_a_stop_or_a_loss(doubt: PowerWish | None) -> N
     assert allowed(*words)[-1] is False
 
 
+@pytest.mark.parametrize("kept", [W.OFF, W.HOLD], ids=["resume after a ramp", "control returns"])
+def test_guard_refuses_a_second_enable_under_an_on_that_kept_the_first(kept: PowerWish) -> None:
+    start = ((W.OFF, SHUTDOWN), (W.ENABLE, SWITCH_ON), (W.ENABLE, ENABLE))
+    again = ((kept, ENABLE), (W.ENABLE, ENABLE), (W.ENABLE, QUICK_STOP), (W.ENABLE, ENABLE))
+    assert allowed(*start, *again) == [True] * 6 + [False]
+
+
 def test_guard_lets_a_ramp_keep_enable_operation() -> None:
     assert all(allowed((W.OFF, SHUTDOWN), (W.ENABLE, ENABLE), (W.OFF, ENABLE), (None, ENABLE)))
 
