@@ -70,6 +70,7 @@ class _Found(NamedTuple):
     values: tuple[int, ...] | None
     certain: int | None
     dropped: bool
+    gateway_stops: bool = False
 
 
 class _Events:
@@ -88,6 +89,8 @@ class _Events:
         """An order was replaced before it was certainly confirmed."""
         self._changed = -CONFIRMING_FRAMES
         """The frame that changed the order last."""
+        self._stops = False
+        """The gateway itself is being stopped."""
         self._found: list[_Found] = []
 
     def frame(self, number: int, now: int, values: tuple[int, ...] | None) -> None:
@@ -99,6 +102,14 @@ class _Events:
             self._connected = True
             self._believed = number + SEQUENCE_FRAMES - 1
         order = None if values is None else self._orders.read(values)
+        if self._stops:
+            if order != self._order and order is not None:
+                # With no order in force, a stop counts at once only if the telegram has no other control word.
+                at_once = self._orders.stopped(order, None, released=False) == order
+                self._believed = number if at_once else number + CONFIRMING_FRAMES - 1
+            self._order = order
+            self._found.append(_Found(now, values, max(number, self._believed), False, True))
+            return
         if order != self._order:
             self._doubt_from(number)
             # A stop of only a few frames had an effect, and the gateway may hide its report of the task.
@@ -129,6 +140,11 @@ class _Events:
         self._order = None
         self.note(now, None)
 
+    def stop(self, now: int) -> None:
+        """The gateway itself begins to stop: the values of its last frame count once more."""
+        self._stops = True
+        self._found.append(_Found(now, self._found[-1].values if self._found else None, None, False, True))
+
     def note(self, now: int, values: tuple[int, ...] | None, certain: int | None = None) -> None:
         """``values`` from a time on, for certain with a frame, or at once."""
         if not self._found or self._found[-1].values != values:
@@ -137,10 +153,10 @@ class _Events:
     def setpoints(self, taken: Sequence[int]) -> list[Setpoints]:
         """With the times of the accepted frames. What waits for frames that never came is never certain."""
         events: list[Setpoints] = []
-        for now, values, certain, dropped in reversed(self._found):
+        for now, values, certain, dropped, stops in reversed(self._found):
             when = now if certain is None else taken[certain] if certain < len(taken) else _NEVER
             # A later frame has replaced it by then, whether it was accepted or not.
-            events.append(Setpoints(now, values, min(when, events[-1].certain_ns) if events else when, dropped))
+            events.append(Setpoints(now, values, min(when, events[-1].certain_ns) if events else when, dropped, stops))
         events.reverse()
         return events
 
@@ -169,12 +185,13 @@ class _Receiver:
 
     def _lost(self, now: int) -> None:
         self._inputs.losses.append(now)
-        self.lose(now)
-
-    def lose(self, now: int) -> None:
-        """No axis has a PLC any more."""
         for events in self._events:
             events.lost(now)
+
+    def stop(self, now: int) -> None:
+        """The gateway itself begins to stop."""
+        for events in self._events:
+            events.stop(now)
 
     def take(self, frame: Frame) -> None:
         """A frame."""
@@ -203,23 +220,28 @@ def receive_frames(
     *,
     cycle_ns: int,
     watchdog_factor: int = WATCHDOG_FACTOR,
-    ended_ns: int | None = None,
+    stopped_ns: int | None = None,
 ) -> PlcInputs:
     """Send recorded frames to a ``CyclicEndpoint``, all from one sender.
 
-    ``ended_ns``: when the gateway began to end, which counts as a loss of the PLC. Whether the gateway waited for more frames
+    ``stopped_ns``: when the gateway began to stop, None if it did not. Whether the gateway waited for more frames
     before a confirmation depends on its own receive times to the microsecond. Here all orders act at once, and
     ``Setpoints.certain_ns`` has the longest possible wait of the gateway.
     """
     endpoint = CyclicEndpoint(telegrams, cycle_ns=cycle_ns, watchdog_factor=watchdog_factor, delays=False)
     receiver = _Receiver(endpoint, [Orders(item.setpoints) for item in telegrams])
     watchdog_ns = cycle_ns * watchdog_factor
+    stops_ns = _NEVER if stopped_ns is None else stopped_ns
     for frame in frames:
+        if frame.time_ns >= stops_ns:
+            receiver.expire(stops_ns, watchdog_ns)
+            receiver.stop(stops_ns)
+            stops_ns = _NEVER
         receiver.expire(frame.received_ns, watchdog_ns)
         receiver.take(frame)
-    if ended_ns is not None:
-        receiver.expire(ended_ns, watchdog_ns)
-        receiver.lose(ended_ns)
+    if stops_ns != _NEVER:
+        receiver.expire(stops_ns, watchdog_ns)
+        receiver.stop(stops_ns)
     return receiver.end(watchdog_ns)
 
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from pdgw.ds301.pdo import Pdo
+from pdgw.dsp402.objects import MAX_TORQUE
 from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
 from pdgw.gateway.axis.values import Configured
 from pdgw.profidrive.telegrams import Telegram
 
+UNKNOWN_TORQUE: Final = 0xFFFF
+"""Placeholder for the drive's own torque limit (6072h) if the recording does not contain it. Every limit of a task is lower."""
 _FAULT_BUFFER: Final = ("FAULT_CODE", "WARN_CODE")
 
 
@@ -25,6 +29,8 @@ class Setpoints(NamedTuple):
     certain_ns: int
     dropped: bool = False
     """The gateway may have dropped an order in this connection: then it hides reached and acknowledged."""
+    gateway_stops: bool = False
+    """The gateway itself is being stopped: the values are in force in one step, and of them only OFF2 and OFF3 count."""
 
 
 class Feedback(NamedTuple):
@@ -116,6 +122,25 @@ class AxisRecording:
     """Times are those at which the gateway dealt with each frame, in its order: a step had all that came before its answer."""
     delays: bool = False
     """The gateway expected frames of the PLC that come late, and may have dropped orders."""
+
+    @property
+    def torque_is_known(self) -> bool:
+        """Whether the drive's own torque limit is known, so that a limit that was sent can be compared."""
+        drives = (item.configured.drive_type for item in self.configured)
+        return not any(drive is not None and drive.max_torque == UNKNOWN_TORQUE for drive in drives)
+
+    @property
+    def torque_places(self) -> Mapping[int, slice]:
+        """The bytes of Max Torque in the payloads of RPDOs, by RPDO number."""
+        places = {}
+        for pdo in self.rpdos:
+            begin = 0
+            for entry in pdo.entries:
+                end = begin + entry.type.bits // 8
+                if entry.address == MAX_TORQUE:
+                    places[pdo.number] = slice(begin, end)
+                begin = end
+        return places
 
     @property
     def told_by_others(self) -> frozenset[int]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, NamedTuple
 
 from pdgw.decoder.frames.canopen.pdo_mapping import recorded_rpdo
 from pdgw.decoder.frames.canopen.records import PdoLayout, PdoRecord, SdoRecord
-from pdgw.decoder.replay.recorded import SdoResult
+from pdgw.decoder.replay.recorded import UNKNOWN_TORQUE, SdoResult
 from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.pdo import Pdo, PdoDirection
 from pdgw.dsp402.identification.generic import recorded_answer, recorded_drive_type, recorded_families
@@ -54,13 +54,19 @@ class RecordedDrive:
     """The newest payload of each RPDO."""
     families: tuple[str, ...] = recorded_families({})
     """The families of drives that the answers allow."""
+    _read: bool = False
+    """It was configured in the recording, which contains everything that the gateway read."""
     _answers: dict[tuple[int, int], int] = field(default_factory=dict)
     _last: dict[int, bytes] = field(default_factory=dict)
     _parts: dict[PdoLayout, PdoParts] = field(default_factory=dict)
 
     def configured(self, *, restarted: bool) -> Configured:
         """The drive as the gateway has read it until now."""
-        return Configured(recorded_drive_type(frozenset(self._answers.items())), self.homing_method, restarted)
+        self._read |= restarted
+        drive = recorded_drive_type(frozenset(self._answers.items()))
+        if not self._read and MAX_TORQUE not in self._answers:
+            drive = replace(drive, max_torque=UNKNOWN_TORQUE)
+        return Configured(drive, self.homing_method, restarted)
 
     def stop(self) -> None:
         """The node has left Operational."""

@@ -179,15 +179,15 @@ class Collector:
                 lost = silent
         return lost if lost is not None and lost >= tolerated else max(WATCHDOG_FACTOR, tolerated)
 
-    def _ended_ns(self, watchdog_ns: int) -> int | None:
-        """When the gateway itself began to end: to the end of the recording no PLC is there (IOCS), and none was lost before."""
-        answers = next(iter(self._answers.values()), [])
+    def _stopped_ns(self, watchdog_ns: int) -> int | None:
+        """When the gateway itself began to stop: from then on no axis has a PLC (IOCS), and the PLC was not lost before."""
+        answers = list(zip(*self._answers.values(), strict=False))
         position = len(answers)
-        while position and answers[position - 1].plc_ok is False:
+        while position and not any(answer.plc_ok for answer in answers[position - 1]):
             position -= 1
         if not 0 < position < len(answers):
             return None
-        end_ns = answers[position].time_ns
+        end_ns = answers[position][0].time_ns
         frames = self._frame_times
         before = bisect_right(frames, end_ns)
         return end_ns if before and end_ns - frames[before - 1] <= watchdog_ns else None
@@ -204,13 +204,12 @@ class Collector:
             plc = receive_profinet(happened, endpoint)
             watchdog_ns = endpoint.watchdog_ns
         else:
-            ended = self._ended_ns(watchdog_ns)
             plc = receive_frames(
-                [item for item in happened if isinstance(item, Frame) and (ended is None or item.time_ns < ended)],
+                [item for item in happened if isinstance(item, Frame)],
                 [telegram(axis.telegram) for axis in self.axes],
                 cycle_ns=cycle_ns,
                 watchdog_factor=watchdog_factor,
-                ended_ns=ended,
+                stopped_ns=self._stopped_ns(watchdog_ns),
             )
         used = [item.time_ns for item in plc.received if item.verdict in USED]
         axes = [

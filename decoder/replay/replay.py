@@ -30,7 +30,7 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 from pdgw.decoder.replay.cycles import Tick, ticks
-from pdgw.decoder.replay.recorded import Answer, AxisRecording
+from pdgw.decoder.replay.recorded import UNKNOWN_TORQUE, Answer, AxisRecording
 from pdgw.decoder.replay.recorded_drive import recall, tells_state
 from pdgw.decoder.replay.result import AxisReplay, Difference, Step
 from pdgw.decoder.replay.rpdos import Place, RpdoComparison
@@ -38,7 +38,7 @@ from pdgw.decoder.replay.touch_probe import Found, find_answer
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.drive.images import FEEDBACK_NAMES, DriveFeedback
-from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.objects import DRIVE_OBJECTS, MAX_TORQUE
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.checkpoint import Checkpoint, Checkpoints
 from pdgw.gateway.axis.machine import AxisMachine
@@ -251,12 +251,22 @@ class Replayer:
         for event in recording.feedback[state.feedback : inputs.feedback]:
             for attribute, value in event.values:
                 setattr(state.image, attribute, value)
+        newest = recording.setpoints[inputs.setpoints - 1] if inputs.setpoints else None
+        values = None if newest is None else newest.values
+        stops = given.gateway_stops = newest is not None and newest.gateway_stops
+        if stops and inputs.setpoints == state.setpoints:
+            values = None  # a gateway that stops uses each frame once
         state.setpoints, state.feedback = inputs.setpoints, inputs.feedback
-        values = recording.setpoints[inputs.setpoints - 1].values if inputs.setpoints else None
         came_online = not state.online
         state.online = self._online(tick, state.online)
-        if tick.answer is not None and tick.answer.plc_ok is (values is None) and self._doubtful_loss(tick):
+        if (
+            not stops
+            and tick.answer is not None
+            and tick.answer.plc_ok is (values is None)
+            and self._doubtful_loss(tick)
+        ):
             values = recording.setpoints[inputs.setpoints - 2].values if tick.answer.plc_ok else None
+        plc_ok = values is not None and not stops
         compare = check and state.known
         if state.online:
             # Its IOPS become BAD when the gateway has released the drive, shortly before or after the NMT command.
@@ -266,14 +276,14 @@ class Replayer:
         given.now, given.setpoints, given.drive_ok = now, values, state.online
         given.doubt = self._doubt(tick, inputs.setpoints)
         before, state.frames = state.frames, bisect_right(recording.frames, now)
-        given.fresh = state.frames > before and given.doubt is not OrderDoubt.WAITS
+        given.fresh = state.frames > before and given.doubt is not OrderDoubt.WAITS and not stops
         self._answer_sdo(now)
         self._answer_probe(now)
         self._checkpoints.step()
         actuals = tuple(outputs.actuals)
         difference = None
         if compare:
-            difference = self._compare_answer(tick, actuals, values is not None) or self._comparison.compare(
+            difference = self._compare_answer(tick, actuals, plc_ok) or self._comparison.compare(
                 state.sent, tick.time_ns, outputs.command, online=state.online
             )
         else:
@@ -282,7 +292,7 @@ class Replayer:
         difference = difference or written_wrong
         self._find_probe(now)
         step = self._as_told(tick, inputs, tuple(outputs.faults), compared=compare)
-        if values is not None:
+        if values is not None and not stops:
             self._recognise(values, tick)
         return step, difference if compare else None
 
@@ -421,7 +431,8 @@ class Replayer:
             position += 1
             entry = DRIVE_OBJECTS.entry(write.index, write.subindex)
             wanted = _encode(entry, write.value)
-            if result.error is None and result.data != wanted:
+            own = (write.index, write.subindex) == MAX_TORQUE and write.value == UNKNOWN_TORQUE
+            if result.error is None and result.data != wanted and not own:
                 signed = entry.type.char.islower()
                 recorded = {entry.name: int.from_bytes(result.data, "little", signed=signed)}
                 wrong = Difference(result.time_ns, self._recording.do_id, "SDO", recorded, {entry.name: write.value})

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from pdgw.decoder.replay.recorded import Answer, AxisRecording
+from pdgw.dsp402.objects import DRIVE_OBJECTS, MAX_TORQUE
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.reasons import Reason
 
@@ -63,3 +64,12 @@ class AxisReplay:
     def compared(self) -> int:
         """Steps that were compared."""
         return sum(step.compared for step in self.steps)
+
+    @property
+    def not_compared(self) -> tuple[str, ...]:
+        """Objects that the gateway sent and that are not compared, because the recording does not show their base."""
+        recording = self.recording
+        if recording.torque_is_known:
+            return ()
+        sent = recording.torque_places or any((item.index, item.subindex) == MAX_TORQUE for item in recording.sdo)
+        return (DRIVE_OBJECTS.entry(*MAX_TORQUE).name,) if sent else ()

@@ -11,6 +11,7 @@ from pdgw.decoder.replay.result import Difference
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings
+from pdgw.dsp402.objects import DRIVE_OBJECTS, MAX_TORQUE
 from pdgw.durations import MS
 
 REFRESH_NS: Final = DriveSettings(node_id=1).rpdo_refresh_ms * MS
@@ -68,15 +69,29 @@ class Place:
 
 
 class RpdoComparison:
-    """Compares the RPDOs of one axis. ``last_ns``: the time of the last step."""
+    """Compares the RPDOs of one axis, without Max Torque if the drive's own limit is unknown. ``last_ns``: the time of the last
+    step."""
 
     def __init__(self, recording: AxisRecording, *, cycle_ns: int, tolerance_ns: int, last_ns: int) -> None:
         self._do_id = recording.do_id
         self._rpdos = recording.rpdos
-        self._spans = _spans(recording.sent, recording.can_end_ns)
+        self._blanks = {} if recording.torque_is_known else recording.torque_places
+        """The bytes that are not compared, by RPDO number."""
+        sent = {
+            number: [item._replace(data=self._blank(number, item.data)) for item in frames]
+            for number, frames in recording.sent.items()
+        }
+        self._spans = _spans(sent, recording.can_end_ns)
         self._cycle_ns = cycle_ns
         self._tolerance = tolerance_ns
         self._last_ns = last_ns
+
+    def _blank(self, number: int, data: bytes) -> bytes:
+        """A payload with 0 in the bytes that are not compared."""
+        place = self._blanks.get(number)
+        if place is None or len(data) < place.stop:
+            return data
+        return data[: place.start] + bytes(place.stop - place.start) + data[place.stop :]
 
     def follow(self, place: Place, now: int) -> None:
         """While nothing is compared: the payloads in force by their time alone."""
@@ -96,7 +111,8 @@ class RpdoComparison:
             frames = span.sent.get(pdo.number)
             if frames is None:
                 continue
-            difference = self._compare_rpdo(pdo, frames, pdo.pack(command), place.cursors, now)
+            data = self._blank(pdo.number, pdo.pack(command))
+            difference = self._compare_rpdo(pdo, frames, data, place.cursors, now)
             if difference is not None:
                 return difference
         return None
@@ -152,10 +168,12 @@ class RpdoComparison:
     def _sent_difference(self, pdo: Pdo, time_ns: int, recorded: bytes, today: bytes, note: str = "") -> Difference:
         if len(recorded) != pdo.size:
             note = note or f"{len(recorded)} bytes recorded, {pdo.size} in this version: {recorded.hex(' ')}"
-            return Difference(time_ns, self._do_id, str(pdo), None, _named(pdo, today), note)
-        return Difference(time_ns, self._do_id, str(pdo), _named(pdo, recorded), _named(pdo, today), note)
+            return Difference(time_ns, self._do_id, str(pdo), None, self._named(pdo, today), note)
+        return Difference(time_ns, self._do_id, str(pdo), self._named(pdo, recorded), self._named(pdo, today), note)
 
-
-def _named(pdo: Pdo, data: bytes) -> dict[str, int]:
-    values = pdo.struct.unpack(data)
-    return {entry.name: value for entry, value in zip(pdo.entries, values, strict=True)}
+    def _named(self, pdo: Pdo, data: bytes) -> dict[str, int]:
+        values = pdo.struct.unpack(data)
+        named = {entry.name: value for entry, value in zip(pdo.entries, values, strict=True)}
+        if pdo.number in self._blanks:
+            del named[DRIVE_OBJECTS.entry(*MAX_TORQUE).name]
+        return named

@@ -265,7 +265,8 @@ class AxisFollower(ObjectFollower):
     def step(self, setpoints: Sequence[int] | None, now: int, *, fresh: bool = True) -> None:
         inputs, outputs = self._machine.inputs, self._machine.outputs
         inputs.now, inputs.setpoints, inputs.drive_ok = now, setpoints, self.online
-        inputs.doubt, inputs.fresh = self.doubt, fresh and self.doubt is not OrderDoubt.WAITS
+        stops = inputs.gateway_stops = self.gateway_stops
+        inputs.doubt, inputs.fresh = self.doubt, fresh and not stops and self.doubt is not OrderDoubt.WAITS
         if self.online:
             self._configure()
         commanded = outputs.command.controlword
@@ -283,7 +284,7 @@ class AxisFollower(ObjectFollower):
         self._serve_sdo(now)
         for record in outputs.faults if self._known else ():
             self._put(Anomaly(now, self.axis.do_id, AnomalyKind.GATEWAY_FAULT, f"{record.number} {record.text}"))
-        self._compare(setpoints, now)
+        self._compare(None if stops else setpoints, now)
         self._judge(control, now)
 
     def _configure(self) -> None:
@@ -351,6 +352,8 @@ class AxisFollower(ObjectFollower):
     def _judge(self, control: Edge | None, now: int) -> None:
         """Report the results of the PLC's edges, and reasons that start or end."""
         reason = self._machine.outputs.reason
+        if self.gateway_stops and reason is Reason.PLC_LOST:
+            reason = Reason.GATEWAY_STOPS
         if control is not None:
             self._settled()
             if self._known:

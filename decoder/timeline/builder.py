@@ -263,6 +263,10 @@ class _Exchange:
         self._stepped = False
         """A step was made for a frame whose answer has not come yet."""
         self._unused = 0
+        self._in_use = False
+        """The gateway used the last frames."""
+        self._stops = False
+        """The gateway itself is being stopped: of each frame only OFF2 and OFF3 count."""
 
     def relate(self, now: int, change: Change, connection: Connection) -> None:
         """A PROFINET relationship comes or goes: from now on its frames count as the link counts them."""
@@ -393,19 +397,28 @@ class _Exchange:
 
     def _used(self, now: int, *, used: bool) -> None:
         """Whether the gateway had the PLC when it made an answer: its IOCS say so."""
-        if used or not any(item is not None for item in self._endpoint.setpoints):
-            if used:
-                self._unused = 0
+        if used:
+            self._unused, self._in_use, self._stops = 0, True, False
             return
-        silence = now - self._last_frame
-        if silence > SILENT_CYCLES * self._cycle_ns:
-            self._lose()
-            self._lost_since = now
-            self._put(self._unused_after(silence, now))
-            return
+        if not self._stops:
+            if not any(item is not None for item in self._endpoint.setpoints):
+                self._in_use = False
+                return
+            silence = now - self._last_frame
+            if silence > SILENT_CYCLES * self._cycle_ns:
+                self._in_use = False
+                self._lose()
+                self._lost_since = now
+                self._put(self._unused_after(silence, now))
+                return
+            if self._in_use:
+                self._stops, self._stepped = True, False
         self._unused += 1
         if self._unused == _UNUSED:
-            self._put(Anomaly(now, 0, AnomalyKind.DROPPED, "the gateway does not use the frames (IOCS BAD)"))
+            text = "the gateway does not use the frames (IOCS BAD)"
+            if self._stops:
+                text = "the gateway uses only OFF2 and OFF3 of the frames (IOCS BAD), as while it is being stopped"
+            self._put(Anomaly(now, 0, AnomalyKind.DROPPED, text))
 
     def _unused_after(self, silence: int, now: int) -> Entry:
         """IOCS BAD after a silence: a loss, or a gateway that ends; of a watchdog that is not known both are possible."""
@@ -442,6 +455,9 @@ class _Exchange:
         return endpoint.watchdog_ns if isinstance(endpoint, ProfinetEndpoint) else self._watchdog_ns
 
     def _step(self, now: int) -> None:
-        ignored = self._unused >= _UNUSED
+        ignored = self._unused >= _UNUSED and not self._stops
         for item, setpoints in zip(self._order, self._setpoints, strict=True):
+            item.gateway_stops = self._stops
             item.step(None if ignored else setpoints, now)
+        if self._stops and isinstance(self._endpoint, CyclicEndpoint):
+            self._endpoint.lose_setpoints()

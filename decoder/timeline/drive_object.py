@@ -36,6 +36,8 @@ class ObjectFollower:
         self._put = put
         self._hold_ns = hold_ns
         self._bad: dict[Direction, _Bad] = {}
+        self.gateway_stops = False
+        """The gateway itself is being stopped."""
         self.doubt = OrderDoubt.NONE
         """Whether the PLC may have ordered something that the gateway has not in force."""
         self.heard = False

@@ -16,7 +16,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.recording.recordings import known_from
 from pdgw.tools.commands.capture.replay import replay
 from pdgw.tools.commands.capture.timeline import timeline
-from tests.decoder.replay.test_replay import speed
+from tests.decoder.replay.test_replay import reducing_torque, speed, without_begin
 from tests.support.axis.recorded import BEGIN_NS
 from tests.support.axis.rig import NODE
 from tests.support.cli import pdgw
@@ -112,6 +112,20 @@ def test_a_difference_is_shown_with_its_context_and_exit_status_1(
     (document,) = (json.loads(line) for line in lines(capsys))
     assert document["equal"] is False
     assert document["axes"][0]["first_difference"]["names"] == ["Target Velocity"]
+
+
+def test_replay_names_a_limit_that_it_does_not_compare(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rig = reducing_torque()
+    without_begin(rig)
+    files = rig.frames.write(tmp_path)
+    replay(files, telegram=[102], node=NODES, offset=0.0)
+    who = "axis 1 (telegram 102, node 5)"
+    assert (
+        f"{who}: Max Torque is not compared: the recording begins in operation, without the drive's own value"
+        in lines(capsys)
+    )
+    replay(files, telegram=[102], node=NODES, offset=0.0, as_json=True)
+    assert json.loads(lines(capsys)[0])["axes"][0]["not_compared"] == ["Max Torque"]
 
 
 def test_choices_of_the_configuration_reach_the_machines(

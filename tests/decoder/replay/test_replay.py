@@ -21,7 +21,7 @@ from pdgw.gateway.motion.dsc import DscChoices, DscForm
 from pdgw.profidrive.frame import STATUS_STOP, TRAILER
 from pdgw.profidrive.telegrams import telegram
 from pdgw.recording.recordings import Loaded, load
-from tests.support.axis.recorded import CYCLE_NS, RecordedRig, known, on_the_way, with_a_dropped_level
+from tests.support.axis.recorded import CYCLE_NS, RecordedRig, known, on_the_way, stopping, with_a_dropped_level
 from tests.support.axis.rig import NODE, Rig
 from tests.support.axis.stepper import Stepper
 from tests.support.drives.drive_types import References
@@ -223,16 +223,49 @@ def test_a_changed_gateway_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize("name", ["telegram 1", "telegram 9"])
 def test_recording_that_starts_in_operation_is_compared_from_the_next_off(name: str, tmp_path: Path) -> None:
     rig = RIGS[name]()
-    begin = rig.frames.plc[40][0]
     rig.stw(0x043E, 120)
     rig.stw(0x043F, 20)
-    frames = rig.frames
+    without_begin(rig)
+    compared, differences = replayed(rig.load(tmp_path, 0))
+    assert not differences
+    assert 10 < compared < len(rig.frames.plc) - 60
+
+
+def without_begin(rig: RecordedRig) -> None:
+    """A recording that begins in operation."""
+    frames, begin = rig.frames, rig.frames.plc[40][0]
     frames.plc = [frame for frame in frames.plc if frame[0] >= begin]
     frames.answers = [frame for frame in frames.answers if frame[0] >= begin]
     frames.can = [frame for frame in frames.can if frame[0] >= begin]
-    compared, differences = replayed(rig.load(tmp_path, 0))
-    assert not differences
-    assert 10 < compared < len(frames.plc) - 60
+
+
+def reducing_torque() -> RecordedRig:
+    """A drive whose own torque limit is 150 %; the start of the recording says 300 %."""
+    rig = RecordedRig(102)
+    rig.step(5)
+    rig.stepper.set_references(References(max_torque=1500))
+    rig.enable(0x047E)
+    rig.values |= {"NSOLL_B": 0x10000000, "MOMRED": 0x1000}
+    rig.step(60)
+    rig.stw(0x047E, 120)
+    rig.stw(0x047F, 40)
+    return rig
+
+
+@pytest.mark.parametrize("begins_in_operation", [False, True])
+def test_an_unknown_torque_limit_is_not_compared(begins_in_operation: bool, tmp_path: Path) -> None:
+    rig = reducing_torque()
+    if begins_in_operation:
+        without_begin(rig)
+    (outcome,) = rig.load(tmp_path, 0).replay(first_only=True)
+    assert [item.names for item in outcome.differences] == ([] if begins_in_operation else [("Max Torque",)])
+    assert outcome.not_compared == (("Max Torque",) if begins_in_operation else ())
+    if begins_in_operation:
+        for number in (-2, -1):
+            rig.frames.change_can(RPDO1, number, lambda data: (77).to_bytes(4, "little") + data[4:])
+        (outcome,) = rig.load(tmp_path, 0).replay(first_only=True)
+        assert outcome.differences, "everything else is compared"
+        assert all("Max Torque" not in (item.recorded or {}) for item in outcome.differences)
 
 
 def test_without_answers_the_rpdos_are_compared(tmp_path: Path) -> None:
@@ -254,6 +287,37 @@ def test_loss_of_the_plc_is_replayed(tmp_path: Path) -> None:
     loaded = rig.load(tmp_path, 0)
     assert not replayed(loaded)[1]
     assert len(loaded.recording.plc.losses) == 2  # and at the end of the recording
+
+
+@pytest.mark.parametrize("own", [False, True], ids=["two captures", "own recording"])
+@pytest.mark.parametrize(
+    ("word", "controlword"),
+    [(0x047D, 0x0), (0x047B, 0x2), (0x0000, 0x0), (0x047E, 0xF)],
+    ids=["OFF2", "OFF3", "zeros", "OFF1"],
+)
+def test_stops_of_the_plc_are_replayed_while_the_gateway_stops(
+    word: int, controlword: int, own: bool, tmp_path: Path
+) -> None:
+    rig = stopping(word)
+    loaded = in_order(rig, tmp_path) if own else rig.load(tmp_path, 0)
+    (outcome,) = loaded.replay(first_only=True)
+    assert not outcome.differences
+    assert outcome.compared >= len(rig.frames.plc) - 2
+    stopped = [step for step in outcome.steps if step.answer is not None and step.answer.plc_ok is False]
+    assert {step.controlword & 0xF for step in stopped[5:8]} == {controlword}
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3, 5])
+def test_unconfirmed_off2_is_replayed_while_the_gateway_stops(frames: int, tmp_path: Path) -> None:
+    rig = on_the_way(20)
+    rig.gateway_stops = True
+    rig.step(2)
+    rig.stw(0x047D, frames)
+    rig.stw(0x047F, 30)
+    loaded = load(rig.frames.write_in_order(tmp_path), replace(rig.known, delays=True), None, lambda _: None)
+    compared, differences = replayed(loaded)
+    assert not differences
+    assert compared > 40
 
 
 def test_comparison_continues_at_the_next_off_after_a_difference(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from pdgw.profidrive.frame import COUNTER_UNIT_NS
 from pdgw.profidrive.telegrams import telegram
 from pdgw.recording.recordings import followed, look_ahead
 from tests.decoder.replay.test_replay import positioning, speed
-from tests.support.axis.recorded import BEGIN_NS, CYCLE_NS, MACS, RecordedRig, with_a_dropped_level
+from tests.support.axis.recorded import BEGIN_NS, CYCLE_NS, MACS, RecordedRig, stopping, with_a_dropped_level
 from tests.support.axis.rig import NODE
 from tests.support.readers import captures
 from tests.support.readers.timeline import Timeline, edges, texts, timeline
@@ -140,6 +140,19 @@ def test_without_its_watchdog_the_end_of_a_gateway_looks_like_a_loss(tmp_path: P
     ]
 
 
+@pytest.mark.parametrize(("word", "controlword"), [(0x047D, 0x0), (0x047B, 0x2)], ids=["OFF2", "OFF3"])
+def test_stops_of_the_plc_count_while_the_gateway_stops(word: int, controlword: int, tmp_path: Path) -> None:
+    found = timeline(stopping(word), tmp_path)
+    assert texts(found, AnomalyKind.DROPPED) == [
+        "the gateway uses only OFF2 and OFF3 of the frames (IOCS BAD), as while it is being stopped"
+    ]
+    assert found.summary.anomalies.total() == 1, "the recorded Controlword is that of this version"
+    edge = next(
+        edge for edge in edges(found, WordKind.CONTROLWORD) if edge.cause is not None and edge.cause.after == word
+    )
+    assert edge.after & 0xF == controlword
+
+
 def test_emergencies_and_their_reset_are_reported(tmp_path: Path) -> None:
     rig = speed()
     rig.node.model.inject(7)
@@ -191,7 +204,6 @@ def test_without_answers_the_watchdog_decides_and_is_named(factor: int | None, t
 
 def test_frames_rejected_by_the_gateway_are_reported_once(tmp_path: Path) -> None:
     rig = RecordedRig(1)
-    rig.step(5)
     stranger = CyclicEndpoint([rig.stepper.telegram], cycle_ns=CYCLE_NS, peer="192.0.2.1")
     rig.endpoint = stranger
     rig.step(60)

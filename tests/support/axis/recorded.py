@@ -15,7 +15,7 @@ from pdgw.ds301.nmt import NmtCommand
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.durations import MS
-from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.frame import ETHERTYPE
@@ -109,6 +109,7 @@ class RecordedRig(Rig):
         self.plc = PlcEndpoint([telegram], CYCLE_NS)
         self.endpoint = CyclicEndpoint([telegram], cycle_ns=CYCLE_NS, delays=False)
         self.sdo_delay = 2
+        self.gateway_stops = False
         self._sent_at: dict[int, int] = {}
 
     # -- the drive's side ---------------------------------------------------------------------------------------------
@@ -168,7 +169,10 @@ class RecordedRig(Rig):
                 self.endpoint.receive(frame, _PLC, self.now)
             self.endpoint.poll(self.now)
             self.stepper.machine.inputs.doubt = self.endpoint.doubts[0]
+            self.stepper.machine.inputs.gateway_stops = self.gateway_stops
             actuals = self.stepper.step(self.endpoint.setpoints[0], self.feedback, self.connected_drive, self.now)
+            if self.gateway_stops:
+                self.endpoint.lose_setpoints()
             self.actuals = self.stepper.telegram.actuals.as_dict(actuals)
             self._send()
             self._serve_sdo()
@@ -209,6 +213,22 @@ def known(number: int, settings: AxisSettings | None = None) -> Known:
     axis = given_axes([number])[0]
     axes = [type(axis)(axis.do_id, axis.telegram, NODE)]
     return Known(Settings(axes), {1: settings or AxisSettings()}, CYCLE_NS, 3)
+
+
+def stopping(word: int) -> RecordedRig:
+    """The gateway itself is stopped while its axis turns, with a ramp. Then the PLC sends ``word`` in two frames, pauses, and
+    sends ON."""
+    rig = RecordedRig(1, on_plc_loss=PlcLossReaction.RAMP)
+    rig.step(5)
+    rig.enable(0x047E)
+    rig.values["NSOLL_A"] = 0x2000
+    rig.step(80)
+    rig.gateway_stops = True
+    rig.step(3)
+    rig.stw(word, 2)
+    rig.step(2, plc=False)
+    rig.stw(0x047F, 30)
+    return rig
 
 
 def on_the_way(cycles: int) -> RecordedRig:

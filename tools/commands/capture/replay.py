@@ -52,6 +52,7 @@ def _document(loaded: Loaded, outcomes: Sequence[AxisReplay]) -> Iterator[str]:
                     "node": outcome.recording.node,
                     "steps": len(outcome.steps),
                     "compared": outcome.compared,
+                    "not_compared": outcome.not_compared,
                     "first_difference": _difference(outcome.differences[0]) if outcome.differences else None,
                 }
                 for outcome in outcomes
@@ -85,6 +86,8 @@ def _text(loaded: Loaded, outcomes: Sequence[AxisReplay]) -> Iterator[str]:
                     f"{who}: nothing to compare: the recording contains neither a configuration of the node nor an OFF"
                 )
             )
+        for name in outcome.not_compared:
+            yield f"{who}: {name} is not compared: the recording begins in operation, without the drive's own value"
         for difference in outcome.differences:
             seconds = (difference.time_ns - loaded.recording.begin_ns) / SECOND
             yield f"{who}: {counted(outcome.compared, 'step')} equal, then {difference.what} differs at {seconds:.6f} s"
