@@ -46,6 +46,8 @@ _FULL_NS: Final = 250 * US
 _AF_CAN: Final = getattr(socket, "AF_CAN", None)
 _SEND_TIMEOUT_S: Final = 0.1
 """A driver that may wait for room waits no longer for one frame."""
+_SEND_AGAIN_S: Final = 0.001
+"""Pause before the next try of a frame that a driver refused."""
 _DROP: Final = can.Message()
 """Among the frames for the driver: empty your own buffer."""
 _FLAGS: Final = EXTENDED | REMOTE | ERROR
@@ -201,7 +203,9 @@ class DriverPort(CanPort):
         self._bus = bus
         self._receiver: Receiver | None = None
         self._received: deque[can.Message] = deque()
-        self._sending: queue.Queue[can.Message | None] = queue.Queue(_SEND_QUEUE)
+        self._sending: queue.Queue[tuple[int, can.Message] | None] = queue.Queue(_SEND_QUEUE)
+        """Frames, each with the number of drops before it."""
+        self._drops = 0
         self._full = False
         """A frame was refused: the writer reports when there is room."""
         self._stopping = threading.Event()
@@ -220,7 +224,7 @@ class DriverPort(CanPort):
         if self._stopping.is_set():
             raise PortLostError("the driver has stopped")
         try:
-            self._sending.put_nowait(_message(can_id, data))
+            self._sending.put_nowait((self._drops, _message(can_id, data)))
         except queue.Full as error:
             self._full = True
             if self._sending.qsize() <= _ROOM:  # the writer was faster and does not check again
@@ -228,10 +232,11 @@ class DriverPort(CanPort):
             raise PortBusyError from error
 
     def drop(self) -> None:
+        self._drops += 1
         with contextlib.suppress(queue.Empty):
             while True:
                 self._sending.get_nowait()
-        self._sending.put_nowait(_DROP)
+        self._sending.put_nowait((self._drops, _DROP))
 
     def close(self) -> None:
         if self._closed:
@@ -262,7 +267,8 @@ class DriverPort(CanPort):
                     self._loop.call_threadsafe(self._deliver)
 
     def _write(self) -> None:
-        while (message := self._sending.get()) is not None:
+        while (item := self._sending.get()) is not None:
+            number, message = item
             if self._full and self._sending.qsize() <= _ROOM:
                 self._full = False
                 self._loop.call_threadsafe(self._has_room)
@@ -270,13 +276,26 @@ class DriverPort(CanPort):
                 if message is _DROP:
                     self._bus.flush_tx_buffer()
                 else:
-                    self._bus.send(message, _SEND_TIMEOUT_S)
+                    self._transmit(number, message)
             except NotImplementedError:
                 continue  # this driver's buffer cannot be cleared
-            except can.CanOperationError:
-                self._loop.call_threadsafe(self._refused)
             except Exception as error:  # drivers raise any exception: this one has failed
                 self._fail(f"{type(error).__name__}: {error}")
+                return
+
+    def _transmit(self, number: int, message: can.Message) -> None:
+        """Send a frame. Repeat it while the driver refuses it, because no frame may overtake it, and until it is dropped."""
+        told = False
+        while number == self._drops:
+            try:
+                self._bus.send(message, _SEND_TIMEOUT_S)
+            except can.CanOperationError:
+                if not told:
+                    told = True
+                    self._loop.call_threadsafe(self._refused)
+            else:
+                return
+            if self._stopping.wait(_SEND_AGAIN_S):
                 return
 
     def _fail(self, text: str) -> None:

@@ -270,6 +270,42 @@ def test_a_frame_the_driver_did_not_send_is_counted(bus: ScriptedBus, network: C
     assert network.healthy
 
 
+def test_no_frame_overtakes_one_that_the_driver_refused(bus: ScriptedBus, network: CanNetwork) -> None:
+    """A Controlword before its data would start a drive towards the target of an earlier task."""
+    data, control = 0x301, 0x201
+
+    def refuse(message: can.Message) -> None:
+        if message.arbitration_id == data and len(bus.taken) <= 3:
+            raise can.CanOperationError("transmit buffer full")
+
+    bus.answer = refuse
+    network.send(data, b"target")
+    network.send(control, b"start")
+    buses.wait_for(lambda: control in [message.arbitration_id for message in bus.taken], "the Controlword")
+    assert [message.arbitration_id for message in bus.taken] == [data, data, data, data, control]
+    buses.wait_for(lambda: network.send_errors, "counted")
+    assert network.send_errors == 1, "one frame, however often it was tried"
+
+
+def test_frame_that_a_driver_refuses_is_dropped_on_demand(bus: ScriptedBus, network: CanNetwork) -> None:
+    refuses, passed = [True], []
+
+    def refuse(message: can.Message) -> None:
+        if refuses:
+            raise can.CanOperationError("transmit buffer full")
+        passed.append(bytes(message.data))
+
+    bus.answer = refuse
+    network.send(0x201, b"enable")
+    buses.wait_for(lambda: network.send_errors, "refused")
+    network.drop_waiting()
+    network.send(0x201, b"stop")
+    buses.wait_for(lambda: network.send_errors == 2, "the stop is tried")
+    refuses.clear()
+    buses.wait_for(lambda: passed, "the stop")
+    assert passed == [b"stop"]
+
+
 def test_blocking_driver_does_not_block_the_loop(bus: ScriptedBus, network: CanNetwork) -> None:
     release = threading.Event()
     bus.answer = lambda _: release.wait(buses.PATIENCE_S) and None
