@@ -112,6 +112,10 @@ class CyclicEndpoint:
         """The bits of a frame whose orders, of every drive object, are all in force; None if unknown."""
         self._last_time = 0
         self._last_orders: _Orders | None = None
+        self._rival: tuple[int, _Orders | None] | None = None
+        """The newest frame of another sequence that runs beside the present one: its arrival and its orders, None in STOP."""
+        self.contradicted = False
+        """The newest loss of the PLC is that a frame of the other sequence had a stop."""
         self._looked = 0
         self._looked_before = 0
         self._late = False
@@ -240,10 +244,11 @@ class CyclicEndpoint:
             order = sequence.follow(source, counter, arrived, orders, may_connect=not self._loss_to_tell)
             if order is Order.RESTARTED:
                 self._lose()
-            if order is Order.STALE:
-                self._contradicted(data, counter, orders)
+            if order is Order.STALE or order is Order.BESIDE:
+                self._contradict(data, counter, orders, arrived, beside=order is Order.BESIDE)
+                return Verdict.STALE
             if order is not Order.NEXT:
-                return Verdict.STALE if order is Order.STALE else Verdict.UNCONFIRMED
+                return Verdict.UNCONFIRMED
             self._connect(source, orders)
         self._last_time = arrived
         self.received = data
@@ -256,13 +261,34 @@ class CyclicEndpoint:
             self._history.enter(data, sequence.elapsed_ns)
         return verdict
 
-    def _contradicted(self, data: bytes, counter: int, orders: _Orders | None) -> None:
-        """A frame is too late for the sequence. If it differs from an accepted one, that one may be the old frame."""
+    def _contradict(self, data: bytes, counter: int, orders: _Orders | None, arrived: int, *, beside: bool) -> None:
+        """A frame is too late for the sequence. If it differs from an accepted one, that one may be the old frame.
+
+        ``beside``: it is of a sequence of its own. Unless its frames are only overtaken ones, the present sequence may be the
+        old one, so a stop of either acts.
+        """
         place = self._sequence.place(counter)
-        if place is not None:
-            self._history.contradict(data, place)
+        rival = place is None or self._history.contradict(data, place)
         if self._waiting and orders != self._last_orders:
             self._doubt()
+        if beside and (rival or self._has_rival(arrived)):
+            self._rival = arrived, orders
+        if beside and rival and self._stops(orders):
+            self.contradicted = True
+            self._tell_loss()
+
+    def _has_rival(self, now: int) -> bool:
+        return self._rival is not None and now - self._rival[0] <= self._watchdog_ns
+
+    def _stops(self, orders: _Orders | None) -> bool:
+        """Whether an order, STOP or IOPS BAD stops an axis that follows the present sequence."""
+        for index, (confirmation, in_force) in enumerate(zip(self._confirmations, self._in_force, strict=True)):
+            order = None if orders is None else orders[index]
+            if in_force is not None and (
+                order is None or confirmation.orders.stopped(order, in_force, released=True) != in_force
+            ):
+                return True
+        return False
 
     def _doubt(self) -> None:
         """Orders that wait have to be confirmed from the beginning."""
@@ -327,7 +353,12 @@ class CyclicEndpoint:
     ) -> None:
         """Some order is another than the one in force: it counts now, or waits with all values of its axis."""
         sequence = self._sequence
-        is_new = self._believes or (sequence.alone and self._history.is_new(data, sequence.elapsed_ns))
+        # Nothing starts that the other sequence contradicts, and nothing before the axes have seen a loss.
+        rival = self._rival if self._has_rival(self._last_time) else None
+        disputed = self._loss_to_tell or (rival is not None and rival[1] != tuple(orders))
+        if disputed:
+            self._doubt()
+        is_new = self._believes or (not disputed and sequence.alone and self._history.is_new(data, sequence.elapsed_ns))
         self._waiting = False
         for index, (confirmation, order) in enumerate(zip(self._confirmations, orders, strict=True)):
             in_force = self._in_force[index]
@@ -357,9 +388,13 @@ class CyclicEndpoint:
             confirmation.forget()
 
     def _lose(self) -> None:
-        self.connected = False
-        self.watchdog_expiries += 1
+        self.connected = self.contradicted = False
+        self._rival = None
         self._sequence.lose()
+        self._tell_loss()
+
+    def _tell_loss(self) -> None:
+        self.watchdog_expiries += 1
         self._loss_to_tell = True
         self.lose_setpoints()
 

@@ -58,20 +58,30 @@ class FrameHistory:
             times.popleft()
             frames.popleft()
 
-    def contradict(self, data: bytes, time: int) -> None:
-        """Another frame of this time arrived late: if it differs, the content sent at that time is unknown."""
+    def contradict(self, data: bytes, time: int) -> bool:
+        """Another frame of this time arrived late: if it differs, the content sent at that time is unknown.
+
+        True: the PLC cannot have sent both. A frame that was overtaken has the command of an adjacent one.
+        """
         times, frames = self._times, self._frames
         place = bisect_right(times, time) - 1
         if place < 0:
-            return
+            return False
+        before = frames[place]
         if times[place] == time:
-            if frames[place] != data:
-                frames[place] = None
-        elif len(times) < _MOST:
+            if before == data:
+                return False
+            frames[place] = None
+            return before is not None
+        after = frames[place + 1]
+        if len(times) < _MOST:
             times.insert(place + 1, time)
             frames.insert(place + 1, None)
         else:
             self.clear()
+        if before is None or after is None:
+            return False
+        return self._order(data) not in {self._order(before), self._order(after)}
 
     def is_new(self, data: bytes, elapsed_ns: int) -> bool:
         """Whether a frame of this time cannot be a copy of one sent a turn of the counter, or two, before."""

@@ -26,6 +26,7 @@ _DATAGRAMS_AT_ONCE: Final = 64
 _WAITED_AT_MOST: Final = 10_000
 """More than a socket buffer: a flood must not delay the start."""
 _ACCEPTED: Final = Verdict.ACCEPTED
+_CONTRADICTED: Final = "frames arrive in two sequences, and one of them has a stop: the other one may be old"
 
 
 def silence(cycles: int) -> str:
@@ -206,13 +207,13 @@ class UdpLink:
 
     def poll(self, now: int) -> bool:
         expired = self.endpoint.poll(now)
-        if expired:
+        if expired and not self.endpoint.connected:
             self._listen_to(None)
         return expired
 
     @property
     def loss(self) -> str:
-        return silence(self._transport.watchdog_factor)
+        return _CONTRADICTED if self.endpoint.contradicted else silence(self._transport.watchdog_factor)
 
     def lose_setpoints(self) -> None:
         self.endpoint.lose_setpoints()

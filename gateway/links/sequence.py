@@ -4,7 +4,8 @@ Source: docs/transport.md chapter 1. The CycleCounter is a clock of 31.25 us tha
 seconds late, "newer" is not enough: its advance must fit the time that passed. ``SEQUENCE_FRAMES`` consecutive frames with this
 property make a connection. Frames outside the present sequence are followed as a possible new one, so a PLC that restarts with
 any counter is connected after the same number of frames. A sequence that ran in parallel to an older present one, and continues
-after it, is not a restart: these are old frames. Not here: the content of frames (``confirmation``).
+after it, is not a restart: these are old frames. Which of two sequences at a time is old is not known (``cyclic``). Not here:
+the content of frames (``confirmation``).
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ class Order(enum.Enum):
 
     NEXT = "in sequence, and newer than the last frame"
     STALE = "not newer, or ahead of the elapsed time"
+    BESIDE = "stale, and of another sequence that runs beside the present one"
     UNCONFIRMED = "part of another sequence that is not long enough yet"
     RESTARTED = "completes another sequence while the current one is silent"
 
@@ -154,8 +156,9 @@ class FrameSequence:
             self._followed.append(run)
         self._tell_old()
         if self._present is not None:
-            restarted = run.frames >= SEQUENCE_FRAMES and self._present.time < run.first
-            return Order.RESTARTED if restarted else Order.STALE
+            if run.frames < SEQUENCE_FRAMES:
+                return Order.STALE
+            return Order.RESTARTED if self._present.time < run.first else Order.BESIDE
         if run.old_until is not None and time < run.old_until:
             return Order.STALE
         if run.frames < SEQUENCE_FRAMES or not may_connect:
