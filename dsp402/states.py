@@ -28,6 +28,16 @@ class State(enum.Enum):
     FAULT = "Fault"
 
 
+UNPOWERED: Final = (
+    State.NOT_READY_TO_SWITCH_ON,
+    State.SWITCH_ON_DISABLED,
+    State.READY_TO_SWITCH_ON,
+    State.SWITCHED_ON,
+    State.FAULT,
+)
+"""Nothing turns the axis."""
+
+
 @dataclass(frozen=True, slots=True)
 class StatePattern:
     """Statusword bits of a state: ``word & mask == value``."""

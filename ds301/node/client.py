@@ -71,6 +71,10 @@ class NodeClient(abc.ABC, Generic[S]):
         self.network = network
         self.sdo = ConfiguringAccess(network.loop, settings.node_id, dictionary, self.kind)
         """Access to its objects, in its task."""
+        self.command: Callable[[int, int, bytes], None] = self.sdo.write
+        """In a job: SDO write of a value that the owner commands: index, subindex and data."""
+        self.write_for_client: Callable[[int, int, bytes], None] = self.sdo.write
+        """The same for a parameter client."""
         self.settings = settings
         self.layout = layout
         """The objects to transfer, with their preferred PDOs."""
@@ -190,14 +194,6 @@ class NodeClient(abc.ABC, Generic[S]):
         future = self._jobs.add(lambda: job(self))
         self._wake.set()
         return future
-
-    def command(self, index: int, subindex: int, data: bytes) -> None:
-        """In a job: SDO write of a value that the owner commands."""
-        self.sdo.write(index, subindex, data)
-
-    def write_for_client(self, index: int, subindex: int, data: bytes) -> None:
-        """In a job: SDO write that a parameter client asks for."""
-        self.sdo.write(index, subindex, data)
 
     def stop(self) -> None:
         """NMT pre-operational and end of the task. The caller must have stopped the device before."""

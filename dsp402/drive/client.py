@@ -59,7 +59,7 @@ from pdgw.dsp402.objects import (
 )
 from pdgw.dsp402.pdo.layouts import interpolated
 from pdgw.dsp402.pdo.mapping import DriveMapping
-from pdgw.dsp402.states import Command, FaultReset, State, state_of
+from pdgw.dsp402.states import UNPOWERED, Command, FaultReset, State, state_of
 from pdgw.dsp402.units.scaling import SCALING_OBJECTS
 from pdgw.dsp402.units.unit_watch import UnitWatch
 from pdgw.durations import MS, US_PER_MS
@@ -128,6 +128,8 @@ class DriveClient(NodeClient[DriveSettings]):
         """Reads its units, and its position if no TPDO contains it."""
         self.own_values = OwnValueKeeper(self._read_if_present, sdo.write, self._tell)
         """The drive's values of limits and ramps that the gateway overwrites."""
+        self.command = self.own_values.write
+        self.write_for_client = self._write_for_client
         self._is_off = False
         """The drive was without power when it was found."""
 
@@ -166,21 +168,22 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def learn(self) -> DriveType:
         """Read the type of the drive again (in its task) and store it in ``drive_type``."""
-        answers: dict[tuple[int, int], int] = {}
+        self._read_device()
+        self._compare_identity()
+        return self._describe()
+
+    def _describe(self) -> DriveType:
+        answers = dict(zip((IDENTITY_VENDOR, IDENTITY_PRODUCT), self._device, strict=True))
         ignored = self.settings.units.ignored_unit_objects if self.settings.units is not None else ()
         for address in questions(self.sdo.dictionary):
+            if address in answers:
+                continue
             if address == MAX_TORQUE and (own := self.own_values.value(address)) is not None:
                 answers[address] = own  # the drive reports what the gateway wrote
                 continue
             try:
                 answers[address] = self.sdo.read_number(*address, signed=signed(self.sdo.dictionary, address))
             except SdoAbortedError as error:
-                if address == IDENTITY_VENDOR or (address == IDENTITY_PRODUCT and error.code not in NOT_THERE):
-                    raise Dsp402Error(
-                        f"node {self.settings.node_id} object {address[0]:04X}h/{address[1]}",
-                        abort_text(error.code),
-                        "an object that can be read (every device has it)",
-                    ) from error
                 if address in _UNITS_AND_LIMITS and address[0] not in ignored and error.code not in NOT_THERE:
                     raise Dsp402Error(
                         f"node {self.settings.node_id} object {address[0]:04X}h/{address[1]}",
@@ -189,8 +192,6 @@ class DriveClient(NodeClient[DriveSettings]):
                     ) from error
                 if address in OPTIONAL_OBJECTS and error.code not in NOT_THERE:
                     answers[address] = 0  # the drive has the object, and keeps its own value unless it is written
-        self._device = answers.get(IDENTITY_VENDOR, 0), answers.get(IDENTITY_PRODUCT, 0)
-        self._compare_identity(self._device)
         self.drive_type = describe(self.sdo.dictionary, answers, self.settings.units, self.settings.family)
         self.units.watch = UnitWatch(answers)
         return self.drive_type
@@ -215,24 +216,27 @@ class DriveClient(NodeClient[DriveSettings]):
         return self.feedback
 
     def _identify(self, device_type: int) -> None:
-        is_drive = profile_of(device_type) == DRIVE_PROFILE
-        if is_drive:
+        if profile_of(device_type) == DRIVE_PROFILE:
             self._make_safe()
-        if is_drive and self.settings.eds is None:
-            identity = self.sdo.require(*IDENTITY_VENDOR), self.sdo.require(*IDENTITY_PRODUCT)
-            if self._identity is None:
-                self.sdo.dictionary = dictionary_of(
-                    self.settings.node_id, self._read_if_present, *identity, self.settings.family
-                )
-                self._identity = identity
-            self._compare_identity(identity)
+            self._read_device()
+            if self.settings.eds is None:
+                if self._identity is None:
+                    self.sdo.dictionary = dictionary_of(
+                        self.settings.node_id, self._read_if_present, *self._device, self.settings.family
+                    )
+                    self._identity = self._device
+                self._compare_identity()
+                return
         super()._identify(device_type)
 
-    def _compare_identity(self, identity: tuple[int, int]) -> None:
-        if self._identity is not None and identity != self._identity:
+    def _read_device(self) -> None:
+        self._device = self.sdo.require(*IDENTITY_VENDOR), self._read_optional(*IDENTITY_PRODUCT)
+
+    def _compare_identity(self) -> None:
+        if self._identity is not None and self._device != self._identity:
             raise Dsp402Error(
                 f"node {self.settings.node_id} vendor-ID and product code 1018h",
-                "{:08X}h, {:08X}h".format(*identity),
+                "{:08X}h, {:08X}h".format(*self._device),
                 "{:08X}h, {:08X}h as at the first start".format(*self._identity),
             )
 
@@ -262,12 +266,11 @@ class DriveClient(NodeClient[DriveSettings]):
             return None if error.code in NOT_THERE else b""
 
     def _make_plan(self, found: Mapping[int, int]) -> PdoPlan:
-        if self.own_values:
-            identity = self.sdo.require(*IDENTITY_VENDOR), self._read_optional(*IDENTITY_PRODUCT)
-            self.own_values.identify((*identity, self._read_optional(*IDENTITY_SERIAL)))
-            carried = {entry.address for pdo in self.layout.rpdos for entry in pdo.entries}
-            self.own_values.carry(carried, off=self._is_off)
-        self._mapping.survey(self.learn(), found)
+        self.serial_number = self._read_optional(*IDENTITY_SERIAL)
+        self.own_values.identify((*self._device, self.serial_number))
+        carried = {entry.address for pdo in self.layout.rpdos for entry in pdo.entries}
+        self.own_values.carry(carried, off=self._is_off)
+        self._mapping.survey(self._describe(), found)
         return self._planned()
 
     def _plan_without(self, plan: PdoPlan, step: SdoStep, error: SdoAbortedError) -> PdoPlan | None:
@@ -312,8 +315,6 @@ class DriveClient(NodeClient[DriveSettings]):
         for entry in self.rpdos.written_entries:
             if entry.address not in self.own_values:
                 self.sdo.require(*entry.address)
-        self.serial_number = self._read_optional(*IDENTITY_SERIAL)
-        self.own_values.identify((*self._device, self.serial_number))
         for entry in self.rpdos.entries:
             if entry.attribute in _LIMITS_AND_RAMPS:
                 self.own_values.overwrite(entry.address)
@@ -328,11 +329,8 @@ class DriveClient(NodeClient[DriveSettings]):
                 raise
             return 0
 
-    def command(self, index: int, subindex: int, data: bytes) -> None:
-        self.own_values.write((index, subindex), data)
-
-    def write_for_client(self, index: int, subindex: int, data: bytes) -> None:
-        """The drive stores its own values (1010h), not those of the RPDOs, which are not sent meanwhile. What it restores
+    def _write_for_client(self, index: int, subindex: int, data: bytes) -> None:
+        """The drive stores its own values (1010h), not those of the RPDOs: such an RPDO is not sent meanwhile. What it restores
         (1011h), and what a client writes, is its own.
         """
         if index not in {STORE_PARAMETERS, RESTORE_PARAMETERS}:
@@ -340,7 +338,7 @@ class DriveClient(NodeClient[DriveSettings]):
             self.own_values.forget((index, subindex))
             return
         restores = index == RESTORE_PARAMETERS
-        self._sending = False
+        self._sending = not restores and self.rpdos.pause(self.own_values)
         try:
             if restores:
                 self.sdo.write(index, subindex, data)
@@ -354,14 +352,18 @@ class DriveClient(NodeClient[DriveSettings]):
             self.rpdos.repeat()
 
     def write_back(self) -> None:
-        """In a job, before the end: send no RPDO any more, and write back what they have overwritten of a drive without power.
+        """In a job, before the end: send no RPDO any more, and write back what they have overwritten of a drive without torque.
 
         What fails is kept for the next process.
         """
         self._sending = False
-        if state_of(self.sdo.read_number(*STATUSWORD)) in _OFF:
+        state = state_of(self.sdo.read_number(*STATUSWORD))
+        if state in UNPOWERED:
             self.own_values.write_back()
             self.own_values.commit()
+        else:
+            shown = "an unknown state" if state is None else state.value
+            self._tell("status", f"in {shown}: the drive's own values are not written back; the next start does it")
 
     def _configure_guarding(self, drive: DriveType) -> None:
         settings = self.settings

@@ -19,6 +19,8 @@ from pdgw.dsp402.objects import MAX_TORQUE
 
 _COMMANDED_BY_SDO: Final = frozenset({MAX_TORQUE, (HOMING_SPEEDS, 1), (HOMING_SPEEDS, 2)})
 """Objects that the gateway commands by SDO in operation, and other telegrams leave to the drive."""
+_MOST: Final = 16
+"""Values kept as written by the gateway: the drive has one of the last two. The others save writes of the store."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +34,7 @@ class OwnValue:
     value: int
     """The drive's own."""
     written: tuple[int, ...] | None = None
-    """Values that the gateway has written by SDO; None for an object in an RPDO, which may have any value."""
+    """Values that the gateway has written by SDO, the newest last; None for an object in an RPDO, which may have any value."""
 
     @property
     def address(self) -> ObjectAddress:
@@ -91,7 +93,7 @@ class OwnValueKeeper:
     def __bool__(self) -> bool:
         return bool(self._values)
 
-    def __contains__(self, address: ObjectAddress) -> bool:
+    def __contains__(self, address: object) -> bool:
         return address in self._values
 
     def value(self, address: ObjectAddress) -> int | None:
@@ -140,7 +142,8 @@ class OwnValueKeeper:
                 continue
             data = self._read(*kept.address)
             if data == b"":
-                continue  # not known now: kept for the next start
+                self._tell("status", f"{kept.text(kept.value)} is not written back: it cannot be read now")
+                continue
             shown = int.from_bytes(data or b"", "little")
             if data is None or shown == kept.value:
                 text = ""  # the drive has its own value, or lacks the object now
@@ -181,15 +184,24 @@ class OwnValueKeeper:
         elif data is not None:
             self._tell("status", f"{address[0]:04X}h cannot be read now: its own value is not kept")
 
-    def write(self, address: ObjectAddress, data: bytes) -> None:
+    def write(self, index: int, subindex: int, data: bytes) -> None:
         """Write an object by SDO in operation; its own value is saved before."""
+        address = index, subindex
         value, kept = int.from_bytes(data, "little"), self._values.get(address)
         if kept is None and address in _COMMANDED_BY_SDO and (own := self._read(*address)):
             kept = OwnValue(*address, len(own), int.from_bytes(own, "little"), ())
-        if kept is not None and value != kept.value and not kept.replaced_by(value):
-            self._values[address] = replace(kept, written=(*(kept.written or ()), value))
+        if kept is None or kept.written is None or value == kept.value:
+            self._write(*address, data)
+            return
+        others = [item for item in kept.written if item != value][1 - _MOST :]
+        self._values[address] = replace(kept, written=(*others, value))
+        if value not in kept.written:
             self.commit()
-        self._write(*address, data)
+        try:
+            self._write(*address, data)
+        except SdoAbortedError:
+            self._values[address] = replace(kept, written=(value, *others))  # the drive has the value of before
+            raise
 
     def commit(self) -> None:
         """Save what has changed."""

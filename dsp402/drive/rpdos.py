@@ -7,14 +7,14 @@ layouts"). Nothing here waits; ``write`` is called in the node's task.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from typing import Final
 
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.node.plan import PdoPlan
-from pdgw.ds301.objects import Entry
+from pdgw.ds301.objects import Entry, ObjectAddress
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.drive.mode_check import ModeCheck
@@ -82,6 +82,8 @@ class RpdoSender:
         self.has_turn = False
         self.all_sent = True
         self._data_senders: list[_Sender] = []
+        self._paused: list[_Sender] = []
+        """All of them during a pause."""
         self._starts_early = False
         """The Controlword is not the last object of its RPDO: the drive may process it before the data after it."""
         self._set_point_sent = False
@@ -105,8 +107,20 @@ class RpdoSender:
         # Each object takes one timeout at most, and so does the worker's previous job.
         self._hold_limit_ns = (1 + len(self.written_entries)) * sdo_timeout_ns
 
+    def pause(self, addresses: Container[ObjectAddress]) -> bool:
+        """Until ``repeat``, send no RPDO with one of these objects. False if the one with the Controlword has one."""
+        carrying = [
+            sender
+            for sender in (*self._data_senders, self.control)
+            if any(entry.address in addresses for entry in sender.pdo.entries)
+        ]
+        self._paused = self._data_senders
+        self._data_senders = [sender for sender in self._data_senders if sender not in carrying]
+        return self.control not in carrying
+
     def repeat(self) -> None:
         """Objects of the drive have been overwritten: send and write everything again."""
+        self._data_senders, self._paused = self._paused or self._data_senders, []
         for sender in (*self._data_senders, self.control):
             sender.last = b""
         for values in self.written:

@@ -11,7 +11,7 @@ from typing import Final
 from pdgw.ds301.errors import CanopenError
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveType, Quantity
-from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
+from pdgw.dsp402.states import STATE_OF_STATUS, UNPOWERED, State, StatusBit
 from pdgw.gateway.axis.adapters.base import POWER_BITS, WISHES
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.claims import claims
@@ -43,7 +43,6 @@ from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
 from pdgw.gateway.axis.supervision.drive_events import (
     FAULTY,
     POWERED,
-    UNPOWERED,
     WATCHED,
     Acknowledgement,
     DriveWatch,

@@ -17,6 +17,7 @@ import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.aborts import Abort
+from pdgw.ds301.communication import RESTORE_PARAMETERS
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.objects import CanType
@@ -150,7 +151,8 @@ class ObjectAccess:
     def write(self, index: int, subindex: int, data: bytes, context: RequestContext) -> None:
         """SDO download; refused if it would change a guarded object of a powered axis. The copies of the gateway follow.
 
-        If a copy cannot be read again, the node is started again: its references are unknown until then.
+        If a copy cannot be read again, the node is started again: its references are unknown until then. A node that has
+        restored its parameters (1011h) is restarted.
         """
         owner = self.owner
         what = f"write {index:04X}h/{subindex}"
@@ -183,6 +185,8 @@ class ObjectAccess:
                     client.unhold(check=configures or stale)
 
         self.run(job, what, context.deadline)
+        if index == RESTORE_PARAMETERS:
+            owner.reset_node()  # until then it shows what the gateway wrote
         if reads_again:
             owner.references_changed()
 

@@ -337,7 +337,6 @@ class NodeObject(BoundObject):
             self._replace_stored(before.model_copy(update={"own_values": self._stored.own_values}))
             raise
         self.owner.set_sign_of_life_tolerance(self._stored.sign_of_life_tolerance)
-        self.owner.reset_node()
 
     def _replace_stored(self, parameters: DoParameters) -> None:
         _store_is_saved(self.daemon, lambda stored: stored.objects.update({self.do_id: parameters}))

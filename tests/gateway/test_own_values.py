@@ -12,16 +12,22 @@ from pathlib import Path
 import pytest
 from canopen.sdo import SdoAbortedError
 
+from pdgw.ds301.communication import LOAD_SIGNATURE
 from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.nmt import NmtCommand
-from pdgw.dsp402.drive.own_values import OwnValues
+from pdgw.dsp402.drive.client import DriveClient
+from pdgw.dsp402.drive.own_values import OwnValueKeeper, OwnValues
 from pdgw.dsp402.identification.describe import OPTIONAL_OBJECTS, questions
 from pdgw.dsp402.identification.generic import generic_dictionary
 from pdgw.dsp402.pdo.layouts import LAYOUTS
+from pdgw.dsp402.states import State, state_of
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.store import ParameterStore
+from pdgw.peers.drive import SimulatedDrive, shape
 from pdgw.peers.node.node import Value
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from tests.support.gateways.daemon import (
     OFF,
     SIMULATED_POSITIONER,
@@ -437,3 +443,141 @@ def test_a_value_that_a_client_writes_is_the_drives_own(site: Site) -> None:
         done.result()
         assert drive_of(plc.daemon).node.read(0x6099, 1) == 100
         assert (0x6099, 1) not in {item.address for item in site.kept().values}
+
+
+def switch_off(plc: Plc) -> None:
+    plc.endpoint.set(0, {"STW1": OFF})
+    plc.until(lambda: not plc.daemon.axes[0].powered, "off")
+
+
+def test_what_a_drive_restores_by_a_raw_write_is_its_own(site: Site) -> None:
+    site.shown = {MAX_TORQUE: 1200}
+    with site.gateway(speed(102)) as plc:
+        reduce(plc)
+        switch_off(plc)
+        drive = plc.daemon.axes[0].drive
+        with exchanging(plc), client(plc.daemon, record_server(plc.daemon).address, 1) as parameters:
+            answers = parameters.request(
+                [ParameterAddress(0x1011, 1, 1)], [Values(DataType.UNSIGNED32, (LOAD_SIGNATURE,))]
+            )
+            assert not answers[0].failed
+        for _ in range(2):
+            generation = drive.generation
+            plc.until(lambda before=generation: drive.generation > before, "a drive online again")  # type: ignore[misc]
+            drive_of(plc.daemon).do(lambda item: item.restart())  # the engineer's reset
+        generation = drive.generation
+        plc.until(lambda: drive.generation > generation, "online after the reset")
+        assert drive.drive_type is not None
+        assert drive.drive_type.max_torque == FACTORY
+        plc.until(lambda: torque(plc) == FACTORY // 2, "half of the restored torque")
+
+
+@pytest.mark.parametrize("operates", [False, True])
+def test_own_values_are_written_back_without_torque_only(
+    site: Site, caplog: pytest.LogCaptureFixture, operates: bool
+) -> None:
+    caplog.set_level(logging.INFO)
+    site.shown = {ACCELERATION: 777}
+    with site.gateway(clamping()) as plc:
+        press(plc)
+        drive, node = plc.daemon.axes[0].drive, drive_of(plc.daemon).node
+        if not operates:
+            plc.endpoint.set(0, {"STW1": GO & ~0x8})
+            plc.until(lambda: state_of(drive.feedback.statusword) is State.SWITCHED_ON, "switched on")
+        done = drive.submit(DriveClient.write_back)
+        plc.until(done.done, "written back")
+        done.result()
+        assert (node.read(*ACCELERATION) == 777) is not operates
+        told = "in Operation Enabled: the drive's own values are not written back"
+        plc.until(lambda: not operates or told in caplog.text, "a line in the log")
+
+
+def test_an_own_value_that_cannot_be_read_is_named(
+    site: Site, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    caplog.set_level(logging.INFO)
+    with site.gateway(clamping()) as plc:
+        press(plc)
+        switch_off(plc)
+        refuse(plc, "get_data", ACCELERATION, 1, monkeypatch)
+    assert "is not written back: it cannot be read now" in caplog.text
+
+
+def keeper(shown: dict[tuple[int, int], int]) -> OwnValueKeeper:
+    def set_value(index: int, subindex: int, data: bytes) -> None:
+        if data == bytes(2):
+            raise SdoAbortedError(0x06090030)
+        shown[index, subindex] = int.from_bytes(data, "little")
+
+    return OwnValueKeeper(lambda *address: shown[address].to_bytes(2, "little"), set_value, lambda *_: None)
+
+
+def test_number_of_values_that_count_as_written_is_limited() -> None:
+    shown = {MAX_TORQUE: 1000}
+    values = keeper(shown)
+    saved: list[OwnValues] = []
+    values.save = lambda item: not saved.append(item)  # type: ignore[func-returns-value]
+    for value in range(1, 900):
+        values.write(*MAX_TORQUE, value.to_bytes(2, "little"))
+        (kept,) = saved[-1].values
+        assert kept.written is not None
+        assert len(kept.written) <= 16
+        assert value in kept.written
+    count = len(saved)
+    for value in (890, 899, 890):
+        values.write(*MAX_TORQUE, value.to_bytes(2, "little"))
+    assert len(saved) == count, "the store is not written for values that it has"
+    values.write_back()
+    assert shown[MAX_TORQUE] == 1000
+
+
+def test_values_that_a_drive_refuses_do_not_replace_the_one_it_has() -> None:
+    shown = {MAX_TORQUE: 1000}
+    values = keeper(shown)
+    values.write(*MAX_TORQUE, (250).to_bytes(2, "little"))
+    for _ in range(100):
+        with pytest.raises(SdoAbortedError):
+            values.write(*MAX_TORQUE, bytes(2))
+    values.write_back()
+    assert shown[MAX_TORQUE] == 1000
+
+
+def test_identity_and_serial_number_are_read_once_at_a_start(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    with site.gateway(clamping()) as plc:
+        press(plc)
+        switch_off(plc)
+        drive, node = plc.daemon.axes[0].drive, drive_of(plc.daemon).node
+        assert drive.own_values
+        get, read = node.get_data, list[tuple[int, int]]()
+
+        def counting(index: int, subindex: int, *args: object, **options: object) -> bytes:
+            read.append((index, subindex))
+            return get(index, subindex, *args, **options)  # type: ignore[arg-type]
+
+        monkeypatch.setattr(node, "get_data", counting)
+        generation = drive.generation
+        drive_of(plc.daemon).do(lambda item: item.restart())
+        plc.until(lambda: drive.generation > generation, "online again")
+        assert [read.count((0x1018, subindex)) for subindex in (1, 2, 4)] == [1, 1, 1]
+
+
+def test_a_drive_guarded_by_its_rpdo_has_no_fault_while_it_stores(site: Site) -> None:
+    drives: list[SimulatedDrive] = []
+
+    def prepare(daemon: Daemon) -> None:
+        drives.append(world_of(daemon).drive("world", 1, shape=shape("rpdo-timeout")))
+
+    with running(configuration(axis(1, telegram_number=102, more="")), prepare) as daemon:
+        plc, axis_1 = Plc(daemon, [102]), daemon.axes[0]
+        plc.enable()
+        plc.endpoint.set(0, REDUCED)
+        switch_off(plc)
+        guarding = axis_1.drive.guarding
+        assert guarding is not None
+        assert guarding.rpdos
+        faults = len(axis_1.faults)
+        plc.until(lambda: axis_1.drive.own_values, "own values")
+        drives[0].do(lambda node: node.misbehave("slow-sdo", delay_ms=250))
+        with exchanging(plc), client(daemon, record_server(daemon).address, 1) as parameters:
+            assert not write(parameters, 971, word(1)).failed
+        assert list(axis_1.faults)[faults:] == []

@@ -42,14 +42,6 @@ _VALUE_BYTES: Final = 4
 FAULTY: Final = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 """The power stage is on."""
-UNPOWERED: Final = (
-    State.NOT_READY_TO_SWITCH_ON,
-    State.SWITCH_ON_DISABLED,
-    State.READY_TO_SWITCH_ON,
-    State.SWITCHED_ON,
-    State.FAULT,
-)
-"""Nothing turns the axis."""
 WATCHED: Final = STATE_MASK | StatusBit.INTERNAL_LIMIT
 """Statusword bits whose changes are reported."""
 _DISABLED: Final = (State.SWITCHED_ON, State.READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED)
