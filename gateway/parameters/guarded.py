@@ -74,11 +74,24 @@ GUARDED: tuple[GuardedRange, ...] = (
     GuardedRange(
         indices.ABORT_OPTION, indices.ABORT_OPTION, "reaction of the drive when the gateway dies", Check.CONFIGURATION
     ),
+    GuardedRange(indices.VL_MIN_MAX, indices.VL_MIN_MAX, "speed limits: value of 100 %", Check.REFERENCES),
+    GuardedRange(
+        indices.VL_SETPOINT_FACTOR,
+        indices.VL_DIMENSION_FACTOR,
+        "factors of velocity mode: meaning of every speed",
+        Check.REFERENCES,
+    ),
     GuardedRange(
         indices.QUICK_STOP_OPTION,
         indices.FAULT_REACTION_OPTION,
         "reaction to quick stop, shutdown, disable, Halt and faults",
         Check.NOTHING,
+    ),
+    GuardedRange(
+        indices.POSITION_RANGE_LIMIT,
+        indices.POSITION_RANGE_LIMIT,
+        "range of positions: value of 100 %",
+        Check.REFERENCES,
     ),
     GuardedRange(indices.POLARITY, indices.POLARITY, "polarity: sign of every value", Check.NOTHING),
     GuardedRange(
@@ -91,15 +104,15 @@ GUARDED: tuple[GuardedRange, ...] = (
         Check.REFERENCES,
     ),
     GuardedRange(
-        indices.POSITION_ENCODER_RESOLUTION,
+        indices.POSITION_NOTATION,
         indices.ACCELERATION_FACTOR,
-        "resolutions, ratios and factors: meaning of every value",
+        "units, resolutions, ratios and factors: meaning of every value",
         Check.REFERENCES,
     ),
     GuardedRange(
         indices.SI_UNIT_POSITION,
-        indices.SI_UNIT_VELOCITY,
-        "units of position and velocity: meaning of every value",
+        indices.SI_UNIT_ACCELERATION,
+        "units of position, velocity and acceleration: meaning of every value",
         Check.REFERENCES,
     ),
     GuardedRange(indices.MAX_DECELERATION, indices.MAX_DECELERATION, "maximum deceleration: braking", Check.REFERENCES),

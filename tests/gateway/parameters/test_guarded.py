@@ -13,6 +13,8 @@ from canopen.sdo import SdoAbortedError, SdoCommunicationError
 from pdgw.client.udp import ParameterClient
 from pdgw.ds301.loop.jobs import settle
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
+from pdgw.dsp402.units.mechanics import UNIT_OBJECTS
+from pdgw.dsp402.units.velocity import VL_FACTORS
 from pdgw.gateway.parameters.guarded import GUARDED, Check, guard_of
 from pdgw.gateway.parameters.objects import ObjectAccess, RequestContext
 from pdgw.profidrive.datatypes import DataType
@@ -45,7 +47,7 @@ GUARDED_INDICES = (
 )
 
 
-@pytest.mark.parametrize("index", GUARDED_INDICES)
+@pytest.mark.parametrize("index", [*GUARDED_INDICES, *sorted({*UNIT_OBJECTS, *VL_FACTORS}), 0x6046, 0x607B])
 def test_what_stops_guards_or_scales_an_axis_is_guarded(index: int) -> None:
     assert guard_of(index) is not None
 
