@@ -198,7 +198,11 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _units_changed(self, text: str) -> None:
         self._tell("units", text)
-        self.learn()
+        try:
+            self.learn()
+        except Exception:
+            self.unhold(check=True)  # the bring-up reads them
+            raise
         self._tell("references", "reads its units again")
 
     @property

@@ -80,6 +80,35 @@ def test_acknowledged_axis_needs_off_and_on_and_is_checked_again() -> None:
         plc.until(lambda: daemon.axes[0].outputs.reason is Reason.UNITS_CONTRADICTED, "stopped again")
 
 
+def test_units_that_could_not_be_read_again_are_read_before_the_next_start() -> None:
+    tenths = Law(0.1, objects={**_OBJECTS, (0x60A9, 0): 0xFFB4_4700})
+    with running(configuration(axis(1, more=""))) as daemon:
+        drive = OwnLawDrive(world_of(daemon), "world", 1, tenths)
+        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        plc = Plc(daemon, [1])
+        plc.enable()
+        plc.endpoint.set(0, {"NSOLL_A": 0x0100})
+        plc.until(lambda: abs(drive.node.rpm - 3000 / 64) < 1, "the speed that was asked for")
+        drive.do(lambda node: node.misbehave("slow-sdo", delay_ms=10))
+        drive.do(lambda node: node.values.__setitem__((0x60A9, 0), _OBJECTS[0x60A9, 0]))
+        drive.do(lambda node: setattr(node, "rpm_per_unit", 1.0))
+        plc.until(lambda: daemon.axes[0].faults, "the fault")
+        drive.do(lambda node: node.misbehave("sdo-timeout"))
+        for _ in range(2):
+            _for_a_second(plc)
+        drive.do(lambda node: node.behave())
+        for _ in range(2):
+            _for_a_second(plc)
+        for word in (ON | ACKNOWLEDGE, OFF):
+            plc.endpoint.set(0, {"STW1": word})
+            _for_a_second(plc)
+        plc.enable()
+        drive.do(lambda node: setattr(node, "fastest", 0.0))
+        _for_a_second(plc)
+        assert drive.node.fastest == pytest.approx(3000 / 64, rel=0.02)
+        assert drive.node.rpm == pytest.approx(3000 / 64, rel=0.02)
+
+
 @pytest.mark.parametrize("delay_ms", [60, 180])
 def test_slow_sdo_answers_make_the_check_slower_and_not_blind(delay_ms: int) -> None:
     """The drive has no TPDO with 6064h. A step is five times as long as an answer, and four steps count."""
