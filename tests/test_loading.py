@@ -74,7 +74,7 @@ _HEAVY = {
         "pyarrow",
         "scapy",
     ),
-    *("starlette", "uvicorn", "yaml"),
+    *("starlette", "uvicorn", "xml.etree.ElementTree", "yaml"),
 }
 _OF_COMMANDS = (
     *(
@@ -82,11 +82,13 @@ _OF_COMMANDS = (
         "pdgw.dsp402.drive",
         "pdgw.gateway.axis",
         "pdgw.gateway.configuration.config",
+        "pdgw.gateway.configuration.tables.positioner",
         "pdgw.gateway.daemon",
     ),
     *(
         "pdgw.gateway.links.udp",
-        "pdgw.gateway.motion.positioner",
+        "pdgw.gateway.motion",
+        "pdgw.gateway.reasons",
         "pdgw.peers",
         "pdgw.profinet.device",
         "pdgw.web",

@@ -24,14 +24,14 @@ from pdgw.gateway.axis.telegrams import (
     drive_layout,
     initial_mode,
 )
-from pdgw.gateway.configuration.tables.defaults import USUAL_CYCLE_MS
-from pdgw.gateway.configuration.tables.positioner import SIMULATED, PositionerConfig
+from pdgw.gateway.configuration.tables.defaults import SIMULATED_KEYS, USUAL_CYCLE_MS
+from pdgw.gateway.configuration.tables.positioner import PositionerConfig
 from pdgw.gateway.motion.dsc import DscChoices, DscForm
 
 _USUAL = AxisSettings(
     dsc=DscChoices(DscForm.SPEED, following_window=1),
     cycle_ns=USUAL_CYCLE_MS * MS,
-    positioner=PositionerConfig.model_validate(SIMULATED).choices(()),
+    positioner=PositionerConfig.model_validate(SIMULATED_KEYS).choices(()),
 )
 """For telegrams that need keys of the configuration, where there is none yet."""
 

@@ -15,8 +15,7 @@ from pdgw.gateway.axis.telegrams import (
     SPEED_TELEGRAM_NUMBERS,
 )
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.configuration.tables.defaults import SIMULATED_ENCODER_TELEGRAM
-from pdgw.gateway.configuration.tables.positioner import SIMULATED, SIMULATED_BLOCKS
+from pdgw.gateway.configuration.tables.defaults import SIMULATED_BLOCKS, SIMULATED_ENCODER_TELEGRAM, SIMULATED_KEYS
 from pdgw.gateway.errors import GatewayError
 
 
@@ -48,7 +47,11 @@ def simulated(
         "axis": [
             {"do_id": n, "node_id": n, "telegram": number, "simulate": True, "tpdo_event_ms": 2000}
             | _SIMULATED_TIMES
-            | ({"positioner": SIMULATED, "block": SIMULATED_BLOCKS} if number in POSITIONER_TELEGRAM_NUMBERS else {})
+            | (
+                {"positioner": SIMULATED_KEYS, "block": SIMULATED_BLOCKS}
+                if number in POSITIONER_TELEGRAM_NUMBERS
+                else {}
+            )
             | (_SIMULATED_JOG if number in SPEED_TELEGRAM_NUMBERS else {})
             | ({"dsc": "position", "following_window": 4096} if number in DSC_TELEGRAM_NUMBERS else {})
             | ({"g2": "drive"} if number in SECOND_SENSOR_NUMBERS else {})

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from pdgw.gateway.configuration.tables.positioner import SIMULATED, SIMULATED_BLOCKS
+from pdgw.gateway.configuration.tables.defaults import SIMULATED_BLOCKS, SIMULATED_KEYS
 from pdgw.peers.option_values import ENGEL, SYNCHRONOUS
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT
 
@@ -138,7 +138,7 @@ CHAPTERS: Final[Mapping[str, Chapter]] = {
             "positioner",
             "telegram 111: jog, homing, MDI with continuous update, override, traversing blocks, software limit",
             _SCENARIOS / "demo-positioner.yaml",
-            ({"telegram": 111, "positioner": {**SIMULATED, "software_limits": [-20_000, 90_000]}},),
+            ({"telegram": 111, "positioner": {**SIMULATED_KEYS, "software_limits": [-20_000, 90_000]}},),
             (
                 _panel(111, "position", "LU", 1, _scaled("MDI_TARPOS", wanted=True), _scaled("XIST_A")),
                 _panel(111, "speed", "rpm", 1, _scaled("NIST_B", _N4)),

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any
-from xml.etree import ElementTree
 
 import typer
 
@@ -73,6 +72,8 @@ class Report:
 
     def junit(self) -> str:
         """Format JUnit XML: one suite, a test case for each check, facts and figures as properties."""
+        from xml.etree import ElementTree  # noqa: PLC0415 (the help of a command needs none)
+
         suite = ElementTree.Element(
             "testsuite",
             name=_plain(self.title),

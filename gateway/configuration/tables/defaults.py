@@ -11,6 +11,30 @@ WATCHDOG_FACTOR: Final = 3
 """Cycles without a frame until the PLC is lost, unless the user chooses otherwise."""
 WATCHDOG_FACTOR_MAX: Final = 255
 SIMULATED_ENCODER_TELEGRAM: Final = 83
+SIMULATED_KEYS: Final = {
+    "lu_per_revolution": 10_000,
+    "max_velocity": 30_000,
+    "max_acceleration": 1000,
+    "max_deceleration": 1000,
+    "position_window": 20,
+    "jog_1_velocity": -3000,
+    "jog_2_velocity": 3000,
+    "lu_per_unit": 1000,
+    "velocity_per": "minute",
+    "jog_1_distance": 2500,
+    "jog_2_distance": 5000,
+    "software_limits": (-1_000_000, 1_000_000),
+    "homing_method": 35,
+}
+"""[axis.positioner] of the simulated drives of ``pdgw run --simulate``."""
+SIMULATED_BLOCKS: Final[tuple[dict[str, int | str], ...]] = (
+    {"number": 1, "position": 20_000, "velocity": 6000, "next": "flying"},
+    {"number": 2, "position": 50_000, "velocity": 12_000, "next": "external"},
+    {"number": 3, "task": "wait", "value": 300, "next": "continue-with-stop"},
+    {"number": 4, "position": 60_000, "velocity": 3000, "next": "external"},
+    {"number": 5, "position": 0, "velocity": 15_000},
+)
+"""A chain: one setpoint on the fly, a pause when the PLC says so, a slow way, and back when the PLC says so again."""
 
 
 class Trigger(StrEnum):

@@ -148,29 +148,3 @@ class PositionerConfig(BaseModel):
     def has_unit(self) -> bool:
         """Whether the keys for telegram 112 are set."""
         return self.lu_per_unit is not None and self.velocity_per is not None
-
-
-SIMULATED = {
-    "lu_per_revolution": 10_000,
-    "max_velocity": 30_000,
-    "max_acceleration": 1000,
-    "max_deceleration": 1000,
-    "position_window": 20,
-    "jog_1_velocity": -3000,
-    "jog_2_velocity": 3000,
-    "lu_per_unit": 1000,
-    "velocity_per": "minute",
-    "jog_1_distance": 2500,
-    "jog_2_distance": 5000,
-    "software_limits": (-1_000_000, 1_000_000),
-    "homing_method": 35,
-}
-"""Values for the simulated drives of ``pdgw run --simulate``."""
-SIMULATED_BLOCKS: tuple[dict[str, int | str], ...] = (
-    {"number": 1, "position": 20_000, "velocity": 6000, "next": "flying"},
-    {"number": 2, "position": 50_000, "velocity": 12_000, "next": "external"},
-    {"number": 3, "task": "wait", "value": 300, "next": "continue-with-stop"},
-    {"number": 4, "position": 60_000, "velocity": 3000, "next": "external"},
-    {"number": 5, "position": 0, "velocity": 15_000},
-)
-"""A chain: one setpoint on the fly, a pause when the PLC says so, a slow way, and back when the PLC says so again."""

@@ -12,7 +12,8 @@ from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.gateway.axis.required_scaling import needed_quantities
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.commissioning.telegram_check import lacks
-from pdgw.gateway.configuration.tables.positioner import SIMULATED, PositionerConfig
+from pdgw.gateway.configuration.tables.defaults import SIMULATED_KEYS
+from pdgw.gateway.configuration.tables.positioner import PositionerConfig
 from pdgw.profidrive.telegrams import telegram
 from tests.support.drives.drive_types import engel
 
@@ -42,7 +43,7 @@ def test_111_is_refused_without_profile_velocity_mode() -> None:
 
 
 def test_a_fixed_stop_is_refused_without_the_actual_current() -> None:
-    choices = PositionerConfig.model_validate(SIMULATED | {"clamping_torque": 100}).choices(())
+    choices = PositionerConfig.model_validate(SIMULATED_KEYS | {"clamping_torque": 100}).choices(())
     settings = AxisSettings(positioner=choices)
     assert lacks(_drive((1, 3)), 111, settings) == ""
     assert "current_actual: 'not an object of this drive'" in lacks(_drive((1, 3), "current_actual"), 111, settings)

@@ -9,7 +9,8 @@ import pytest
 from pdgw.client.udp import ParameterClient
 from pdgw.gateway.axis.executors.positions.positioner import PositionerExecutor
 from pdgw.gateway.configuration.positioner_values import BLOCK_ITEMS, ITEMS, LIMIT_KEYS, PositionerValues, row_of
-from pdgw.gateway.configuration.tables.positioner import SIMULATED, BlockConfig, PositionerConfig
+from pdgw.gateway.configuration.tables.defaults import SIMULATED_KEYS
+from pdgw.gateway.configuration.tables.positioner import BlockConfig, PositionerConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTask
@@ -59,7 +60,7 @@ def error(answer: Values) -> int:
 
 @pytest.mark.parametrize("pnu", [pnu for pnu in ITEMS if ITEMS[pnu].spec.high != 1])
 def test_each_parameter_is_the_key_of_its_name(pnu: int) -> None:
-    config = PositionerConfig.model_validate(SIMULATED)
+    config = PositionerConfig.model_validate(SIMULATED_KEYS)
     item, value = ITEMS[pnu], 1234
     values = PositionerValues(config, (), {pnu: value}, {})
     assert PositionerValues(config, (), {}, {}).value(pnu) != value
@@ -75,7 +76,7 @@ def test_each_parameter_is_the_key_of_its_name(pnu: int) -> None:
 
 @pytest.mark.parametrize("block", BLOCKS, ids=lambda block: str(block.number))
 def test_a_block_comes_back_from_its_row_as_it_was(block: Block) -> None:
-    config = PositionerConfig.model_validate(SIMULATED)
+    config = PositionerConfig.model_validate(SIMULATED_KEYS)
     table = {item.number: item for item in BLOCKS}
     rows = {number: row_of(item) for number, item in table.items()}
     found = PositionerValues(config, (), {}, rows).choices()
@@ -83,7 +84,7 @@ def test_a_block_comes_back_from_its_row_as_it_was(block: Block) -> None:
 
 
 def test_values_that_do_not_fit_together_are_told() -> None:
-    config = PositionerConfig.model_validate(SIMULATED)
+    config = PositionerConfig.model_validate(SIMULATED_KEYS)
     with pytest.raises(GatewayError, match="software_limits"):
         PositionerValues(config, (), {2580: 5, 2581: 5}, {}).choices()
     row = row_of(Block(1, 0, 100, next=BlockNext.CONTINUE_WITH_STOP))
@@ -94,7 +95,7 @@ def test_values_that_do_not_fit_together_are_told() -> None:
 
 
 def test_the_configured_blocks_are_there_to_read() -> None:
-    config = PositionerConfig.model_validate(SIMULATED)
+    config = PositionerConfig.model_validate(SIMULATED_KEYS)
     values = PositionerValues(config, (BlockConfig(number=3, position=9, velocity=8),), {}, {})
     assert values.row(3)[:3] == (3, 9, 8)
     assert values.row(4)[0] == -1

@@ -11,7 +11,8 @@ import pytest
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.dsp402.drive.client import DriveEvent, DriveStatus
 from pdgw.gateway.configuration.config import AxisConfig
-from pdgw.gateway.configuration.tables.positioner import SIMULATED, PositionerConfig
+from pdgw.gateway.configuration.tables.defaults import SIMULATED_KEYS
+from pdgw.gateway.configuration.tables.positioner import PositionerConfig
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.profidrive.datatypes import DataType
@@ -56,7 +57,7 @@ def test_what_the_plc_sent_last_stays_after_its_loss() -> None:
 
 @pytest.mark.parametrize("first", [1, 111])
 def test_a_positioner_that_was_chosen_is_that_of_the_next_telegram(first: int) -> None:
-    with made(first, positioner=PositionerConfig.model_validate(SIMULATED)) as item:
+    with made(first, positioner=PositionerConfig.model_validate(SIMULATED_KEYS)) as item:
         chosen = replace(CHOICES, max_velocity=4321)
         item.choose_positioner(chosen)
         item.change_telegram(110)
@@ -87,7 +88,7 @@ def test_a_drive_that_never_was_online_owns_what_guards_and_commands_it() -> Non
 
 @pytest.mark.parametrize("known", [False, True])
 def test_other_values_of_a_positioner_are_looked_at_with_the_drive_there_is(known: bool) -> None:
-    with made(111, positioner=PositionerConfig.model_validate(SIMULATED)) as item:
+    with made(111, positioner=PositionerConfig.model_validate(SIMULATED_KEYS)) as item:
         if known:
             item.drive.drive_type = replace(engel(), max_torque=0)
             item.references_changed()

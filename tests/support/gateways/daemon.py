@@ -13,7 +13,7 @@ from pdgw.durations import SECOND
 from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.configuration.tables.positioner import SIMULATED
+from pdgw.gateway.configuration.tables.defaults import SIMULATED_KEYS
 from pdgw.gateway.configuration.toml_file import toml_text
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.parameters.acyclic import AcyclicServer
@@ -26,7 +26,7 @@ from pdgw.profidrive.telegrams import telegram
 
 D = TypeVar("D", SimulatedDrive, SimulatedEncoder)
 OFF, ON = 0x047E, 0x047F
-POSITIONER = "[axis.positioner]\n" + toml_text(SIMULATED)
+POSITIONER = "[axis.positioner]\n" + toml_text(SIMULATED_KEYS)
 """The keys of a simulated positioner, after those of its axis."""
 SIMULATED_POSITIONER = f"simulate = true\n{POSITIONER}"
 PATIENCE = 10 * SECOND
