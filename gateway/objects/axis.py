@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar, Final
 
-from canopen.sdo import SdoAbortedError
+from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR
@@ -203,8 +203,8 @@ class Axis(DriveObject):
         for address in (own, ERROR_CODE):
             try:
                 numbers.append(0 if address is None else drive.sdo.read_number(*address))
-            except SdoAbortedError:
-                numbers.append(0)
+            except (SdoAbortedError, SdoCommunicationError):
+                numbers.append(0)  # the fault is reported without its number
         self._news.append(FaultRead(*numbers))
 
     # -- queries ----------------------------------------------------------------------------------------------------------

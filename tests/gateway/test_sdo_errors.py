@@ -6,7 +6,7 @@ import pytest
 
 from pdgw.ds301.node.client import NodeClient
 from pdgw.gateway.daemon import Daemon
-from tests.support.gateways.daemon import axis, configuration, drive_of, running, until
+from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, running, until
 
 
 def _failure(daemon: Daemon, index: int, subindex: int = 0, data: bytes = b"") -> str:
@@ -48,3 +48,16 @@ def test_refused_configuration_names_node_object_and_text() -> None:
         until(daemon, lambda: daemon.axes[0].drive.status.value == "refused", "refused")
         told = daemon.axes[0].drive.status_text
         assert told.startswith("node 1 mode of operation (6060h/0 := 3h): '0609 0011h: sub-index does not exist'")
+
+
+def test_fault_without_emcy_is_reported_although_its_number_cannot_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    with running(configuration(axis(1))) as daemon:
+        until(daemon, lambda: daemon.axes[0].good, "online")
+        plc, drive = Plc(daemon, [1]), drive_of(daemon)
+        plc.enable()
+        monkeypatch.setattr(drive.node, "send_emcy", lambda *_: None)
+        drive.do(lambda node: node.misbehave("sdo-timeout"))
+        drive.do(lambda node: node.misbehave("drive-fault", number=10))
+        plc.until(lambda: plc.value("ZSW1") & 1 << 3, "fault in ZSW1")
+        plc.until(lambda: daemon.axes[0].faults, "fault in P947")
+        assert "shows a fault without an EMCY" in daemon.axes[0].faults[0].text
