@@ -426,6 +426,12 @@ class Reason(enum.Enum):
         _E.SETPOINT,
         "check that 6061h of the drive keeps the mode of operation; then reject the task (STW1.4 = 0) or send a new one",
     )
+    MOVES_UNASKED = (
+        "the drive continued a stopped task when Halt fell: Halt stays set until the next task",
+        _S.WAITS,
+        _E.SETPOINT,
+        "send the next task; its first cycle may move the axis towards the old target",
+    )
 
 
 class OrderDoubt(enum.IntEnum):
@@ -468,6 +474,7 @@ class FaultNumber(enum.IntEnum):
     FRAME_CHANGED = 127
     VELOCITY = 128
     NOT_ACKNOWLEDGED = 129
+    MOVES_UNASKED = 130
 
 
 FIRST_WARNING = 108
@@ -524,6 +531,7 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
             GatewayFault(FaultNumber.FRAME_CHANGED, "frame of the PLC changed by P922", 0xFF17),
             GatewayFault(FaultNumber.VELOCITY, "speed contradicts the units of the drive", 0xFF19),
             GatewayFault(FaultNumber.NOT_ACKNOWLEDGED, "setpoint not acknowledged", 0xFF1A, is_warning=True),
+            GatewayFault(FaultNumber.MOVES_UNASKED, "drive moves without a task", 0xFF1B, is_warning=True),
         )
     }
 )

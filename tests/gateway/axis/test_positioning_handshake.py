@@ -88,6 +88,10 @@ def test_on_during_the_ramp_of_an_off1_resumes_operation_and_no_task(waits: bool
     if waits:
         hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000))
     assert hand(OFF) & HALT
+    assert all(hand(ON) & (NEW_SETPOINT | HALT) == HALT for _ in range(10)), (
+        "a drive may continue the task without Halt"
+    )
+    hand.feedback.velocity_actual = 0
     assert not any(hand(ON) & (NEW_SETPOINT | HALT) for _ in range(10))
     assert hand.stepper.power.released
 

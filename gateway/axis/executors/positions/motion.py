@@ -56,6 +56,10 @@ class MotionExecutor(Executor):
         """Range of 607Ah."""
         self._set_at = -1
         """When CW.4 rose for a setpoint, monotonic ns; -1 while it is 0."""
+        self._halted = False
+        """Halt has stopped a setpoint, and none came since: the drive may continue it when Halt falls."""
+        self._moved = False
+        """It did: Halt stays."""
         self._bits = 0
         """Controlword bits of the setpoint given last, beside CW.4."""
         self._homing_begun = 0
@@ -109,7 +113,7 @@ class MotionExecutor(Executor):
             ramps = action in _RAMPS
             mode.halted = mode.halted or ramps  # the mode does not change while Halt is set
             self._stop()
-            mode.halted = ramps
+            mode.halted = self._halted = ramps
             extra = HALT if ramps else 0
         if self._homing_begun and outcome.state is not State.HOMING:
             self._forget_homing()
@@ -129,6 +133,7 @@ class MotionExecutor(Executor):
         """Not in operation: the present setpoint is cancelled, and a waiting one is never sent."""
         self._seen.given = self.positioner.outcome.motion.serial
         self._end_set_point()
+        self._settle()
         self._mode.give_up()
         self._forget_homing()
         self.command.target_velocity = 0
@@ -152,6 +157,7 @@ class MotionExecutor(Executor):
         self.command.target_position = max(low, min(target, high))
         self._bits = bits
         self._set_at = self.inputs.now
+        self._settle()
 
     def _acknowledged(self) -> None:
         """The drive has taken the setpoint."""
@@ -160,6 +166,23 @@ class MotionExecutor(Executor):
         if outcome.warning is Reason.NOT_ACKNOWLEDGED:
             outcome.warning = None
             self.outputs.warned = False
+
+    def _settle(self) -> None:
+        """The drive has no stopped setpoint any more."""
+        if self._moved:
+            self.outputs.warned = False
+        self._halted = self._moved = False
+
+    def _stays_halted(self) -> bool:
+        """Without a function and after the fall of Halt: whether the drive continues what Halt has stopped."""
+        outcome = self.positioner.outcome
+        if self._halted and not self._moved and not self.inputs.standstill and not self._mode.halted:
+            self._moved = self.outputs.warned = True
+            outcome.warning = None
+            self.outputs.found.append((FaultNumber.MOVES_UNASKED, f"speed {self.feedback.velocity_actual}"))
+        if self._moved and outcome.warning is None:
+            outcome.warning = Reason.MOVES_UNASKED
+        return self._moved
 
     def _await_acknowledge(self) -> None:
         """The drive has not taken the setpoint: a warning after ``ACKNOWLEDGE_NS``."""
@@ -192,7 +215,7 @@ class MotionExecutor(Executor):
         if self._homing_begun != motion.serial:
             self._begin_homing(motion)
             homing.begin(method, speed)
-            return 0
+            return self._halt_before_homing()
         if seen.taken == motion.serial:
             progress = homing.run()
             if progress is Progress.ATTAINED:
@@ -209,7 +232,12 @@ class MotionExecutor(Executor):
         elif progress is Progress.READY:
             seen.taken = seen.executing = motion.serial
             return NEW_SETPOINT
-        return 0
+        return self._halt_before_homing()
+
+    def _halt_before_homing(self) -> int:
+        """Halt stays until the mode has to change."""
+        mode = self._mode
+        return HALT if mode.halted and self._moved and not mode.asked else 0
 
     def _begin_homing(self, motion: Motion) -> None:
         self._forget_homing()

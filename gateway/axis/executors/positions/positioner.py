@@ -53,7 +53,7 @@ _FOLLOWING_ERROR = StatusBit.MODE_13
 """Following error bit of mode 1."""
 _ENDLESS = (-(1 << 62), (1 << 62) - 1)
 """Range of a modulo axis whose position continues across its ends."""
-_REPORTED = (Reason.HOMING_ERROR, Reason.NOT_ACKNOWLEDGED)
+_REPORTED = (Reason.HOMING_ERROR, Reason.MOVES_UNASKED, Reason.NOT_ACKNOWLEDGED)
 """Warnings that are reported where they are detected."""
 _AT_LIMIT = 20
 """Divisor of the torque limit: within this part, the torque is at its limit."""
@@ -282,7 +282,7 @@ class PositionerExecutor(MotionExecutor):
         wanted = _HOMING_MODE if kind is _HOMING else _POSITION_MODE if kind is _POSITION else _VELOCITY_MODE
         if mode.mode != wanted and not self.inputs.standstill:
             return self._slow_down()
-        if mode.halted:
+        if mode.halted and not (kind is _HOMING and self._moved):
             return 0  # reset Halt alone: a setpoint or a mode together with it is not allowed
         if kind is _HOMING:
             return self._home_axis(motion)
@@ -332,7 +332,12 @@ class PositionerExecutor(MotionExecutor):
             if not mode.halted:
                 mode.confirmed(mode.base)
             return 0
-        return 0 if self.stopped and not kept else HALT
+        if not kept and self._stays_halted():
+            return HALT
+        if self.stopped and not kept:
+            return 0
+        self._halted = True
+        return HALT
 
     def _set_ramps(self, motion: Motion, units: LengthUnits) -> None:
         command, (_, highest_acceleration, highest_deceleration) = self.command, self._limits

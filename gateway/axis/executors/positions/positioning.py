@@ -72,7 +72,7 @@ class PositioningExecutor(MotionExecutor):
             reason = self.outputs.reason
             if outcome.warning is not None and (reason is None or reason is Reason.MDI_OFF):
                 reason = outcome.warning
-            if outcome.state is _IDLE or (homes and self._seen.homing is HomingResult.ATTAINED):
+            if (outcome.state is _IDLE and not self._moved) or (homes and self._seen.homing is HomingResult.ATTAINED):
                 flags |= _REACHED
         if self.homing.home_set:
             flags |= _HOME_SET
@@ -92,7 +92,7 @@ class PositioningExecutor(MotionExecutor):
         asked, outputs = self.demand.motion or self._nothing, self.outputs
         if not asked.homing:
             if self.positioner.outcome.state is _IDLE:
-                outputs.warned = False
+                outputs.warned = self._moved
         elif edge:
             return self.homing.supported(asked.homing_method)
         elif outputs.warned:
@@ -147,12 +147,15 @@ class PositioningExecutor(MotionExecutor):
             return self._home_as_asked(motion)
         if state is _BRAKING:
             self._end_set_point()
+            self._halted = True
             return HALT
         if before is _HOMING:
             if self._seen.homing is not HomingResult.RUNNING:
                 outputs.warned = False
             self._end_set_point()
             mode.give_up()
+        if state is _IDLE and before is _IDLE and (self._stays_halted() or (mode.halted and not self.stopped)):
+            return HALT
         goal = mdi.goal
         if goal is not None and motion.kind is MotionKind.STAND:
             return HALT | self._interrupted(goal)

@@ -1,0 +1,139 @@
+"""Telegrams 9 and 111 with a drive that continues a stopped task when Halt falls, as CiA 402 allows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from pdgw.dsp402.states import ControlBit, StatusBit
+from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.profidrive.signals import signal
+from tests.gateway.axis.test_positioner_handshake import MDI_ABSOLUTE, positioner
+from tests.gateway.axis.test_positioning_handshake import positioning
+from tests.support.axis.hand import OFF, ON, OPERATING, Hand
+
+REJECT, INTERMEDIATE, ACTIVATE, HOMING = 0x10, 0x20, 0x40, 0x800
+HALT, NEW_SETPOINT = ControlBit.HALT, ControlBit.NEW_SETPOINT
+ZSW1 = signal("ZSW1")
+REACHED = ZSW1.bit("TARGET_REACHED", positioning=True).mask
+WARNING = ZSW1.bit("WARNING").mask
+FAST = 3000
+"""Actual speed of an axis that turns."""
+
+
+class Continuing:
+    """A drive in profile position: a setpoint stays in force until another one, Halt only interrupts it."""
+
+    def __init__(self, hand: Hand) -> None:
+        self.hand = hand
+        self.word = 0
+        self.runs = False
+        self.moved = 0
+        """Cycles in which it turned."""
+
+    def __call__(self, stw1: int, **values: int) -> int:
+        hand, before = self.hand, self.word
+        turns = self.runs and not before & HALT
+        self.moved += turns
+        hand.feedback.velocity_actual = FAST if turns else 0
+        shown = OPERATING | (StatusBit.MODE_12 if before & NEW_SETPOINT else 0)
+        self.word = hand(stw1, shown | (0 if turns else StatusBit.TARGET_REACHED), **values)
+        self.runs = self.runs or self.word & ~before & NEW_SETPOINT != 0
+        return self.word
+
+
+MAKES: dict[str, tuple[Callable[..., Hand], dict[str, int]]] = {
+    "9": (positioning, {"MDI_TARPOS": 1 << 28}),
+    "111": (positioner, {"MDI_TARPOS": 10_000, "POS_STW1": MDI_ABSOLUTE}),
+}
+
+
+def rejected(name: str) -> Continuing:
+    """A task was rejected in its middle."""
+    make, values = MAKES[name]
+    drive = Continuing(make().enable())
+    for _ in range(5):
+        drive(ON | ACTIVATE, **values)
+    assert drive.moved
+    drive(ON & ~REJECT)
+    drive.moved = 0
+    return drive
+
+
+@pytest.mark.parametrize("name", MAKES)
+def test_a_rejected_task_that_the_drive_continues_is_stopped_for_good(name: str) -> None:
+    drive = rejected(name)
+    words = [drive(ON) for _ in range(1000)]
+    assert drive.moved <= 2
+    assert words[-1] & HALT
+    assert not any(word & NEW_SETPOINT for word in words)
+    hand = drive.hand
+    assert hand.stepper.reason is Reason.MOVES_UNASKED
+    assert [event.number for event in hand.stepper.events] == [FaultNumber.MOVES_UNASKED]
+    assert hand.actuals["ZSW1"] & WARNING
+
+
+@pytest.mark.parametrize("name", MAKES)
+def test_reached_is_not_shown_while_a_rejected_task_continues(name: str) -> None:
+    drive = rejected(name)
+    for _ in range(20):
+        drive(ON)
+        assert not (drive.hand.feedback.velocity_actual and drive.hand.actuals["ZSW1"] & REACHED)
+
+
+@pytest.mark.parametrize("name", MAKES)
+def test_the_next_task_replaces_the_one_that_continues(name: str) -> None:
+    drive = rejected(name)
+    for _ in range(20):
+        drive(ON)
+    words = [drive(ON | ACTIVATE) for _ in range(4)]
+    assert not words[0] & (HALT | NEW_SETPOINT), "Halt falls alone"
+    assert words[1] & (HALT | NEW_SETPOINT) == NEW_SETPOINT
+    assert not any(word & HALT for word in words)
+    assert drive.hand.stepper.reason is None
+    assert not drive.hand.actuals["ZSW1"] & WARNING
+
+
+@pytest.mark.parametrize("name", MAKES)
+def test_a_ramp_that_resumes_does_not_continue_the_task(name: str) -> None:
+    make, values = MAKES[name]
+    drive = Continuing(make(ramp_stop_resume=True).enable())
+    for _ in range(5):
+        drive(ON | ACTIVATE, **values)
+    drive(OFF)
+    drive.moved = 0
+    words = [drive(ON) for _ in range(100)]
+    assert drive.moved <= 2
+    assert words[-1] & HALT
+    assert drive.hand.stepper.power.released
+
+
+@pytest.mark.parametrize("name", MAKES)
+def test_homing_waits_with_halt_for_its_parameters(name: str) -> None:
+    drive = rejected(name)
+    for _ in range(20):
+        drive(ON)
+    drive.moved = 0
+    for _ in range(100):  # the drive has not taken the method
+        drive(ON | HOMING, SATZANW=0x8000 | 35) if name == "9" else drive(ON | HOMING)
+    assert drive.moved == 0
+
+
+@pytest.mark.parametrize("name", MAKES)
+def test_a_drive_that_drops_a_rejected_task_has_no_halt_afterwards(name: str) -> None:
+    drive = rejected(name)
+    drive.runs = False
+    assert not any([drive(ON) & HALT for _ in range(100)][5:])
+    assert drive.hand.stepper.reason is None
+
+
+@pytest.mark.parametrize("name", MAKES)
+def test_halt_of_a_drive_that_continues_ends_with_the_operation(name: str) -> None:
+    drive = rejected(name)
+    for _ in range(20):
+        drive(ON)
+    drive.runs = False  # it forgets its task without power
+    drive(OFF)
+    drive.hand.enable()
+    assert not any(drive(ON) & HALT for _ in range(20))
