@@ -17,6 +17,7 @@ from typing import Any, ClassVar, Final, Generic, Self, TypeVar
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
+from pdgw.ds301.bus.can_frame import STANDARD_ID
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import DEVICE_TYPE
 from pdgw.ds301.configuration import SdoStep
@@ -29,7 +30,8 @@ from pdgw.ds301.nmt import GUARD_TOGGLE, HEARTBEAT_STATE, NMT_STATES, NmtCommand
 from pdgw.ds301.node.configuring import ConfiguringAccess, DeviceKind
 from pdgw.ds301.node.node import NodeEvent, NodeSettings, NodeStatus, TpdoSlot
 from pdgw.ds301.node.plan import Pace, PdoPlan, plan_steps, straight_plan
-from pdgw.ds301.pdo import Pdo, PdoDirection, PdoLayout
+from pdgw.ds301.objects import CanType
+from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection, PdoLayout, pdo_of
 from pdgw.durations import MS, SECOND
 
 log = logging.getLogger("gateway")
@@ -377,6 +379,7 @@ class NodeClient(abc.ABC, Generic[S]):
         self._unsubscribe_pdos()
         plan = self._make_plan(found)
         self._check_cob_ids(plan)
+        self._disable_others(plan, found)
         while refused := self.sdo.map_pdos(plan, self._plan_steps(plan, found)):
             other = self._plan_without(plan, *refused)
             if other is None:
@@ -397,6 +400,20 @@ class NodeClient(abc.ABC, Generic[S]):
                     f"a COB-ID that node {other} does not use (PDO5 is PDO1 of the node-ID that is 64 higher): "
                     "set another node-ID",
                 )
+
+    def _disable_others(self, plan: PdoPlan, found: Mapping[int, int]) -> None:
+        """Disable unused PDOs for which the gateway has no COB-ID: theirs may be that of another node."""
+        node_id = self.settings.node_id
+        for index, cob_id in found.items():
+            direction, number = pdo_of(index)
+            if cob_id & COB_ID_INVALID or plan.uses(index) or direction.has_cob_id(number, node_id):
+                continue
+            step = SdoStep(index, 1, CanType.U32, cob_id | COB_ID_INVALID, f"{direction.label}{number} unused")
+            try:
+                self.sdo.write(step.index, step.subindex, step.data)
+            except SdoAbortedError as error:
+                if self.network.node_of_pdo(cob_id & STANDARD_ID, node_id) != node_id:
+                    raise self.sdo.refused(step, error) from error
 
     def _take_plan(self, plan: PdoPlan) -> None:
         settings = self.settings

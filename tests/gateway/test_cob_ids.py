@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import pytest
+
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.states import State
+from pdgw.gateway.daemon import Daemon
+from pdgw.peers.drive import SimulatedDriveNode
 from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, running, until
 
 FIRST, HIGHER = 1, 65
@@ -30,3 +34,29 @@ def test_fifth_rpdo_of_a_node_commands_no_node_that_is_64_higher() -> None:
         assert refused.status is NodeStatus.REFUSED
         assert "RPDO5" in refused.status_text
         assert "node 65" in refused.status_text
+
+
+@pytest.mark.parametrize("left", [0x245, 0x8000_0245])
+def test_rpdo_left_by_another_master_takes_no_commands_of_another_node(left: int) -> None:
+    """Above node-ID 63 the gateway has no COB-ID for RPDO5; in the drive it still has that of RPDO1 of node 69."""
+
+    def left_mapped(daemon: Daemon) -> None:
+        def write(node: SimulatedDriveNode) -> None:
+            node.values |= {(0x1604, 0): 2, (0x1604, 1): 0x60FF_0020, (0x1604, 2): 0x6040_0010, (0x1404, 1): left}
+            node.pdos.map()
+
+        drive_of(daemon, 70).do(write)
+
+    with running(configuration(axis(69) + axis(70)), before=left_mapped) as daemon:
+        until(daemon, lambda: all(item.good for item in daemon.axes), "online")
+        plc, other = Plc(daemon, [1, 1]), drive_of(daemon, 70).model
+        plc.endpoint.set(0, {"NSOLL_A": 0x1000})
+        plc.endpoint.set(1, {"STW1": OFF})
+        plc.enable()
+        states = set()
+        for _ in range(200):
+            plc.exchange()
+            states.add(other.state)
+        assert State.OPERATION_ENABLED not in states
+        assert other.velocity_actual == 0
+        assert drive_of(daemon, 70).node.values[0x1404, 1] & 0x8000_0000
