@@ -108,12 +108,14 @@ class CyclicEndpoint:
         self._in_force: list[tuple[int, ...] | None] = [None] * len(telegrams)
         self._waiting = False
         """An order waits to be confirmed."""
-        self._settled: int | None = None
-        """The bits of a frame whose orders, of every drive object, are all in force; None if unknown."""
+        self.settled: int | None = None
+        """The bits of a frame whose orders were all in force before the newest frame; None: one changed, or waits."""
         self._last_time = 0
         self._last_orders: _Orders | None = None
+        self._beside: int | None = None
+        """Arrival of the newest frame of another sequence that runs beside the present one."""
         self._rival: tuple[int, _Orders | None] | None = None
-        """The newest frame of another sequence that runs beside the present one: its arrival and its orders, None in STOP."""
+        """The newest of these that is certainly no copy of a present one: its arrival and its orders, None in STOP."""
         self.contradicted = False
         """The newest loss of the PLC is that a frame of the other sequence had a stop."""
         self._looked = 0
@@ -271,14 +273,19 @@ class CyclicEndpoint:
         rival = place is None or self._history.contradict(data, place)
         if self._waiting and orders != self._last_orders:
             self._doubt()
-        if beside and (rival or self._has_rival(arrived)):
+        if not beside:
+            return
+        if rival or self._is_recent(self._beside):
+            self._beside = arrived
+        if rival:
             self._rival = arrived, orders
-        if beside and rival and self._stops(orders):
-            self.contradicted = True
-            self._tell_loss()
+            if self._stops(orders):
+                self.contradicted = True
+                self._tell_loss()
 
-    def _has_rival(self, now: int) -> bool:
-        return self._rival is not None and now - self._rival[0] <= self._watchdog_ns
+    def _is_recent(self, arrived: int | None) -> bool:
+        """Whether a frame came less than the watchdog time before the newest one of the present sequence."""
+        return arrived is not None and self._last_time - arrived <= self._watchdog_ns
 
     def _stops(self, orders: _Orders | None) -> bool:
         """Whether an order, STOP or IOPS BAD stops an axis that follows the present sequence."""
@@ -320,14 +327,14 @@ class CyclicEndpoint:
 
     def _accept(self, data: bytes) -> None:
         ordered = int.from_bytes(data, "big") & self._order_mask
-        if ordered == self._settled:
+        if ordered == self.settled:
             setpoints = self.setpoints
             for index, unpack, offset in self._values:
                 setpoints[index] = unpack(data, offset)
             if self._misfit:
                 self._misfit = ""
         else:
-            self._settled = None
+            self.settled = None
             self._accept_orders(data, ordered)
 
     def _accept_orders(self, data: bytes, ordered: int) -> None:
@@ -343,7 +350,7 @@ class CyclicEndpoint:
         if orders == self._in_force and not self._waiting:
             self.setpoints[:] = values
             if None not in orders:
-                self._settled = ordered
+                self.settled = ordered
         else:
             self._confirm(data, values, orders)
         self._last_orders = tuple(orders)
@@ -354,11 +361,11 @@ class CyclicEndpoint:
         """Some order is another than the one in force: it counts now, or waits with all values of its axis."""
         sequence = self._sequence
         # Nothing starts that the other sequence contradicts, and nothing before the axes have seen a loss.
-        rival = self._rival if self._has_rival(self._last_time) else None
-        disputed = self._loss_to_tell or (rival is not None and rival[1] != tuple(orders))
-        if disputed:
+        rival = self._rival
+        if self._loss_to_tell or (rival is not None and self._is_recent(rival[0]) and rival[1] != tuple(orders)):
             self._doubt()
-        is_new = self._believes or (not disputed and sequence.alone and self._history.is_new(data, sequence.elapsed_ns))
+        single = sequence.alone and not self._is_recent(self._beside)
+        is_new = self._believes or (single and self._history.is_new(data, sequence.elapsed_ns))
         self._waiting = False
         for index, (confirmation, order) in enumerate(zip(self._confirmations, orders, strict=True)):
             in_force = self._in_force[index]
@@ -379,7 +386,7 @@ class CyclicEndpoint:
 
     def lose_setpoints(self) -> None:
         """No axis has a valid PLC until the next valid frame."""
-        self._settled = None
+        self.settled = None
         for index in range(len(self.setpoints)):
             self.setpoints[index] = None
             self._in_force[index] = None
@@ -389,7 +396,7 @@ class CyclicEndpoint:
 
     def _lose(self) -> None:
         self.connected = self.contradicted = False
-        self._rival = None
+        self._beside = self._rival = None
         self._sequence.lose()
         self._tell_loss()
 

@@ -75,9 +75,9 @@ class Site:
 
     @property
     def stands(self) -> bool:
-        """The first axis is stopped: by what the PLC sends now, by a loss, or it is locked anyway."""
+        """The first axis is stopped: by what the PLC sends now, by OFF, by a loss, or it is locked anyway."""
         word, in_force = self.words[0], self.in_force
-        stopped = in_force is None or (word >= 0 and not in_force & ~word & ON)
+        stopped = in_force is None or in_force & 0x7 != 0x7 or (word >= 0 and not in_force & ~word & ON)
         return stopped or not self.stepper.power.released
 
     @property
