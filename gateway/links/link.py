@@ -26,6 +26,7 @@ _DATAGRAMS_AT_ONCE: Final = 64
 _WAITED_AT_MOST: Final = 10_000
 """More than a socket buffer: a flood must not delay the start."""
 _ACCEPTED: Final = Verdict.ACCEPTED
+_PROVIDER_STOP: Final = Verdict.PROVIDER_STOP
 _CONTRADICTED: Final = "frames arrive in two sequences, and one of them has a stop: the other one may be old"
 
 
@@ -179,18 +180,17 @@ class UdpLink:
     def receive(self, now: int, at_most: int = _DATAGRAMS_AT_ONCE) -> bool:
         endpoint, port = self.endpoint, self.port
         taken = 0
-        # Limited, so that a flood of datagrams delays no cycle. The axes process a STOP before the frames after it.
+        # Limited, so that a flood of datagrams delays no cycle. The axes process a changed order before the frames after it.
         for _ in range(at_most):
             datagram = port.receive()
             if datagram is None:
                 break
             data, source = datagram
             verdict = endpoint.receive(data, source, now, port.received_at)
-            if verdict is _ACCEPTED:
+            if verdict is _ACCEPTED or verdict is _PROVIDER_STOP:
                 taken += 1
-            elif verdict is Verdict.PROVIDER_STOP:
-                taken += 1
-                break
+                if endpoint.settled is None:
+                    break
             elif verdict is not Verdict.UNCONFIRMED and endpoint.counters[verdict] == 1:
                 log.warning("frame from %s:%d dropped: %s (%d bytes)", *source, verdict.value, len(data))
         if taken > 1:

@@ -28,7 +28,7 @@ from pdgw.gateway.links.link import silence
 from pdgw.gateway.links.profinet.diagnosis import Diagnosed, present_classes
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
 from pdgw.gateway.links.profinet.identity import profinet_model
-from pdgw.gateway.links.profinet.native import COUNTS, VERDICTS, Engine, table_of
+from pdgw.gateway.links.profinet.native import COUNTS, VERDICTS, Engine, order_mask, table_of
 from pdgw.gateway.links.profinet.pairing import LONGEST_NS, Pairing
 from pdgw.gateway.links.profinet.station import StationKeeper
 from pdgw.gateway.links.udp import Address
@@ -95,6 +95,8 @@ class ProfinetLink:
         self._timer_due = 0
         self._consumer: Consumer | None = None
         """Data of the leading controller, or of the last one while another may take over."""
+        self._order_mask = self._ordered = 0
+        """All bits of a frame that are orders, and the orders of the newest one."""
         self._taken_over = False
         """Another controller leads: compare its orders with those in force."""
         self.switchovers = 0
@@ -230,14 +232,22 @@ class ProfinetLink:
                 break
             if device.on_frame(frame, now):
                 fresh = True
-                if not device.running:
-                    break  # the axes process a STOP before the frames after it
+                if self._is_changed():
+                    break  # the axes process a changed order, or a STOP, before the frames after it
         if not device.quiet:
             self._pump()
         self.more = True
         if fresh:
             self._take(now)
         return fresh
+
+    def _is_changed(self) -> bool:
+        """Whether orders of the newest frame differ from those of the frame before it."""
+        if self._consumer is None:
+            return True
+        before = self._ordered
+        self._ordered = int.from_bytes(self._consumer.payload, "big") & self._order_mask
+        return self._ordered != before
 
     def _receive_of(self, engine: Engine, now: int) -> bool:
         """One frame: each with other orders is a step of the axes."""
@@ -545,6 +555,7 @@ class ProfinetLink:
                     if where is not None:
                         self._outputs.append((index, telegram.setpoints.struct.unpack_from, *where))
                 self._consumer = consumer
+                self._order_mask = int.from_bytes(order_mask(consumer, self._telegrams), "big")
                 self._end = ""
                 # In a redundant set each frame wakes the loop: the other controller may take over with it.
                 alone = relation.plan.redundancy is None and not self._engage(relation, consumer, provider)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 
+import pytest
+
 from pdgw.ds301.counters import Counters
 from pdgw.durations import MS
 from pdgw.gateway.configuration.tables.environment import TransportConfig
@@ -56,9 +58,10 @@ class Scene:
         self.link = UdpLink(self.port, TransportConfig(cycle_time_ms=4), [telegram(1)], Counters())
         self.plc = PlcEndpoint([telegram(1)], CYCLE)
 
-    def frame(self, speed: int, *, run: bool = True) -> None:
-        self.plc.set(0, {"STW1": 0x047F, "NSOLL_A": speed})
+    def frame(self, speed: int, *, word: int = 0x047F, run: bool = True, good: bool = True) -> None:
+        self.plc.set(0, {"STW1": word, "NSOLL_A": speed})
         self.plc.run = run
+        self.plc.bad = set() if good else {0}
         self.port.waiting.append(bytes(self.plc.build()))
 
     @property
@@ -104,6 +107,29 @@ def test_a_stop_is_seen_before_what_follows_it() -> None:
     assert scene.link.receive(CYCLE)
     assert scene.speed is None
     assert len(scene.port.waiting) == 1
+
+
+@pytest.mark.parametrize("word", [0x047E, 0x047D, 0x047B, 0x046F, 0x04FF])
+def test_each_change_of_a_control_word_is_a_step_of_its_own_however_many_frames_wait(word: int) -> None:
+    """An OFF of one frame must not be overtaken by the ON behind it."""
+    scene = connected()
+    scene.frame(1)
+    scene.frame(2, word=word)
+    scene.frame(3)
+    scene.frame(4)
+    seen = []
+    while scene.link.receive(CYCLE):
+        seen.append(scene.link.setpoints[0])
+    assert seen == [(word, 2), (0x047F, 3), (0x047F, 4)]
+
+
+def test_bad_data_is_seen_before_what_follows_it() -> None:
+    scene = connected()
+    scene.frame(1)
+    scene.frame(2, good=False)
+    scene.frame(3)
+    assert scene.link.receive(CYCLE)
+    assert scene.speed is None
 
 
 def test_a_flood_of_rubbish_does_not_keep_the_plc_waiting() -> None:

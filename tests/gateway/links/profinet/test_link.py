@@ -549,3 +549,20 @@ def test_the_kernel_passes_only_what_each_socket_is_for(
     frame = ethernet.frame(destination, PLC_MAC, frame_id.to_bytes(2, "big"))
     assert passes(real_time_filter(DEVICE_MAC), frame) is real_time
     assert passes(dcp_filter(), frame) is other
+
+
+@pytest.mark.parametrize("word", [0x047E, 0x047D, 0x047B, 0x046F])
+def test_each_change_of_a_control_word_is_a_step_of_its_own_however_many_frames_wait(rig: Rig, word: int) -> None:
+    """An OFF of one frame must not be overtaken by the ON behind it."""
+    rig.connect()
+    provider = rig.plc.provider
+    assert provider is not None
+    for speed, sent in enumerate((0x047F, 0x047F, word, 0x047F, 0x047F)):
+        rig.plc.set_output(AXIS, sent.to_bytes(2, "big") + speed.to_bytes(2, "big"))
+        frame = provider.poll(provider.due)
+        assert frame is not None
+        rig.port.real_time.append(bytes(frame))
+    seen = []
+    while rig.link.receive(rig.loop.now()):
+        seen.append(rig.link.setpoints[0])
+    assert seen == [(0x047F, 0), (word, 2), (0x047F, 3), (0x047F, 4)]
