@@ -48,7 +48,7 @@ from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.identification.describe import OPTIONAL_OBJECTS, describe, questions, signed
 from pdgw.dsp402.identification.generic import dictionary_of, generic_dictionary
-from pdgw.dsp402.indices import INTERPOLATION_TIME
+from pdgw.dsp402.indices import INTERPOLATION_TIME, POSITIONING_OPTION
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import (
     CONTROLWORD,
@@ -82,6 +82,9 @@ _INTERPOLATED: Final = (
     "traversing tasks: no profile position mode (6502h); the gateway calculates a position for each SYNC (mode 8)"
 )
 _UNITS_AND_LIMITS: Final = frozenset(SCALING_OBJECTS)
+_RELATIVE_TO: Final = 0b11
+"""Bits of 60F2h: where a relative task begins."""
+_TO_DEMAND: Final = 0b01
 _OFF: Final = (State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.FAULT)
 """States of a drive that has no power, and gets none without two commands."""
 
@@ -314,6 +317,8 @@ class DriveClient(NodeClient[DriveSettings]):
         if period_us and INTERPOLATION_TIME in self.sdo.dictionary:
             for step in interpolation_steps(period_us):
                 self.sdo.do(step)
+        if settings.interpolation_us and not self._interpolates:
+            self._count_from_demand()
         if HOMING_METHOD[0] in self.sdo.dictionary:
             self.homing_method = self.sdo.require(*HOMING_METHOD, signed=True)
         for entry in self.rpdos.written_entries:
@@ -323,6 +328,24 @@ class DriveClient(NodeClient[DriveSettings]):
             if entry.attribute in _LIMITS_AND_RAMPS:
                 self.own_values.overwrite(entry.address)
         self.own_values.commit()
+
+    def _count_from_demand(self) -> None:
+        """Relative tasks begin at the demanded position (60F2h bits 0 and 1 = 1). With 0 they begin at the last target, also
+        after a stop or another mode.
+        """
+        data = self._read_if_present(POSITIONING_OPTION, 0)
+        if data is None:
+            return
+        value = int.from_bytes(data, "little")
+        wanted = value & ~_RELATIVE_TO | _TO_DEMAND
+        refusal = "" if data else "cannot be read now"
+        if data and value != wanted:
+            try:
+                self.sdo.do(SdoStep(POSITIONING_OPTION, 0, CanType.U16, wanted, "positioning option code"))
+            except Dsp402Error as error:
+                refusal = f"= {value}: {error}"
+        if refusal:
+            self._tell("status", f"relative tasks may begin at the last target, also after a stop: 60F2h {refusal}")
 
     def _read_optional(self, index: int, subindex: int) -> int:
         """0 for an object that the drive does not have."""

@@ -13,7 +13,7 @@ from canopen.sdo import SdoAbortedError
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.nmt import NmtCommand, NmtState
-from pdgw.ds301.objects import Entry
+from pdgw.ds301.objects import Access, CanType, Entry
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings
@@ -203,6 +203,39 @@ def test_configuration_defines_the_scaling_of_an_unknown_drive(plant: Plant, mor
     plant.online()
     assert client.drive_type is not None
     assert client.drive_type.scaling.reference(Quantity.SPEED) == 6000
+
+
+OPTION = (0x60F2, 0)
+
+
+def _with_option(plant: Plant, value: int, *, access: Access = Access.RW) -> SimulatedDriveNode:
+    node = plant.power_on().node
+    node.entries = {**node.entries, OPTION: Entry(*OPTION, "Positioning option code", CanType.U16, access)}
+    node.values[OPTION] = value
+    return node
+
+
+@pytest.mark.parametrize("value", [0x0000, 0x00C6, 0x0001])
+def test_relative_tasks_begin_where_the_drive_is_and_not_at_an_old_target(plant: Plant, value: int) -> None:
+    """60F2h.0-1 = 0 would begin at the last target, also after a reject or a jog."""
+    node = _with_option(plant, value)
+    client = plant.connect(Operation.POSITIONER, interpolation_us=4000)
+    site.wait_for(lambda: client.generation, "online")
+    assert node.values[OPTION] == value & ~3 | 1, "the other bits stay"
+
+
+def test_other_telegrams_leave_the_positioning_option_to_the_drive(plant: Plant) -> None:
+    node = _with_option(plant, 0)
+    plant.connect(Operation.TRANSPARENT)
+    plant.online()
+    assert node.values[OPTION] == 0
+
+
+def test_positioning_option_that_the_drive_keeps_is_named(plant: Plant) -> None:
+    _with_option(plant, 0, access=Access.RO)
+    client = plant.connect(Operation.POSITIONER, interpolation_us=4000)
+    site.wait_for(lambda: client.generation, "online")
+    assert any("60F2h = 0" in event.text for event in plant.events)
 
 
 @pytest.mark.parametrize("allowed", [False, True])
