@@ -307,6 +307,7 @@ class DriverPort(CanPort):
 
     def _lost(self, text: str) -> None:
         receiver = self._receiver
+        self.drop()  # a full queue has no room for the order to end
         self.close()
         if receiver is not None:
             receiver.on_lost(text)

@@ -406,6 +406,32 @@ def test_frames_queued_for_a_driver_are_dropped_and_later_ones_sent() -> None:
     assert all(timeout is not None for timeout in bus.timeouts), "no driver may wait for ever"
 
 
+def test_lost_driver_with_a_full_queue_ends_its_threads_and_sends_nothing_more() -> None:
+    made: list[Full] = []
+
+    def writers() -> list[threading.Thread]:
+        return [thread for thread in threading.enumerate() if thread.name == "CAN writer"]
+
+    before = writers()
+    with buses.looped() as loop:
+
+        def opener() -> CanPort:
+            made.append(Full())
+            return open_port(loop, made[-1])
+
+        network = CanNetwork(loop, opener)
+        network.start()
+        while not network.waits:
+            network.send(PDO, bytes((network.sent,)))
+        made[0].incoming.put(OSError("unplugged"))
+        buses.wait_for(lambda: len(made) == 2, "opened again")
+        made[0].going_on.set()
+        buses.wait_for(lambda: len(writers()) == len(before) + 1, "the writer of the lost driver has ended")
+        made[1].going_on.set()
+        network.close()
+    assert len(made[0].taken) <= 1
+
+
 def test_check_due_before_the_next_cycle_runs_in_this_one() -> None:
     """A wake of the loop of its own costs more than the look."""
     loop = VirtualLoop()
