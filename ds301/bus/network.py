@@ -87,6 +87,8 @@ class CanNetwork(Receiver):
         self.healthy = True
         """False from a bus-off or a lost interface until a frame passes again."""
         self.listeners: list[FrameListener] = []
+        self.on_drop: list[Callable[[], None]] = []
+        """Called when frames of any sender were dropped."""
         self.tap: FrameTap | None = None
         """Called with every frame, at the lowest cost."""
         self.waiting = False
@@ -290,9 +292,11 @@ class CanNetwork(Receiver):
         return self.send(cob_id | REMOTE, _ONE_BYTE)
 
     def drop_waiting(self) -> None:
-        """Drop unsent frames of a lost node: earlier commands must not reach it after its stop."""
+        """Drop unsent frames: earlier commands must not reach a lost node after its stop. Those to others are sent again."""
         if self._port is not None:
             self._port.drop()
+        for send_again in self.on_drop:
+            send_again()
 
     def send_heartbeat(self, node_id: int) -> None:
         """The gateway's own heartbeat. The cyclic exchange calls it, so that a hung loop stops the drives."""

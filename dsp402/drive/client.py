@@ -125,6 +125,7 @@ class DriveClient(NodeClient[DriveSettings]):
         self._mode = ModeCheck(sdo, feedback, self._tell)
         self.rpdos = RpdoSender(network, layout.rpdos[0], node_id, feedback, self._mode, self._wake.set, self._tell)
         """Sends the parts of each command."""
+        network.on_drop.append(self.rpdos.send_again)
         self._mapping = DriveMapping(sdo.read_number)
         self._tpdos = TpdoCheck(sdo, self._mapping)
         self.units = UnitCheck(sdo, feedback, self._units_changed)

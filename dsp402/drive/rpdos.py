@@ -121,10 +121,14 @@ class RpdoSender:
     def repeat(self) -> None:
         """Objects of the drive have been overwritten: send and write everything again."""
         self._data_senders, self._paused = self._paused or self._data_senders, []
-        for sender in (*self._data_senders, self.control):
-            sender.last = b""
+        self.send_again()
         for values in self.written:
             values.written = None
+
+    def send_again(self) -> None:
+        """Frames were dropped before they were sent: send each RPDO with the next command."""
+        for sender in (*self._data_senders, self.control):
+            sender.last = b""
 
     @property
     def written_entries(self) -> list[Entry]:

@@ -116,6 +116,23 @@ def test_pdos_are_sent_on_change_data_first_controlword_last_and_refreshed(plant
     assert sent == [0x404, 0x304, 0x204]
 
 
+def test_command_that_was_dropped_with_those_of_a_lost_node_is_sent_again(plant: Plant) -> None:
+    drive = plant.power_on()
+    client = plant.connect()
+    plant.online()
+    command = DriveCommand()
+    port = site.gateway_port()
+    port.droppable = True
+    port.connect(False)
+    command.controlword = 0x06
+    client.send(command, site.now())
+    plant.network.drop_waiting()
+    port.connect(True)
+    client.send(command, site.now())
+    site.play(2 * MS)
+    assert drive.model.controlword == 0x06
+
+
 def test_nothing_is_sent_before_the_drive_is_online(plant: Plant) -> None:
     client = plant.connect()
     sent: list[int] = []

@@ -53,6 +53,11 @@ def encoder(node_id: int, **options: Any) -> SimulatedEncoder:
     return _worlds[-1].encoder(_BUS, node_id, powered=False, **options)
 
 
+def gateway_port() -> Member:
+    """The network's own controller."""
+    return _worlds[-1].gateway_port(_BUS)
+
+
 def other() -> Member:
     """Another participant."""
     return _worlds[-1].bus(_BUS).join("other")
