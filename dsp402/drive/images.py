@@ -17,6 +17,10 @@ class DriveCommand:
     """Values for the drive (RPDO objects). One instance per axis, updated in place each cycle."""
 
     ASIDE: ClassVar[frozenset[str]] = frozenset({"controlword"})
+    DATA: ClassVar[frozenset[str]] = frozenset(
+        {"profile_acceleration", "profile_deceleration", "profile_velocity", "target_position"}
+    )
+    """Values of the last motion; the axis machine writes them again before the next one."""
 
     __slots__ = (
         "controlword",

@@ -11,6 +11,7 @@ immutable value, or a container of such. A class declares beside its attributes 
 | ``SERIALS`` | numbers that only grow, are only compared with each other, and are 0 for none: compared by their order |
 | ``COUNTERS`` | numbers that run round, 0 for none: compared as they are, or by whether they are 0 (``any_counter``) |
 | ``SUPERVISION`` | compared only with ``stops``: only the brakes beside the Controlword depend on them; ``*``: all |
+| ``DATA`` | compared only with ``data``: they are sent, and nothing else depends on them |
 | ``ASIDE`` | saved, but not compared: no word and no command depends on them (caches, what the log has had); ``*``: all |
 """
 
@@ -115,13 +116,15 @@ class _Part:
         "values",
     )
 
-    def __init__(self, item: object, *, any_counter: bool, stops: bool) -> None:
+    def __init__(self, item: object, *, any_counter: bool, stops: bool, data: bool) -> None:
         self.item = item
         kind: Any = type(item)
         self._kind = kind
         passing, aside = _declared(kind, "PASSING"), _declared(kind, "ASIDE")
         if not stops:
             aside |= _declared(kind, "SUPERVISION")
+        if not data:
+            aside |= _declared(kind, "DATA")
         every = [name for name in _names(item) if name not in passing]
         self._always = [value for value in (getattr(item, name) for name in every) if _is_part(value)]
         """Permanent parts of the machine."""
@@ -205,12 +208,16 @@ class Checkpoints:
     """Step, save and restore one machine that nothing else changes; the feedback it reads is not part of it.
 
     ``any_counter``: every input is relative to the machine's counters (``COUNTERS``), so one counter represents all others.
-    ``stops``: the supervision of stops is compared too (``SUPERVISION``).
+    ``stops``: the supervision of stops is compared too (``SUPERVISION``). ``data``: so is what the last motion leaves in the
+    RPDOs (``DATA``).
     """
 
-    def __init__(self, machine: AxisMachine, *, any_counter: bool = False, stops: bool = False) -> None:
+    def __init__(
+        self, machine: AxisMachine, *, any_counter: bool = False, stops: bool = False, data: bool = True
+    ) -> None:
         self._machine = machine
         self._stops = stops
+        self._data = data
         self._any_counter = any_counter
         self._numbers: dict[Hashable, int] = {}
         self._tree: dict[int, _Part] = {}
@@ -237,7 +244,7 @@ class Checkpoints:
             item = waiting.pop()
             if id(item) not in found:
                 part = found[id(item)] = known.get(id(item)) or _Part(
-                    item, any_counter=self._any_counter, stops=self._stops
+                    item, any_counter=self._any_counter, stops=self._stops, data=self._data
                 )
                 self._look([part])
                 waiting += part.children()

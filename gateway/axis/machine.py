@@ -225,8 +225,8 @@ class AxisMachine:
             interlock.step(wish, demand.acknowledge, trouble, statusword, standstill, now)
             between = self._interpolation
             reason = executor.step() if between is None else between.step(executor)
+            self._check_velocity(interlock.action, now)
             if drive_ok:
-                self._check_velocity(interlock.action, now)
                 cell = interlock.cell
                 shown = (SHOWN_STATE if cell.operating else SHOWN_UNCOMMANDED)[statusword & STATE_MASK]
                 flags = report.flags | shown | statusword & cell.visible

@@ -99,16 +99,17 @@ class _OfSeen:
 @dataclass(slots=True, eq=False)
 class Seen(_OfSeen):
     """State of the axis. A motion is *given* when its setpoint was sent to the drive, *taken* when the drive acknowledged it, and
-    *executing* when the drive works on it (later, if setpoints wait in the drive). Each is the newest serial number, 0 for none.
+    *executing* when the drive works on it (later, if setpoints wait in the drive). Each is the newest serial number; the first
+    motion has 2.
     """
 
     position: int = 0
     standstill: bool = True
     stopped: bool = True
     """The axis is at standstill, and the drive has ended its ramp."""
-    given: int = 0
-    taken: int = 0
-    executing: int = 0
+    given: int = 1
+    taken: int = 1
+    executing: int = 1
     reached: bool = False
     """The drive reports its target reached, for the motion it executes."""
     homing: HomingResult = HomingResult.RUNNING
@@ -144,7 +145,7 @@ class Motion(_OfMotion):
     """The requested motion. A new ``serial`` is a new setpoint; each is sent once, and only the newest waits."""
 
     kind: MotionKind = MotionKind.STAND
-    serial: int = 0
+    serial: int = 1
     first: int = 0
     """Serial of the first setpoint of the task; 0 until it is sent."""
     target: int = 0

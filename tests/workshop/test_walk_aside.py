@@ -66,6 +66,8 @@ class Twins(Transducer):
 
 DIFFER: set[Attribute] = {
     ("Demand", "power"),
+    ("DriveCommand", "profile_velocity"),
+    ("DriveCommand", "target_position"),
     ("DriveWatch", "fault_began"),
     ("Interlock", "_steady"),
     ("Outputs", "actuals"),

@@ -41,6 +41,10 @@ TICK_NS = 200 * MS
 after its end with the fewest states.
 """
 FINE_TICK_NS = 100 * MS
+LONG_TICK_NS = 1000 * MS
+"""One step of a walk with homing or jog. Ages of a mode and a homing (1 s) and of a setpoint (2 s) are one and two steps. Shorter
+ages are over after one step; the walks without homing and jog have them.
+"""
 NOT_WALKED = dict.fromkeys(ENCODER_TELEGRAM_NUMBERS, "an encoder has no power stage and no motion")
 """Telegrams without a walk, with the reason."""
 ANSWER_NS = 2 * SECOND
@@ -187,8 +191,8 @@ def every() -> Iterator[Case]:
     """Each telegram of a drive once with the defaults, then homing, jog, and the rest of ``selected``."""
     once = [Case(number) for number in DRIVE_TELEGRAM_NUMBERS]
     yield from once
-    yield from (Case(number, homing=True) for number in TASK_TELEGRAM_NUMBERS)
-    yield from (Case(number, jog=True) for number in POSITIONER_TELEGRAM_NUMBERS)
+    yield from (Case(number, homing=True, tick_ns=LONG_TICK_NS) for number in TASK_TELEGRAM_NUMBERS)
+    yield from (Case(number, jog=True, tick_ns=LONG_TICK_NS) for number in POSITIONER_TELEGRAM_NUMBERS)
     yield from (case for case in selected() if case not in once)
 
 

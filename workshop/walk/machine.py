@@ -39,7 +39,7 @@ class Transducer:
         self._machine = AxisMachine(number, settings, DriveFeedback())
         self._drive = drive
         self._tick = tick_ns
-        self._checkpoints = Checkpoints(self._machine, any_counter=True, stops=guarding)
+        self._checkpoints = Checkpoints(self._machine, any_counter=True, stops=guarding, data=False)
         self._guarding = guarding
         self._states: list[Checkpoint] = []
         self._number_of: dict[Hashable, int] = {}
@@ -116,7 +116,6 @@ class Transducer:
         return Output(
             command.controlword,
             command.target_velocity,
-            command.target_position,
             command.modes_of_operation,
             outputs.actuals[0],
             "" if outputs.reason is None else outputs.reason.name,

@@ -61,8 +61,6 @@ class Output(NamedTuple):
     controlword: int
     velocity: int
     """60FFh."""
-    target: int
-    """607Ah."""
     mode: int
     """6060h."""
     zsw1: int

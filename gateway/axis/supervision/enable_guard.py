@@ -23,13 +23,11 @@ _GOES_ON: Final = (PowerWish.ON, PowerWish.HOLD)
 class EnableGuard:
     """Guard of one axis. Call ``step`` once per cycle, after everything that changes the Controlword."""
 
-    __slots__ = ("_asked", "_commanded", "_granted", "_off_seen", "_on")
+    __slots__ = ("_asked", "_commanded", "_granted", "_off_seen")
 
     def __init__(self) -> None:
         self._off_seen = False
         """The PLC sent OFF, and nothing but ON since."""
-        self._on = False
-        """The present ON came after an OFF."""
         self._asked = False
         """Whether the PLC requested operation in the previous cycle."""
         self._commanded = False
@@ -56,13 +54,10 @@ class EnableGuard:
 
     def _follow(self, wish: PowerWish | None) -> None:
         if wish is _ENABLE:
-            self._on = self._on or self._off_seen
-            self._granted = self._on and not self._commanded
-        elif wish in _OFFS:
+            self._granted = self._off_seen and not self._commanded
+            return
+        self._granted = False
+        if wish in _OFFS:
             self._off_seen = True
-            self._on = self._granted = False
-        elif wish in _GOES_ON:
-            self._on = self._on or self._off_seen
-            self._granted = False
-        else:
-            self._off_seen = self._on = self._granted = False
+        elif wish not in _GOES_ON:
+            self._off_seen = False

@@ -143,7 +143,7 @@ class Stepper(_Device):
 
     @property
     def home_position_set(self) -> bool:
-        return self._positioning.homing.home_set
+        return self._positioning.positioner.outcome.home_set
 
 
 class EncoderStepper(_Device):

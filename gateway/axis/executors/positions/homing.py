@@ -56,7 +56,6 @@ class Homing:
         "_outputs",
         "_since",
         "_writes",
-        "home_set",
         "method",
         "methods",
     )
@@ -69,8 +68,6 @@ class Homing:
         """6098h as the drive has it."""
         self.methods: frozenset[int] = frozenset()
         """Those the drive offers."""
-        self.home_set = False
-        """The drive knows where it is."""
         self._writes: tuple[SdoWrite, ...] = ()
         self._busy = False
         self._answer: str | None = None
@@ -99,7 +96,6 @@ class Homing:
 
     def begin(self, method: int, speed: int | None) -> None:
         """Method and speeds have to reach the drive first; ``speed`` in its units, None leaves its own ones."""
-        self.home_set = False
         self._outputs.reason = Reason.HOMING_SETUP
         speeds = () if speed is None else _SPEEDS
         self._writes = (
@@ -164,7 +160,6 @@ class Homing:
         elif self._attained_seen_low or inputs.now - self._since >= HOMING_STALE_NS:
             if error:
                 return self._failed("homing error", statusword)
-            self.home_set = True
             return Progress.ATTAINED
         return Progress.WAITS
 

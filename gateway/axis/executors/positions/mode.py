@@ -29,7 +29,8 @@ class ModeSwitch:
         self.asked = False
         """A mode was requested in this cycle."""
         self.since = -1
-        """Start of the request that the drive has not confirmed, monotonic ns; -1: none. A cycle without a request ends it."""
+        """Start of the request that the drive has not confirmed, monotonic ns; -1: none. A cycle without a request ends it, and
+        one with a warning starts it again."""
 
     def rebase(self, base: int) -> None:
         """Another mode of tasks, of another drive."""
@@ -60,9 +61,9 @@ class ModeSwitch:
             return True
         outputs = executor.outputs
         outputs.reason = Reason.MODE_NOT_CONFIRMED
-        if self.since < 0:
+        if self.since < 0 or outputs.warned:
             self.since = now
-        elif now - self.since >= MODE_CONFIRM_NS and not outputs.warned:
+        elif now - self.since >= MODE_CONFIRM_NS:
             outputs.warned = True
             outputs.found.append(
                 (FaultNumber.MODE_NOT_CONFIRMED, f"6060h = {mode}, 6061h = {shown} for {MODE_CONFIRM_NS / SECOND:g} s")

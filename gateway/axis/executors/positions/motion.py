@@ -79,7 +79,11 @@ class MotionExecutor(Executor):
         self._forget_home()
 
     def _forget_home(self) -> None:
-        self.homing.home_set = False
+        """The drive has new coordinates."""
+        self.positioner.forget_home()
+
+    def recall(self, *, home_set: bool) -> None:
+        self.positioner.outcome.home_set = home_set
 
     def sdo_done(self, error: str | None) -> None:
         self.homing.answered(error)

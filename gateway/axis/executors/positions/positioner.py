@@ -163,10 +163,6 @@ class PositionerExecutor(MotionExecutor):
         if self._ring is not None:
             self._ring.reset()
         super()._forget_home()
-        self.positioner.forget_home()
-
-    def recall(self, *, home_set: bool) -> None:
-        self.homing.home_set = self.positioner.outcome.home_set = home_set
 
     def refuse(self) -> None:
         self._stop()

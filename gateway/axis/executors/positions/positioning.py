@@ -49,9 +49,6 @@ class PositioningExecutor(MotionExecutor):
         super().set_drive(drive, homing_method)
         self._scaling = TaskScaling.of(drive)
 
-    def recall(self, *, home_set: bool) -> None:
-        self.homing.home_set = home_set
-
     def refuse(self) -> None:
         self._stop()
         self.command.controlword = self.interlock.controlword
@@ -74,7 +71,7 @@ class PositioningExecutor(MotionExecutor):
                 reason = outcome.warning
             if (outcome.state is _IDLE and not self._moved) or (homes and self._seen.homing is HomingResult.ATTAINED):
                 flags |= _REACHED
-        if self.homing.home_set:
+        if outcome.home_set:
             flags |= _HOME_SET
         if not homes:
             if feedback.statusword & ACKNOWLEDGED and self._mode.shows_base():
@@ -218,6 +215,14 @@ class PositioningExecutor(MotionExecutor):
         if goal.distance is not None or goal.relative:
             return ControlBit.CHANGE_IMMEDIATELY | ControlBit.RELATIVE
         return ControlBit.CHANGE_IMMEDIATELY | (self._turn_bits[goal.direction] if self._turntable else 0)
+
+    def _begin_homing(self, motion: Motion) -> None:
+        super()._begin_homing(motion)
+        self.positioner.forget_home()
+
+    def _homing_ends(self, result: HomingResult) -> None:
+        super()._homing_ends(result)
+        self.positioner.outcome.home_set = result is HomingResult.ATTAINED
 
     def _home_as_asked(self, motion: Motion) -> int:
         """Homing with method and velocity of its edge; CW.4 stays after its end until STW1.11 falls."""
