@@ -29,6 +29,8 @@ _WATCHED: Final = (
     indices.GEAR_RATIO,
     indices.FEED_CONSTANT,
     indices.POSITION_FACTOR,
+    indices.VL_SETPOINT_FACTOR,
+    indices.VL_DIMENSION_FACTOR,
 )
 """Objects that define the unit of velocities, the likeliest first."""
 

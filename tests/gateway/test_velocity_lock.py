@@ -80,6 +80,24 @@ def test_acknowledged_axis_needs_off_and_on_and_is_checked_again() -> None:
         plc.until(lambda: daemon.axes[0].outputs.reason is Reason.UNITS_CONTRADICTED, "stopped again")
 
 
+@pytest.mark.parametrize("index", [0x604B, 0x604C])
+def test_factor_of_velocity_mode_that_changes_in_operation_stops_the_axis(index: int) -> None:
+    ones = {(factor, place): 1 for factor in (0x604B, 0x604C) for place in (1, 2)}
+    law = Law(1.0, objects={(0x6080, 0): 3000} | ones, vl=True)
+    with running(configuration(axis(1, more=""))) as daemon:
+        drive = OwnLawDrive(world_of(daemon), "world", 1, law)
+        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        plc = Plc(daemon, [1])
+        plc.enable()
+        plc.endpoint.set(0, {"NSOLL_A": 0x0100})
+        plc.until(lambda: abs(drive.node.rpm - 3000 / 64) < 1, "the speed that was asked for")
+        drive.do(lambda node: node.values.__setitem__((index, 1), 10))
+        drive.do(lambda node: setattr(node, "rpm_per_unit", 10.0))
+        plc.until(lambda: daemon.axes[0].faults, "the fault")
+        assert daemon.axes[0].faults[0].number == FaultNumber.VELOCITY
+        assert f"{index:04X}h/1 was 1h and is Ah now" in daemon.axes[0].faults[0].text
+
+
 def test_units_that_could_not_be_read_again_are_read_before_the_next_start() -> None:
     tenths = Law(0.1, objects={**_OBJECTS, (0x60A9, 0): 0xFFB4_4700})
     with running(configuration(axis(1, more=""))) as daemon:
