@@ -72,8 +72,8 @@ class SdoAccess:
         self._open = 0
         """Urgent requests that were sent and not answered: their answers may still come."""
         self._open_until = 0
-        self._unconfirmed: set[bytes] = set()
-        """Confirmations of writes that timed out: they may still come."""
+        self._unconfirmed: dict[bytes, bytes] = {}
+        """Data of writes that timed out, by their confirmation: it may still come."""
 
     def set_timeout(self, nanoseconds: int, *, slow: bool) -> None:
         """Set the timeout of each answer. ``slow``: the node needs it, so no request is repeated."""
@@ -129,7 +129,7 @@ class SdoAccess:
         """SDO download, in the node's task only; raises canopen's SdoAbortedError / SdoCommunicationError.
 
         The late answer to an aborted write does not confirm this one (canopen would accept it). If both are for the same object,
-        the object is read back.
+        with other data, the object is read back.
         """
         self._settle()
         sdo = self._sdo
@@ -137,8 +137,8 @@ class SdoAccess:
             sdo.download(index, subindex, data)
             return
         address = SDO_STRUCT.pack(RESPONSE_DOWNLOAD, index, subindex)
-        unconfirmed = address in self._unconfirmed
-        self._unconfirmed.add(address)
+        unconfirmed = self._unconfirmed.get(address)
+        self._unconfirmed[address] = data
         deadline = self.loop.now() + int(sdo.RESPONSE_TIMEOUT * SECOND)
         try:
             answer = sdo.request_response(_download(index, subindex, data))
@@ -147,10 +147,12 @@ class SdoAccess:
                     raise SdoCommunicationError(f"no answer to the write of {index:04X}h/{subindex}")
                 answer = sdo.read_response()
         except SdoAbortedError:
-            self._unconfirmed.discard(address)
+            del self._unconfirmed[address]
             raise
-        self._unconfirmed.discard(address)
-        if unconfirmed and (found := self.read(index, subindex)[: len(data)]) != data:
+        if unconfirmed == data:
+            return  # this may be the late confirmation: the other one may still come
+        del self._unconfirmed[address]
+        if unconfirmed is not None and (found := self.read(index, subindex)[: len(data)]) != data:
             raise SdoCommunicationError(f"{index:04X}h/{subindex} is {found.hex()} after the write of {data.hex()}")
 
     def read_urgently(self, index: int, subindex: int = 0) -> int:

@@ -458,6 +458,32 @@ def test_late_confirmation_does_not_confirm_the_next_value_of_the_same_object(
     assert drive.model.profile_acceleration == 300
 
 
+def test_a_write_is_repeated_although_the_object_reads_otherwise(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
+    """1010h: "save" is written, and reads as what the drive can store. It must not fail twice after one late confirmation."""
+    drive = plant.power_on()
+    client = plant.connect()
+    plant.online()
+    send = drive.node.send
+    confirmations: list[bytes] = []
+
+    def late(can_id: int, data: bytes) -> None:
+        if can_id == 0x580 + NODE and data.startswith(b"\x60\x10\x10\1"):
+            confirmations.append(data)
+            if len(confirmations) == 1:
+                return
+        send(can_id, data)
+
+    monkeypatch.setattr(drive.node, "send", late)
+
+    def save() -> None:
+        site.result(client.submit(lambda drive: drive.sdo.write(0x1010, 1, b"save")))
+
+    with pytest.raises(SdoCommunicationError):
+        save()
+    save()
+    assert len(confirmations) == 2
+
+
 def test_abort_of_another_clients_access_is_not_taken_for_the_own_one(
     plant: Plant, monkeypatch: pytest.MonkeyPatch
 ) -> None:
