@@ -71,7 +71,7 @@ def test_a_rejected_task_that_the_drive_continues_is_stopped_for_good(name: str)
     hand = drive.hand
     assert hand.stepper.reason is Reason.MOVES_UNASKED
     assert [event.number for event in hand.stepper.events] == [FaultNumber.MOVES_UNASKED]
-    assert hand.actuals["ZSW1"] & WARNING
+    assert hand.actuals["ZSW1"] & (WARNING | REACHED) == WARNING | REACHED, "it is at standstill"
 
 
 @pytest.mark.parametrize("name", MAKES)
@@ -117,6 +117,20 @@ def test_homing_waits_with_halt_for_its_parameters(name: str) -> None:
     drive.moved = 0
     for _ in range(100):  # the drive has not taken the method
         drive(ON | HOMING, SATZANW=0x8000 | 35) if name == "9" else drive(ON | HOMING)
+    assert drive.moved == 0
+
+
+def test_homing_that_interrupts_a_task_keeps_halt_until_the_mode_changes() -> None:
+    make, values = MAKES["9"]
+    drive = Continuing(make().enable())
+    for _ in range(5):
+        drive(ON | ACTIVATE, **values)
+    drive(ON | HOMING, SATZANW=0x8000 | 35)
+    drive.moved = 0
+    assert all(drive(ON | HOMING) & HALT for _ in range(50)), "the drive has not taken the method"
+    drive.hand.stepper.sdo_done("refused")
+    assert all(drive(ON | HOMING) & HALT for _ in range(50))
+    assert drive.hand.stepper.reason is Reason.HOMING_ERROR
     assert drive.moved == 0
 
 

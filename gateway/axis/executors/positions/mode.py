@@ -56,7 +56,7 @@ class ModeSwitch:
         if self.mode != mode and not self.halted:
             self.mode = mode
             self.since = now
-        if self.mode == mode and shown == mode:
+        if self.mode == mode and shown == mode and not self.halted:
             self.since = -1
             return True
         outputs = executor.outputs

@@ -239,9 +239,9 @@ class MotionExecutor(Executor):
         return self._halt_before_homing()
 
     def _halt_before_homing(self) -> int:
-        """Halt stays until the mode has to change."""
+        """Halt stays until the mode has to change, so that the drive does not continue what Halt has stopped."""
         mode = self._mode
-        return HALT if mode.halted and self._moved and not mode.asked else 0
+        return HALT if mode.halted and self._halted and not mode.asked else 0
 
     def _begin_homing(self, motion: Motion) -> None:
         self._forget_homing()

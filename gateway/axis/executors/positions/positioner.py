@@ -278,7 +278,7 @@ class PositionerExecutor(MotionExecutor):
         wanted = _HOMING_MODE if kind is _HOMING else _POSITION_MODE if kind is _POSITION else _VELOCITY_MODE
         if mode.mode != wanted and not self.inputs.standstill:
             return self._slow_down()
-        if mode.halted and not (kind is _HOMING and self._moved):
+        if mode.halted and not (kind is _HOMING and self._halted):
             return 0  # reset Halt alone: a setpoint or a mode together with it is not allowed
         if kind is _HOMING:
             return self._home_axis(motion)

@@ -69,7 +69,8 @@ class PositioningExecutor(MotionExecutor):
             reason = self.outputs.reason
             if outcome.warning is not None and (reason is None or reason is Reason.MDI_OFF):
                 reason = outcome.warning
-            if (outcome.state is _IDLE and not self._moved) or (homes and self._seen.homing is HomingResult.ATTAINED):
+            waits = outcome.state is _IDLE and (self.inputs.standstill or not self._moved)
+            if waits or (homes and self._seen.homing is HomingResult.ATTAINED):
                 flags |= _REACHED
         if outcome.home_set:
             flags |= _HOME_SET
@@ -236,4 +237,4 @@ class PositioningExecutor(MotionExecutor):
         if seen.homing is HomingResult.ATTAINED:
             return NEW_SETPOINT
         self.outputs.reason = Reason.HOMING_ERROR
-        return 0
+        return self._halt_before_homing()
