@@ -59,7 +59,7 @@ from pdgw.dsp402.objects import (
 )
 from pdgw.dsp402.pdo.layouts import interpolated
 from pdgw.dsp402.pdo.mapping import DriveMapping
-from pdgw.dsp402.states import UNPOWERED, Command, FaultReset, State, state_of
+from pdgw.dsp402.states import UNPOWERED, Command, FaultReset, State, operates, state_of
 from pdgw.dsp402.units.scaling import SCALING_OBJECTS
 from pdgw.dsp402.units.unit_watch import UnitWatch
 from pdgw.durations import MS, US_PER_MS
@@ -134,6 +134,8 @@ class DriveClient(NodeClient[DriveSettings]):
         """The drive's values of limits and ramps that the gateway overwrites."""
         self.command = self.own_values.write
         self.write_for_client = self._write_for_client
+        self._positions_by_sync = False
+        """The drive gets a position for each SYNC, no setpoint of its own."""
         self._is_off = False
         """The drive was without power when it was found."""
 
@@ -303,6 +305,9 @@ class DriveClient(NodeClient[DriveSettings]):
         assert drive is not None
         # With SYNC the drive expects a new setpoint each time.
         self.rpdos.take_plan(self.plan, self._sdo_timeout_ns, 0 if period_us else settings.rpdo_refresh_ms * MS)
+        self._positions_by_sync = period_us > 0 and all(
+            entry.attribute != "target_velocity" for entry in self.rpdos.entries
+        )
         self._tpdos.begin(self._slots)
         self.units.begin(self._slots)
         if period_us:
@@ -414,8 +419,16 @@ class DriveClient(NodeClient[DriveSettings]):
         self._guarded_by_requests = guarding.life_guarding
         self._heartbeat_expected = guarding.heartbeat or guarding.life_guarding
 
+    @property
+    def _moves(self) -> bool:
+        """The drive is commanded to move: by a setpoint, or by a position for each SYNC while it is in operation."""
+        rpdos = self.rpdos
+        if rpdos.motion_asked or not self._positions_by_sync:
+            return rpdos.motion_asked
+        return rpdos.command is not None and operates(rpdos.command.controlword)
+
     def _has_work(self, now: int) -> bool:
-        moves = self.rpdos.motion_asked
+        moves = self._moves
         if self.rpdos.written or self._mode.awaited is not None or (moves and self._tpdos.doubtful):
             return True
         return self.units.watch.is_due(now, moves=moves) or super()._has_work(now)
@@ -428,8 +441,8 @@ class DriveClient(NodeClient[DriveSettings]):
         self.rpdos.write(self.sdo.write, now)
         self._mode.check(now)
         super()._exchange_acyclic(now)
-        if self.units.watch.is_due(now, moves=self.rpdos.motion_asked):
+        if self.units.watch.is_due(now, moves=self._moves):
             self.units.check(now, busy=bool(self._jobs), acyclic_read=self._acyclic_read)
-        if self.rpdos.motion_asked and self.units.watch.asked is None:
+        if self._moves and self.units.watch.asked is None:
             # Not earlier: while waiting for an answer, a loss of the drive would be reported late.
             self._tpdos.check(now, self._timeout_ns)

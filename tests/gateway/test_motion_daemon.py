@@ -68,6 +68,30 @@ def test_dsc_through_the_gateway_holds_a_position(form: str, mode: int) -> None:
 
 
 @pytest.mark.parametrize("form", ["position", "speed"])
+def test_unit_that_changes_while_dsc_moves_the_axis_is_found(form: str) -> None:
+    """With positions for each SYNC there is neither Target Velocity nor a new setpoint."""
+    with running(config(105, f'{DSC}"{form}"')) as daemon:
+        plc = Plc(daemon, [105])
+        plc.enable()
+        drive, way = drive_of(daemon), 0
+
+        def moved() -> object:
+            nonlocal way
+            way += 20
+            plc.endpoint.set(0, {"XERR": way - plc.value("G1_XIST1"), "KPC": 20_000})
+            return daemon.axes[0].faults
+
+        for _ in range(50):
+            moved()
+            plc.exchange()
+        assert not daemon.axes[0].faults
+        drive.do(lambda node: node.values.__setitem__((0x6094, 1), 10))
+        plc.until(moved, "the fault")
+        assert daemon.axes[0].faults[0].number == FaultNumber.VELOCITY
+        assert "6094h/1 was 1h and is Ah now" in daemon.axes[0].faults[0].text
+
+
+@pytest.mark.parametrize("form", ["position", "speed"])
 def test_with_a_watchdog_of_a_second_dsc_does_not_turn_on_when_the_plc_is_silent(form: str) -> None:
     axes = axis(1, telegram_number=105, more=f'{DSC}"{form}"')
     with running(configuration(axes, transport="watchdog_factor = 250")) as daemon:
