@@ -115,7 +115,19 @@ GUARDED: tuple[GuardedRange, ...] = (
         "units of position, velocity and acceleration: meaning of every value",
         Check.REFERENCES,
     ),
+    GuardedRange(
+        indices.INTERPOLATION_TIME,
+        indices.INTERPOLATION_TIME,
+        "interpolation time: speed between two positions",
+        Check.CONFIGURATION,
+    ),
     GuardedRange(indices.MAX_DECELERATION, indices.MAX_DECELERATION, "maximum deceleration: braking", Check.REFERENCES),
+    GuardedRange(
+        indices.POSITIONING_OPTION,
+        indices.POSITIONING_OPTION,
+        "positioning option code: where a relative task begins",
+        Check.CONFIGURATION,
+    ),
 )
 """In the order of their indices; everything else may be written at any time."""
 

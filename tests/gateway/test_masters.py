@@ -2,23 +2,39 @@
 
 from __future__ import annotations
 
+import can
 import pytest
 
 from pdgw.ds301.communication import PRODUCER_HEARTBEAT
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
+from pdgw.ds301.objects import Access, CanType, Entry
+from pdgw.dsp402.indices import POSITIONING_OPTION
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.parameters.objects import relies_on
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.world import World
-from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, exchanging, running, until, world_of
+from tests.support.gateways.daemon import (
+    SIMULATED_POSITIONER,
+    Plc,
+    axis,
+    configuration,
+    drive_of,
+    exchanging,
+    running,
+    until,
+    world_of,
+)
 
 HEARTBEAT = ERROR_CONTROL + GATEWAY_NODE_ID
 CHANNEL = "world"
+OPTION = POSITIONING_OPTION, 0
+DSC = 'simulate = true\nfollowing_window = 4096\ndsc = "position"'
 
 
 def gateway() -> tuple[World, Daemon]:
@@ -188,6 +204,29 @@ def test_another_tool_may_read_and_write_what_the_gateway_does_not_use() -> None
                 plc.exchange()
         assert not daemon.axes[0].faults
         assert plc.state() == 0x07
+
+
+@pytest.mark.parametrize(
+    ("number", "more"), [(1, "simulate = true"), (9, "simulate = true"), (105, DSC), (111, SIMULATED_POSITIONER)]
+)
+def test_gateway_relies_on_everything_that_it_writes_at_the_start_of_a_drive(number: int, more: str) -> None:
+    written: set[tuple[int, int]] = set()
+
+    def note(message: can.Message) -> None:
+        data = message.data
+        if not message.is_rx and message.arbitration_id == SDO_REQUEST + 1 and data[0] >> 5 == 1:
+            written.add((int.from_bytes(data[1:3], "little"), data[3]))
+
+    def before(daemon: Daemon) -> None:
+        node = drive_of(daemon).node
+        node.entries = {**node.entries, OPTION: Entry(*OPTION, "Positioning option code", CanType.U16, Access.RW)}
+        node.values[OPTION] = 0
+        daemon.networks["can"].listeners.append(note)
+
+    with running(configuration(axis(1, telegram_number=number, more=more)), before) as daemon:
+        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        assert written
+        assert not [(f"{index:04X}h", sub) for index, sub in written if not relies_on(daemon.axes[0], index, sub)]
 
 
 def test_a_heartbeat_without_an_nmt_state_is_none() -> None:
