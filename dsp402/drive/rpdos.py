@@ -13,7 +13,7 @@ from typing import Final
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.bus.network import CanNetwork
-from pdgw.ds301.node.plan import PdoPlan
+from pdgw.ds301.node.plan import Pace, PdoPlan
 from pdgw.ds301.objects import Entry, ObjectAddress
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
@@ -86,6 +86,8 @@ class RpdoSender:
         """All of them during a pause."""
         self._starts_early = False
         """The Controlword is not the last object of its RPDO: the drive may process it before the data after it."""
+        self._data_by_sync = False
+        """The Controlword acts at once, data of it with the next SYNC, which follows the RPDOs of a cycle."""
         self._set_point_sent = False
         self._held_since = -1
         self._hold_limit_ns = 0
@@ -102,6 +104,7 @@ class RpdoSender:
         self._data_senders = [_Sender(item.pdo, item.cob_id) for item in data]
         self.written = [_Values(pdo) for pdo in plan.written]
         self._starts_early = control.pdo.attributes[-1] != CONTROL_ATTRIBUTE
+        self._data_by_sync = control.pace is not Pace.SYNC and any(item.pace is Pace.SYNC for item in data)
         self._set_point_sent = self.set_point_refused = False
         self._held_since = -1
         # Each object takes one timeout at most, and so does the worker's previous job.
@@ -171,6 +174,8 @@ class RpdoSender:
             command.controlword = word & ~_NEW_SETPOINT
             if self._starts_early and self.control.pdo.pack(command) != self.control.last:
                 complete = False  # the data is sent one cycle before the edge
+            if self._data_by_sync and any(sender.time == now for sender in self._data_senders):
+                complete = False
             if self._may_start(complete, now):
                 command.controlword = word
         sent = self._put(self.control, self.control.pdo.pack(command), now)

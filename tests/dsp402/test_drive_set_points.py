@@ -8,15 +8,20 @@ from contextlib import contextmanager
 
 import can
 import pytest
+from canopen.sdo import SdoAbortedError
 
+from pdgw.ds301.aborts import Abort
 from pdgw.ds301.bus.port import PortBusyError
 from pdgw.ds301.loop.loop import Event
+from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.dsp402.states import ControlBit
 from pdgw.durations import MS
+from pdgw.peers.drive import SimulatedDriveNode
+from pdgw.peers.node.node import Value
 from tests.support.drives.plant import NODE, Plant, observe
 from tests.support.gateways import site
 
@@ -169,6 +174,47 @@ def test_the_wait_for_the_data_of_a_set_point_is_bounded(two_pdos: TwoPdos) -> N
     two_pdos.until(lambda: two_pdos.drive.model.profile_acceleration == 100, "written at last")
     two_pdos.send(START)
     assert two_pdos.accelerations == [], "too late is not at all"
+
+
+class _DataBySync(SimulatedDriveNode):
+    """The transmission type of its RPDO2 is fixed: the values act with the next SYNC."""
+
+    def on_written(self, entry: Entry, value: Value) -> None:
+        if entry.address == (0x1401, 2):
+            raise SdoAbortedError(Abort.READ_ONLY)
+        super().on_written(entry, value)
+
+
+def test_setpoint_waits_for_the_sync_with_which_its_data_acts(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
+    drive = site.drive(NODE)
+    node = _DataBySync(NODE, drive._send)
+    node.values[0x1401, 2] = 1
+    drive.node = node
+    plant.drive = drive
+    drive.start()
+    client = plant.connect(Operation.POSITIONING, initial_mode=None)
+    plant.online()
+    seen: list[int] = []
+    bit = False
+
+    def on_rpdo(_: Pdo) -> None:
+        nonlocal bit
+        before, bit = bit, bool(drive.model.controlword & ControlBit.NEW_SETPOINT)
+        if bit and not before:
+            seen.append(drive.model.profile_velocity)
+
+    monkeypatch.setattr(node, "on_rpdo", on_rpdo)
+    command = DriveCommand()
+    for velocity in (100, 900, 200):
+        for word in (ENABLED, START):
+            command.controlword = word
+            if word == START:
+                command.profile_velocity = velocity
+            for _ in range(3):
+                client.send(command, site.now())
+                plant.network.send_sync()
+                site.play(4 * MS)
+    assert seen == [100, 900, 200]
 
 
 class _PartlyFull:
