@@ -179,7 +179,9 @@ class EncoderClient(NodeClient[EncoderSettings]):
             self._round_ns = self.loop.now() - now
         if self._diagnosis_due(now):
             self._diagnosed = now
+            self._acyclic_failures += 1
             self._read_diagnostics()
+            self._acyclic_failures = 0
 
     def _has_work(self, now: int) -> bool:
         return self._diagnosis_due(now) or super()._has_work(now)

@@ -19,7 +19,7 @@ from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.profidrive.signals import signal
 from pdgw.tools.output.status_text import status_lines
 from tests.support.documents.sensor_format import decode_sensor_format
-from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, encoder_of, serving, until
+from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, encoder_of, running, serving, until
 
 CONTROL = signal("STW2_ENC").bit("CONTROL_BY_PLC").mask
 G1 = {bit.name: bit.mask for bit in signal("G1_STW").bits}
@@ -335,3 +335,15 @@ def test_configurations_that_cannot_be_are_told(objects: str, message: str) -> N
     with pytest.raises(GatewayError) as caught:
         parse_config(f'[can]\ninterface = "virtual"\nchannel = "x"\n{objects}')
     assert message in str(caught.value)
+
+
+def test_encoder_whose_alarms_cannot_be_read_is_lost() -> None:
+    """Its position still comes by TPDO, but nobody knows whether it is one."""
+    with running(configuration(encoder(1, 81))) as daemon:
+        made = daemon.encoders[0]
+        until(daemon, lambda: made.good, "online")
+        encoder_of(daemon).do(lambda node: node.misbehave("sdo-timeout"))
+        until(daemon, lambda: not made.good, "lost")
+        assert "could not be read 3 times" in made.faults[0].text
+        encoder_of(daemon).do(lambda node: node.behave())
+        until(daemon, lambda: made.good, "online again")
