@@ -160,6 +160,16 @@ def test_a_task_that_the_drive_drops_is_reported_and_the_next_one_replaces_it() 
     assert not any(hand(ON) & NEW_SETPOINT for _ in range(1000))
 
 
+def test_a_task_that_the_drive_takes_only_after_an_intermediate_stop_is_not_overdue() -> None:
+    hand = positioning().enable()
+    hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(5_000))
+    assert all(hand(ON & ~INTERMEDIATE) & HALT for _ in range(1000))
+    assert [hand(ON) & (HALT | NEW_SETPOINT) for _ in range(2)] == [0, NEW_SETPOINT]
+    hand(ON, OPERATING | TAKEN)
+    assert not hand.stepper.events
+    assert not hand.actuals["ZSW1"] & WARNING
+
+
 def test_a_late_acknowledge_of_a_task_ends_the_warning() -> None:
     hand = positioning().enable()
     for _ in range(1000):

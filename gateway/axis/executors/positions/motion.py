@@ -191,8 +191,9 @@ class MotionExecutor(Executor):
     def _await_acknowledge(self) -> None:
         """The drive has not taken the setpoint: a warning after ``ACKNOWLEDGE_NS``."""
         statusword, outcome, inputs = self.feedback.statusword, self.positioner.outcome, self.inputs
-        if not self._bits & ControlBit.CHANGE_IMMEDIATELY and not statusword & StatusBit.TARGET_REACHED:
-            self._set_at = inputs.now  # a drive with one buffer takes it at the end of the motion
+        waits = not self._bits & ControlBit.CHANGE_IMMEDIATELY and not statusword & StatusBit.TARGET_REACHED
+        if waits or self._mode.halted:
+            self._set_at = inputs.now  # a drive may take it at the end of the motion (one buffer), or of Halt
         elif (
             inputs.now - self._set_at >= ACKNOWLEDGE_NS
             and outcome.warning is not Reason.NOT_ACKNOWLEDGED
