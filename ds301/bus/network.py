@@ -49,6 +49,8 @@ _SDO_FRAMES: Final = 1024
 """SDO requests that may wait."""
 _FUNCTION: Final = 0x780
 """The part of a COB-ID that names the service."""
+UNUSED: Final = 0
+"""Instead of a node-ID."""
 _LOOK_NS: Final = 20 * MS
 _EARLY_NS: Final = MS
 """Actions due this soon after a cycle start with the cycle before, so that their order does not depend on chance."""
@@ -165,7 +167,10 @@ class CanNetwork(Receiver):
         self._pdos.pop(cob_id, None)
 
     def node_of_pdo(self, cob_id: int, node_id: int) -> int:
-        """The node that has this COB-ID for a PDO: ``node_id`` from now on, unless another node already has it."""
+        """The node that has this COB-ID for a PDO: ``node_id`` from now on, unless another node already has it.
+
+        ``UNUSED`` instead of a node-ID: PDOs of any node have it that cannot be disabled, and nobody may send it.
+        """
         return self._nodes_of_pdos.setdefault(cob_id, node_id)
 
     def watch(self, look: Callable[[int], None]) -> None:

@@ -18,7 +18,7 @@ import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.bus.can_frame import STANDARD_ID
-from pdgw.ds301.bus.network import CanNetwork
+from pdgw.ds301.bus.network import UNUSED, CanNetwork
 from pdgw.ds301.communication import DEVICE_TYPE
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, NMT
@@ -394,10 +394,11 @@ class NodeClient(abc.ABC, Generic[S]):
         for item in (*plan.rpdos, *plan.tpdos):
             other = self.network.node_of_pdo(item.cob_id, node_id)
             if other != node_id:
+                whose = "an unused PDO" if other == UNUSED else f"node {other}"
                 raise self.kind.error_type(
                     f"node {node_id} {item.pdo}",
                     f"COB-ID {item.cob_id:03X}h",
-                    f"a COB-ID that node {other} does not use (PDO5 is PDO1 of the node-ID that is 64 higher): "
+                    f"a COB-ID that {whose} does not have (PDO5 is PDO1 of the node-ID that is 64 higher): "
                     "set another node-ID",
                 )
 
@@ -412,7 +413,7 @@ class NodeClient(abc.ABC, Generic[S]):
             try:
                 self.sdo.write(step.index, step.subindex, step.data)
             except SdoAbortedError as error:
-                if self.network.node_of_pdo(cob_id & STANDARD_ID, node_id) != node_id:
+                if self.network.node_of_pdo(cob_id & STANDARD_ID, UNUSED) not in (UNUSED, node_id):
                     raise self.sdo.refused(step, error) from error
 
     def _take_plan(self, plan: PdoPlan) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pdgw.ds301.node.node import NodeStatus
+from pdgw.ds301.objects import Access, CanType, Entry
 from pdgw.dsp402.states import State
 from pdgw.gateway.daemon import Daemon
 from pdgw.peers.drive import SimulatedDriveNode
@@ -60,3 +61,28 @@ def test_rpdo_left_by_another_master_takes_no_commands_of_another_node(left: int
         assert State.OPERATION_ENABLED not in states
         assert other.velocity_actual == 0
         assert drive_of(daemon, 70).node.values[0x1404, 1] & 0x8000_0000
+
+
+def _fixed(daemon: Daemon, node_id: int, cob_id: int) -> None:
+    """RPDO5 of a drive keeps this COB-ID."""
+
+    def write(node: SimulatedDriveNode) -> None:
+        node.entries = {**node.entries, (0x1404, 1): Entry(0x1404, 1, "COB-ID", CanType.U32, Access.RO)}
+        node.values[0x1404, 1] = cob_id
+
+    drive_of(daemon, node_id).do(write)
+
+
+def test_equal_drives_may_keep_a_cob_id_that_nobody_sends() -> None:
+    def fixed(daemon: Daemon) -> None:
+        _fixed(daemon, 69, 0x6FF)
+        _fixed(daemon, 70, 0x6FF)
+
+    with running(configuration(axis(69) + axis(70)), before=fixed) as daemon:
+        until(daemon, lambda: all(item.good for item in daemon.axes), "online")
+
+
+def test_drive_that_keeps_the_cob_id_of_another_node_is_refused() -> None:
+    with running(configuration(axis(69) + axis(70)), before=lambda daemon: _fixed(daemon, 70, 0x245)) as daemon:
+        until(daemon, lambda: daemon.axes[1].drive.status is NodeStatus.REFUSED, "refused")
+        assert "RPDO5 unused" in daemon.axes[1].drive.status_text
