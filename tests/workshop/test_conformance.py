@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 
 import pytest
 from typer.testing import CliRunner
@@ -32,9 +33,10 @@ def case_id(case: Case) -> str:
     return f"{case.title} {case.activity.value}{device}"
 
 
-@pytest.fixture(scope="module")
-def results() -> dict[str, Result]:
-    return {case_id(case): run_case(case) for case in CASES}
+@cache
+def result_of(title: str) -> Result:
+    """Run the case once in each process: a worker does not run the cases of the others."""
+    return run_case(next(case for case in CASES if case_id(case) == title))
 
 
 def test_every_fault_of_a_drive_and_of_an_encoder_has_a_case() -> None:
@@ -44,8 +46,8 @@ def test_every_fault_of_a_drive_and_of_an_encoder_has_a_case() -> None:
 
 
 @pytest.mark.parametrize("case", CASES, ids=case_id)
-def test_gateway_reacts_to_each_fault_as_required(case: Case, results: dict[str, Result]) -> None:
-    result = results[case_id(case)]
+def test_gateway_reacts_to_each_fault_as_required(case: Case) -> None:
+    result = result_of(case_id(case))
     assert result.failures == []
     assert not result.restarted
     assert not case.numbers or set(case.numbers) & set(result.numbers)
@@ -68,14 +70,14 @@ def test_gateway_reacts_to_each_fault_as_required(case: Case, results: dict[str,
         ("wrong-identity from power-on", ["NMT enter pre operational"]),
     ],
 )
-def test_the_commands_come_in_their_order(title: str, commands: list[str], results: dict[str, Result]) -> None:
-    sent = iter(results[title].sent)
-    assert all(command in sent for command in commands), results[title].sent
+def test_the_commands_come_in_their_order(title: str, commands: list[str]) -> None:
+    sent = iter(result_of(title).sent)
+    assert all(command in sent for command in commands), result_of(title).sent
 
 
 @pytest.mark.parametrize("title", ["heartbeat-stops turning", "lost-pdos every=1 turning", "unknown-state turning"])
-def test_unknown_state_is_a_quick_stop_not_a_coast(title: str, results: dict[str, Result]) -> None:
-    assert results[title].stopped == "quick stop"
+def test_unknown_state_is_a_quick_stop_not_a_coast(title: str) -> None:
+    assert result_of(title).stopped == "quick stop"
 
 
 @pytest.mark.parametrize(
@@ -89,21 +91,19 @@ def test_unknown_state_is_a_quick_stop_not_a_coast(title: str, results: dict[str
         ("heartbeat-stops turning encoder as G1 of a drive", ["position", "G1 error 0001h"]),
     ],
 )
-def test_how_the_position_is_shown(title: str, shown: list[str], results: dict[str, Result]) -> None:
-    assert results[title].shown == shown
+def test_how_the_position_is_shown(title: str, shown: list[str]) -> None:
+    assert result_of(title).shown == shown
 
 
-def test_a_sensor_error_is_shown_from_the_alarm_on(results: dict[str, Result]) -> None:
+def test_a_sensor_error_is_shown_from_the_alarm_on() -> None:
     # The EMCY may come before the alarm is read: a fault is shown then, and the position is no longer good soon after.
     for title, error in (("position-error", "0001h"), ("memory, telegram 82", "1001h")):
-        assert results[f"{title} turning encoder"].shown[-1] == f"G1 error {error}, fault"
+        assert result_of(f"{title} turning encoder").shown[-1] == f"G1 error {error}, fault"
 
 
-def test_an_encoder_that_is_lost_is_stopped_by_nmt_if_it_is_silent_and_configured_again(
-    results: dict[str, Result],
-) -> None:
-    assert results["bus-off, telegram 82 turning encoder"].sent[:2] == ["NMT stop", "NMT enter pre operational"]
-    assert results["reboot, telegram 84 turning encoder"].sent[:2] == ["NMT enter pre operational", "NMT start"]
+def test_an_encoder_that_is_lost_is_stopped_by_nmt_if_it_is_silent_and_configured_again() -> None:
+    assert result_of("bus-off, telegram 82 turning encoder").sent[:2] == ["NMT stop", "NMT enter pre operational"]
+    assert result_of("reboot, telegram 84 turning encoder").sent[:2] == ["NMT enter pre operational", "NMT start"]
 
 
 # -- the harness ----------------------------------------------------------------------------------------------------------
