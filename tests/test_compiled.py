@@ -62,15 +62,16 @@ def test_no_interpreted_class_derives_from_a_compiled_one() -> None:
         text = path.read_text(encoding="utf-8")
         if not modules.intersection(re.findall(r"\bfrom ([\w.]+) import\b", text)) or "class " not in text:
             continue
+        items = list(statements(path))
         compiled_names = {
             alias.asname or alias.name
-            for item in statements(path)
+            for item in items
             if isinstance(item, ast.ImportFrom) and item.module in modules
             for alias in item.names
         }
         derived += [
             f"{name}: {item.name}"
-            for item in statements(path)
+            for item in items
             if isinstance(item, ast.ClassDef) and compiled_names & {_named(base) for base in item.bases}
         ]
     assert derived == []

@@ -19,6 +19,7 @@ from typing import Any, Final
 import pytest
 
 from pdgw.tools.command_table import COMMANDS, SIM_COMMANDS
+from tests.support.documents.sources import within
 
 ROOT: Final = Path(__file__).parents[1]
 _DATA: Final = tomllib.loads((ROOT / "tests/language.toml").read_text("utf-8"))
@@ -123,16 +124,16 @@ def messages(package: str) -> list[tuple[str, str]]:
 
 def docstrings(source: str) -> Iterator[tuple[int, str]]:
     """The documentation of a module, its classes, functions and values."""
-    for node in ast.walk(ast.parse(source)):
-        body = getattr(node, "body", None)
-        for statement in body if isinstance(body, list) else ():
-            value = statement.value if isinstance(statement, ast.Expr) else None
-            if isinstance(value, ast.Constant) and isinstance(value.value, str):
-                yield statement.lineno, value.value.replace("``", "`")
+    for statement in within(ast.parse(source)):
+        value = statement.value if isinstance(statement, ast.Expr) else None
+        if isinstance(value, ast.Constant) and isinstance(value.value, str):
+            yield value.lineno, value.value.replace("``", "`")
 
 
 def comments(source: str) -> Iterator[tuple[int, str]]:
     """The comments of a module, by line."""
+    if "#" not in source:
+        return
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         if token.type == tokenize.COMMENT:
             yield token.start[0], token.string.replace("``", "`")

@@ -11,11 +11,12 @@ _BLOCKS = ("body", "orelse", "finalbody", "handlers", "cases")
 
 def statements(file: Path) -> Iterator[ast.AST]:
     """Every statement of a file, wherever in it; expressions, most of a tree, are not walked."""
-    return _within(ast.parse(file.read_text(encoding="utf-8")))
+    return within(ast.parse(file.read_text(encoding="utf-8")))
 
 
-def _within(node: ast.AST) -> Iterator[ast.AST]:
+def within(node: ast.AST) -> Iterator[ast.AST]:
+    """Every statement of a tree."""
     for block in _BLOCKS:
         for child in getattr(node, block, ()):
             yield child
-            yield from _within(child)
+            yield from within(child)
