@@ -136,6 +136,8 @@ class ProfinetLink:
         self.loss = ""
         self._end = ""
         """Reason of the end of the newest relationship with data exchange."""
+        self._untold = ""
+        """Reason of a loss that the axes have not seen yet: until then no setpoints count."""
         self._keeper = StationKeeper(port, transport, store, loop)
         model = profinet_model(transport, port.mac, config.objects, self._telegrams)
         name, ip = self._keeper.first_name(), self._keeper.first_ip()
@@ -278,6 +280,8 @@ class ProfinetLink:
         self.more = not half < since < consumer.cycle_ns + half
         if self._pairing is not None and not self._pairing.together:
             self._pairing.came(now)
+        if self._untold:
+            return
         payload = consumer.payload
         before, self._taken_over = list(setpoints) if self._taken_over else None, False
         for index, unpack_from, offset, iops in self._outputs:
@@ -301,7 +305,9 @@ class ProfinetLink:
         if not self._receivable:
             return False
         consumer = self._consumer
-        if consumer is None or consumer.data_ns is None:
+        if self._untold:
+            self.loss, self._untold = self._untold, ""
+        elif consumer is None or consumer.data_ns is None:
             self.loss = self._end
         elif self._orders_lost:
             self.loss = _ORDERS_LOST
@@ -318,6 +324,11 @@ class ProfinetLink:
         self._receivable = self._orders_lost = False
         self.lose_setpoints()
         return True
+
+    def _tell(self, loss: str) -> None:
+        """The next step of the axes sees this loss, also if the controller is there again by then."""
+        if self._receivable:
+            self._untold = loss
 
     def _hold_ns(self, now: int) -> int:
         """Time for which the axes continue without a leading controller: 0 if no other one can take over."""
@@ -476,8 +487,10 @@ class ProfinetLink:
                 self.device.on_datagram(data, source, self._loop.now())
                 relation = self.device.relation
                 if relation is None or not relation.connected:
-                    # PrmBegin: further setpoints of the controller do not count until the parameters are complete
                     self.lose_setpoints()
+                if relation is not None and relation.consumer is self._consumer and not relation.connected:
+                    # Setpoints of the controller do not count until the parameters are complete.
+                    self._tell("the controller sends its parameters again (PrmBegin)")
                 if self._newest is not None and any(item not in self._places for item in self.device.relations):
                     self.send(*self._newest, ())
                 self._pump()
@@ -582,6 +595,7 @@ class ProfinetLink:
                 if not self._hold_ns(self._loop.now()):
                     self._release()
                     self.lose_setpoints()
+                    self._tell(self._end)
             case _:
                 self._keeper.on_event(event, self.station.name)
 

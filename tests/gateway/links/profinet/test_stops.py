@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 from ipaddress import IPv4Address
 from pathlib import Path
 
@@ -17,9 +18,11 @@ from pdgw.profinet import ethernet
 from pdgw.profinet.alarms import apmx
 from pdgw.profinet.alarms.apmx import PduType
 from pdgw.profinet.blocks.alarm import Priority
+from pdgw.profinet.blocks.control import ControlCommand, PrmEndReq
 from pdgw.profinet.connection.cmdev import AbortCode
 from pdgw.profinet.connection.cpm import STATUS_IGNORE
 from pdgw.profinet.discovery import dcp
+from pdgw.profinet.rpc.records import Operation
 from pdgw.profinet.station import IpSuite
 from tests.support.gateways.daemon import axis, drive_of
 from tests.support.gateways.profinet_daemon import ON, Plant, configuration, parameterise_anew, plant
@@ -147,6 +150,43 @@ def test_the_drive_is_stopped_within_the_bound_and_stays_stopped(
         site.enable(1, SPEED)
         site.run(200 * MS)
         assert abs(model.velocity_actual) > 100
+
+
+def parameterise_at_once(site: Plant) -> None:
+    parameterise_anew(site)
+    site.run(2 * MS)
+    plc = site.plc
+    block = PrmEndReq(ar_uuid=plc.ar_uuid, session_key=plc.session, command=ControlCommand.PRM_END)
+    plc._send_call(Operation.CONTROL, block.encode(), lambda status, arguments, now: None, site.loop.now())
+
+
+@pytest.mark.parametrize("native", [False, True], ids=["Python", "native"])
+@pytest.mark.parametrize("eighths", range(8))
+@pytest.mark.parametrize("way", [restart, parameterise_at_once], ids=lambda way: way.__name__)
+def test_a_controller_that_is_back_before_the_next_step_of_the_axes_was_lost(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, way: Callable[[Plant], None], eighths: int, native: bool
+) -> None:
+    """With a slow cycle it connects and sends ON between two steps: the axes must see the loss all the same."""
+    cycle = 128
+    config = configuration(axis(1), tmp_path / "store.json", transport=f"cycle_time_ms = {float(cycle)}")
+    with plant(config, data_hold=3, native=native) as site:
+        site.plc.project = replace(site.plc.project, reduction_ratio=cycle)
+        site.connect()
+        site.enable(1, SPEED)
+        model = drive_of(site.daemon).model
+        accepted = site.link.status()["frames"]
+        while site.link.status()["frames"] == accepted:
+            site.run(MS)
+        site.run(cycle * MS * eighths // 8)
+        way(site)
+        for _ in range(4 * cycle):
+            site.run(MS)
+            if site.plc.provider is not None:
+                site.set(1, ON, SPEED)
+        assert site.link.connected
+        assert site.plc.phase is Phase.DATA
+        assert model.state is not State.OPERATION_ENABLED
+        assert len([text for text in caplog.messages if "PLC lost" in text and "fault" not in text]) == 1
 
 
 SILENCE = "no valid frame for 3 cycles"
