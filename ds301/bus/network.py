@@ -169,7 +169,7 @@ class CanNetwork(Receiver):
     def node_of_pdo(self, cob_id: int, node_id: int) -> int:
         """The node that has this COB-ID for a PDO: ``node_id`` from now on, unless another node already has it.
 
-        ``UNUSED`` instead of a node-ID: PDOs of any node have it that cannot be disabled, and nobody may send it.
+        ``UNUSED`` instead of a node-ID: PDOs of any node have it that cannot be disabled, and no node may send it.
         """
         return self._nodes_of_pdos.setdefault(cob_id, node_id)
 
