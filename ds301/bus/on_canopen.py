@@ -16,6 +16,8 @@ from canopen.sdo.constants import (
     REQUEST_DOWNLOAD,
     REQUEST_UPLOAD,
     RESPONSE_ABORTED,
+    RESPONSE_DOWNLOAD,
+    RESPONSE_UPLOAD,
 )
 
 from pdgw.ds301.aborts import abort_text
@@ -32,6 +34,8 @@ _BEGINS = (REQUEST_DOWNLOAD, REQUEST_UPLOAD)
 """Requests that name their object,"""
 _BEGINS_BLOCK = REQUEST_BLOCK_UPLOAD | INITIATE_BLOCK_TRANSFER
 """and the one of a block transfer."""
+_NAMING = (RESPONSE_UPLOAD, RESPONSE_DOWNLOAD)
+"""Answers that name their object, unless it is transferred in blocks."""
 
 
 class AcyclicNetwork(canopen.Network):  # type: ignore[misc]
@@ -70,6 +74,8 @@ class SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]
         self._node_id = node_id
         self._asked = b""
         """Index and sub-index of the access that was begun last."""
+        self._by_blocks = False
+        """It is a block transfer."""
         super().__init__(SDO_REQUEST + node_id, SDO_RESPONSE + node_id, dictionary)
 
     def on_response(self, can_id: int, data: bytes, timestamp: float) -> None:
@@ -79,22 +85,25 @@ class SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]
         super().on_response(can_id, data, timestamp)
 
     def send_request(self, request: bytes) -> None:
-        if request[0] & _COMMAND in _BEGINS or request[0] & _BLOCK_COMMAND == _BEGINS_BLOCK:
+        by_blocks = request[0] & _BLOCK_COMMAND == _BEGINS_BLOCK
+        if by_blocks or request[0] & _COMMAND in _BEGINS:
             self._asked = bytes(request[1:4])
+            self._by_blocks = by_blocks
         super().send_request(request)
 
     def read_response(self) -> bytes:
-        """The next answer. An abort that names another object answers another client, or an earlier request: it is ignored."""
+        """The next answer. One that names another object answers another client, or an earlier request: it is ignored."""
         deadline = self._loop.now() + int(self.RESPONSE_TIMEOUT * SECOND)
         while True:
             try:
                 answer = self.responses.get(timeout=max(0, deadline - self._loop.now()) / SECOND)
             except queue.Empty as error:
                 raise SdoCommunicationError(f"{self.where}: No SDO response received") from error
-            if answer[:1] != _ABORT:
+            if answer[:1] == _ABORT:
+                if answer[1:4] in (self._asked, UNNAMED):
+                    raise self.aborted(*struct.unpack_from("<L", answer, 4))
+            elif self._by_blocks or answer[1:4] == self._asked or not answer or answer[0] & _COMMAND not in _NAMING:
                 return answer
-            if answer[1:4] in (self._asked, UNNAMED):
-                raise self.aborted(*struct.unpack_from("<L", answer, 4))
 
     def aborted(self, code: int) -> ObjectAbortedError:
         """The error of an abort by the node."""

@@ -229,6 +229,25 @@ def test_gateway_relies_on_everything_that_it_writes_at_the_start_of_a_drive(num
         assert not [(f"{index:04X}h", sub) for index, sub in written if not relies_on(daemon.axes[0], index, sub)]
 
 
+@pytest.mark.parametrize("two_pdos", [False, True])
+def test_tool_that_only_reads_neither_keeps_a_drive_offline_nor_stops_it(two_pdos: bool) -> None:
+    """On the same SDO channel: a number, a text, an object that the drive lacks, and one that the gateway reads too."""
+    reads = (b"\x40\x60\x60\0", b"\x40\x08\x10\0", b"\x40\x00\x20\0", b"\x40\x41\x60\0")
+
+    def before(daemon: Daemon) -> None:
+        if two_pdos:
+            drive_of(daemon).do(lambda node: node.misbehave("two-pdos"))
+
+    with running(configuration(axis(1, telegram_number=100)), before) as daemon:
+        plc, other, drive = Plc(daemon, [100]), world_of(daemon).bus(CHANNEL).join("another tool"), daemon.axes[0].drive
+        for _ in range(500):
+            for read in reads:
+                other.send(SDO_REQUEST + 1, read.ljust(8, b"\0"))
+                plc.exchange()
+        assert drive.generation == 1
+        assert not daemon.axes[0].faults
+
+
 def test_a_heartbeat_without_an_nmt_state_is_none() -> None:
     with running(configuration(axis(1, more="simulate = true\n"))) as daemon:
         plc = Plc(daemon, [1])
