@@ -162,6 +162,21 @@ def test_a_stop_in_new_frames_acts_while_delayed_frames_still_arrive(drop: int, 
     assert not site.operates
 
 
+@pytest.mark.parametrize("cycle", [MS // 4, MS, 3 * MS, 32 * MS])
+def test_a_stop_acts_with_the_fourth_new_frame_whatever_the_cycle(cycle: int) -> None:
+    site = Site(cycle=cycle)
+    site.paths = (40 * cycle,)
+    site.run(60, OFF)
+    site.run(100, ON)
+    assert site.operates
+    site.paths = (0,)
+    site.run(SEQUENCE_FRAMES, 0x047D)
+    assert site.in_force is None
+    for _ in range(100):
+        site.run(1)
+        assert site.stands
+
+
 def test_the_loss_is_told_once_and_by_its_reason() -> None:
     site = late(500 * MS)
     site.paths = (0,)
