@@ -232,6 +232,7 @@ class Reassembly:
     def __init__(self, limit: int) -> None:
         self.limit = limit
         self._parts: dict[int, bytes] = {}
+        self._size = 0
         self._last: int | None = None
 
     def add(self, header: RpcHeader, body: bytes) -> bytes | None:
@@ -240,11 +241,16 @@ class Reassembly:
             if len(body) > self.limit:
                 raise ProfidriveError("RPC body", f"{len(body)} bytes", f"at most {self.limit}")
             return body
-        self._parts.setdefault(header.fragment, body)
+        if header.fragment not in self._parts:
+            self._parts[header.fragment] = body
+            self._size += len(body)
         if Flags.LAST_FRAGMENT in header.flags:
             self._last = header.fragment
-        if sum(map(len, self._parts.values())) > self.limit or len(self._parts) > self.limit:
+        if self._size > self.limit or len(self._parts) > self.limit:
             raise ProfidriveError("RPC fragments", "together", f"at most {self.limit} bytes")
-        if self._last is None or any(number not in self._parts for number in range(self._last + 1)):
+        # The number first: to look for each fragment takes a millisecond where thousands have come.
+        if self._last is None or len(self._parts) <= self._last:
+            return None
+        if any(number not in self._parts for number in range(self._last + 1)):
             return None
         return b"".join(self._parts[number] for number in range(self._last + 1))

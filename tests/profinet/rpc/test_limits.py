@@ -186,6 +186,23 @@ def test_a_call_may_have_as_many_bytes_as_the_limit_in_one_packet_or_several() -
         more.add(last, b"456")
 
 
+class _Counted(bytes):
+    """A body that counts how often its length is asked for."""
+
+    asked = 0
+
+    def __len__(self) -> int:
+        _Counted.asked += 1
+        return super().__len__()
+
+
+def test_a_fragment_costs_as_much_behind_a_thousand_others_as_the_first() -> None:
+    parts = Reassembly(1 << 15)
+    for number in range(1000):
+        assert parts.add(replace(HEADER, flags=Flags.FRAGMENT, fragment=number), _Counted(b"1")) is None
+    assert _Counted.asked <= 2 * 1000
+
+
 def test_fragments_without_content_are_bounded_too() -> None:
     parts = Reassembly(5)
     for number in range(5):
