@@ -162,7 +162,7 @@ def test_a_drive_sends_the_same_frames(moves: list[list[Event]], others: list[li
 def test_a_drive_that_shows_no_position_sends_the_same_frames(
     moves: list[tuple[int, int, int]], latency: Latency
 ) -> None:
-    """At constant speed it wakes only for a new value in its PDOs; it still detects limit switches and stops."""
+    """At constant speed it is woken for what its PDOs show alone; limit switches and stops are met all the same."""
 
     def moved(when: int, word: int, speed: int) -> list[Event]:
         return [(when, frame(*item)) for item in command(Operation.VELOCITY, controlword=word, target_velocity=speed)]
