@@ -77,7 +77,7 @@ def test_half_an_sdo_answer_about_the_touch_probe_is_an_error_of_the_sensor_and_
         stranger = world.bus("world").join("stranger")
 
         def answer() -> None:
-            stranger.send(SDO_RESPONSE + 1, bytes((0x4B, 0xB9, 0x60)))
+            stranger.send(SDO_RESPONSE + 1, bytes((0x4B, 0xB9, 0x60, 0)))
             world.loop.call_later(MS, answer)
 
         answer()
