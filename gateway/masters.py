@@ -16,10 +16,13 @@ from pdgw.durations import MS
 LISTEN_NS = 250 * MS
 """Listening time before the first frame is sent: longer than the usual heartbeat of 100 ms."""
 
-_DOWNLOADS = (1, 6)
-"""Commands of SDO requests that begin to write an object (CiA 301): download, block download."""
-_COMMAND_BITS = 5
-"""They are above these bits of the first byte."""
+_COMMAND = 0xE0
+"""These bits of the first byte of an SDO request are its command (CiA 301)."""
+_DOWNLOAD, _BLOCK_DOWNLOAD = 1 << 5, 6 << 5
+_END = 1
+"""Bit of a block download that ends it; without it, the request begins one."""
+_NUMBER, _LAST = 0x7F, 0x80
+"""The first byte of a segment of a block download: its number, and the bit of the last one."""
 _SUBINDEX = 3
 """Place of the sub-index, after the index."""
 
@@ -53,8 +56,20 @@ def watch_for_writes(
 ) -> None:
     """Call ``on_write`` with one line when another SDO client writes an object of a node that the gateway ``relies_on``."""
 
+    segment: int | None = None  # the newest one of a block download; None: the last request was another one
+
     def request(data: bytes, _now: int) -> None:
-        if len(data) > _SUBINDEX and data[0] >> _COMMAND_BITS in _DOWNLOADS:
+        nonlocal segment
+        if len(data) <= _SUBINDEX:
+            return
+        number = data[0] & _NUMBER
+        if segment is not None and number in (segment + 1, 1):
+            segment = 0 if data[0] & _LAST else number  # after the last one: the end, or segments again from 1
+            return
+        command = data[0] & _COMMAND
+        blocks = command == _BLOCK_DOWNLOAD and not data[0] & _END
+        segment = 0 if blocks else None
+        if blocks or command == _DOWNLOAD:
             index, subindex = int.from_bytes(data[1:_SUBINDEX], "little"), data[_SUBINDEX]
             if relies_on(index, subindex):
                 on_write(f"another tool writes {index:04X}h/{subindex}")

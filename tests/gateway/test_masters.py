@@ -248,6 +248,46 @@ def test_tool_that_only_reads_neither_keeps_a_drive_offline_nor_stops_it(two_pdo
         assert not daemon.axes[0].faults
 
 
+def _segment(number: int) -> bytes:
+    """Its data could be the begin of a write of 1400h/1."""
+    return bytes((number, 0x00, 0x14, 0x01, 0, 0, 0, 0))
+
+
+@pytest.mark.parametrize("segments", [0, 34, 127])
+def test_data_of_a_block_download_is_not_taken_for_other_writes(segments: int) -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.enable()
+        other = world_of(daemon).bus(CHANNEL).join("another tool")
+
+        def send(*frames: bytes) -> None:
+            for frame in frames:
+                other.send(SDO_REQUEST + 1, frame)
+                plc.exchange()
+
+        block = [_segment(number) for number in range(1, segments + 1)]
+        send(b"\xc2\x00\x20\x00\x00\x04\0\0", *block, *block, _segment(0x81), b"\xc1\x00\x14\x01\0\0\0\0")
+        assert not daemon.axes[0].faults
+        send(b"\xc2\x00\x20\x00\x00\x04\0\0", *block[:20])  # and the node has aborted it
+        send(_download(0x6060, 0, b"\1"))
+        plc.until(lambda: daemon.axes[0].faults, "a fault")
+        assert "another tool writes 6060h/0" in daemon.axes[0].faults[0].text
+
+
+def test_block_download_behind_one_of_64_segments_is_a_write() -> None:
+    """The end of the first one could be its segment 65, the begin of the second one its segment 66."""
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.enable()
+        other = world_of(daemon).bus(CHANNEL).join("another tool")
+        begin, end = b"\xc2\x00\x20\x00\x00\x04\0\0", b"\xc1\0\0\0\0\0\0\0"
+        for frame in (begin, *map(_segment, range(1, 64)), _segment(64 | 0x80), end, b"\xc2\x60\x60\x00\x01\0\0\0"):
+            other.send(SDO_REQUEST + 1, frame)
+            plc.exchange()
+        plc.until(lambda: daemon.axes[0].faults, "a fault")
+        assert "another tool writes 6060h/0" in daemon.axes[0].faults[0].text
+
+
 def test_a_heartbeat_without_an_nmt_state_is_none() -> None:
     with running(configuration(axis(1, more="simulate = true\n"))) as daemon:
         plc = Plc(daemon, [1])
