@@ -203,6 +203,18 @@ def test_a_fragment_costs_as_much_behind_a_thousand_others_as_the_first() -> Non
     assert _Counted.asked <= 2 * 1000
 
 
+@pytest.mark.parametrize("first", [1, 3], ids=["the last one first", "behind the last one first"])
+def test_a_fragment_behind_the_last_one_is_refused(first: int) -> None:
+    """Else each of thousands would search for the one that is missing."""
+    parts = Reassembly(1 << 15)
+    last = replace(HEADER, flags=Flags.FRAGMENT | Flags.LAST_FRAGMENT, fragment=1)
+    behind = replace(HEADER, flags=Flags.FRAGMENT, fragment=3)
+    one, other = (last, behind) if first == 1 else (behind, last)
+    assert parts.add(one, b"1") is None
+    with pytest.raises(ProfidriveError, match="RPC fragment"):
+        parts.add(other, b"1")
+
+
 def test_fragments_without_content_are_bounded_too() -> None:
     parts = Reassembly(5)
     for number in range(5):
