@@ -228,7 +228,7 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def refresh(self, now: int) -> bool:
         """Cyclic: take the newest TPDO data into the feedback; True when online and no TPDO is overdue."""
-        fresh = self.status is _ONLINE and not self._held and self._check_at is None
+        fresh = self.status is _ONLINE and not self._held and self._check_at is None and not self._distrusted
         oldest = now - self._timeout_ns
         for slot in self._slots:
             data = slot.data
@@ -253,7 +253,10 @@ class NodeClient(abc.ABC, Generic[S]):
             self._check_at = self.loop.now() + _CHECK_AFTER_NS
 
     def distrust(self, text: str) -> None:
-        """Another master has changed what the gateway relies on: the node is lost, and configured again."""
+        """Another master has changed what the gateway relies on: the node is lost, and configured again.
+
+        To the cyclic side it is not online from now on: the task may wait for an answer.
+        """
         self._distrusted = text
         self._wake.set()
 

@@ -182,6 +182,23 @@ def test_write_of_another_tool_stops_the_drive_and_configures_it_again(frames: t
         assert drive_of(daemon).node.get_data(0x1600, 1) == (0x60FF_0020).to_bytes(4, "little")
 
 
+def test_write_of_another_tool_stops_the_drive_while_an_answer_is_awaited() -> None:
+    """A parameter client reads an object, and the drive does not answer for 200 ms."""
+    with running(configuration(axis(1, more="simulate = true\n"))) as daemon:
+        plc, model, client = Plc(daemon, [1]), drive_of(daemon).model, daemon.axes[0].drive
+        plc.endpoint.set(0, {"NSOLL_A": 0x2000})
+        plc.enable()
+        plc.until(lambda: plc.value("NIST_A") == 0x2000, "1500 rpm")
+        drive_of(daemon).do(lambda node: node.misbehave("slow-sdo", delay_ms=200))
+        client.submit(lambda node: node.sdo.read(0x6065))
+        plc.exchange()
+        world_of(daemon).bus(CHANNEL).join("another tool").send(SDO_REQUEST + 1, _download(0x607E, 0, b"\x40"))
+        for _ in range(10):
+            plc.exchange()
+        assert model.controlword & 0x4 == 0, "Quick Stop"
+        assert plc.state() & 0x8, "a fault"
+
+
 def test_preset_of_another_tool_makes_the_position_of_an_encoder_invalid() -> None:
     encoder = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 81\nsimulate = true\n"
     with running(configuration(encoder)) as daemon:
