@@ -35,6 +35,8 @@ class _Sender:
         self.cob_id = cob_id
         self.last = b""
         self.time = 0
+        self.changed = 0
+        """When it was sent last with other data than before."""
 
 
 class _Values:
@@ -174,7 +176,7 @@ class RpdoSender:
             command.controlword = word & ~_NEW_SETPOINT
             if self._starts_early and self.control.pdo.pack(command) != self.control.last:
                 complete = False  # the data is sent one cycle before the edge
-            if self._data_by_sync and any(sender.time == now for sender in self._data_senders):
+            if self._data_by_sync and any(sender.changed == now for sender in self._data_senders):
                 complete = False
             if self._may_start(complete, now):
                 command.controlword = word
@@ -196,6 +198,8 @@ class RpdoSender:
             due = False  # sent for this command: the next free slot is for the rest
         if data != sender.last or due:
             if self._may_send and self._network.put(sender.cob_id, data):
+                if data != sender.last:
+                    sender.changed = now
                 sender.last = data
                 sender.time = now
             else:

@@ -185,14 +185,18 @@ class _DataBySync(SimulatedDriveNode):
         super().on_written(entry, value)
 
 
-def test_setpoint_waits_for_the_sync_with_which_its_data_acts(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("refresh_ms", [100, 4])
+def test_setpoint_waits_for_the_sync_with_which_its_data_acts(
+    plant: Plant, monkeypatch: pytest.MonkeyPatch, refresh_ms: int
+) -> None:
+    """Data that is repeated in each cycle does not delay it."""
     drive = site.drive(NODE)
     node = _DataBySync(NODE, drive._send)
     node.values[0x1401, 2] = 1
     drive.node = node
     plant.drive = drive
     drive.start()
-    client = plant.connect(Operation.POSITIONING, initial_mode=None)
+    client = plant.connect(Operation.POSITIONING, initial_mode=None, rpdo_refresh_ms=refresh_ms)
     plant.online()
     seen: list[int] = []
     bit = False
