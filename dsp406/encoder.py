@@ -18,7 +18,7 @@ from pdgw.ds301.communication import DEVICE_TYPE, ERROR_REGISTER, PRODUCER_HEART
 from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, SdoStep
 from pdgw.ds301.eds.data_sheet import load_dictionary
 from pdgw.ds301.emcy import emcy_text
-from pdgw.ds301.node.client import NodeClient
+from pdgw.ds301.node.client import ACYCLIC_FAILURES, NodeClient
 from pdgw.ds301.node.configuring import DeviceKind
 from pdgw.ds301.node.node import NodeEvent, NodeSettings
 from pdgw.ds301.node.plan import PdoPlan, plan_steps, straight_plan
@@ -89,6 +89,8 @@ class EncoderClient(NodeClient[EncoderSettings]):
         self._read_times: dict[int, int] = {}
         self._round_ns = 0
         self._diagnose = False
+        self._unread = 0
+        """So often in a row alarms and warnings could not be read."""
         dictionary = load_eds(settings.eds or eds_path(settings.device), settings.node_id)
         super().__init__(network, settings, self._layout(dictionary, settings), dictionary, on_event)
 
@@ -179,9 +181,11 @@ class EncoderClient(NodeClient[EncoderSettings]):
             self._round_ns = self.loop.now() - now
         if self._diagnosis_due(now):
             self._diagnosed = now
-            self._acyclic_failures += 1
             self._read_diagnostics()
-            self._acyclic_failures = 0
+
+    def _lost(self, now: int) -> str:
+        unread = f"alarms and warnings could not be read {self._unread} times"
+        return super()._lost(now) or (unread if self._unread >= ACYCLIC_FAILURES else "")
 
     def _has_work(self, now: int) -> bool:
         return self._diagnosis_due(now) or super()._has_work(now)
@@ -191,9 +195,11 @@ class EncoderClient(NodeClient[EncoderSettings]):
 
     def _read_diagnostics(self) -> None:
         self._diagnose = False
+        self._unread += 1
         for name, index in _DIAGNOSTICS:
             if index in self.sdo.dictionary:
                 setattr(self.feedback, name, self.sdo.require(index))
+        self._unread = 0
 
     # -- frames of the node ---------------------------------------------------------------------------------------------
 

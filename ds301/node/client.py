@@ -49,7 +49,7 @@ _LOOK_AGAIN_NS: Final = 5 * MS
 _FIRST_SIGN_NS: Final = SECOND
 """So soon after NMT start each TPDO has to come, and the heartbeat if its own limit is not longer."""
 _ACYCLIC_PDO_NS: Final = 100 * MS
-_ACYCLIC_FAILURES: Final = 3
+ACYCLIC_FAILURES: Final = 3
 """So often in a row may objects without PDO not be read before their values are too old."""
 _CHECK_AFTER_NS: Final = 200 * MS
 """A configuration is written object by object: it is checked this time after the last one."""
@@ -527,8 +527,8 @@ class NodeClient(abc.ABC, Generic[S]):
         overdue = [str(slot.pdo) for slot in self._slots if slot.watched and now - slot.time > self._timeout_ns]
         if overdue:
             return f"no {', '.join(overdue)} for {self._timeout_ns // MS} ms"
-        if self._acyclic_failures >= _ACYCLIC_FAILURES:
-            return f"objects without PDO could not be read {_ACYCLIC_FAILURES} times"
+        if self._acyclic_failures >= ACYCLIC_FAILURES:
+            return f"objects without PDO could not be read {ACYCLIC_FAILURES} times"
         return "" if self.network.healthy else f"CAN bus {self.network.name} is not healthy"
 
     def _give_up(self) -> None:

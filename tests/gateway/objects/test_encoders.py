@@ -347,3 +347,17 @@ def test_encoder_whose_alarms_cannot_be_read_is_lost() -> None:
         assert "could not be read 3 times" in made.faults[0].text
         encoder_of(daemon).do(lambda node: node.behave())
         until(daemon, lambda: made.good, "online again")
+
+
+def test_encoder_without_pdos_is_lost_when_its_alarms_alone_cannot_be_read() -> None:
+    """Its position comes by SDO: that it can be read says nothing about the alarms."""
+
+    def before(daemon: Daemon) -> None:
+        encoder_of(daemon).do(lambda node: node.misbehave("two-pdos", pdos=0))
+
+    with running(configuration(encoder(1, 81)), before) as daemon:
+        made = daemon.encoders[0]
+        until(daemon, lambda: made.good, "online")
+        encoder_of(daemon).do(lambda node: node.misbehave("object-missing", index=0x6503))
+        until(daemon, lambda: not made.good, "lost")
+        assert "could not be read 3 times" in made.faults[0].text
