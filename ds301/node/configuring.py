@@ -76,7 +76,11 @@ class ConfiguringAccess(SdoAccess):
         )
 
     def map_pdos(self, plan: PdoPlan, steps: Iterable[SdoStep]) -> tuple[SdoStep, SdoAbortedError] | None:
-        """Carry out a plan until a write is refused; that one, with its abort."""
+        """Carry out a plan until a write is refused; that one, with its abort.
+
+        The package's error for an RPDO that has other objects although its writes were confirmed: the node would take one
+        command for another.
+        """
         # A mapping that is already right need not be written. It may be the manufacturer's fixed one.
         planned = (*plan.rpdos, *plan.tpdos)
         mapped = {item.pdo.mapping_index for item in planned if not item.adopted and self._is_mapped(item.pdo)}
@@ -88,6 +92,12 @@ class ConfiguringAccess(SdoAccess):
             except SdoAbortedError as error:
                 if not (step.optional or self._is_fixed_as_wanted(step)):
                     return step, error
+        for item in plan.rpdos:
+            index = item.pdo.mapping_index
+            if not (item.adopted or index in mapped or self._is_mapped(item.pdo)):
+                raise self.error_type(
+                    f"node {self._node_id} {item.pdo}", f"other objects in {index:04X}h", "those that were written"
+                )
         return None
 
     def _is_fixed_as_wanted(self, step: SdoStep) -> bool:

@@ -73,6 +73,30 @@ def test_a_mapping_the_drive_has_already_is_not_written_again(plant: Plant, mapp
     assert len([index for index, _, _ in seen if index == 0x1600]) == writes
 
 
+class _Keeps(SimulatedDriveNode):
+    """It confirms writes of its RPDO mapping and keeps the one it has."""
+
+    def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
+        if index != 0x1600:
+            super().set_data(index, subindex, data, check_writable)
+
+
+@pytest.mark.parametrize("mapping", [(0x6040_0010, 0x60FF_0020), (0x60FF_0020, 0x6040_0010)])
+def test_drive_that_keeps_another_mapping_of_an_rpdo_is_refused(plant: Plant, mapping: tuple[int, int]) -> None:
+    drive = site.drive(NODE)
+    drive.node = node = _Keeps(NODE, drive._send)
+    node.values |= {(0x1600, number): value for number, value in enumerate((2, *mapping))}
+    node.pdos.map()
+    plant.drive = drive
+    drive.start()
+    client = plant.connect(Operation.VELOCITY)
+    if mapping[0] == 0x60FF_0020:
+        plant.online()
+    else:
+        site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+        assert "RPDO1: 'other objects in 1600h' is not allowed" in client.status_text
+
+
 @pytest.mark.parametrize(
     ("address", "value", "text"),
     [

@@ -190,6 +190,8 @@ def test_a_drive_that_turns_on_whatever_nmt_and_sdo_say_loses_the_heartbeat() ->
         drive.do(lambda node: setattr(node, "on_written", refuse))
         _told_to_stop(daemon, plc)
         with exchanging(plc):
+            until(daemon, lambda: daemon.axes[0].withholds_heartbeat, "the last brake")
+            assert drive.model.ramp.speed > 0
+            assert daemon.axes[0].drive.generation == 2, "brought up in between"
             until(daemon, lambda: drive.model.ramp.speed == 0, "standstill")
             assert daemon.axes[0].withholds_heartbeat
-            assert daemon.axes[0].drive.generation == 2, "brought up in between"
