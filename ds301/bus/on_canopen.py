@@ -30,12 +30,11 @@ UNNAMED: Final = b"\0\0\0"
 _ABORT: Final = bytes((RESPONSE_ABORTED,))
 _COMMAND = 0xE0
 _BLOCK_COMMAND = 0xE3
-_BEGINS = (REQUEST_DOWNLOAD, REQUEST_UPLOAD)
-"""Requests that name their object,"""
+_ANSWERS: Final = {REQUEST_DOWNLOAD: RESPONSE_DOWNLOAD, REQUEST_UPLOAD: RESPONSE_UPLOAD}
+"""Requests that name their object, with the answers, which name it unless it is transferred in blocks,"""
 _BEGINS_BLOCK = REQUEST_BLOCK_UPLOAD | INITIATE_BLOCK_TRANSFER
 """and the one of a block transfer."""
-_NAMING = (RESPONSE_UPLOAD, RESPONSE_DOWNLOAD)
-"""Answers that name their object, unless it is transferred in blocks."""
+_NAMING: Final = tuple(_ANSWERS.values())
 
 
 class AcyclicNetwork(canopen.Network):  # type: ignore[misc]
@@ -74,8 +73,8 @@ class SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]
         self._node_id = node_id
         self._asked = b""
         """Index and sub-index of the access that was begun last."""
-        self._by_blocks = False
-        """It is a block transfer."""
+        self._answer = 0
+        """Command of its first answer; 0: it is a block transfer."""
         super().__init__(SDO_REQUEST + node_id, SDO_RESPONSE + node_id, dictionary)
 
     def on_response(self, can_id: int, data: bytes, timestamp: float) -> None:
@@ -86,13 +85,15 @@ class SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]
 
     def send_request(self, request: bytes) -> None:
         by_blocks = request[0] & _BLOCK_COMMAND == _BEGINS_BLOCK
-        if by_blocks or request[0] & _COMMAND in _BEGINS:
+        if by_blocks or request[0] & _COMMAND in _ANSWERS:
             self._asked = bytes(request[1:4])
-            self._by_blocks = by_blocks
+            self._answer = 0 if by_blocks else _ANSWERS[request[0] & _COMMAND]
         super().send_request(request)
 
     def read_response(self) -> bytes:
-        """The next answer. One that names another object answers another client, or an earlier request: it is ignored."""
+        """The next answer. One to another object or to the other kind of access answers another client, or an earlier request:
+        it is ignored.
+        """
         deadline = self._loop.now() + int(self.RESPONSE_TIMEOUT * SECOND)
         while True:
             try:
@@ -102,7 +103,9 @@ class SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]
             if answer[:1] == _ABORT:
                 if answer[1:4] in (self._asked, UNNAMED):
                     raise self.aborted(*struct.unpack_from("<L", answer, 4))
-            elif self._by_blocks or answer[1:4] == self._asked or not answer or answer[0] & _COMMAND not in _NAMING:
+            elif not answer or not self._answer or (command := answer[0] & _COMMAND) not in _NAMING:
+                return answer
+            elif command == self._answer and answer[1:4] == self._asked:
                 return answer
 
     def aborted(self, code: int) -> ObjectAbortedError:

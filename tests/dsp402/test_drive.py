@@ -484,6 +484,35 @@ def test_a_write_is_repeated_although_the_object_reads_otherwise(plant: Plant, m
     assert len(confirmations) == 2
 
 
+def test_value_that_is_read_back_is_not_mistaken_for_its_own_confirmation(
+    plant: Plant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A drive that was busy confirms two writes one after the other; with the first one the object is read back."""
+    drive = plant.power_on()
+    client = plant.connect()
+    plant.online()
+    send = drive.node.send
+    late: list[bytes] = []
+
+    def busy(can_id: int, data: bytes) -> None:
+        if can_id == 0x580 + NODE and data.startswith(b"\x60\x83\x60\0"):
+            late.append(data)
+            if len(late) == 1:
+                return
+            send(can_id, late[0])
+        send(can_id, data)
+
+    monkeypatch.setattr(drive.node, "send", busy)
+
+    def write(value: int) -> None:
+        site.result(client.submit(lambda drive: drive.sdo.write(0x6083, 0, value.to_bytes(4, "little"))))
+
+    with pytest.raises(SdoCommunicationError):
+        write(100)
+    write(200)
+    assert len(late) == 2
+
+
 def test_abort_of_another_clients_access_is_not_taken_for_the_own_one(
     plant: Plant, monkeypatch: pytest.MonkeyPatch
 ) -> None:
