@@ -320,7 +320,7 @@ class NodeClient(abc.ABC, Generic[S]):
         if self.sdo.answers_late and self._sdo_timeout_ns < _LONGEST_SDO_NS:
             self._slow = 2 * self._sdo_timeout_ns
             self._apply_times()
-            self._tell("status", f"answers SDO late: the SDO timeout is now {self._slow // MS} ms")
+            self._tell("slow", f"answers SDO late: the SDO timeout is now {self._slow // MS} ms")
 
     def _refuse(self, text: str) -> None:
         self._set_status(NodeStatus.REFUSED, text)

@@ -49,6 +49,7 @@ _NOTICE_OF_KIND = {
     "set-point": Notice.SET_POINT_REFUSED,
     "off": Notice.OFF,
     "units": Notice.UNITS_CHANGED,
+    "slow": Notice.PROGRESS,
 }
 _NOTICE_OF_STATUS = {
     NodeStatus.LOST: Notice.LOST,

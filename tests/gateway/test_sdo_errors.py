@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import pytest
 
+from pdgw.ds301.connection_set import NMT
+from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.node.client import NodeClient
+from pdgw.durations import SECOND
 from pdgw.gateway.daemon import Daemon
-from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, running, until
+from pdgw.gateway.reasons import FaultNumber
+from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, running, until, world_of
 
 
 def _failure(daemon: Daemon, index: int, subindex: int = 0, data: bytes = b"") -> str:
@@ -61,3 +65,14 @@ def test_fault_without_emcy_is_reported_although_its_number_cannot_be_read(monke
         plc.until(lambda: plc.value("ZSW1") & 1 << 3, "fault in ZSW1")
         plc.until(lambda: daemon.axes[0].faults, "fault in P947")
         assert "shows a fault without an EMCY" in daemon.axes[0].faults[0].text
+
+
+def test_drive_that_answers_late_is_lost_once() -> None:
+    """That its SDO time-out grows is a line of the log, no other loss."""
+    with running(configuration(axis(1))) as daemon:
+        made = daemon.axes[0]
+        until(daemon, lambda: made.drive.generation, "online")
+        drive_of(daemon).do(lambda node: node.misbehave("slow-sdo", delay_ms=700))
+        world_of(daemon).bus("world").join("another tool").send(NMT, bytes((NmtCommand.ENTER_PRE_OPERATIONAL, 1)))
+        until(daemon, lambda: made.drive.generation > 1, "online again", 300 * SECOND)
+        assert [fault.number for fault in made.faults].count(FaultNumber.NODE_LOST) == 1
