@@ -55,9 +55,9 @@ class NodeSettings:
 class NodeEvent:
     """Something the owner must know.
 
-    ``kind`` is one of status, plan, emcy, boot, refused, setpoint (one that is not started), off (a drive that was found
-    without power before it was configured). For ``emcy``: ``code`` the error code, ``register`` the error register, ``data``
-    the manufacturer bytes.
+    ``kind`` is one of status, plan, emcy, boot, refused, setpoint (one that is not started), slow (the time for SDO answers
+    grows), off (a drive that was found without power before it was configured). For ``emcy``: ``code`` the error code,
+    ``register`` the error register, ``data`` the manufacturer bytes.
     """
 
     kind: str

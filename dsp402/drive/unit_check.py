@@ -10,6 +10,7 @@ from typing import Final
 
 from canopen.sdo import SdoAbortedError
 
+from pdgw.ds301.aborts import NOT_THERE
 from pdgw.ds301.node.node import TpdoSlot
 from pdgw.ds301.node.sdo import SdoAccess
 from pdgw.ds301.objects import ObjectAddress
@@ -55,8 +56,10 @@ class UnitCheck:
             is_position = address == (POSITION_ACTUAL, 0)
             try:
                 value = sdo.answered(*address, signed=is_position or signed(sdo.dictionary, address))
-            except SdoAbortedError:
-                watch.forget(address)
+            except SdoAbortedError as error:
+                if error.code in NOT_THERE:
+                    watch.forget(address)
+                watch.asked = None
             else:
                 if value is None and not watch.give_up(now):
                     return

@@ -83,8 +83,7 @@ class UnitWatch:
         return True
 
     def forget(self, address: ObjectAddress) -> None:
-        """The object cannot be read any more."""
-        self.asked = None
+        """The drive does not have the object."""
         if address == _POSITION:
             self.position_missing = True
         else:

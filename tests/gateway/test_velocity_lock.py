@@ -6,7 +6,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
+from canopen.sdo import SdoAbortedError
 
+from pdgw.ds301.aborts import Abort
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon
@@ -96,6 +98,32 @@ def test_factor_of_velocity_mode_that_changes_in_operation_stops_the_axis(index:
         plc.until(lambda: daemon.axes[0].faults, "the fault")
         assert daemon.axes[0].faults[0].number == FaultNumber.VELOCITY
         assert f"{index:04X}h/1 was 1h and is Ah now" in daemon.axes[0].faults[0].text
+
+
+def test_factor_that_could_not_be_read_for_a_moment_is_still_watched(monkeypatch: pytest.MonkeyPatch) -> None:
+    ones = {(factor, place): 1 for factor in (0x604B, 0x604C) for place in (1, 2)}
+    law = Law(1.0, objects={(0x6080, 0): 3000} | ones, vl=True)
+    with running(configuration(axis(1, more=""))) as daemon:
+        drive = OwnLawDrive(world_of(daemon), "world", 1, law)
+        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        plc = Plc(daemon, [1])
+        plc.enable()
+        plc.endpoint.set(0, {"NSOLL_A": 0x0100})
+        plc.until(lambda: abs(drive.node.rpm - 3000 / 64) < 1, "the speed that was asked for")
+        read, aborted = drive.node.get_data, 0
+
+        def not_now(index: int, subindex: int, check_readable: bool = False) -> bytes:
+            nonlocal aborted
+            if (index, subindex) == (0x604B, 1) and not aborted:
+                aborted += 1
+                raise SdoAbortedError(Abort.CANNOT_STORE_DEVICE_STATE)
+            return read(index, subindex, check_readable)
+
+        monkeypatch.setattr(drive.node, "get_data", not_now)
+        plc.until(lambda: aborted, "an abort")
+        drive.do(lambda node: node.values.__setitem__((0x604B, 1), 10))
+        plc.until(lambda: daemon.axes[0].faults, "the fault")
+        assert "604Bh/1 was 1h and is Ah now" in daemon.axes[0].faults[0].text
 
 
 def test_units_that_could_not_be_read_again_are_read_before_the_next_start() -> None:
