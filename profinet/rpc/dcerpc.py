@@ -254,5 +254,5 @@ class Reassembly:
             return None
         if self._highest > last:
             raise ProfidriveError("RPC fragment", self._highest, f"at most the last one, {last}")
-        # All are different and none is behind the last, so their number shows whether one is missing.
+        # All are different and none has a higher number than the last, so their count shows whether one is missing.
         return b"".join(self._parts[number] for number in range(last + 1)) if len(self._parts) > last else None
