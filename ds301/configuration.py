@@ -81,7 +81,7 @@ def disable_pdo(direction: PdoDirection, number: int, node_id: int) -> SdoStep:
     return SdoStep(index, 1, CanType.U32, cob_id, f"{direction.label}{number} unused")
 
 
-def is_taken(step: SdoStep, found: int) -> bool:
+def has_effect(step: SdoStep, found: int) -> bool:
     """Whether a communication parameter that a device does not accept already has the effect of ``step``.
 
     A COB-ID that stays valid is right while its PDO is mapped, and for an unused one: it is the node's own. Remote requests

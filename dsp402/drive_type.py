@@ -73,9 +73,9 @@ class Scaling:
     @property
     def lines(self) -> tuple[str, ...]:
         """For the user: each quantity with its 100 % and its source, or with what is missing."""
-        told = {quantity: f"{quantity.value}: {found.source}" for quantity, found in self.references.items()}
-        told |= {quantity: f"{text} (not known)" for quantity, text in self.unknown.items()}
-        return tuple(told[quantity] for quantity in Quantity if quantity in told)
+        texts = {quantity: f"{quantity.value}: {found.source}" for quantity, found in self.references.items()}
+        texts |= {quantity: f"{text} (not known)" for quantity, text in self.unknown.items()}
+        return tuple(texts[quantity] for quantity in Quantity if quantity in texts)
 
     def refusal(self, *needed: Quantity) -> str:
         """Why an axis that needs these quantities must not operate; empty when all of them are known."""

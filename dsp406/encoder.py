@@ -164,7 +164,7 @@ class EncoderClient(NodeClient[EncoderSettings]):
         except (Dsp406Error, SdoAbortedError) as error:
             text = str(error)
             self._heartbeat_expected = False  # only the TPDOs show that the encoder is running
-            self._tell("status", f"no heartbeat: {text}")
+            self._notify("status", f"no heartbeat: {text}")
         self.read_parameters()
         self.feedback.error_code = 0
         self._read_diagnostics()

@@ -34,7 +34,7 @@ from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.encoder import EncoderNode, EncoderObject
 from pdgw.gateway.parameters.objects import relies_on
 from pdgw.gateway.platform import Platform, SystemPlatform
-from pdgw.gateway.reasons import FaultNumber, OrderDoubt
+from pdgw.gateway.reasons import FaultNumber, UnconfirmedOrder
 from pdgw.gateway.service.cycle_times import CycleWatch
 from pdgw.gateway.store import DeviceParameters, ParameterStore
 from pdgw.gateway.sync import SyncProducer
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("gateway")
 
-_WAITS: Final = OrderDoubt.WAITS
+_WAITS: Final = UnconfirmedOrder.WAITS
 _SHUTDOWN_NS: Final = 5_000 * MS
 _OFF_CYCLES = 3
 """Number of consecutive cycles without power in any drive before the nodes are stopped."""
@@ -154,7 +154,7 @@ class Daemon:
     def _sync_producers(self) -> dict[str, SyncProducer]:
         """SYNC producers by the name of their bus."""
         synced = {client.network.name for client in self.clients if client.settings.sync}
-        synced |= {name for name, network in self.networks.items() if network.sync_wanted}
+        synced |= {name for name, network in self.networks.items() if network.sync_required}
         cyclic = [axis for axis in self.axes if axis.drive.settings.sync_period_us]
         return {
             name: SyncProducer(
@@ -397,11 +397,11 @@ class Daemon:
 
     def _on_link(self) -> None:
         """A frame of the PLC waits: answer the first one before anything else, then use the newest."""
-        self._take(self.link.receive(now := self.loop.now(), 1), now)
+        self._on_received(self.link.receive(now := self.loop.now(), 1), now)
         if self.link.more:
-            self._take(self.link.receive(now := self.loop.now()), now)
+            self._on_received(self.link.receive(now := self.loop.now()), now)
 
-    def _take(self, accepted: bool, now: int) -> None:
+    def _on_received(self, accepted: bool, now: int) -> None:
         if accepted:
             self._cycle(now, accepted=not self._stopping)
 
@@ -434,10 +434,10 @@ class Daemon:
             for item in self.objects:
                 item.raise_fault(FaultNumber.PLC_LOST, link.loss, now)
         actuals, good, released = self._answer
-        setpoints, doubts = link.setpoints, link.doubts
+        setpoints, unconfirmed_orders = link.setpoints, link.unconfirmed_orders
         for index, item in enumerate(self.objects):
-            doubt = item.doubt = doubts[index]
-            item.fresh = accepted and doubt is not _WAITS
+            unconfirmed = item.unconfirmed = unconfirmed_orders[index]
+            item.fresh = accepted and unconfirmed is not _WAITS
             outputs = item.step(setpoints[index], now)
             if item.stops:
                 item.transmit(now)
@@ -464,12 +464,12 @@ class Daemon:
         if self._due is not None:
             self._due.postpone(self._deadline)
         for network in self._buses:
-            network.look_before(now + cycle)
+            network.check_before(now + cycle)
         self.loop.pace(now + cycle)
         if self._stopping:
-            self._come_to_rest(now)
+            self._await_power_off(now)
 
-    def _come_to_rest(self, now: int) -> None:
+    def _await_power_off(self, now: int) -> None:
         powered = any(item.powered for item in self.objects)
         self._off_cycles = 0 if powered else self._off_cycles + 1
         if now > self._stop_until:

@@ -434,7 +434,7 @@ class Reason(enum.Enum):
     )
 
 
-class OrderDoubt(enum.IntEnum):
+class UnconfirmedOrder(enum.IntEnum):
     """Whether the PLC may have ordered something of a drive object that is not in force."""
 
     NONE = 0

@@ -26,7 +26,7 @@ from pdgw.gateway.format_version import at_most, problem
 FORMAT_VERSION = 1
 
 
-class UnitsWitnessed(BaseModel):
+class ConfirmedUnits(BaseModel):
     """A person has confirmed the turns of an axis' shaft (axis test): date, drive and units."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -56,7 +56,7 @@ class DoParameters(BaseModel):
     """Parameters of a positioner by PNU, beside those of its blocks."""
     positioner_blocks: dict[int, tuple[int, ...]] = Field(default_factory=dict)
     """P2616 to P2623 of blocks by number."""
-    units_witnessed: UnitsWitnessed | None = None
+    units_witnessed: ConfirmedUnits | None = None
     own_values: OwnValues = OwnValues()
     """The drive's own values of the objects that the gateway overwrites, until they were written back."""
 
@@ -89,7 +89,7 @@ class DeviceParameters(BaseModel):
         return self.objects.setdefault(do_id, DoParameters())
 
 
-def _settle(folder: Path) -> None:
+def _sync_folder(folder: Path) -> None:
     """The new name is on the disk, too."""
     try:
         directory = os.open(folder, os.O_RDONLY)
@@ -171,7 +171,7 @@ class ParameterStore:
                 file.flush()
                 os.fsync(file.fileno())
             temporary.replace(self.path)
-            _settle(self.path.parent)
+            _sync_folder(self.path.parent)
         except OSError as error:
             raise GatewayError(
                 f"parameter store {self.path}: cannot be written ({error.strerror}); the old values remain valid"

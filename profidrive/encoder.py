@@ -25,7 +25,7 @@ from types import MappingProxyType
 from pdgw.durations import MS, SECONDS_PER_MINUTE
 from pdgw.profidrive.datatypes import DataType, n2, n4
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.measuring import Measuring, Search, Trouble
+from pdgw.profidrive.measuring import Measuring, Refusal, Search
 from pdgw.profidrive.normalisation import Normalisation
 from pdgw.profidrive.sign_of_life import SignOfLife
 from pdgw.profidrive.signals import signal
@@ -45,11 +45,11 @@ _STW2_ENC = signal("STW2_ENC")
 _ZSW2_ENC = signal("ZSW2_ENC")
 _CONTROL_BY_PLC = _STW2_ENC.bit("CONTROL_BY_PLC").mask
 _FAULT_ACKNOWLEDGE = _STW2_ENC.bit("FAULT_ACKNOWLEDGE").mask
-_CONTROLLER_LIFE = _STW2_ENC.bit("SIGN_OF_LIFE")
+_CONTROLLER_SIGN_OF_LIFE = _STW2_ENC.bit("SIGN_OF_LIFE")
 _FAULT = _ZSW2_ENC.bit("FAULT").mask
 _WARNING = _ZSW2_ENC.bit("WARNING").mask
 _CONTROL_REQUESTED = _ZSW2_ENC.bit("CONTROL_REQUESTED").mask
-_DEVICE_LIFE = _ZSW2_ENC.bit("SIGN_OF_LIFE")
+_DEVICE_SIGN_OF_LIFE = _ZSW2_ENC.bit("SIGN_OF_LIFE")
 
 PARKED_NS = 100 * MS
 """Minimum time of G1_ZSW.14 = 1, because masters poll it."""
@@ -105,14 +105,14 @@ class SensorEvent(enum.Enum):
     PRESET_END = "G1_STW.12 = 0"
 
 
-_TROUBLES: MappingProxyType[tuple[Trouble, bool], SensorError] = MappingProxyType(
+_REFUSALS: MappingProxyType[tuple[Refusal, bool], SensorError] = MappingProxyType(
     {
-        (Trouble.NOT_SUPPORTED, False): SensorError.COMMAND_NOT_SUPPORTED,
-        (Trouble.NOT_SUPPORTED, True): SensorError.COMMAND_NOT_SUPPORTED,
-        (Trouble.NO_VALUE, False): SensorError.NO_REFERENCE_VALUE,
-        (Trouble.NO_VALUE, True): SensorError.NO_MEASURED_VALUE,
-        (Trouble.REFUSED, False): SensorError.REFERENCE_ABORTED,
-        (Trouble.REFUSED, True): SensorError.MEASUREMENT_ABORTED,
+        (Refusal.NOT_SUPPORTED, False): SensorError.COMMAND_NOT_SUPPORTED,
+        (Refusal.NOT_SUPPORTED, True): SensorError.COMMAND_NOT_SUPPORTED,
+        (Refusal.NO_VALUE, False): SensorError.NO_REFERENCE_VALUE,
+        (Refusal.NO_VALUE, True): SensorError.NO_MEASURED_VALUE,
+        (Refusal.REFUSED, False): SensorError.REFERENCE_ABORTED,
+        (Refusal.REFUSED, True): SensorError.MEASUREMENT_ABORTED,
     }
 )
 """Error by cause, and whether it is a measurement on the fly."""
@@ -187,7 +187,7 @@ class SensorInterface:
         self.error: SensorError | None = None
         self.measuring: Measuring | None = None
         """State of a sensor that can latch positions; None: commands of G1_STW are not supported."""
-        self._refused: Trouble | None = None
+        self._refused: Refusal | None = None
         self._answer: tuple[SensorEvent, SensorError | None] | None = None
         self._previous = _EVERYTHING
         self._position: int | None = None
@@ -233,7 +233,7 @@ class SensorInterface:
     def measurement_failed(self, search: Search, *, supported: bool) -> None:
         """The device does not carry out a search, because it cannot (not ``supported``) or for another reason."""
         if self.measuring is not None and self.measuring.wanted is search:
-            self._refused = Trouble.REFUSED if supported else Trouble.NOT_SUPPORTED
+            self._refused = Refusal.REFUSED if supported else Refusal.NOT_SUPPORTED
 
     def _answered(self, event: SensorEvent, error: SensorError | None) -> None:
         if self.preset_request is not None:
@@ -260,11 +260,11 @@ class SensorInterface:
                 error = SensorError.COMMAND_NOT_SUPPORTED
         elif word & _COMMAND or measuring.busy:
             measured = measuring.step(word)
-            trouble = measuring.trouble or self._refused
-            if error is None and trouble is not None:
-                error = _TROUBLES[trouble, measuring.on_the_fly]
+            refusal = measuring.refusal or self._refused
+            if error is None and refusal is not None:
+                error = _REFUSALS[refusal, measuring.on_the_fly]
         self._refused = None
-        self._take_events(word, edges, error, position if valid else None, now)
+        self._process_events(word, edges, error, position if valid else None, now)
         if valid:
             self._follow(position, now)
         state = self.state
@@ -283,37 +283,37 @@ class SensorInterface:
 
     # -- the state machine --------------------------------------------------------------------------------------------
 
-    def _take_events(self, word: int, edges: int, error: SensorError | None, position: int | None, now: int) -> None:
+    def _process_events(self, word: int, edges: int, error: SensorError | None, position: int | None, now: int) -> None:
         if self._answer is not None:
             event, failure = self._answer
             if self._jump_until is None:
                 self._jump_until = now + PRESET_SETTLE_NS
             # G1_ZSW.12 must not be set together with the old position.
             if event is SensorEvent.FAILED or self._has_preset() or now >= self._jump_until:
-                self._take(event, failure)
+                self._transition(event, failure)
         if word & _PARK and self.state is not SensorState.PARKED:
             self._parked_until = now + PARKED_NS
-        self._take(SensorEvent.PARK if word & _PARK or now < self._parked_until else SensorEvent.UNPARK)
+        self._transition(SensorEvent.PARK if word & _PARK or now < self._parked_until else SensorEvent.UNPARK)
         if edges & _ACKNOWLEDGE:
-            self._take(SensorEvent.ACKNOWLEDGE)
+            self._transition(SensorEvent.ACKNOWLEDGE)
         elif not word & _ACKNOWLEDGE:
-            self._take(SensorEvent.ACKNOWLEDGE_END)
+            self._transition(SensorEvent.ACKNOWLEDGE_END)
         if error is not None:
-            self._take(SensorEvent.FAULT, error)
+            self._transition(SensorEvent.FAULT, error)
         if edges & _PRESET:
             value, relative = self.preset_value, bool(word & _RELATIVE)
             if not self.preset_supported or not (relative or 0 <= value < self._range):
-                self._take(SensorEvent.FAULT, SensorError.COMMAND_NOT_SUPPORTED)
+                self._transition(SensorEvent.FAULT, SensorError.COMMAND_NOT_SUPPORTED)
             elif position is None:
-                self._take(SensorEvent.FAULT, SensorError.SENSOR_GROUP)
-            elif self._take(SensorEvent.PRESET):
+                self._transition(SensorEvent.FAULT, SensorError.SENSOR_GROUP)
+            elif self._transition(SensorEvent.PRESET):
                 target = (value + (position if relative else 0)) % self._range
                 self.preset_request = self._jump = PresetRequest(value, relative, target)
                 self._jump_until = None
         elif not word & _PRESET:
-            self._take(SensorEvent.PRESET_END)
+            self._transition(SensorEvent.PRESET_END)
 
-    def _take(self, event: SensorEvent, error: SensorError | None = None) -> bool:
+    def _transition(self, event: SensorEvent, error: SensorError | None = None) -> bool:
         """Make the transition of an event, if there is one."""
         state = TRANSITIONS.get((self.state, event))
         if state is None:
@@ -386,7 +386,7 @@ class EncoderControl:
             self.sign_of_life.reset()
             life = 0
         else:
-            life = self.sign_of_life.step(_CONTROLLER_LIFE.of(word))
+            life = self.sign_of_life.step(_CONTROLLER_SIGN_OF_LIFE.of(word))
         self.has_control = word is not None and bool(word & _CONTROL_BY_PLC)
         asked = self.has_control and word is not None and bool(word & _FAULT_ACKNOWLEDGE)
         self.acknowledged = asked and self._acknowledge_armed
@@ -395,7 +395,7 @@ class EncoderControl:
             self.fault = True
         elif self.acknowledged:
             self.fault = False
-        status = _CONTROL_REQUESTED | life << _DEVICE_LIFE.position
+        status = _CONTROL_REQUESTED | life << _DEVICE_SIGN_OF_LIFE.position
         return status | (_FAULT if self.fault else 0) | (_WARNING if warning else 0)
 
 

@@ -34,7 +34,7 @@ class SensorCommand(enum.IntEnum):
     ABORT = 3
 
 
-class Trouble(enum.Enum):
+class Refusal(enum.Enum):
     """Why a command is not carried out."""
 
     NOT_SUPPORTED = "no such function"
@@ -59,7 +59,7 @@ class Measuring:
         """Whether the last command was a measurement on the fly."""
         self.value: int | None = None
         """Value of the present read command."""
-        self.trouble: Trouble | None = None
+        self.refusal: Refusal | None = None
         """Problem in this step."""
         self._values: dict[int, int] = {}
         self._command = SensorCommand.NONE.value
@@ -67,7 +67,7 @@ class Measuring:
 
     def step(self, word: int) -> int:
         """One cycle: G1_STW (0 without a PLC); returns bits 0-7 of G1_ZSW."""
-        self.trouble = None
+        self.refusal = None
         command = _COMMAND.of(word)
         if command != self._command:
             self._command = command
@@ -81,7 +81,7 @@ class Measuring:
             elif command == SensorCommand.ABORT:
                 self.wanted = None
             elif command != SensorCommand.NONE:
-                self.trouble = Trouble.NOT_SUPPORTED
+                self.refusal = Refusal.NOT_SUPPORTED
         active = 0 if self.wanted is None else self.wanted.functions
         for function in self._values:
             active |= 1 << function + _VALUE_1
@@ -109,7 +109,7 @@ class Measuring:
     def _activate(self, functions: int) -> None:
         allowed = _SELECTED if self.on_the_fly else _REFERENCE_FUNCTIONS
         if not functions or functions & ~allowed:
-            self.trouble = Trouble.NOT_SUPPORTED
+            self.refusal = Refusal.NOT_SUPPORTED
             return
         for function in range(FUNCTIONS):
             if functions >> function & 1:
@@ -122,7 +122,7 @@ class Measuring:
             self._read = chosen
             self.value = self._values[chosen]
         else:
-            self.trouble = Trouble.NO_VALUE
+            self.refusal = Refusal.NO_VALUE
 
     def _end_read(self) -> None:
         self.value = None

@@ -97,7 +97,7 @@ class ProfinetDevice:
         station.link_since_ns = now
         self.dcp = DcpResponder(station, lambda: bool(self.cm.controllers), give_ip)
         self._lldp_due = now
-        self._told: ApplicationRelation | None = None
+        self._reported: ApplicationRelation | None = None
         self._next: int | None = now
         self._watch_due = now
         """When ``poll`` has something else to do than to send input data."""
@@ -124,7 +124,7 @@ class ProfinetDevice:
                     self._octets[0] += len(data)
                     io.receive_alarm(_ALARM_IDS[frame_id], data, start, now)
                     self._next = now
-                    self._settle(now)
+                    self._report_relations(now)
                     return False
             self._octets[0] += len(data)
             if frame_id in _DCP_IDS:
@@ -143,8 +143,8 @@ class ProfinetDevice:
                 self._next = now
             self.cm.lead()
             fresh = fresh and not relation.backup
-        if relation is not self._told:
-            self._settle(now)
+        if relation is not self._reported:
+            self._report_relations(now)
         return fresh
 
     def _dcp(self, data: bytes, start: int, now: int) -> None:
@@ -181,7 +181,7 @@ class ProfinetDevice:
                 self._events.append(Refused(host, refusal.status, str(refusal)))
         else:
             self.cm.answer(header, body, address[0], now)
-        self._settle(now)
+        self._report_relations(now)
         self._check_port(now)
 
     def on_link(self, up: bool, now: int) -> None:
@@ -196,7 +196,7 @@ class ProfinetDevice:
         """End all relationships, for example with ``Event.STOPPED``."""
         for relation in list(self.cm.relations.values()):
             relation.handle(event, now)
-        self._settle(now)
+        self._report_relations(now)
 
     # -- time ---------------------------------------------------------------------------------------------------------
 
@@ -224,7 +224,7 @@ class ProfinetDevice:
 
     def provide(self, now: int) -> bytearray | None:
         """The frame with input data, to be sent now; None when that is not all there is to do, or nothing: see ``poll``."""
-        io = self._told
+        io = self._reported
         if io is None or now >= self._watch_due or self._next is not None or io.alarms.pending:
             return None
         frame = io.provide(now)
@@ -253,7 +253,7 @@ class ProfinetDevice:
             if neighbour is not None and now - neighbour.seen_ns > neighbour.lifetime_ns:
                 self.station.neighbour = None
             self._check_port(now)
-        self._settle(now)
+        self._report_relations(now)
 
     def _check_port(self, now: int) -> None:
         """Compare the port with the project of the controller, and adjust it."""
@@ -269,17 +269,17 @@ class ProfinetDevice:
             self.set_diagnosis(PORT, *fault.value)
         self._port_faults = found
 
-    def _settle(self, now: int) -> None:
+    def _report_relations(self, now: int) -> None:
         """Report the results of relationships, remove ended ones."""
         for relation in self.cm.sweep(now):
             if relation.has_data and relation.ended is not None:
                 self._events.append(Disconnected(relation, relation.ended))
-            if relation is self._told:
-                self._told = None
+            if relation is self._reported:
+                self._reported = None
             self._check_port(now)
         io = self.cm.io
-        if io is not None and io.connected and not io.backup and io is not self._told:
-            self._told = io
+        if io is not None and io.connected and not io.backup and io is not self._reported:
+            self._reported = io
             self._events.append(Connected(io))
 
     # -- out ----------------------------------------------------------------------------------------------------------

@@ -94,12 +94,12 @@ def _known_from(config: Path | None, telegrams: Sequence[int], nodes: Sequence[s
     for file in files:
         text = configuration_in(Path(file))
         if text:
-            tell(f"the configuration of the gateway is read from {file}")
+            print_notice(f"the configuration of the gateway is read from {file}")
             return _known_of(parse_config(text, f"{file}: its configuration"), telegrams, nodes)
     for file in files:
         beside = Path(file).parent / CONFIGURATION
         if beside.is_file():
-            tell(f"the configuration of the gateway is read from {beside}")
+            print_notice(f"the configuration of the gateway is read from {beside}")
             return _known_of(load_config(beside), telegrams, nodes)
     return Known()
 
@@ -418,7 +418,7 @@ def nanoseconds(seconds: float | None) -> int | None:
         raise GatewayError(f"--offset {seconds}: expected a finite number of seconds") from None
 
 
-def tell(notice: str) -> None:
+def print_notice(notice: str) -> None:
     """A notice beside the output."""
     sys.stderr.write(f"note: {notice}\n")
 

@@ -23,7 +23,7 @@ from pdgw.profinet.ethernet import header
 
 PLC: Final = "plc"
 """The interface of the PLC's frames in captures."""
-_NOBODY = ("0.0.0.0", CYCLIC_PORT)
+_NO_ADDRESS = ("0.0.0.0", CYCLIC_PORT)
 _TARGET, _SOURCE = slice(0, 6), slice(6, 12)
 
 Packet = tuple[int, LinkType, str, bytes]
@@ -154,9 +154,9 @@ def _answered(cycle: Cycle) -> int:
 
 def _address(peer: str) -> tuple[str, int]:
     host, _, port = peer.rpartition(":")
-    return (_host(host), int(port)) if port.isdigit() else _NOBODY
+    return (_host(host), int(port)) if port.isdigit() else _NO_ADDRESS
 
 
 def _host(text: str) -> str:
     parts = text.split(".")
-    return text if len(parts) == 4 and all(part.isdigit() for part in parts) else _NOBODY[0]
+    return text if len(parts) == 4 and all(part.isdigit() for part in parts) else _NO_ADDRESS[0]

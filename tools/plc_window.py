@@ -23,7 +23,7 @@ from pdgw.gateway.service.status_client import fetch
 from pdgw.peers.plc.exchange.view import tables
 from pdgw.tools.keys import read_keys, single_keys
 
-_TOLD = 5
+_MESSAGES_MAX = 5
 """Number of messages on the screen."""
 _REASONS_S = 1.0
 _STOP_S = 10
@@ -35,7 +35,7 @@ class Window:
     def __init__(self) -> None:
         self.results: list[dict[str, Any]] = []
         self.reasons: Sequence[str] = ()
-        self._told: deque[str] = deque(maxlen=_TOLD)
+        self._messages: deque[str] = deque(maxlen=_MESSAGES_MAX)
         self._snapshot: dict[str, Any] | None = None
 
     def take(self, document: dict[str, Any]) -> None:
@@ -43,19 +43,19 @@ class Window:
         if "snapshot" in document:
             self._snapshot = document["snapshot"]
         elif "told" in document:
-            self._told.append(document["told"])
+            self._messages.append(document["told"])
         elif "note" in document:
-            self._told.append(f"{document['time_s']:7.3f} s  {document['note']}")
+            self._messages.append(f"{document['time_s']:7.3f} s  {document['note']}")
         elif "result" in document:
             result = document["result"]
             self.results.append(result)
             if not result["passed"]:
-                self._told.append(f"{result['time_s']:7.3f} s  FAILED {result['name']}: {result['measured']}")
+                self._messages.append(f"{result['time_s']:7.3f} s  FAILED {result['name']}: {result['measured']}")
 
     def drawing(self) -> RenderableType:
         """The messages come first: a small terminal cuts off the last words of a telegram instead."""
         shown = [] if self._snapshot is None else [tables(self._snapshot, self.reasons)]
-        return Group(*(Text(text) for text in self._told), *shown)
+        return Group(*(Text(text) for text in self._messages), *shown)
 
 
 def reasons_of(document: dict[str, Any]) -> list[str]:

@@ -125,9 +125,9 @@ class Interface:
         header = request.headers.get("last-event-id")
         after = ("Last-Event-ID", header) if header else ("after", request.query_params.get("after") or "0")
         trace = request.query_params.get("trace")
-        do_id = None if trace is None else self._known("trace", _whole("trace", trace))
+        do_id = None if trace is None else self._known("trace", _integer("trace", trace))
         samples = None if do_id is None else lambda: self._traces.live(do_id, self._feed.ticks)
-        stream = EventStream(self.streams, _whole(*after), samples)
+        stream = EventStream(self.streams, _integer(*after), samples)
         if request.client is not None:
             self._places.keep((request.client.host, request.client.port))
         return stream
@@ -144,8 +144,8 @@ class Interface:
     async def _trace(self, request: Request) -> ASGIApp:
         do_id = self._do_id(request)
         query = request.query_params
-        seconds = _whole("seconds", query.get("seconds", "10"), 1, SECONDS_MAX)
-        bins = _whole("bins", query["bins"], 1, BINS_MAX) if "bins" in query else None
+        seconds = _integer("seconds", query.get("seconds", "10"), 1, SECONDS_MAX)
+        bins = _integer("bins", query["bins"], 1, BINS_MAX) if "bins" in query else None
         names = [name for name in query.get("signals", "").split(",") if name]
         as_csv = query.get("format") == "csv" or "text/csv" in request.headers.get("accept", "")
 
@@ -207,7 +207,7 @@ class Interface:
         return JSONResponse(about_document(self._watch.config))
 
     async def _captured(self, request: Request) -> ASGIApp:
-        seconds = _whole("seconds", request.query_params.get("seconds", "10"), 1, SECONDS_MAX)
+        seconds = _integer("seconds", request.query_params.get("seconds", "10"), 1, SECONDS_MAX)
         headers = {"content-disposition": 'attachment; filename="pdgw.pcapng"'}
         return self._large(lambda: Response(self._last(seconds), media_type="application/x-pcapng", headers=headers))
 
@@ -232,7 +232,7 @@ class Interface:
         return PlainTextResponse("ok\n" if ready else "not all nodes are online, or no PLC\n", 200 if ready else 503)
 
 
-def _whole(name: str, text: str, low: int = 0, high: int = 1 << 53) -> int:
+def _integer(name: str, text: str, low: int = 0, high: int = 1 << 53) -> int:
     """Parse a number of a query; RequestError names the allowed values."""
     if len(text) > _DIGITS_MAX or not text.isascii() or not text.isdecimal() or not low <= int(text) <= high:
         raise RequestError(name, f"{name} = {text[:20]!r}: expected a whole number from {low} to {high}")

@@ -38,7 +38,7 @@ _KEEP_ALIVE_S = 15
 _RECONNECT_MAX_S = 30
 MESSAGE_MAX = 64 * 1024
 """Bytes of a packet of the broker. It sends acknowledgements of a few bytes; MQTT itself allows 256 MB."""
-_TOLD = ("name", "state", "state_id", "sentence", "reason", "reason_id", "remedy", "drive", "telegram")
+_STATE_KEYS = ("name", "state", "state_id", "sentence", "reason", "reason_id", "remedy", "drive", "telegram")
 
 
 def topic_name(config: GatewayConfig) -> str:
@@ -53,7 +53,7 @@ def object_message(item: Document) -> str:
     """Message on a drive object, without values that change in normal operation, such as a speed."""
     fault = item["cause"] or (item["faults"][0] if item["faults"] else None)
     newest = None if fault is None else {key: fault[key] for key in ("number", "text", "is_warning", "active", "time")}
-    return json.dumps({key: item[key] for key in _TOLD} | {"fault": newest})
+    return json.dumps({key: item[key] for key in _STATE_KEYS} | {"fault": newest})
 
 
 class BoundedClient(Client):
@@ -95,9 +95,9 @@ class Publisher:
         self._config = config
         self._watch = watch
         self._base = f"{config.topic}/{topic_name(watch.config)}"
-        self._said: dict[str, str] = {}
+        self._published: dict[str, str] = {}
         self._last_event = 0
-        self._anew = threading.Event()
+        self._reconnected = threading.Event()
         self._ready = threading.Event()
         self._client = made_client(config, f"pdgw-{uuid.uuid4().hex[:16]}")
         self._client.will_set(self._online_topic, "0", _QOS, retain=True)
@@ -130,20 +130,20 @@ class Publisher:
         self._client.disconnect()
         self._client.loop_stop()
 
-    def tell(self) -> None:
+    def publish_changes(self) -> None:
         """After a tick of the feed: whatever changed."""
         if not self.connected:
             return
-        if self._anew.is_set():
-            self._anew.clear()
-            self._said.clear()
+        if self._reconnected.is_set():
+            self._reconnected.clear()
+            self._published.clear()
         document = self._watch.document
-        self._say(self._online_topic, "1" if document is not None else "0")
+        self._publish(self._online_topic, "1" if document is not None else "0")
         if document is None:
             return
         for kind, items in (("axis", document["axes"]), ("encoder", document["encoders"])):
             for item in items:
-                self._say(f"{self._base}/{kind}/{item['do_id']}/state", object_message(item))
+                self._publish(f"{self._base}/{kind}/{item['do_id']}/state", object_message(item))
         for event in self._watch.log.after(self._last_event):
             self._event(event)
 
@@ -151,9 +151,9 @@ class Publisher:
         self._client.publish(f"{self._base}/event", json.dumps(asdict(event)), _QOS)
         self._last_event = event.id
 
-    def _say(self, topic: str, text: str) -> None:
-        if self._said.get(topic) != text:
-            self._said[topic] = text
+    def _publish(self, topic: str, text: str) -> None:
+        if self._published.get(topic) != text:
+            self._published[topic] = text
             self._client.publish(topic, text, _QOS, retain=True)
 
     def _connected(
@@ -164,5 +164,5 @@ class Publisher:
             log.warning("MQTT: %s:%d refuses: %s", self._config.host, self._config.port, code)
         else:
             log.info("MQTT: connected to %s:%d", self._config.host, self._config.port)
-            self._anew.set()
+            self._reconnected.set()
             self._ready.set()

@@ -33,7 +33,7 @@ def serve(config: GatewayConfig, parameters: Parameters, capture: Capture) -> No
         from pdgw.web.mqtt import Publisher  # noqa: PLC0415 (of an extra of its own)
 
         publisher = Publisher(config.mqtt, watch)
-        watch.feed.listeners.append(publisher.tell)
+        watch.feed.listeners.append(publisher.publish_changes)
     server = _made(watch, parameters, capture, token)
     with listen(web) as port:
         log.info("page at %s", page_address(port, tls=web.tls_cert is not None))

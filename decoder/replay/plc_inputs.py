@@ -82,7 +82,7 @@ class _Events:
     def __init__(self, orders: Orders | None) -> None:
         self._orders = orders
         self._order: tuple[int, ...] | None = None
-        self._believed = 0
+        self._confirmed_by = 0
         """The latest frame that confirms the present order."""
         self._connected = False
         self._dropped = False
@@ -100,20 +100,20 @@ class _Events:
             return
         if not self._connected:
             self._connected = True
-            self._believed = number + SEQUENCE_FRAMES - 1
+            self._confirmed_by = number + SEQUENCE_FRAMES - 1
         order = None if values is None else self._orders.read(values)
         if self._stops:
             if order != self._order and order is not None:
                 # With no order in force, a stop counts at once only if the telegram has no other control word.
                 at_once = self._orders.stopped(order, None, released=False) == order
-                self._believed = number if at_once else number + CONFIRMING_FRAMES - 1
+                self._confirmed_by = number if at_once else number + CONFIRMING_FRAMES - 1
             self._order = order
-            self._found.append(_Found(now, values, max(number, self._believed), False, True))
+            self._found.append(_Found(now, values, max(number, self._confirmed_by), False, True))
             return
         if order != self._order:
-            self._doubt_from(number)
+            self._drop_unconfirmed(number)
             # A stop of only a few frames had an effect, and the gateway may hide its report of the task.
-            self._dropped |= number <= max(self._believed, self._changed + CONFIRMING_FRAMES - 1)
+            self._dropped |= number <= max(self._confirmed_by, self._changed + CONFIRMING_FRAMES - 1)
             self._changed = number
         if order is not None and order != self._order:
             stopped = self._orders.stopped(order, self._order, released=False)
@@ -121,12 +121,12 @@ class _Events:
                 before = self._found[-1].values if self._found else None
                 if stopped is not None and stopped != self._order and before is not None:
                     # The stops of the frame take effect at once, the rest waits.
-                    self.note(now, self._orders.applied(stopped, before), max(number, self._believed))
-                self._believed = max(self._believed, number + CONFIRMING_FRAMES - 1)
+                    self.note(now, self._orders.applied(stopped, before), max(number, self._confirmed_by))
+                self._confirmed_by = max(self._confirmed_by, number + CONFIRMING_FRAMES - 1)
         self._order = order
-        self.note(now, values, number if values is None else max(number, self._believed))
+        self.note(now, values, number if values is None else max(number, self._confirmed_by))
 
-    def _doubt_from(self, number: int) -> None:
+    def _drop_unconfirmed(self, number: int) -> None:
         """Mark the orders that are unconfirmed before frame ``number`` as never confirmed: another order replaces them."""
         for place in reversed(range(len(self._found))):
             item = self._found[place]

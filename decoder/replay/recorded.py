@@ -143,7 +143,7 @@ class AxisRecording:
         return places
 
     @property
-    def told_by_others(self) -> frozenset[int]:
+    def not_computed(self) -> frozenset[int]:
         """Places of the actual values that the axis only hands on.
 
         The words of G1 or G2 with an encoder of its own (another node), and the numbers of the drive object's fault buffer.

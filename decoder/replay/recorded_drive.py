@@ -133,7 +133,7 @@ def sdo_result(record: SdoRecord) -> SdoResult | None:
     return SdoResult(record.time_ns, record.index, record.subindex, record.value)
 
 
-def tells_state(word: int, statusword: int, *, transparent: bool) -> bool:
+def asks_for_off(word: int, statusword: int, *, transparent: bool) -> bool:
     """Whether STW1, or the Controlword of telegram 100, asks an unpowered drive for OFF: nothing of before matters then."""
     if not transparent and not word & _CONTROL_BY_PLC:
         return False

@@ -31,7 +31,7 @@ from typing import Final, NamedTuple
 
 from pdgw.decoder.replay.cycles import Tick, ticks
 from pdgw.decoder.replay.recorded import UNKNOWN_TORQUE, Answer, AxisRecording
-from pdgw.decoder.replay.recorded_drive import recall, tells_state
+from pdgw.decoder.replay.recorded_drive import asks_for_off, recall
 from pdgw.decoder.replay.result import AxisReplay, Difference, Step
 from pdgw.decoder.replay.rpdos import Place, RpdoComparison
 from pdgw.decoder.replay.touch_probe import Found, find_answer
@@ -43,7 +43,7 @@ from pdgw.durations import SECOND
 from pdgw.gateway.axis.checkpoint import Checkpoint, Checkpoints
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.values import FaultRecord, ProbeWish, SdoAnswer, SdoWrite
-from pdgw.gateway.reasons import OrderDoubt
+from pdgw.gateway.reasons import UnconfirmedOrder
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode
 
@@ -125,7 +125,7 @@ class Replayer:
         self._machine = AxisMachine(recording.telegram.number, settings, DriveFeedback())
         self._checkpoints = Checkpoints(self._machine)
         self._rpdos = recording.rpdos
-        self._not_compared = recording.told_by_others
+        self._not_compared = recording.not_computed
         self._setpoint_times, self._certain_times = _times(recording)
         self._feedback_times = [event.time_ns for event in recording.feedback]
         self._state = _State()
@@ -139,7 +139,7 @@ class Replayer:
         self._visited: set[Hashable] = set()
         cycles = (cycle_ns, 2 * cycle_ns, tolerance_ns)
         self._shifts = (0, *(sign * shift for shift in cycles for sign in (1, -1)))
-        self._doubtful = [
+        self._uncertain_gaps = [
             (last, following)
             for last, following in pairwise(recording.frames)
             if abs(following - last - recording.watchdog_ns) <= self._sent_tolerance
@@ -175,7 +175,7 @@ class Replayer:
             if first_only:
                 return outcome
             # No input fits: continue with the likeliest inputs, and compare again once the state is known again.
-            self._go_back(choice)
+            self._restore(choice)
             self._state.known = False
             choices.clear()
             unchecked = failed_at + 1 if len(outcome.differences) < MAX_DIFFERENCES else len(self._ticks)
@@ -186,7 +186,7 @@ class Replayer:
     def _choice(self, tick: Tick) -> _Choice:
         return _Choice(self._checkpoints.save(), self._state, self._inputs(tick, self._state))
 
-    def _go_back(self, choice: _Choice) -> None:
+    def _restore(self, choice: _Choice) -> None:
         self._checkpoints.restore(choice.checkpoint)
         self._state = choice.state.copy()
 
@@ -214,7 +214,7 @@ class Replayer:
         """Take the next choice that fits the recording; False when none is left."""
         tick = self._ticks[len(steps)]
         for inputs in choice.inputs:
-            self._go_back(choice)
+            self._restore(choice)
             choice.tried += 1
             step, difference = self._step(tick, inputs, check=check)
             if difference is None:
@@ -246,7 +246,7 @@ class Replayer:
         state, machine, recording = self._state, self._machine, self._recording
         given, outputs = machine.inputs, machine.outputs
         if not inputs.made:
-            return self._as_told(tick, inputs, (), compared=False), None
+            return self._step_result(tick, inputs, (), compared=False), None
         now = tick.time_ns + inputs.shift_ns
         for event in recording.feedback[state.feedback : inputs.feedback]:
             for attribute, value in event.values:
@@ -263,7 +263,7 @@ class Replayer:
             not stops
             and tick.answer is not None
             and tick.answer.plc_ok is (values is None)
-            and self._doubtful_loss(tick)
+            and self._is_uncertain_loss(tick)
         ):
             values = recording.setpoints[inputs.setpoints - 2].values if tick.answer.plc_ok else None
         plc_ok = values is not None and not stops
@@ -274,9 +274,9 @@ class Replayer:
         for attribute in FEEDBACK_NAMES:
             setattr(given.feedback, attribute, getattr(state.image, attribute))
         given.now, given.setpoints, given.drive_ok = now, values, state.online
-        given.doubt = self._doubt(tick, inputs.setpoints)
+        given.unconfirmed = self._unconfirmed_order(tick, inputs.setpoints)
         before, state.frames = state.frames, bisect_right(recording.frames, now)
-        given.fresh = state.frames > before and given.doubt is not OrderDoubt.WAITS and not stops
+        given.fresh = state.frames > before and given.unconfirmed is not UnconfirmedOrder.WAITS and not stops
         self._answer_sdo(now)
         self._answer_probe(now)
         self._checkpoints.step()
@@ -291,24 +291,24 @@ class Replayer:
         written_wrong = self._find_sdo(now)
         difference = difference or written_wrong
         self._find_probe(now)
-        step = self._as_told(tick, inputs, tuple(outputs.faults), compared=compare)
+        step = self._step_result(tick, inputs, tuple(outputs.faults), compared=compare)
         if values is not None and not stops:
             self._recognise(values, tick)
         return step, difference if compare else None
 
-    def _doubt(self, tick: Tick, taken: int) -> OrderDoubt:
+    def _unconfirmed_order(self, tick: Tick, taken: int) -> UnconfirmedOrder:
         """Whether an order was not confirmed: if possible, the recorded answer hides reached and acknowledged."""
         if not self._recording.delays:
-            return OrderDoubt.NONE
+            return UnconfirmedOrder.NONE
         times, answer = self._setpoint_times, tick.answer
         waits = taken < len(times) and times[taken] <= tick.time_ns < self._certain_times[taken]
         dropped = taken > 0 and self._recording.setpoints[taken - 1].dropped
         hidden = answer is not None and not any(answer.actuals[place] & mask for place, mask in self._machine.claims)
         if not hidden:
-            return OrderDoubt.NONE
-        return OrderDoubt.WAITS if waits else OrderDoubt.DROPPED if dropped else OrderDoubt.NONE
+            return UnconfirmedOrder.NONE
+        return UnconfirmedOrder.WAITS if waits else UnconfirmedOrder.DROPPED if dropped else UnconfirmedOrder.NONE
 
-    def _as_told(self, tick: Tick, inputs: _Inputs, faults: tuple[FaultRecord, ...], *, compared: bool) -> Step:
+    def _step_result(self, tick: Tick, inputs: _Inputs, faults: tuple[FaultRecord, ...], *, compared: bool) -> Step:
         outputs = self._machine.outputs
         return Step(
             tick.time_ns,
@@ -330,10 +330,10 @@ class Replayer:
         position = bisect_right(self._recording.online, (tick.time_ns, True))
         return position > 0 and self._recording.online[position - 1][1]
 
-    def _doubtful_loss(self, tick: Tick) -> bool:
+    def _is_uncertain_loss(self, tick: Tick) -> bool:
         """Whether a silence of the PLC was about as long as the watchdog: then IOCS says if the gateway saw a loss."""
-        position = bisect_right(self._doubtful, (tick.time_ns + self._sent_tolerance,)) - 1
-        return position >= 0 and tick.time_ns <= self._doubtful[position][1] + self._sent_tolerance
+        position = bisect_right(self._uncertain_gaps, (tick.time_ns + self._sent_tolerance,)) - 1
+        return position >= 0 and tick.time_ns <= self._uncertain_gaps[position][1] + self._sent_tolerance
 
     def _configure(self, until: int) -> None:
         """References and restarts of the drive that the gateway has learned until a time."""
@@ -351,7 +351,7 @@ class Replayer:
         if state.known:
             return
         transparent = self._recording.telegram.setpoints.mode is ApplicationMode.TRANSPARENT
-        if not state.online or not tells_state(word, state.image.statusword, transparent=transparent):
+        if not state.online or not asks_for_off(word, state.image.statusword, transparent=transparent):
             return
         state.known = True
         recall(self._machine, self._in_force(tick.time_ns), None if tick.answer is None else tick.answer.actuals[0])

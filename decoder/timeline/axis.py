@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 from pdgw.decoder.frames.canopen.records import CanRecord, HeartbeatRecord, NmtRecord, PdoRecord, SdoRecord
 from pdgw.decoder.frames.profinet.cyclic import Axis
 from pdgw.decoder.replay.recorded import SdoResult
-from pdgw.decoder.replay.recorded_drive import RecordedDrive, recall, sdo_result, tells_state
+from pdgw.decoder.replay.recorded_drive import RecordedDrive, asks_for_off, recall, sdo_result
 from pdgw.decoder.timeline.drive_object import ObjectFollower, Put
 from pdgw.decoder.timeline.entries import Anomaly, AnomalyKind, Edge, ReasonChange, WordKind
 from pdgw.decoder.timeline.words import Decision, Words
@@ -30,7 +30,7 @@ from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import SdoAnswer, SdoWrite
 from pdgw.gateway.objects.enable_chain import asks_for_operation
-from pdgw.gateway.reasons import AxisState, OrderDoubt, Reason
+from pdgw.gateway.reasons import AxisState, Reason, UnconfirmedOrder
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
@@ -121,7 +121,7 @@ class AxisFollower(ObjectFollower):
         self._waiting: Edge | None = None
         """An edge of the PLC that may be an old one."""
         self._settling: _Settling | None = None
-        self._told: Reason | str | None = ""
+        self._last_reason: Reason | str | None = ""
         self._command: _Command | None = None
         self._mode_asked: int | None = None
         self._mode_shown: int | None = None
@@ -136,24 +136,24 @@ class AxisFollower(ObjectFollower):
         self._settled()
         if setpoints is None:
             edge.note = NOT_VALID
-        elif setpoints[0] != word and self.doubt is not OrderDoubt.WAITS:
+        elif setpoints[0] != word and self.unconfirmed is not UnconfirmedOrder.WAITS:
             edge.note = OVERTAKEN
         else:
             self._control_edge = edge
-        if self.doubt is OrderDoubt.DROPPED and self._waiting is not None:
+        if self.unconfirmed is UnconfirmedOrder.DROPPED and self._waiting is not None:
             self._waiting.note = DROPPED
-        self._waiting = edge if self.doubt is OrderDoubt.WAITS else None
+        self._waiting = edge if self.unconfirmed is UnconfirmedOrder.WAITS else None
 
     def status(self, now: int, values: Sequence[int], *, good: bool) -> None:
         if not self.answered:
             self.answered = True
-            self._take_homing_method(values)
+            self._read_homing_method(values)
         self.online = good
         edge = self._words.edge(WordKind.STATUS, now, values[0])
         if edge is not None:
             self._words.explain(WordKind.STATUS, edge)
 
-    def _take_homing_method(self, values: Sequence[int]) -> None:
+    def _read_homing_method(self, values: Sequence[int]) -> None:
         """A recording that begins in operation shows the homing method in AKTSATZ only."""
         names = telegram(self.axis.telegram).actuals.names
         if "AKTSATZ" in names and not self._drive.homing_method:
@@ -266,7 +266,10 @@ class AxisFollower(ObjectFollower):
         inputs, outputs = self._machine.inputs, self._machine.outputs
         inputs.now, inputs.setpoints, inputs.drive_ok = now, setpoints, self.online
         stops = inputs.gateway_stops = self.gateway_stops
-        inputs.doubt, inputs.fresh = self.doubt, fresh and not stops and self.doubt is not OrderDoubt.WAITS
+        inputs.unconfirmed, inputs.fresh = (
+            self.unconfirmed,
+            fresh and not stops and self.unconfirmed is not UnconfirmedOrder.WAITS,
+        )
         if self.online:
             self._configure()
         commanded = outputs.command.controlword
@@ -343,7 +346,7 @@ class AxisFollower(ObjectFollower):
 
     def _recognise(self, setpoints: Sequence[int]) -> None:
         """With an OFF while the drive is not powered, the machine's state follows from the recording."""
-        if not tells_state(setpoints[0], self._image.statusword, transparent=self._transparent):
+        if not asks_for_off(setpoints[0], self._image.statusword, transparent=self._transparent):
             return
         self._known = True
         self._since = None
@@ -367,8 +370,8 @@ class AxisFollower(ObjectFollower):
         if settling is not None:
             starting = reason is not None and reason.state is AxisState.STARTING
             settling.add(reason, awaited=starting and asks_for_operation(self._machine.demand))
-        if self._known and reason is not self._told:
-            self._told = reason
+        if self._known and reason is not self._last_reason:
+            self._last_reason = reason
             self._put(ReasonChange(now, self.axis.do_id, reason, settling is not None))
 
     def _settled(self) -> None:

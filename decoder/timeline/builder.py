@@ -34,7 +34,7 @@ from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.configuration.tables.defaults import WATCHDOG_FACTOR, WATCHDOG_FACTOR_MAX
 from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
-from pdgw.gateway.reasons import OrderDoubt
+from pdgw.gateway.reasons import UnconfirmedOrder
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, IOPS_GOOD, is_newer
 from pdgw.profidrive.telegrams import Direction, telegram
 
@@ -93,8 +93,8 @@ class TimelineBuilder:
             to_all = isinstance(record, NmtRecord) and not record.node
             for item in self._objects if to_all else self._nodes.get(record.node, ()):
                 if item.axis.bus in {"", record.channel}:
-                    if not item.heard:
-                        item.heard = _is_from_node(record)
+                    if not item.has_frames:
+                        item.has_frames = _is_from_node(record)
                     item.take(record)
         elif isinstance(record, CyclicRecord):
             self._exchange.take(record)
@@ -113,7 +113,7 @@ class TimelineBuilder:
     def _alarm(self, record: AlarmRecord) -> None:
         if record.ended is not None:
             self._exchange.relate(record.time_ns, Change.ENDED, record.ended)
-        if record.tells:
+        if record.is_notification:
             do_id = next(
                 (item.axis.do_id for place, item in enumerate(self._objects, 1) if _slot(item, place) == record.slot), 0
             )
@@ -138,7 +138,7 @@ class TimelineBuilder:
             yield 0, "no CAN frame: the recording shows neither the commands to the drives nor their answers"
             return
         for item in self._objects:
-            if not item.heard:
+            if not item.has_frames:
                 yield item.axis.do_id, f"no frame from node {item.axis.node}"
 
     def _put(self, entry: Entry) -> None:
@@ -212,13 +212,13 @@ class _CycleCounter:
         if step == usual or self._count < _JUDGED:
             return ""
         text = f"{self._who}: counter {last} -> {counter}"
-        told = step * COUNTER_UNIT_NS
-        agrees = abs(told - elapsed % (COUNTER_UNIT_NS << 16)) <= self._tolerance
+        claimed_ns = step * COUNTER_UNIT_NS
+        agrees = abs(claimed_ns - elapsed % (COUNTER_UNIT_NS << 16)) <= self._tolerance
         self._clock |= agrees and step % usual != 0
         if self._clock or 2 * self._steps[usual] <= self._count:
             if agrees:
                 return ""
-            return f"{text} claims {told / MS:.1f} ms, but {elapsed / MS:.1f} ms have passed"
+            return f"{text} claims {claimed_ns / MS:.1f} ms, but {elapsed / MS:.1f} ms have passed"
         text += f", usual step {usual}"
         missing = step // usual - 1 if step % usual == 0 else 0
         return f"{text}, {missing} frame{'s' if missing > 1 else ''} missing" if missing > 0 else text
@@ -254,7 +254,7 @@ class _Exchange:
             Direction.SETPOINT: _CycleCounter("PLC -> gateway", cycle_ns),
             Direction.ACTUAL: _CycleCounter("gateway -> PLC", cycle_ns),
         }
-        self._standing: Verdict | None = None
+        self._last_verdict: Verdict | None = None
         self.seen: set[Direction] = set()
         """Directions of the frames seen until now."""
         self._last_frame = 0
@@ -333,10 +333,10 @@ class _Exchange:
                 self._last_frame = now
             # frames do not count before ApplicationReady is confirmed, after PrmBegin, or from a backup controller
             return
-        if verdict is Verdict.STALE or (verdict is not Verdict.ACCEPTED and verdict is not self._standing):
+        if verdict is Verdict.STALE or (verdict is not Verdict.ACCEPTED and verdict is not self._last_verdict):
             kind = _VERDICTS.get(verdict, AnomalyKind.DROPPED)
             self._put(Anomaly(now, 0, kind, f"frame with counter {record.cycle_counter}: {verdict.value}"))
-        self._standing = verdict
+        self._last_verdict = verdict
         values = record.values
         if self._judge is not None:
             self._judge_orders(self._judge, record.data, now)
@@ -360,11 +360,15 @@ class _Exchange:
         before = judge.orders_dropped
         judge.receive(data, SENDER, now, now)
         judge.poll(now)
-        for item, doubt in zip(self._order, judge.doubts, strict=True):
-            if doubt is OrderDoubt.DROPPED and judge.orders_dropped > before and item.doubt is OrderDoubt.WAITS:
+        for item, unconfirmed in zip(self._order, judge.unconfirmed_orders, strict=True):
+            if (
+                unconfirmed is UnconfirmedOrder.DROPPED
+                and judge.orders_dropped > before
+                and item.unconfirmed is UnconfirmedOrder.WAITS
+            ):
                 text = "a change of a control word was sent in too few frames and may be an old frame: ignored"
                 self._put(Anomaly(now, item.axis.do_id, AnomalyKind.ORDER, text))
-            item.doubt = doubt
+            item.unconfirmed = unconfirmed
 
     @property
     def _setpoints(self) -> list[Sequence[int] | None]:
@@ -372,8 +376,8 @@ class _Exchange:
         newest, judge = self._endpoint.setpoints, self._judge
         if judge is None:
             return list(newest)
-        kept = zip(newest, judge.setpoints, judge.doubts, strict=True)
-        return [old if new is not None and doubt and old is not None else new for new, old, doubt in kept]
+        kept = zip(newest, judge.setpoints, judge.unconfirmed_orders, strict=True)
+        return [old if new is not None and unconfirmed and old is not None else new for new, old, unconfirmed in kept]
 
     def _answer(self, record: CyclicRecord) -> None:
         now, values = record.time_ns, record.values

@@ -209,12 +209,12 @@ def _between(cluster: Sequence[Distance], cycle_ns: int) -> tuple[int, int]:
     if highest is None or lowest is None:
         # With one direction only, delay of the gateway and clock offset cannot be separated.
         lowest = highest = highest if highest is not None else lowest or 0
-        doubt = cycle_ns
+        error_bound = cycle_ns
     else:
-        doubt = (highest - lowest) // 2
+        error_bound = (highest - lowest) // 2
         if lowest > highest:  # the recorders' own delays are longer than those between the edges
             lowest, highest = highest, lowest
-            doubt = (cluster[-1][0] - cluster[0][0]) // 2
+            error_bound = (cluster[-1][0] - cluster[0][0]) // 2
     if lowest - cycle_ns // 2 <= 0 <= highest + cycle_ns // 2:
-        return 0, max(doubt, abs(lowest), abs(highest))
-    return (lowest + highest) // 2, doubt
+        return 0, max(error_bound, abs(lowest), abs(highest))
+    return (lowest + highest) // 2, error_bound

@@ -10,7 +10,7 @@ from pdgw.decoder.frames.canopen.records import CanRecord, EmcyRecord, Heartbeat
 from pdgw.decoder.frames.profinet.cyclic import Axis
 from pdgw.decoder.timeline.entries import Anomaly, AnomalyKind, Entry, Event
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.reasons import OrderDoubt
+from pdgw.gateway.reasons import UnconfirmedOrder
 from pdgw.profidrive.telegrams import Direction
 
 _RESET: Final = 0
@@ -25,7 +25,7 @@ class _Bad:
 
     who: str
     entry: Anomaly
-    told: bool = False
+    reported: bool = False
 
 
 class ObjectFollower:
@@ -38,9 +38,9 @@ class ObjectFollower:
         self._bad: dict[Direction, _Bad] = {}
         self.gateway_stops = False
         """The gateway itself is being stopped."""
-        self.doubt = OrderDoubt.NONE
+        self.unconfirmed = UnconfirmedOrder.NONE
         """Whether the PLC may have ordered something that the gateway has not in force."""
-        self.heard = False
+        self.has_frames = False
         """Whether a frame of the node has arrived."""
 
     # -- parts of an axis ---------------------------------------------------------------------------------------------
@@ -72,7 +72,7 @@ class ObjectFollower:
             return
         del self._bad[direction]
         how_long = f"{(now - bad.entry.time_ns) / MS:.1f} ms"
-        if bad.told:
+        if bad.reported:
             self._put(Event(now, self.axis.do_id, "IOPS", f"data {bad.who} good again after {how_long}"))
         else:
             bad.entry.text = f"data {bad.who} bad for {how_long}"
@@ -95,6 +95,6 @@ class ObjectFollower:
     def tick(self, now: int) -> None:
         """Report overdue answers."""
         for bad in self._bad.values():
-            if not bad.told and now >= bad.entry.time_ns + self._hold_ns:
-                bad.told = True
+            if not bad.reported and now >= bad.entry.time_ns + self._hold_ns:
+                bad.reported = True
                 bad.entry.text = f"data {bad.who} bad for more than {self._hold_ns / SECOND:g} s"

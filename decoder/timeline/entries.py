@@ -240,7 +240,7 @@ HOPS: Final = {
     (WordKind.STATUSWORD, WordKind.CONTROLWORD): "Statusword -> Controlword",
     (WordKind.CONTROL, WordKind.STATUS): "STW1 -> ZSW1 (gateway)",
 }
-WHOLE_WAY: Final = "STW1 -> ... -> ZSW1"
+FULL_PATH: Final = "STW1 -> ... -> ZSW1"
 
 
 class Summary:
@@ -251,7 +251,7 @@ class Summary:
         """Number of anomalies of each kind."""
         self.refusals: Counter[Reason] = Counter()
         """Number of edges with each reason."""
-        self._hops = {name: Latencies() for name in (*HOPS.values(), WHOLE_WAY)}
+        self._hops = {name: Latencies() for name in (*HOPS.values(), FULL_PATH)}
 
     def add(self, entry: Entry) -> None:
         """One more entry."""
@@ -262,14 +262,14 @@ class Summary:
                 self.refusals[entry.outcome] += 1
             if entry.cause is not None:
                 self._hops[HOPS[entry.cause.kind, entry.kind]].add(entry.time_ns - entry.cause.time_ns)
-                self._whole_way(entry)
+                self._measure_path(entry)
 
-    def _whole_way(self, entry: Edge) -> None:
+    def _measure_path(self, entry: Edge) -> None:
         """Measure the time from an edge of the PLC to the first ZSW1 that it causes."""
         root = entry.root
         if entry.kind is WordKind.STATUS and root is not None and root.kind is WordKind.CONTROL and not root.answered:
             root.answered = True
-            self._hops[WHOLE_WAY].add(entry.time_ns - root.time_ns)
+            self._hops[FULL_PATH].add(entry.time_ns - root.time_ns)
 
     @property
     def latencies(self) -> list[Latency]:

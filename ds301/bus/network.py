@@ -51,7 +51,7 @@ _FUNCTION: Final = 0x780
 """The part of a COB-ID that names the service."""
 UNUSED: Final = 0
 """Instead of a node-ID."""
-_LOOK_NS: Final = 20 * MS
+_CHECK_NS: Final = 20 * MS
 _EARLY_NS: Final = MS
 """Actions due this soon after a cycle start with the cycle before, so that their order does not depend on chance."""
 _FIRST_PAUSE_NS: Final = 100 * MS
@@ -67,7 +67,7 @@ class CanNetwork(Receiver):
     def __init__(self, loop: Loop, opener: Opener, name: str = "can") -> None:
         self.loop = loop
         self.name = name
-        self._told = {"event": "bus", "bus": name}
+        self._log_fields = {"event": "bus", "bus": name}
         """For who collects the log."""
         self.canopen = AcyclicNetwork(self._send_acyclic, self.send_first)
         self.bring_ups = Turns(loop, _BRING_UPS)
@@ -105,11 +105,11 @@ class CanNetwork(Receiver):
         self._nodes_of_pdos: dict[int, int] = {}
         """Node-ID by the COB-ID of a PDO."""
         self._watchers: list[Callable[[int], None]] = []
-        self._looking: Timer | None = None
+        self._check_timer: Timer | None = None
         self._sync_for: set[int] = set()
-        self._sync_held: set[int] = set()
+        self._sync_withheld: set[int] = set()
         """Nodes for whose sake no SYNC is sent."""
-        self.sync_wanted = False
+        self.sync_required = False
         """A node on this bus sends or takes PDOs on SYNC."""
         self.sync_changed: Callable[[], None] | None = None
         """Called when that changes."""
@@ -150,7 +150,7 @@ class CanNetwork(Receiver):
     def close(self) -> None:
         """Release the interface for good."""
         self._started = False
-        for timer in (self._reopening, self._looking):
+        for timer in (self._reopening, self._check_timer):
             if timer is not None:
                 timer.cancel()
         self._drop_sdo()
@@ -176,27 +176,27 @@ class CanNetwork(Receiver):
     def watch(self, look: Callable[[int], None]) -> None:
         """Call with the time every 20 ms, all of the bus together: each time of its own would wake the loop."""
         self._watchers.append(look)
-        if self._looking is None:
-            self._looking = self.loop.call_later(_LOOK_NS, self._look)
+        if self._check_timer is None:
+            self._check_timer = self.loop.call_later(_CHECK_NS, self._check_nodes)
 
     def unwatch(self, look: Callable[[int], None]) -> None:
         """The end of ``watch``."""
         self._watchers.remove(look)
 
-    def look_before(self, when: int) -> None:
+    def check_before(self, when: int) -> None:
         """Look now if it would be due before ``when`` or soon after: the cyclic exchange is awake, and wakes again only then."""
-        timer = self._looking
+        timer = self._check_timer
         if timer is not None and timer.when <= when + _EARLY_NS:
             timer.cancel()
-            self._look()
+            self._check_nodes()
 
-    def _look(self) -> None:
-        self._looking = None
+    def _check_nodes(self) -> None:
+        self._check_timer = None
         now = self.loop.now()
         for look in self._watchers:
             look(now)
         if self._watchers:
-            self._looking = self.loop.call_later(_LOOK_NS, self._look)
+            self._check_timer = self.loop.call_later(_CHECK_NS, self._check_nodes)
 
     def send(self, cob_id: int, data: bytes) -> bool:
         """Send a frame, or queue it until the interface has room; True if the interface accepted it at once.
@@ -271,7 +271,7 @@ class CanNetwork(Receiver):
         if self.tap is not None:
             self.tap(cob_id, data, 1, self.loop.now())
         if self.listeners:
-            self._tell(cob_id, data, is_rx=False)
+            self._notify_listeners(cob_id, data, is_rx=False)
         return True
 
     def wait(self, sender: Sender, *, stop: bool) -> None:
@@ -307,21 +307,21 @@ class CanNetwork(Receiver):
         """The gateway's own heartbeat. The cyclic exchange calls it, so that a hung loop stops the drives."""
         self.send(ERROR_CONTROL + node_id, _OPERATIONAL)
 
-    def want_sync(self, node_id: int, *, wanted: bool) -> None:
+    def require_sync(self, node_id: int, *, required: bool) -> None:
         """Whether a node needs SYNC."""
-        (self._sync_for.add if wanted else self._sync_for.discard)(node_id)
-        if self.sync_wanted != bool(self._sync_for):
-            self.sync_wanted = bool(self._sync_for)
+        (self._sync_for.add if required else self._sync_for.discard)(node_id)
+        if self.sync_required != bool(self._sync_for):
+            self.sync_required = bool(self._sync_for)
             if self.sync_changed is not None:
                 self.sync_changed()
 
-    def hold_sync(self, node_id: int, *, held: bool) -> None:
+    def withhold_sync(self, node_id: int, *, withheld: bool) -> None:
         """Whether SYNC is withheld for the sake of a node that nothing else stops."""
-        (self._sync_held.add if held else self._sync_held.discard)(node_id)
+        (self._sync_withheld.add if withheld else self._sync_withheld.discard)(node_id)
 
     def send_sync(self) -> None:
         """One SYNC, from the cyclic exchange."""
-        if not self._sync_held:
+        if not self._sync_withheld:
             self.send(SYNC, b"")
 
     # -- events of the port ---------------------------------------------------------------------------------------------
@@ -334,7 +334,7 @@ class CanNetwork(Receiver):
         if self.tap is not None:
             self.tap(can_id, data, 0, now)
         if self.listeners:
-            self._tell(can_id, data, is_rx=True)
+            self._notify_listeners(can_id, data, is_rx=True)
         callback = self._pdos.get(can_id)
         if callback is not None:
             callback(data, now)
@@ -352,7 +352,7 @@ class CanNetwork(Receiver):
         if self.tap is not None:
             self.tap(can_id | (EXTENDED if extended else 0) | (REMOTE if remote else 0), data, 0, self.loop.now())
         if self.listeners:
-            self._tell(can_id, data, is_rx=True, extended=extended, remote=remote)
+            self._notify_listeners(can_id, data, is_rx=True, extended=extended, remote=remote)
 
     def on_error_frame(self, *, bus_off: bool, passive: bool) -> None:
         """A single disturbed frame is repeated by the controller; only bus-off ends the traffic."""
@@ -369,7 +369,7 @@ class CanNetwork(Receiver):
         if bus_off:
             self.bus_off += 1
             if self.healthy:
-                log.error("CAN bus %s: bus-off", self.name, extra=self._told)
+                log.error("CAN bus %s: bus-off", self.name, extra=self._log_fields)
             self.healthy = False
 
     def on_room(self) -> None:
@@ -388,7 +388,7 @@ class CanNetwork(Receiver):
             self.lost += 1
             self._working = False
             text = f"interface lost ({text}); the gateway opens it again when it is back"
-            log.error("CAN bus %s: %s", self.name, text, extra=self._told)
+            log.error("CAN bus %s: %s", self.name, text, extra=self._log_fields)
         else:
             log.debug("CAN bus %s: %s", self.name, text)
         self._try_later()
@@ -413,7 +413,7 @@ class CanNetwork(Receiver):
     def _is_back(self) -> None:
         self._working = True
         self._pause = _FIRST_PAUSE_NS
-        log.info("CAN bus %s: interface opened again", self.name, extra=self._told)
+        log.info("CAN bus %s: interface opened again", self.name, extra=self._log_fields)
 
     def on_refused(self) -> None:
         """A frame that the interface had taken did not go out."""
@@ -427,7 +427,9 @@ class CanNetwork(Receiver):
         elif now - self._busy_since >= _BUSY_NS:
             self.healthy = False
 
-    def _tell(self, can_id: int, data: bytes, *, is_rx: bool, extended: bool = False, remote: bool = False) -> None:
+    def _notify_listeners(
+        self, can_id: int, data: bytes, *, is_rx: bool, extended: bool = False, remote: bool = False
+    ) -> None:
         requests = remote or bool(can_id & REMOTE)
         message = can.Message(
             timestamp=self.loop.wall(),

@@ -126,7 +126,7 @@ class Loop(abc.ABC):
         self.counters = Counters()
         """Counters of everything that runs on the loop."""
         self.task_errors = 0
-        self._told: set[tuple[str, type[Exception], str]] = set()
+        self._logged: set[tuple[str, type[Exception], str]] = set()
         """Unexpected errors: what they ended, their kind and the place they came from."""
         self.counters.add(
             "loop",
@@ -210,8 +210,8 @@ class Loop(abc.ABC):
         repeated request does not fill the log."""
         self.task_errors += 1
         place = (what, type(error), str(traceback.extract_tb(error.__traceback__, -1)))
-        if place not in self._told:
-            self._told.add(place)
+        if place not in self._logged:
+            self._logged.add(place)
             log.error(
                 "%s caused by an unexpected error; repetitions are only counted from now on", what, exc_info=error
             )

@@ -45,7 +45,7 @@ S = TypeVar("S", bound=NodeSettings)
 _RETRY_ABSENT_NS: Final = 500 * MS
 _LONGEST_SDO_NS: Final = 4 * SECOND
 _RETRY_REFUSED_NS: Final = 5 * SECOND
-_LOOK_AGAIN_NS: Final = 5 * MS
+_RECHECK_NS: Final = 5 * MS
 _FIRST_SIGN_NS: Final = SECOND
 """So soon after NMT start each TPDO has to come, and the heartbeat if its own limit is not longer."""
 _ACYCLIC_PDO_NS: Final = 100 * MS
@@ -166,7 +166,7 @@ class NodeClient(abc.ABC, Generic[S]):
         return self._old_length_errors + sum(slot.errors for slot in self._slots)
 
     @property
-    def heard_ns(self) -> int:
+    def received_ns(self) -> int:
         """Time of the node's last TPDO or heartbeat; 0: never."""
         return max([self._heartbeat, *(slot.time for slot in self._slots)])
 
@@ -207,7 +207,7 @@ class NodeClient(abc.ABC, Generic[S]):
         self.status_text = "stopped"
         self._jobs.fail(self._not_online)
         self._unsubscribe_pdos()
-        self.network.want_sync(self.settings.node_id, wanted=False)
+        self.network.require_sync(self.settings.node_id, required=False)
         network, node_id = self.network.canopen, self.settings.node_id
         if network.nodes.get(node_id) is self.sdo.node:
             del network[node_id]
@@ -301,7 +301,7 @@ class NodeClient(abc.ABC, Generic[S]):
             f"{self.kind.name} {self.settings.node_id}", self.status.value, "online to be read or written"
         )
 
-    def _tell(self, kind: str, text: str) -> None:
+    def _notify(self, kind: str, text: str) -> None:
         self.on_event(NodeEvent(kind, text, time_ns=self.loop.now()))
 
     def _set_status(self, status: NodeStatus, text: str) -> None:
@@ -311,7 +311,7 @@ class NodeClient(abc.ABC, Generic[S]):
         if status is not NodeStatus.ONLINE:
             self._jobs.fail(self._not_online)
         if changed:
-            self._tell("refused" if status is NodeStatus.REFUSED else "status", f"{status.value}: {text}")
+            self._notify("refused" if status is NodeStatus.REFUSED else "status", f"{status.value}: {text}")
 
     def _absent(self, text: str) -> None:
         if self.status is not NodeStatus.LOST:
@@ -320,7 +320,7 @@ class NodeClient(abc.ABC, Generic[S]):
         if self.sdo.answers_late and self._sdo_timeout_ns < _LONGEST_SDO_NS:
             self._slow = 2 * self._sdo_timeout_ns
             self._apply_times()
-            self._tell("slow", f"answers SDO late: the SDO timeout is now {self._slow // MS} ms")
+            self._notify("slow", f"answers SDO late: the SDO timeout is now {self._slow // MS} ms")
 
     def _refuse(self, text: str) -> None:
         self._set_status(NodeStatus.REFUSED, text)
@@ -389,7 +389,7 @@ class NodeClient(abc.ABC, Generic[S]):
                 raise self.sdo.refused(*refused)
             plan = other
             self._check_cob_ids(plan)
-        self._take_plan(plan)
+        self._use_plan(plan)
 
     def _check_cob_ids(self, plan: PdoPlan) -> None:
         """Refuse a plan with the COB-ID of another node: that node would take the commands, or its values would be mixed."""
@@ -419,7 +419,7 @@ class NodeClient(abc.ABC, Generic[S]):
                 if self.network.node_of_pdo(cob_id & STANDARD_ID, UNUSED) not in (UNUSED, node_id):
                     raise self.sdo.refused(step, error) from error
 
-    def _take_plan(self, plan: PdoPlan) -> None:
+    def _use_plan(self, plan: PdoPlan) -> None:
         settings = self.settings
         self._old_length_errors = self.length_errors
         self._slots = [
@@ -430,11 +430,11 @@ class NodeClient(abc.ABC, Generic[S]):
         self._timeout_ns = settings.tpdo_event_ms * settings.tpdo_timeout_factor * MS
         if plan.needs_sync:
             self._timeout_ns = max(self._timeout_ns, settings.cycle_ms * settings.tpdo_timeout_factor * MS)
-        self.network.want_sync(settings.node_id, wanted=plan.needs_sync)
+        self.network.require_sync(settings.node_id, required=plan.needs_sync)
         if plan != self.plan:
             self.plan = plan
             for line in plan.lines:
-                self._tell("plan", line)
+                self._notify("plan", line)
 
     @property
     def _interrupted(self) -> bool:
@@ -450,7 +450,7 @@ class NodeClient(abc.ABC, Generic[S]):
                 raise self.kind.error_type(
                     f"TPDOs of the {self.kind.name}", f"none of {', '.join(missing)}", "each within 1 s of NMT start"
                 )
-            self.loop.sleep(_LOOK_AGAIN_NS)
+            self.loop.sleep(_RECHECK_NS)
 
     def _await_heartbeat(self) -> None:
         """A node whose heartbeat is dead would only be lost again: one that says operational comes first."""
@@ -465,17 +465,17 @@ class NodeClient(abc.ABC, Generic[S]):
                     "no heartbeat with the state operational",
                     f"one within {limit / SECOND:g} s of NMT start",
                 )
-            self.loop.sleep(_LOOK_AGAIN_NS)
+            self.loop.sleep(_RECHECK_NS)
 
     def _supervise(self) -> None:
         """Online: run jobs, monitor heartbeat, TPDOs and boot-ups. Returns when the node must be started again."""
-        self.network.watch(self._look)
+        self.network.watch(self._monitor)
         try:
             self._care()
         finally:
-            self.network.unwatch(self._look)
+            self.network.unwatch(self._monitor)
 
-    def _look(self, now: int) -> None:
+    def _monitor(self, now: int) -> None:
         """Every 20 ms, outside the task, which costs more: it is woken when there is something for it."""
         if self._has_work(now):
             self._wake.set()
@@ -487,7 +487,7 @@ class NodeClient(abc.ABC, Generic[S]):
         return self._lost(now) != ""
 
     def _care(self) -> None:
-        trouble = ""
+        failure = ""
         while True:
             self._wake.wait()
             self._wake.clear()
@@ -510,10 +510,10 @@ class NodeClient(abc.ABC, Generic[S]):
                 return
             try:
                 self._exchange_acyclic(now)
-                trouble = ""
+                failure = ""
             except (SdoAbortedError, SdoCommunicationError, CanopenError, struct.error, ValueError) as error:
-                if trouble != (trouble := str(error)):  # log it once until it changes
-                    self._tell("status", f"object without PDO: {trouble}")
+                if failure != (failure := str(error)):  # log it once until it changes
+                    self._notify("status", f"object without PDO: {failure}")
 
     def _lost(self, now: int) -> str:
         if self._distrusted:

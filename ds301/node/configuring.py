@@ -13,7 +13,7 @@ from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort, abort_text
 from pdgw.ds301.communication import IDENTITY, profile_of
-from pdgw.ds301.configuration import SdoStep, is_taken
+from pdgw.ds301.configuration import SdoStep, has_effect
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop.loop import Loop
 from pdgw.ds301.node.plan import PdoPlan
@@ -63,7 +63,7 @@ class ConfiguringAccess(SdoAccess):
         try:
             self.write(step.index, step.subindex, step.data)
         except SdoAbortedError as error:
-            if step.optional or self._is_fixed_as_wanted(step):
+            if step.optional or self._is_fixed_as_required(step):
                 return
             raise self.refused(step, error) from error
 
@@ -90,7 +90,7 @@ class ConfiguringAccess(SdoAccess):
             try:
                 self.write(step.index, step.subindex, step.data)
             except SdoAbortedError as error:
-                if not (step.optional or self._is_fixed_as_wanted(step)):
+                if not (step.optional or self._is_fixed_as_required(step)):
                     return step, error
         for item in plan.rpdos:
             index = item.pdo.mapping_index
@@ -100,12 +100,12 @@ class ConfiguringAccess(SdoAccess):
                 )
         return None
 
-    def _is_fixed_as_wanted(self, step: SdoStep) -> bool:
+    def _is_fixed_as_required(self, step: SdoStep) -> bool:
         """Whether a read-only communication parameter already has the required effect."""
         if not is_communication_parameter(step.index):
             return False
         try:
-            return is_taken(step, self.read_number(step.index, step.subindex))
+            return has_effect(step, self.read_number(step.index, step.subindex))
         except SdoAbortedError:
             return False
 

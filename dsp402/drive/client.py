@@ -122,15 +122,15 @@ class DriveClient(NodeClient[DriveSettings]):
         """Vendor-ID and product code of the device whose objects were found out,"""
         self._device = (0, 0)
         """and of the one that is there."""
-        self._mode = ModeCheck(sdo, feedback, self._tell)
-        self.rpdos = RpdoSender(network, layout.rpdos[0], node_id, feedback, self._mode, self._wake.set, self._tell)
+        self._mode = ModeCheck(sdo, feedback, self._notify)
+        self.rpdos = RpdoSender(network, layout.rpdos[0], node_id, feedback, self._mode, self._wake.set, self._notify)
         """Sends the parts of each command."""
         network.on_drop.append(self.rpdos.send_again)
         self._mapping = DriveMapping(sdo.read_number)
         self._tpdos = TpdoCheck(sdo, self._mapping)
         self.units = UnitCheck(sdo, feedback, self._units_changed)
         """Reads its units, and its position if no TPDO contains it."""
-        self.own_values = OwnValueKeeper(self._read_if_present, sdo.write, self._tell)
+        self.own_values = OwnValueKeeper(self._read_if_present, sdo.write, self._notify)
         """The drive's values of limits and ramps that the gateway overwrites."""
         self.command = self.own_values.write
         self.write_for_client = self._write_for_client
@@ -203,13 +203,13 @@ class DriveClient(NodeClient[DriveSettings]):
         return self.drive_type
 
     def _units_changed(self, text: str) -> None:
-        self._tell("units", text)
+        self._notify("units", text)
         try:
             self.learn()
         except Exception:
             self.unhold(check=True)  # the bring-up reads them
             raise
-        self._tell("references", "reads its units again")
+        self._notify("references", "reads its units again")
 
     @property
     def _interpolates(self) -> bool:
@@ -259,15 +259,15 @@ class DriveClient(NodeClient[DriveSettings]):
         shown = "an unknown state" if state is None else state.value
         self._is_off = state in _OFF
         if self._is_off:
-            self._tell("off", shown)
+            self._notify("off", shown)
             return
         stop = SdoStep(*CONTROLWORD, CanType.U16, Command.QUICK_STOP.word, "Quick Stop")
         try:
             self.sdo.write_urgently(stop.index, stop.subindex, stop.data)
         except SdoAbortedError as error:
-            self._tell("status", f"in {shown}, and rejects {stop.meaning} by SDO: {error}")
+            self._notify("status", f"in {shown}, and rejects {stop.meaning} by SDO: {error}")
         else:
-            self._tell("status", f"in {shown}: {stop.meaning} by SDO before it is configured")
+            self._notify("status", f"in {shown}: {stop.meaning} by SDO before it is configured")
 
     def _read_if_present(self, index: int, subindex: int) -> bytes | None:
         try:
@@ -304,7 +304,7 @@ class DriveClient(NodeClient[DriveSettings]):
         assert self.plan is not None
         assert drive is not None
         # With SYNC the drive expects a new setpoint each time.
-        self.rpdos.take_plan(self.plan, self._sdo_timeout_ns, 0 if period_us else settings.rpdo_refresh_ms * MS)
+        self.rpdos.use_plan(self.plan, self._sdo_timeout_ns, 0 if period_us else settings.rpdo_refresh_ms * MS)
         self._positions_by_sync = period_us > 0 and all(
             entry.attribute != "target_velocity" for entry in self.rpdos.entries
         )
@@ -351,7 +351,7 @@ class DriveClient(NodeClient[DriveSettings]):
             except Dsp402Error as error:
                 refusal = f"= {value}: {error}"
         if refusal:
-            self._tell("status", f"relative tasks may begin at the last target, also after a stop: 60F2h {refusal}")
+            self._notify("status", f"relative tasks may begin at the last target, also after a stop: 60F2h {refusal}")
 
     def _read_optional(self, index: int, subindex: int) -> int:
         """0 for an object that the drive does not have."""
@@ -396,7 +396,7 @@ class DriveClient(NodeClient[DriveSettings]):
             self.own_values.commit()
         else:
             shown = "an unknown state" if state is None else state.value
-            self._tell("status", f"in {shown}: the drive's own values are not written back; the next start does it")
+            self._notify("status", f"in {shown}: the drive's own values are not written back; the next start does it")
 
     def _configure_guarding(self, drive: DriveType) -> None:
         settings = self.settings
@@ -412,9 +412,9 @@ class DriveClient(NodeClient[DriveSettings]):
                 ),
             )
         if guarding.refusal:
-            self._tell("status", f"not guarded: {guarding.refusal}")
+            self._notify("status", f"not guarded: {guarding.refusal}")
         elif guarding != self.guarding:
-            self._tell("status", f"if the gateway dies, this drive is stopped by {guarding.text}")
+            self._notify("status", f"if the gateway dies, this drive is stopped by {guarding.text}")
         self.guarding = guarding
         self._guarded_by_requests = guarding.life_guarding
         self._heartbeat_expected = guarding.heartbeat or guarding.life_guarding
@@ -429,7 +429,7 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _has_work(self, now: int) -> bool:
         moves = self._moves
-        if self.rpdos.written or self._mode.awaited is not None or (moves and self._tpdos.doubtful):
+        if self.rpdos.written or self._mode.awaited is not None or (moves and self._tpdos.has_unconfirmed):
             return True
         return self.units.watch.is_due(now, moves=moves) or super()._has_work(now)
 

@@ -26,7 +26,7 @@ _RPDO_REFRESHES = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class GuardTimes:
     """Times in milliseconds."""
 
     gateway_node_id: int
@@ -59,12 +59,14 @@ class Guarding:
     """The drive stops when the gateway's SYNC does not come any more."""
 
 
-def guard(wanted: Wanted, write_checked: Callable[[SdoStep], None], read: Callable[[int, int], int]) -> Guarding:
+def guard(wanted: GuardTimes, write_checked: Callable[[SdoStep], None], read: Callable[[int, int], int]) -> Guarding:
     """Have the drive guard the gateway; for the node's task. Raises what ``write_checked`` raises but for refusals."""
     return _by_sync(_by_service(wanted, write_checked, read), wanted, read)
 
 
-def _by_service(wanted: Wanted, write_checked: Callable[[SdoStep], None], read: Callable[[int, int], int]) -> Guarding:
+def _by_service(
+    wanted: GuardTimes, write_checked: Callable[[SdoStep], None], read: Callable[[int, int], int]
+) -> Guarding:
 
     def refused(step: SdoStep) -> str:
         """Why the drive does not take a value; empty when it does."""
@@ -103,7 +105,7 @@ def _by_service(wanted: Wanted, write_checked: Callable[[SdoStep], None], read: 
     return Guarding("nothing", no_consumer, heartbeat=beats)
 
 
-def _by_sync(found: Guarding, wanted: Wanted, read: Callable[[int, int], int]) -> Guarding:
+def _by_sync(found: Guarding, wanted: GuardTimes, read: Callable[[int, int], int]) -> Guarding:
     """``found``, or the loss of SYNC where that is nothing and the drive holds the period."""
     if not (found.refusal and wanted.sync_loss_periods and wanted.sync_period_us):
         return found

@@ -23,12 +23,12 @@ _NO_MODE: Final = 0
 
 
 class ModeCheck:
-    """Checks the mode of one drive. ``tell`` is called with kind and text of an event of the node."""
+    """Checks the mode of one drive. ``notify`` is called with kind and text of an event of the node."""
 
-    def __init__(self, sdo: ConfiguringAccess, feedback: DriveFeedback, tell: Callable[[str, str], None]) -> None:
+    def __init__(self, sdo: ConfiguringAccess, feedback: DriveFeedback, notify: Callable[[str, str], None]) -> None:
         self._sdo = sdo
         self._feedback = feedback
-        self._tell = tell
+        self._notify = notify
         self.awaited: int | None = None
         """A mode that 6061h has not shown yet; no speed is sent meanwhile."""
         self.wrong = ""
@@ -47,7 +47,9 @@ class ModeCheck:
         while (shown := sdo.require(*MODE_DISPLAY, signed=True)) != mode:
             if mode in _SPEED_MODES and (late or (shown == _NO_MODE and sdo.loop.now() > deadline)):
                 self.awaited = mode
-                self._tell("status", f"6061h shows {shown}: mode {mode} is checked again when the operation is enabled")
+                self._notify(
+                    "status", f"6061h shows {shown}: mode {mode} is checked again when the operation is enabled"
+                )
                 return
             if sdo.loop.now() > deadline:
                 raise Dsp402Error("6061h", shown, f"{mode} within {MODE_CONFIRM_NS / SECOND:g} s of 6060h")

@@ -62,18 +62,18 @@ class OwnValueKeeper:
     """Keeps the own values of one drive, in its task.
 
     ``read`` returns the data of an object, None for one that is not there, and nothing for one that cannot be read now.
-    ``write`` raises what an SDO write raises. ``tell`` is called with kind and text of an event.
+    ``write`` raises what an SDO write raises. ``notify`` is called with kind and text of an event.
     """
 
     def __init__(
         self,
         read: Callable[[int, int], bytes | None],
         write: Callable[[int, int, bytes], None],
-        tell: Callable[[str, str], None],
+        notify: Callable[[str, str], None],
     ) -> None:
         self._read = read
         self._write = write
-        self._tell = tell
+        self._notify = notify
         self.identity = (0, 0, 0)
         """Identity of the connected drive."""
         self.save: Callable[[OwnValues], bool] = lambda _: True
@@ -105,7 +105,7 @@ class OwnValueKeeper:
         """This drive is there. The values of another one are dropped."""
         if self._values and identity != self.identity:
             texts = ", ".join(item.text(item.value) for item in self._values.values())
-            self._tell("status", f"another drive (1018h): the kept own values of the last one are dropped: {texts}")
+            self._notify("status", f"another drive (1018h): the kept own values of the last one are dropped: {texts}")
             self._values.clear()
         if self._unproven:
             # The value may be another drive's and too high; what the drive shows can only be too low.
@@ -114,7 +114,7 @@ class OwnValueKeeper:
                 del self._values[item.address]
             if dropped:
                 texts = ", ".join(item.text(item.value) for item in dropped)
-                self._tell(
+                self._notify(
                     "status", f"no serial number (1018h/4): own values of before are not used, check them: {texts}"
                 )
             self._unproven = False
@@ -142,7 +142,7 @@ class OwnValueKeeper:
                 continue
             data = self._read(*kept.address)
             if data == b"":
-                self._tell("status", f"{kept.text(kept.value)} is not written back: it cannot be read now")
+                self._notify("status", f"{kept.text(kept.value)} is not written back: it cannot be read now")
                 continue
             shown = int.from_bytes(data or b"", "little")
             if data is None or shown == kept.value:
@@ -154,13 +154,15 @@ class OwnValueKeeper:
                 try:
                     self._write(*kept.address, kept.value.to_bytes(kept.size, "little"))
                 except SdoAbortedError as error:
-                    self._tell("status", f"{kept.text(shown)}: the own value {kept.value} is not written back: {error}")
+                    self._notify(
+                        "status", f"{kept.text(shown)}: the own value {kept.value} is not written back: {error}"
+                    )
                     continue
             else:
                 text = f"{kept.text(shown)} is the drive's own value now, {kept.value} before: another tool wrote it"
             del self._values[kept.address]
             if text:
-                self._tell("status", text)
+                self._notify("status", text)
 
     def carry(self, carried: Collection[ObjectAddress], *, off: bool) -> None:
         """At a start of the node, before it is asked for its limits: write back what the gateway does not overwrite from now on.
@@ -182,7 +184,7 @@ class OwnValueKeeper:
         if data := self._read(*address):
             self._values[address] = OwnValue(*address, len(data), int.from_bytes(data, "little"))
         elif data is not None:
-            self._tell("status", f"{address[0]:04X}h cannot be read now: its own value is not kept")
+            self._notify("status", f"{address[0]:04X}h cannot be read now: its own value is not kept")
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
         """Write an object by SDO in operation; its own value is saved before."""

@@ -63,13 +63,13 @@ class RpdoSender:
         feedback: DriveFeedback,
         mode: ModeCheck,
         wake: Callable[[], None],
-        tell: Callable[[str, str], None],
+        notify: Callable[[str, str], None],
     ) -> None:
         self._network = network
         self._feedback = feedback
         self._mode = mode
         self._wake = wake
-        self._tell = tell
+        self._notify = notify
         self.control = _Sender(control, control.cob_id(node_id))
         self.written: list[_Values] = []
         """Objects without RPDO."""
@@ -98,7 +98,7 @@ class RpdoSender:
         self._commanded_at = 0
         """When the command was given that is sent now, or waits for its turn."""
 
-    def take_plan(self, plan: PdoPlan, sdo_timeout_ns: int, refresh_ns: int) -> None:
+    def use_plan(self, plan: PdoPlan, sdo_timeout_ns: int, refresh_ns: int) -> None:
         """Send by another plan: nothing of it has been sent yet. After ``refresh_ns`` an RPDO is sent again."""
         self._refresh_ns = refresh_ns
         *data, control = plan.rpdos
@@ -223,7 +223,7 @@ class RpdoSender:
         if refused or now - self._held_since > self._hold_limit_ns:
             self.set_point_refused = True
             cause = refused[0] if refused else f"data not written within {self._hold_limit_ns // MS} ms"
-            self._tell("set-point", f"not started: {cause}")
+            self._notify("set-point", f"not started: {cause}")
         return False
 
     # -- in the node's task: objects outside the RPDOs -----------------------------------------------------------------
@@ -250,7 +250,7 @@ class RpdoSender:
             text = f"{entry}: {error}"
             if text != values.error:  # log it once until it changes
                 values.error = text
-                self._tell("status", f"object without PDO: {text}")
+                self._notify("status", f"object without PDO: {text}")
             values.retry_at = now + _RETRY_VALUE_NS
             # A setpoint that started meanwhile allows a new attempt.
             values.refused = data if held_since == self._held_since else None

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from pdgw.ds301.node.node import NodeSettings
-from pdgw.dsp402.drive.guarding import Wanted
+from pdgw.dsp402.drive.guarding import GuardTimes
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.units.unit_keys import UnitKeys
@@ -45,11 +45,11 @@ class DriveSettings(NodeSettings):
         """From one SYNC to the next where setpoints take effect with it, microseconds; 0: they do not."""
         return self.interpolation_us if self.interpolates(drive) else self.sync_period_us
 
-    def guarding_of(self, drive: DriveType, control_index: int) -> Wanted:
+    def guarding_of(self, drive: DriveType, control_index: int) -> GuardTimes:
         """How this drive must monitor the gateway. ``control_index``: index of the RPDO with the Controlword."""
         # The RPDO may contain a mode without SYNC supervision (homing).
         cyclic = drive.mode_for(self.initial_mode) in _CYCLIC_MODES
-        return Wanted(
+        return GuardTimes(
             self.gateway_node_id,
             self.heartbeat_ms,
             self.heartbeat_factor,

@@ -40,9 +40,9 @@ class TpdoCheck:
         self.dropped = ""
 
     @property
-    def doubtful(self) -> bool:
+    def has_unconfirmed(self) -> bool:
         """There are objects to compare."""
-        return self._values.doubtful
+        return self._values.has_unconfirmed
 
     def check(self, now: int, timeout_ns: int) -> None:
         """Once a second; where a TPDO showed something else than its object, after its time-out.
@@ -55,17 +55,17 @@ class TpdoCheck:
                 values.see(slot.pdo, slot.data, slot.time)
         if now < self._due:
             return
-        for doubt in values.doubts:
-            entry = doubt.entry
+        for suspect in values.unconfirmed:
+            entry = suspect.entry
             try:
                 held = self._sdo.read(*entry.address)
             except SdoAbortedError:
-                values.trust(doubt)
+                values.trust(suspect)
                 continue
-            if values.compare(doubt, held, now):
+            if values.compare(suspect, held, now):
                 self._mapping.drop(entry.address)
-                shown, there = (int.from_bytes(data, "little") for data in (doubt.first, held))
+                shown, there = (int.from_bytes(data, "little") for data in (suspect.first, held))
                 self.dropped = (
-                    f"{doubt.pdo} accepts {entry} but does not send it: it shows {shown}, the object contains {there}"
+                    f"{suspect.pdo} accepts {entry} but does not send it: it shows {shown}, the object contains {there}"
                 )
         self._due = now + (timeout_ns if values.contradicted else _PERIOD_NS)

@@ -61,7 +61,7 @@ class UnitCheck:
                     watch.forget(address)
                 watch.asked = None
             else:
-                if value is None and not watch.give_up(now):
+                if value is None and not watch.has_timed_out(now):
                     return
                 if value is not None:
                     self._take(address, value, now, acyclic_read)
@@ -78,13 +78,13 @@ class UnitCheck:
     def _take(self, address: ObjectAddress, value: int, now: int, acyclic_read: int) -> None:
         watch = self.watch
         watch.asked = None
-        if address not in watch.told:
+        if address not in watch.last_values:
             # A drive that has left Operational still answers SDOs, but its last TPDO, with 606Ch, is outdated.
             velocity_ns = max((slot.time for slot in self._velocities), default=acyclic_read)
             since = watch.asked_ns - watch.read_ns
             if (now - watch.asked_ns) * _SDO_STEP <= since and velocity_ns > watch.read_ns:
                 self._feedback.position_actual, watch.read_ns = value, watch.asked_ns
             return
-        if value != (told := watch.told[address]):
+        if value != (last := watch.last_values[address]):
             name = f"{address[0]:04X}h" + (f"/{address[1]}" if address[1] else "")
-            self._changed(f"{name} was {told:X}h and is {value:X}h now: another tool has changed the units")
+            self._changed(f"{name} was {last:X}h and is {value:X}h now: another tool has changed the units")

@@ -94,7 +94,7 @@ def describe(
     identity = answers.get(IDENTITY_VENDOR, 0), answers.get(IDENTITY_PRODUCT, 0), device_name
     family = overlay(family_name) if family_name else overlay_for(*identity)
     modes = _modes(dictionary, answers, family)
-    vl = _speaks_vl(modes)
+    vl = _uses_vl(modes)
     entries = _entries(dictionary, family, vl=vl)
     entries = {name: entry for name, entry in entries.items() if entry.address not in OPTIONAL_OBJECTS - answers.keys()}
     quirks = family.drive_quirks if family else Quirks()
@@ -122,7 +122,7 @@ def describe(
     )
 
 
-def _speaks_vl(modes: Mapping[int, str]) -> bool:
+def _uses_vl(modes: Mapping[int, str]) -> bool:
     """Whether velocity mode (vl) is all a drive has for a speed."""
     return Mode.VL_VELOCITY in modes and not modes.keys() & {Mode.VELOCITY.value, Mode.CYCLIC_VELOCITY.value}
 

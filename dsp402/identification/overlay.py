@@ -312,8 +312,8 @@ def entries_of(families: tuple[str, ...]) -> Mapping[tuple[int, int], Entry]:
 
 def with_units(entries: Iterable[Entry], families: tuple[str, ...]) -> tuple[Entry, ...]:
     """Objects with the units these families give them."""
-    told = [overlays()[family] for family in families]
-    found = ((entry, [text for item in told if (text := item.unit_of(*entry.address))]) for entry in entries)
+    selected = [overlays()[family] for family in families]
+    found = ((entry, [text for item in selected if (text := item.unit_of(*entry.address))]) for entry in entries)
     return tuple(replace(entry, unit=texts[0]) if texts else entry for entry, texts in found)
 
 

@@ -19,7 +19,7 @@ CONTRADICTIONS = 3
 
 
 @dataclass(slots=True, eq=False)
-class Doubt:
+class UnconfirmedValue:
     """An object whose place in a PDO has not changed yet."""
 
     pdo: Pdo
@@ -40,52 +40,52 @@ class PdoValueCheck:
     """The check of one drive, from one start to the next, for the objects of ``MOTION``."""
 
     def __init__(self, pdos: Iterable[Pdo]) -> None:
-        self._doubts: list[Doubt] = []
+        self._unconfirmed: list[UnconfirmedValue] = []
         for pdo in pdos:
             begin = 0
             for entry in pdo.entries:
                 if entry.attribute in MOTION:
-                    self._doubts.append(Doubt(pdo, entry, begin))
+                    self._unconfirmed.append(UnconfirmedValue(pdo, entry, begin))
                 begin += entry.type.bits // 8
 
     def see(self, pdo: Pdo, data: bytes, time: int) -> None:
         """The newest frame of a TPDO: its bytes, and when it came."""
         kept = []
-        for doubt in self._doubts:
-            if doubt.pdo is pdo:
-                place = doubt.place(data)
-                doubt.first = doubt.first or place
-                if place != doubt.first:
+        for suspect in self._unconfirmed:
+            if suspect.pdo is pdo:
+                place = suspect.place(data)
+                suspect.first = suspect.first or place
+                if place != suspect.first:
                     continue
-                doubt.seen = time
-            kept.append(doubt)
-        self._doubts = kept
+                suspect.seen = time
+            kept.append(suspect)
+        self._unconfirmed = kept
 
     @property
-    def doubtful(self) -> bool:
+    def has_unconfirmed(self) -> bool:
         """There are objects whose place has not changed yet."""
-        return bool(self._doubts)
+        return bool(self._unconfirmed)
 
     @property
-    def doubts(self) -> Iterator[Doubt]:
+    def unconfirmed(self) -> Iterator[UnconfirmedValue]:
         """Objects to read; without those that were in no frame yet."""
-        return (doubt for doubt in tuple(self._doubts) if doubt.first)
+        return (suspect for suspect in tuple(self._unconfirmed) if suspect.first)
 
-    def trust(self, doubt: Doubt) -> None:
+    def trust(self, suspect: UnconfirmedValue) -> None:
         """Stop checking the object, which cannot be read."""
-        self._doubts.remove(doubt)
+        self._unconfirmed.remove(suspect)
 
     @property
     def contradicted(self) -> bool:
         """An object had another value at its last reading."""
-        return any(doubt.contradictions for doubt in self._doubts)
+        return any(suspect.contradictions for suspect in self._unconfirmed)
 
-    def compare(self, doubt: Doubt, held: bytes, now: int) -> bool:
+    def compare(self, suspect: UnconfirmedValue, held: bytes, now: int) -> bool:
         """What the object holds; True when its place in the PDO has contradicted that often enough.
 
         Without a frame since the last time nothing is learned: frames may be late or lost.
         """
-        if doubt.seen > doubt.compared:
-            doubt.contradictions = doubt.contradictions + 1 if held != doubt.first else 0
-            doubt.compared = now
-        return doubt.contradictions >= CONTRADICTIONS
+        if suspect.seen > suspect.compared:
+            suspect.contradictions = suspect.contradictions + 1 if held != suspect.first else 0
+            suspect.compared = now
+        return suspect.contradictions >= CONTRADICTIONS

@@ -34,7 +34,7 @@ UNIT_RATIOS = (
 UNIT_OBJECTS: frozenset[int] = frozenset({*SI_UNITS, *(index for pair in NOTATIONS for index in pair), *UNIT_RATIOS})
 """Every object that defines a unit."""
 _UNIT_NAMES: dict[str, int] = {f"{index:04X}h": index for index in sorted(UNIT_OBJECTS)}
-_WITNESS = (Fraction(1, 5), Fraction(5))
+_RATIOS = (Fraction(1, 5), Fraction(5))
 """A limit of the velocity that confirms a unit is within this of the motor's speed."""
 
 
@@ -105,18 +105,18 @@ class Mechanics:
         ratio = _ratio(self.answers, index)
         return None if ratio == 1 else ratio
 
-    def witnessed(self, per_rpm: Fraction, limit: int | None) -> bool:
+    def limit_confirms(self, per_rpm: Fraction, limit: int | None) -> bool:
         """Whether a limit of the velocity in these units (``per_rpm`` of them are one rpm) is about the motor's speed."""
         rated: Fraction | int | None = self.limit(indices.MAX_MOTOR_SPEED) or self.keys.rated_speed_rpm
-        return limit is not None and rated is not None and _WITNESS[0] <= limit / per_rpm / rated <= _WITNESS[1]
+        return limit is not None and rated is not None and _RATIOS[0] <= limit / per_rpm / rated <= _RATIOS[1]
 
     def unit(self, order: int, configured: str, key: str, own: str) -> Unit | Unknown | None:
         """The unit of positions or accelerations from all sources but the factor group."""
         if configured:
             return parse_unit(configured, order, key)
-        return self.told_unit(order) or self.noted_unit(order) or (parse_unit(own, order, self.name) if own else None)
+        return self.read_unit(order) or self.noted_unit(order) or (parse_unit(own, order, self.name) if own else None)
 
-    def told_unit(self, order: int) -> Unit | Unknown | None:
+    def read_unit(self, order: int) -> Unit | Unknown | None:
         """60A8h to 60AAh; an unknown unit is not derived from other objects."""
         index, value = SI_UNITS[order], self.number(SI_UNITS[order])
         if not value:

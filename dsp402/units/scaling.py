@@ -93,8 +93,8 @@ def _rated_speed(mechanics: Mechanics, velocity: Found, *, vl: bool) -> Found:
     if vl and highest is not None and isinstance(velocity, Known):
         return Known(highest / velocity.value, "6046h/2")
     value = mechanics.number(indices.MAX_MOTOR_SPEED)
-    told = "the drive has no Max Motor Speed 6080h" if value is None else f"Max Motor Speed 6080h is {value}"
-    return Unknown(f"{told}, the source of 100 %", "rated_speed_rpm")
+    source_text = "the drive has no Max Motor Speed 6080h" if value is None else f"Max Motor Speed 6080h is {value}"
+    return Unknown(f"{source_text}, the source of 100 %", "rated_speed_rpm")
 
 
 def find_scaling(

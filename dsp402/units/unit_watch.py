@@ -40,7 +40,7 @@ class UnitWatch:
 
     def __init__(self, answers: Mapping[ObjectAddress, int]) -> None:
         self._turn = [address for index in _WATCHED for address in sorted(answers) if address[0] == index]
-        self.told = {address: answers[address] for address in self._turn}
+        self.last_values = {address: answers[address] for address in self._turn}
         """The last value of each of these objects."""
         self.position_missing = False
         """False: the position is in a TPDO, or the drive has none."""
@@ -75,7 +75,7 @@ class UnitWatch:
         self.asked_ns = now
         return self.asked
 
-    def give_up(self, now: int) -> bool:
+    def has_timed_out(self, now: int) -> bool:
         """Whether the pending request has timed out."""
         if now - self.asked_ns < _PATIENCE_NS:
             return False

@@ -51,12 +51,12 @@ class _Sources:
         stated = self._configuration()
         if family.ask:
             return stated or Unknown(f"{mechanics.name}: {family.ask}")
-        told = [*(self._vl() if self.vl else self._objects())]
+        declared = [*(self._vl() if self.vl else self._objects())]
         # The configuration overrides the profile and the package's table, but not the drive's own values.
         table = [*(self._profile() if self.vl else self._table())]
         if stated is not None:
-            return self._agreeing(stated, [claim for claim in told if isinstance(claim, Known)])
-        claims = [*told, *table]
+            return self._agreeing(stated, [claim for claim in declared if isinstance(claim, Known)])
+        claims = [*declared, *table]
         for claim in claims:
             if isinstance(claim, Unknown):
                 return claim
@@ -82,7 +82,7 @@ class _Sources:
 
     def _objects(self) -> Iterator[Found]:
         mechanics = self.mechanics
-        for unit in (mechanics.told_unit(1), mechanics.noted_unit(1)):
+        for unit in (mechanics.read_unit(1), mechanics.noted_unit(1)):
             if unit is not None:
                 yield mechanics.per_rpm(unit, "velocities")
         yield from self._factors()
@@ -138,7 +138,7 @@ class _Sources:
         for index in VL_FACTORS:
             if mechanics.ratio(index) is not None:
                 yield Unknown(f"{index:04X}h is not 1")
-        unit = mechanics.told_unit(1)
+        unit = mechanics.read_unit(1)
         if unit is not None:
             yield mechanics.per_rpm(unit, "velocities")
 
@@ -153,29 +153,29 @@ class _Sources:
         if isinstance(counts, Unknown):
             return Unknown("neither an object of the drive nor an overlay defines the velocity unit")
         claim = Known(counts.value / SECONDS_PER_MINUTE, counts.source, True)
-        if self.mechanics.witnessed(_RPM, self.limit):
+        if self.mechanics.limit_confirms(_RPM, self.limit):
             return Unknown(f"{counts.source} applies to positions, and {self.limit_name} {self.limit} may be in rpm")
         return self._confirmed(claim)
 
     # -- choice of a source -----------------------------------------------------------------------------------------------
 
     def _confirmed(self, claim: Known) -> Found:
-        if not claim.by_position or self.mechanics.witnessed(claim.value, self.limit):
+        if not claim.by_position or self.mechanics.limit_confirms(claim.value, self.limit):
             return claim
         limit, name = self.limit, self.limit_name
         seen = f"{name} {limit} would be {amount(limit / claim.value)} rpm" if limit else f"{name} has no limit"
         key = "counts_per_revolution" if self.mechanics.keys.velocity_unit else "velocity_unit"
         return Unknown(f"{claim.source} applies to positions and is not confirmed for velocities ({seen})", key)
 
-    def _agreeing(self, stated: Found, told: Sequence[Known]) -> Found:
+    def _agreeing(self, stated: Found, declared: Sequence[Known]) -> Found:
         """The configured value, unless all sources of the drive contradict it."""
         stated = self._confirmed(stated) if isinstance(stated, Known) else stated
         if isinstance(stated, Unknown):
             return stated
-        believed = [claim for claim in told if isinstance(self._confirmed(claim), Known)]
-        if not believed or any(_agree(stated, claim) for claim in believed):
+        accepted = [claim for claim in declared if isinstance(self._confirmed(claim), Known)]
+        if not accepted or any(_agree(stated, claim) for claim in accepted):
             return stated
-        return Unknown(f"{self._differ(stated, believed[0])}; correct velocity_unit, or", "ignored_unit_objects")
+        return Unknown(f"{self._differ(stated, accepted[0])}; correct velocity_unit, or", "ignored_unit_objects")
 
     def _differ(self, one: Known, other: Known) -> str:
         index = VL_TARGET_VELOCITY if self.vl else TARGET_VELOCITY

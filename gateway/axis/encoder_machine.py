@@ -25,7 +25,7 @@ from pdgw.gateway.axis.values import (
     gateway_fault,
 )
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.reasons import FaultNumber, OrderDoubt, Reason
+from pdgw.gateway.reasons import FaultNumber, Reason, UnconfirmedOrder
 from pdgw.profidrive.encoder import EncoderControl, SensorError, SensorState, speed_normalisation
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.normalisation import Normalisation
@@ -55,14 +55,14 @@ _LATCHED = (
 class EncoderInputs:
     """Inputs of one step of an encoder; one object, filled again for each step. The step empties ``news``."""
 
-    __slots__ = ("doubt", "news", "now", "ok", "setpoints", "source")
+    __slots__ = ("news", "now", "ok", "setpoints", "source", "unconfirmed")
 
     def __init__(self, source: EncoderInput) -> None:
         self.now = 0
         """Monotonic nanoseconds."""
         self.setpoints: Sequence[int] | None = None
         """Raw signal values in telegram order, None without a valid PLC."""
-        self.doubt = OrderDoubt.NONE
+        self.unconfirmed = UnconfirmedOrder.NONE
         """Whether the PLC may have ordered something else than ``setpoints``."""
         self.source = source
         self.ok = False
@@ -93,7 +93,7 @@ class EncoderMachine:
         self._speed: Normalisation | None = None
         self._usable = False
         self._sensor_word: int | None = None
-        self._life_failed = False
+        self._sign_of_life_failed = False
         self._preset: SdoWrite | None = None
         self._refused: ProfidriveError | None = None
 
@@ -134,7 +134,7 @@ class EncoderMachine:
         """Continue after the machine of another telegram of the same encoder."""
         self.channel.sensor.preset_value = other.channel.sensor.preset_value
         self._node = other._node
-        self._node.tell_to(self.outputs)
+        self._node.report_to(self.outputs)
 
     def tolerate(self, failures: int) -> None:
         """Set P925, the number of consecutive failures of the sign of life, and restart the count."""
@@ -148,16 +148,16 @@ class EncoderMachine:
         now, ok, source = inputs.now, inputs.ok, inputs.source
         if outputs.eventful:
             outputs.forget()
-        told = False
+        new_fault = False
         if inputs.news:
-            self._take_news()
-            told = any(record.number in _LATCHED and not record.is_warning for record in outputs.faults)
+            self._process_news()
+            new_fault = any(record.number in _LATCHED and not record.is_warning for record in outputs.faults)
         if self._refused is not None:
             outputs.fault(gateway_fault(FaultNumber.REFERENCE, str(self._refused), now))
             self._refused = None
         # Without the encoder an acknowledgement cannot check that the error is gone.
         cause = self.faulty
-        fault = told or (cause if ok else control.fault)
+        fault = new_fault or (cause if ok else control.fault)
         adapter.read(inputs.setpoints)
         status = control.step(adapter.control, fault=fault, warning=ok and source.warnings != 0)
         if adapter.control is None:
@@ -180,10 +180,10 @@ class EncoderMachine:
         outputs.warning = self.in_error
         return outputs
 
-    def _take_news(self) -> None:
+    def _process_news(self) -> None:
         for item in self.inputs.news:
             if isinstance(item, NodeNotice):
-                self._node.take(item)
+                self._node.process(item)
             elif isinstance(item, SdoAnswer):
                 self._answered(item)
             elif isinstance(item, RestartAsked):
@@ -203,10 +203,10 @@ class EncoderMachine:
 
     def _sign_of_life_error(self) -> SensorError | None:
         failed = self.control.sign_of_life.failed
-        if failed and not self._life_failed:
+        if failed and not self._sign_of_life_failed:
             detail = f"more than {self.settings.sign_of_life_failures} failures in succession"
             self.outputs.fault(gateway_fault(FaultNumber.SIGN_OF_LIFE, detail, self.inputs.now))
-        self._life_failed = failed
+        self._sign_of_life_failed = failed
         return SensorError.CONTROLLER_SIGN_OF_LIFE if failed else None
 
     def _normalised(self, speed: int) -> int:
@@ -228,5 +228,5 @@ class EncoderMachine:
         if not self.control.has_control:
             return Reason.ENCODER_NO_CONTROL
         reason = _SENSOR_REASONS.get(self.channel.sensor.state)
-        dropped = reason is None and self.inputs.doubt is OrderDoubt.DROPPED
+        dropped = reason is None and self.inputs.unconfirmed is UnconfirmedOrder.DROPPED
         return Reason.ORDER_DROPPED if dropped else reason

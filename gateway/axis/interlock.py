@@ -164,7 +164,7 @@ class Interlock:
         self,
         wish: PowerWish | None,
         acknowledge: bool,
-        trouble: Drive | None,
+        condition: Drive | None,
         statusword: int,
         standstill: bool,
         now: int,
@@ -172,7 +172,7 @@ class Interlock:
         """One cycle.
 
         ``wish``: None while there is no PLC, or the stop of a frame that does not count otherwise (NO_PLC_QUICK_STOP,
-        NO_PLC_COAST), which wins over a reaction of lower rank. ``acknowledge``: its bit, a level. ``trouble``: LOST or
+        NO_PLC_COAST), which wins over a reaction of lower rank. ``acknowledge``: its bit, a level. ``condition``: LOST or
         NO_REFERENCES, which go before what the Statusword shows. ``standstill``: the actual speed is inside the standstill
         window. ``now``: monotonic nanoseconds.
         """
@@ -180,7 +180,7 @@ class Interlock:
             wish is _ENABLE
             and self._steady
             and statusword & STATE_MASK == self._steady_status
-            and trouble is None
+            and condition is None
             and not acknowledge
         ):
             return
@@ -211,8 +211,8 @@ class Interlock:
                 wish = PowerWish.RESUME
             armed = self._acknowledge_armed
         seen: Drive | None = None
-        if trouble is not None:
-            drive = trouble
+        if condition is not None:
+            drive = condition
             self._acknowledge_armed = armed = False
         else:
             drive = seen = _DRIVE_OF_STATUS[statusword & STATE_MASK]

@@ -49,7 +49,7 @@ from pdgw.gateway.axis.supervision.drive_events import (
     NodeWatch,
 )
 from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
-from pdgw.gateway.axis.supervision.sign_of_life import LifeWords
+from pdgw.gateway.axis.supervision.sign_of_life import SignOfLifeWords
 from pdgw.gateway.axis.supervision.stop_supervision import StopWatch
 from pdgw.gateway.axis.supervision.velocity_check import VelocityCheck
 from pdgw.gateway.axis.telegrams import SECOND_SENSOR_NUMBERS, Kind, drive_telegram, make_adapter
@@ -66,15 +66,15 @@ from pdgw.gateway.axis.values import (
     gateway_fault,
 )
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.reasons import FaultNumber, OrderDoubt, Reason
+from pdgw.gateway.reasons import FaultNumber, Reason, UnconfirmedOrder
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.telegrams import telegram
 
 _OF_THE_DRIVE: Final = Flag.OF_THE_DRIVE
 _WARNING: Final = Flag.WARNING
-_DROPPED: Final = OrderDoubt.DROPPED
-_WAITS: Final = OrderDoubt.WAITS
+_DROPPED: Final = UnconfirmedOrder.DROPPED
+_WAITS: Final = UnconfirmedOrder.WAITS
 _LOCKS: Final = (Phase.LOCKED, Phase.UNCONFIRMED, Phase.COAST)
 _INTERNAL_LIMIT: Final = StatusBit.INTERNAL_LIMIT
 _FOLLOW: Final = Phase.FOLLOW
@@ -145,7 +145,7 @@ class AxisMachine:
         self._drive = DriveWatch(self.outputs)
         self.acknowledgement = Acknowledgement()
         has_life = "STW2" in self.telegram.setpoints.names
-        self.life = LifeWords(self.telegram, settings.sign_of_life_failures) if has_life else None
+        self.life = SignOfLifeWords(self.telegram, settings.sign_of_life_failures) if has_life else None
         self._stop = StopWatch(settings.reaction_ns, settings.stop_time_ns)
         self.check = VelocityCheck(settings.stop_time_ns)
         self._follows_speed = kind is Kind.SPEED or kind is Kind.LOAD
@@ -176,7 +176,7 @@ class AxisMachine:
     def adopt(self, other: AxisMachine) -> None:
         """Continue after the machine of another telegram of the same drive; the interlock of the new one is locked."""
         self._node = other._node
-        self._node.tell_to(self.outputs)
+        self._node.report_to(self.outputs)
         self.check.locked = other.check.locked
 
     @property
@@ -199,7 +199,7 @@ class AxisMachine:
         if outputs.eventful:
             outputs.forget()
         if inputs.news:
-            self._take_news()
+            self._process_news()
         commanded = outputs.command.controlword
         statusword = feedback.statusword
         demand.fresh = inputs.fresh
@@ -212,7 +212,7 @@ class AxisMachine:
                 setpoints = None
         self.adapter.read(setpoints, demand)
         wish = demand.power if demand.connected else self._stop_without_plc()
-        if inputs.doubt is _WAITS and wish in OFFS and interlock.phase in _LOCKS:
+        if inputs.unconfirmed is _WAITS and wish in OFFS and interlock.phase in _LOCKS:
             wish = PowerWish.STOP  # the PLC may send ON already, so this OFF releases nothing
         if not demand.in_control:
             self._without_control()
@@ -221,8 +221,8 @@ class AxisMachine:
         if self._usable and not self.check.locked:
             velocity, window = feedback.velocity_actual, self._window
             inputs.standstill = standstill = -window <= velocity <= window
-            trouble = None if drive_ok else _LOST
-            interlock.step(wish, demand.acknowledge, trouble, statusword, standstill, now)
+            condition = None if drive_ok else _LOST
+            interlock.step(wish, demand.acknowledge, condition, statusword, standstill, now)
             between = self._interpolation
             reason = executor.step() if between is None else between.step(executor)
             self._check_velocity(interlock.action, now)
@@ -236,10 +236,10 @@ class AxisMachine:
                 report.flags = statusword & _OF_THE_DRIVE | SHOWN_FAULT
         else:
             powered = drive_ok and STATE_OF_STATUS[statusword & STATE_MASK] in POWERED
-            trouble = _POWERED_UNREAD if powered else _NO_REFERENCES
-            interlock.step(wish, demand.acknowledge, trouble, statusword, False, now)
-            doubt = _UNITS_CONTRADICTED if self.check.locked else interlock.reason
-            reason = doubt if drive_ok else _DRIVE_OFFLINE
+            condition = _POWERED_UNREAD if powered else _NO_REFERENCES
+            interlock.step(wish, demand.acknowledge, condition, statusword, False, now)
+            drive_reason = _UNITS_CONTRADICTED if self.check.locked else interlock.reason
+            reason = drive_reason if drive_ok else _DRIVE_OFFLINE
             if self._interpolation is None:
                 executor.refuse()
             else:
@@ -256,7 +256,7 @@ class AxisMachine:
         if self.shows_codes:
             report.fault_code, report.warning_code = inputs.fault_code, inputs.warning_code
         self.adapter.write(report, outputs.actuals)
-        if inputs.doubt:
+        if inputs.unconfirmed:
             for place, mask in self.claims:
                 outputs.actuals[place] &= ~mask
         outputs.good = drive_ok
@@ -288,12 +288,12 @@ class AxisMachine:
         limited, refused = shown & _INTERNAL_LIMIT != 0, inputs.set_point_refused
         if reason is None and (limited or refused):
             reason = Reason.SET_POINT_REFUSED if refused else Reason.INTERNAL_LIMIT
-        if reason is None and inputs.doubt is _DROPPED:
+        if reason is None and inputs.unconfirmed is _DROPPED:
             reason = Reason.ORDER_DROPPED
         outputs.reason = reason
         outputs.warning = outputs.warned or limited or refused or self._control_lost
         if outputs.found:
-            self._tell_found()
+            self._report_found()
         return outputs
 
     def _check_velocity(self, action: Action, now: int) -> None:
@@ -342,7 +342,7 @@ class AxisMachine:
         setpoints = self.inputs.setpoints
         return None if setpoints is None else _STOPS_WITHOUT_PLC.get(WISHES[setpoints[0] & POWER_BITS])
 
-    def _tell_found(self) -> None:
+    def _report_found(self) -> None:
         outputs = self.outputs
         for number, detail in outputs.found:
             outputs.fault(gateway_fault(number, detail, self.inputs.now))
@@ -373,7 +373,7 @@ class AxisMachine:
 
     # -- events since the last cycle ----------------------------------------------------------------------------------
 
-    def _take_news(self) -> None:
+    def _process_news(self) -> None:
         inputs, outputs = self.inputs, self.outputs
         for item in inputs.news:
             if isinstance(item, NodeNotice):
@@ -383,7 +383,7 @@ class AxisMachine:
                     self.check.locked = True
                     outputs.found.append((FaultNumber.VELOCITY, item.text))
                 else:
-                    self._node.take(item)
+                    self._node.process(item)
             elif isinstance(item, Configured):
                 if item.restarted:
                     self.interlock.restarted()
@@ -404,7 +404,7 @@ class AxisMachine:
                     self.executor.probed(item)
             elif isinstance(item, FaultRead):
                 self._drive.fault_read(item, inputs.feedback, self._node.faults, inputs.now)
-                self._node.told(item.code)
+                self._node.set_error_code(item.code)
             else:
                 self._node.restart_asked()
         inputs.news.clear()

@@ -156,7 +156,7 @@ UNPOWERED: Final = (D.NOT_READY, D.DISABLED, D.READY, D.SWITCHED_ON, D.ENTERING,
 OFF: Final = (D.NOT_READY, D.DISABLED, D.FELL_OFF)
 """Without power, and no Controlword on its way can change that."""
 UNREAD: Final = (D.POWERED_UNREAD, D.NO_REFERENCES, D.RESTARTED)
-OBEYING: Final = (P.FOLLOW, P.PASS)
+RUNNING: Final = (P.FOLLOW, P.PASS)
 STOPPING: Final = (P.RAMP_STOP, P.SHUTDOWN, P.QUICK_STOP)
 RAMPING: Final = (P.RAMP_STOP, P.SHUTDOWN)
 
@@ -287,10 +287,10 @@ ROWS: Final = (
     ),
     Row((P.LOCKED,), SHOWS_OPERATION, ANY_WISH, None, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "power off was commanded"),
     # The loss of the PLC, or of its control, in operation.
-    Row(OBEYING, (D.OPERATING,), RAMPS, P.RAMP_STOP, A.RAMP, Reason.RAMP_STOP, "as OFF1"),
-    Row(OBEYING, (D.STANDING,), RAMPS, P.SHUTDOWN, A.RAMP_END, Reason.RAMP_STOP, "as OFF1 at standstill"),
+    Row(RUNNING, (D.OPERATING,), RAMPS, P.RAMP_STOP, A.RAMP, Reason.RAMP_STOP, "as OFF1"),
+    Row(RUNNING, (D.STANDING,), RAMPS, P.SHUTDOWN, A.RAMP_END, Reason.RAMP_STOP, "as OFF1 at standstill"),
     Row(
-        OBEYING,
+        RUNNING,
         (D.LEAVING,),
         (*RAMPS, W.HOLD),
         P.SHUTDOWN,
@@ -299,7 +299,7 @@ ROWS: Final = (
         "a ramp would enable the drive again",
     ),
     Row(
-        OBEYING,
+        RUNNING,
         (D.ENTERING,),
         (*RAMPS, *QUICK_STOP_WISHES),
         P.UNCONFIRMED,
@@ -308,7 +308,7 @@ ROWS: Final = (
         "the drive may be in operation already",
     ),
     Row(
-        (*OBEYING, *RAMPING),
+        (*RUNNING, *RAMPING),
         SHOWS_OPERATION,
         (W.NO_PLC_QUICK_STOP,),
         P.QUICK_STOP,
@@ -316,22 +316,22 @@ ROWS: Final = (
         Reason.PLC_LOST,
         "as OFF3",
     ),
-    Row(OBEYING, QUICK_STOPS, UNASKED, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "the drive is stopping already"),
-    Row(OBEYING, UNPOWERED, (*UNASKED, W.HOLD), P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "the drive is off"),
+    Row(RUNNING, QUICK_STOPS, UNASKED, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "the drive is stopping already"),
+    Row(RUNNING, UNPOWERED, (*UNASKED, W.HOLD), P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "the drive is off"),
     # The drive disabled itself: an ON that is still active does not restart it.
     Row(
         (P.FOLLOW,), (D.FELL_BACK, D.FELL_OFF), OFFS, None, A.SHUTDOWN, Reason.NOT_OPERATING, "the PLC sends OFF anyway"
     ),
     Row((P.PASS,), (D.FELL_BACK, D.FELL_OFF), OFFS, None, A.PASS, Reason.NOT_OPERATING, "the PLC sends OFF anyway"),
-    Row(OBEYING, (D.FELL_OFF,), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "enable input, coast"),
+    Row(RUNNING, (D.FELL_OFF,), ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "enable input, coast"),
     Row(
-        OBEYING, (D.FELL_BACK,), ANY_WISH, P.UNCONFIRMED, A.QUICK_STOP, Reason.NEEDS_OFF, "the Statusword may be wrong"
+        RUNNING, (D.FELL_BACK,), ANY_WISH, P.UNCONFIRMED, A.QUICK_STOP, Reason.NEEDS_OFF, "the Statusword may be wrong"
     ),
     # OFF3 locks, whether the drive has received it or not.
-    Row(OBEYING, SHOWS_OPERATION, OFF3S, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3"),
-    Row(OBEYING, UNPOWERED, OFF3S, P.LOCKED, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3"),
+    Row(RUNNING, SHOWS_OPERATION, OFF3S, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3"),
+    Row(RUNNING, UNPOWERED, OFF3S, P.LOCKED, A.QUICK_STOP, Reason.QUICK_STOP, "OFF3"),
     Row(
-        OBEYING, QUICK_STOPS, ANY_WISH, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "quick stop by the drive itself"
+        RUNNING, QUICK_STOPS, ANY_WISH, P.QUICK_STOP, A.QUICK_STOP, Reason.QUICK_STOP, "quick stop by the drive itself"
     ),
     # The Controlword of telegram 100.
     Row((P.PASS,), SHOWS_OPERATION, ANY_WISH, None, A.PASS, None, "the PLC's own Controlword"),

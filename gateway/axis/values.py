@@ -13,7 +13,7 @@ from typing import ClassVar, Protocol
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
-from pdgw.gateway.reasons import GATEWAY_FAULTS, FaultNumber, OrderDoubt, Reason
+from pdgw.gateway.reasons import GATEWAY_FAULTS, FaultNumber, Reason, UnconfirmedOrder
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +186,7 @@ class Inputs:
     ASIDE: ClassVar[frozenset[str]] = frozenset({"now"})
     PASSING: ClassVar[frozenset[str]] = frozenset(
         {
-            "doubt",
+            "unconfirmed",
             "fault_code",
             "fresh",
             "drive_ok",
@@ -202,7 +202,6 @@ class Inputs:
     )
 
     __slots__ = (
-        "doubt",
         "drive_ok",
         "encoders",
         "encoders_ok",
@@ -217,6 +216,7 @@ class Inputs:
         "set_point_refused",
         "setpoints",
         "standstill",
+        "unconfirmed",
         "warning_code",
     )
 
@@ -229,7 +229,7 @@ class Inputs:
         """True if ``setpoints`` arrived in this cycle, False if they are older."""
         self.gateway_stops = False
         """The gateway is being stopped: of ``setpoints``, only OFF2 and OFF3 count."""
-        self.doubt = OrderDoubt.NONE
+        self.unconfirmed = UnconfirmedOrder.NONE
         """Whether the PLC may have ordered something else than ``setpoints``."""
         self.feedback = feedback
         self.drive_ok = False
@@ -267,7 +267,7 @@ class Outputs:
             "acknowledged",
             "emergency_over",
             "read_fault",
-            "told",
+            "log_lines",
             "faults",
             "found",
         }
@@ -287,6 +287,7 @@ class Outputs:
         "found",
         "good",
         "known_off",
+        "log_lines",
         "motor_hot",
         "presets",
         "probe",
@@ -295,7 +296,6 @@ class Outputs:
         "released",
         "saturations",
         "stage_hot",
-        "told",
         "warned",
         "warning",
         "writes",
@@ -317,7 +317,7 @@ class Outputs:
         self.warned = False
         """A warning of the executor is active: a part of ``warning``."""
         self.eventful = False
-        """The step has something in ``faults``, ``told``, ``acknowledged``, ``emergency_over`` or ``read_fault``."""
+        """The step has something in ``faults``, ``log_lines``, ``acknowledged``, ``emergency_over`` or ``read_fault``."""
         self.faults: list[FaultRecord] = []
         """New faults and warnings of this step."""
         self.found: list[tuple[FaultNumber, str]] = []
@@ -326,7 +326,7 @@ class Outputs:
         """The drive reported an overtemperature and has not left its fault since."""
         self.drive_error = 0
         """603Fh of the drive, or the error code of its last EMCY; 0: none."""
-        self.told: list[str] = []
+        self.log_lines: list[str] = []
         """Lines for the log from this step."""
         self.acknowledged = False
         """The fault buffer moves on: the PLC acknowledged and the device has left its fault."""
@@ -358,13 +358,13 @@ class Outputs:
         self.motor_hot = self.stage_hot = False
         self.drive_error = 0
 
-    def tell(self, text: str) -> None:
+    def log(self, text: str) -> None:
         """A line for the log."""
-        self.told.append(text)
+        self.log_lines.append(text)
         self.eventful = True
 
     def forget(self) -> None:
         """Clear the values that belong to one step only."""
         self.faults.clear()
-        self.told.clear()
+        self.log_lines.clear()
         self.acknowledged = self.emergency_over = self.read_fault = self.eventful = False

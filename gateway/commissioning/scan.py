@@ -168,7 +168,7 @@ class Scan:
     def run(self) -> list[FoundNode]:
         """Every node, in order. GatewayError when a master works on the bus: its SDOs and ours would disturb each other."""
         loop, network = self.network.loop, self.network
-        network.listeners.append(self._hear)
+        network.listeners.append(self._on_message)
         try:
             loop.sleep(self._listen_ns)
             self._refuse_masters()
@@ -181,10 +181,10 @@ class Scan:
             ]
             self._refuse_masters()
         finally:
-            network.listeners.remove(self._hear)
+            network.listeners.remove(self._on_message)
         return found
 
-    def _hear(self, message: can.Message) -> None:
+    def _on_message(self, message: can.Message) -> None:
         if not message.is_rx or message.is_extended_id or message.is_remote_frame:
             return
         can_id = message.arbitration_id

@@ -38,7 +38,7 @@ HEARTBEATS: Final = 2
 """Heartbeats of the gateway in the shortest heartbeat time of its nodes."""
 
 
-def wanted_plan(axis: AxisConfig, cycle_time_ms: float) -> PdoPlan:
+def required_plan(axis: AxisConfig, cycle_time_ms: float) -> PdoPlan:
     """PDOs of an axis with a drive that supports everything in its telegram."""
     layout = axis.drive_layout(axis.telegram)
     available = {
@@ -61,7 +61,7 @@ def cyclic_frames(
     heartbeats: list[int] = []
     sync = False
     for axis in axes:
-        plan = (plans or {}).get(axis.node_id) or wanted_plan(axis, cycle_time_ms)
+        plan = (plans or {}).get(axis.node_id) or required_plan(axis, cycle_time_ms)
         tpdo_rate = SECOND / (max(axis.inhibit_us(cycle_time_ms), _DRIVE_CYCLE_US) * US)
         frames += plan.frames(axis.node_id, cycle_rate, tpdo_rate, (CONTROL_ATTRIBUTE, STATUS_ATTRIBUTE))
         frames.append(_heartbeat(axis.node_id, axis.heartbeat_ms))

@@ -12,14 +12,14 @@ from pdgw.explain import Problem
 from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
 from pdgw.gateway.configuration.file import SECTIONS
 from pdgw.gateway.configuration.tables.encoder import EncoderConfig
-from pdgw.gateway.configuration.toml_file import read_text, told
+from pdgw.gateway.configuration.toml_file import problem_text, read_text
 
 
 def references_wrong(config: GatewayConfig, path: Path) -> list[str]:
     """One line for each CAN interface python-can does not know and each data sheet that cannot be used."""
     text = read_text(path)
     found = [*_interfaces(config), *_sheets("axis", config.axis), *_sheets("encoder", config.encoder)]
-    return [told(problem, text, str(path), SECTIONS) for problem in found]
+    return [problem_text(problem, text, str(path), SECTIONS) for problem in found]
 
 
 def _interfaces(config: GatewayConfig) -> Iterator[Problem]:

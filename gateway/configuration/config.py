@@ -179,19 +179,19 @@ class AxisConfig(DriveObjectSection):
         return self
 
     @model_validator(mode="after")
-    def _dsc_is_whole(self) -> AxisConfig:
+    def _dsc_is_complete(self) -> AxisConfig:
         if self.telegram in DSC_TELEGRAM_NUMBERS and (self.dsc is None or self.following_window is None):
             raise ValueError(f'telegram = {self.telegram} needs dsc = "position" or "speed", and following_window')
         return self
 
     @model_validator(mode="after")
-    def _jog_is_whole(self) -> AxisConfig:
+    def _jog_is_complete(self) -> AxisConfig:
         if (self.jog_1_speed_rpm is None) != (self.jog_2_speed_rpm is None):
             raise ValueError("jog_1_speed_rpm and jog_2_speed_rpm: only one is set; set both or none")
         return self
 
     @model_validator(mode="after")
-    def _positioner_is_whole(self) -> AxisConfig:
+    def _positioner_is_complete(self) -> AxisConfig:
         if self.positioner is None:
             if self.telegram in POSITIONER_TELEGRAM_NUMBERS:
                 raise ValueError(f"telegram = {self.telegram} needs [axis.positioner]")

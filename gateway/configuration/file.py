@@ -22,7 +22,7 @@ from pdgw.gateway.configuration.tables.environment import (
 )
 from pdgw.gateway.configuration.tables.telegram import TelegramConfig
 from pdgw.gateway.configuration.tables.web import MqttConfig, WebConfig
-from pdgw.gateway.configuration.toml_file import parse_toml, read_text, told, toml_text
+from pdgw.gateway.configuration.toml_file import parse_toml, problem_text, read_text, toml_text
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.store import default_store
 
@@ -49,11 +49,11 @@ def load_config(file: str | PathLike[str]) -> GatewayConfig:
     path = Path(file)
     text = read_text(path)
     config = parse_config(text, str(path))
-    axes = tuple(_beside(axis, path) for axis in config.axis)
-    encoders = tuple(_beside(encoder, path) for encoder in config.encoder)
+    axes = tuple(_resolved(axis, path) for axis in config.axis)
+    encoders = tuple(_resolved(encoder, path) for encoder in config.encoder)
     sections: tuple[tuple[str, Sequence[AxisConfig | EncoderConfig]], ...] = (("axis", axes), ("encoder", encoders))
     missing = [
-        told(Problem((section, number, "eds"), repr(str(item.eds)), "not a file"), text, str(path), SECTIONS)
+        problem_text(Problem((section, number, "eds"), repr(str(item.eds)), "not a file"), text, str(path), SECTIONS)
         for section, items in sections
         for number, item in enumerate(items)
         if item.eds is not None and not item.eds.is_file()
@@ -64,19 +64,19 @@ def load_config(file: str | PathLike[str]) -> GatewayConfig:
     trace = config.trace
     if trace.keep_directory is not None:
         trace = trace.model_copy(update={"keep_directory": path.parent / trace.keep_directory})
-    web = _files_beside(config.web, path)
-    mqtt = None if config.mqtt is None else _files_beside(config.mqtt, path)
+    web = _files_resolved(config.web, path)
+    mqtt = None if config.mqtt is None else _files_resolved(config.mqtt, path)
     update = {"axis": axes, "encoder": encoders, "store": store, "trace": trace, "web": web, "mqtt": mqtt}
     return config.model_copy(update=update)
 
 
-def _beside(item: Item, path: Path) -> Item:
+def _resolved(item: Item, path: Path) -> Item:
     """Relative paths are meant from where the configuration is."""
     return item.model_copy(update={"eds": path.parent / item.eds}) if item.eds else item
 
 
-def _files_beside(section: FileSection, path: Path) -> FileSection:
-    """As ``_beside``, for every file of a section; the program that needs a file checks whether it exists, with its rights."""
+def _files_resolved(section: FileSection, path: Path) -> FileSection:
+    """As ``_resolved``, for every file of a section; the program that needs a file checks whether it exists, with its rights."""
     files = {name: path.parent / value for name, value in section if isinstance(value, Path)}
     return section.model_copy(update=files)
 

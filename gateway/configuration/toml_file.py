@@ -55,7 +55,7 @@ def parse_toml(root: type[Root], sections: Sections, text: str, name: str) -> Ro
     try:
         return root.model_validate(document)
     except ValidationError as error:
-        lines = [told(problem, text, name, sections) for problem in problems(error, root)]
+        lines = [problem_text(problem, text, name, sections) for problem in problems(error, root)]
         raise GatewayError("\n".join(lines)) from error
 
 
@@ -116,7 +116,7 @@ def _hint(message: str) -> str:
     return ""
 
 
-def told(problem: Problem, text: str, name: str, sections: Sections) -> str:
+def problem_text(problem: Problem, text: str, name: str, sections: Sections) -> str:
     """A problem with its place in the text."""
     location = problem.location
     line = line_of(text, location, sections)

@@ -19,7 +19,7 @@ from collections.abc import Callable, Sequence
 from operator import itemgetter
 
 from pdgw.dsp402.states import ControlBit
-from pdgw.gateway.reasons import OrderDoubt
+from pdgw.gateway.reasons import UnconfirmedOrder
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf
 
@@ -123,7 +123,7 @@ class Orders:
                         word &= ~cleared
         return (*in_force[:power], word, *in_force[power + 1 :])
 
-    def goes_on(self, values: Sequence[int], before: Sequence[int]) -> bool:
+    def repeats_commands(self, values: Sequence[int], before: Sequence[int]) -> bool:
         """Whether the values of another controller repeat the commands in force, apart from additional stops."""
         order, in_force = self.read(values), self.read(before)
         return order == in_force or self.stopped(order, in_force, released=True) == order
@@ -192,11 +192,11 @@ class Confirmation:
         self._repeats = 0
 
     @property
-    def doubt(self) -> OrderDoubt:
+    def unconfirmed(self) -> UnconfirmedOrder:
         """Whether the PLC may have ordered something that is not in force, or the reverse."""
         if self._waits or self._early:
-            return OrderDoubt.WAITS
-        return OrderDoubt.NONE if self._dropped is None else OrderDoubt.DROPPED
+            return UnconfirmedOrder.WAITS
+        return UnconfirmedOrder.NONE if self._dropped is None else UnconfirmedOrder.DROPPED
 
     def judge(
         self, order: tuple[int, ...], in_force: tuple[int, ...] | None, *, is_new: bool, released: bool
@@ -219,7 +219,7 @@ class Confirmation:
             if in_force is not None:
                 self._early |= orders.power_word(in_force) & ~orders.power_word(put) & orders.discarding
             if self._dropped is not None:
-                self._settle(put, in_force)
+                self._end_dropped(put, in_force)
         if certain or (put is not None and orders.is_off(put)):
             self._early = 0
         return put
@@ -244,7 +244,7 @@ class Confirmation:
             bits = tuple(old | new for old, new in zip(others, bits, strict=True))
         self._dropped = order, bits
 
-    def _settle(self, order: tuple[int, ...], in_force: tuple[int, ...] | None) -> None:
+    def _end_dropped(self, order: tuple[int, ...], in_force: tuple[int, ...] | None) -> None:
         """An order is in force that repeats the dropped one, starts another task, or ends every task."""
         assert self._dropped is not None
         dropped, bits = self._dropped

@@ -18,7 +18,7 @@ from pdgw.gateway.links.confirmation import Confirmation
 from pdgw.gateway.links.history import FrameHistory
 from pdgw.gateway.links.sequence import FrameSequence, NewerFrames, Order
 from pdgw.gateway.links.udp import Address
-from pdgw.gateway.reasons import OrderDoubt
+from pdgw.gateway.reasons import UnconfirmedOrder
 from pdgw.profidrive.frame import (
     COUNTER_UNIT_NS,
     FRAME_ID_TO_CONTROLLER,
@@ -75,7 +75,8 @@ class CyclicEndpoint:
 
     ``setpoints[i]`` are the raw values of axis i, None while that axis has no valid PLC. Times are monotonic nanoseconds.
     ``peer``: the only accepted sender; None accepts the first valid one until it is lost. ``delays``: the network may delay
-    frames for seconds, as UDP does; False on Ethernet and for recordings. ``doubts[i]``: orders of the PLC that axis i may lack.
+    frames for seconds, as UDP does; False on Ethernet and for recordings.
+    ``unconfirmed_orders[i]``: orders of the PLC that axis i may lack.
     """
 
     def __init__(
@@ -103,7 +104,7 @@ class CyclicEndpoint:
         self._watchdog_ns = cycle_ns * watchdog_factor
         self._fixed_peer = peer
         self._sequence = FrameSequence(cycle_ns, self._watchdog_ns) if delays else NewerFrames()
-        self._believes = not delays
+        self._needs_no_confirmation = not delays
         self._confirmations = tuple(Confirmation(half) for half in self.consumer.halves)
         self._in_force: list[tuple[int, ...] | None] = [None] * len(telegrams)
         self._waiting = False
@@ -118,10 +119,10 @@ class CyclicEndpoint:
         """The newest of these that is certainly no copy of a present one: its arrival and its orders, None in STOP."""
         self.contradicted = False
         """The newest loss of the PLC is that a frame of the other sequence had a stop."""
-        self._looked = 0
-        self._looked_before = 0
+        self._read_at = 0
+        self._read_before = 0
         self._late = False
-        self._loss_to_tell = False
+        self._loss_to_report = False
         axes: list[_Axis] = []
         lives: list[int] = []
         mask = bytearray(self.frame_size)
@@ -143,7 +144,7 @@ class CyclicEndpoint:
             for index, half in enumerate(provider.halves)
         )
         self.setpoints: list[tuple[int, ...] | None] = [None] * len(telegrams)
-        self.doubts: list[OrderDoubt] = [OrderDoubt.NONE] * len(telegrams)
+        self.unconfirmed_orders: list[UnconfirmedOrder] = [UnconfirmedOrder.NONE] * len(telegrams)
         self._dropped_before = 0
         self._released: Sequence[bool] = [False] * len(telegrams)
         self.peer: Address | None = None
@@ -191,29 +192,29 @@ class CyclicEndpoint:
         the datagram, None if unknown. The next ``poll`` reports a loss that is found here. Until then no connection starts, so
         that the drive objects see every loss.
         """
-        if now != self._looked:
-            self._look(now)
+        if now != self._read_at:
+            self._note_reading(now)
         if received_at is not None:
             arrived = earliest = received_at if received_at < now else now
         else:
             arrived = now
             # Without a time stamp it arrived at an unknown time since the last read of the socket.
-            earliest = self._looked_before
+            earliest = self._read_before
         # The PLC is lost if that was too late, or if the socket was not read for too long.
         if self.connected and (self._late or earliest - self._last_time > self._watchdog_ns):
             self._lose()
         verdict = Verdict.OVERDUE if now - arrived > self._watchdog_ns else self._check(data, source)
         if verdict is _ACCEPTED or verdict is _PROVIDER_STOP:
-            verdict = self._take(data, source, arrived, verdict)
+            verdict = self._check_sequence(data, source, arrived, verdict)
         elif verdict in _MISFITS:
             self._misfit = f"frame of {len(data)} bytes from {source[0]} does not fit"
         self.counters[verdict] += 1
         return verdict
 
-    def _look(self, now: int) -> None:
-        self._looked_before = self._looked
-        self._looked = now
-        self._late = now - self._looked_before > self._watchdog_ns
+    def _note_reading(self, now: int) -> None:
+        self._read_before = self._read_at
+        self._read_at = now
+        self._late = now - self._read_before > self._watchdog_ns
 
     def _check(self, data: bytes, source: Address) -> Verdict:
         if self.connected:
@@ -236,14 +237,14 @@ class CyclicEndpoint:
             return Verdict.NOT_VALID
         return Verdict.PROVIDER_STOP if status & STATUS_PRIMARY else Verdict.NOT_PRIMARY
 
-    def _take(self, data: bytes, source: Address, arrived: int, verdict: Verdict) -> Verdict:
+    def _check_sequence(self, data: bytes, source: Address, arrived: int, verdict: Verdict) -> Verdict:
         """The verdict on a frame whose content is right, by its place in the sequence of frames."""
         sequence = self._sequence
         (counter,) = _COUNTER.unpack_from(data, self.consumer.trailer)
         runs = verdict is _ACCEPTED
         if not sequence.next(counter, arrived):
             orders = tuple(self._decode(data)[1]) if runs else None
-            order = sequence.follow(source, counter, arrived, orders, may_connect=not self._loss_to_tell)
+            order = sequence.follow(source, counter, arrived, orders, may_connect=not self._loss_to_report)
             if order is Order.RESTARTED:
                 self._lose()
             if order is Order.STALE or order is Order.BESIDE:
@@ -259,7 +260,7 @@ class CyclicEndpoint:
         else:
             self._last_orders = None
             self.lose_setpoints()
-        if not self._believes:
+        if not self._needs_no_confirmation:
             self._history.enter(data, sequence.elapsed_ns)
         return verdict
 
@@ -272,7 +273,7 @@ class CyclicEndpoint:
         place = self._sequence.place(counter)
         rival = place is None or self._history.contradict(data, place)
         if self._waiting and orders != self._last_orders:
-            self._doubt()
+            self._restart_confirmation()
         if not beside:
             return
         if rival or self._is_recent(self._beside):
@@ -297,7 +298,7 @@ class CyclicEndpoint:
                 return True
         return False
 
-    def _doubt(self) -> None:
+    def _restart_confirmation(self) -> None:
         """Orders that wait have to be confirmed from the beginning."""
         for confirmation in self._confirmations:
             confirmation.contradict()
@@ -362,10 +363,10 @@ class CyclicEndpoint:
         sequence = self._sequence
         # Nothing starts that the other sequence contradicts, and nothing before the axes have seen a loss.
         rival = self._rival
-        if self._loss_to_tell or (rival is not None and self._is_recent(rival[0]) and rival[1] != tuple(orders)):
-            self._doubt()
+        if self._loss_to_report or (rival is not None and self._is_recent(rival[0]) and rival[1] != tuple(orders)):
+            self._restart_confirmation()
         single = sequence.alone and not self._is_recent(self._beside)
-        is_new = self._believes or (single and self._history.is_new(data, sequence.elapsed_ns))
+        is_new = self._needs_no_confirmation or (single and self._history.is_new(data, sequence.elapsed_ns))
         self._waiting = False
         for index, (confirmation, order) in enumerate(zip(self._confirmations, orders, strict=True)):
             in_force = self._in_force[index]
@@ -374,8 +375,8 @@ class CyclicEndpoint:
                 confirmation.restart(None, 0)
             else:
                 put = confirmation.judge(order, in_force, is_new=is_new, released=self._released[index])
-            doubt = self.doubts[index] = confirmation.doubt
-            self._waiting |= doubt is OrderDoubt.WAITS or put != order
+            unconfirmed = self.unconfirmed_orders[index] = confirmation.unconfirmed
+            self._waiting |= unconfirmed is UnconfirmedOrder.WAITS or put != order
             if put == order:
                 self.setpoints[index] = values[index]
             elif put is not None and put != in_force:
@@ -390,7 +391,7 @@ class CyclicEndpoint:
         for index in range(len(self.setpoints)):
             self.setpoints[index] = None
             self._in_force[index] = None
-            self.doubts[index] = OrderDoubt.NONE
+            self.unconfirmed_orders[index] = UnconfirmedOrder.NONE
         for confirmation in self._confirmations:
             confirmation.forget()
 
@@ -402,21 +403,21 @@ class CyclicEndpoint:
 
     def _tell_loss(self) -> None:
         self.watchdog_expiries += 1
-        self._loss_to_tell = True
+        self._loss_to_report = True
         self.lose_setpoints()
 
     @property
-    def heard_ns(self) -> int | None:
+    def received_ns(self) -> int | None:
         """Arrival of the newest valid frame; None: none yet."""
         return self._last_time or None
 
     def poll(self, now: int) -> bool:
         """The watchdog, after the datagrams that waited; True when the PLC was lost since the last call."""
-        if now != self._looked:
-            self._look(now)
+        if now != self._read_at:
+            self._note_reading(now)
         if self.connected and now - self._last_time > self._watchdog_ns:
             self._lose()
-        lost, self._loss_to_tell = self._loss_to_tell, False
+        lost, self._loss_to_report = self._loss_to_report, False
         return lost
 
     def build(

@@ -16,7 +16,7 @@ from pdgw.gateway.configuration.tables.environment import TransportConfig
 from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
 from pdgw.gateway.links.udp import Address
 from pdgw.gateway.platform import DatagramPort
-from pdgw.gateway.reasons import OrderDoubt
+from pdgw.gateway.reasons import UnconfirmedOrder
 from pdgw.gateway.trace.layout import FramePlaces
 from pdgw.profidrive.telegrams import Telegram
 
@@ -55,7 +55,7 @@ class Link(Protocol):
         """The raw values of each drive object, None while it has no valid PLC."""
 
     @property
-    def doubts(self) -> Sequence[OrderDoubt]:
+    def unconfirmed_orders(self) -> Sequence[UnconfirmedOrder]:
         """For each drive object, whether the PLC may have sent a command that ``setpoints`` lack."""
 
     def start(self, action: Callable[[], None]) -> None:
@@ -97,7 +97,7 @@ class Link(Protocol):
         """
 
     @property
-    def heard_ns(self) -> int | None:
+    def received_ns(self) -> int | None:
         """Arrival of the newest valid frame; None: none yet."""
 
     def status(self) -> dict[str, object]:
@@ -167,8 +167,8 @@ class UdpLink:
         return self.endpoint.setpoints
 
     @property
-    def doubts(self) -> Sequence[OrderDoubt]:
-        return self.endpoint.doubts
+    def unconfirmed_orders(self) -> Sequence[UnconfirmedOrder]:
+        return self.endpoint.unconfirmed_orders
 
     def start(self, action: Callable[[], None]) -> None:
         # Discard frames received since the port was opened: they are old, and would be reported as a loss at the start.
@@ -240,8 +240,8 @@ class UdpLink:
         return endpoint.connected, endpoint.received, endpoint.frame
 
     @property
-    def heard_ns(self) -> int | None:
-        return self.endpoint.heard_ns
+    def received_ns(self) -> int | None:
+        return self.endpoint.received_ns
 
     def status(self) -> dict[str, object]:
         endpoint = self.endpoint

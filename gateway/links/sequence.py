@@ -110,7 +110,7 @@ class FrameSequence:
 
     def lose(self) -> None:
         """The PLC is lost: only a new sequence counts."""
-        self._tell_old()
+        self._report_old()
         self._present = None
 
     def next(self, counter: int, time: int) -> bool:
@@ -154,7 +154,7 @@ class FrameSequence:
             beside = self._present.frames if self._present is not None else 0
             run = _Run(source, counter, time, self._cycle_ns // 2, command, beside)
             self._followed.append(run)
-        self._tell_old()
+        self._report_old()
         if self._present is not None:
             if run.frames < SEQUENCE_FRAMES:
                 return Order.STALE
@@ -170,7 +170,7 @@ class FrameSequence:
         self.repeats = run.repeats
         return Order.NEXT
 
-    def _tell_old(self) -> None:
+    def _report_old(self) -> None:
         present = self._present
         if present is None or not self.alone:
             return  # the older of two young sequences is unknown

@@ -131,7 +131,7 @@ class BlockChain:
         if self._course.queued:
             self.block = self.blocks.get(follower)
             self.external = False
-            self._course.take_queued()
+            self._course.use_queued()
         else:
             self.run(follower, now)
 

@@ -110,7 +110,7 @@ class Positioner:
         self._armed = (False, False)
         self._jog = 0
         self._homing_until = 0
-        self._probe_wanted = False
+        self._probe_requested = False
         self._controls: tuple[int, ...] | None = None
         self._operating = False
         self._edges = False
@@ -207,7 +207,7 @@ class Positioner:
             self._look(asked)
         elif self._edges:
             self._edges = self._activated = self._external_edge = self._reference_edge = self._homing_edge = False
-        if (asked.homing or self._probe_wanted) and self._state is not _OFF:
+        if (asked.homing or self._probe_requested) and self._state is not _OFF:
             self._home_on_the_fly()
         calm = asked.operating and asked.do_not_reject and self._pending is None
         self._go_on(self._calm_rows if calm else self._rows)
@@ -435,7 +435,7 @@ class Positioner:
         """STW1.11 with POS_STW2.8: the probe gives the offset while anything runs; a task keeps its target in the drive."""
         asked, seen, outcome = self._asked, self._seen, self.outcome
         wanted = asked.homing and asked.passive_homing
-        before, self._probe_wanted = self._probe_wanted, wanted
+        before, self._probe_requested = self._probe_requested, wanted
         if not wanted:
             outcome.probe = False
         elif not before:

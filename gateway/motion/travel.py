@@ -211,7 +211,7 @@ class Course:
         held = self.held
         holds = self.held = self._hold(goal, asked, now)
         if goal.torque is not None:
-            self._look_for_fixed_stop(now)
+            self._detect_fixed_stop(now)
         if holds:
             motion.kind = _STAND
             self.queued = 0
@@ -268,7 +268,7 @@ class Course:
         motion.acceleration, motion.deceleration = acceleration, deceleration
         self.queued = motion.serial
 
-    def take_queued(self) -> None:
+    def use_queued(self) -> None:
         """The drive has gone over to the setpoint that waited: it is the goal now."""
         motion = self.outcome.motion
         self.aim(
@@ -279,7 +279,7 @@ class Course:
         )
         self.sent = motion.serial
 
-    def _look_for_fixed_stop(self, now: int) -> None:
+    def _detect_fixed_stop(self, now: int) -> None:
         seen = self._seen
         if not (seen.standstill and seen.torque_at_limit):
             self._stop_since = -1

@@ -31,12 +31,12 @@ from pdgw.gateway.configuration.config import AxisConfig
 from pdgw.gateway.configuration.positioner_values import PositionerValues
 from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.gateway.objects.drive_object import OWNED, DriveObject
-from pdgw.gateway.objects.enable_chain import Standing, axis_standing
+from pdgw.gateway.objects.enable_chain import EnableStatus, axis_enable_status
 from pdgw.gateway.objects.encoder import EncoderObject
-from pdgw.gateway.objects.fault_buffer import ToldFault
+from pdgw.gateway.objects.fault_buffer import ReportedFault
 from pdgw.gateway.objects.sensor_link import SensorLink
 from pdgw.gateway.objects.touch_probe import ProbeReader
-from pdgw.gateway.store import DoParameters, UnitsWitnessed
+from pdgw.gateway.store import ConfirmedUnits, DoParameters
 from pdgw.profidrive.sensor_format import SensorFormat
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
 from pdgw.profidrive.telegrams import telegram
@@ -84,7 +84,7 @@ class Axis(DriveObject):
         self.machine = self._make_machine(number)
         self._links: tuple[SensorLink | None, SensorLink | None] = (None, None)
         """The encoders that are G1 and G2."""
-        self.units_witnessed: UnitsWitnessed | None = None
+        self.units_witnessed: ConfirmedUnits | None = None
         """The stored result of the last axis test."""
         self._brake: Brake = _NO_BRAKE
         self._word = 0
@@ -146,7 +146,7 @@ class Axis(DriveObject):
         inputs.setpoints = setpoints
         inputs.fresh = self.fresh
         inputs.gateway_stops = self.gateway_stops
-        inputs.doubt = self.doubt
+        inputs.unconfirmed = self.unconfirmed
         inputs.drive_ok = drive.refresh(now)
         inputs.set_point_refused = drive.rpdos.set_point_refused
         if machine.shows_codes:
@@ -176,8 +176,8 @@ class Axis(DriveObject):
             self.stops = False
         if self._probing or outputs.probe is not None:
             self._probing = self._probe.step(outputs.probe, now) or outputs.probe is not None
-        if outputs.eventful or outputs.writes is not None or outputs.reason is not self._told_reason:
-            self.stops = self.stops or outputs.reason not in (None, self._told_reason)
+        if outputs.eventful or outputs.writes is not None or outputs.reason is not self._reported_reason:
+            self.stops = self.stops or outputs.reason not in (None, self._reported_reason)
             self._serve(outputs)
             if outputs.read_fault:
                 drive.submit(self._read_fault)
@@ -193,7 +193,7 @@ class Axis(DriveObject):
         if outputs.brake is not self._brake:
             self._brake = outputs.brake
             by_sync = outputs.brake is _WITHHOLD_HEARTBEAT and guarding is not None and guarding.sync
-            self.network.hold_sync(self.node_id, held=by_sync)
+            self.network.withhold_sync(self.node_id, withheld=by_sync)
             if outputs.brake is not _NO_BRAKE:
                 self.network.send(NMT, bytes((NmtCommand.STOP, self.node_id)))
 
@@ -215,8 +215,8 @@ class Axis(DriveObject):
         return self.drive.status is DriveStatus.ONLINE and state_of(self.drive.feedback.statusword) in POWERED
 
     @property
-    def standing(self) -> Standing:
-        return axis_standing(self)
+    def enable_status(self) -> EnableStatus:
+        return axis_enable_status(self)
 
     def _serve(self, outputs: Outputs) -> None:
         shown = self.drive.feedback.statusword
@@ -225,7 +225,7 @@ class Axis(DriveObject):
         super()._serve(outputs)
 
     @property
-    def cause(self) -> ToldFault | None:
+    def cause(self) -> ReportedFault | None:
         in_fault = state_of(self.drive.feedback.statusword) in FAULTY
         return self.fault_log.cause(self.machine.fault_began - EMERGENCY_PATIENCE_NS if in_fault else 0)
 

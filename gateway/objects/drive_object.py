@@ -32,10 +32,10 @@ from pdgw.gateway.axis.values import (
 )
 from pdgw.gateway.configuration.config import AxisConfig
 from pdgw.gateway.configuration.tables.encoder import EncoderConfig
-from pdgw.gateway.objects.enable_chain import Standing
-from pdgw.gateway.objects.fault_buffer import FaultLog, ToldFault
+from pdgw.gateway.objects.enable_chain import EnableStatus
+from pdgw.gateway.objects.fault_buffer import FaultLog, ReportedFault
 from pdgw.gateway.objects.happenings import KEPT, Happening
-from pdgw.gateway.reasons import FaultNumber, OrderDoubt, Reason
+from pdgw.gateway.reasons import FaultNumber, Reason, UnconfirmedOrder
 from pdgw.profidrive.telegrams import Telegram
 
 log = logging.getLogger("gateway")
@@ -77,14 +77,14 @@ class DriveObject(abc.ABC):
         self.fault_log = FaultLog(network.loop.now())
         self.last_setpoints: Sequence[int] | None = None
         """The last setpoints of the PLC, also after its loss."""
-        self.doubt = OrderDoubt.NONE
+        self.unconfirmed = UnconfirmedOrder.NONE
         """Whether the PLC may have ordered something that the next step is not given."""
         self.fresh = True
         """The setpoints of the next step came with it."""
         self._news: deque[News] = deque()
         """Events since the last step."""
         self._generation = 0
-        self._told_reason: Reason | None = None
+        self._reported_reason: Reason | None = None
         self._shown_reason: Reason | None = None
         """The reason logged last."""
         self._operated = False
@@ -197,11 +197,11 @@ class DriveObject(abc.ABC):
 
     @property
     @abc.abstractmethod
-    def standing(self) -> Standing:
+    def enable_status(self) -> EnableStatus:
         """State word and chain of enables, as the last step left them."""
 
     @property
-    def cause(self) -> ToldFault | None:
+    def cause(self) -> ReportedFault | None:
         """The fault to name first, None when all are acknowledged."""
         return self.fault_log.cause()
 
@@ -225,20 +225,20 @@ class DriveObject(abc.ABC):
             self._writes = writes
             self._future = self.client.submit(lambda client: self._write_all(client, writes))
         if outputs.eventful:
-            self._tell(outputs)
-        self._told_reason = outputs.reason
-        standing = self.standing
-        shown = None if standing.broken is None else standing.broken.reason
+            self._report(outputs)
+        self._reported_reason = outputs.reason
+        enable_status = self.enable_status
+        shown = None if enable_status.broken is None else enable_status.broken.reason
         if shown is not self._shown_reason:
-            self._happened(standing.text, stops=self._operated and shown is not None)
+            self._happened(enable_status.text, stops=self._operated and shown is not None)
             self._operated = shown is None
             self._shown_reason = shown
-            log.info("%s: %s", self.label, standing.sentence, extra={"event": "reason", "do": self.do_id})
+            log.info("%s: %s", self.label, enable_status.sentence, extra={"event": "reason", "do": self.do_id})
 
-    def _tell(self, outputs: Outputs) -> None:
+    def _report(self, outputs: Outputs) -> None:
         for record in outputs.faults:
             self._record(record)
-        for text in outputs.told:
+        for text in outputs.log_lines:
             log.info("%s: %s", self.label, text, extra={"event": "node", "do": self.do_id})
         if outputs.acknowledged:
             self.fault_log.acknowledge()

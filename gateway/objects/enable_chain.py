@@ -70,7 +70,7 @@ class ChainLink(NamedTuple):
     """The remedy."""
 
 
-class Standing(NamedTuple):
+class EnableStatus(NamedTuple):
     """State word and chain."""
 
     state: AxisState
@@ -101,7 +101,7 @@ class _Chain:
         self.item = item
         self._links = {enable: ChainLink(enable, None) for enable in enables}
 
-    def holds(self, enable: Enable) -> None:
+    def passes(self, enable: Enable) -> None:
         self._links[enable] = ChainLink(enable, True)
 
     def breaks(self, reason: Reason, evidence: str = "", remedy: str = "", at: Enable | None = None) -> None:
@@ -115,9 +115,9 @@ class _Chain:
         if not network.healthy:
             self.breaks(Reason.BUS_LOST, f"bus {network.name}: bus-off, or its interface is lost")
             return False
-        self.holds(Enable.BUS)
+        self.passes(Enable.BUS)
         if self.item.good:
-            self.holds(Enable.NODE)
+            self.passes(Enable.NODE)
             return True
         match client.status:
             case NodeStatus.REFUSED:
@@ -151,7 +151,7 @@ class _Chain:
         if self.item.gateway_stops:
             self.breaks(Reason.GATEWAY_STOPS)
         elif connected:
-            self.holds(Enable.PLC)
+            self.passes(Enable.PLC)
         else:
             self.breaks(Reason.PLC_LOST if lost else never)
         return connected and not self.item.gateway_stops
@@ -161,11 +161,11 @@ class _Chain:
         if reason is not None and all(link.ok is not False for link in self._links.values()):
             self.breaks(reason)
 
-    def standing(self, *, stops: bool = False) -> Standing:
+    def enable_status(self, *, stops: bool = False) -> EnableStatus:
         chain = tuple(self._links.values())
         broken = next((link.reason for link in chain if link.reason is not None), None)
         state = AxisState.OBEYS if broken is None else broken.state
-        return Standing(AxisState.STOPPING if stops and state is not AxisState.FAULT else state, chain)
+        return EnableStatus(AxisState.STOPPING if stops and state is not AxisState.FAULT else state, chain)
 
 
 def asks_for_operation(demand: Demand) -> bool:
@@ -173,7 +173,7 @@ def asks_for_operation(demand: Demand) -> bool:
     return demand.connected and demand.power in _ASKS
 
 
-def axis_standing(axis: Axis) -> Standing:
+def axis_enable_status(axis: Axis) -> EnableStatus:
     """Chain of an axis after its last step."""
     chain, machine = _Chain(axis, AXIS_CHAIN), axis.machine
     demand, reason = machine.demand, machine.outputs.reason
@@ -187,10 +187,10 @@ def axis_standing(axis: Axis) -> Standing:
         if not demand.in_control:
             chain.breaks(Reason.NO_CONTROL)
         else:
-            chain.holds(Enable.CONTROL)
+            chain.passes(Enable.CONTROL)
             _judge_command(chain, axis)
     chain.keep(reason)
-    return chain.standing(stops=axis.good and axis.powered and not axis.released)
+    return chain.enable_status(stops=axis.good and axis.powered and not axis.released)
 
 
 def _judge_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
@@ -207,15 +207,15 @@ def _judge_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
     elif not machine.usable:
         chain.judge_own_fault(Reason.REFERENCE_INVALID, FaultNumber.REFERENCE)
     else:
-        chain.holds(Enable.NO_FAULT)
+        chain.passes(Enable.NO_FAULT)
     if powered or statusword & StatusBit.VOLTAGE_ENABLED:
-        chain.holds(Enable.SUPPLY)
+        chain.passes(Enable.SUPPLY)
     elif axis.shows_supply or commanded:
         chain.breaks(Reason.NO_SUPPLY)
     if reason is Reason.MODE_NOT_CONFIRMED:
         chain.breaks(reason)
     elif state is State.OPERATION_ENABLED:
-        chain.holds(Enable.OPERATION)
+        chain.passes(Enable.OPERATION)
     elif commanded and state is not None and machine.demand.power is not PowerWish.ON:
         chain.breaks(Reason.NOT_OPERATING, f"ON is commanded, but the drive reports {state.value}")
 
@@ -232,14 +232,14 @@ def _judge_command(chain: _Chain, axis: Axis) -> None:
     if missing is not None:
         chain.breaks(missing)
         return
-    chain.holds(Enable.ON_EDGE)
+    chain.passes(Enable.ON_EDGE)
     if reason is not None and reason.enable is Enable.SETPOINT:
         chain.breaks(reason)
     elif reason is None:
-        chain.holds(Enable.SETPOINT)
+        chain.passes(Enable.SETPOINT)
 
 
-def encoder_standing(encoder: EncoderObject) -> Standing:
+def encoder_enable_status(encoder: EncoderObject) -> EnableStatus:
     """Chain of an encoder after its last step."""
     chain, machine = _Chain(encoder, ENCODER_CHAIN), encoder.machine
     reason = machine.outputs.reason
@@ -249,16 +249,16 @@ def encoder_standing(encoder: EncoderObject) -> Standing:
         elif not machine.usable:
             chain.judge_own_fault(Reason.REFERENCE_INVALID, FaultNumber.REFERENCE)
         else:
-            chain.holds(Enable.NO_FAULT)
+            chain.passes(Enable.NO_FAULT)
             if reason is not None and reason.enable is Enable.SENSOR:
                 chain.breaks(reason)
             else:
-                chain.holds(Enable.SENSOR)
+                chain.passes(Enable.SENSOR)
     connected = machine.adapter.control is not None
     if chain.judge_plc(connected=connected, never=Reason.ENCODER_NO_PLC, lost=False):
         if machine.control.has_control:
-            chain.holds(Enable.CONTROL)
+            chain.passes(Enable.CONTROL)
         else:
             chain.breaks(Reason.ENCODER_NO_CONTROL)
     chain.keep(reason)
-    return chain.standing()
+    return chain.enable_status()

@@ -24,7 +24,7 @@ from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
 from pdgw.gateway.axis.values import Outputs, SdoWrite
 from pdgw.gateway.configuration.tables.encoder import EncoderConfig
 from pdgw.gateway.objects.drive_object import OWNED, DriveObject
-from pdgw.gateway.objects.enable_chain import Standing, encoder_standing
+from pdgw.gateway.objects.enable_chain import EnableStatus, encoder_enable_status
 from pdgw.profidrive.sensor_format import SensorFormat
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
 from pdgw.profidrive.telegrams import telegram
@@ -122,7 +122,7 @@ class EncoderObject(DriveObject):
         inputs = machine.inputs
         inputs.now = now
         inputs.setpoints = None if self.gateway_stops else setpoints
-        inputs.doubt = self.doubt
+        inputs.unconfirmed = self.unconfirmed
         inputs.ok = client.refresh(now)
         if client.parameters is not self._parameters:
             self._parameters = client.parameters
@@ -132,7 +132,7 @@ class EncoderObject(DriveObject):
         if setpoints is not None:
             self.last_setpoints = setpoints
         outputs = machine.step()
-        if outputs.eventful or outputs.writes is not None or outputs.reason is not self._told_reason:
+        if outputs.eventful or outputs.writes is not None or outputs.reason is not self._reported_reason:
             self._serve(outputs)
         return outputs
 
@@ -171,8 +171,8 @@ class EncoderObject(DriveObject):
         return False
 
     @property
-    def standing(self) -> Standing:
-        return encoder_standing(self)
+    def enable_status(self) -> EnableStatus:
+        return encoder_enable_status(self)
 
     @property
     def faulty(self) -> bool:

@@ -19,7 +19,7 @@ EMCY_WARNING_BIT = 14
 """Bit of P953 for an EMCY without an error in its error register."""
 
 
-class ToldFault(NamedTuple):
+class ReportedFault(NamedTuple):
     """A fault as in the status document; ``id`` counts the faults and warnings of a drive object from 1."""
 
     id: int
@@ -86,11 +86,11 @@ class FaultLog:
         self._over_until = self._entered
         self.active = False
 
-    def told(self, *, present: bool, newest: int | None = None) -> list[ToldFault]:
+    def reported(self, *, present: bool, newest: int | None = None) -> list[ReportedFault]:
         """The history with its ids, newest first; ``newest``: maximum number. ``present`` as in ``warnings``."""
         warnings = self.warnings(present=present)
         seen: set[int] = set()
-        result: list[ToldFault] = []
+        result: list[ReportedFault] = []
         for back, record in enumerate(reversed(self.history)):
             if newest is not None and back >= newest:
                 break
@@ -101,7 +101,7 @@ class FaultLog:
                 seen.add(record.number)
             else:
                 active = number > self._over_until
-            result.append(ToldFault(number, active, record))
+            result.append(ReportedFault(number, active, record))
         return result
 
     @property
@@ -118,25 +118,25 @@ class FaultLog:
         """All 64 places, empty ones as zeros."""
         return [self._buffer.entry(place) or _NO_FAULT for place in range(SIZE)]
 
-    def cause(self, since: int = 0) -> ToldFault | None:
+    def cause(self, since: int = 0) -> ReportedFault | None:
         """The most important fault: the oldest unacknowledged one.
 
         Faults that the device reported since ``since`` (monotonic ns) come first, the loss of the PLC last, because it is a
         consequence.
         """
-        told = self.told(present=True)  # `present` False would end the warnings
-        active = [item for item in reversed(told) if item.active and not item.record.is_warning]
-        return min(active, key=lambda told: _rank(told.record, since), default=None)
+        reported = self.reported(present=True)  # `present` False would end the warnings
+        active = [item for item in reversed(reported) if item.active and not item.record.is_warning]
+        return min(active, key=lambda reported: _rank(reported.record, since), default=None)
 
     def fault_code(self, since: int) -> int:
         """The first fault from ``since`` (monotonic ns) on that is not acknowledged, else the newest; 0 for none."""
-        standing = [
+        unacknowledged = [
             record
             for number, record in zip(range(self._entered, 0, -1), reversed(self.history), strict=False)
             if number > self._over_until and not record.is_warning
         ]
-        present = [record for record in standing if record.time_ns >= since]
-        chosen = present[-1:] or standing[:1]
+        present = [record for record in unacknowledged if record.time_ns >= since]
+        chosen = present[-1:] or unacknowledged[:1]
         return chosen[0].number if chosen else 0
 
     def warning_code(self, *, present: bool) -> int:
@@ -144,7 +144,7 @@ class FaultLog:
         word = self.warnings(present=present)
         return FIRST_WARNING + (word & -word).bit_length() - 1 if word else 0
 
-    def standing(self) -> list[Fault]:
+    def unacknowledged(self) -> list[Fault]:
         """The unacknowledged faults: situation 0."""
         found = (self._buffer.entry(place) for place in range(FAULTS_PER_SITUATION))
         return [fault for fault in found if fault is not None]

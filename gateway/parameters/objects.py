@@ -220,12 +220,12 @@ class ObjectParameter:
                 raise ParameterRefused(Number.ADDRESS_IMPERMISSIBLE, subindex + place)
         return Values(first.format, tuple(value for part in parts for value in part.values))
 
-    def _read_one(self, subindex: int, told: bool) -> Values:
-        self._check_subindex(subindex, told)
+    def _read_one(self, subindex: int, named: bool) -> Values:
+        self._check_subindex(subindex, named)
         try:
             data = self._access.read(self.index, subindex, self._context)
         except ParameterRefused as refused:
-            raise ParameterRefused(refused.number, subindex if told else None) from refused
+            raise ParameterRefused(refused.number, subindex if named else None) from refused
         variable = self._access.variable(self.index, subindex)
         data_type = _FORMATS.get(variable.data_type) if variable is not None else None
         if data_type is None or (data_type.char and len(data) != data_type.size):
@@ -233,27 +233,27 @@ class ObjectParameter:
         if data_type.char:
             return Values(data_type, struct.unpack(f"<{data_type.char}", data))
         if len(data) > MAX_ELEMENTS:
-            raise ParameterRefused(Number.RESPONSE_TOO_LONG, subindex if told else None)
+            raise ParameterRefused(Number.RESPONSE_TOO_LONG, subindex if named else None)
         if variable is not None and variable.data_type in _NUMBERS_AS_OCTETS:
             data = data[::-1]
         return Values(data_type, data)
 
     def write(self, subindex: int, elements: int, values: Values) -> None:
-        told = elements > 1
+        named = elements > 1
         if isinstance(values.values, bytes):
-            if told and len(values.values) != elements:
+            if named and len(values.values) != elements:
                 raise ParameterRefused(Number.NUMBER_OF_VALUES_INCONSISTENT)
-            self._write_one(subindex, values, told=False)
+            self._write_one(subindex, values, named=False)
             return
         for place, value in enumerate(values.values):
-            self._write_one(subindex + place, Values(values.format, (value,)), told=told)
+            self._write_one(subindex + place, Values(values.format, (value,)), named=named)
 
-    def _write_one(self, subindex: int, value: Values, *, told: bool) -> None:
-        self._check_subindex(subindex, told)
+    def _write_one(self, subindex: int, value: Values, *, named: bool) -> None:
+        self._check_subindex(subindex, named)
         try:
             self._access.write(self.index, subindex, self._download(subindex, value), self._context)
         except ParameterRefused as refused:
-            raise ParameterRefused(refused.number, subindex if told else None) from refused
+            raise ParameterRefused(refused.number, subindex if named else None) from refused
 
     def _download(self, subindex: int, value: Values) -> bytes:
         variable = self._access.variable(self.index, subindex)
@@ -266,9 +266,9 @@ class ObjectParameter:
         return struct.pack(f"<{typed.format.char}", *typed.values)
 
     @staticmethod
-    def _check_subindex(subindex: int, told: bool) -> None:
+    def _check_subindex(subindex: int, named: bool) -> None:
         if subindex > 0xFF:
-            raise ParameterRefused(Number.FAULTY_SUBINDEX, subindex if told else None)
+            raise ParameterRefused(Number.FAULTY_SUBINDEX, subindex if named else None)
 
     def description(self) -> Description:
         """Description from the EDS."""

@@ -38,13 +38,13 @@ class PositionerParameters:
         values: Callable[[DoParameters], PositionerValues],
         save: Callable[[Callable[[DoParameters], None]], None],
         take: Callable[[PositionerChoices], None],
-        standing: Callable[[], None],
+        require_power_off: Callable[[], None],
     ) -> None:
         self._stored = stored
         self._values = values
         self._save = save
         self._take = take
-        self._standing = standing
+        self._require_power_off = require_power_off
 
     def parameter(self, pnu: int) -> Parameter | None:
         """None where it is none of the positioner's."""
@@ -71,7 +71,7 @@ class PositionerParameters:
         self._change(lambda stored: stored.positioner_blocks.update(rows))
 
     def _change(self, change: Callable[[DoParameters], None]) -> None:
-        self._standing()
+        self._require_power_off()
         changed = self._stored().model_copy(deep=True)
         change(changed)
         try:

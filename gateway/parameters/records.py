@@ -42,7 +42,7 @@ _DEVICE_SUBSLOTS, _OBJECT_SUBSLOTS = {INTERFACE_SUBSLOT, PORT_SUBSLOT}, {TELEGRA
 _REQUEST_ID_OFFSET = 1
 _OUTSTANDING = 32
 """Requests of all callers that are in work or whose answers were not fetched yet."""
-_TOLD = 16
+_LOGGED_MAX = 16
 """Maximum number of unauthorised addresses that the log names."""
 _STORED: dict[int, tuple[str, ...]] = {
     1: ("im1_function", "im1_location"),
@@ -92,7 +92,7 @@ class Records:
         self._ar_uuid = ar_uuid
         self._serial = station_serial
         self.writers = writers
-        self._told: set[str] = set()
+        self._logged: set[str] = set()
         self._in_work: dict[tuple[int, int], Future[bytes | None]] = {}
         self._requests: OrderedDict[_Owner, Future[bytes | None]] = OrderedDict()
 
@@ -138,8 +138,8 @@ class Records:
         host = caller.address[0]
         if self.writers is None or any(IPv4Address(host) in network for network in self.writers):
             return
-        if host not in self._told and len(self._told) < _TOLD:
-            self._told.add(host)
+        if host not in self._logged and len(self._logged) < _LOGGED_MAX:
+            self._logged.add(host)
             log.warning("parameters: %s may not write; it is not listed in [parameters] write_from", host)
         raise RecordRefused(AccessError.ACCESS_DENIED)
 

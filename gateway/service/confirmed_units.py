@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from pdgw.dsp402.drive_type import Scaling
-from pdgw.gateway.store import UnitsWitnessed
+from pdgw.gateway.store import ConfirmedUnits
 
 NEVER = "units not verified (pdgw axis test)"
 
 
-def witnessed(date: str, serial_number: int, scaling: Scaling) -> UnitsWitnessed:
+def confirmation(date: str, serial_number: int, scaling: Scaling) -> ConfirmedUnits:
     """The stored result of a test: date (``2026-11-22``), serial number of the drive (1018h/4) and its units."""
     counts = scaling.counts_per_revolution
-    return UnitsWitnessed(
+    return ConfirmedUnits(
         date=date,
         serial_number=serial_number,
         velocity_per_rpm=str(scaling.velocity_per_rpm),
@@ -19,11 +19,11 @@ def witnessed(date: str, serial_number: int, scaling: Scaling) -> UnitsWitnessed
     )
 
 
-def witness_text(kept: UnitsWitnessed | None, serial_number: int, scaling: Scaling) -> str:
+def units_text(kept: ConfirmedUnits | None, serial_number: int, scaling: Scaling) -> str:
     """For a person: whether the present units of this drive are confirmed."""
     if kept is None:
         return NEVER
-    now = witnessed(kept.date, serial_number, scaling)
+    now = confirmation(kept.date, serial_number, scaling)
     if now == kept:
         return f"units verified on {kept.date} (axis test)"
     other = "for other units"

@@ -43,22 +43,22 @@ class ServiceManager:
 
     def start(self) -> None:
         """Report that ports and buses are open."""
-        self._tell(b"READY=1")
+        self._notify(b"READY=1")
 
     def cycle(self, now: int, accepted: bool, answered: int) -> None:
         """CycleListener: the sign of life."""
         if self.interval_ns and now >= self._due:
             self._due = now + self.interval_ns
-            self._tell(b"WATCHDOG=1")
+            self._notify(b"WATCHDOG=1")
 
     def stop(self) -> None:
         """The drives are stopped, the rest is released."""
-        self._tell(b"STOPPING=1")
+        self._notify(b"STOPPING=1")
         if self._socket is not None:
             self._socket.close()
             self._socket = None
 
-    def _tell(self, line: bytes) -> None:
+    def _notify(self, line: bytes) -> None:
         if self._socket is None:
             return
         try:

@@ -19,11 +19,11 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.encoder import EncoderObject
-from pdgw.gateway.objects.fault_buffer import ToldFault
+from pdgw.gateway.objects.fault_buffer import ReportedFault
 from pdgw.gateway.objects.happenings import around_the_last_stop
 from pdgw.gateway.service.build import build, interpreter
 from pdgw.gateway.service.causes import CAUSE_KEYS, causes
-from pdgw.gateway.service.confirmed_units import witness_text
+from pdgw.gateway.service.confirmed_units import units_text
 from pdgw.profidrive.signals import signal
 
 log = logging.getLogger("gateway")
@@ -46,15 +46,15 @@ def clock_time(seconds: float) -> str:
 
 def fault_status(item: DriveObject, newest: int | None = None) -> list[dict[str, Any]]:
     """Faults and warnings of a drive object, newest first; ``newest``: maximum number."""
-    return [_fault(item, told) for told in item.fault_log.told(present=item.warning, newest=newest)]
+    return [_fault(item, reported) for reported in item.fault_log.reported(present=item.warning, newest=newest)]
 
 
-def _fault(item: DriveObject, told: ToldFault) -> dict[str, Any]:
-    loop, record = item.client.loop, told.record
+def _fault(item: DriveObject, reported: ReportedFault) -> dict[str, Any]:
+    loop, record = item.client.loop, reported.record
     age_s = (loop.now() - record.time_ns) / SECOND
     return {
-        "id": told.id,
-        "active": told.active,
+        "id": reported.id,
+        "active": reported.active,
         "number": int(record.number),
         "code": record.code,
         "text": record.text,
@@ -66,9 +66,9 @@ def _fault(item: DriveObject, told: ToldFault) -> dict[str, Any]:
 
 def _object_status(item: DriveObject) -> dict[str, Any]:
     """The common status of axes and encoders."""
-    setpoints, standing, cause = item.last_setpoints, item.standing, item.cause
-    broken = standing.broken
-    heard_ns = item.client.heard_ns
+    setpoints, enable_status, cause = item.last_setpoints, item.enable_status, item.cause
+    broken = enable_status.broken
+    received_ns = item.client.received_ns
     return {
         "do_id": item.do_id,
         "name": item.config.name or "",
@@ -76,9 +76,9 @@ def _object_status(item: DriveObject) -> dict[str, Any]:
         "node_id": item.node_id,
         "bus": item.network.name,
         "telegram": item.telegram.number,
-        "state": standing.state.value,
-        "state_id": standing.state.name,
-        "sentence": standing.sentence,
+        "state": enable_status.state.value,
+        "state_id": enable_status.state.name,
+        "sentence": enable_status.sentence,
         "reason": broken.evidence if broken else "",
         "reason_id": broken.reason.name if broken and broken.reason else "",
         "remedy": broken.remedy if broken else "",
@@ -90,14 +90,14 @@ def _object_status(item: DriveObject) -> dict[str, Any]:
                 "evidence": link.evidence,
                 "todo": link.remedy,
             }
-            for link in standing.chain
+            for link in enable_status.chain
         ],
         "drive": item.client.status.value,
         "drive_text": item.client.status_text,
         "setpoints": item.telegram.setpoints.as_dict(setpoints) if setpoints is not None else None,
         "actuals": item.telegram.actuals.as_dict(item.actuals),
         "iops_good": item.good,
-        "heard_age_ms": round((item.client.loop.now() - heard_ns) / MS, 1) if heard_ns else None,
+        "heard_age_ms": round((item.client.loop.now() - received_ns) / MS, 1) if received_ns else None,
         "saturations": item.outputs.saturations,
         "cause": None if cause is None else _fault(item, cause),
         "faults": fault_status(item, 1),
@@ -126,7 +126,7 @@ def axis_status(axis: Axis) -> dict[str, Any]:
         "rated_speed": float(scaling.rated_speed_rpm) if scaling and scaling.rated_speed_rpm else None,
         "rated_speed_unit": "rpm",
         "scaling": list(scaling.lines) if scaling else [],
-        "units_witnessed": witness_text(axis.units_witnessed, axis.drive.serial_number, scaling) if scaling else "",
+        "units_witnessed": units_text(axis.units_witnessed, axis.drive.serial_number, scaling) if scaling else "",
         "pdos": list(plan.lines) if plan is not None else [],
         "guarding": axis.drive.guarding.text if axis.drive.guarding is not None else "",
     }
@@ -161,7 +161,7 @@ def _head(daemon: Daemon) -> dict[str, Any]:
     """Everything but the drive objects."""
     loop, config = daemon.loop, daemon.config
     uptime_s = (loop.now() - daemon.started_ns) / SECOND
-    heard_ns = daemon.link.heard_ns
+    received_ns = daemon.link.received_ns
     return {
         "schema": SCHEMA,
         "name": daemon.name,
@@ -175,7 +175,7 @@ def _head(daemon: Daemon) -> dict[str, Any]:
         "plc": {
             "type": config.transport.type,
             "cycle_ms": config.transport.cycle_time_ms,
-            "heard_age_ms": None if heard_ns is None else round((loop.now() - heard_ns) / MS, 1),
+            "heard_age_ms": None if received_ns is None else round((loop.now() - received_ns) / MS, 1),
         }
         | daemon.link.status(),
         "store": str(daemon.store.path) if daemon.store.path is not None else "",
@@ -209,14 +209,14 @@ def encoded(daemon: Daemon) -> Iterator[bytes]:
     yield json.dumps(_head(daemon))[:-1].encode()
     axes = (axis_status(axis) for axis in daemon.axes)
     encoders = (encoder_status(encoder) for encoder in daemon.encoders)
-    told = []
+    axis_causes = []
     for name, items in (("axes", axes), ("encoders", encoders)):
         yield f', "{name}": ['.encode()
         for number, item in enumerate(items):
-            told.append({key: item[key] for key in CAUSE_KEYS})
+            axis_causes.append({key: item[key] for key in CAUSE_KEYS})
             yield (b", " if number else b"") + json.dumps(item).encode()
         yield b"]"
-    yield f', "causes": {json.dumps(causes(told))}}}\n'.encode()
+    yield f', "causes": {json.dumps(causes(axis_causes))}}}\n'.encode()
 
 
 def explanation(daemon: Daemon, items: Sequence[DriveObject]) -> list[dict[str, Any]]:

@@ -154,15 +154,15 @@ class RingReader:
     def newest_cycle(self) -> int:
         """Sequence number of the newest cycle that can be read, 0 before the first one."""
         newest = self._word(Word.NEWEST_CYCLE)
-        return newest if self._settled else max(0, newest - 1)
+        return newest if self._is_complete else max(0, newest - 1)
 
     @property
     def newest_frame(self) -> int:
         """Sequence number of the newest CAN frame that can be read."""
-        return self._word(Word.NEWEST_FRAME if self._settled else Word.FRAMES_BEFORE)
+        return self._word(Word.NEWEST_FRAME if self._is_complete else Word.FRAMES_BEFORE)
 
     @property
-    def _settled(self) -> bool:
+    def _is_complete(self) -> bool:
         """The newest record is whole when its number says so."""
         if self._in_order or self.ended:
             return True

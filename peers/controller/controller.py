@@ -102,7 +102,7 @@ class IoController:
         self.silent = False
         """Send no cyclic frames."""
         self._primary = False
-        self.told = 0
+        self.data_status = 0
         """DataStatus of the device's newest frame."""
         self._ip = ip
         self._seed = seed
@@ -386,7 +386,7 @@ class IoController:
         elif frame_id in _PRIORITIES:
             self._alarm(_PRIORITIES[frame_id], data, start)
         elif self.consumer is not None and frame_id == self.consumer.frame_id:
-            _, self.told, _ = TRAILER.unpack(data[-TRAILER.size :])
+            _, self.data_status, _ = TRAILER.unpack(data[-TRAILER.size :])
             return self.consumer.receive(data, start, now).value == "accepted"
         return False
 

@@ -218,7 +218,7 @@ class RebootInMotion(Reboot, DriveMisbehaviour):
 
 
 @dataclass(kw_only=True, eq=False)
-class Deaf(DriveMisbehaviour):
+class IgnoresRpdos(DriveMisbehaviour):
     """The drive ignores every RPDO: it continues with its last command and shows that state."""
 
     name = "deaf"
@@ -266,7 +266,7 @@ DRIVE_MISBEHAVIOURS = catalogue(
         DriveFault,
         UnderVoltage,
         RebootInMotion,
-        Deaf,
+        IgnoresRpdos,
         StopRampMissing,
         TurnsInPreOperational,
     ),

@@ -299,16 +299,16 @@ class ErrorPassive(Late):
     name = "error-passive"
     delay_ms: int = parameter(5, 1, 1000, "delay of each frame the node sends", "ms")
 
-    _told: bool = field(init=False, repr=False, default=False)
+    _reported: bool = field(init=False, repr=False, default=False)
 
     def poll(self, now: int) -> None:
-        if not self._told and self.node.running:
-            self._told = True
+        if not self._reported and self.node.running:
+            self._reported = True
             self.node.send_emcy(ERROR_PASSIVE, COMMUNICATION_ERROR)
         super().poll(now)
 
     def next_event(self, now: int) -> int | None:
-        return now if not self._told and self.node.running else super().next_event(now)
+        return now if not self._reported and self.node.running else super().next_event(now)
 
     def outgoing(self, can_id: int, data: bytes) -> bool:
         return self._hold(True, can_id, data)

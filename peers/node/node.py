@@ -92,7 +92,7 @@ class SimulatedNode(Device):
             if fault is not None and self._powered:
                 fault.end()
 
-    def _behind(self, past: object) -> list[Misbehaviour]:
+    def _faults_after(self, past: object) -> list[Misbehaviour]:
         """The faults that a frame still has to pass; ``past`` has already passed it."""
         faults = list(self.misbehaviours.values())
         return faults[next((place for place, fault in enumerate(faults, 1) if fault is past), 0) :]
@@ -112,7 +112,7 @@ class SimulatedNode(Device):
     def receive(self, can_id: int, data: bytes, now: int, past: object = None) -> bool:
         """Process a frame from the bus; ``past`` is the fault that delayed it. False when ``next_event`` has not changed."""
         self.now = now
-        if self.misbehaviours and not all(fault.incoming(can_id, data) for fault in self._behind(past)):
+        if self.misbehaviours and not all(fault.incoming(can_id, data) for fault in self._faults_after(past)):
             return True
         if can_id in self.pdos.received:
             if self.state is NmtState.OPERATIONAL:
@@ -216,7 +216,7 @@ class SimulatedNode(Device):
 
     def transmit(self, can_id: int, data: bytes, past: object = None) -> None:
         """Send a frame on the bus; ``past`` is the fault that delayed it."""
-        if not self.misbehaviours or all(fault.outgoing(can_id, data) for fault in self._behind(past)):
+        if not self.misbehaviours or all(fault.outgoing(can_id, data) for fault in self._faults_after(past)):
             self.send(can_id, data)
 
     def pdo(self, can_id: int) -> Pdo | None:

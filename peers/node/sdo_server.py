@@ -31,7 +31,7 @@ class BlockSdoServer(SdoServer):  # type: ignore[misc]  # partly typed package
         self._data = b""
         self._offset = 0
         self._block_size = 0
-        self._crc_wanted = False
+        self._crc_requested = False
         self._uploading = False
 
     def block_upload(self, request: bytes) -> None:
@@ -54,7 +54,7 @@ class BlockSdoServer(SdoServer):  # type: ignore[misc]  # partly typed package
         self._set_block_size(request[4])
         self._data = bytes(self._node.get_data(index, subindex, check_readable=True))
         self._offset = 0
-        self._crc_wanted = bool(command & _CRC)
+        self._crc_requested = bool(command & _CRC)
         self._uploading = True
         answer = _HEADER.pack(_RESPONSE | _CRC | _SIZE | _INITIATE, index, subindex)
         self.send_response(bytearray(answer + struct.pack("<I", len(self._data))))
@@ -85,5 +85,5 @@ class BlockSdoServer(SdoServer):  # type: ignore[misc]  # partly typed package
             self._send_block()
             return
         unused = -len(self._data) % SEGMENT_SIZE
-        crc = crc_hqx(self._data, 0) if self._crc_wanted else 0
+        crc = crc_hqx(self._data, 0) if self._crc_requested else 0
         self.send_response(bytearray(struct.pack("<BH5x", _RESPONSE | unused << 2 | _END, crc)))

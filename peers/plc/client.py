@@ -83,7 +83,7 @@ class PlcRunner(abc.ABC):
             if engine is not None:
                 engine.step(now)
                 if not engine.passed and not self.endpoint.counters["received"]:
-                    engine.give_up()
+                    engine.abort()
                 muted = engine.muted
                 while engine.drive_commands:
                     drive(engine.drive_commands.pop(0))

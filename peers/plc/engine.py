@@ -126,7 +126,7 @@ class Engine:
             self._result(item, item.name, item.passed, item.measured, now)
         return wanted is None
 
-    def give_up(self) -> None:
+    def abort(self) -> None:
         """End the active step. A closed position loop leaves no setpoints."""
         if self._queue and isinstance(self._queue[0], Following):
             self.endpoint.set(self._queue[0].axis, self._queue[0].rest)

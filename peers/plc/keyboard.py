@@ -38,7 +38,7 @@ _BACKSPACE: Final = ("\x7f", "\b")
 _ESCAPE: Final = "\x1b"
 _FULL: Final = 100
 _GIVEN_UP_BY_STOPS: Final = {"enable", "follow"}
-_TOLD: Final = frozenset({"follow", "expect"})
+_REPORTED: Final = frozenset({"follow", "expect"})
 """Their results are reported after a success as well."""
 _OF_SCENARIOS: Final = frozenset({"read", "write", "mute", "drive"})
 """They need more than cyclic frames, which is all that keys control."""
@@ -59,15 +59,15 @@ class Keyboard:
     """Converts keys to setpoints, sans-I/O: ``press`` from any thread, ``step`` once per cycle.
 
     Each axis has its own queue of keys. A stop key acts at once: it clears the queue, aborts an enable that waits for the
-    drive, and lets only a started handshake finish. ``tell`` is called with messages for the user, ``leave`` for the exit
+    drive, and lets only a started handshake finish. ``report`` is called with messages for the user, ``leave`` for the exit
     key.
     """
 
     def __init__(
-        self, endpoint: PlcEndpoint, tell: Callable[[str], None], leave: Callable[[], None] = lambda: None
+        self, endpoint: PlcEndpoint, report: Callable[[str], None], leave: Callable[[], None] = lambda: None
     ) -> None:
         self.endpoint = endpoint
-        self.tell = tell
+        self.report = report
         self.selected: int | None = None
         """The selected axis (from 1); None: all."""
         self._leave = leave
@@ -88,7 +88,7 @@ class Keyboard:
     def step(self, now: int) -> None:
         """Carry out the keys pressed since the last cycle and continue the active steps."""
         while not self._keys.empty():
-            self._obey(self._keys.get(), now)
+            self._execute(self._keys.get(), now)
         for axis, pending in enumerate(self._pending, 1):
             if pending:
                 job = pending[0]
@@ -97,7 +97,7 @@ class Keyboard:
                 job.engine.step(now)
                 if job.engine.finished:
                     pending.pop(0)
-                    self._tell_results(job.text, job.engine)
+                    self._report_results(job.text, job.engine)
 
     def keys_of(self, axis: int) -> list[str]:
         """The keys whose step is possible with the telegram of an axis."""
@@ -151,14 +151,14 @@ class Keyboard:
             return False
         return True
 
-    def _tell_results(self, text: str, engine: Engine) -> None:
+    def _report_results(self, text: str, engine: Engine) -> None:
         for result in engine.results:
             if not result.passed:
-                self.tell(f"{text}, axis {result.axis}: {result.name} not met: {result.measured}")
-            elif engine.scenario.steps[0].action in _TOLD:
-                self.tell(f"{text}, axis {result.axis}: {result.measured}")
+                self.report(f"{text}, axis {result.axis}: {result.name} not met: {result.measured}")
+            elif engine.scenario.steps[0].action in _REPORTED:
+                self.report(f"{text}, axis {result.axis}: {result.measured}")
 
-    def _obey(self, key: str, now: int) -> None:
+    def _execute(self, key: str, now: int) -> None:
         if self._typed is not None:
             self._type(key, now)
         elif self._choosing:
@@ -183,7 +183,7 @@ class Keyboard:
                 self._do(axis, _Job(KEYS[key].text, partial(self._action, key, axis)), now)
             elif self.selected is not None or not any(key in keys for keys in self._available):
                 number = self._numbers[axis - 1]
-                self.tell(f"{KEYS[key].text}, axis {axis}: telegram {number} does not use this key")
+                self.report(f"{KEYS[key].text}, axis {axis}: telegram {number} does not use this key")
 
     def _type(self, key: str, now: int) -> None:
         line = self._typed or ""
@@ -196,9 +196,9 @@ class Keyboard:
         else:
             self._typed = None
             if line.strip():
-                self._say(line.strip(), now)
+                self._queue_line(line.strip(), now)
 
-    def _say(self, line: str, now: int) -> None:
+    def _queue_line(self, line: str, now: int) -> None:
         """Queue a typed step for each selected axis whose telegram supports it."""
         refusals = []
         for axis in self._chosen:
@@ -213,7 +213,7 @@ class Keyboard:
                 self._do(axis, _Job(line, partial(dict, action)), now)
         if len(refusals) == len(self._chosen):
             for text in dict.fromkeys(refusals):
-                self.tell(text)
+                self.report(text)
 
     def _toggle(self, letter: str, now: int) -> None:
         position = BIT_LETTERS.find(letter)
@@ -224,7 +224,7 @@ class Keyboard:
         for axis in self._chosen:
             if word.name in words_of(self._numbers[axis - 1]):
                 self._do(axis, _Job(word.name, partial(dict, {"set": {word.key: on}})), now)
-        self.tell(f"{word.key} = {on}: {word.meaning}")
+        self.report(f"{word.key} = {on}: {word.meaning}")
 
     def _value(self, axis: int, name: str) -> int:
         word = words_of(self._numbers[axis - 1])[name]
@@ -239,7 +239,7 @@ class Keyboard:
                 for name in ACTIONS
                 if name not in _OF_SCENARIOS and any(self._possible(axis, example) for example in examples(name))
             ]
-            self.tell(f"telegram {number}: {', '.join(dict.fromkeys([*actions, *words_of(number)]))}")
+            self.report(f"telegram {number}: {', '.join(dict.fromkeys([*actions, *words_of(number)]))}")
 
     def _select(self, key: str) -> None:
         if key == ALL:
@@ -247,7 +247,7 @@ class Keyboard:
         elif int(key) <= len(self._numbers):
             self.selected = int(key)
         else:
-            self.tell(f"axis {key}: does not exist, the number of axes is {len(self._numbers)}")
+            self.report(f"axis {key}: does not exist, the number of axes is {len(self._numbers)}")
 
     def _action(self, key: str, axis: int) -> Action:
         name = self._changed_by_keys(axis)
@@ -269,6 +269,6 @@ class Keyboard:
             return
         for other in pending:
             if other.engine is not None and other.engine.scenario.steps[0].action in _GIVEN_UP_BY_STOPS:
-                other.engine.give_up()
+                other.engine.abort()
         pending[:] = [other for other in pending if other.engine is not None and not other.engine.finished]
         self._engine(axis, action).step(now)

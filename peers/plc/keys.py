@@ -27,7 +27,7 @@ STEP_PERCENT: Final = 10
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """``back``: replaces the key's step while the word ``held`` is not 0."""
+    """``back``: replaces the key's step while the word ``withheld`` is not 0."""
 
     text: str
     step: Action

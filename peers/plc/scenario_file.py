@@ -52,7 +52,7 @@ def scenario_of(telegrams: Sequence[int], steps: Sequence[Mapping[str, Any]]) ->
     try:
         return Scenario.model_validate({"telegrams": list(telegrams), "steps": [dict(step) for step in steps]})
     except ValidationError as error:
-        raise GatewayError("; ".join(_told(problem) for problem in problems(error, Scenario))) from error
+        raise GatewayError("; ".join(_step_problem(problem) for problem in problems(error, Scenario))) from error
 
 
 def load_scenario(path: Path) -> Scenario:
@@ -66,7 +66,9 @@ def load_scenario(path: Path) -> Scenario:
     try:
         scenario = Scenario.model_validate(document)
     except ValidationError as error:
-        raise GatewayError("\n".join(f"{path}: {_told(problem)}" for problem in problems(error, Scenario))) from error
+        raise GatewayError(
+            "\n".join(f"{path}: {_step_problem(problem)}" for problem in problems(error, Scenario))
+        ) from error
     try:
         Engine(scenario, PlcEndpoint([telegram(number) for number in scenario.telegrams], MS))
     except GatewayError as error:
@@ -74,7 +76,7 @@ def load_scenario(path: Path) -> Scenario:
     return scenario
 
 
-def _told(problem: Problem) -> str:
+def _step_problem(problem: Problem) -> str:
     """``step 3: move.to = 'x': expected a number``. Steps count from 1, as in the results."""
     section, *place = problem.location or ("",)
     if section != "steps" or not place:

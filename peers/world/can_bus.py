@@ -105,14 +105,14 @@ class Member:
         if self._receiver is not None:
             deliver(self._receiver, can_id, data)
 
-    def tell_room(self) -> None:
+    def report_room(self) -> None:
         """Report a free place in the queue, or the end of bus-off."""
         if self._refused:
             self._refused = False
             if self._receiver is not None:
                 self._receiver.on_room()
 
-    def tell_error(self) -> None:
+    def report_error(self) -> None:
         """Report an error frame on the bus."""
         if self._receiver is not None:
             self._receiver.on_error_frame(bus_off=self.bus_off, passive=self.errors >= _TEC_PASSIVE)
@@ -241,7 +241,7 @@ class SimulatedCan:
         for member in tuple(self.members):
             if member is not sender and member.connected and not member.bus_off:
                 member.deliver(can_id, data)
-        sender.tell_room()
+        sender.report_room()
         self._delivering = False
         if sender.closed:
             self.leave(sender)
@@ -258,7 +258,7 @@ class SimulatedCan:
             self._go_off(sender)
         for member in tuple(self.members):
             if member.connected and not member.bus_off:
-                member.tell_error()
+                member.report_error()
         self._delivering = False
         self._begin()
 
@@ -277,7 +277,7 @@ class SimulatedCan:
     def _go_off(self, member: Member) -> None:
         member.bus_off = True
         member.queue.clear()
-        member.tell_error()
+        member.report_error()
         if member.closed:
             self.leave(member)
         if not self.shorted:
@@ -292,7 +292,7 @@ class SimulatedCan:
             if not self.shorted and member.bus_off:
                 member.bus_off = False
                 member.errors = 0
-                member.tell_room()
+                member.report_room()
                 self._begin()
 
         self.loop.call_later(max(member.restart_ns, int(_RECOVERY_BITS * self._bit_ns)), recover)

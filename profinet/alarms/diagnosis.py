@@ -129,7 +129,7 @@ class AlarmSource:
         self._diagnosis = diagnosis
         self._model = model
         self._places = places
-        self._told: dict[tuple[Subslot, ErrorType], Severity] = {}
+        self._reported: dict[tuple[Subslot, ErrorType], Severity] = {}
         self._returned: list[Subslot] = []
         self._sequence = 0
         self._seen = -1
@@ -149,15 +149,15 @@ class AlarmSource:
         present = {
             (place, error): severity for place, error, severity in self._diagnosis.all() if place in self._places
         }
-        for key in list(self._told):
-            if key not in present or present[key] is not self._told[key]:
-                severity = self._told.pop(key)
-                others = any(place == key[0] for place, _ in self._told)
+        for key in list(self._reported):
+            if key not in present or present[key] is not self._reported[key]:
+                severity = self._reported.pop(key)
+                others = any(place == key[0] for place, _ in self._reported)
                 specifier = Specifier.OTHERS_REMAIN if others else Specifier.DISAPPEARS
                 return self._diagnosis_alarm(AlarmType.DIAGNOSIS_DISAPPEARS, key, severity, specifier)
         for key, severity in present.items():
-            if key not in self._told:
-                self._told[key] = severity
+            if key not in self._reported:
+                self._reported[key] = severity
                 return self._diagnosis_alarm(AlarmType.DIAGNOSIS, key, severity, Specifier.APPEARS)
         if self._returned:
             return self._notification(AlarmType.RETURN_OF_SUBMODULE, self._returned.pop(0), 0, b"")
@@ -172,9 +172,9 @@ class AlarmSource:
         return self._notification(kind, place, CHANNEL_DIAGNOSIS, payload)
 
     def _notification(self, kind: AlarmType, place: Subslot, bits: int, payload: bytes) -> Notification:
-        if any(known == place for known, _ in self._told):
+        if any(known == place for known, _ in self._reported):
             bits |= SUBMODULE_DIAGNOSIS
-        if self._told:
+        if self._reported:
             bits |= AR_DIAGNOSIS
         module = self._model.modules[place[0]]
         block = NOTIFICATIONS[Priority.LOW](

@@ -64,14 +64,14 @@ class Plant:
         """Run something slow, such as a command, while the gateway keeps running."""
         return self.loop.result(self.loop.offload(action))
 
-    def play(self, story: Callable[[], None]) -> None:
+    def play(self, sequence: Callable[[], None]) -> None:
         """Run a test sequence to its end and raise its exception here. Then stop the gateway in order."""
         loop = self.loop
         outcome: list[BaseException | None] = []
 
         def run() -> None:
             try:
-                story()
+                sequence()
                 outcome.append(None)
             except Exception as error:  # the test's
                 outcome.append(error)

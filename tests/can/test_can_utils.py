@@ -31,12 +31,12 @@ def test_candump_sees_what_the_gateway_records_and_tshark_reads_both(line: Wire,
         try:
             wait_for(lambda: line.near in _LISTENERS.read_text(), "candump listens")
 
-            def story() -> None:
+            def sequence() -> None:
                 plant.turn()
                 plant.until(lambda: ENABLE.search(seen.read_text()), "candump has seen it")
                 plant.stays(plant.turns, "turns on")
 
-            plant.play(story)
+            plant.play(sequence)
         finally:
             candump.terminate()
     recorder.stop()
@@ -60,7 +60,7 @@ def test_cansend_can_take_a_node_out_of_operation_and_the_axis_stops(line: Wire)
     plant = Plant(can_table(line.near), axis_table(1, line.near))
     drive = plant.drive(line.far)
 
-    def story() -> None:
+    def sequence() -> None:
         plant.turn()
         plant.outside(lambda: subprocess.run(["cansend", line.far, "000#8001"], check=True, timeout=PATIENCE_S))
         plant.until(lambda: plant.state() != 0x07, "the axis is not in operation")
@@ -69,4 +69,4 @@ def test_cansend_can_take_a_node_out_of_operation_and_the_axis_stops(line: Wire)
         plant.stays(lambda: plant.state() == INHIBITED, "the ON that stands starts nothing")
         plant.turn()
 
-    plant.play(story)
+    plant.play(sequence)

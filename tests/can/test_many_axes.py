@@ -60,7 +60,7 @@ class Axes:
         for node_id in range(1, AXES + 1):
             client = DriveClient(self.network, DriveSettings(node_id), layout, lambda _: None)
             plan = straight_plan(layout, node_id, available, sync=False)
-            client.rpdos.take_plan(plan, SECOND, client.settings.rpdo_refresh_ms * MS)
+            client.rpdos.use_plan(plan, SECOND, client.settings.rpdo_refresh_ms * MS)
             client._sending = True
             self.clients.append(client)
 

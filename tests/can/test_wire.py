@@ -25,21 +25,21 @@ def test_a_drive_turns_and_its_frames_are_read_by_the_socket_without_a_thread(li
     plant = Plant(can_table(line.near), axis_table(1, line.near))
     plant.drive(line.far)
 
-    def story() -> None:
+    def sequence() -> None:
         plant.turn()
         assert isinstance(plant.loop._readiness.system, EpollReadiness)  # type: ignore[attr-defined]
         assert not [thread.name for thread in threading.enumerate() if thread.name.startswith("CAN")]
         plant.command(OFF)
         plant.until(lambda: plant.state() in {1, 3} and plant.value("NIST_A") == 0, "standstill")
 
-    plant.play(story)
+    plant.play(sequence)
 
 
 def test_link_down_stops_the_drive_and_link_up_does_not_start_it(line: Wire) -> None:
     plant = Plant(can_table(line.near), axis_table(1, line.near))
     drive = plant.drive(line.far)
 
-    def story() -> None:
+    def sequence() -> None:
         plant.turn()
         plant.outside(lambda: interfaces.ip("set", line.near, "down"))
         plant.until(lambda: plant.value("ZSW1") is None, "IOPS BAD")
@@ -52,14 +52,14 @@ def test_link_down_stops_the_drive_and_link_up_does_not_start_it(line: Wire) -> 
         )
         plant.turn()
 
-    plant.play(story)
+    plant.play(sequence)
 
 
 def test_unplugged_adapter_is_used_again_after_plugging_it_in(line: Wire) -> None:
     plant = Plant(can_table(line.near), axis_table(1, line.near))
     drive = plant.drive(line.far)
 
-    def story() -> None:
+    def sequence() -> None:
         plant.turn()
         plant.outside(line.unplug)
         plant.until(lambda: plant.value("ZSW1") is None, "IOPS BAD")
@@ -71,7 +71,7 @@ def test_unplugged_adapter_is_used_again_after_plugging_it_in(line: Wire) -> Non
         )
         plant.turn()
 
-    plant.play(story)
+    plant.play(sequence)
 
 
 FOREIGN = {
@@ -96,34 +96,36 @@ def test_foreign_frames_do_not_disturb_a_turning_drive(virtual: str) -> None:
     plant = Plant(can_table(virtual), axis_table(1, virtual))
     plant.drive(virtual)
 
-    def story() -> None:
-        with open_bus("socketcan", virtual) as stranger:
+    def sequence() -> None:
+        with open_bus("socketcan", virtual) as unknown_sender:
             plant.turn()
             for what, messages in FOREIGN.items():
                 for message in messages:
-                    stranger.send(message)
+                    unknown_sender.send(message)
                 plant.stays(plant.turns, what, 0.3)
         assert plant.counter(f"node 1 on {virtual}", "length_errors") == 2
 
-    plant.play(story)
+    plant.play(sequence)
 
 
 def test_can_fd_frames_are_ignored_on_a_can_fd_interface(virtual: str) -> None:
     plant = Plant(can_table(virtual, "fd = true\n"), axis_table(1, virtual))
     plant.drive(virtual)
 
-    def story() -> None:
-        with open_bus("socketcan", virtual, fd=True) as stranger:
+    def sequence() -> None:
+        with open_bus("socketcan", virtual, fd=True) as unknown_sender:
             plant.turn()
             for size in (0, 8, 64):
                 # Statusword 0 in what would be TPDO 1, NMT state Stopped in what would be a heartbeat.
                 for identifier, byte in ((TPDO_1, 0), (0x701, 4)):
                     data = bytes((byte,)) * size
-                    stranger.send(can.Message(arbitration_id=identifier, is_extended_id=False, is_fd=True, data=data))
+                    unknown_sender.send(
+                        can.Message(arbitration_id=identifier, is_extended_id=False, is_fd=True, data=data)
+                    )
             plant.stays(plant.turns, "turns on", 0.5)
         assert plant.counter(f"node 1 on {virtual}", "length_errors") == 0
 
-    plant.play(story)
+    plant.play(sequence)
 
 
 def test_controller_errors_are_counted_and_bus_off_stops_until_off_and_on(virtual: str) -> None:
@@ -133,7 +135,7 @@ def test_controller_errors_are_counted_and_bus_off_stops_until_off_and_on(virtua
     passive = bytes((0, 0x30, 0, 0, 0, 0, 0, 0))
     part = f"bus {virtual}"
 
-    def story() -> None:
+    def sequence() -> None:
         with open_bus("socketcan", virtual) as kernel:
 
             def tell(bits: int, data: bytes = bytes(8)) -> None:
@@ -152,7 +154,7 @@ def test_controller_errors_are_counted_and_bus_off_stops_until_off_and_on(virtua
             plant.stays(lambda: plant.state() != OPERATION, "the ON that stands starts nothing")
             plant.turn()
 
-    plant.play(story)
+    plant.play(sequence)
 
 
 @pytest.mark.parametrize("length", ["0", "4"])
@@ -163,7 +165,7 @@ def test_flood_of_the_highest_priority_leaves_the_axis_controllable(line: Wire, 
     heard: list[int] = []
     plant.daemon.networks[line.near].listeners.append(lambda frame: heard.append(frame.arbitration_id))
 
-    def story() -> None:
+    def sequence() -> None:
         plant.turn()
         plant.outside(lambda: subprocess.run(flood, check=True, timeout=PATIENCE_S))
         # How much of it: where the machine is too slow, the kernel or the controller has no room for the rest.
@@ -174,7 +176,7 @@ def test_flood_of_the_highest_priority_leaves_the_axis_controllable(line: Wire, 
         plant.command(OFF)
         plant.until(lambda: drive.model.velocity_actual == 0, "standstill")
 
-    plant.play(story)
+    plant.play(sequence)
 
 
 def test_full_queue_of_the_interface_is_reported_and_stops_the_drive(line: Wire) -> None:
@@ -184,7 +186,7 @@ def test_full_queue_of_the_interface_is_reported_and_stops_the_drive(line: Wire)
     stuck = ["tc", "qdisc", "replace", "dev", line.near, "root", "netem", "delay", "200s", "limit", "1"]
     free = ["tc", "qdisc", "del", "dev", line.near, "root"]
 
-    def story() -> None:
+    def sequence() -> None:
         plant.turn()
         plant.outside(lambda: subprocess.run(stuck, check=True, timeout=PATIENCE_S))
         plant.until(lambda: plant.counter("bus can0", "waits"), "frames are not taken")
@@ -197,14 +199,14 @@ def test_full_queue_of_the_interface_is_reported_and_stops_the_drive(line: Wire)
         )
         plant.turn()
 
-    plant.play(story)
+    plant.play(sequence)
 
 
 def test_two_nodes_with_one_number_never_turn_unsupervised(line: Wire) -> None:
     plant = Plant(can_table(line.near), axis_table(1, line.near))
     drive = plant.drive(line.far)
 
-    def story() -> None:
+    def sequence() -> None:
         plant.turn()
         twin = plant.drive(line.far)
         plant.until(lambda: plant.state() != OPERATION, "the boot-up of a node that turns is no restart one may trust")
@@ -216,7 +218,7 @@ def test_two_nodes_with_one_number_never_turn_unsupervised(line: Wire) -> None:
         plant.until(lambda: plant.state() == INHIBITED, "one of them again")
         plant.turn()
 
-    plant.play(story)
+    plant.play(sequence)
 
 
 def test_a_controller_with_automatic_restart_is_used_like_any_other(line: Wire) -> None:
@@ -234,7 +236,7 @@ def test_axes_on_several_buses_turn_and_the_loss_of_one_bus_stops_its_axis_alone
     plant.drive(line.far, 1)
     other = plant.drive(virtual, 2)
 
-    def story() -> None:
+    def sequence() -> None:
         for axis in (0, 1):
             plant.turn(axis)
         plant.outside(lambda: interfaces.ip("set", line.near, "down"))
@@ -243,4 +245,4 @@ def test_axes_on_several_buses_turn_and_the_loss_of_one_bus_stops_its_axis_alone
         plant.command(ON, 0, 1)
         plant.until(lambda: other.model.velocity_actual == 0, "and obeys")
 
-    plant.play(story)
+    plant.play(sequence)

@@ -30,7 +30,7 @@ class _Clock:
         return self._shown
 
 
-class ToldReadiness:
+class ReportingReadiness:
     """Report to the clock how long the loop waits."""
 
     def __init__(self, clock: _Clock) -> None:
@@ -54,4 +54,4 @@ class UnhurriedPlatform(SystemPlatform):
 
     def __init__(self) -> None:
         clock = _Clock()
-        self.loop = SystemLoop(ToldReadiness(clock), clock.now)
+        self.loop = SystemLoop(ReportingReadiness(clock), clock.now)

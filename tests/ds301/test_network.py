@@ -442,13 +442,13 @@ def test_check_due_before_the_next_cycle_runs_in_this_one() -> None:
     cycle = 4 * MS
     for _ in range(10):
         loop.run_for(cycle)
-        network.look_before(loop.now() + cycle)
+        network.check_before(loop.now() + cycle)
     assert [when - begin for when in looks] == [16 * MS, 32 * MS]
     loop.run_for(3 * cycle)  # the exchange has ended
     assert [when - begin for when in looks[2:]] == [52 * MS]
     network.unwatch(looks.append)
-    network.look_before(loop.now() + SECOND)
-    network.look_before(loop.now() + SECOND)
+    network.check_before(loop.now() + SECOND)
+    network.check_before(loop.now() + SECOND)
     assert len(looks) == 3
     network.close()
 

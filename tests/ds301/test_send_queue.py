@@ -55,7 +55,7 @@ class Axes:
             available = {pdo.communication_index for pdo in layout.rpdos if node_id <= 0x3F or pdo.number <= 4}
             plan = self.plans[node_id] = straight_plan(layout, node_id, available, sync=False)
             client = DriveClient(self.network, DriveSettings(node_id), layout, lambda _: None)
-            client.rpdos.take_plan(plan, SECOND, client.settings.rpdo_refresh_ms * MS)
+            client.rpdos.use_plan(plan, SECOND, client.settings.rpdo_refresh_ms * MS)
             client._sending = True
             self.clients[node_id] = client
 

@@ -240,7 +240,7 @@ def test_last_sign_of_a_drive_includes_heartbeats(plant: Plant) -> None:
     plant.online()
     drive.do(lambda node: node.receive(NMT, bytes((NmtCommand.STOP, NODE)), node.now))
     site.wait_for(lambda: client.nmt_stopped, "a heartbeat, and no TPDO any more")
-    assert client.heard_ns > max(slot.time for slot in client._slots)
+    assert client.received_ns > max(slot.time for slot in client._slots)
 
 
 def test_emergencies_are_passed_on_with_their_code(plant: Plant) -> None:

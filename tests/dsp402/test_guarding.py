@@ -8,7 +8,7 @@ from canopen.sdo import SdoAbortedError
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.communication import CONSUMER_HEARTBEAT, GUARD_TIME, LIFE_TIME_FACTOR, PRODUCER_HEARTBEAT
 from pdgw.ds301.configuration import EVENT_TIMER, SdoStep
-from pdgw.dsp402.drive.guarding import Guarding, Wanted, guard
+from pdgw.dsp402.drive.guarding import Guarding, GuardTimes, guard
 from pdgw.dsp402.indices import ABORT_OPTION
 
 RPDO = 0x1400
@@ -42,7 +42,7 @@ class Node:
         return self.values[index]
 
     def guarded(self, heartbeat_ms: int = 100, reaction: int = QUICK_STOP) -> Guarding:
-        return guard(Wanted(127, heartbeat_ms, 3, 50, reaction, RPDO), self.write, self.read)
+        return guard(GuardTimes(127, heartbeat_ms, 3, 50, reaction, RPDO), self.write, self.read)
 
 
 LIFE = (GUARD_TIME, LIFE_TIME_FACTOR)

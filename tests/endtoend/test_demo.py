@@ -20,13 +20,13 @@ from scapy.utils import rdpcap
 from pdgw.profidrive.scapy_layers import ProfidriveCyclic, bind
 from pdgw.tools.demo.chapters import CHAPTERS
 from tests.support.buses import PATIENCE_S
-from tests.support.processes import played_undisturbed, running, wait_for_text
+from tests.support.processes import demo_undisturbed, running, wait_for_text
 from tests.support.readers import tshark
 
 pytestmark = pytest.mark.e2e
 
 
-def story(out: Path) -> None:
+def check_report(out: Path) -> None:
     """Every expectation passed; the encoder and the parameters are part of it."""
     report = json.loads((out / "report.json").read_text())
     assert report["passed"]
@@ -123,13 +123,13 @@ FOR_PICTURES = ({"hold": "400 ms"}, {"hold": "500 ms"}, {"hold": "1 s"})
 
 def without_passing_moments(chapter: str) -> str:
     """The scenario of a chapter with time for a busy machine; test_demo_chapters.py checks all its movements in virtual time."""
-    story = yaml.safe_load(CHAPTERS[chapter].scenario.read_text(encoding="utf-8"))
-    for step in story["steps"]:
+    document = yaml.safe_load(CHAPTERS[chapter].scenario.read_text(encoding="utf-8"))
+    for step in document["steps"]:
         passing = PASSING.get(step.get("note", ""), set())
         if passing:
             step["expect"] = {name: value for name, value in step["expect"].items() if name not in passing}
-    story["steps"] = [step for step in story["steps"] if step.get("expect") != {} and step not in FOR_PICTURES]
-    return yaml.safe_dump(story | {"within": "30 s"}, sort_keys=False)
+    document["steps"] = [step for step in document["steps"] if step.get("expect") != {} and step not in FOR_PICTURES]
+    return yaml.safe_dump(document | {"within": "30 s"}, sort_keys=False)
 
 
 def test_demo_scenario_passes_and_independent_readers_confirm_it(tmp_path: Path) -> None:
@@ -137,9 +137,9 @@ def test_demo_scenario_passes_and_independent_readers_confirm_it(tmp_path: Path)
     scenario = tmp_path / "story.yaml"
     scenario.write_text(without_passing_moments("basics"), encoding="utf-8")
     words = ("--chapter", "basics", "--scenario", str(scenario), "--out", str(tmp_path))
-    result = played_undisturbed(*words, log=out / "gateway.log", losses=1)
+    result = demo_undisturbed(*words, log=out / "gateway.log", losses=1)
     assert result.returncode == 0, result.stdout + result.stderr
-    story(out)
+    check_report(out)
     frames_of_the_plc(out)
     frames_on_can(out)
     pictures(out)
@@ -148,19 +148,19 @@ def test_demo_scenario_passes_and_independent_readers_confirm_it(tmp_path: Path)
     dissected(out)
 
 
-def part_of_the_story(chapter: str, first: str, last: str) -> str:
+def part_of_the_scenario(chapter: str, first: str, last: str) -> str:
     """A chapter up to its first movement, from the note ``first`` to before ``last``, and its end."""
     text = CHAPTERS[chapter].scenario.read_text(encoding="utf-8")
     # How well the axis follows needs two seconds in which no process is held up: that comes true in virtual time.
-    story = yaml.safe_load(re.sub(r"\berror: \d+", "error: 100000", text))
-    notes = [step.get("note", "") for step in story["steps"]]
+    document = yaml.safe_load(re.sub(r"\berror: \d+", "error: 100000", text))
+    notes = [step.get("note", "") for step in document["steps"]]
 
     def place(begin: str) -> int:
         return next(number for number, note in enumerate(notes) if note.startswith(begin))
 
-    ready = next(number for number, step in enumerate(story["steps"]) if "enable" in step) + 2
-    cut = [*story["steps"][:ready], *story["steps"][place(first) : place(last)], *story["steps"][-2:]]
-    return yaml.safe_dump(story | {"steps": cut})
+    ready = next(number for number, step in enumerate(document["steps"]) if "enable" in step) + 2
+    cut = [*document["steps"][:ready], *document["steps"][place(first) : place(last)], *document["steps"][-2:]]
+    return yaml.safe_dump(document | {"steps": cut})
 
 
 def test_chapters_of_positioner_and_dsc_run_and_are_plotted(tmp_path: Path) -> None:
@@ -169,11 +169,11 @@ def test_chapters_of_positioner_and_dsc_run_and_are_plotted(tmp_path: Path) -> N
         ("positioner", "telegram 111: MDI to 80000 LU", "telegram 111: override 0", "OVERRIDE"),
         ("dsc", "telegram 105: the same sine with DSC", "telegram 105: DSC holds", "XERR"),
     ):
-        story = tmp_path / f"{chapter}.yaml"
-        story.write_text(part_of_the_story(chapter, first, last), encoding="utf-8")
+        scenario_part = tmp_path / f"{chapter}.yaml"
+        scenario_part.write_text(part_of_the_scenario(chapter, first, last), encoding="utf-8")
         out = tmp_path / chapter
-        words = ("--chapter", chapter, "--scenario", str(story), "--out", str(tmp_path))
-        result = played_undisturbed(*words, log=out / "gateway.log")
+        words = ("--chapter", chapter, "--scenario", str(scenario_part), "--out", str(tmp_path))
+        result = demo_undisturbed(*words, log=out / "gateway.log")
         assert result.returncode == 0, result.stdout + result.stderr
         report = json.loads((out / "report.json").read_text())
         assert report["passed"]
@@ -195,7 +195,7 @@ def children(pid: int) -> dict[str, int]:
 
 
 @contextmanager
-def told_a_part(out: Path) -> Iterator[tuple[subprocess.Popen[str], dict[str, int]]]:
+def running_part(out: Path) -> Iterator[tuple[subprocess.Popen[str], dict[str, int]]]:
     """A demo that runs its scenario, with its processes. All of them are ended afterwards."""
     evidence = out / "basics"
     evidence.mkdir(parents=True)
@@ -212,12 +212,12 @@ def told_a_part(out: Path) -> Iterator[tuple[subprocess.Popen[str], dict[str, in
 def test_stopped_or_failed_demo_ends_all_processes_and_reports_why(tmp_path: Path) -> None:
     # SIGTERM is made the same exception as Ctrl-C (test_termination.py).
     out = tmp_path / "stopped"
-    with told_a_part(out) as (demo, _):
+    with running_part(out) as (demo, _):
         demo.send_signal(signal.SIGTERM)
         assert demo.wait(PATIENCE_S) == 130
     assert len(rdpcap(str(out / "basics" / "plc.pcap"))) > 0, "what was captured until then is complete"
     out = tmp_path / "dies"
-    with told_a_part(out) as (demo, started):
+    with running_part(out) as (demo, started):
         gateway = next(pid for command, pid in started.items() if command.startswith("run "))
         os.kill(gateway, signal.SIGKILL)
         assert demo.wait(PATIENCE_S) == 1

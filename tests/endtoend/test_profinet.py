@@ -22,7 +22,7 @@ from pdgw.gateway.links.profinet.native import is_built
 from pdgw.recording.recorder import CAPTURE
 from pdgw.tools.demo import namespaces
 from tests.support.cli import pdgw as in_process
-from tests.support.processes import PATIENT, pdgw, played_undisturbed
+from tests.support.processes import PATIENT, demo_undisturbed, pdgw
 from tests.support.readers import tshark
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -73,7 +73,7 @@ def namespaces_or_skip() -> None:
         pytest.skip(why)
 
 
-def story(out: Path) -> None:
+def check_report(out: Path) -> None:
     """Every expectation passed, those of the simulated faults too."""
     report = json.loads((out / "report.json").read_text())
     assert report["passed"]
@@ -110,10 +110,10 @@ def test_demo_runs_over_ethernet_and_its_capture_is_complete(tmp_path: Path) -> 
     scenario.write_text(SCENARIO, encoding="utf-8")
     # No data hold time is longer than 1.92 s.
     words = ("--profinet", "--chapter", "basics", "--scenario", str(scenario), "--out", str(tmp_path))
-    result = played_undisturbed(*words, log=out / "gateway.log")
+    result = demo_undisturbed(*words, log=out / "gateway.log")
     assert result.returncode == 0, (result.stdout, result.stderr, (out / "gateway.log").read_text())
     assert "FAIL" not in result.stdout
-    story(out)
+    check_report(out)
     capture_without_a_configuration(out)
     if shutil.which("tshark") is None:
         pytest.skip("tshark is not installed; what the others read is there")

@@ -37,7 +37,7 @@ from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, ex
 from tests.support.readers import captures
 
 CYCLE = 4 * MS
-PLC, STRANGER = ("10.0.0.1", 40000), ("10.0.0.9", 40000)
+PLC, UNKNOWN_SENDER = ("10.0.0.1", 40000), ("10.0.0.9", 40000)
 TELEGRAMS = [telegram(number) for number in (1, 9, 111)]
 RECONNECT = 12
 """Frames after which a PLC that sends in order again is connected."""
@@ -70,10 +70,13 @@ def test_damaged_cyclic_frames_at_most_stop_the_axis(chance: random.Random) -> N
         assert verdict is Verdict.ACCEPTED
         for _ in range(100):
             now += chance.choice((0, MS, CYCLE, 3 * CYCLE))
-            source = chance.choice((PLC, STRANGER))
+            source = chance.choice((PLC, UNKNOWN_SENDER))
             verdict = endpoint.receive(damage(bytes(plc.build(now)), chance), source, now)
             assert (
-                source is PLC or not endpoint.connected or endpoint.peer == STRANGER or verdict is not Verdict.ACCEPTED
+                source is PLC
+                or not endpoint.connected
+                or endpoint.peer == UNKNOWN_SENDER
+                or verdict is not Verdict.ACCEPTED
             )
             endpoint.poll(now)
             given += 1

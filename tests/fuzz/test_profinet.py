@@ -16,7 +16,7 @@ from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from tests.fuzz.amount import INPUTS, SEED, damage
 from tests.support.wire.profinet import DEVICE_MAC, PLC_IP, PLC_MAC, Wire
 
-STRANGER_MAC = bytes.fromhex("020000000099")
+UNKNOWN_MAC = bytes.fromhex("020000000099")
 AXIS = (1, 2)
 COUNT = max(INPUTS, 20_000)
 """Of each of the two tests; `make fuzz` asks for more."""
@@ -72,7 +72,7 @@ def test_unknown_senders_neither_disturb_the_controller_nor_fill_memory(seeds: t
     for number in range(COUNT):
         if chance.random() < 0.5:
             frame = damage(chance.choice(frames), chance, 12)
-            source = STRANGER_MAC if frame[6:12] == PLC_MAC else frame[6:12]
+            source = UNKNOWN_MAC if frame[6:12] == PLC_MAC else frame[6:12]
             device.on_frame(frame[:6] + source + frame[12:], wire.now)
         else:
             port = chance.randrange(49_152, 49_160)

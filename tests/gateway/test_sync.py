@@ -11,7 +11,7 @@ from pdgw.ds301.aborts import Abort
 from pdgw.ds301.communication import CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, SYNC_PERIOD
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.connection_set import SYNC
-from pdgw.dsp402.drive.guarding import Wanted, guard
+from pdgw.dsp402.drive.guarding import GuardTimes, guard
 from pdgw.dsp402.identification.overlay import Overlay, QuirkKeys
 from pdgw.dsp402.states import State
 from pdgw.durations import MS
@@ -175,7 +175,7 @@ def test_the_loss_of_sync_guards_where_the_drive_holds_the_period_that_was_writt
     def refuses(step: SdoStep) -> None:
         raise SdoAbortedError(Abort.NO_SUCH_OBJECT)
 
-    wanted = Wanted(127, 100, 3, 100, 3, 0x1400, sync_loss_periods=3, sync_period_us=4000)
+    wanted = GuardTimes(127, 100, 3, 100, 3, 0x1400, sync_loss_periods=3, sync_period_us=4000)
     found = guard(wanted, refuses, lambda *_: held)
     assert found.sync is (held == 4000)
     assert bool(found.refusal) is (held != 4000)

@@ -77,7 +77,7 @@ class NativeEthernet(FakeEthernet):
             self.arrive(None, self.real_time.popleft())
         return cast(Engine, engine)
 
-    def give_back(self, engine: Engine) -> None:
+    def detach(self, engine: Engine) -> None:
         engine.stop()
         if self._due is not None:
             self._due.cancel()

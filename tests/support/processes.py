@@ -42,7 +42,7 @@ def pdgw(*arguments: str, timeout: float = 600, text: str | None = None) -> subp
     )
 
 
-def played_undisturbed(*words: str, log: Path, losses: int = 0) -> subprocess.CompletedProcess[str]:
+def demo_undisturbed(*words: str, log: Path, losses: int = 0) -> subprocess.CompletedProcess[str]:
     """Run ``pdgw demo``; repeat it if its gateway logs more than ``losses`` losses.
 
     A busy machine may pause a process for longer than the gateway's timeouts: the gateway then correctly reports a loss.

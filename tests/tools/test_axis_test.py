@@ -18,7 +18,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.service.confirmed_units import witness_text, witnessed
+from pdgw.gateway.service.confirmed_units import confirmation, units_text
 from pdgw.gateway.service.status import snapshot
 from pdgw.gateway.store import ParameterStore
 from pdgw.peers.drive import ENGEL, Shape, SimulatedDrive, shape
@@ -123,14 +123,14 @@ def test_every_drive_variant_turns_as_commanded_and_not_further(name: str) -> No
 
 
 @pytest.mark.parametrize(
-    ("turns", "passed", "witnessed"),
+    ("turns", "passed", "confirmed"),
     [("2.5", True, True), ("2,6", True, True), ("", True, False), ("yes", True, False), (None, True, False)],
 )
-def test_without_a_number_of_turns_nothing_is_verified(turns: str | None, passed: bool, witnessed: bool) -> None:
+def test_without_a_number_of_turns_nothing_is_verified(turns: str | None, passed: bool, confirmed: bool) -> None:
     site = Site(turns=turns)
     outcome = site.run()
-    assert (outcome.passed, outcome.witnessed) == (passed, witnessed)
-    assert any(line.startswith("not verified") for line in site.lines) is not witnessed
+    assert (outcome.passed, outcome.confirmed) == (passed, confirmed)
+    assert any(line.startswith("not verified") for line in site.lines) is not confirmed
     assert site.asked == ["turn 1", TURNS]
     assert site.stands_without_power(), "while the person counts"
 
@@ -147,7 +147,7 @@ def test_consistently_wrong_resolution_is_detected_by_the_mark() -> None:
     assert abs(outcome.position_factor - 1) < Fraction(1, 50), "drive and gateway agree"
     assert 35 < site.turned < 48
     assert not outcome.passed
-    assert not outcome.witnessed
+    assert not outcome.confirmed
     assert any("the mark made 41 turns, commanded were 2." in line for line in site.lines)
 
 
@@ -162,7 +162,7 @@ def test_drive_with_unknown_units_is_not_turned_and_the_key_is_named() -> None:
     site = Site(shape=replace(shape("rpm"), lacks=shape("rpm").lacks | {0x6080}))
     outcome = site.run()
     assert not outcome.passed
-    assert "set rated_speed_rpm" in outcome.doubt
+    assert "set rated_speed_rpm" in outcome.abort_reason
     assert site.asked == []
     assert site.turned == 0
 
@@ -171,14 +171,14 @@ def test_drive_with_unknown_units_is_not_turned_and_the_key_is_named() -> None:
 def test_without_the_typed_words_no_power_is_switched_on(typed: str) -> None:
     site = Site(typed=typed)
     outcome = site.run()
-    assert "not confirmed" in outcome.doubt
+    assert "not confirmed" in outcome.abort_reason
     assert site.asked == ["turn 1"]
     assert site.states <= {State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED}
 
 
 def test_missing_confirmation_times_out() -> None:
     site = Site(typed=None)
-    assert "an input" in site.run().doubt
+    assert "an input" in site.run().abort_reason
     assert State.OPERATION_ENABLED not in site.states
     assert site.world.loop.now() < 200 * SECOND
 
@@ -200,7 +200,7 @@ def test_unit_wrong_by_two_is_detected_at_creep_speed() -> None:
 def test_too_fast_motion_stops_within_a_fraction_of_a_turn(unit: str) -> None:
     site = Site(f'velocity_unit = "{unit}"\n' + WRONG)
     outcome = site.run()
-    assert "wrong units, or runaway" in outcome.doubt
+    assert "wrong units, or runaway" in outcome.abort_reason
     assert site.turned < 1
     assert site.stands_without_power()
 
@@ -219,7 +219,7 @@ def test_wrong_counts_per_revolution_has_both_explanations() -> None:
 @pytest.mark.parametrize("at", [2**31 - 100, -(2**31) + 100])
 def test_a_position_that_wraps_is_followed(at: int) -> None:
     site = Site(choices=Choices(Fraction(2) if at > 0 else Fraction(-2), Fraction(1)), shape=shape("counts"))
-    site.drive.do(lambda node: node.model.stand_at(at))
+    site.drive.do(lambda node: node.model.stop_at(at))
     outcome = site.run()
     assert outcome.passed, site.lines
     assert outcome.moved is not None
@@ -246,7 +246,7 @@ def test_drive_that_never_reacts_times_out() -> None:
     site = Site()
     site.drive.do(lambda node: node.misbehave("deaf"))
     outcome = site.run()
-    assert "the drive is ready to switch on" in outcome.doubt
+    assert "the drive is ready to switch on" in outcome.abort_reason
     assert site.turned == 0
 
 
@@ -276,7 +276,7 @@ def test_a_drive_that_shows_the_other_direction_is_stopped_at_once(
 
     monkeypatch.setattr(DriveModel, "advance", advance)
     outcome = site.run()
-    assert said in outcome.doubt
+    assert said in outcome.abort_reason
     assert site.turned < 0.3
     assert site.stands_without_power()
 
@@ -285,8 +285,8 @@ def test_a_fault_of_the_drive_while_it_turns_ends_the_test_with_its_text() -> No
     site = Site()
     site.when_turning(lambda: site.drive.inject(7))
     outcome = site.run()
-    assert "the drive has left operation" in outcome.doubt
-    assert "over-current" in outcome.doubt.lower() or "2310h" in outcome.doubt
+    assert "the drive has left operation" in outcome.abort_reason
+    assert "over-current" in outcome.abort_reason.lower() or "2310h" in outcome.abort_reason
     assert site.stands_without_power()
 
 
@@ -320,7 +320,7 @@ def test_plc_switched_on_meanwhile_ends_the_axis_test() -> None:
     site = Site(config=config)
     plc = site.world.network.open("plc", 0, "PLC")
     site.when_turning(lambda: plc.send(b"frame", ("127.0.0.1", 34980)))
-    assert "a PLC sends frames from plc:" in site.run().doubt
+    assert "a PLC sends frames from plc:" in site.run().abort_reason
     assert site.stands_without_power()
 
 
@@ -355,7 +355,7 @@ def test_another_master_ends_the_axis_test(turning: bool) -> None:
 
 def test_a_speed_below_one_unit_of_the_drive_is_refused() -> None:
     site = Site(shape=shape("rpm"), choices=Choices(Fraction(1, 10), Fraction(1)))
-    assert "choose a higher --percent" in site.run().doubt
+    assert "choose a higher --percent" in site.run().abort_reason
     assert site.turned == 0
 
 
@@ -367,24 +367,24 @@ def test_unknown_axis_is_reported_with_the_known_ones() -> None:
 def test_stored_verification_is_of_one_drive_and_its_units() -> None:
     outcome = Site(turns="2.5").run()
     assert outcome.scaling is not None
-    kept = witnessed("2026-11-22", outcome.serial_number, outcome.scaling)
+    kept = confirmation("2026-11-22", outcome.serial_number, outcome.scaling)
     assert outcome.serial_number == 1
-    assert witness_text(kept, 1, outcome.scaling) == "units verified on 2026-11-22 (axis test)"
-    assert "not verified" in witness_text(None, 1, outcome.scaling)
-    other = witness_text(kept, 2, outcome.scaling)
+    assert units_text(kept, 1, outcome.scaling) == "units verified on 2026-11-22 (axis test)"
+    assert "not verified" in units_text(None, 1, outcome.scaling)
+    other = units_text(kept, 2, outcome.scaling)
     assert other == (
         "units not verified (pdgw axis test): "
         "the axis test of 2026-11-22 was for the drive with serial number 1, this drive has 2"
     )
     changed = replace(outcome.scaling, velocity_per_rpm=Fraction(1))
-    assert witness_text(kept, 1, changed).endswith("was for other units")
+    assert units_text(kept, 1, changed).endswith("was for other units")
 
 
 def test_status_shows_whether_the_units_are_verified(tmp_path: Path) -> None:
     outcome = Site(turns="2.5").run()
     assert outcome.scaling is not None
     store = ParameterStore(tmp_path / "store.json", print)
-    kept = witnessed("2026-11-22", outcome.serial_number, outcome.scaling)
+    kept = confirmation("2026-11-22", outcome.serial_number, outcome.scaling)
     for expected, path in (
         ("units not verified (pdgw axis test)", None),
         ("units verified on 2026-11-22 (axis test)", store.path),

@@ -14,7 +14,7 @@ from pdgw.peers.plc.scenario import Scenario
 from pdgw.peers.plc.scenario_file import load_scenario
 from pdgw.peers.simulation.config import parse_bus
 from pdgw.profidrive.signals import signal
-from pdgw.tools.commands.simulation.demo import Story, demo
+from pdgw.tools.commands.simulation.demo import ChapterName, demo
 from pdgw.tools.demo.chapters import CHAPTERS
 from pdgw.tools.demo.links import OnLoopback
 from pdgw.tools.demo.run import Demo, Outcome
@@ -109,7 +109,7 @@ def test_failed_scenario_exits_with_1_and_names_the_failed_process(
     }
     monkeypatch.setattr(Demo, "run", lambda _: Outcome(report))
     with pytest.raises(typer.Exit) as error:
-        demo(chapter=[Story("dsc")], out=tmp_path)
+        demo(chapter=[ChapterName("dsc")], out=tmp_path)
     assert error.value.exit_code == 1
     told = capsys.readouterr().out
     assert "the gateway process ended with status -9; see" in told
@@ -131,11 +131,11 @@ def test_messages_of_the_plc_are_shown(
         return Outcome({"passed": True, "results": [], "duration_s": 1.0, "exit_codes": {}})
 
     monkeypatch.setattr(Demo, "run", run)
-    demo(chapter=[Story("dsc")], out=tmp_path)
+    demo(chapter=[ChapterName("dsc")], out=tmp_path)
     assert "start-up\nno datagram from a gateway\n" in capsys.readouterr().out
 
 
-class Stories(Demo):
+class Scenarios(Demo):
     """A demo without started processes; its PLC has reported success and ended with ``status``."""
 
     status = 0
@@ -151,12 +151,12 @@ class Stories(Demo):
         return {"plc": self.status, "gateway": 0, "devices": 0}
 
 
-def story(out: Path) -> Stories:
-    return Stories(CHAPTERS["dsc"], out, lambda _: None, OnLoopback())
+def dsc_demo(out: Path) -> Scenarios:
+    return Scenarios(CHAPTERS["dsc"], out, lambda _: None, OnLoopback())
 
 
 def test_unwritten_recording_of_the_plc_is_a_failure(tmp_path: Path) -> None:
-    demo = story(tmp_path)
+    demo = dsc_demo(tmp_path)
     demo.status = 1
     with pytest.raises(GatewayError, match="PLC simulator ended with status 1: error: --pcap x: cannot be written"):
         demo.run()
@@ -167,9 +167,9 @@ def test_unwritable_result_file_is_named(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr("pdgw.tools.demo.run._EVIDENCE", ())
     (tmp_path / "report.json").symlink_to("/dev/full")
     with pytest.raises(GatewayError, match=r"report\.json: cannot be written \(No space left on device\)"):
-        story(tmp_path).run()
+        dsc_demo(tmp_path).run()
 
 
 def test_custom_scenario_needs_a_chapter(tmp_path: Path) -> None:
     with pytest.raises(GatewayError, match=r"--scenario: needs one --chapter too \(basics, positioner, dsc\)"):
-        demo(chapter=[Story("basics"), Story("dsc")], out=tmp_path, scenario=tmp_path / "s.yaml")
+        demo(chapter=[ChapterName("basics"), ChapterName("dsc")], out=tmp_path, scenario=tmp_path / "s.yaml")

@@ -44,7 +44,7 @@ def test_blark_reads_the_code_of_every_telegram(number: int) -> None:
 
 
 def test_blark_reads_the_program_of_the_examples() -> None:
-    assert complaints_of_blark((EXAMPLES / "axis_story.st").read_text()) == []
+    assert complaints_of_blark((EXAMPLES / "axis_sequence.st").read_text()) == []
 
 
 def test_blark_refuses_a_damaged_unit() -> None:

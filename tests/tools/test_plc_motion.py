@@ -17,7 +17,7 @@ from tests.support.plc.motion_blocks import AXES, POSITIONS, VELOCITIES, Axis, a
 from tests.support.plc.structured_text import TextPlc, config_of
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-EXAMPLE = (EXAMPLES / "axis_story.st").read_text()
+EXAMPLE = (EXAMPLES / "axis_sequence.st").read_text()
 OF_9 = (
     ("PDGW_Axis_T111", "PDGW_Axis_T9"),
     # 100 % of the position are 500000 of 4096 counts in a revolution, 100 % of the speed 3000 rpm.
@@ -26,7 +26,7 @@ OF_9 = (
 )
 
 
-def story(number: int) -> str:
+def program_of(number: int) -> str:
     text = EXAMPLE
     for before, after in OF_9 if number == 9 else ():
         assert before in text
@@ -223,7 +223,7 @@ def test_reset_reports_a_fault_that_stays() -> None:
 def test_example_program_passes(number: int) -> None:
     config = config_of(number)
     with running(config) as daemon:
-        plc, model = TextPlc(daemon, structured_text(config) + story(number)), drive_of(daemon).node.model
+        plc, model = TextPlc(daemon, structured_text(config) + program_of(number)), drive_of(daemon).node.model
         turns = {}
         stage = 0
         for _ in range(8000):
@@ -250,7 +250,7 @@ def test_example_program_passes(number: int) -> None:
 def test_the_program_of_the_document_homes_and_moves_three_revolutions() -> None:
     document = (EXAMPLES.parent / "docs" / "plc.md").read_text(encoding="utf-8")
     text = textwrap.dedent(re.search(r"^ +PROGRAM Main$.*?END_PROGRAM$", document, re.DOTALL | re.MULTILINE)[0])
-    config = load_config(EXAMPLES / "axis_story.toml")
+    config = load_config(EXAMPLES / "axis_sequence.toml")
     with running(config) as daemon:
         plc, model = TextPlc(daemon, structured_text(config) + text), drive_of(daemon).node.model
         variables = plc.controller.variables

@@ -99,7 +99,7 @@ VARIABLES = """\
     refusal : UINT;
     finished : BOOL;
 """
-STORY = """\
+PROGRAM = """\
     drive(Actual := read.axis_1, Good := read.good_1, ReferenceSpeed := 3000.0);
     IF asks AND answered THEN
         asks := FALSE;
@@ -164,7 +164,7 @@ class RecordPlc(TextPlc):
 def test_a_program_reads_a_fault_and_writes_a_parameter() -> None:
     config = config_of(1)
     with running(config) as daemon, client(daemon, record_server(daemon).address, 1) as records:
-        plc, drive = RecordPlc(daemon, program(config, STORY, VARIABLES), records), drive_of(daemon)
+        plc, drive = RecordPlc(daemon, program(config, PROGRAM, VARIABLES), records), drive_of(daemon)
         plc.until(lambda block: block["GOOD"], "values")
         drive.node.model.inject(5)
         plc.run()

@@ -64,5 +64,5 @@ def test_program_rejects_other_kinds_of_control(more: dict[str, object]) -> None
 
 
 def test_the_example_fits_its_configuration() -> None:
-    config = load_config(EXAMPLES / "axis_story.toml")
-    Controller(structured_text(config), (EXAMPLES / "axis_story.st").read_text())
+    config = load_config(EXAMPLES / "axis_sequence.toml")
+    Controller(structured_text(config), (EXAMPLES / "axis_sequence.st").read_text())

@@ -84,7 +84,7 @@ class Subscriber:
 def looked(watch: Watch, publisher: Publisher) -> None:
     """Query the gateway once and publish the result."""
     look(watch)
-    publisher.tell()
+    publisher.publish_changes()
 
 
 def with_broker(config: GatewayConfig, port: int) -> GatewayConfig:

@@ -8,7 +8,7 @@ from pdgw.gateway.reasons import Reason
 from pdgw.workshop.documents.commands import COMMANDS_PATH, generate_commands
 from pdgw.workshop.documents.plc_blocks import BLOCKS_PATH, generate_blocks
 from pdgw.workshop.documents.plc_timing import FOLDER, PICTURES, pictures
-from pdgw.workshop.documents.screenshots import Story, configuration
+from pdgw.workshop.documents.screenshots import Scene, configuration
 from pdgw.workshop.documents.tables import (
     MISBEHAVIOUR_PATH,
     PATH,
@@ -47,10 +47,10 @@ def test_timing_diagrams_of_the_plc_blocks_are_up_to_date() -> None:
 
 
 def test_screenshots_show_an_axis_in_each_intended_state(tmp_path: Path) -> None:
-    story = Story(configuration(), tmp_path)
-    story.play()
+    scene = Scene(configuration(), tmp_path)
+    scene.play()
     try:
-        assert [item["state"] for item in story.status()["axes"]] == ["In operation", "Off", "Waits"]
-        assert story.status()["axes"][2]["reason_id"] == Reason.NO_CONTROL.name
+        assert [item["state"] for item in scene.status()["axes"]] == ["In operation", "Off", "Waits"]
+        assert scene.status()["axes"][2]["reason_id"] == Reason.NO_CONTROL.name
     finally:
-        story.end()
+        scene.end()

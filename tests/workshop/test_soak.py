@@ -24,11 +24,11 @@ from pdgw.peers.world import Conditions
 from pdgw.profidrive.frame import CSduLayout
 from pdgw.profidrive.telegrams import Direction, telegram
 from pdgw.workshop.commands.soak import soak
-from pdgw.workshop.soak.life import Life
+from pdgw.workshop.soak.disturbances import DISTURBANCES, UNPLUGGED
 from pdgw.workshop.soak.plan import CYCLES_MS, PART_CYCLES, SHORTEST_PART_NS, draw_plan, parts, shapes_of
 from pdgw.workshop.soak.planted import DEFECTS
+from pdgw.workshop.soak.soak_run import SoakRun
 from pdgw.workshop.soak.trace import clock
-from pdgw.workshop.soak.troubles import TROUBLES, UNPLUGGED
 from pdgw.workshop.soak.watch import SoakAxis, ViolationError
 from pdgw.workshop.soak.words import Words
 
@@ -40,28 +40,30 @@ SLOW_TO_COME = {"slow-sdo", "slow-boot", "unguarded"}
 
 @pytest.mark.parametrize("seed", range(3))
 def test_short_soak_of_drawn_axes_finds_nothing(seed: int) -> None:
-    life = Life(next(parts(seed)))
-    life.play(20 * SECOND)
-    assert life.starts >= 4, "a life without starts proves nothing"
+    soak_run = SoakRun(next(parts(seed)))
+    soak_run.play(20 * SECOND)
+    assert soak_run.starts >= 4, "a life without starts proves nothing"
 
 
 @pytest.mark.parametrize("number", [9, 100, 111])
 def test_short_soak_of_each_executor_finds_nothing(number: int) -> None:
-    life = Life(next(parts(7, 1, [number])), keep_telegrams=True)
-    life.play(20 * SECOND)
-    assert life.starts >= 2
+    soak_run = SoakRun(next(parts(7, 1, [number])), keep_telegrams=True)
+    soak_run.play(20 * SECOND)
+    assert soak_run.starts >= 2
 
 
 def test_one_seed_is_one_run_bit_for_bit_and_another_is_another() -> None:
     def lived(seed: int) -> tuple[list[str], str]:
-        life = Life(next(parts(seed)), frames=True)
+        soak_run = SoakRun(next(parts(seed)), frames=True)
         everything = hashlib.sha256()
-        life.world.network.taps.append(
+        soak_run.world.network.taps.append(
             lambda now, source, target, data: everything.update(f"{now} {source} {target} ".encode() + bytes(data))
         )
-        life.bus.taps.append(lambda now, member, can_id, data: everything.update(f"{now} {can_id} ".encode() + data))
-        life.play(8 * SECOND)
-        return life.trace.lines, everything.hexdigest()
+        soak_run.bus.taps.append(
+            lambda now, member, can_id, data: everything.update(f"{now} {can_id} ".encode() + data)
+        )
+        soak_run.play(8 * SECOND)
+        return soak_run.trace.lines, everything.hexdigest()
 
     assert lived(3) == lived(3)
     assert lived(3) != lived(4)
@@ -69,10 +71,10 @@ def test_one_seed_is_one_run_bit_for_bit_and_another_is_another() -> None:
 
 def test_part_of_the_day_runs_without_those_before_it() -> None:
     part = next(islice(parts(1), 2, None))
-    life = Life(part)
-    life.play(part.begin + 10 * SECOND)
-    assert life.loop.now() == part.begin + 10 * SECOND
-    assert life.trace.lines[0].startswith(clock(part.begin)[:6])
+    soak_run = SoakRun(part)
+    soak_run.play(part.begin + 10 * SECOND)
+    assert soak_run.loop.now() == part.begin + 10 * SECOND
+    assert soak_run.trace.lines[0].startswith(clock(part.begin)[:6])
 
 
 def test_parts_follow_each_other_with_as_many_cycles_each() -> None:
@@ -85,41 +87,45 @@ def test_parts_follow_each_other_with_as_many_cycles_each() -> None:
 
 def test_every_trouble_begins_and_ends() -> None:
     """Drawn by weight: each has its turn within minutes; here they begin one after the other."""
-    life = Life(next(parts(11, 1, [1])), keep_telegrams=True)
-    life.play(5 * SECOND)
-    for trouble in TROUBLES:
-        undo = trouble.begin(life, life.axes[0], Random(1))
-        life.play(life.loop.now() + SECOND // 10)
+    soak_run = SoakRun(next(parts(11, 1, [1])), keep_telegrams=True)
+    soak_run.play(5 * SECOND)
+    for disturbance in DISTURBANCES:
+        undo = disturbance.begin(soak_run, soak_run.axes[0], Random(1))
+        soak_run.play(soak_run.loop.now() + SECOND // 10)
         undo()
-    assert {trouble.name for trouble in TROUBLES} >= {"PLC: IOPS BAD", "bus: other master", "network: second PLC"}
+    assert {disturbance.name for disturbance in DISTURBANCES} >= {
+        "PLC: IOPS BAD",
+        "bus: other master",
+        "network: second PLC",
+    }
 
 
 def test_gateway_that_ended_starts_again_when_interface_is_plugged_in() -> None:
-    life = Life(next(parts(11, 1, [1])), keep_telegrams=True)
-    life.play(SECOND)
-    troubles = {trouble.name: trouble for trouble in TROUBLES}
-    life.begin_trouble(troubles["bus: other master"], life.axes[0], MS)
-    ended = life.daemon
+    soak_run = SoakRun(next(parts(11, 1, [1])), keep_telegrams=True)
+    soak_run.play(SECOND)
+    disturbances = {disturbance.name: disturbance for disturbance in DISTURBANCES}
+    soak_run.begin_disturbance(disturbances["bus: other master"], soak_run.axes[0], MS)
+    ended = soak_run.daemon
     while not ended.stopped.is_set():
-        life.play(life.loop.now() + MS // 5)
-    life.begin_trouble(troubles[UNPLUGGED], life.axes[0], SECOND)
-    life.play(life.loop.now() + SECOND // 2)
-    assert life.daemon is ended
-    life.play(life.loop.now() + SECOND)
-    assert life.daemon is not ended
+        soak_run.play(soak_run.loop.now() + MS // 5)
+    soak_run.begin_disturbance(disturbances[UNPLUGGED], soak_run.axes[0], SECOND)
+    soak_run.play(soak_run.loop.now() + SECOND // 2)
+    assert soak_run.daemon is ended
+    soak_run.play(soak_run.loop.now() + SECOND)
+    assert soak_run.daemon is not ended
 
 
 def test_gateway_that_starts_again_has_the_drives_own_torque_limit_of_the_one_before() -> None:
-    life = Life(next(parts(11, 1, [102])), keep_telegrams=True)
-    life.play(5 * SECOND)
-    axis, before = life.axes[0], life.daemon
+    soak_run = SoakRun(next(parts(11, 1, [102])), keep_telegrams=True)
+    soak_run.play(5 * SECOND)
+    axis, before = soak_run.axes[0], soak_run.daemon
     kept = before.store.parameters.drive_object(1).own_values
     assert [item.index for item in kept.values] == [0x6072]
     axis.drive.node.model.max_torque = 1
-    life.begin_trouble(next(item for item in TROUBLES if item.name == "bus: other master"), axis, MS)
-    while life.daemon is before or not life.daemon.clients[0].generation:
-        life.play(life.loop.now() + MS)
-    drive = life.daemon.axes[0].drive.drive_type
+    soak_run.begin_disturbance(next(item for item in DISTURBANCES if item.name == "bus: other master"), axis, MS)
+    while soak_run.daemon is before or not soak_run.daemon.clients[0].generation:
+        soak_run.play(soak_run.loop.now() + MS)
+    drive = soak_run.daemon.axes[0].drive.drive_type
     assert drive is not None
     assert drive.max_torque == kept.values[0].value
 
@@ -130,34 +136,34 @@ def test_frame_that_was_overtaken_is_no_reason_for_another_off(
     delay_ms: int, place: str, value: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The gateway drops it. By the rule of PROFINET a counter counts as new again when it is more than 128 ms old."""
-    life = Life(next(parts(7, 1, [1])), keep_telegrams=True)
-    network, layout = life.world.network, CSduLayout([telegram(1)], Direction.SETPOINT)
+    soak_run = SoakRun(next(parts(7, 1, [1])), keep_telegrams=True)
+    network, layout = soak_run.world.network, CSduLayout([telegram(1)], Direction.SETPOINT)
     frames: list[tuple[Address, Address, bytes]] = []
     network.arrivals.append(lambda _, source, target, data: frames.append((source, target, data)))
-    life.play(2 * SECOND)
+    soak_run.play(2 * SECOND)
     reasons: list[str] = []
-    monkeypatch.setattr(SoakAxis, "doubt", lambda self, why, since=None: reasons.append(why))
-    source, target, data = [frame for frame in frames if frame[1] == life.daemon.address][-1]
+    monkeypatch.setattr(SoakAxis, "require_new_off", lambda self, why, since=None: reasons.append(why))
+    source, target, data = [frame for frame in frames if frame[1] == soak_run.daemon.address][-1]
     late = bytearray(data)
     late[layout.iops[0] if place == "iops" else layout.offsets[0] + 1] = value
     network.conditions = Conditions(delay_ns=delay_ms * MS)
     network.carry(bytes(late), source, target)
     network.conditions = Conditions()
-    life.play(life.loop.now() + 300 * MS)
+    soak_run.play(soak_run.loop.now() + 300 * MS)
     assert bytes(late) in [frame[2] for frame in frames]
     assert reasons == []
 
 
 def _left_operation_in_a_ramp() -> SoakAxis:
     """Enable Operation was sent in a ramp after a provider STOP; then the drive left operation by its enable input."""
-    life = Life(next(parts(7, 1, [1])), keep_telegrams=True)
-    axis, loop = life.axes[0], life.loop
+    soak_run = SoakRun(next(parts(7, 1, [1])), keep_telegrams=True)
+    axis, loop = soak_run.axes[0], soak_run.loop
     axis.drive.model.watchers.clear()
     axis.asked(loop.now(), bytes([0x04, 0x7F, 0, 0]), certain=True)
     axis.commanded(loop.now(), 0xF)
     axis._entered(State.OPERATION_ENABLED)
     loop.run_for(MS)
-    axis.doubt("provider STOP")
+    axis.require_new_off("provider STOP")
     loop.run_for(MS)
     axis.commanded(loop.now(), 0xF)
     loop.run_for(MS)
@@ -205,8 +211,8 @@ def test_drive_turns_after_loss_only_until_stop_behind_held_frame(
     enabled_ms: int, started_ms: int, rejected: bool
 ) -> None:
     """Times since the loss, checked after 10 s: the controller sent an Enable Operation late, and the stop after it."""
-    life = Life(next(parts(7, 1, [1])), keep_telegrams=True)
-    (axis,), loop = life.axes, life.loop
+    soak_run = SoakRun(next(parts(7, 1, [1])), keep_telegrams=True)
+    (axis,), loop = soak_run.axes, soak_run.loop
     model = axis.drive.model
     model.watchers.clear()
     lost = loop.now()
@@ -225,9 +231,9 @@ def test_drive_turns_after_loss_only_until_stop_behind_held_frame(
 
 def test_rpdo_to_drive_after_power_on_is_no_controlword() -> None:
     """The drive has its own mapping then, and takes no RPDO."""
-    life = Life(next(parts(7, 1, [9])), keep_telegrams=True)
-    life.play(2 * SECOND)
-    (axis,) = life.axes
+    soak_run = SoakRun(next(parts(7, 1, [9])), keep_telegrams=True)
+    soak_run.play(2 * SECOND)
+    (axis,) = soak_run.axes
     rpdos = axis.drive.node.pdos.received.items()
     can_id, frame = next((i, pdo.pack(axis.drive.model)) for i, pdo in rpdos if "controlword" in pdo.attributes)
     assert axis.controlword_in(can_id, frame) == axis.drive.model.controlword
@@ -262,7 +268,7 @@ def test_configuration_of_each_telegram_is_valid(number: int) -> None:
 
 def test_control_words_stand_for_one_frame_up_to_seconds() -> None:
     words = Words(telegram(1), Random(1), 4 * MS)
-    stands = [words.stand_ns() for _ in range(2000)]
+    stands = [words.word_duration_ns() for _ in range(2000)]
     assert min(stands) == 4 * MS
     assert sum(stand <= 250 * MS for stand in stands) > 1500
     assert max(stands) > SECOND
@@ -307,10 +313,10 @@ def test_wrong_telegrams_are_rejected() -> None:
 
 def test_nothing_of_a_part_is_left_after_it() -> None:
     """A day is many parts: what one keeps is a leak."""
-    life = Life(next(parts(1)))
-    life.play(5 * SECOND, lambda _: None)
-    world = weakref.ref(life.world)
-    life.close()
-    del life
+    soak_run = SoakRun(next(parts(1)))
+    soak_run.play(5 * SECOND, lambda _: None)
+    world = weakref.ref(soak_run.world)
+    soak_run.close()
+    del soak_run
     gc.collect()
     assert world() is None

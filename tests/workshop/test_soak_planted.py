@@ -9,10 +9,10 @@ import pytest
 
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
-from pdgw.workshop.soak.life import Life
+from pdgw.workshop.soak.emcy_check import PendingEmcys
 from pdgw.workshop.soak.plan import parts
 from pdgw.workshop.soak.planted import DEFECTS, LIMIT_NS, search
-from pdgw.workshop.soak.told import Told
+from pdgw.workshop.soak.soak_run import SoakRun
 from pdgw.workshop.soak.watch import SoakAxis, ViolationError
 from pdgw.workshop.soak.words import Words
 
@@ -43,20 +43,20 @@ def test_document_has_each_of_fifteen_defects_found_within_two_hours() -> None:
 def test_task_that_the_plc_did_not_give_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Words, "set_word", lambda self, word: self.values.update({self.name: word}))
     with pytest.raises(ViolationError, match="tasks begun, 0 given by the PLC"):
-        Life(next(parts(1, 1, [9])), keep_telegrams=True).play(300 * SECOND)
+        SoakRun(next(parts(1, 1, [9])), keep_telegrams=True).play(300 * SECOND)
 
 
 def test_zsw1_that_shows_another_state_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Life, "_shown", lambda self, axis: 0x0007)
+    monkeypatch.setattr(SoakRun, "_shown", lambda self, axis: 0x0007)
     with pytest.raises(ViolationError, match=r"ZSW1 0007h shows (operation|no fault), the drive is in"):
-        Life(next(parts(1, 1, [1])), keep_telegrams=True).play(300 * SECOND)
+        SoakRun(next(parts(1, 1, [1])), keep_telegrams=True).play(300 * SECOND)
 
 
 def asked_axis(word: int) -> SoakAxis:
     """An axis of telegram 1 with its drive at standstill, commanded to full speed with this STW1 for a long time."""
-    life = Life(next(parts(7, 1, [1])), keep_telegrams=True)
-    life.play(SECOND)
-    (axis,) = life.axes
+    soak_run = SoakRun(next(parts(7, 1, [1])), keep_telegrams=True)
+    soak_run.play(SECOND)
+    (axis,) = soak_run.axes
     axis.asked(SECOND, word.to_bytes(2, "big") + b"\x40\x00", certain=True)
     return axis
 
@@ -85,35 +85,35 @@ EMCY = bytes.fromhex("30 81 11 00 00 00 00 00")
 NOTHING = [0] * 64
 
 
-def told(*sent_ms: int) -> Told:
-    told = Told("axis 1")
+def pending(*sent_ms: int) -> PendingEmcys:
+    pending = PendingEmcys("axis 1")
     for moment in sent_ms:
-        told.sent(moment * MS, EMCY)
-    return told
+        pending.sent(moment * MS, EMCY)
+    return pending
 
 
 def test_emcy_without_an_entry_is_found() -> None:
     with pytest.raises(ViolationError, match="EMCY 8130h is not in the fault buffer 400 ms later"):
-        told(1000).read(1400 * MS, 0, NOTHING, NOTHING)
+        pending(1000).read(1400 * MS, 0, NOTHING, NOTHING)
 
 
 @pytest.mark.parametrize("entered_ms", [1000, 1100, 200])
 def test_emcy_with_its_entry_is_told(entered_ms: int) -> None:
     """The same EMCY is entered once in a second."""
-    waiting = told(1000)
+    waiting = pending(1000)
     waiting.read(1400 * MS, 0, [0x8130, *NOTHING[1:]], [entered_ms, *NOTHING[1:]])
     assert not waiting.due(2000 * MS)
 
 
 def test_entry_of_an_older_emcy_does_not_count() -> None:
     with pytest.raises(ViolationError):
-        told(5000).read(5400 * MS, 0, [0x8130, *NOTHING[1:]], [1000, *NOTHING[1:]])
+        pending(5000).read(5400 * MS, 0, [0x8130, *NOTHING[1:]], [1000, *NOTHING[1:]])
 
 
 def test_emcy_waits_for_its_bound_and_without_error_register_is_a_warning() -> None:
-    waiting = told(1000)
+    waiting = pending(1000)
     assert not waiting.due(1200 * MS)
     assert waiting.due(1300 * MS)
-    warning = Told("axis 1")
+    warning = PendingEmcys("axis 1")
     warning.sent(0, bytes.fromhex("30 81 00 00 00 00 00 00"))
     assert not warning.due(SECOND)

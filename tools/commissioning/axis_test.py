@@ -77,11 +77,11 @@ _READY, _ENABLED = _ZSW1.bit("READY_TO_SWITCH_ON").mask, _ZSW1.bit("OPERATION_EN
 _NOT_SO = _ZSW1.word("FAULT", "SWITCHING_ON_INHIBITED")
 
 
-class DoubtError(Exception):
+class AxisTestError(Exception):
     """An unexpected state. The drive is stopped; the text names the cause."""
 
 
-class InterruptError(DoubtError):
+class InterruptError(AxisTestError):
     """The user has interrupted the test."""
 
 
@@ -99,7 +99,7 @@ class Outcome:
 
     passed: bool = False
     interrupted: bool = False
-    doubt: str = ""
+    abort_reason: str = ""
     """Why the drive was stopped, if it was."""
     speed_factor: Fraction | None = None
     """From 606Ch."""
@@ -107,7 +107,7 @@ class Outcome:
     """From 6064h over time; None without 6064h or when its unit is unknown."""
     moved: int | None = None
     """Change of 6064h from the first to the last standstill."""
-    witnessed: bool = False
+    confirmed: bool = False
     """A person has confirmed that the shaft made the commanded turns."""
     scaling: Scaling | None = None
     """The scaling that was tested."""
@@ -134,7 +134,7 @@ def configuration(config: GatewayConfig, do_id: int) -> GatewayConfig:
 class AxisTest:
     """The test; ``run`` is a task on the platform's loop.
 
-    ``tell`` prints a line. ``confirm`` gets the text that the user must type, and calls back on the loop with the typed
+    ``report`` prints a line. ``confirm`` gets the text that the user must type, and calls back on the loop with the typed
     text; ``TURNS`` requests the number of turns that the user saw.
     """
 
@@ -143,18 +143,18 @@ class AxisTest:
         config: GatewayConfig,
         do_id: int,
         platform: Platform,
-        tell: Callable[[str], None],
+        report: Callable[[str], None],
         confirm: Callable[[str, Callable[[str], None]], None],
         choices: Choices,
     ) -> None:
         self.config = configuration(config, do_id)
         self.outcome = Outcome()
         self._do_id = do_id
-        self._wanted = f"turn {do_id}"
+        self._required_input = f"turn {do_id}"
         self._transport = config.transport
         self._platform = platform
         self._loop = platform.loop
-        self._tell = tell
+        self._report = report
         self._confirm = confirm
         self._choices = choices
         self._direction = 1 if choices.percent > 0 else -1
@@ -162,7 +162,7 @@ class AxisTest:
         self._ports: list[DatagramPort] = []
         self._sending: Timer | None = None
         self._interrupted = False
-        self._stranger = ""
+        self._other_plc = ""
         self._begun: int | None = None
         """Position before the first move."""
         self._raw: int | None = None
@@ -187,18 +187,18 @@ class AxisTest:
         try:
             self._watch_for_plc()
             self._loop.sleep(_LISTEN_NS)
-            if self._stranger:
-                raise GatewayError(f"a PLC sends frames from {self._stranger}: switch it off or unplug it")
+            if self._other_plc:
+                raise GatewayError(f"a PLC sends frames from {self._other_plc}: switch it off or unplug it")
             daemon = self._daemon = Daemon(self.config, self._platform)
             self._axis = daemon.axes[0]
             daemon.start()
             try:
-                self._story()
-            except DoubtError as error:
+                self._run_steps()
+            except AxisTestError as error:
                 self.outcome.passed = False
                 self.outcome.interrupted = isinstance(error, InterruptError)
-                self.outcome.doubt = str(error)
-                self._tell(f"stopped: {error}")
+                self.outcome.abort_reason = str(error)
+                self._report(f"stopped: {error}")
                 self._stop(_QUICK_STOP)
             finally:
                 daemon.stop()
@@ -212,7 +212,7 @@ class AxisTest:
                 port.close()
         return self.outcome
 
-    def _story(self) -> None:
+    def _run_steps(self) -> None:
         drive = self._bring_up()
         self._announce(drive)
         self._await_confirmation()
@@ -224,9 +224,9 @@ class AxisTest:
         if self.outcome.passed:
             self._judge(drive, self._hold(drive, self._choices.percent))
         else:
-            self._tell("the test does not turn it faster")
+            self._report("the test does not turn it faster")
         self._command(_ON)
-        self._wait(self._stands, _SETTLING_NS, "standstill")
+        self._wait(self._at_standstill, _SETTLING_NS, "standstill")
         turns = self._show_way(drive)
         self._stop(_OFF)
         if self.outcome.passed:
@@ -246,7 +246,7 @@ class AxisTest:
 
         def came() -> None:
             while (datagram := port.receive()) is not None:
-                self._stranger = "{}:{}".format(*datagram[1])
+                self._other_plc = "{}:{}".format(*datagram[1])
 
         port.start(came)
 
@@ -261,31 +261,31 @@ class AxisTest:
         self._wait(decided, _ONLINE_NS, "the drive is online")
         drive = client.drive_type
         if client.status is not NodeStatus.ONLINE or drive is None:
-            raise DoubtError(f"DO {self._do_id}, {client.status.value}: {client.status_text}")
+            raise AxisTestError(f"DO {self._do_id}, {client.status.value}: {client.status_text}")
         place = f"DO {self._do_id}, node {self.config.axis[0].node_id}"
-        self._tell(f"{place}: {drive.name}" + (f", family {drive.family}" if drive.family else ""))
+        self._report(f"{place}: {drive.name}" + (f", family {drive.family}" if drive.family else ""))
         for line in drive.scaling.lines:
-            self._tell(f"  {line}")
+            self._report(f"  {line}")
         refusal = lacks(drive, TELEGRAM)
         if refusal:
-            raise DoubtError(refusal)
+            raise AxisTestError(refusal)
         self._still = max(Fraction(2), drive.scaling.reference(Quantity.SPEED) * _STILL)
         return drive
 
     def _announce(self, drive: DriveType) -> None:
         full = rpm(drive, drive.scaling.reference(Quantity.SPEED)) * self._choices.percent / 100
-        self._tell(
+        self._report(
             f"It will turn at {float(full * _CREEP):g} rpm of the motor. If that is correct, it will turn at "
             f"{float(full):g} rpm ({float(self._choices.percent):g} %) for {float(self._choices.turns):g} turns."
         )
-        self._tell("Make sure that brake, coupling and machine allow this. A person must be at the emergency stop.")
+        self._report("Make sure that brake, coupling and machine allow this. A person must be at the emergency stop.")
 
     def _await_confirmation(self) -> None:
         typed: list[str] = []
-        self._confirm(self._wanted, typed.append)
+        self._confirm(self._required_input, typed.append)
         self._wait(lambda: typed, _TYPING_NS, "an input")
-        if typed[0].strip() != self._wanted:
-            raise DoubtError(f"not confirmed: the input {typed[0].strip()!r} is not {self._wanted!r}")
+        if typed[0].strip() != self._required_input:
+            raise AxisTestError(f"not confirmed: the input {typed[0].strip()!r} is not {self._required_input!r}")
 
     # -- the PLC's part -------------------------------------------------------------------------------------------------
 
@@ -328,7 +328,7 @@ class AxisTest:
         ignored = any(record.number == FaultNumber.STOP_IGNORED for record in self._axis.faults)
         if ignored or self._axis.powered:
             self.outcome.passed = False
-            self._tell("THE DRIVE DOES NOT STOP: USE THE EMERGENCY STOP")
+            self._report("THE DRIVE DOES NOT STOP: USE THE EMERGENCY STOP")
 
     # -- while it moves -------------------------------------------------------------------------------------------------
 
@@ -337,7 +337,7 @@ class AxisTest:
         axis = self._axis
         wire = _NSOLL.raw(float(percent))
         self._command(_ON, wire)
-        self._wait(lambda: self._settled(drive), _SETTLING_NS, "the speed was reached", drive)
+        self._wait(lambda: self._follows_speed(drive), _SETTLING_NS, "the speed was reached", drive)
         target = axis.outputs.command.target_velocity
         speed = abs(rpm(drive, target))
         share = 1 if percent == self._choices.percent else _CREEP
@@ -357,17 +357,17 @@ class AxisTest:
             None if first is None or last is None else last - first,
         )
 
-    def _settled(self, drive: DriveType) -> bool:
+    def _follows_speed(self, drive: DriveType) -> bool:
         target, velocity = self._axis.outputs.command.target_velocity, self._axis.drive.feedback.velocity_actual
         wanted = drive.scaling.reference(Quantity.SPEED) * self._endpoint.setpoints[0][_NSOLL.name] / _NSOLL.raw(100)
         if wanted and abs(wanted) < 1:
-            raise DoubtError(
+            raise AxisTestError(
                 f"60FFh cannot be {float(wanted):g}: the speed is below one unit, choose a higher --percent"
             )
         near = max(Fraction(2), abs(target) * _SETTLED)
         return bool(target) and abs(target - wanted) <= 1 and abs(velocity - target) <= near
 
-    def _stands(self) -> bool:
+    def _at_standstill(self) -> bool:
         return abs(self._axis.drive.feedback.velocity_actual) <= self._still
 
     def _wait(self, condition: Callable[[], object], limit: int, what: str, drive: DriveType | None = None) -> None:
@@ -375,7 +375,7 @@ class AxisTest:
         end = self._loop.now() + limit
         while not condition():
             if self._loop.now() > end:
-                raise DoubtError(f"not within {limit / SECOND:g} s: {what}; {self._why()}")
+                raise AxisTestError(f"not within {limit / SECOND:g} s: {what}; {self._why()}")
             if drive is None:
                 self._undisturbed()
                 self._loop.sleep(_CYCLE_NS)
@@ -384,20 +384,20 @@ class AxisTest:
                 self._position()
 
     def _undisturbed(self) -> None:
-        """Raise DoubtError when another PLC sends or the gateway failed, InterruptError when the user interrupts."""
+        """Raise AxisTestError when another PLC sends or the gateway failed, InterruptError when the user interrupts."""
         if self._interrupted:
             raise InterruptError("interrupted")
-        if self._stranger:
-            raise DoubtError(f"a PLC sends frames from {self._stranger}")
+        if self._other_plc:
+            raise AxisTestError(f"a PLC sends frames from {self._other_plc}")
         if self._daemon.failure is not None:
-            raise DoubtError(str(self._daemon.failure))
+            raise AxisTestError(str(self._daemon.failure))
 
     def _watch(self, drive: DriveType) -> None:
-        """Wait one cycle and check the turning drive. DoubtError when it leaves operation, reverses or runs away."""
+        """Wait one cycle and check the turning drive. AxisTestError when it leaves operation, reverses or runs away."""
         self._loop.sleep(_CYCLE_NS)
         self._undisturbed()
         if not self._shows(_ENABLED):
-            raise DoubtError(f"the drive has left operation: {self._why()}")
+            raise AxisTestError(f"the drive has left operation: {self._why()}")
         target, velocity = self._axis.outputs.command.target_velocity, self._axis.drive.feedback.velocity_actual
         now = self._loop.now()
         self._commanded += abs(rpm(drive, target)) * (now - self._watched_at) / (SECONDS_PER_MINUTE * SECOND)
@@ -405,9 +405,9 @@ class AxisTest:
         seen = f"606Ch is {velocity} with 60FFh {target}"
         slack = max(self._still, Fraction(abs(target), 4))
         if velocity * self._direction < -slack:
-            raise DoubtError(f"it turns in the wrong direction: {seen}")
+            raise AxisTestError(f"it turns in the wrong direction: {seen}")
         if abs(velocity) > 2 * abs(target) and abs(velocity) > 2 * slack:
-            raise DoubtError(f"it runs away: {seen}")
+            raise AxisTestError(f"it runs away: {seen}")
 
     def _timed_position(self, drive: DriveType) -> tuple[int, int | None]:
         """Read a position and its time. If an SDO is slow, use the fastest of several readings."""
@@ -424,7 +424,7 @@ class AxisTest:
         return moment, position
 
     def _position(self) -> int | None:
-        """Distance of 6064h in increments; None for a drive without it. DoubtError when it exceeds the commanded distance."""
+        """Distance of 6064h in increments; None for a drive without it. AxisTestError when it exceeds the commanded distance."""
         try:
             raw = self._loop.result(
                 self._axis.drive.submit(lambda node: node.sdo.read_number(POSITION_ACTUAL, signed=True)), _SDO_NS
@@ -432,7 +432,7 @@ class AxisTest:
         except SdoAbortedError:
             return None
         except (CanopenError, SdoCommunicationError, TimeoutError) as error:
-            raise DoubtError(f"6064h cannot be read: {error}") from error
+            raise AxisTestError(f"6064h cannot be read: {error}") from error
         drive = self._axis.drive.drive_type
         assert drive is not None
         counts = drive.scaling.counts_per_revolution
@@ -443,7 +443,7 @@ class AxisTest:
             moved = self._way - self._begun
             turns = Fraction(moved) / counts * self._direction
             if not -_MARGIN <= turns <= self._commanded * _TOO_FAR + _MARGIN:
-                raise DoubtError(
+                raise AxisTestError(
                     f"6064h moved by {moved} = {float(Fraction(moved) / counts):.2f} turns, commanded were "
                     f"{float(self._commanded * self._direction):.2f} until now: wrong direction, wrong units, or "
                     "runaway"
@@ -463,7 +463,7 @@ class AxisTest:
     def _judge(self, drive: DriveType, held: Measurement) -> None:
         judgement = judge(drive, held)
         for line in judgement.lines:
-            self._tell(line)
+            self._report(line)
         outcome = self.outcome
         outcome.passed = judgement.passed
         outcome.speed_factor, outcome.position_factor = judgement.speed_factor, judgement.position_factor
@@ -474,27 +474,27 @@ class AxisTest:
         if end is None or self._begun is None:
             return self._commanded
         moved = self.outcome.moved = end - self._begun
-        self._tell(f"in all     6064h {moved:+d}")
+        self._report(f"in all     6064h {moved:+d}")
         return self._commanded if counts is None else abs(Fraction(moved) / counts)
 
     def _ask_for_turns(self, drive: DriveType, turns: Fraction) -> None:
         """Ask a person for the number of turns: drive and gateway also agree when both have the same wrong resolution."""
         outcome, typed = self.outcome, list[str]()
         outcome.scaling, outcome.serial_number = drive.scaling, self._axis.drive.serial_number
-        self._tell("Only a person can check the shaft. How many turns did the mark on the motor shaft make?")
+        self._report("Only a person can check the shaft. How many turns did the mark on the motor shaft make?")
         self._confirm(TURNS, typed.append)
         try:
             self._wait(lambda: typed, _TYPING_NS, "an input")
         except InterruptError:
             raise
-        except DoubtError as error:
-            self._tell(f"not verified: {error}")
+        except AxisTestError as error:
+            self._report(f"not verified: {error}")
             return
         seen, wrong = judge_turns(typed[0], turns)
-        outcome.witnessed = seen and not wrong
+        outcome.confirmed = seen and not wrong
         outcome.passed = not wrong
-        if not outcome.witnessed:
-            self._tell(wrong or "not verified: the number of turns is missing")
+        if not outcome.confirmed:
+            self._report(wrong or "not verified: the number of turns is missing")
 
 
 def _turns_over(drive: DriveType) -> tuple[int, ...]:

@@ -22,7 +22,7 @@ from pdgw.tools.demo.chapters import Chapter
 from pdgw.tools.demo.links import DemoLink, free_ports
 from pdgw.tools.demo.trace import plot
 
-STORY_LIMIT_S = 300
+CHAPTER_LIMIT_S = 300
 _STOP_S = 60
 """Longest time for a process to end, also on a busy machine."""
 RECORD = "gateway"
@@ -139,7 +139,7 @@ class Demo:
             expired.set()
             plc.kill()
 
-        watchdog = threading.Timer(STORY_LIMIT_S, expire)
+        watchdog = threading.Timer(CHAPTER_LIMIT_S, expire)
         watchdog.start()
         try:
             if plc.stdout is not None:
@@ -151,7 +151,7 @@ class Demo:
             watchdog.cancel()
         self._check_others()
         if expired.is_set():
-            raise GatewayError(f"the demo took longer than {STORY_LIMIT_S} s; its logs are in {self.out}")
+            raise GatewayError(f"the demo took longer than {CHAPTER_LIMIT_S} s; its logs are in {self.out}")
         if plc.returncode not in {0, 1} or not (self.out / "plc.json").exists():
             raise GatewayError(f"the PLC simulator ended with status {plc.returncode}: {self._tail('plc')}")
 

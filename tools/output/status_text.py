@@ -180,8 +180,8 @@ def _object(item: dict[str, Any], kind: str, width: int) -> Iterator[str]:
     if not item["iops_good"]:
         yield "  its values are marked as bad (IOPS)"
     guarding = [f"if the gateway dies, it is stopped by: {item['guarding']}"] if item.get("guarding") else []
-    witnessed = [item["units_witnessed"]] if item.get("units_witnessed") else []
-    for line in (*item.get("scaling", ()), *witnessed, *item.get("pdos", ()), *guarding):
+    confirmed = [item["units_witnessed"]] if item.get("units_witnessed") else []
+    for line in (*item.get("scaling", ()), *confirmed, *item.get("pdos", ()), *guarding):
         yield from _folded(line, width, 4, "  ")
     yield from _faults(item, width)
     older = item["fault_count"] - len(item["faults"])

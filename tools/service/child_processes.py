@@ -24,7 +24,7 @@ _READY = "; commands: "
 
 
 @contextlib.contextmanager
-def devices_beside(config: GatewayConfig) -> Iterator[GatewayConfig]:
+def device_processes(config: GatewayConfig) -> Iterator[GatewayConfig]:
     """Start the devices with ``simulate = true``, a process for each bus. Yield the configuration that reaches them.
 
     GatewayError when they cannot be started. They end with the context, or by themselves when this process dies.
@@ -55,7 +55,7 @@ def devices_beside(config: GatewayConfig) -> Iterator[GatewayConfig]:
 
 
 @contextlib.contextmanager
-def page_beside(config: GatewayConfig) -> Iterator[None]:
+def page_process(config: GatewayConfig) -> Iterator[None]:
     """Start ``pdgw web`` for this configuration. It reports its own errors."""
     with tempfile.TemporaryDirectory(prefix="pdgw-") as directory:
         file = Path(directory) / "gateway.toml"
@@ -90,7 +90,7 @@ def _process(*command: str) -> Iterator[subprocess.Popen[str]]:
 
 
 @contextlib.contextmanager
-def keeper_beside(trace: TraceConfig) -> Iterator[Callable[[Path], None]]:
+def trace_keeper(trace: TraceConfig) -> Iterator[Callable[[Path], None]]:
     """Start the process that keeps parts of the flight recorder, if configured. Yield a function that passes it the ring's
     path.
 
@@ -113,13 +113,13 @@ def keeper_beside(trace: TraceConfig) -> Iterator[Callable[[Path], None]]:
     assert process.stdin is not None
     stdin = process.stdin
 
-    def tell(path: Path) -> None:
+    def notify_keeper(path: Path) -> None:
         with contextlib.suppress(OSError):  # the child may have ended already
             stdin.write(f"{path}\n")
             stdin.flush()
 
     try:
-        yield tell
+        yield notify_keeper
     finally:
         with contextlib.suppress(OSError):
             stdin.close()

@@ -103,7 +103,7 @@ class _FromQueue(logging.handlers.QueueListener):
             self._write(self._bundle.flush())
 
 
-class _Taken(logging.Filter):
+class _WhenReady(logging.Filter):
     """Passes a record only when the file descriptor is ready: a blocked pipe would block the thread and the process."""
 
     def __init__(self, descriptor: int) -> None:
@@ -130,7 +130,7 @@ class RunLog:
 
     def __init__(self, level: LogLevel, file: Path | None, log_format: LogFormat = LogFormat.AUTO) -> None:
         self._failed = 0
-        self._taken: _Taken | None = None
+        self._ready_filter: _WhenReady | None = None
         self._handler = self._open(file, log_format)
         records: queue.Queue[logging.LogRecord] = queue.Queue(_LINES)
         self._listener = _FromQueue(records, self._handler)
@@ -154,8 +154,8 @@ class RunLog:
         if not isinstance(handler, RichHandler):
             handler.setFormatter(formatter(log_format, to_file=file is not None))
         if file is None and hasattr(select, "poll"):
-            self._taken = _Taken(sys.stderr.fileno())
-            handler.addFilter(self._taken)
+            self._ready_filter = _WhenReady(sys.stderr.fileno())
+            handler.addFilter(self._ready_filter)
         handler.handleError = self._count_failure  # type: ignore[method-assign]
         return handler
 
@@ -165,7 +165,7 @@ class RunLog:
     @property
     def lost(self) -> int:
         """Lines dropped because the output was blocked or too slow."""
-        taken = 0 if self._taken is None else self._taken.lost
+        taken = 0 if self._ready_filter is None else self._ready_filter.lost
         return self._failed + self._to_listener.lost + self._listener.left + taken
 
     def count_in(self, counters: Counters) -> None:

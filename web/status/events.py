@@ -109,7 +109,7 @@ def changed_faults(before: Document | None, document: Document) -> Iterator[tupl
         # The acknowledgement of an older one is visible in the later state of the object.
         if _newest(item) and (old is None or any(old[key] != item[key] for key in ("state_id", "reason_id"))):
             yield item["do_id"], last
-        elif old is not None and _standing(old) != _standing(item):
+        elif old is not None and _fault_states(old) != _fault_states(item):
             yield item["do_id"], last
 
 
@@ -118,7 +118,7 @@ def _newest(item: Document) -> int:
     return max((fault["id"] for fault in item["faults"]), default=0)
 
 
-def _standing(item: Document) -> list[tuple[int, bool]]:
+def _fault_states(item: Document) -> list[tuple[int, bool]]:
     return [(fault["id"], fault["active"]) for fault in item["faults"]]
 
 

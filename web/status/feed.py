@@ -27,13 +27,15 @@ ANSWER_WITHIN_S = 1.5
 
 
 class Feed:
-    """The newest status of a gateway. ``took`` is called with each new document before waiting clients are woken."""
+    """The newest status of a gateway. ``on_document`` is called with each new document before waiting clients are woken."""
 
     def __init__(
-        self, ask: Callable[[], Awaitable[Document]], took: Callable[[Document | None, Document], Awaitable[None]]
+        self,
+        ask: Callable[[], Awaitable[Document]],
+        on_document: Callable[[Document | None, Document], Awaitable[None]],
     ) -> None:
         self._ask = ask
-        self._took = took
+        self._on_document = on_document
         self.document: Document | None = None
         """The gateway's last answer; None: none yet."""
         self.answered: float | None = None
@@ -48,7 +50,7 @@ class Feed:
         """Called after each tick; they do not wait for anything."""
         self._tick = asyncio.Event()
         self._watchers = 0
-        self._wanted = asyncio.Event()
+        self._requested = asyncio.Event()
         self._message: bytes | None = None
 
     async def run(self) -> None:
@@ -56,18 +58,18 @@ class Feed:
         while True:
             begin = time.monotonic()
             await self.once()
-            self._wanted.clear()
+            self._requested.clear()
             interval = self.watched_s if self._watchers else self.unwatched_s
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(max(0.0, begin + interval - time.monotonic())):
-                    await self._wanted.wait()
+                    await self._requested.wait()
 
     async def once(self) -> None:
         """Ask once, and wake who waits for it."""
         try:
             async with asyncio.timeout(ANSWER_WITHIN_S):
                 document = await self._ask()
-                await self._took(self.document, document)
+                await self._on_document(self.document, document)
         except (GatewayError, TimeoutError) as error:
             self.failure = str(error) or "no answer in time"
             self.stale = True
@@ -114,7 +116,7 @@ class Feed:
     async def watched(self) -> AsyncIterator[None]:
         """A client reads: request the status more often."""
         self._watchers += 1
-        self._wanted.set()
+        self._requested.set()
         try:
             yield
         finally:

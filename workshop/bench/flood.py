@@ -20,7 +20,7 @@ from pdgw.profinet.rpc.client import RecordCaller
 from pdgw.profinet.rpc.dcerpc import object_uuid
 from pdgw.workshop.bench.measuring.dialogues import PlcDialogue
 from pdgw.workshop.bench.measuring.measure import Latency
-from pdgw.workshop.bench.phases import QUIET, in_turn, stand_back
+from pdgw.workshop.bench.phases import QUIET, in_turn, lower_priority
 from pdgw.workshop.bench.processes.processes import Background, Gateway, module
 
 AXES = 4
@@ -46,12 +46,14 @@ def measure(port: str, seconds: float, phases: int = 3) -> Flood:
     """Flood the ``port`` (CYCLIC or ACYCLIC) in this number of phases, each after a quiet phase. ``seconds``: total of each
     kind.
     """
-    found = in_turn(AXES, PERIOD_NS, seconds, phases, {port: lambda gateway: nullcontext(_stranger(port, gateway))})
+    found = in_turn(
+        AXES, PERIOD_NS, seconds, phases, {port: lambda gateway: nullcontext(_unknown_sender(port, gateway))}
+    )
     flooded = found[port]
     return Flood(port, found[QUIET].latency, flooded.latency, flooded.slept, flooded.per_s)
 
 
-def _stranger(port: str, gateway: Gateway) -> Background:
+def _unknown_sender(port: str, gateway: Gateway) -> Background:
     number = gateway.cyclic_port if port == CYCLIC else gateway.acyclic_port
     return module("pdgw.workshop.bench.flood", str(number), port, str(RATE))
 
@@ -65,7 +67,7 @@ def datagram(kind: str) -> bytes:
 
 def main() -> None:
     """Send the flood."""
-    stand_back()
+    lower_priority()
     port, kind, rate = int(sys.argv[1]), sys.argv[2], int(sys.argv[3])
     data = datagram(kind)
     sent, burst = 0, int(rate * _BURST_S)

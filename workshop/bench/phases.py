@@ -73,7 +73,7 @@ def in_turn(
     }
 
 
-def stand_back() -> None:
+def lower_priority() -> None:
     """Give this process the lowest priority: in the field it is another machine."""
     if hasattr(os, "sched_setscheduler"):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

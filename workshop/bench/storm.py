@@ -16,7 +16,7 @@ from pdgw.client.udp import ParameterClient
 from pdgw.durations import MS
 from pdgw.profidrive.parameters.codec import ParameterAddress
 from pdgw.workshop.bench.measuring.measure import Latency
-from pdgw.workshop.bench.phases import QUIET, in_turn, stand_back
+from pdgw.workshop.bench.phases import QUIET, in_turn, lower_priority
 from pdgw.workshop.bench.processes.processes import module
 
 AXES = 4
@@ -67,7 +67,7 @@ def _ask(port: int, do_id: int, stopping: threading.Event, counts: list[int]) ->
 
 def main() -> None:
     """The storm."""
-    stand_back()
+    lower_priority()
     port, axes = int(sys.argv[1]), int(sys.argv[2])
     stopping = threading.Event()
     counts: list[int] = []

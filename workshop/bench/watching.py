@@ -25,7 +25,7 @@ from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.demo.links import free_ports
 from pdgw.workshop.bench.measuring.measure import Latency
-from pdgw.workshop.bench.phases import QUIET, in_turn, stand_back
+from pdgw.workshop.bench.phases import QUIET, in_turn, lower_priority
 from pdgw.workshop.bench.processes.processes import Background, Gateway, module
 
 AXES = 8
@@ -141,7 +141,7 @@ def harm(port: int, process: int) -> int:
 
 def main() -> None:
     """Run the viewers or the flood."""
-    stand_back()
+    lower_priority()
     role, port = sys.argv[1], int(sys.argv[2])
     print("ready", flush=True)
     print(look(port) if role == "look" else harm(port, int(sys.argv[3])), flush=True)

@@ -15,9 +15,9 @@ from pdgw.durations import SECOND
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.errors import GatewayError
 from pdgw.workshop.documents.markdown import table
-from pdgw.workshop.soak.life import Life
 from pdgw.workshop.soak.plan import Part, parts
 from pdgw.workshop.soak.planted import DEFECTS, search
+from pdgw.workshop.soak.soak_run import SoakRun
 from pdgw.workshop.soak.trace import clock
 from pdgw.workshop.soak.watch import ViolationError
 
@@ -69,22 +69,22 @@ def _play(console: Console, seed: int, end: int, axes: int, numbers: Sequence[in
     with bar:
         task = bar.add_task("", total=end, clock=clock(0), starts=0)
         for part in _parts(seed, axes, numbers, end):
-            life = Life(part, keep_telegrams=bool(numbers))
+            soak_run = SoakRun(part, keep_telegrams=bool(numbers))
 
-            def show(now: int, life: Life = life, before: int = starts) -> None:
-                bar.update(task, completed=now, clock=clock(now), starts=before + life.starts)
+            def show(now: int, soak_run: SoakRun = soak_run, before: int = starts) -> None:
+                bar.update(task, completed=now, clock=clock(now), starts=before + soak_run.starts)
 
             try:
-                life.play(min(end, part.end), show)
+                soak_run.play(min(end, part.end), show)
                 if not memory and part.end > _HOUR_NS:
                     memory = _memory()
                 elif memory and _memory() > memory + _GROWTH_KIB:
                     raise ViolationError(f"memory grew by {(_memory() - memory) // 1024} MiB")
             except ViolationError as violation:
                 bar.stop()
-                _fail(console, life, violation, seed, axes, numbers)
-            starts += life.starts
-            life.close()
+                _fail(console, soak_run, violation, seed, axes, numbers)
+            starts += soak_run.starts
+            soak_run.close()
     console.print(f"{clock(end)} h of seed {seed}: {starts} starts, nothing that must not happen")
     used, passed = time.process_time() - used, time.monotonic() - begun
     console.print(
@@ -136,21 +136,21 @@ def _parts(seed: int, axes: int, numbers: Sequence[int], end: int) -> Iterator[P
 
 def _play_until(console: Console, seed: int, until: int, axes: int, numbers: Sequence[int], *, frames: bool) -> None:
     *_, part = _parts(seed, axes, numbers, until)
-    life = Life(part, keep_telegrams=bool(numbers), frames=frames)
+    soak_run = SoakRun(part, keep_telegrams=bool(numbers), frames=frames)
     try:
-        life.play(until)
+        soak_run.play(until)
     except ViolationError as violation:
-        _fail(console, life, violation, seed, axes, numbers)
+        _fail(console, soak_run, violation, seed, axes, numbers)
     if frames:
-        _print_lines(console, life)
-    console.print(f"{clock(life.loop.now())} of seed {seed}: nothing that must not happen")
+        _print_lines(console, soak_run)
+    console.print(f"{clock(soak_run.loop.now())} of seed {seed}: nothing that must not happen")
 
 
 def _fail(
-    console: Console, life: Life, violation: ViolationError, seed: int, axes: int, numbers: Sequence[int]
+    console: Console, soak_run: SoakRun, violation: ViolationError, seed: int, axes: int, numbers: Sequence[int]
 ) -> NoReturn:
-    _print_lines(console, life)
-    now = life.loop.now()
+    _print_lines(console, soak_run)
+    now = soak_run.loop.now()
     chosen = f" --telegrams {','.join(map(str, numbers))}" if numbers else ""
     again = f"--axes {axes}{chosen} --until {now / SECOND + 0.001:.3f} --trace"
     console.print(f"[red]{clock(now)}[/red] {violation}", highlight=False)
@@ -158,9 +158,9 @@ def _fail(
     raise typer.Exit(1)
 
 
-def _print_lines(console: Console, life: Life) -> None:
-    console.print(f"cycle {life.plan.cycle_ms} ms", highlight=False)
-    for number, axis in enumerate(life.plan.axes, 1):
+def _print_lines(console: Console, soak_run: SoakRun) -> None:
+    console.print(f"cycle {soak_run.plan.cycle_ms} ms", highlight=False)
+    for number, axis in enumerate(soak_run.plan.axes, 1):
         console.print(f"axis {number}: {axis}", highlight=False, soft_wrap=True)
-    for line in life.trace.lines:
+    for line in soak_run.trace.lines:
         console.print(line, highlight=False, markup=False, soft_wrap=True)

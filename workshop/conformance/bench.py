@@ -305,7 +305,7 @@ class Bench(abc.ABC):
         """Whether the device was lost although its fault does not cause this."""
         return not LOSSES.intersection(self.case.numbers) and LOST in self.numbers()
 
-    def told(self, numbers: Iterable[int]) -> bool:
+    def has_reported(self, numbers: Iterable[int]) -> bool:
         """Whether the object has a record with one of the numbers; for a fault, also P947."""
         buffer = {entry.number for entry in self.subject.fault_log.entries()}
         return any(

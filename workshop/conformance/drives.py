@@ -200,7 +200,7 @@ def _refused(bench: DriveBench, result: rig.Result) -> None:
     """OFF and ON have no effect during the fault. After the fault, the still active ON has none either."""
     case = bench.case
     bench.off()
-    bench.until(lambda: bench.told(case.numbers), f"fault {case.numbers}")
+    bench.until(lambda: bench.has_reported(case.numbers), f"fault {case.numbers}")
     bench.cycles(3)
     bench.on()
     bench.cycles(rig.QUIET_CYCLES)
@@ -227,7 +227,7 @@ def _in_operation(bench: DriveBench, result: rig.Result) -> None:
     elif case.reaction is rig.Reaction.STANDS:
         bench.until(bench.standing, "drive stands")
     if case.numbers:
-        bench.until(lambda: bench.told(case.numbers), f"fault {case.numbers}")
+        bench.until(lambda: bench.has_reported(case.numbers), f"fault {case.numbers}")
     if rig.LOSSES.intersection(case.numbers):
         bench.until(lambda: rig.CONFIGURES in bench.sent, "configured again")
     bench.cycles(_STANDING_CYCLES if case.reaction is rig.Reaction.STANDS else rig.QUIET_CYCLES)

@@ -277,7 +277,7 @@ def _fresh(sight: _Sight, result: Result) -> Iterator[None]:
 
 def _never_good(bench: _EncoderBench, result: Result) -> None:
     case = bench.case
-    bench.until(lambda: bench.told(case.numbers), f"fault {case.numbers}")
+    bench.until(lambda: bench.has_reported(case.numbers), f"fault {case.numbers}")
     bench.cycles(QUIET_CYCLES)
     bench.note(result)
     result.require(bench.sight.shown == ["IOPS BAD"], "values are shown as good")
@@ -292,7 +292,7 @@ def _goes_on(bench: _EncoderBench, result: Result) -> None:
     if case.reaction is Reaction.WARNS:
         bench.until(lambda: sight.warning, "warning")
     if case.numbers:
-        bench.until(lambda: bench.told(case.numbers), f"number {case.numbers}")
+        bench.until(lambda: bench.has_reported(case.numbers), f"number {case.numbers}")
     if case.reaction is Reaction.FAULT:
         bench.until(lambda: sight.fault, "fault in ZSW2_ENC")
         if case.fault in ENCODER_FAULTS:
@@ -320,11 +320,11 @@ def _invalid(bench: _EncoderBench, result: Result) -> None:
     case, sight = bench.case, bench.sight
     if case.reaction is Reaction.LOSES:
         bench.until(lambda: not bench.encoder.good, "IOPS BAD")
-        bench.until(lambda: bench.told(case.numbers), f"fault {case.numbers}")
+        bench.until(lambda: bench.has_reported(case.numbers), f"fault {case.numbers}")
         bench.until(lambda: CONFIGURES in bench.sent, "configured again")
     else:
         bench.until(lambda: sight.error and sight.fault, "error in G1_ZSW and fault in ZSW2_ENC")
-        bench.until(lambda: bench.told(case.numbers), f"fault {case.numbers}")
+        bench.until(lambda: bench.has_reported(case.numbers), f"fault {case.numbers}")
         _acknowledge_in_vain(bench, result)
     bench.cycles(QUIET_CYCLES)
     bench.note(result)
@@ -403,7 +403,7 @@ def run_sensor_case(case: Case, result: Result) -> None:
         if case.reaction is Reaction.G1_ERROR:
             bench.misbehave()
         bench.until(lambda: sight.error, "error in G1_ZSW")
-        bench.until(lambda: bench.told(case.numbers), f"fault {case.numbers}")
+        bench.until(lambda: bench.has_reported(case.numbers), f"fault {case.numbers}")
         bench.cycles(QUIET_CYCLES)
         bench.note(result)
         bench.behave(restart=case.reaction is Reaction.G1_MISSING)

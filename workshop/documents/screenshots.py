@@ -65,7 +65,7 @@ def configuration() -> GatewayConfig:
     )
 
 
-class Story:
+class Scene:
     """Axis 1 turns in both directions, axis 2 is off, axis 3 has no control by PLC. ``Watch`` gets its answers at the end."""
 
     def __init__(self, config: GatewayConfig, directory: Path) -> None:
@@ -105,13 +105,13 @@ def served() -> Iterator[int]:
     """Serve the page of this gateway. Yield its port."""
     config = configuration()
     with tempfile.TemporaryDirectory() as directory:
-        story = Story(config, Path(directory))
+        scene = Scene(config, Path(directory))
         try:
-            story.play()
-            with in_background(Watch(config, story), PageParameters(None), captured) as port:
+            scene.play()
+            with in_background(Watch(config, scene), PageParameters(None), captured) as port:
                 yield port
         finally:
-            story.end()
+            scene.end()
 
 
 def take(folder: Path) -> None:

@@ -75,13 +75,13 @@ def _bytes(half: TelegramHalf) -> str:
     return f"{', '.join(parts)}; {offset} in all"
 
 
-def _doubtful(text: str, confidence: Confidence) -> str:
+def _marked(text: str, confidence: Confidence) -> str:
     """Mark a text that fewer than two public sources confirm."""
     return f"{text} ({confidence.text})" if confidence.text else text
 
 
 def _meaning(bit: Bit) -> str:
-    return _doubtful(bit.meaning, bit.confidence)
+    return _marked(bit.meaning, bit.confidence)
 
 
 def _classes(telegram: Telegram) -> str:
@@ -89,7 +89,7 @@ def _classes(telegram: Telegram) -> str:
 
 
 def _signal_row(signal: Signal) -> Sequence[object]:
-    description = _doubtful(signal.description, signal.confidence)
+    description = _marked(signal.description, signal.confidence)
     return signal.name, signal.number or "", signal.type.name, signal.unit, description
 
 
@@ -178,7 +178,7 @@ def generate() -> str:
             ("telegram", "mode", "class", "setpoints (word, signal)", "actual values (word, signal)"),
             (
                 (
-                    _doubtful(f"{t.number}", t.confidence),
+                    _marked(f"{t.number}", t.confidence),
                     t.mode.value,
                     _classes(t),
                     _half(t.setpoints),
@@ -354,7 +354,7 @@ def generate() -> str:
             ("code", "type", "bytes"),
             (
                 (
-                    _doubtful(f"{t.code:02X}h", Confidence.UNVERIFIED if t in UNVERIFIED else Confidence.CONFIRMED),
+                    _marked(f"{t.code:02X}h", Confidence.UNVERIFIED if t in UNVERIFIED else Confidence.CONFIRMED),
                     t.name,
                     t.size,
                 )

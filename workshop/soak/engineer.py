@@ -16,7 +16,7 @@ from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profidrive.parameters.faults import SIZE
 from pdgw.profidrive.parameters.pnu import Pnu
-from pdgw.workshop.soak.told import Told
+from pdgw.workshop.soak.emcy_check import PendingEmcys
 
 HOST: Final = "192.168.0.20"
 _STATUSWORD = 0x6041
@@ -68,10 +68,10 @@ class Engineer:
             self._world.loop.sleep(self._world.network.conditions.delay_ns)
         return read[0].values == (number,)
 
-    def look(self, do_id: int, told: Told, origin: int) -> None:
+    def look(self, do_id: int, pending: PendingEmcys, origin: int) -> None:
         """Compare the fault buffer with the EMCYs of the drive; ViolationError for a missing one."""
         asked_at = self._world.loop.now()
         answers = self._request(do_id, [Pnu.FAULT_CODE, Pnu.FAULT_TIME], elements=SIZE)
         if answers is not None:
             codes, times = ([int(value) for value in answer.values] for answer in answers)
-            told.read(asked_at, origin, codes, times)
+            pending.read(asked_at, origin, codes, times)

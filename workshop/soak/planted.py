@@ -23,14 +23,14 @@ from pdgw.gateway.axis.supervision.drive_events import NodeWatch
 from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
 from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
 from pdgw.profidrive.frame import IOPS_GOOD
-from pdgw.workshop.soak.life import Life
 from pdgw.workshop.soak.plan import parts
+from pdgw.workshop.soak.soak_run import SoakRun
 from pdgw.workshop.soak.watch import ViolationError
 
 LIMIT_NS: Final = 7200 * SECOND
 """Virtual time in which the soak must find each defect."""
 _SHUTDOWN: Final = 0x06
-_OBEYING: Final = (Phase.FOLLOW, Phase.PASS)
+_RUNNING: Final = (Phase.FOLLOW, Phase.PASS)
 Plant = Callable[[], AbstractContextManager[object]]
 
 
@@ -80,7 +80,7 @@ def _kept(because: Callable[[PowerWish | None, int], bool]) -> Plant:
     """The axis stays in operation where it must be locked."""
 
     def change(self: Interlock, before: Phase, wish: PowerWish | None, statusword: int) -> None:
-        if before in _OBEYING and self.phase not in _OBEYING and because(wish, statusword):
+        if before in _RUNNING and self.phase not in _RUNNING and because(wish, statusword):
             self.phase = before
 
     return _step(change)
@@ -97,8 +97,8 @@ def _off3_not_latched(self: Interlock, before: Phase, wish: PowerWish | None, st
         self.phase = Phase.FOLLOW
 
 
-def _never_lost(method: Any, self: Interlock, wish: Any, acknowledge: bool, trouble: Any, *arguments: Any) -> None:
-    method(self, wish, acknowledge, None if trouble is Drive.LOST else trouble, *arguments)
+def _never_lost(method: Any, self: Interlock, wish: Any, acknowledge: bool, condition: Any, *arguments: Any) -> None:
+    method(self, wish, acknowledge, None if condition is Drive.LOST else condition, *arguments)
 
 
 def _never_again(method: Any, self: Any) -> None:
@@ -196,11 +196,11 @@ def search(name: str, seed: int, axes: int = 2, limit_ns: int = LIMIT_NS) -> Fou
     """Run the soak with one defect until it is found."""
     with DEFECTS[name].plant():
         for part in takewhile(lambda part: part.begin < limit_ns, parts(seed, axes)):
-            life = Life(part)
+            soak_run = SoakRun(part)
             try:
-                life.play(min(part.end, limit_ns))
+                soak_run.play(min(part.end, limit_ns))
             except ViolationError as violation:
-                return Found(name, life.loop.now(), str(violation))
+                return Found(name, soak_run.loop.now(), str(violation))
             finally:
-                life.close()
+                soak_run.close()
     return Found(name, None, "")

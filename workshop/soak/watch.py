@@ -92,7 +92,7 @@ class SoakAxis:
         """When Enable Operation was sent last."""
         self._began = self._left = -1
         """When the drive entered and left operation last."""
-        self._doubt = (0, "power on")
+        self._new_off_since = (0, "power on")
         self._previous = drive.model.state
         self._changed = now
         self._lost_since: int | None = None
@@ -109,11 +109,11 @@ class SoakAxis:
 
     # -- events -------------------------------------------------------------------------------------------------------
 
-    def doubt(self, why: str, since: int | None = None) -> None:
+    def require_new_off(self, why: str, since: int | None = None) -> None:
         """From now on, or from an earlier time, a start needs a new OFF and then an ON."""
         when = self.drive.loop.now() if since is None else since
-        if when > self._doubt[0]:
-            self._doubt = (when, why)
+        if when > self._new_off_since[0]:
+            self._new_off_since = (when, why)
             if self._off < when - self.in_force_ns:
                 self._armed = -1
 
@@ -144,14 +144,14 @@ class SoakAxis:
             self._off = now
         elif is_on(word, raw=raw):
             self._on = now
-            if self._off >= self._doubt[0] - self.in_force_ns and self._off >= 0:
+            if self._off >= self._new_off_since[0] - self.in_force_ns and self._off >= 0:
                 self._armed = now
         stops = ~word & (_NO_OFF2 | _NO_OFF3)
         if not stops:
             self._stop_asked = None
         elif not raw:
             if certain:
-                self.doubt("OFF2 or OFF3")
+                self.require_new_off("OFF2 or OFF3")
             if self._stop_asked is None or self._stop_asked[1] != stops:
                 self._stop_asked = now, stops
 
@@ -183,21 +183,21 @@ class SoakAxis:
     def restarted(self) -> None:
         """Another gateway, without knowledge of the past, has started."""
         self._commanded = 0
-        self.doubt("gateway restarted")
+        self.require_new_off("gateway restarted")
 
     def _entered(self, state: State) -> None:
         now = self.drive.loop.now()
         if state is State.OPERATION_ENABLED and self._previous is not State.OPERATION_ENABLED:
             self.starts += 1
             self._began = now
-            since, why = self._doubt
+            since, why = self._new_off_since
             if self._armed < 0 and (self._enabled > max(since, self._left) or self._still_enabled(since)):
                 raise ViolationError(
                     f"{self.name}: started without OFF and ON after a loss or fault ({why}, {(now - since) / MS:.0f} ms ago; "
                     f"OFF {self._ago(self._off)}, ON {self._ago(self._on)})"
                 )
         elif state in {State.FAULT_REACTION_ACTIVE, State.FAULT}:
-            self.doubt("fault of the drive")
+            self.require_new_off("fault of the drive")
         if self._previous is State.OPERATION_ENABLED and state is not State.OPERATION_ENABLED:
             self._left = now
         self._previous = state

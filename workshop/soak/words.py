@@ -101,7 +101,7 @@ class Words:
         self.commands += bool(risen & (_TASK | _HOMING | 0x0010 | 0x0020 | _ENABLED))
         self.values[self.name] = word
 
-    def stand_ns(self) -> int:
+    def word_duration_ns(self) -> int:
         """How long the present word is sent: one frame to 250 ms, or long enough for a ramp."""
         chance = self.chance
         kind = chance.random()

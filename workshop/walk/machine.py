@@ -12,7 +12,7 @@ from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
 from pdgw.gateway.axis.values import Configured, NodeNotice, Notice, SdoAnswer
-from pdgw.gateway.reasons import FaultNumber, OrderDoubt
+from pdgw.gateway.reasons import FaultNumber, UnconfirmedOrder
 from pdgw.profidrive.sign_of_life import following
 from pdgw.profidrive.signals import signal
 from pdgw.workshop.walk.plc import HOMING_METHOD
@@ -99,7 +99,7 @@ class Transducer:
         inputs, outputs = self._machine.inputs, self._machine.outputs
         inputs.now += self._tick
         inputs.setpoints, inputs.fresh = self._setpoints(plc), plc.fresh
-        inputs.doubt = OrderDoubt.WAITS if plc.waits else OrderDoubt.NONE
+        inputs.unconfirmed = UnconfirmedOrder.WAITS if plc.waits else UnconfirmedOrder.NONE
         inputs.drive_ok, inputs.node_stopped = shown.ok, shown.stopped
         feedback = inputs.feedback
         feedback.statusword, feedback.velocity_actual = shown.statusword, shown.velocity

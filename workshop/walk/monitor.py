@@ -213,11 +213,11 @@ class Monitor:
         # Reasons that forbid a start. A restart, or a drive that left operation, precedes the frame of the same cycle.
         fell = state in _UNPOWERED or state is State.QUICK_STOP_ACTIVE
         left = memory.operated and memory.enables == _CERTAIN and fell
-        doubt = state is None or state in _FAULTY
+        uncertain = state is None or state in _FAULTY
         kept = power == _ENABLE and memory.enables > 0
         goes_on = asked.hold and kept and not memory.ramp
         released = asked.off or (memory.released and not shown.restarted and not left)
-        released = released and not (asked.gone or doubt or coast or brake) and (asked.on or asked.off or goes_on)
+        released = released and not (asked.gone or uncertain or coast or brake) and (asked.on or asked.off or goes_on)
         commanded = power == _ENABLE and released and (asked.enable or goes_on)
         ramp = power == _ENABLE and not commanded
         broken: list[Rule] = []
@@ -225,9 +225,9 @@ class Monitor:
             broken.append(Rule.ENABLE)
         if power == _SWITCH_ON and not (asked.on and released):
             broken.append(Rule.SWITCH_ON)
-        if ramp and kept and (coast or brake or doubt or not (asked.ramp or memory.ramp)):
+        if ramp and kept and (coast or brake or uncertain or not (asked.ramp or memory.ramp)):
             broken.append(Rule.KEPT)
-        self._check_stops(memory, asked, shown, state, output, doubt, broken)
+        self._check_stops(memory, asked, shown, state, output, uncertain, broken)
         self._check_shown(asked, plc, output, operates and commanded, broken)
         if output.guarded:
             broken.append(Rule.GUARD)
@@ -295,14 +295,14 @@ class Monitor:
         shown: Shown,
         state: State | None,
         output: Output,
-        doubt: bool,
+        uncertain: bool,
         broken: list[Rule],
     ) -> None:
         cw, coast, brake, disable = output.controlword, asked.coast, asked.brake, asked.disable
         operates = state is State.OPERATION_ENABLED
         quick_stop, voltage_off = cw & _STOPS == _VOLTAGE, not cw & _VOLTAGE
         turning = operates and shown.velocity != 0
-        stopping = doubt or shown.restarted or memory.brakes or memory.coasts or disable
+        stopping = uncertain or shown.restarted or memory.brakes or memory.coasts or disable
         if asked.ramp and turning and memory.enables and not stopping and cw & _POWER != _ENABLE:
             broken.append(Rule.RAMP)
         if coast and not voltage_off:

@@ -110,18 +110,18 @@ class _Judge:
         self._monitor = monitor
         self._memories = [monitor.first]
         self._number_of = {monitor.first: 0}
-        self._said: dict[tuple[int, int, int], tuple[int, Sequence[enum.Enum]]] = {}
+        self._results: dict[tuple[int, int, int], tuple[int, Sequence[enum.Enum]]] = {}
 
     def __call__(self, memory: int, number: int, output: int) -> tuple[int, Sequence[enum.Enum]]:
         key = (memory, number, output)
-        said = self._said.get(key)
+        said = self._results.get(key)
         if said is None:
             plc, shown = self._machine.inputs[number]
             after, broken = self._monitor.step(self._memories[memory], plc, shown, self._machine.outputs[output])
             place = self._number_of.setdefault(after, len(self._memories))
             if place == len(self._memories):
                 self._memories.append(after)
-            said = self._said[key] = place, broken
+            said = self._results[key] = place, broken
         return said
 
 

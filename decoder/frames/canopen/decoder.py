@@ -76,7 +76,7 @@ _ERROR_CLASSES = {
 """Bits of a SocketCAN error frame's identifier (linux/can/error.h)."""
 
 
-_TELLS_FAMILY: Final = (IDENTITY_VENDOR, IDENTITY_PRODUCT, (DEVICE_NAME, 0))
+_FAMILY_OBJECTS: Final = (IDENTITY_VENDOR, IDENTITY_PRODUCT, (DEVICE_NAME, 0))
 """Vendor-ID, product code and name of a device."""
 
 
@@ -137,15 +137,15 @@ class CanopenDecoder:
         if entries is not None:
             node.names, node.has_dictionary = ObjectNames(entries), True
             for entry in entries:
-                if (entry.index, entry.subindex) in _TELLS_FAMILY:
+                if (entry.index, entry.subindex) in _FAMILY_OBJECTS:
                     node.identify(entry.index, entry.subindex, entry.default)
-            self._take_dictionary(node_id, node, entries)
+            self._use_dictionary(node_id, node, entries)
         axis = self._axes.get(node_id)
         if axis is not None:
             node.axis = axis.do_id
             if not node.has_dictionary and telegram(axis.telegram).mode is ApplicationMode.ENCODER:
                 node.names = encoder_catalogue()
-            self._take_layouts(node_id, node, axis)
+            self._use_layouts(node_id, node, axis)
         return node
 
     # -- one frame -------------------------------------------------------------------------------------------------
@@ -249,7 +249,7 @@ class CanopenDecoder:
 
     # -- PDO mappings ----------------------------------------------------------------------------------------------
 
-    def _take_layouts(self, node_id: int, node: _Node, axis: Axis) -> None:
+    def _use_layouts(self, node_id: int, node: _Node, axis: Axis) -> None:
         """The gateway's own layouts for the axis' telegram."""
         from pdgw.gateway.axis.telegrams import (  # noqa: PLC0415 (loads canopen, and is needed with given axes only)
             DRIVE_TELEGRAM_NUMBERS,
@@ -270,7 +270,7 @@ class CanopenDecoder:
                 node.origins[pdo.mapping_index] = self._origin
                 self._rebuild(node_id, node, pdo.mapping_index)
 
-    def _take_dictionary(self, node_id: int, node: _Node, entries: Sequence[Entry]) -> None:
+    def _use_dictionary(self, node_id: int, node: _Node, entries: Sequence[Entry]) -> None:
         for entry in entries:
             if entry.index in PDO_PARAMETERS and isinstance(entry.default, int):
                 node.parameters[entry.index, entry.subindex] = entry.default
@@ -284,7 +284,7 @@ class CanopenDecoder:
         from PDO parameters."""
         if (index, subindex) == (DEVICE_TYPE, 0) and not node.has_dictionary:
             node.names = profile_catalogue(int.from_bytes(value, "little"), node.families) or node.names
-        if (index, subindex) in _TELLS_FAMILY:
+        if (index, subindex) in _FAMILY_OBJECTS:
             before = node.names
             node.identify(index, subindex, decoded)
             if node.names is not before:

@@ -207,11 +207,11 @@ class AcyclicDecoder:
         latency = None if asked is None else max(0, base[1] - asked)
         fields["parameter"] = document = _answer_document(request, response)
         if request is not None:
-            self._look_for_telegram(request, response)
+            self._detect_telegram(request, response)
         text = f"{head}: {_parameters(document)}"
         return ParameterResponseRecord(*base, text, fields, latency, response=response, request=request)
 
-    def _look_for_telegram(self, request: Request, response: Response) -> None:
+    def _detect_telegram(self, request: Request, response: Response) -> None:
         change = request.request_id is RequestId.CHANGE
         for position, address in enumerate(request.addresses):
             if address.pnu != Pnu.TELEGRAM or address.attribute != Attribute.VALUE:

@@ -176,7 +176,7 @@ class CyclicDecoder:
         """The last report about inferred telegrams."""
         self._candidates: list[Candidate] | None = None
         self._seen: set[Direction] = set()
-        self._doubted: Counter[Direction] = Counter()
+        self._misfits: Counter[Direction] = Counter()
         self._layouts: dict[_Kind, FrameLayout] = {}
         self._plain: dict[_Kind, tuple[int, FrameLayout]] = {}
         """Frames with unknown telegrams: their number, and the layout without signals."""
@@ -333,7 +333,7 @@ class CyclicDecoder:
             )
             return layout
         if self._given:
-            self._doubt(direction, data)
+            self._report_misfit(direction, data)
         else:
             self._infer(direction, data)
         axes = self.axes
@@ -351,16 +351,16 @@ class CyclicDecoder:
             self._plain[key] = (count + 1, plain)
         return plain
 
-    def _doubt(self, direction: Direction, data: bytes) -> None:
+    def _report_misfit(self, direction: Direction, data: bytes) -> None:
         """Report once for each direction when the status bytes of live frames are at the places of other telegrams.
 
         The first frames of a connection have BAD status bytes and prove nothing, so later ones are checked too.
         """
         if direction in self._seen or self._has_bad_object(direction, data[HEADER.size : -TRAILER.size]):
             return
-        self._doubted[direction] += 1
+        self._misfits[direction] += 1
         found = infer(data[HEADER.size : -TRAILER.size], direction) if data[-2] & _LIVE == _LIVE else []
-        if found or self._doubted[direction] > _ATTEMPTS:
+        if found or self._misfits[direction] > _ATTEMPTS:
             self._seen.add(direction)
         given = [axis.telegram for axis in self.axes]
         if found and not any(_is_one_of(given, candidate) for candidate in found):

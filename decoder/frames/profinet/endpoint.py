@@ -181,7 +181,7 @@ class ProfinetEndpoint:
             new = self.setpoints[index]
             if old is not None and new is not None:
                 orders = Orders(telegram(self._axes[index].telegram).setpoints)
-                if not orders.goes_on(new, old):
+                if not orders.repeats_commands(new, old):
                     self.setpoints[index] = None
 
     def poll(self, now: int) -> bool:

@@ -96,11 +96,11 @@ class FrameDecoder:
             bare = request and service == Service.IDENTIFY and frame_id != _HELLO
             parts = [self._option(code, value, bare=bare) for code, value in dcp.split(content)]
         if addresses and (not request or frame_id == _HELLO):
-            told = next(
+            announced = next(
                 (part["value"] for part in parts if part["option"] == Option.NAME.name and "value" in part), None
             )
-            if told is not None:
-                self._names.learn(addresses[6:], told)
+            if announced is not None:
+                self._names.learn(addresses[6:], announced)
         fields = self._head(addresses) | {
             "frame_id": frame_id,
             "service": name,
@@ -159,13 +159,13 @@ class FrameDecoder:
             "ack_sequence": ack,
         }
         text, latency, slot = f"{self._from(addresses)}alarm {priority.value} {name}", None, 0
-        ended, tells = None, False
+        ended, is_notification = None, False
         if kind == PduType.DATA:
             self._sent.put((priority, addresses, sequence), time_ns)
             fields["blocks"] = blocks = _notification(content)
-            text += f": {'; '.join(_said(block) for block in blocks)}"
+            text += f": {'; '.join(_block_text(block) for block in blocks)}"
             slot = blocks[0].get("slot", 0) if blocks else 0
-            tells = any(block.get("type") in _NOTIFICATION_TYPES for block in blocks)
+            is_notification = any(block.get("type") in _NOTIFICATION_TYPES for block in blocks)
         elif kind == PduType.ERR:
             status = PnioStatus.of(int.from_bytes(content[:4], "big"))
             fields["status"] = {"raw": status.value, "text": _abort_text(status)}
@@ -174,7 +174,7 @@ class FrameDecoder:
         else:
             asked = self._sent.get((priority, addresses[6:] + addresses[:6], ack))
             latency = None if asked is None else max(0, time_ns - asked)
-        return AlarmRecord(*base, text, fields, latency, slot=slot, tells=tells, ended=ended)
+        return AlarmRecord(*base, text, fields, latency, slot=slot, is_notification=is_notification, ended=ended)
 
     # -- LLDP ---------------------------------------------------------------------------------------------------------
 
@@ -243,7 +243,7 @@ def _notification(content: bytes) -> list[Document]:
     return blocks
 
 
-def _said(block: Document) -> str:
+def _block_text(block: Document) -> str:
     """One block of an alarm in words."""
     if "alarm_type" not in block:
         return str(block.get("name", block.get("error", "")))

@@ -54,7 +54,7 @@ class AlarmRecord(StationRecord):
 
     slot: int = field(kw_only=True, default=0)
     """Slot of the submodule in a notification; 0 in others and for the device itself."""
-    tells: bool = field(kw_only=True, default=False)
+    is_notification: bool = field(kw_only=True, default=False)
     """Whether it is a notification and not an acknowledgement."""
     ended: Connection | None = field(kw_only=True, default=None)
     """The relationship an ERR ends, where its Connect was seen."""

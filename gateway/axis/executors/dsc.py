@@ -34,7 +34,7 @@ _I32 = DataType.INTEGER32.integer_range
 class DscExecutor(Executor):
     """One axis under DSC. GatewayError without the user's choice where the loop is closed."""
 
-    INSTANTS: ClassVar[Mapping[str, int]] = {"_heard": SECOND}
+    INSTANTS: ClassVar[Mapping[str, int]] = {"_last_frame_ns": SECOND}
 
     def __init__(self, records: AxisRecords) -> None:
         super().__init__(records)
@@ -57,7 +57,7 @@ class DscExecutor(Executor):
         """The speed of the moment STW1.5 fell stays, without DSC."""
         self._limit = LimitWatch()
         self._held = False
-        self._heard = 0
+        self._last_frame_ns = 0
         """Arrival of the newest setpoints; this cycle while DSC is off."""
         self._out_of_date = False
         """No new setpoints for too long: the axis stops, whatever arrives during the stop."""
@@ -90,7 +90,7 @@ class DscExecutor(Executor):
         self._tolerance = int(reference * self.settings.standstill_window)
 
     def refuse(self) -> None:
-        self._stand()
+        self._track_actual_position()
         self.command.controlword = self.interlock.controlword
         self.report.speed = self.report.message = 0
 
@@ -108,7 +108,7 @@ class DscExecutor(Executor):
             self._ramp()
         else:
             self._held = self._out_of_date = self._frozen = False
-            self._stand()
+            self._track_actual_position()
         command.controlword = interlock.controlword
         command.max_torque = reduced_torque(self._torque, demand.torque_reduction if demand.connected else 0)
         report.speed = actual.to_wire(feedback.velocity_actual)
@@ -162,12 +162,12 @@ class DscExecutor(Executor):
     def _is_out_of_date(self, dsc: Dsc) -> bool:
         """Whether the axis must stop before DSC starts again, independent of the watchdog time."""
         now = self.inputs.now
-        if dsc.setpoint.active and now - self._heard > dsc.hold_ns:
+        if dsc.setpoint.active and now - self._last_frame_ns > dsc.hold_ns:
             self._out_of_date = True
         elif self._out_of_date and not self._velocity and self.demand.fresh:
             self._out_of_date = False
         if self.demand.fresh or not dsc.setpoint.active:
-            self._heard = now
+            self._last_frame_ns = now
         return self._out_of_date
 
     def _held_at_limit(self) -> Reason | None:
@@ -180,7 +180,7 @@ class DscExecutor(Executor):
             self._held = False
         if not self._held:
             return None
-        self._stand()
+        self._track_actual_position()
         return Reason.STOPPED_AT_LIMIT
 
     def _warn(self, dsc: Dsc, *, clamped: bool) -> None:
@@ -210,7 +210,7 @@ class DscExecutor(Executor):
         if self.choices.form is DscForm.POSITION:
             self._travel(speed)
 
-    def _stand(self) -> None:
+    def _track_actual_position(self) -> None:
         """Not in operation: where the axis is, so that nothing jumps when it is enabled."""
         if self.dsc is not None:
             self.dsc.stop()

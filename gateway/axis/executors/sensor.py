@@ -216,7 +216,7 @@ class SensorWords:
         else:
             sensor.measurement_failed(search, supported=answer.supported)
 
-    def _look_for_search(self, measuring: Measuring) -> None:
+    def _detect_search(self, measuring: Measuring) -> None:
         search = measuring.wanted
         if search is not self._search:
             self._search = search
@@ -248,7 +248,7 @@ class SensorWords:
         values = channel.step(word, source, ok, now, error)
         measuring = channel.sensor.measuring
         if measuring is not None:
-            self._look_for_search(measuring)
+            self._detect_search(measuring)
         if not channel.valid and channel.sensor.state is SensorState.NORMAL:
             # No position has arrived yet, but the drive's IOPS may be good: not stored, it ends with the first position.
             return SENSOR_STATUS[SensorState.ERROR], values[1], SensorError.SENSOR_GROUP

@@ -51,28 +51,28 @@ _COMMAND: Final = CONTROLWORDS[Action.ENABLE_OPERATION]
 class Repetitions:
     """Time of each report; the oldest is removed when there are too many."""
 
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"_told"})
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"_reported"})
 
-    __slots__ = ("_told",)
+    __slots__ = ("_reported",)
 
     def __init__(self) -> None:
-        self._told: dict[object, int] = {}
+        self._reported: dict[object, int] = {}
 
     def is_new(self, what: object, now: int) -> bool:
         """Return whether this was not reported within the last second, and store the report."""
-        told = self._told
-        last = told.get(what)
+        reported = self._reported
+        last = reported.get(what)
         if last is not None and now - last < SAME_EVENT_NS:
             return False
-        told.pop(what, None)
-        told[what] = now
-        if len(told) > EMERGENCIES_KEPT:
-            del told[next(iter(told))]
+        reported.pop(what, None)
+        reported[what] = now
+        if len(reported) > EMERGENCIES_KEPT:
+            del reported[next(iter(reported))]
         return True
 
     def clear(self) -> None:
         """Everything is new again."""
-        self._told.clear()
+        self._reported.clear()
 
 
 class NodeWatch:
@@ -106,7 +106,7 @@ class NodeWatch:
         self.last_emergency = -SAME_EVENT_NS
         """When the last EMCY with an error came."""
 
-    def tell_to(self, outputs: Outputs) -> None:
+    def report_to(self, outputs: Outputs) -> None:
         """The outputs of another machine take over."""
         before, self._outputs = self._outputs, outputs
         outputs.motor_hot, outputs.stage_hot, outputs.drive_error = (
@@ -119,13 +119,13 @@ class NodeWatch:
         """The gateway itself restarts the node."""
         self._restart_asked = True
 
-    def take(self, notice: NodeNotice) -> None:
+    def process(self, notice: NodeNotice) -> None:
         """One notice of the node."""
         what = notice.notice
         if what is Notice.EMERGENCY:
             self._emergency(notice)
         elif self._restart_asked and (what is Notice.BOOT or what is Notice.LOST or what is Notice.BUS_LOST):
-            self._tell("restarts, as commanded: " + notice.text)
+            self._log("restarts, as commanded: " + notice.text)
         elif what is Notice.BOOT:
             self._raise(FaultNumber.NODE_RESTARTED, notice)
         elif what is Notice.REFUSED:
@@ -142,22 +142,22 @@ class NodeWatch:
         elif what is Notice.ONLINE:
             self._refusal = ""
             self._restart_asked = self._absent = False
-            self._tell(notice.text)
+            self._log(notice.text)
         elif what is Notice.ABSENT:
             # Queried every half second: the same missing answer is one fault.
             if not self._absent:
                 self._absent = True
                 self._raise(FaultNumber.NODE_ABSENT, notice)
         elif not self._refusal and not self._absent:
-            self._tell(notice.text)
+            self._log(notice.text)
 
-    def _tell(self, text: str) -> None:
-        self._outputs.tell(f"node {text}")
+    def _log(self, text: str) -> None:
+        self._outputs.log(f"node {text}")
 
     def _raise(self, number: FaultNumber, notice: NodeNotice) -> None:
         self._outputs.fault(gateway_fault(number, notice.text, notice.time_ns))
 
-    def told(self, code: int) -> None:
+    def set_error_code(self, code: int) -> None:
         """An error code of the drive, by EMCY or read."""
         outputs, kind = self._outputs, code & _CLASS
         outputs.drive_error = code
@@ -171,10 +171,10 @@ class NodeWatch:
             self._emergencies.clear()
             self._outputs.no_drive_error()
             self._outputs.emergency_over = self._outputs.eventful = True
-            self._tell(notice.text)
+            self._log(notice.text)
             return
         self.last_emergency = now
-        self.told(code)
+        self.set_error_code(code)
         if not self._emergencies.is_new((code, notice.register, notice.data), now):
             return
         number, text = CANOPEN_FAULT if code in _CANOPEN_ERRORS else INTERNAL_FAULT, notice.text
@@ -248,7 +248,7 @@ class DriveWatch:
         if state in FAULTY and previous not in FAULTY:
             self.fault_since = self.fault_began = now
         if state is None and previous is not None:
-            self._tell(FaultNumber.STATE_UNKNOWN, f"Statusword {statusword:04X}h", now)
+            self._report_once(FaultNumber.STATE_UNKNOWN, f"Statusword {statusword:04X}h", now)
         elif (
             previous is State.OPERATION_ENABLED
             and state is not None
@@ -256,11 +256,11 @@ class DriveWatch:
             and commanded & _COMMAND == _COMMAND
             and reason is Reason.NEEDS_OFF
         ):
-            self._tell(FaultNumber.LEFT_OPERATION, f"{state.value}, without a command of the gateway", now)
+            self._report_once(FaultNumber.LEFT_OPERATION, f"{state.value}, without a command of the gateway", now)
         if state is State.OPERATION_ENABLED and shown & ~old & StatusBit.INTERNAL_LIMIT:
-            self._tell(FaultNumber.INTERNAL_LIMIT, "limit switch, position or speed limit", now)
+            self._report_once(FaultNumber.INTERNAL_LIMIT, "limit switch, position or speed limit", now)
 
-    def _tell(self, number: FaultNumber, detail: str, now: int) -> None:
+    def _report_once(self, number: FaultNumber, detail: str, now: int) -> None:
         if self._repetitions.is_new(number, now):
             self._outputs.fault(gateway_fault(number, detail, now))
 

@@ -17,7 +17,7 @@ ENABLE_OPERATION: Final = (
 )
 _ENABLE: Final = PowerWish.ENABLE
 _OFFS: Final = OFFS
-_GOES_ON: Final = (PowerWish.ON, PowerWish.HOLD)
+_CONTINUING: Final = (PowerWish.ON, PowerWish.HOLD)
 
 
 class EnableGuard:
@@ -59,5 +59,5 @@ class EnableGuard:
         self._granted = False
         if wish in _OFFS:
             self._off_seen = True
-        elif wish not in _GOES_ON:
+        elif wish not in _CONTINUING:
             self._off_seen = False

@@ -16,7 +16,7 @@ _SHIFT = signal("STW2").bit("SIGN_OF_LIFE").position
 """In ZSW2 too (a test)."""
 
 
-class LifeWords:
+class SignOfLifeWords:
     """The two words of one axis."""
 
     __slots__ = ("_stw2", "_zsw2", "counters", "lost")

@@ -33,11 +33,11 @@ class StopWatch:
     __slots__ = (
         "_began",
         "_braked",
-        "_nmt_obeyed",
+        "_ignored_since",
+        "_nmt_stopped",
         "_nmt_tried",
         "_reaction",
         "_speed",
-        "_standing_command",
         "_stop_time",
         "brake",
         "reference",
@@ -58,10 +58,10 @@ class StopWatch:
         """When the stop was commanded first."""
         self._speed = 0
         """The speed from which the drive brakes."""
-        self._standing_command = -1
+        self._ignored_since = -1
         """Since when the drive shows operation although power off, or the quick stop, is commanded; -1 while it does not."""
         self._braked = 0
-        self._nmt_obeyed = False
+        self._nmt_stopped = False
         """The node has reported NMT Stopped. The next bring-up ends this state."""
         self._nmt_tried = False
         """That was of no use: the drive was not off when it was there again."""
@@ -70,16 +70,16 @@ class StopWatch:
     def INSTANTS(self) -> Mapping[str, int]:  # noqa: N802 (as in classes with the same ages for every axis)
         """See ``gateway.axis.checkpoint``."""
         stopped = self._reaction + RAMP_MARGIN * self._stop_time
-        return {"_began": stopped, "_standing_command": self._reaction + 1, "_braked": self._reaction}
+        return {"_began": stopped, "_ignored_since": self._reaction + 1, "_braked": self._reaction}
 
     def over(self) -> None:
         """The drive is off, or follows the PLC again."""
-        self._begin_anew()
+        self._restart()
         self._nmt_tried = False
 
-    def _begin_anew(self) -> None:
+    def _restart(self) -> None:
         self.runs = False
-        self._standing_command = -1
+        self._ignored_since = -1
         self.brake = Brake.NONE
 
     def step(
@@ -92,12 +92,12 @@ class StopWatch:
         """
         if self.brake is Brake.NMT_STOP:
             if node_stopped:
-                self._nmt_obeyed = True
-            elif not self._nmt_obeyed:
+                self._nmt_stopped = True
+            elif not self._nmt_stopped:
                 if now - self._braked >= self._reaction:
                     self.brake = Brake.WITHHOLD_HEARTBEAT
             elif seen:
-                self._begin_anew()
+                self._restart()
                 self._nmt_tried = True
         if self.brake is not Brake.NONE or not seen:
             return False
@@ -110,15 +110,15 @@ class StopWatch:
             self._speed = max(self._speed, speed)  # the drive may still accelerate to an earlier setpoint
         disobeys = action in _HOLDS_POWER and speed > max(window, self._allowed(now))
         if not operating or action is Action.RAMP:
-            self._standing_command = -1
-        elif self._standing_command < 0:
-            self._standing_command = now
-        elif now - self._standing_command > self._reaction:
+            self._ignored_since = -1
+        elif self._ignored_since < 0:
+            self._ignored_since = now
+        elif now - self._ignored_since > self._reaction:
             disobeys = True
         if disobeys:
             self.brake = Brake.WITHHOLD_HEARTBEAT if self._nmt_tried else Brake.NMT_STOP
             self._braked = now
-            self._nmt_obeyed = False
+            self._nmt_stopped = False
         return disobeys
 
     def _allowed(self, now: int) -> int:

@@ -105,7 +105,7 @@ class PositionerConfig(BaseModel):
     """Positions are 0 to ``modulo_range`` - 1."""
 
     @model_validator(mode="after")
-    def _modulo_is_whole(self) -> PositionerConfig:
+    def _modulo_is_complete(self) -> PositionerConfig:
         if self.modulo_correction and not self.modulo_range:
             raise ValueError("modulo_correction = true: needs modulo_range above 0")
         if self.modulo_correction and self.software_limits is not None:

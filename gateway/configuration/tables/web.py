@@ -98,7 +98,7 @@ class MqttConfig(Section):
     """Certificates the broker's is checked with; without it those of the system."""
 
     @model_validator(mode="after")
-    def _is_whole(self) -> MqttConfig:
+    def _is_complete(self) -> MqttConfig:
         if self.password_file is not None and self.username is None:
             raise misplaced("password_file needs username", "password_file")
         if self.ca_file is not None and not self.tls:

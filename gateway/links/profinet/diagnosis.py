@@ -74,7 +74,7 @@ class Diagnosed(Protocol):
 
 def present_classes(item: Diagnosed) -> set[MessageClass]:
     """Problems of a drive object: unacknowledged faults, and a lost node."""
-    found = {message_class(fault.code) for fault in item.fault_log.standing()}
+    found = {message_class(fault.code) for fault in item.fault_log.unacknowledged()}
     if item.client.status is not NodeStatus.ONLINE:
         found.add(MessageClass.INTERNAL_COMMUNICATION)
     return found

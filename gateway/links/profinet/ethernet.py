@@ -109,9 +109,9 @@ class EthernetPort(Protocol):
         """Whether a real-time frame calls what ``start`` was given (the beginning), or only waits for ``receive``."""
 
     def engine(self, table: native.Table) -> native.Engine | None:
-        """A native engine that has taken the real-time frames over until ``give_back``; None: they stay here."""
+        """A native engine that has taken the real-time frames over until ``detach``; None: they stay here."""
 
-    def give_back(self, engine: native.Engine) -> None:
+    def detach(self, engine: native.Engine) -> None:
         """End it; real-time frames come here again."""
 
     def receive(self) -> bytes | None:
@@ -248,7 +248,7 @@ class RawEthernet:
         self._loop.add_reader(engine.fileno(), self._on_real_time, urgent=True)
         return engine
 
-    def give_back(self, engine: native.Engine) -> None:
+    def detach(self, engine: native.Engine) -> None:
         self._loop.remove_reader(engine.fileno())
         engine.stop()
         if self._sockets:

@@ -32,7 +32,7 @@ from pdgw.gateway.links.profinet.native import COUNTS, VERDICTS, Engine, order_m
 from pdgw.gateway.links.profinet.pairing import LONGEST_NS, Pairing
 from pdgw.gateway.links.profinet.station import StationKeeper
 from pdgw.gateway.links.udp import Address
-from pdgw.gateway.reasons import OrderDoubt
+from pdgw.gateway.reasons import UnconfirmedOrder
 from pdgw.gateway.store import ParameterStore
 from pdgw.gateway.trace.layout import FramePlaces
 from pdgw.profidrive.frame import IOPS_GOOD
@@ -97,7 +97,7 @@ class ProfinetLink:
         """Data of the leading controller, or of the last one while another may take over."""
         self._order_mask = self._ordered = 0
         """All bits of a frame that are orders, and the orders of the newest one."""
-        self._taken_over = False
+        self._switched_over = False
         """Another controller leads: compare its orders with those in force."""
         self.switchovers = 0
         self._pairing: Pairing | None = None
@@ -120,17 +120,17 @@ class ProfinetLink:
         self._watch: Timer | None = None
         self._receivable = False
         self._limit_ns = 0
-        self._came = 0
+        self._received_at = 0
         self.more = True
         """Data after a punctual frame is processed in the next turn, which saves one system call in each cycle."""
-        self._told: list[set[MessageClass]] = [set() for _ in objects]
+        self._reported: list[set[MessageClass]] = [set() for _ in objects]
         self._newest: tuple[Sequence[Sequence[int]], Sequence[bool]] | None = None
         """Actual values of the last step and whether they are valid: what a new relationship begins with."""
         self._places: dict[ApplicationRelation, _Places] = {}
         self._outputs: list[tuple[int, Callable[[bytes, int], tuple[int, ...]], int, int]] = []
         """Drive objects with output data: number, codec, places of data and IOPS in the consumer's frame."""
         self.setpoints: list[Sequence[int] | None] = [None] * len(objects)
-        self.doubts = (OrderDoubt.NONE,) * len(objects)
+        self.unconfirmed_orders = (UnconfirmedOrder.NONE,) * len(objects)
         self.layout_token = object()
         self.watchdog_expiries = 0
         self.loss = ""
@@ -240,7 +240,7 @@ class ProfinetLink:
             self._pump()
         self.more = True
         if fresh:
-            self._take(now)
+            self._read_setpoints(now)
         return fresh
 
     def _is_changed(self) -> bool:
@@ -267,23 +267,23 @@ class ProfinetLink:
             self._timer_due = device.next_deadline()  # the data hold time starts again: do not wake at its old end
             self._timer.postpone(self._timer_due)
         if fresh:
-            self._take(now)
+            self._read_setpoints(now)
         self.more = self._engine is engine and engine.more
         return fresh
 
-    def _take(self, now: int) -> None:
+    def _read_setpoints(self, now: int) -> None:
         consumer, setpoints = self._consumer, self.setpoints
         if consumer is None:
             return
-        since, half = now - self._came, consumer.cycle_ns >> 1
-        self._came = now
+        since, half = now - self._received_at, consumer.cycle_ns >> 1
+        self._received_at = now
         self.more = not half < since < consumer.cycle_ns + half
         if self._pairing is not None and not self._pairing.together:
             self._pairing.came(now)
         if self._untold:
             return
         payload = consumer.payload
-        before, self._taken_over = list(setpoints) if self._taken_over else None, False
+        before, self._switched_over = list(setpoints) if self._switched_over else None, False
         for index, unpack_from, offset, iops in self._outputs:
             good = consumer.running and payload[iops] & IOPS_GOOD
             setpoints[index] = unpack_from(payload, offset) if good else None
@@ -297,7 +297,7 @@ class ProfinetLink:
         for index, (telegram, old) in enumerate(zip(self._telegrams, before, strict=True)):
             new = self.setpoints[index] if index in served else None
             self.setpoints[index] = new
-            if old is not None and new is not None and not Orders(telegram.setpoints).goes_on(new, old):
+            if old is not None and new is not None and not Orders(telegram.setpoints).repeats_commands(new, old):
                 self.setpoints[index] = None
                 log.error("drive object %d: the new controller commands something else, stopped", index + 1)
 
@@ -403,7 +403,7 @@ class ProfinetLink:
         return relation.connected, relation.consumer.payload, relation.provider.frame
 
     @property
-    def heard_ns(self) -> int | None:
+    def received_ns(self) -> int | None:
         relation = self.device.relation
         return relation.consumer.data_ns if relation is not None and relation.consumer is not None else None
 
@@ -471,7 +471,7 @@ class ProfinetLink:
             log.log(logging.INFO if up else logging.ERROR, "cable %s", "plugged" if up else "pulled")
             self.device.on_link(up, self._loop.now())
             self._pump()
-        if self._keeper.address_taken():
+        if self._keeper.address_changed():
             # The port no longer receives calls of the controller, and its relationship has ended.
             self.station.ip = self._keeper.address
             self.device.end(Event.NAME_CHANGED, self._loop.now())
@@ -501,12 +501,12 @@ class ProfinetLink:
         pairing, now = self._pairing, self._loop.now()
         sent = False
         if pairing is not None and pairing.due(now):
-            before, self._answering = self._came, True
+            before, self._answering = self._received_at, True
             self._exchange()
             sent, self._answering = not self._answering, False
             if self._closed:
                 return
-            pairing.taken(self._came, found=self._came != before)
+            pairing.taken(self._received_at, found=self._received_at != before)
         elif self._engine is not None:
             self._exchange()  # take the frames that have arrived before the hold time is checked
             if self._closed:
@@ -559,7 +559,7 @@ class ProfinetLink:
                 if provider is None or consumer is None:
                     return
                 if self._consumer is not None:
-                    self._taken_over = True
+                    self._switched_over = True
                     self.switchovers += 1
                 self._release()
                 for index, telegram in enumerate(self._telegrams):
@@ -578,7 +578,7 @@ class ProfinetLink:
                 self._limit_ns = transport.watchdog_factor * provider.cycle_ns
                 self.layout_token = object()
                 cycle = provider.cycle_ns / MS
-                what = "took over" if self._taken_over else "connected"
+                what = "took over" if self._switched_over else "connected"
                 log.info("controller %s %s, cycle %g ms", self.peer, what, cycle)
                 if cycle < transport.cycle_time_ms:
                     log.warning(
@@ -616,7 +616,7 @@ class ProfinetLink:
         self._outputs.clear()
         self._consumer = None
         if self._engine is not None:
-            self.port.give_back(self._engine)
+            self.port.detach(self._engine)
             self._count()
             self._engine = self._lent = None
         if self._pairing is not None:
@@ -630,17 +630,17 @@ class ProfinetLink:
         changed = False
         for index, item in enumerate(self._objects):
             present = present_classes(item)
-            told = self._told[index]
-            if present == told:
+            reported = self._reported[index]
+            if present == reported:
                 continue
             point = (index + 1, ACCESS_POINT_SUBSLOT)
-            for number in told - present:
+            for number in reported - present:
                 self.device.clear_diagnosis(point, number)
-            for number in present - told:
+            for number in present - reported:
                 self.device.set_diagnosis(point, number)
-            if MessageClass.INTERNAL_COMMUNICATION in told - present:
+            if MessageClass.INTERNAL_COMMUNICATION in reported - present:
                 self.device.returned((index + 1, TELEGRAM_SUBSLOT))
-            self._told[index] = present
+            self._reported[index] = present
             changed = True
         if changed:
             self._pump()

@@ -82,7 +82,7 @@ class StationKeeper:
         self.address = self._port.ip()
         return True
 
-    def address_taken(self) -> bool:
+    def address_changed(self) -> bool:
         """Whether another program has changed the interface's address; ``address`` is the present one."""
         before, self.address = self.address, self._port.ip()
         if self.address == before:
@@ -116,9 +116,9 @@ class StationKeeper:
                 self._flashing_until = self._loop.now() + FLASH_NS
                 log.warning("flash signal: this is the device %s", name or "without a name")
             case Refused():
-                self._tell_refused(event)
+                self._log_refused(event)
 
-    def _tell_refused(self, refused: Refused) -> None:
+    def _log_refused(self, refused: Refused) -> None:
         """A controller repeats its Connect every few seconds, an unknown sender at any rate: log each reason, with a limit."""
         now = self._loop.now()
         silent = _SAME_REFUSAL_NS if refused == self._refused else _OTHER_REFUSAL_NS

@@ -122,7 +122,7 @@ class DriveModel:
         """Ticks since the last SYNC."""
         self._previous_controlword = 0
         self._reset_edges = 0
-        self._obeyed = False
+        self._processed = False
         """The Controlword has been processed: the same one changes nothing before ``wake`` or a tick."""
         self._modes = {number: MODES[number](self) for number in self.shape.modes}
         self.mode: int = Mode.POSITION if Mode.POSITION in self._modes else min(self._modes)
@@ -273,7 +273,7 @@ class DriveModel:
     def command(self) -> None:
         """Process Controlword and mode in the image. Called for every one received."""
         word, previous = self.controlword, self._previous_controlword
-        if self._obeyed and word == previous:
+        if self._processed and word == previous:
             return
         self._previous_controlword = word
         before = self.mode, self._condition()
@@ -298,7 +298,7 @@ class DriveModel:
         if word != previous or before != (self.mode, self._condition()):
             self.wake()
         else:
-            self._obeyed = self._resting or self._even
+            self._processed = self._resting or self._even
         self._update()
 
     def _select_mode(self, word: int) -> None:
@@ -384,13 +384,13 @@ class DriveModel:
 
     def wake(self) -> None:
         """Something outside has changed: the next tick may differ from the last one."""
-        self._resting = self._even = self._obeyed = False
+        self._resting = self._even = self._processed = False
 
     def _watched_tick(self) -> int:
         """Simulate one tick. Return how many following ticks are equal: at rest, or at constant speed."""
         speed = self.ramp.speed
         before = self._condition()
-        self._obeyed = False
+        self._processed = False
         self._tick()
         if (
             self.ramp.speed == speed  # not on a ramp; the rest takes longer to compare
@@ -500,7 +500,7 @@ class DriveModel:
         self.limited = self.against_limit(wanted)
         self.ramp.set(0.0 if self.limited else min(max(wanted, -limit), limit))
 
-    def stand_at(self, position: float) -> None:
+    def stop_at(self, position: float) -> None:
         """Stop at a position (increments)."""
         self.machine_position = position + self.zero
         self.ramp.set(0.0)

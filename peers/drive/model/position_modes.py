@@ -186,7 +186,7 @@ class ProfilePosition(ModeOfOperation):
 
     def _arrive(self, setpoint: Setpoint) -> None:
         drive = self.drive
-        drive.stand_at(setpoint.target)
+        drive.stop_at(setpoint.target)
         self.setpoint = None
         if self._queued is not None:
             self._activate(self._queued)

@@ -91,7 +91,7 @@ class PlcEndpoint(Exchange):
         else:
             self._counting[axis] = (word, bit)
 
-    def count_life(self) -> None:
+    def count_sign_of_life(self) -> None:
         """Advance the counting signs of life by one cycle."""
         for axis, (word, bit) in self._counting.items():
             before = self.setpoints[axis][word]
@@ -104,7 +104,7 @@ class PlcEndpoint(Exchange):
         ``now``: its send time, for the cycle counter. Without it each frame is one cycle after the last.
         """
         frame, layout = self._frame, self._provider
-        self.count_life()
+        self.count_sign_of_life()
         for index, half in enumerate(layout.halves):
             half.encode_into(frame, layout.offsets[index], tuple(self.setpoints[index].values()))
             frame[layout.iops[index]] = IOPS_BAD if index in self.bad else IOPS_GOOD

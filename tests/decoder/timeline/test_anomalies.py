@@ -204,8 +204,8 @@ def test_without_answers_the_watchdog_decides_and_is_named(factor: int | None, t
 
 def test_frames_rejected_by_the_gateway_are_reported_once(tmp_path: Path) -> None:
     rig = RecordedRig(1)
-    stranger = CyclicEndpoint([rig.stepper.telegram], cycle_ns=CYCLE_NS, peer="192.0.2.1")
-    rig.endpoint = stranger
+    unknown_sender = CyclicEndpoint([rig.stepper.telegram], cycle_ns=CYCLE_NS, peer="192.0.2.1")
+    rig.endpoint = unknown_sender
     rig.step(60)
     assert texts(timeline(rig, tmp_path), AnomalyKind.DROPPED) == ["the gateway does not use the frames (IOCS BAD)"]
 

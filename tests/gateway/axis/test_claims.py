@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS, Kind, drive_telegram
-from pdgw.gateway.reasons import OrderDoubt, Reason
+from pdgw.gateway.reasons import Reason, UnconfirmedOrder
 from pdgw.profidrive.telegrams import telegram
 from tests.gateway.axis.test_velocity import OFF, ON, Bench
 from tests.support.axis.positioner import CHOICES
@@ -45,15 +45,15 @@ class Twins:
         self.shown = dict.fromkeys((name for name in telegram(number).actuals.names if name in CLAIMS), 0)
         """All confirmations of the other axis until now."""
 
-    def step(self, cycles: int, doubt: OrderDoubt, **values: int) -> None:
+    def step(self, cycles: int, unconfirmed: UnconfirmedOrder, **values: int) -> None:
         certain, doubtful = self.rigs
         for rig in self.rigs:
             rig.values |= {name: value for name, value in values.items() if name in rig.values}
         for _ in range(cycles):
-            doubtful.stepper.machine.inputs.doubt = doubt
+            doubtful.stepper.machine.inputs.unconfirmed = unconfirmed
             certain.step()
             doubtful.step()
-            hidden = CLAIMS if doubt else {}
+            hidden = CLAIMS if unconfirmed else {}
             assert doubtful.actuals == {
                 name: value & ~hidden.get(name, 0) for name, value in certain.actuals.items()
             }, "all else is shown"
@@ -67,7 +67,7 @@ class Twins:
     orders=st.lists(
         st.tuples(
             st.sampled_from([0x0040, 0x0030, 0x0100, 0x0800, 0x0020, 0x0400]),
-            st.sampled_from(OrderDoubt),
+            st.sampled_from(UnconfirmedOrder),
             st.integers(1, 60),
             st.integers(-30_000, 30_000),
         ),
@@ -75,16 +75,16 @@ class Twins:
     ),
 )
 def test_no_status_bit_is_confirmed_while_a_command_is_unconfirmed(
-    number: int, orders: list[tuple[int, OrderDoubt, int, int]]
+    number: int, orders: list[tuple[int, UnconfirmedOrder, int, int]]
 ) -> None:
     twins = Twins(number)
     for rig in twins.rigs:
         rig.enable()
     word = 0x043F
-    twins.step(2, OrderDoubt.NONE, **MOVING | {"STW1": word})
-    for change, doubt, cycles, target in orders:
+    twins.step(2, UnconfirmedOrder.NONE, **MOVING | {"STW1": word})
+    for change, unconfirmed, cycles, target in orders:
         word ^= change
-        twins.step(cycles, doubt, STW1=word, MDI_TARPOS=target, NSOLL_A=target // 2)
+        twins.step(cycles, unconfirmed, STW1=word, MDI_TARPOS=target, NSOLL_A=target // 2)
 
 
 @pytest.mark.parametrize("number", [1, 9, 102, 110, 111, 112])
@@ -93,31 +93,31 @@ def test_every_status_bit_is_shown_once_the_command_is_confirmed(number: int) ->
     twins = Twins(number)
     for rig in twins.rigs:
         rig.enable()
-    twins.step(2, OrderDoubt.NONE, **MOVING | {"STW1": 0x043F})
+    twins.step(2, UnconfirmedOrder.NONE, **MOVING | {"STW1": 0x043F})
     expected = {name: CLAIMS[name] & ~0x3000 if name == "POS_ZSW2" else CLAIMS[name] for name in twins.shown}
     if drive_telegram(number).kind not in {Kind.POSITIONING, Kind.POSITIONER}:
         expected["ZSW1"] = 0x0400
     for _ in range(60):
-        twins.step(50, OrderDoubt.WAITS, STW1=0x047F)
+        twins.step(50, UnconfirmedOrder.WAITS, STW1=0x047F)
         if twins.shown == expected:
             break
     assert twins.shown == expected
 
 
-@pytest.mark.parametrize("doubt", list(OrderDoubt))
-def test_an_off_releases_a_locked_axis_only_if_no_other_order_waits(doubt: OrderDoubt) -> None:
+@pytest.mark.parametrize("unconfirmed", list(UnconfirmedOrder))
+def test_an_off_releases_a_locked_axis_only_if_no_other_order_waits(unconfirmed: UnconfirmedOrder) -> None:
     bench = Bench()
     bench.operate()
     bench.drive_ok = False
     bench.step(OFF, cycles=10)
     bench.drive_ok = True
     inputs = bench.stepper.machine.inputs
-    inputs.doubt = doubt  # an ON, sent while the drive was lost, is not confirmed yet
+    inputs.unconfirmed = unconfirmed  # an ON, sent while the drive was lost, is not confirmed yet
     bench.step(OFF, cycles=100)
-    inputs.doubt = OrderDoubt.NONE
+    inputs.unconfirmed = UnconfirmedOrder.NONE
     bench.step(ON, cycles=10)
     started = bench.drive.state is State.OPERATION_ENABLED
-    assert started is (doubt is not OrderDoubt.WAITS)
+    assert started is (unconfirmed is not UnconfirmedOrder.WAITS)
     if not started:
         assert bench.stepper.reason is Reason.NEEDS_OFF
         bench.operate()

@@ -356,7 +356,7 @@ def test_interlock_follows_the_power_table_in_every_condition(phase: Phase) -> N
         interlock = Interlock(AxisSettings(on_plc_loss=REACTIONS.get(wish, PlcLossReaction.QUICK_STOP)))
         asked = None if wish in NO_PLC else wish
         shown = SHOWN_AS.get(drive, drive)
-        trouble = drive if drive in {Drive.LOST, Drive.NO_REFERENCES, Drive.POWERED_UNREAD} else None
+        condition = drive if drive in {Drive.LOST, Drive.NO_REFERENCES, Drive.POWERED_UNREAD} else None
         statusword = STATUSWORD.get(shown, 0x27)
         still = drive in {Drive.STANDING, Drive.QUICK_STOPPED}
         interlock.enabled_at = now = MS
@@ -366,9 +366,9 @@ def test_interlock_follows_the_power_table_in_every_condition(phase: Phase) -> N
         if drive is Drive.QUICK_STOPPED:
             if phase is not Phase.QUICK_STOP:
                 continue  # only a quick stop that is known can be over
-            interlock.step(PowerWish.ENABLE, False, trouble, statusword, still, now)
+            interlock.step(PowerWish.ENABLE, False, condition, statusword, still, now)
             now += QUICK_STOP_STANDING_NS
-        interlock.step(asked, False, trouble, statusword, still, now)
+        interlock.step(asked, False, condition, statusword, still, now)
         expected = cell(phase, drive, wish)
         found = (interlock.phase, interlock.action, interlock.controlword)
         assert found == (expected.phase, expected.action, expected.controlword), (phase, drive, wish)

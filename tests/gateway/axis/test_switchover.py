@@ -65,11 +65,11 @@ def take_over(rig: Rig, word: int) -> bool:
     """Switch over as the link does. Return whether the new controller's command continues."""
     half = rig.stepper.telegram.setpoints
     before = half.from_dict(rig.values)
-    goes_on = Orders(half).goes_on(half.from_dict({**rig.values, "STW1": word}), before)
-    if not goes_on:
+    repeats_commands = Orders(half).repeats_commands(half.from_dict({**rig.values, "STW1": word}), before)
+    if not repeats_commands:
         rig.step(plc=False)
     rig.values["STW1"] = word
-    return goes_on
+    return repeats_commands
 
 
 @pytest.mark.parametrize("number", [1, 111])
@@ -93,13 +93,15 @@ def test_dsc_continues_unchanged_over_a_switchover(number: int) -> None:
     """One executor has all of them, and their words are compared as those of telegram 1."""
     assert drive_telegram(number) == drive_telegram(105)
 
-    def goes_on(of: int, new: int, old: int) -> bool:
+    def repeats_commands(of: int, new: int, old: int) -> bool:
         half = telegram(of).setpoints
         zero = dict.fromkeys(half.names, 0)
-        return Orders(half).goes_on(half.from_dict({**zero, "STW1": new}), half.from_dict({**zero, "STW1": old}))
+        return Orders(half).repeats_commands(
+            half.from_dict({**zero, "STW1": new}), half.from_dict({**zero, "STW1": old})
+        )
 
     for new, old in product(WORDS, WORDS):
-        assert goes_on(number, new, old) == goes_on(1, new, old), (new, old)
+        assert repeats_commands(number, new, old) == repeats_commands(1, new, old), (new, old)
 
 
 def switch_over(rig: Rig, before: str, word: int) -> None:
@@ -107,8 +109,8 @@ def switch_over(rig: Rig, before: str, word: int) -> None:
     BEFORE[before](rig)
     old = rig.values["STW1"]
     operated = rig.state is State.OPERATION_ENABLED
-    goes_on = take_over(rig, word)
-    if goes_on and (operated or word == old):
+    repeats_commands = take_over(rig, word)
+    if repeats_commands and (operated or word == old):
         return
     controlwords = len(rig.controlwords)
     if not operated:
@@ -135,10 +137,10 @@ def test_switchover_passes_stops_but_no_rising_bits(number: int, bit: int) -> No
     zero = dict.fromkeys(half.names, 0)
     orders = Orders(half)
 
-    def goes_on(new: int, old: int) -> bool:
-        return orders.goes_on(half.from_dict({**zero, "STW1": new}), half.from_dict({**zero, "STW1": old}))
+    def repeats_commands(new: int, old: int) -> bool:
+        return orders.repeats_commands(half.from_dict({**zero, "STW1": new}), half.from_dict({**zero, "STW1": old}))
 
-    assert not goes_on(ON | 1 << bit, ON & ~(1 << bit))
+    assert not repeats_commands(ON | 1 << bit, ON & ~(1 << bit))
     stops = {0, 1, 2, 3, 4, 5, 10} | ({6, 8, 9} if number == 1 else set())
-    assert goes_on(0xFFFF & ~(1 << bit), 0xFFFF) == (bit in stops - ({4, 5, 6} if number == 1 else set()))
-    assert goes_on(ON & ~(1 << bit), ON) == (bit in stops or not ON & 1 << bit)
+    assert repeats_commands(0xFFFF & ~(1 << bit), 0xFFFF) == (bit in stops - ({4, 5, 6} if number == 1 else set()))
+    assert repeats_commands(ON & ~(1 << bit), ON) == (bit in stops or not ON & 1 << bit)

@@ -174,17 +174,21 @@ def test_a_pulse_that_is_dropped_stays_in_doubt_until_the_plc_repeats_it() -> No
     line = Line(4 * MS, life=False)
     for order in [ON] * 20 + [TASK] * 20:
         line.send(order)
-    assert (line.order, line.endpoint.doubts[0].name) == (TASK, "NONE")
+    assert (line.order, line.endpoint.unconfirmed_orders[0].name) == (TASK, "NONE")
     line.send(ON)
-    assert (line.order, line.endpoint.doubts[0].name) == (TASK, "WAITS")
+    assert (line.order, line.endpoint.unconfirmed_orders[0].name) == (TASK, "WAITS")
     for _ in range(500):
         line.send(TASK)
-        assert (line.order, line.endpoint.doubts[0].name, line.endpoint.orders_dropped) == (TASK, "DROPPED", 1)
+        assert (line.order, line.endpoint.unconfirmed_orders[0].name, line.endpoint.orders_dropped) == (
+            TASK,
+            "DROPPED",
+            1,
+        )
     line.send(ON)
     line.send(ON)
-    assert line.endpoint.doubts[0].name == "WAITS", "a waiting order comes before a dropped one"
+    assert line.endpoint.unconfirmed_orders[0].name == "WAITS", "a waiting order comes before a dropped one"
     line.send(ON)
-    assert (line.order, line.endpoint.doubts[0].name, line.endpoint.orders_dropped) == (ON, "NONE", 1)
+    assert (line.order, line.endpoint.unconfirmed_orders[0].name, line.endpoint.orders_dropped) == (ON, "NONE", 1)
 
 
 def test_another_change_does_not_end_the_doubt_about_a_pulse() -> None:
@@ -193,7 +197,7 @@ def test_another_change_does_not_end_the_doubt_about_a_pulse() -> None:
         line.send(order)
     for _ in range(5):
         line.send(TASK | 0x100)
-    assert (line.order, line.endpoint.doubts[0].name) == (TASK | 0x100, "DROPPED")
+    assert (line.order, line.endpoint.unconfirmed_orders[0].name) == (TASK | 0x100, "DROPPED")
     for _ in range(5):
         line.send(TASK & ~1)
-    assert line.endpoint.doubts[0].name == "NONE", "OFF ends every task"
+    assert line.endpoint.unconfirmed_orders[0].name == "NONE", "OFF ends every task"

@@ -127,11 +127,13 @@ class Gateway:
         self._check_order(None if values is None else values[0], now)
         if values is None or not values[0] & TASK or values[0] & 0x7 != 0x7:
             self._task_ended = False  # no task outlives OFF1, OFF2 and OFF3
-        doubt = self.endpoint.doubts[0]
-        assert doubt or not self._task_ended, f"an end of the task bit was dropped without a word at {now / MS} ms"
-        self.stepper.machine.inputs.doubt = doubt
+        unconfirmed = self.endpoint.unconfirmed_orders[0]
+        assert unconfirmed or not self._task_ended, (
+            f"an end of the task bit was dropped without a word at {now / MS} ms"
+        )
+        self.stepper.machine.inputs.unconfirmed = unconfirmed
         zsw1, *others = self.stepper.step(values, self.drive.feedback, True, now)
-        assert not doubt or not zsw1 & CLAIMS
+        assert not unconfirmed or not zsw1 & CLAIMS
         self.endpoint.build([(zsw1, *others)], [True], [self.stepper.power.released])
         before = self.drive.state
         self.drive.step(self.stepper.command)

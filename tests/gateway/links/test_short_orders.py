@@ -8,7 +8,7 @@ import pytest
 
 from pdgw.gateway.configuration.example import simulated
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.reasons import OrderDoubt, Reason
+from pdgw.gateway.reasons import Reason, UnconfirmedOrder
 from pdgw.gateway.service.status import snapshot
 from pdgw.profidrive.signals import signal
 from tests.support.gateways.daemon import OFF, Plc, axis, configuration, running
@@ -112,5 +112,5 @@ def test_an_encoder_whose_control_word_was_dropped_says_so() -> None:
             plc.endpoint.set(0, {"G1_STW": word})
             plc.exchange()
             plc.exchange()
-        assert daemon.encoders[0].doubt is OrderDoubt.DROPPED
+        assert daemon.encoders[0].unconfirmed is UnconfirmedOrder.DROPPED
         assert daemon.encoders[0].reason is Reason.ORDER_DROPPED

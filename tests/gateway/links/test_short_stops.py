@@ -7,7 +7,7 @@ import pytest
 from pdgw.durations import MS
 from pdgw.gateway.configuration.example import simulated
 from pdgw.gateway.links.cyclic import CyclicEndpoint
-from pdgw.gateway.reasons import OrderDoubt, Reason
+from pdgw.gateway.reasons import Reason, UnconfirmedOrder
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, FRAME_ID_TO_DEVICE, IOPS_GOOD, RtFrame
 from pdgw.profidrive.telegrams import telegram
 from tests.gateway.links.test_short_orders import ACKNOWLEDGED, HIGH, LOW, PLC, REACHED, ROUTED, TARGETS, Tasks
@@ -52,8 +52,8 @@ class Line:
         return values
 
     @property
-    def doubt(self) -> OrderDoubt:
-        return self.endpoint.doubts[0]
+    def unconfirmed(self) -> UnconfirmedOrder:
+        return self.endpoint.unconfirmed_orders[0]
 
 
 @pytest.mark.parametrize(
@@ -73,12 +73,12 @@ def test_halt_of_telegram_100_acts_with_its_first_frame() -> None:
     line = Line(100)
     assert line.send(halt) == halt
     assert [line.send(ON), line.send(ON), line.send(ON)] == [halt, halt, ON]
-    assert line.doubt is OrderDoubt.NONE
+    assert line.unconfirmed is UnconfirmedOrder.NONE
     assert line.endpoint.orders_dropped == 0
     # What the frame orders besides waits: bit 4 starts a positioning or a homing.
     line.send(ON & ~0x10, 3)
     assert line.send(halt) == halt & ~0x10
-    assert line.doubt is OrderDoubt.WAITS
+    assert line.unconfirmed is UnconfirmedOrder.WAITS
     assert line.send(halt, 2) == halt
     released = Line(100, released=False)
     assert [released.send(halt), released.send(halt), released.send(halt)] == [ON, ON, halt], "no motion to stop"
@@ -106,11 +106,11 @@ def test_only_the_stop_of_a_frame_acts_at_once_its_other_words_wait() -> None:
         target = {"MDI_TARPOS": 1000}
         assert line.send(word, **others, **target) == word
         assert line.in_force[1:] == (0,) * (len(line.in_force) - 1)
-        assert line.doubt is OrderDoubt.WAITS
+        assert line.unconfirmed is UnconfirmedOrder.WAITS
         line.send(word, 2)
         half = line.telegram.setpoints
         assert {name: line.in_force[half.index(name)] for name in (*others, *target)} == others | target
-        assert line.doubt is OrderDoubt.NONE
+        assert line.unconfirmed is UnconfirmedOrder.NONE
 
 
 def test_off1_and_stw1_3_wait_while_they_release_a_lock_or_end_a_braking() -> None:
@@ -144,15 +144,15 @@ def test_a_reject_that_may_be_an_old_frame_is_in_doubt_until_repeated_or_another
     for end, (word, frames) in ends.items():
         line = Line(111)
         line.send(ON & ~REJECT)
-        assert line.doubt is OrderDoubt.WAITS
+        assert line.unconfirmed is UnconfirmedOrder.WAITS
         line.send(ON, 100)
-        assert line.doubt is OrderDoubt.DROPPED
+        assert line.unconfirmed is UnconfirmedOrder.DROPPED
         assert line.endpoint.orders_dropped == 1
         if end == "another task":
             line.send(LOW, 3)
-            assert line.doubt is OrderDoubt.DROPPED, "the older task is over, reached or not"
+            assert line.unconfirmed is UnconfirmedOrder.DROPPED, "the older task is over, reached or not"
         line.send(word, frames)
-        assert line.doubt is OrderDoubt.NONE, end
+        assert line.unconfirmed is UnconfirmedOrder.NONE, end
 
 
 @pytest.mark.parametrize(("number", "word"), [(1, 0x046F), (1, 0x045F), (9, 0x045F), (9, 0x047D)])
@@ -160,7 +160,7 @@ def test_a_short_stop_that_discards_no_task_leaves_no_doubt(number: int, word: i
     line = Line(number)
     line.send(word)
     line.send(ON, 3)
-    assert line.doubt is OrderDoubt.NONE
+    assert line.unconfirmed is UnconfirmedOrder.NONE
     assert line.endpoint.orders_dropped == 0
 
 

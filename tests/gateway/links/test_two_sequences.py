@@ -128,7 +128,7 @@ class Site:
 
     def step(self, now: int) -> None:
         self.losses += self.endpoint.poll(now)
-        self.stepper.machine.inputs.doubt = self.endpoint.doubts[0]
+        self.stepper.machine.inputs.unconfirmed = self.endpoint.unconfirmed_orders[0]
         actuals = self.stepper.step(self.endpoint.setpoints[0], self.drive.feedback, True, now)
         axes = len(self.words)
         self.endpoint.build([actuals] * axes, [True] * axes, [self.stepper.power.released] * axes)

@@ -51,11 +51,11 @@ def operating() -> Iterator[tuple[Daemon, Plc]]:
 
 
 def links(daemon: Daemon) -> dict[Enable, ChainLink]:
-    return {link.enable: link for link in daemon.axes[0].standing.chain}
+    return {link.enable: link for link in daemon.axes[0].enable_status.chain}
 
 
 def first(daemon: Daemon) -> ChainLink:
-    link = daemon.axes[0].standing.broken
+    link = daemon.axes[0].enable_status.broken
     assert link is not None
     return link
 
@@ -110,7 +110,7 @@ def test_of_two_broken_links_the_physical_one_speaks_on_every_surface(pair: tupl
         front, back = pair
         expected, other = (back, front) if front in _BEHIND.get(back, ()) else (front, back)
         link = first(daemon)
-        assert link.enable is expected, daemon.axes[0].standing.sentence
+        assert link.enable is expected, daemon.axes[0].enable_status.sentence
         if other in _BEHIND.get(expected, ()):
             assert found[other].ok is not True
         elif other is not Enable.SETPOINT:
@@ -118,7 +118,7 @@ def test_of_two_broken_links_the_physical_one_speaks_on_every_surface(pair: tupl
         result = shown(daemon)
         assert link.evidence in result.sentence
         remedy = f"{link.remedy[:1].upper()}{link.remedy[1:]}."
-        assert result.sentence == f"{daemon.axes[0].standing.state.value}: {link.evidence}. {remedy}"
+        assert result.sentence == f"{daemon.axes[0].enable_status.state.value}: {link.evidence}. {remedy}"
         assert f'reason="{link.reason.name.lower()}"' in result.surfaces.pop("metrics")  # type: ignore[union-attr]
         if link.reason is Reason.SWITCHED_OFF:
             del result.surfaces["--check"]  # off as the PLC asks: nothing to report
@@ -150,13 +150,13 @@ def test_check_is_critical_without_a_drive_whatever_the_plc_sends(enable: Enable
         settle(plc)
         health, line = check_line(snapshot(daemon))
         assert health is Health.CRITICAL
-        assert daemon.axes[0].standing.sentence in line
+        assert daemon.axes[0].enable_status.sentence in line
 
 
 def test_fault_has_its_name_time_and_remedy_in_the_first_line() -> None:
     with operating() as (daemon, plc):
         drive_of(daemon).inject(7)
-        plc.until(lambda: daemon.axes[0].standing.state is AxisState.FAULT, "the fault")
+        plc.until(lambda: daemon.axes[0].enable_status.state is AxisState.FAULT, "the fault")
         settle(plc)
         cause = document(daemon)["cause"]
         at = cause["time"][11:19]
@@ -168,7 +168,7 @@ def test_fault_has_its_name_time_and_remedy_in_the_first_line() -> None:
 def test_loss_of_the_plc_does_not_replace_an_older_cause() -> None:
     with operating() as (daemon, plc):
         drive_of(daemon).inject(7)
-        plc.until(lambda: daemon.axes[0].standing.state is AxisState.FAULT, "the fault")
+        plc.until(lambda: daemon.axes[0].enable_status.state is AxisState.FAULT, "the fault")
         settle(plc)
         before = document(daemon)
         plc.silent = True
@@ -222,7 +222,7 @@ def test_axis_switched_off_by_the_plc_is_off_and_no_finding() -> None:
     with operating() as (daemon, plc):
         plc.endpoint.set(0, {"STW1": OFF})
         settle(plc)
-        assert daemon.axes[0].standing.state is AxisState.OFF
+        assert daemon.axes[0].enable_status.state is AxisState.OFF
         assert first(daemon).reason is Reason.SWITCHED_OFF
         assert check_line(snapshot(daemon))[0] is Health.OK
 
@@ -241,7 +241,7 @@ def test_device_that_is_refused_is_told_apart_from_an_absent_one() -> None:
         assert first(daemon).reason is Reason.DRIVE_OFFLINE
         client = daemon.axes[0].client
         client.status, client.status_text = NodeStatus.REFUSED, "1018h/1 is 5, not 4"
-        assert first(daemon).reason is Reason.NODE_REFUSED, daemon.axes[0].standing.sentence
+        assert first(daemon).reason is Reason.NODE_REFUSED, daemon.axes[0].enable_status.sentence
 
 
 def test_chain_of_an_encoder_is_judged_alike() -> None:
@@ -249,16 +249,16 @@ def test_chain_of_an_encoder_is_judged_alike() -> None:
         plc = Plc(daemon, [1, 81])
         plc.endpoint.set(1, {"STW2_ENC": 0x0400})
         encoder = daemon.encoders[0]
-        plc.until(lambda: encoder.standing.broken is None, "in operation")
+        plc.until(lambda: encoder.enable_status.broken is None, "in operation")
         plc.endpoint.set(1, {"STW2_ENC": 0})
-        plc.until(lambda: encoder.standing.broken is not None, "no control")
-        assert encoder.standing.broken is not None
-        assert encoder.standing.broken.reason is Reason.ENCODER_NO_CONTROL
+        plc.until(lambda: encoder.enable_status.broken is not None, "no control")
+        assert encoder.enable_status.broken is not None
+        assert encoder.enable_status.broken.reason is Reason.ENCODER_NO_CONTROL
         encoder_of(daemon).node.power_off()
         plc.silent = True
         settle(plc)
-        chain = {link.enable: link for link in encoder.standing.chain}
-        assert encoder.standing.broken.reason is Reason.ENCODER_OFFLINE
+        chain = {link.enable: link for link in encoder.enable_status.chain}
+        assert encoder.enable_status.broken.reason is Reason.ENCODER_OFFLINE
         assert chain[Enable.PLC].reason is Reason.ENCODER_NO_PLC
         assert chain[Enable.SENSOR].ok is None
 
@@ -275,10 +275,10 @@ def test_gateway_that_is_stopped_has_not_lost_its_plc(caplog: pytest.LogCaptureF
 
 def test_chain_of_an_axis_that_goes_online() -> None:
     with running(configuration(axis(1))) as daemon:
-        assert daemon.axes[0].standing.state is AxisState.NOT_ON_THE_BUS
+        assert daemon.axes[0].enable_status.state is AxisState.NOT_ON_THE_BUS
         assert first(daemon).enable is Enable.NODE
         assert links(daemon)[Enable.PLC].ok is False
-        until(daemon, lambda: daemon.axes[0].standing.state is AxisState.WAITS, "online")
+        until(daemon, lambda: daemon.axes[0].enable_status.state is AxisState.WAITS, "online")
         assert first(daemon).reason is Reason.NO_PLC
 
 

@@ -74,10 +74,10 @@ def test_half_an_sdo_answer_about_the_touch_probe_is_an_error_of_the_sensor_and_
     with running(configuration(axis(1, telegram_number=3))) as daemon:
         plc, world = Plc(daemon, [3]), world_of(daemon)
         plc.enable()
-        stranger = world.bus("world").join("stranger")
+        unknown_sender = world.bus("world").join("stranger")
 
         def answer() -> None:
-            stranger.send(SDO_RESPONSE + 1, bytes((0x4B, 0xB9, 0x60, 0)))
+            unknown_sender.send(SDO_RESPONSE + 1, bytes((0x4B, 0xB9, 0x60, 0)))
             world.loop.call_later(MS, answer)
 
         answer()

@@ -43,10 +43,10 @@ def test_a_flooded_record_port_takes_few_datagrams_and_serves_one_a_slice() -> N
 
         server.port.receive = taking  # type: ignore[method-assign]
         server.server.receive = answering  # type: ignore[method-assign]
-        stranger = network.open("stranger", 0, "flood")
+        unknown_sender = network.open("stranger", 0, "flood")
         call = RecordCaller(UUID(int=9), dcerpc.object_uuid(1, 1, 1)).read(0, 0, 1, 0xAFF0, implicit=True)
         for _ in range(FLOOD):
-            stranger.send(call.packets[0], server.address)
+            unknown_sender.send(call.packets[0], server.address)
         world_of(daemon).loop.run_for(200 * MS)
     assert len(served) == FLOOD
     assert most <= AT_ONCE

@@ -24,12 +24,12 @@ ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 83\nsimulate = true\
 
 def broken(daemon: Daemon) -> Reason | None:
     """The reason of the first broken link of the first axis."""
-    link = daemon.axes[0].standing.broken
+    link = daemon.axes[0].enable_status.broken
     return None if link is None else link.reason
 
 
 def state(daemon: Daemon) -> AxisState:
-    return daemon.axes[0].standing.state
+    return daemon.axes[0].enable_status.state
 
 
 def test_the_chain_follows_an_axis_from_silence_to_operation_and_back() -> None:
@@ -55,7 +55,7 @@ def test_the_chain_follows_an_axis_from_silence_to_operation_and_back() -> None:
         plc.until(obeys, "operation")
         assert (AxisState.STARTING, Reason.NOT_OPERATING) in seen
         assert broken(daemon) is None
-        assert all(link.ok for link in daemon.axes[0].standing.chain)
+        assert all(link.ok for link in daemon.axes[0].enable_status.chain)
         plc.endpoint.set(0, {"STW1": OFF | 1, "NSOLL_A": 0x4000})
         plc.until(lambda: plc.value("NIST_A") > 0x3000, "turns")
         plc.silent = True
@@ -148,13 +148,13 @@ def test_a_warning_is_active_while_it_stands_and_only_its_newest_telling() -> No
     log = FaultLog(0)
     for number in (FaultNumber.HOMING, FaultNumber.PLC_LOST, FaultNumber.HOMING):
         log.enter(gateway_fault(number, "told", 1))
-    assert [(told.id, told.active) for told in log.told(present=True)] == [(3, True), (2, True), (1, False)]
-    assert [told.id for told in log.told(present=True, newest=2)] == [3, 2]
+    assert [(logged.id, logged.active) for logged in log.reported(present=True)] == [(3, True), (2, True), (1, False)]
+    assert [logged.id for logged in log.reported(present=True, newest=2)] == [3, 2]
     assert (log.count, log.active) == (1, True)
     # The gateway's warnings end with the standing one of the machine, a fault with its acknowledge or P952 := 0.
-    assert [told.active for told in log.told(present=False)] == [False, True, False]
+    assert [logged.active for logged in log.reported(present=False)] == [False, True, False]
     log.clear()
-    assert not any(told.active for told in log.told(present=True))
+    assert not any(logged.active for logged in log.reported(present=True))
     assert (log.count, log.active) == (1, False)
 
 
@@ -162,7 +162,7 @@ def test_ids_go_on_when_old_faults_are_forgotten() -> None:
     log = FaultLog(0)
     for number in range(100):
         log.enter(gateway_fault(FaultNumber.PLC_LOST, str(number), number))
-    ids = [told.id for told in log.told(present=False)]
+    ids = [logged.id for logged in log.reported(present=False)]
     assert (ids[0], ids[-1], len(ids)) == (100, 37, 64)
 
 

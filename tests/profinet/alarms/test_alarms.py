@@ -405,9 +405,9 @@ def test_an_alarm_err_of_the_controller_ends_the_relationship_without_an_answer(
     header = DEVICE_MAC + PLC_MAC + bytes.fromhex("8100a0008892")
     content = AbortCode.REQUESTED.status.value.to_bytes(4, "big")
     right = header + apmx.encode(Priority.LOW, relation.reference, 0x42, PduType.ERR, 0, 0, content)
-    stranger = bytearray(right)
-    stranger[11] = 0x77
-    wire.device.on_frame(bytes(stranger), wire.now)
+    unknown_sender = bytearray(right)
+    unknown_sender[11] = 0x77
+    wire.device.on_frame(bytes(unknown_sender), wire.now)
     assert wire.device.connected
     sent = len(wire.device.outgoing())
     wire.device.on_frame(right, wire.now)

@@ -421,8 +421,8 @@ def test_services_count_only_from_the_own_controller_and_session(
 ) -> None:
     caller = connected_by_hand()
     unknown = PnioStatus(code, 0x81, 0x40, 0x05)
-    stranger = Caller(caller.wire, ("192.168.0.9", 50_000))
-    assert control(stranger, block, operation) == unknown
+    unknown_sender = Caller(caller.wire, ("192.168.0.9", 50_000))
+    assert control(unknown_sender, block, operation) == unknown
     assert control(caller, replace(block, session_key=2), operation) == unknown
     assert control(caller, replace(block, ar_uuid=UUID(int=8)), operation) == unknown
     item = caller.wire.device.relation

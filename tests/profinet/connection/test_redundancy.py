@@ -61,7 +61,7 @@ class Pair(Wire):
     def roles(self) -> tuple[int, int]:
         """The role reported to each controller, after the next frames."""
         self.run(20 * MS)
-        return self.one.told & ROLE, self.other.told & ROLE
+        return self.one.data_status & ROLE, self.other.data_status & ROLE
 
     def output(self) -> bytes | None:
         return self.device.output(AXIS)
@@ -207,12 +207,12 @@ def test_a_switchover_within_the_hold_time_keeps_the_new_relationship(way: str) 
     pair.run(20 * MS)
     assert not pair.device.connected
     assert pair.output() is None
-    assert pair.other.told & ROLE == MISSING
+    assert pair.other.data_status & ROLE == MISSING
     pair.run(HOLD_MS * MS - 60 * MS)
     pair.other.lead(primary=True)
     pair.run(20 * MS)
     assert pair.device.connected
-    assert pair.other.told & ROLE == LEADS
+    assert pair.other.data_status & ROLE == LEADS
     assert pair.output() == bytes.fromhex("00002000")
 
 

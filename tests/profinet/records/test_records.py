@@ -282,14 +282,14 @@ def test_writes_count_only_from_the_controllers_own_address() -> None:
     assert not caller.connect(blocks())[0].value
     block = RecordBlock(BlockType.WRITE_REQUEST, 1, AR_UUID, API_PROFIDRIVE, 1, 1, 0xB02E, 4)
     arguments = encode_block(block) + b"data"
-    stranger = Caller(caller.wire, ("192.168.0.9", 50_000))
-    status, _ = stranger.call(arguments, 3)
+    unknown_sender = Caller(caller.wire, ("192.168.0.9", 50_000))
+    status, _ = unknown_sender.call(arguments, 3)
     assert (status.code, status.decode, status.code1, status.code2) == (0xDF, 0x81, 0x40, 5)
     other = encode_block(replace(block, ar_uuid=UUID(int=3))) + b"data"
     assert caller.call(other, 3)[0].value == 0xDF814005
     multiple = join_multiple([(block, b"data")])
     outer = RecordBlock(BlockType.WRITE_REQUEST, 2, AR_UUID, 0xFFFFFFFF, 0xFFFF, 0xFFFF, RECORD_MULTIPLE, len(multiple))
-    assert stranger.call(encode_block(outer) + multiple, 3)[0].value == 0xDF814005
+    assert unknown_sender.call(encode_block(outer) + multiple, 3)[0].value == 0xDF814005
     assert caller.wire.application.writes == 0
     assert caller.call(arguments, 3)[0].value == 0
     assert caller.wire.application.writes == 1

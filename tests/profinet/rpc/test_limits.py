@@ -411,8 +411,8 @@ def test_only_the_answer_to_this_call_counts() -> None:
     call, later = plc.write(0, 0, 1, 0x1234, b"x"), plc.write(0, 0, 1, 0x1234, b"x")
     (answer,) = server.receive(call.packets[0], "plc")
     assert later.receive(answer) is None, "of another sequence number"
-    stranger = RecordCaller(UUID(int=1), DEVICE).write(0, 0, 1, 0x1234, b"x")
-    assert stranger.receive(answer) is None, "of another activity"
+    unknown_sender = RecordCaller(UUID(int=1), DEVICE).write(0, 0, 1, 0x1234, b"x")
+    assert unknown_sender.receive(answer) is None, "of another activity"
     assert call.receive(damaged(answer, 1, PacketType.WORKING)) is None
     assert isinstance(call.receive(answer), RecordResult)
 

@@ -168,7 +168,7 @@ class RecordedRig(Rig):
                 self.frames.plc.append((self.now, frame))
                 self.endpoint.receive(frame, _PLC, self.now)
             self.endpoint.poll(self.now)
-            self.stepper.machine.inputs.doubt = self.endpoint.doubts[0]
+            self.stepper.machine.inputs.unconfirmed = self.endpoint.unconfirmed_orders[0]
             self.stepper.machine.inputs.gateway_stops = self.gateway_stops
             actuals = self.stepper.step(self.endpoint.setpoints[0], self.feedback, self.connected_drive, self.now)
             if self.gateway_stops:

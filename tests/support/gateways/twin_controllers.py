@@ -78,7 +78,9 @@ class Twins:
 
     def lost(self) -> bool:
         """The loss of the PLC is a fault of the axis."""
-        return any(fault.number == FaultNumber.PLC_LOST for fault in self.site.daemon.axes[0].fault_log.standing())
+        return any(
+            fault.number == FaultNumber.PLC_LOST for fault in self.site.daemon.axes[0].fault_log.unacknowledged()
+        )
 
 
 @contextmanager

@@ -52,7 +52,7 @@ class FakeEthernet:
     def engine(self, table: Table) -> Engine | None:
         return None
 
-    def give_back(self, engine: Engine) -> None:
+    def detach(self, engine: Engine) -> None:
         raise AssertionError("none was given")
 
     def receive(self) -> bytes | None:

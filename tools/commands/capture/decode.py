@@ -148,7 +148,7 @@ def decode(
     file = files[0] if files else None
     embedded = configuration_in(Path(file)) if file is not None and config is None and not telegram else ""
     if embedded:
-        _tell([f"the configuration of the gateway is read from {file}"])
+        _print_notices([f"the configuration of the gateway is read from {file}"])
     known = known_beforehand(telegram or [], config, eds or [], port or [], station, embedded)
     selection = Selection(
         nodes=frozenset(node or ()),
@@ -173,7 +173,7 @@ def decode(
     if file not in {None, "-"}:
         settings, zero_ns, inference = look_ahead(str(file), settings)
         if inference:
-            _tell([inference])
+            _print_notices([inference])
     with _open(file, interface, can) as source:
         if source.size is None:
             _line_buffered()
@@ -306,7 +306,7 @@ def _loop(
     def one(packet: Packet | CanPacket) -> None:
         record = decode_one(packet)
         if notices:
-            _tell(notices)
+            _print_notices(notices)
         units = None
         if not everything:
             units = selection.select(record)
@@ -322,7 +322,7 @@ def _loop(
         one(packet)
 
 
-def _tell(notices: list[str]) -> None:
+def _print_notices(notices: list[str]) -> None:
     for notice in notices:
         sys.stderr.write(f"note: {notice}\n")
     notices.clear()

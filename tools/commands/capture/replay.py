@@ -31,9 +31,11 @@ def replay(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
 ) -> None:
     """Run a recording through this version of the gateway; exit status 1 if it sends something else."""
-    from pdgw.recording.recordings import known_from, load, nanoseconds, tell, write_lines
+    from pdgw.recording.recordings import known_from, load, nanoseconds, print_notice, write_lines
 
-    loaded = load(files, known_from(config, telegram or [], node or [], files, station), nanoseconds(offset), tell)
+    loaded = load(
+        files, known_from(config, telegram or [], node or [], files, station), nanoseconds(offset), print_notice
+    )
     outcomes = loaded.replay(tolerance_ns=round(tolerance * MS), first_only=True)
     write_lines(_document(loaded, outcomes) if as_json else _text(loaded, outcomes))
     if any(outcome.differences for outcome in outcomes):

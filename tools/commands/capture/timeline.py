@@ -38,10 +38,18 @@ def timeline(
 ) -> None:
     """Merge captures of both buses: each command of the PLC with its result, its duration and the reason if it had no effect."""
     from pdgw.decoder.capture.moments import moment
-    from pdgw.recording.recordings import Part, known_from, look_ahead, nanoseconds, tell, write_lines, write_page
+    from pdgw.recording.recordings import (
+        Part,
+        known_from,
+        look_ahead,
+        nanoseconds,
+        print_notice,
+        write_lines,
+        write_page,
+    )
 
     opening = look_ahead(
-        files, known_from(config, telegram or [], node or [], files, station), nanoseconds(offset), tell
+        files, known_from(config, telegram or [], node or [], files, station), nanoseconds(offset), print_notice
     )
     chosen = frozenset(axis or ())
     unknown = chosen - {item.do_id for item in opening.known.settings.axes}

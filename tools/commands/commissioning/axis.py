@@ -44,16 +44,16 @@ def try_out(
     """Turn an axis slowly without a PLC, after a typed confirmation, and compare commanded and measured values."""
     from pdgw.gateway.configuration.file import load_config
     from pdgw.gateway.platform import SystemPlatform
-    from pdgw.gateway.service.confirmed_units import witnessed
+    from pdgw.gateway.service.confirmed_units import confirmation
     from pdgw.gateway.store import ParameterStore
     from pdgw.tools.bus_task import complete
     from pdgw.tools.commissioning.axis_test import AxisTest, Choices
-    from pdgw.tools.service.child_processes import devices_beside
+    from pdgw.tools.service.child_processes import device_processes
 
     choices = Choices(Fraction(str(percent)) * (-1 if backward else 1), Fraction(str(turns)))
     loaded = load_config(config)
     with ExitStack() as at_end:
-        reached = at_end.enter_context(devices_beside(loaded))
+        reached = at_end.enter_context(device_processes(loaded))
         platform = SystemPlatform()
         at_end.callback(platform.loop.close)
         axis_test = AxisTest(reached, do_id, platform, typer.echo, _asking(platform.loop), choices)
@@ -66,13 +66,13 @@ def try_out(
     if outcome.interrupted:
         raise typer.Exit(INTERRUPTED)
     if not outcome.passed:
-        raise GatewayError(f"DO {do_id}: {outcome.doubt or 'the axis does not do what is commanded'}")
-    if not outcome.witnessed or outcome.scaling is None:
+        raise GatewayError(f"DO {do_id}: {outcome.abort_reason or 'the axis does not do what is commanded'}")
+    if not outcome.confirmed or outcome.scaling is None:
         raise GatewayError(
             f"DO {do_id}: not verified: drive and gateway agree, but no person has confirmed the turns of the shaft"
         )
     today = date.today().isoformat()
-    kept = witnessed(today, outcome.serial_number, outcome.scaling)
+    kept = confirmation(today, outcome.serial_number, outcome.scaling)
     store = ParameterStore(loaded.store, typer.echo)
     store.update(lambda parameters: setattr(parameters.drive_object(do_id), "units_witnessed", kept))
     typer.echo("the axis follows its commands")

@@ -56,10 +56,10 @@ def check(
         refused = _check_buses(config)
     else:
         for axis in config.axis:
-            _tell_not_available(axis, axis.settings_at(config.transport.cycle_time_ms))
+            _print_missing_objects(axis, axis.settings_at(config.transport.cycle_time_ms))
         for item in config.can:
             if item.interface != "virtual" or item.bitrate is not None:
-                _tell_bus(config, item, {})
+                _print_bus_load(config, item, {})
     if config.transport.cycle_time_ms < NEEDED_BELOW_MS:
         typer.echo(_scheduling(config))
     if refused:
@@ -75,7 +75,7 @@ def _check_buses(config: GatewayConfig) -> bool:
         plans = {axis.node_id: _ask(config, axis) for axis in config.axes_of(item)}
         known = {node_id: plan for node_id, plan in plans.items() if plan is not None}
         refused |= len(known) < len(plans)
-        _tell_bus(config, item, known)
+        _print_bus_load(config, item, known)
     return refused
 
 
@@ -91,7 +91,7 @@ def _scheduling(config: GatewayConfig) -> str:
     return f"a cycle below {NEEDED_BELOW_MS} ms needs real-time priority on a busy machine (docs/service.md); {asked}"
 
 
-def _tell_bus(config: GatewayConfig, bus: CanConfig, plans: Mapping[int, PdoPlan]) -> None:
+def _print_bus_load(config: GatewayConfig, bus: CanConfig, plans: Mapping[int, PdoPlan]) -> None:
     """Print the load of a bus and the longest delay of its frames. CanopenError when the cycle is too short for them.
 
     ``plans``: PDOs of the drives that answered.
@@ -121,7 +121,7 @@ def _start(config: GatewayConfig) -> None:
     build_gateway(config.model_copy(update={"transport": transport, "store": None}), World()).release()
 
 
-def _tell_not_available(axis: AxisConfig, settings: AxisSettings) -> None:
+def _print_missing_objects(axis: AxisConfig, settings: AxisSettings) -> None:
     """Print one line for each optional object of the telegram that the data sheet lacks."""
     from pdgw.dsp402.drive.client import load_eds
     from pdgw.dsp402.identification.describe import described_by_sheet

@@ -46,10 +46,10 @@ def _with_options(config: GatewayConfig, updates: dict[str, object]) -> GatewayC
     try:
         return GatewayConfig.model_validate(document)
     except ValidationError as error:
-        raise GatewayError("\n".join(_told(problem) for problem in problems(error, GatewayConfig))) from error
+        raise GatewayError("\n".join(_option_problem(problem) for problem in problems(error, GatewayConfig))) from error
 
 
-def _told(problem: Problem) -> str:
+def _option_problem(problem: Problem) -> str:
     """Describe a problem with the name of the command-line option instead of the configuration key."""
     section, *key = problem.location or ("",)
     if section != "transport" or not key or problem.names_key:
@@ -115,7 +115,7 @@ def run(
     from pdgw.gateway.service import realtime
     from pdgw.gateway.service.build import build_text
     from pdgw.gateway.service.measured import beyond_measured
-    from pdgw.tools.service.child_processes import devices_beside, keeper_beside, page_beside
+    from pdgw.tools.service.child_processes import device_processes, page_process, trace_keeper
     from pdgw.tools.service.run_log import CanRecorder, RunLog, on_signals
 
     if simulate == (config is not None):
@@ -143,7 +143,7 @@ def run(
     if sys.__stderr__ is not None:  # without a console, as on Windows
         faulthandler.enable(sys.__stderr__)  # on SIGABRT of a service manager's watchdog, print where each thread was
     with ExitStack() as at_end:
-        keep = at_end.enter_context(keeper_beside(chosen.trace))
+        keep = at_end.enter_context(trace_keeper(chosen.trace))
         scheduling = realtime.apply(chosen.realtime, chosen.transport.cycle_time_ms)
         run_log = RunLog(log_level, log_file, log_format)
         at_end.callback(run_log.stop)
@@ -165,7 +165,7 @@ def run(
             if chosen.transport.type == "profinet":
                 ethernet = RecordedEthernet(platform.loop, chosen.transport.interface or "", recording)
                 at_end.callback(ethernet.close)
-        chosen = at_end.enter_context(devices_beside(chosen))
+        chosen = at_end.enter_context(device_processes(chosen))
         daemon = build_gateway(chosen, platform, ethernet, name="simulated" if config is None else config.stem)
         at_end.callback(daemon.release)
         run_log.count_in(daemon.loop.counters)
@@ -180,7 +180,7 @@ def run(
         if daemon.recorder is not None and daemon.recorder.path is not None:
             keep(daemon.recorder.path)
         if web:
-            at_end.enter_context(page_beside(chosen))
+            at_end.enter_context(page_process(chosen))
         for name, action in on_signals(daemon.stop, run_log).items():
             if hasattr(signal, name):  # Windows lacks most of these signals
                 signal.signal(getattr(signal, name), _calls(action))

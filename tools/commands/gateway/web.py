@@ -42,7 +42,7 @@ def web(
     from pdgw.tools.service.run_log import RunLog
     from pdgw.web.parameters import PageParameters
 
-    _stand_back()
+    _lower_priority()
     if attached:
         if hasattr(os, "sched_setaffinity"):  # do not inherit the processors that the gateway reserved for itself
             os.sched_setaffinity(0, range(os.cpu_count() or 1))
@@ -64,7 +64,7 @@ def web(
             raise GatewayError(missing(package)) from error
 
 
-def _stand_back() -> None:
+def _lower_priority() -> None:
     """Yield the CPU to the exchange: drop an inherited real-time policy and lower the priority."""
     if hasattr(os, "sched_setscheduler") and os.sched_getscheduler(0) != os.SCHED_OTHER:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from pdgw.tools.demo.chapters import Chapter
     from pdgw.tools.demo.run import Outcome
 
-Story = StrEnum("Story", {name: name for name in CHAPTERS})  # type: ignore[misc]  # made of the chapters
+ChapterName = StrEnum("ChapterName", {name: name for name in CHAPTERS})  # type: ignore[misc]  # made of the chapters
 CHAPTERS_HELP = "; ".join(f"{item.name}: {item.about}" for item in CHAPTERS.values())
 
 
-class _Story:
+class _StepPrinter:
     """Prints the steps as they happen: redrawn on a terminal, else one line for each step."""
 
     def __init__(self, console: Console, chapter: str) -> None:
@@ -54,7 +54,7 @@ class _Story:
     def table(self) -> Table:
         from rich.table import Table
 
-        grid = Table("story", "passed", "failed", title=f"pdgw demo, chapter {self.chapter}")
+        grid = Table("step", "passed", "failed", title=f"pdgw demo, chapter {self.chapter}")
         for text, passed, failed in self.lines[-20:]:
             grid.add_row(text, f"[green]{passed}[/green]", f"[red]{failed}[/red]" if failed else "")
         return grid
@@ -62,7 +62,7 @@ class _Story:
 
 def demo(
     chapter: Annotated[
-        list[Story] | None,
+        list[ChapterName] | None,
         typer.Option(help=f"Only this chapter; repeat for several. {CHAPTERS_HELP}", show_default=False),
     ] = None,
     out: Annotated[
@@ -84,7 +84,7 @@ def demo(
 
     from pdgw.tools.demo import namespaces
 
-    chosen = [CHAPTERS[item.value] for item in dict.fromkeys(chapter or Story)]
+    chosen = [CHAPTERS[item.value] for item in dict.fromkeys(chapter or ChapterName)]
     if scenario is not None and len(chosen) > 1:
         raise GatewayError(f"--scenario: needs one --chapter too ({', '.join(CHAPTERS)})")
     if profinet and not namespaces.inside():
@@ -92,16 +92,16 @@ def demo(
     console = Console()
     end_as_by_ctrl_c()  # stop the processes when the demo is stopped
     try:
-        outcomes = [_play(item, out / item.name, console, scenario, profinet=profinet) for item in chosen]
+        outcomes = [_run_chapter(item, out / item.name, console, scenario, profinet=profinet) for item in chosen]
     except KeyboardInterrupt:
         raise typer.Exit(130) from None
     if len(outcomes) > 1:
-        _tell(console, f"{len(outcomes)} chapters", outcomes, out)
+        _print_results(console, f"{len(outcomes)} chapters", outcomes, out)
     if not all(outcome.passed for outcome in outcomes):
         raise typer.Exit(1)
 
 
-def _play(chapter: Chapter, out: Path, console: Console, scenario: Path | None, *, profinet: bool) -> Outcome:
+def _run_chapter(chapter: Chapter, out: Path, console: Console, scenario: Path | None, *, profinet: bool) -> Outcome:
     """Run one chapter and print its results."""
     from rich.live import Live
 
@@ -111,22 +111,22 @@ def _play(chapter: Chapter, out: Path, console: Console, scenario: Path | None, 
     from pdgw.tools.demo.run import Demo
 
     console.print(f"Chapter {chapter.name}: {chapter.about}", style="bold", highlight=False)
-    story = _Story(console, chapter.name)
-    run = Demo(chapter, out, story.show, OnEthernet() if profinet else OnLoopback(), scenario)
+    printer = _StepPrinter(console, chapter.name)
+    run = Demo(chapter, out, printer.show, OnEthernet() if profinet else OnLoopback(), scenario)
     if sys.stdout.isatty():
-        with Live(story.table(), console=console, refresh_per_second=8) as story.live:
+        with Live(printer.table(), console=console, refresh_per_second=8) as printer.live:
             outcome = run.run()
     else:
         outcome = run.run()
     console.print(results_table([Result(**item) for item in outcome.report["results"]]))
-    _tell(console, chapter.name, [outcome], out)
+    _print_results(console, chapter.name, [outcome], out)
     for name, status in outcome.report["exit_codes"].items():
         if status and name != "plc":  # for the PLC this only means failed expectations
             console.print(f"the {name} process ended with status {status}; see {out / name}.log", highlight=False)
     return outcome
 
 
-def _tell(console: Console, what: str, outcomes: list[Outcome], out: Path) -> None:
+def _print_results(console: Console, what: str, outcomes: list[Outcome], out: Path) -> None:
     results = [item for outcome in outcomes for item in outcome.report["results"]]
     good = sum(item["passed"] for item in results)
     seconds = sum(outcome.report["duration_s"] for outcome in outcomes)

@@ -177,7 +177,7 @@ def plc(
     ended = 0
     try:
         if engine is None:
-            _obey_keys(client, endpoint, output)
+            _run_keys(client, endpoint, output)
         else:
             client.on_cycle = lambda: output.show(engine, engine.current)
             client.run(engine, _DriveLink(drive_port))
@@ -335,45 +335,45 @@ class Output:
         if engine is not None:
             for when, note in engine.notes[self._notes :]:
                 self._notes += 1
-                self._say({"note": note, "time_s": when}, f"{when:7.3f} s  {note}")
+                self._print({"note": note, "time_s": when}, f"{when:7.3f} s  {note}")
             for item in engine.results[self._results :]:
                 self._results += 1
                 failed = "" if item.passed else f"{item.time_s:7.3f} s  FAILED {item.name}: {item.measured}"
-                self._say({"result": asdict(item)}, failed)
+                self._print({"result": asdict(item)}, failed)
         if self._patience is not None and self._endpoint.counters["sent"] >= self._patience:
             self._patience = None
             if not self._endpoint.counters["received"] and not self.draws:  # snapshots show it
-                self.tell(self._endpoint.why_no_values(0))
+                self.message(self._endpoint.why_no_values(0))
         if self.draws and time.monotonic_ns() >= self._due:
             self._due = time.monotonic_ns() + _SNAPSHOT_NS
-            self._say({"snapshot": snapshot(self._endpoint, title)}, "")
+            self._print({"snapshot": snapshot(self._endpoint, title)}, "")
 
-    def tell(self, text: str) -> None:
+    def message(self, text: str) -> None:
         """Print a message for the user."""
         if self._as_lines:
             print(json.dumps({"told": text}), flush=True)
         else:
             print(text, file=sys.stderr, flush=True)
 
-    def _say(self, document: dict[str, Any], text: str) -> None:
+    def _print(self, document: dict[str, Any], text: str) -> None:
         if self._as_lines:
             print(json.dumps(document), flush=True)
         elif text:
             print(text, flush=True)
 
 
-def _obey_keys(client: PlcRunner, endpoint: PlcEndpoint, output: Output) -> None:
+def _run_keys(client: PlcRunner, endpoint: PlcEndpoint, output: Output) -> None:
     """Carry out keys from standard input until its end or the exit key."""
     from pdgw.peers.plc.keyboard import Keyboard
 
-    keyboard = Keyboard(endpoint, output.tell, client.stop)
+    keyboard = Keyboard(endpoint, output.message, client.stop)
 
     def cycle() -> None:
         keyboard.step(time.monotonic_ns())
         output.show(None, keyboard.help)
 
     if not output.draws:
-        output.tell(keyboard.help)
+        output.message(keyboard.help)
     client.on_cycle = cycle
     threading.Thread(target=_read_keys, args=(keyboard.press, client.stop), daemon=True).start()
     client.run(None)

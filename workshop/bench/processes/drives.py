@@ -36,9 +36,9 @@ _SERVICE, _NODE = 0x780, 0x7F
 _TPDO, _RPDO = 0x180, 0x200
 _UPLOAD, _EXPEDITED_MASK, _EXPEDITED_UPLOAD = 0x40, 0xE2, 0x42
 _POLL_NS = 20 * MS
-_POSITION_ASKED, _POSITION_SAID = struct.Struct("<BHB"), struct.Struct("<BHBi")
-_ASKS_POSITION = _POSITION_ASKED.pack(_UPLOAD, POSITION_ACTUAL, 0)
-_SAYS_POSITION = 0x43
+_POSITION_QUERY, _POSITION_ANSWER = struct.Struct("<BHB"), struct.Struct("<BHBi")
+_POSITION_REQUEST = _POSITION_QUERY.pack(_UPLOAD, POSITION_ACTUAL, 0)
+_POSITION_RESPONSE = 0x43
 _UNITS_PER_RPM = 2
 """Units of 60FFh per rpm."""
 
@@ -112,9 +112,9 @@ class IdealDrives:
         if can_id & _SERVICE == SDO_REQUEST and (answers := self._uploads.get(can_id & _NODE)) is not None:
             if data[0] != _UPLOAD:
                 answers.clear()
-            elif data[: _POSITION_ASKED.size] == _ASKS_POSITION and can_id & _NODE in self._ideal:
+            elif data[: _POSITION_QUERY.size] == _POSITION_REQUEST and can_id & _NODE in self._ideal:
                 position = round(self._position(can_id & _NODE, time.monotonic_ns()))
-                said = _POSITION_SAID.pack(_SAYS_POSITION, POSITION_ACTUAL, 0, position)
+                said = _POSITION_ANSWER.pack(_POSITION_RESPONSE, POSITION_ACTUAL, 0, position)
                 self._send(pack_frame(SDO_RESPONSE + (can_id & _NODE), said))
                 return
             elif (known := answers.get(frame)) is not None:

@@ -37,7 +37,7 @@ _SHORT_S = 0.2
 _TRIES = 5
 
 
-def _tell(phase: str) -> None:
+def _print_phase(phase: str) -> None:
     print(json.dumps({"phase": phase}), flush=True)
 
 
@@ -49,7 +49,7 @@ def main(cycle_ms: float, hold_ms: float, killed_hold_ms: float, seconds: float)
     runner = RunningController(THERE, project, IPv4Interface(ADDRESS_HERE))
     plc = runner.controller
     found = False
-    _tell("ready")
+    _print_phase("ready")
 
     def connect() -> None:
         """Connect and wait for valid data of the drive. Connect again if a busy machine ends the relationship."""
@@ -61,7 +61,7 @@ def main(cycle_ms: float, hold_ms: float, killed_hold_ms: float, seconds: float)
             runner.run(_ASK_S, lambda: plc.input(_AXIS) is not None)
             if not found and plc.learned.mac:
                 found = True
-                _tell("found")
+                _print_phase("found")
 
     def release() -> None:
         plc.release(time.monotonic_ns())
@@ -71,7 +71,7 @@ def main(cycle_ms: float, hold_ms: float, killed_hold_ms: float, seconds: float)
     runner.run(0.5)
     release()
     connect()
-    _tell("data")
+    _print_phase("data")
     runner.run(seconds)
     results: list[RecordResult] = []
     for number in range(_READS):
@@ -80,7 +80,7 @@ def main(cycle_ms: float, hold_ms: float, killed_hold_ms: float, seconds: float)
         runner.run(2, lambda before=before: len(results) > before)  # type: ignore[misc]
         echo.sendto(number.to_bytes(2, "big") * (ECHO_BYTES // 2), (device, ECHO_PORT))
         runner.run(_ECHO_S)
-    _tell("measured" if plc.phase is Phase.DATA else plc.learned.ended or plc.phase.value)
+    _print_phase("measured" if plc.phase is Phase.DATA else plc.learned.ended or plc.phase.value)
     release()
     plc.project = replace(made, data_hold=round(killed_hold_ms / cycle_ms))
     for _ in range(_TRIES):  # on a busy machine the short hold time can expire before the intended end
@@ -88,7 +88,7 @@ def main(cycle_ms: float, hold_ms: float, killed_hold_ms: float, seconds: float)
         runner.run(_SHORT_S)
         if plc.phase is Phase.DATA:
             break
-    _tell("done" if plc.phase is Phase.DATA else plc.learned.ended or plc.phase.value)
+    _print_phase("done" if plc.phase is Phase.DATA else plc.learned.ended or plc.phase.value)
     sys.stdout.flush()
     os._exit(0)
 

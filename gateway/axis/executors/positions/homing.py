@@ -118,7 +118,7 @@ class Homing:
         if self._answer == "":
             self._answer = "done" if error is None else error
 
-    def give_up(self) -> None:
+    def abandon(self) -> None:
         """An answer that still comes is to nothing."""
         self._answer = None
         self._writes = ()

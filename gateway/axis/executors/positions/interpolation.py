@@ -152,7 +152,7 @@ class Interpolation:
         """As ``Executor.refuse``."""
         executor.refuse()
         self._command.controlword = self.wished.controlword
-        self._stand(self._feedback)
+        self._track_actual_position(self._feedback)
         self._unseen = True
 
     def step(self, executor: Tasks) -> Reason | None:
@@ -165,13 +165,13 @@ class Interpolation:
         mode, word = wished.modes_of_operation, wished.controlword
         if mode == _HOMING:
             command.modes_of_operation, command.controlword = mode, word
-            self._stand(feedback)
+            self._track_actual_position(feedback)
             return reason
         command.modes_of_operation, command.controlword = _CYCLIC, word & ~_OF_THE_MODE
         operates = STATE_OF_STATUS[feedback.statusword & STATE_MASK] is State.OPERATION_ENABLED
         if not (cyclic and operates) or self._unseen:
             self._unseen = False
-            self._stand(feedback)
+            self._track_actual_position(feedback)
             return reason
         if self._interlock.action not in _OPERATES:
             word |= _HALT  # the drive has not followed yet: send no further position meanwhile
@@ -225,7 +225,7 @@ class Interpolation:
         """The setpoint."""
         return wrapped(self._position) if self._turns_on else self._position
 
-    def _stand(self, feedback: DriveFeedback) -> None:
+    def _track_actual_position(self, feedback: DriveFeedback) -> None:
         """Not in operation, or in another mode: where the axis is, so that nothing jumps when it is enabled."""
         self._forget()
         self._word = 0

@@ -38,7 +38,7 @@ class ModeSwitch:
             self.mode = base
         self.base = base
 
-    def give_up(self) -> None:
+    def abandon(self) -> None:
         """Back to the base mode; nothing is waited for."""
         self.since = -1
         if not self.halted:

@@ -105,7 +105,7 @@ class MotionExecutor(Executor):
         asked.operating = operates
         if operates:
             self.outputs.reason = None
-        self._look()
+        self._read_state()
         outcome = self.positioner.step(asked, self._seen, self.inputs.now)
         if operates:
             mode.asked = False
@@ -125,7 +125,7 @@ class MotionExecutor(Executor):
         self.command.modes_of_operation = mode.mode
         return outcome
 
-    def _look(self) -> None:
+    def _read_state(self) -> None:
         """Read the state of the drive."""
         raise NotImplementedError
 
@@ -138,7 +138,7 @@ class MotionExecutor(Executor):
         self._seen.given = self.positioner.outcome.motion.serial
         self._end_set_point()
         self._settle()
-        self._mode.give_up()
+        self._mode.abandon()
         self._forget_homing()
         self.command.target_velocity = 0
 
@@ -146,7 +146,7 @@ class MotionExecutor(Executor):
         """No homing is running, and none has ended that is still requested."""
         self._homing_begun = self._attained = 0
         self._seen.homing = HomingResult.RUNNING
-        self.homing.give_up()
+        self.homing.abandon()
 
     def _end_set_point(self) -> None:
         """The handshake is over: whether the drive has acknowledged makes no more difference."""

@@ -235,7 +235,7 @@ class PositionerExecutor(MotionExecutor):
 
     # -- state of the drive ---------------------------------------------------------------------------------------------
 
-    def _look(self) -> None:
+    def _read_state(self) -> None:
         seen, feedback, units = self._seen, self.feedback, self._units
         assert units is not None, "cycles begin when the drive is known"
         statusword = feedback.statusword
@@ -271,7 +271,7 @@ class PositionerExecutor(MotionExecutor):
         kind, units = motion.kind, self._units
         assert units is not None, "cycles begin when the drive is known"
         if kind is _STAND:
-            return self._stand()
+            return self._ramp_down()
         mode, ring = self._mode, self._ring
         if ring is not None and not self.stopped and self._crosses(ring, motion, units):
             return self._slow_down()
@@ -297,7 +297,7 @@ class PositionerExecutor(MotionExecutor):
         if not confirmed:
             return 0
         if motion.serial != self._seen.given:
-            self._give(motion, units)
+            self._send_setpoint(motion, units)
         return self._bits if self._set_at < 0 else self._bits | NEW_SETPOINT
 
     def _crosses(self, ring: Ring, motion: Motion, units: LengthUnits) -> bool:
@@ -312,7 +312,7 @@ class PositionerExecutor(MotionExecutor):
         self.command.target_velocity = 0
         return 0 if self._mode.mode == _VELOCITY_MODE else HALT
 
-    def _stand(self) -> int:
+    def _ramp_down(self) -> int:
         """Ramp down; Halt stays while a function is kept, and falls at standstill without a restart otherwise."""
         mode, outcome = self._mode, self.positioner.outcome
         kept = outcome.state not in _WITHOUT_FUNCTION
@@ -356,7 +356,7 @@ class PositionerExecutor(MotionExecutor):
             self.command.target_velocity = self._velocity(motion, units)
             seen.given = seen.taken = seen.executing = motion.serial
 
-    def _give(self, motion: Motion, units: LengthUnits) -> None:
+    def _send_setpoint(self, motion: Motion, units: LengthUnits) -> None:
         """Send a setpoint when the drive has cleared the last acknowledge and has the torque limit."""
         if self.feedback.statusword & ACKNOWLEDGED:
             return

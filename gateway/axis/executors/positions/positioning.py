@@ -122,7 +122,7 @@ class PositioningExecutor(MotionExecutor):
 
     # -- state of the drive ---------------------------------------------------------------------------------------------
 
-    def _look(self) -> None:
+    def _read_state(self) -> None:
         seen, feedback = self._seen, self.feedback
         statusword = feedback.statusword
         seen.position = feedback.position_actual
@@ -151,7 +151,7 @@ class PositioningExecutor(MotionExecutor):
             if self._seen.homing is not HomingResult.RUNNING:
                 outputs.warned = False
             self._end_set_point()
-            mode.give_up()
+            mode.abandon()
         if state is _IDLE and before is _IDLE and (self._stays_halted() or (mode.halted and not self.stopped)):
             return HALT
         goal = mdi.goal
@@ -196,9 +196,9 @@ class PositioningExecutor(MotionExecutor):
         elif goal is not None and self._mdi.waits:
             acknowledged = statusword & ACKNOWLEDGED and mode.shows_base()
             if not acknowledged and mode.confirmed(mode.base):
-                self._give(motion, goal)
+                self._send_setpoint(motion, goal)
 
-    def _give(self, motion: Motion, goal: Goal) -> None:
+    def _send_setpoint(self, motion: Motion, goal: Goal) -> None:
         command = self.command
         command.profile_velocity = goal.velocity
         command.profile_acceleration, command.profile_deceleration = goal.acceleration, goal.deceleration

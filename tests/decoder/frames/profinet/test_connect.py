@@ -192,8 +192,8 @@ def test_a_device_may_answer_from_a_port_of_its_own(little: bool) -> None:
     _, answered, control = decode(decoder, packets)
     assert "connect response: actuals FrameID 8011h, setpoints FrameID 8022h" in answered.summary
     assert control.summary.startswith("control request")
-    stranger = ethernet(b"\x04" + bytes(100), device_port=49155)
-    (other,) = decode(decoder, [stranger])
+    unknown_sender = ethernet(b"\x04" + bytes(100), device_port=49155)
+    (other,) = decode(decoder, [unknown_sender])
     assert other.summary == "UDP port 50000 -> 49155, 101 bytes"
 
 

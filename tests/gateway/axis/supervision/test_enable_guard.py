@@ -47,9 +47,15 @@ def test_guard_rejects_an_enable_without_a_command(wish: PowerWish | None) -> No
     assert allowed((W.OFF, SHUTDOWN), (W.ENABLE, SWITCH_ON), (wish, ENABLE))[-1] is False
 
 
-@pytest.mark.parametrize("doubt", [W.COAST, W.QUICK_STOP, W.QUICK_STOP_DISABLED, W.STOP, None])
-def test_guard_needs_an_off_after_a_stop_or_a_loss(doubt: PowerWish | None) -> None:
-    words = ((W.OFF, SHUTDOWN), (W.ENABLE, ENABLE), (doubt, QUICK_STOP), (W.ENABLE, SWITCH_ON), (W.ENABLE, ENABLE))
+@pytest.mark.parametrize("interruption", [W.COAST, W.QUICK_STOP, W.QUICK_STOP_DISABLED, W.STOP, None])
+def test_guard_needs_an_off_after_a_stop_or_a_loss(interruption: PowerWish | None) -> None:
+    words = (
+        (W.OFF, SHUTDOWN),
+        (W.ENABLE, ENABLE),
+        (interruption, QUICK_STOP),
+        (W.ENABLE, SWITCH_ON),
+        (W.ENABLE, ENABLE),
+    )
     assert allowed(*words)[-1] is False
 
 

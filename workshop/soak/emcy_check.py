@@ -9,7 +9,7 @@ from typing import Final
 from pdgw.durations import MS, SECOND
 from pdgw.workshop.soak.watch import ViolationError
 
-TOLD_NS: Final = 300 * MS
+STORED_NS: Final = 300 * MS
 """An EMCY is in the fault buffer within this time, at any cycle time."""
 _SAME_NS: Final = SECOND + 50 * MS
 """Repetitions of an EMCY within this time are one entry."""
@@ -27,7 +27,7 @@ class Emergency:
     code: int
 
 
-class Told:
+class PendingEmcys:
     """The EMCYs of one drive that were not found in the fault buffer yet."""
 
     def __init__(self, name: str) -> None:
@@ -42,17 +42,17 @@ class Told:
 
     def due(self, now: int) -> bool:
         """Whether an EMCY must be in the buffer now."""
-        return bool(self.waiting) and now - self.waiting[0].time >= TOLD_NS
+        return bool(self.waiting) and now - self.waiting[0].time >= STORED_NS
 
     def read(self, asked_at: int, origin: int, codes: Sequence[int], times_ms: Sequence[int]) -> None:
         """Compare with the fault buffer, read at some time after ``asked_at``. Its times count from ``origin``."""
-        due = [item for item in self.waiting if asked_at - item.time >= TOLD_NS]
+        due = [item for item in self.waiting if asked_at - item.time >= STORED_NS]
         self.waiting = self.waiting[len(due) :]
         entries = [(code, origin + time_ms * MS) for code, time_ms in zip(codes, times_ms, strict=True) if code]
         full = any(all(codes[at : at + _SITUATION]) for at in range(0, len(codes), _SITUATION))
         oldest = min((time for _, time in entries), default=0) if all(codes[::_SITUATION]) else 0
         for item in due:
-            shown = any(code == item.code and -_SAME_NS <= time - item.time <= TOLD_NS for code, time in entries)
+            shown = any(code == item.code and -_SAME_NS <= time - item.time <= STORED_NS for code, time in entries)
             if not shown and not full and item.time >= origin + _LISTENS_NS and item.time > oldest:
                 raise ViolationError(
                     f"{self.name}: EMCY {item.code:04X}h is not in the fault buffer {(asked_at - item.time) / MS:.0f} ms later"

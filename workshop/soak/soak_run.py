@@ -29,12 +29,12 @@ from pdgw.peers.plc.exchange.cycling import CyclingPlc
 from pdgw.peers.world import Conditions, Member, SimulatedCan, World
 from pdgw.profidrive.frame import IOPS_GOOD, STATUS_RUN, CSduLayout
 from pdgw.profidrive.telegrams import Direction, telegram
+from pdgw.workshop.soak.disturbances import DISTURBANCES, PLC_HOST, UNPLUGGED, Disturbance, Undo
+from pdgw.workshop.soak.emcy_check import PendingEmcys
 from pdgw.workshop.soak.engineer import HOST as ENGINEER_HOST
 from pdgw.workshop.soak.engineer import Engineer
 from pdgw.workshop.soak.plan import AxisPlan, Part, Plan, shapes_of
-from pdgw.workshop.soak.told import Told
 from pdgw.workshop.soak.trace import Trace
-from pdgw.workshop.soak.troubles import PLC_HOST, TROUBLES, UNPLUGGED, Trouble, Undo
 from pdgw.workshop.soak.watch import RATED_RPM, REACHED_RPM, SETTLED_NS, SoakAxis, ViolationError
 from pdgw.workshop.soak.words import ACKNOWLEDGE, Words, asked_share, shown_share
 
@@ -48,7 +48,7 @@ _BACK_NS: Final = 20 * SECOND
 """In a calm period every axis is in operation again within this time."""
 _FOLLOW_NS: Final = 10 * SECOND
 """Then its shaft turns with the commanded speed within this time."""
-_OBEY_NS: Final = 250 * MS
+_FOLLOW_WORD_NS: Final = 250 * MS
 """Time for an axis to follow a word in a calm period, besides twice the latency of its drive."""
 _PAUSE_NS: Final = 600 * MS
 """Mean time between two disturbances."""
@@ -69,7 +69,7 @@ _CHANGES: Final = 0.3
 """Share of the calm periods with a change of a telegram."""
 
 
-class Life:
+class SoakRun:
     """Runs one part of a day. ``keep_telegrams``: the PLC changes none. ``frames``: the trace has every CAN frame."""
 
     def __init__(self, part: Part, *, keep_telegrams: bool = False, frames: bool = False) -> None:
@@ -92,11 +92,11 @@ class Life:
         self.plc = CyclingPlc(self.loop, port, self.daemon.address, telegrams, self._cycle_ns)
         self._layout = CSduLayout(telegrams, Direction.SETPOINT)
         self.axes = [self._axis(index, item) for index, item in enumerate(self.plan.axes)]
-        self.told = [Told(axis.name) for axis in self.axes]
+        self.pending = [PendingEmcys(axis.name) for axis in self.axes]
         self._chance = self.world.chance("troubles")
         acyclic = (self.daemon.address[0], self._config.transport.acyclic_port)
         self._engineer = Engineer(self.world, acyclic, self.world.chance("engineer"))
-        self._active: dict[str, tuple[Trouble, SoakAxis, Undo]] = {}
+        self._active: dict[str, tuple[Disturbance, SoakAxis, Undo]] = {}
         self._quiet_since = self.begin
         self._arrived = self.begin
         self._newest: tuple[Address, int] | None = None
@@ -156,7 +156,7 @@ class Life:
 
     def play(self, until: int, progress: Callable[[int], None] = lambda now: None) -> None:
         """Run until a time of the day. ViolationError when a safety rule is violated."""
-        with _told_to(self.trace):
+        with _logging_to(self.trace):
             if self.loop.now() == self.begin:
                 self.daemon.start()
                 self.plc.start()
@@ -165,7 +165,7 @@ class Life:
                 self._check()
                 for axis in self.axes:
                     self._talk(axis)
-                self._trouble()
+                self._disturb()
             while self.loop.now() < until:
                 self.loop.run_until(min(until, self.loop.now() + SECOND))
                 if self._violation is not None:
@@ -200,16 +200,16 @@ class Life:
         for axis in self.axes:
             axis.drive.do(lambda node: node.model.clear())
         while True:
-            self._give(lambda axis: axis.words.off)
+            self._send_word(lambda axis: axis.words.off)
             while not all(self._ready(axis) for axis in self.axes):
-                self._give(lambda axis: axis.words.off | ACKNOWLEDGE)
-                self._give(lambda axis: axis.words.off)
+                self._send_word(lambda axis: axis.words.off | ACKNOWLEDGE)
+                self._send_word(lambda axis: axis.words.off)
                 if self.loop.now() > deadline:
                     raise ViolationError(
                         f"not in operation {_BACK_NS // SECOND} s after the last disturbance: {self._waiting()}"
                     )
-            self._give(lambda axis: axis.words.off | 0x07)
-            self._give(lambda axis: axis.words.on)
+            self._send_word(lambda axis: axis.words.off | 0x07)
+            self._send_word(lambda axis: axis.words.on)
             if all(axis.drive.model.state is State.OPERATION_ENABLED for axis in self.axes):
                 return
 
@@ -234,7 +234,7 @@ class Life:
                     f"{axis.name}: asked {asked:.0f} rpm, turns {axis.drive.model.ramp.speed:.0f} rpm, "
                     f"shown {self.plc.endpoint.actuals[axis.index]}"
                 )
-            self.loop.sleep(_OBEY_NS)
+            self.loop.sleep(_FOLLOW_WORD_NS)
 
     def _follows(self, axis: SoakAxis) -> bool:
         rpm = axis.drive.model.ramp.speed
@@ -254,7 +254,7 @@ class Life:
             return
         for other in self.axes:
             other.words.set_speed(0.0)
-        self._give(lambda axis: axis.words.off)
+        self._send_word(lambda axis: axis.words.off)
         self.loop.sleep(3 * SECOND)
         number = chance.choice(fitting)
         done = self._engineer.select(axis.index + 1, number, PLC_HOST)
@@ -267,10 +267,10 @@ class Life:
             self._layout = CSduLayout(telegrams, Direction.SETPOINT)
             self.plc.restart(self.world.network.open(PLC_HOST, 0, "PLC"), telegrams)
             for item in self.axes:
-                item.doubt("telegram changed")
+                item.require_new_off("telegram changed")
                 self.plc.endpoint.setpoints[item.index] = item.words.values
 
-    def _give(self, word: Callable[[SoakAxis], int]) -> None:
+    def _send_word(self, word: Callable[[SoakAxis], int]) -> None:
         """Send a word to every axis, and wait until they follow."""
         for axis in self.axes:
             axis.words.set_word(word(axis))
@@ -278,7 +278,7 @@ class Life:
 
     def _wait(self) -> None:
         """Wait for the time that every axis has to follow."""
-        self.loop.sleep(_OBEY_NS + 2 * max(axis.late_ns for axis in self.axes) + 4 * self._cycle_ns)
+        self.loop.sleep(_FOLLOW_WORD_NS + 2 * max(axis.late_ns for axis in self.axes) + 4 * self._cycle_ns)
 
     def _shown(self, axis: SoakAxis) -> int | None:
         """ZSW1 if the telegram has it."""
@@ -307,7 +307,7 @@ class Life:
             axis.words.draw()
             if axis.words.word != before:
                 self.trace.note(f"{axis.name}: PLC {axis.words.name} {axis.words.word:04X}h")
-        self.loop.call_later(axis.words.stand_ns(), lambda: self._talk(axis))
+        self.loop.call_later(axis.words.word_duration_ns(), lambda: self._talk(axis))
 
     def restart_plc(self) -> None:
         """Restart the PLC with a new relationship from another port."""
@@ -320,8 +320,8 @@ class Life:
             self._end(_IDENTITY)
             for axis in self.axes:
                 axis.restarted()
-            for told in self.told:
-                told.waiting.clear()
+            for pending in self.pending:
+                pending.waiting.clear()
             self.daemon = self._gateway()
             self.daemon.start()
 
@@ -331,9 +331,9 @@ class Life:
         try:
             while True:
                 self.loop.sleep(SECOND)
-                for axis, told in zip(self.axes, self.told, strict=True):
-                    if told.due(self.loop.now()):
-                        self._engineer.look(axis.index + 1, told, self._origin)
+                for axis, pending in zip(self.axes, self.pending, strict=True):
+                    if pending.due(self.loop.now()):
+                        self._engineer.look(axis.index + 1, pending, self._origin)
                 if self.loop.now() >= act_at:
                     axis = chance.choice(self.axes)
                     did = self._engineer.act(axis.index + 1)
@@ -352,7 +352,7 @@ class Life:
     def _on_arrival(self, now: int, source: Address, target: Address, data: bytes) -> None:
         if target != self.daemon.address or source[0] != PLC_HOST or len(data) != self._layout.frame_size:
             return
-        self._doubt_gap(now)
+        self._check_gap(now)
         self._arrived = now
         sent = self._sent.get(data, now)
         stale = self._newest is not None and source == self._newest[0] and sent <= self._newest[1]
@@ -370,31 +370,31 @@ class Life:
             if axis.good:
                 axis.asked(now, bytes(data[layout.offsets[axis.index] : iops]), certain=certain)
             elif certain:
-                axis.doubt("IOPS BAD" if self._runs else "provider STOP")
+                axis.require_new_off("IOPS BAD" if self._runs else "provider STOP")
 
-    def _doubt_gap(self, now: int) -> None:
+    def _check_gap(self, now: int) -> None:
         if now - self._arrived > self._watchdog_ns:
             for axis in self.axes:
-                axis.doubt("PLC lost", self._arrived + self._watchdog_ns)
+                axis.require_new_off("PLC lost", self._arrived + self._watchdog_ns)
 
     # -- disturbances -------------------------------------------------------------------------------------------------
 
-    def _trouble(self) -> None:
+    def _disturb(self) -> None:
         chance = self._chance
         if not self.calm:
-            (trouble,) = chance.choices(TROUBLES, [item.weight for item in TROUBLES])
+            (disturbance,) = chance.choices(DISTURBANCES, [item.weight for item in DISTURBANCES])
             axis = chance.choice(self.axes)
             duration = int(math.exp(chance.uniform(math.log(_SHORTEST_NS), math.log(_LONGEST_NS))))
-            unknown = trouble.name == _IDENTITY and not all(item.client.generation for item in self.daemon.axes)
-            if trouble.name not in self._active and not unknown:
-                self.begin_trouble(trouble, axis, duration)
-        self.loop.call_later(_exponential(chance, _PAUSE_NS), self._trouble)
+            unknown = disturbance.name == _IDENTITY and not all(item.client.generation for item in self.daemon.axes)
+            if disturbance.name not in self._active and not unknown:
+                self.begin_disturbance(disturbance, axis, duration)
+        self.loop.call_later(_exponential(chance, _PAUSE_NS), self._disturb)
 
-    def begin_trouble(self, trouble: Trouble, axis: SoakAxis, duration: int) -> None:
+    def begin_disturbance(self, disturbance: Disturbance, axis: SoakAxis, duration: int) -> None:
         """Start a disturbance that is not active already; ``duration`` in nanoseconds."""
-        self.trace.note(f"{axis.name}: {trouble.name} for {duration / MS:.0f} ms")
-        self._active[trouble.name] = (trouble, axis, trouble.begin(self, axis, self._chance))
-        self.loop.call_later(duration, lambda: self._end(trouble.name))
+        self.trace.note(f"{axis.name}: {disturbance.name} for {duration / MS:.0f} ms")
+        self._active[disturbance.name] = (disturbance, axis, disturbance.begin(self, axis, self._chance))
+        self.loop.call_later(duration, lambda: self._end(disturbance.name))
 
     def _end(self, name: str) -> None:
         entry = self._active.pop(name, None)
@@ -403,18 +403,18 @@ class Life:
             entry[2]()
             self._touch(entry[0], entry[1])
 
-    def _touch(self, trouble: Trouble, axis: SoakAxis) -> None:
+    def _touch(self, disturbance: Disturbance, axis: SoakAxis) -> None:
         self._quiet_since = self.loop.now()
-        if trouble.drive:
+        if disturbance.drive:
             axis.disturbed()
 
     # -- observation --------------------------------------------------------------------------------------------------
 
     def _check(self) -> None:
         now = self.loop.now()
-        for trouble, axis, _ in self._active.values():
-            self._touch(trouble, axis)
-        self._doubt_gap(now)
+        for disturbance, axis, _ in self._active.values():
+            self._touch(disturbance, axis)
+        self._check_gap(now)
         self.restart_gateway()
         quiet = now - self._quiet_since > SETTLED_NS
         plc_there = self._runs and now - self._arrived <= self._watchdog_ns + self._cycle_ns
@@ -423,7 +423,7 @@ class Life:
         for axis, item in zip(self.axes, self.daemon.axes, strict=True):
             online = item.client.status is NodeStatus.ONLINE
             if not online:
-                axis.doubt("drive not online")
+                axis.require_new_off("drive not online")
             reached = plc_there and bus_there and online and axis.member.connected and axis.good
             axis.check(now, reached=reached, zsw1=self._shown(axis) if quiet and reached else None)
         self.loop.call_later(_CHECK_NS, self._check)
@@ -442,7 +442,7 @@ class Life:
             with suppress(KeyError):  # no gateway on the bus yet
                 port = self.gateway_port
                 if port.connected and not port.bus_off and not port.closed:
-                    self.told[node - 1].sent(now, data)
+                    self.pending[node - 1].sent(now, data)
         if self.trace.frames:
             self.trace.note(f"CAN {sender.name}: {can_id:03X}h {data.hex(' ')}")
 
@@ -452,7 +452,7 @@ def _exponential(chance: Random, mean: int) -> int:
 
 
 @contextmanager
-def _told_to(trace: Trace) -> Iterator[None]:
+def _logging_to(trace: Trace) -> Iterator[None]:
     """Write the gateway's log only to the trace."""
     loggers = [logging.getLogger(name) for name in ("gateway", "canopen")]
     before = [(logger.level, logger.propagate) for logger in loggers]
