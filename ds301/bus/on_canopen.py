@@ -71,7 +71,7 @@ class SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]
         self._box: Mailbox[bytes] = Mailbox(loop)
         self.aborts = 0
         self._node_id = node_id
-        self._asked = b""
+        self.asked = b""
         """Index and sub-index of the access that was begun last."""
         self._answer = 0
         """Command of its first answer; 0: it is a block transfer."""
@@ -84,11 +84,19 @@ class SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]
         super().on_response(can_id, data, timestamp)
 
     def send_request(self, request: bytes) -> None:
+        self._begin(request)
+        super().send_request(request)
+
+    def send_first(self, request: bytes) -> None:
+        """As ``send_request``, before all that waits for the bus."""
+        self._begin(request)
+        self.network.send_first(self.rx_cobid, request)
+
+    def _begin(self, request: bytes) -> None:
         by_blocks = request[0] & _BLOCK_COMMAND == _BEGINS_BLOCK
         if by_blocks or request[0] & _COMMAND in _ANSWERS:
-            self._asked = bytes(request[1:4])
+            self.asked = bytes(request[1:4])
             self._answer = 0 if by_blocks else _ANSWERS[request[0] & _COMMAND]
-        super().send_request(request)
 
     def read_response(self) -> bytes:
         """The next answer. One to another object or to the other kind of access answers another client, or an earlier request:
@@ -101,11 +109,11 @@ class SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]
             except queue.Empty as error:
                 raise SdoCommunicationError(f"{self.where}: No SDO response received") from error
             if answer[:1] == _ABORT:
-                if answer[1:4] in (self._asked, UNNAMED):
+                if answer[1:4] in (self.asked, UNNAMED):
                     raise self.aborted(*struct.unpack_from("<L", answer, 4))
             elif not answer or not self._answer or (command := answer[0] & _COMMAND) not in _NAMING:
                 return answer
-            elif command == self._answer and answer[1:4] == self._asked:
+            elif command == self._answer and answer[1:4] == self.asked:
                 return answer
 
     def aborted(self, code: int) -> ObjectAbortedError:
@@ -115,7 +123,7 @@ class SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]
     @property
     def where(self) -> str:
         """Node and object of the access that was begun last."""
-        index, subindex = int.from_bytes(self._asked[:2], "little"), self._asked[2:]
+        index, subindex = int.from_bytes(self.asked[:2], "little"), self.asked[2:]
         return f"node {self._node_id} object {index:04X}h/{subindex[0] if subindex else 0}"
 
     @property

@@ -87,8 +87,12 @@ class SdoAccess:
 
     @property
     def answers_late(self) -> bool:
-        """The answer to an aborted request has arrived."""
-        return not self._sdo.responses.empty()
+        """The answer to the last request, which was aborted, has arrived. Those to another client do not count."""
+        answers = self._sdo.responses
+        while not answers.empty():
+            if answers.get()[1:_EXPEDITED_SIZE] == self._sdo.asked:
+                return True
+        return False
 
     def read(self, index: int, subindex: int = 0) -> bytes:
         """SDO upload, in the node's task only; raises canopen's SdoAbortedError / SdoCommunicationError.
@@ -172,8 +176,7 @@ class SdoAccess:
 
         A lost frame costs a tenth of the time for answers. The object takes the value twice then.
         """
-        network, rx_cobid = self._sdo.network, self._sdo.rx_cobid
-        answer = self._urge(_download(index, subindex, data), lambda request: network.send_first(rx_cobid, request))
+        answer = self._urge(_download(index, subindex, data), self._sdo.send_first)
         if answer[0] != RESPONSE_DOWNLOAD:
             raise SdoCommunicationError(f"no confirmation of the write of {index:04X}h/{subindex}")
 

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import pytest
+from canopen.sdo import SdoAbortedError
 
-from pdgw.ds301.connection_set import NMT
+from pdgw.ds301.aborts import Abort
+from pdgw.ds301.connection_set import NMT, SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.node.client import NodeClient
-from pdgw.durations import SECOND
+from pdgw.ds301.objects import Entry
+from pdgw.dsp402.objects import CONTROLWORD
+from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber
+from pdgw.peers.node.node import Value
 from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, running, until, world_of
 
 
@@ -76,3 +81,42 @@ def test_drive_that_answers_late_is_lost_once() -> None:
         world_of(daemon).bus("world").join("another tool").send(NMT, bytes((NmtCommand.ENTER_PRE_OPERATIONAL, 1)))
         until(daemon, lambda: made.drive.generation > 1, "online again", 300 * SECOND)
         assert [fault.number for fault in made.faults].count(FaultNumber.NODE_LOST) == 1
+
+
+def test_quick_stop_that_is_rejected_by_sdo_names_its_object(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO", "gateway")
+
+    def refuse(entry: Entry, _value: Value) -> None:
+        if entry.address == CONTROLWORD:
+            raise SdoAbortedError(Abort.CANNOT_STORE_DEVICE_STATE)
+
+    with running(configuration(axis(1))) as daemon:
+        Plc(daemon, [1]).enable()
+        drive_of(daemon).do(lambda node: node.misbehave("turns-in-pre-operational"))
+        drive_of(daemon).do(lambda node: setattr(node, "on_written", refuse))
+        world_of(daemon).bus("world").join("another tool").send(NMT, bytes((NmtCommand.ENTER_PRE_OPERATIONAL, 1)))
+        until(daemon, lambda: "rejects Quick Stop by SDO" in caplog.text, "a rejection")
+        assert "rejects Quick Stop by SDO: node 1 object 6040h/0: 0800 0022h" in caplog.text
+
+
+def test_answers_to_another_tool_do_not_lengthen_the_sdo_timeout(caplog: pytest.LogCaptureFixture) -> None:
+    """The drive answers the tool, and does not answer the gateway for a while."""
+    caplog.set_level("INFO", "gateway")
+    with running(configuration(axis(1))) as daemon:
+        made, node = daemon.axes[0], drive_of(daemon).node
+        until(daemon, lambda: made.drive.generation, "online")
+        other = world_of(daemon).bus("world").join("another tool")
+        send = node.send
+
+        def only_to_the_tool(can_id: int, data: bytes) -> None:
+            if can_id != SDO_RESPONSE + 1 or data[1:3] == b"\x00\x20":
+                send(can_id, data)
+
+        node.send = only_to_the_tool
+        other.send(NMT, bytes((NmtCommand.ENTER_PRE_OPERATIONAL, 1)))
+        for _ in range(300):
+            other.send(SDO_REQUEST + 1, b"\x40\x00\x20\x00\0\0\0\0")
+            world_of(daemon).loop.run_for(10 * MS)
+        node.send = send
+        until(daemon, lambda: made.drive.generation > 1, "online again")
+        assert "answers SDO late" not in caplog.text
