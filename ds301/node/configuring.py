@@ -18,6 +18,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop.loop import Loop
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.sdo import SdoAccess
+from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, is_communication_parameter
 
 
@@ -78,8 +79,8 @@ class ConfiguringAccess(SdoAccess):
     def map_pdos(self, plan: PdoPlan, steps: Iterable[SdoStep]) -> tuple[SdoStep, SdoAbortedError] | None:
         """Carry out a plan until a write is refused; that one, with its abort.
 
-        The package's error for an RPDO that has other objects although its writes were confirmed: the node would take one
-        command for another.
+        A mapping that reads otherwise counts as read-only, although its writes were confirmed: the node would take one command
+        for another, or one value would be shown as another.
         """
         # A mapping that is already right need not be written. It may be the manufacturer's fixed one.
         planned = (*plan.rpdos, *plan.tpdos)
@@ -92,12 +93,10 @@ class ConfiguringAccess(SdoAccess):
             except SdoAbortedError as error:
                 if not (step.optional or self._is_fixed_as_required(step)):
                     return step, error
-        for item in plan.rpdos:
-            index = item.pdo.mapping_index
-            if not (item.adopted or index in mapped or self._is_mapped(item.pdo)):
-                raise self.error_type(
-                    f"node {self._node_id} {item.pdo}", f"other objects in {index:04X}h", "those that were written"
-                )
+        for pdo in (item.pdo for item in planned if not item.adopted):
+            if pdo.mapping_index not in mapped and not self._is_mapped(pdo):
+                kept = SdoStep(pdo.mapping_index, 0, CanType.U8, 0, f"{pdo} keeps another mapping than was written")
+                return kept, SdoAbortedError(Abort.READ_ONLY)
         return None
 
     def _is_fixed_as_required(self, step: SdoStep) -> bool:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
 
 import pytest
 from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
-from pdgw.ds301.pdo import PdoDirection
+from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings
@@ -74,27 +74,48 @@ def test_a_mapping_the_drive_has_already_is_not_written_again(plant: Plant, mapp
 
 
 class _Keeps(SimulatedDriveNode):
-    """It confirms writes of its RPDO mapping and keeps the one it has."""
+    """It confirms writes of the mapping of its first RPDO and TPDO, and keeps the ones it has."""
 
     def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
-        if index != 0x1600:
+        if index not in {0x1600, 0x1A00}:
             super().set_data(index, subindex, data, check_writable)
 
 
-@pytest.mark.parametrize("mapping", [(0x6040_0010, 0x60FF_0020), (0x60FF_0020, 0x6040_0010)])
-def test_drive_that_keeps_another_mapping_of_an_rpdo_is_refused(plant: Plant, mapping: tuple[int, int]) -> None:
+def _keeping(plant: Plant, values: Mapping[int, Sequence[int]]) -> SimulatedDrive:
     drive = site.drive(NODE)
     drive.node = node = _Keeps(NODE, drive._send)
-    node.values |= {(0x1600, number): value for number, value in enumerate((2, *mapping))}
+    for index, mapping in values.items():
+        node.values |= {(index, number): value for number, value in enumerate((len(mapping), *mapping))}
     node.pdos.map()
     plant.drive = drive
     drive.start()
+    return drive
+
+
+def test_mapping_that_a_drive_keeps_although_it_confirms_another_is_used_as_it_is(plant: Plant) -> None:
+    """Else the Controlword would be taken for a speed, and the speed for a position."""
+    values = {0x1600: (0x6040_0010, 0x60FF_0020), 0x1A00: (0x606C_0020, 0x6041_0010)}
+    drive = _keeping(plant, values)
     client = plant.connect(Operation.VELOCITY)
-    if mapping[0] == 0x60FF_0020:
-        plant.online()
-    else:
-        site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
-        assert "RPDO1: 'other objects in 1600h' is not allowed" in client.status_text
+    plant.online()
+    command = DriveCommand()
+    command.controlword, command.target_velocity = 0x06, 1000
+    client.send(command, 1)
+    site.wait_for(lambda: drive.model.controlword == 0x06, "RPDO 1 is heard")
+    assert drive.model.target_velocity == 1000
+    site.wait_for(lambda: client.refresh(0) is not None and client.feedback.statusword & 0x6F == 0x21, "ready")
+
+
+def test_rpdo_that_keeps_a_mapping_with_other_objects_is_not_used(plant: Plant) -> None:
+    drive = _keeping(plant, {0x1600: (0x6071_0010, 0x6040_0010)})
+    client = plant.connect(Operation.VELOCITY)
+    plant.online()
+    assert drive.node.read(0x1400, 1) & COB_ID_INVALID
+    command = DriveCommand()
+    command.controlword, command.target_velocity = 0x06, 1000
+    client.send(command, 1)
+    site.wait_for(lambda: drive.model.controlword == 0x06, "another RPDO is heard")
+    assert (drive.model.target_velocity, drive.model.target_torque) == (1000, 0)
 
 
 @pytest.mark.parametrize(
