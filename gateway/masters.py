@@ -30,25 +30,25 @@ _SUBINDEX = 3
 def watch_for_masters(
     network: CanNetwork, gateway_node_id: int, drives: Iterable[int], on_found: Callable[[str], None]
 ) -> None:
-    """Call ``on_found`` with one line for every frame on ``network`` that only a master sends. ``drives``: the node-IDs of our
-    drives."""
+    """Call ``on_found`` with one line for every frame on ``network`` that only a master sends.
 
-    def watch(cob_id: int, what: str) -> None:
-        def found(_data: bytes, _now: int) -> None:
-            on_found(
-                f"CAN bus {network.name}: another master sends {what} (COB-ID {cob_id:03X}h); allowed: one "
-                "gateway per bus. End the other one, or disable receive_own_messages of the interface"
-            )
+    ``drives``: the node-IDs of our drives. A drive that is online adds the RPDOs that it has in use.
+    """
 
-        network.subscribe_pdo(cob_id, found)
+    def found(cob_id: int, what: str) -> None:
+        on_found(
+            f"CAN bus {network.name}: another master sends {what} (COB-ID {cob_id:03X}h); allowed: one "
+            "gateway per bus. End the other one, or disable receive_own_messages of the interface"
+        )
 
-    watch(
+    network.on_other_sender = found
+    network.claim(
         ERROR_CONTROL + gateway_node_id,
         f"the heartbeat of node {gateway_node_id}, which is the node-ID of this gateway",
     )
     for node_id in drives:
-        for number in range(1, 5):
-            watch(PdoDirection.RPDO.cob_id(number, node_id), f"RPDO{number} of drive {node_id}")
+        for number, cob_id in enumerate(PdoDirection.RPDO.predefined(node_id), 1):
+            network.claim(cob_id, f"RPDO{number} of drive {node_id}")
 
 
 def watch_for_writes(

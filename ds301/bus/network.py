@@ -111,6 +111,8 @@ class CanNetwork(Receiver):
         """Nodes for whose sake no SYNC is sent."""
         self.sync_required = False
         """A node on this bus sends or takes PDOs on SYNC."""
+        self.on_other_sender: Callable[[int, str], None] | None = None
+        """Called with COB-ID and name when a frame arrives that only the gateway sends."""
         self.sync_changed: Callable[[], None] | None = None
         """Called when that changes."""
         self._opener = opener
@@ -165,6 +167,15 @@ class CanNetwork(Receiver):
     def unsubscribe_pdo(self, cob_id: int) -> None:
         """End a subscription; a missing one is not an error."""
         self._pdos.pop(cob_id, None)
+
+    def claim(self, cob_id: int, what: str) -> None:
+        """Only the gateway sends this COB-ID: a frame with it is of another master. ``what``: its name for the message."""
+
+        def received(_data: bytes, _now: int) -> None:
+            if self.on_other_sender is not None:
+                self.on_other_sender(cob_id, what)
+
+        self.subscribe_pdo(cob_id, received)
 
     def node_of_pdo(self, cob_id: int, node_id: int) -> int:
         """The node that has this COB-ID for a PDO: ``node_id`` from now on, unless another node already has it.

@@ -426,6 +426,8 @@ class NodeClient(abc.ABC, Generic[S]):
             TpdoSlot(item.pdo, self._image(item.pdo), item.cob_id, watched=item.pace is not Pace.CHANGE)
             for item in plan.tpdos
         ]
+        for item in plan.rpdos:
+            self.network.claim(item.cob_id, f"{item.pdo} of {self.kind.name} {settings.node_id}")
         self._acyclic_tpdos = list(plan.read)
         self._timeout_ns = settings.tpdo_event_ms * settings.tpdo_timeout_factor * MS
         if plan.needs_sync:

@@ -78,6 +78,31 @@ def test_a_master_that_comes_later_ends_the_gateway_after_its_drives_are_stopped
     assert "another master sends the heartbeat of node 127" in str(daemon.failure)
 
 
+RPDO1 = {(0x1400, 1): 0x3F5, (0x1600, 0): 2, (0x1600, 1): 0x60FF_0020, (0x1600, 2): 0x6040_0010}
+"""A drive that keeps mapping and COB-ID."""
+
+
+@pytest.mark.parametrize(
+    ("telegram", "kept", "what"),
+    [(100, {}, "RPDO5 of drive 1 (COB-ID 241h)"), (1, RPDO1, "RPDO1 of drive 1 (COB-ID 3F5h)")],
+    ids=["RPDO5", "own COB-ID"],
+)
+def test_master_that_sends_an_rpdo_outside_the_connection_set_ends_the_gateway(
+    telegram: int, kept: dict[tuple[int, int], int], what: str
+) -> None:
+    def before(daemon: Daemon) -> None:
+        node = drive_of(daemon).node
+        node.entries = {**node.entries, **{at: Entry(*at, "kept", CanType.U32, Access.RO) for at in kept}}
+        node.values.update(kept)
+
+    with running(configuration(axis(1, telegram_number=telegram)), before) as daemon:
+        until(daemon, lambda: daemon.axes[0].good, "online")
+        cob_id = int(what[-5:-2], 16)
+        world_of(daemon).bus(CHANNEL).join("another gateway").send(cob_id, bytes(8))
+        until(daemon, daemon.stopped.is_set, "the end of the gateway")
+        assert f"another master sends {what}" in str(daemon.failure)
+
+
 def test_torque_reduction_is_of_the_limit_that_the_drive_had_before_it() -> None:
     """Also after restarts of the node with power on, when 6072h shows the reduced limit."""
     with running(configuration(axis(1, telegram_number=102))) as daemon:
