@@ -39,8 +39,11 @@ class ConfiguringAccess(SdoAccess):
         super().__init__(loop, node_id, dictionary, kind.error_type)
         self.kind = kind
 
-    def check_identity(self, device_type: int) -> None:
-        """Compare device type (1000h), vendor and product with profile and EDS; the package's error names a difference."""
+    def check_identity(self, device_type: int, device: tuple[int, int] = (0, 0)) -> None:
+        """Compare device type (1000h), vendor and product with profile and EDS; the package's error names a difference.
+
+        ``device``: vendor-ID and product code if they were read already, else 0.
+        """
         name = f"node {self._node_id} device type 1000h"
         if profile_of(device_type) != self.kind.profile:
             raise self.error_type(
@@ -53,7 +56,7 @@ class ConfiguringAccess(SdoAccess):
         ):
             if not expected:
                 continue
-            found = self.require(IDENTITY, subindex)
+            found = device[subindex - 1] or self.require(IDENTITY, subindex)
             if found != expected:
                 raise self.error_type(
                     f"node {self._node_id} {what}", f"{found:08X}h", f"{expected:08X}h, as in the EDS"

@@ -237,7 +237,7 @@ class DriveClient(NodeClient[DriveSettings]):
                     self._identity = self._device
                 self._compare_identity()
                 return
-        super()._identify(device_type)
+        self.sdo.check_identity(device_type, self._device)
 
     def _read_device(self) -> None:
         self._device = self.sdo.require(*IDENTITY_VENDOR), self._read_optional(*IDENTITY_PRODUCT)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import can
 import pytest
 
+from pdgw.ds301.connection_set import SDO_REQUEST
 from pdgw.ds301.eds.importer import import_eds
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.identification.describe import described_by_sheet
@@ -62,6 +64,21 @@ def config(sheet: Sheet, number: int, folder: Path) -> GatewayConfig:
     path.write_text(sheet.eds, encoding="ascii")
     more = f'eds = "{path}"\n{sheet.keys}' + (POSITIONER if number == 111 else "")
     return configuration(axis(1, telegram_number=number, more=more))
+
+
+def test_start_of_a_drive_reads_each_part_of_its_identity_once() -> None:
+    read: list[int] = []
+
+    def note(message: can.Message) -> None:
+        data = message.data
+        if message.arbitration_id == SDO_REQUEST + 1 and data[:3] == b"\x40\x18\x10":
+            read.append(data[3])
+
+    path = Path(__file__).parents[2] / "dsp402/eds/engel.eds"
+    settings = configuration(axis(1, more=f'simulate = true\neds = "{path}"'))
+    with running(settings, lambda daemon: daemon.networks["can"].listeners.append(note)) as daemon:
+        until(daemon, lambda: daemon.axes[0].good, "online")
+    assert sorted(read) == [1, 2, 4]
 
 
 @pytest.mark.parametrize("number", TELEGRAMS)
