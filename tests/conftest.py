@@ -48,6 +48,9 @@ if hasattr(os, "sched_setscheduler"):
     # A gateway asks for real-time priority when it starts; one that a test runs in this process does not get it.
     os.sched_setscheduler = _of_others
 
+# Tables and messages of commands are folded to this width, whatever the terminal of those who run the tests.
+os.environ["COLUMNS"] = "80"
+
 # What collecting the tests makes stays until the end: the collector walks it neither while it grows nor later.
 gc.disable()
 

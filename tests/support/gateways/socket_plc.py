@@ -12,6 +12,9 @@ from tests.support.buses import PATIENCE_S
 
 OFF = 0x047E
 CYCLE = 4_000_000
+_READY, _OPERATION = 0x01, 0x07
+"""ZSW1.0 to 3 and 6."""
+_ENABLING = (_READY, 0x03, _OPERATION)
 
 
 class SocketPlc:
@@ -44,12 +47,23 @@ class SocketPlc:
         return -1 if actuals is None else actuals[name]
 
     def enable(self, axis: int) -> None:
+        """OFF, then ON; again if the drive or the PLC was lost meanwhile, as on a busy machine: that needs a new OFF."""
         first = next(iter(self.endpoint.setpoints[axis]))
         off = 0x043E if self.endpoint.telegrams[axis].number == 9 else OFF
+
+        def state() -> int:
+            return self.signal(axis, "ZSW1") & 0x4F
+
+        def operates() -> bool:
+            if state() not in _ENABLING:
+                self.endpoint.set(axis, {first: off})
+            elif state() == _READY:
+                self.endpoint.set(axis, {first: off | 1})
+            return state() == _OPERATION
+
         self.endpoint.set(axis, {first: off})
-        self.until(lambda: self.signal(axis, "ZSW1") & 0x4F == 0x01, "ready")
-        self.endpoint.set(axis, {first: off | 1})
-        self.until(lambda: self.signal(axis, "ZSW1") & 0x4F == 0x07, "operation")
+        self.until(lambda: state() == _READY, "ready")
+        self.until(operates, "operation")
 
     def stays_off(self, axis: int) -> None:
         """The ON that stays active must not start it. On a busy machine its drive may be lost meanwhile."""
