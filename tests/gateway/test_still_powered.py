@@ -126,7 +126,8 @@ def test_a_lost_drive_that_turns_on_in_pre_operational_is_stopped_before_it_is_c
         assert drive.model.state is not State.OPERATION_ENABLED, "a standing ON restarts nothing"
 
 
-def test_a_drive_that_somebody_left_turning_is_stopped_when_the_gateway_finds_it() -> None:
+@pytest.mark.parametrize("left", [State.SWITCHED_ON, State.OPERATION_ENABLED])
+def test_a_drive_that_somebody_left_switched_on_is_stopped_when_the_gateway_finds_it(left: State) -> None:
     with running(configuration(axis(1))) as daemon:
         written = _written(daemon)
         drive = drive_of(daemon)
@@ -134,17 +135,18 @@ def test_a_drive_that_somebody_left_turning_is_stopped_when_the_gateway_finds_it
         def turn(node: SimulatedDriveNode) -> None:
             node.misbehave("turns-in-pre-operational")
             model = node.model
-            for word in (Command.SHUTDOWN, Command.ENABLE_OPERATION):
+            last = Command.SWITCH_ON if left is State.SWITCHED_ON else Command.ENABLE_OPERATION
+            for word in (Command.SHUTDOWN, last):
                 model.controlword = word.word
                 model.command()
             model.ramp.set(1000.0)
 
         drive.do(turn)
-        assert drive.model.state is State.OPERATION_ENABLED
+        assert drive.model.state is left
         until(daemon, lambda: written, "the first SDO write")
         assert written[0] == (0x6040, Command.QUICK_STOP.word)
         until(daemon, lambda: daemon.axes[0].good, "online")
-        assert drive.model.state is not State.OPERATION_ENABLED
+        assert drive.model.state not in {State.SWITCHED_ON, State.OPERATION_ENABLED}
 
 
 @pytest.mark.parametrize("shown", [State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON])
