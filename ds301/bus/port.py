@@ -333,7 +333,8 @@ class DriverPort(CanPort):
 
     def _dispatch(self, message: can.Message) -> None:
         receiver = self._receiver
-        if receiver is None or self._closed or message.is_fd:  # CANopen does not use CAN FD
+        # CANopen does not use CAN FD. Some drivers also deliver the own frames (gs_usb), which would be those of another master.
+        if receiver is None or self._closed or message.is_fd or not message.is_rx:
             return
         if message.is_error_frame:
             bus_off = bool(message.arbitration_id & ERROR_BUS_OFF) or self._state() is can.BusState.ERROR

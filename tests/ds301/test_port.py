@@ -148,6 +148,31 @@ def test_a_frame_of_can_fd_of_any_driver_is_dropped() -> None:
     assert heard.frames == [(0x181, b"\x27\x02")]
 
 
+class EchoBus(Gone):
+    """A driver that also delivers the frames it has sent, as gs_usb of python-can does."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._frames = [
+            can.Message(arbitration_id=can_id, is_extended_id=False, is_rx=is_rx, data=b"\x05")
+            for can_id, is_rx in ((0x77F, False), (0x701, True))
+        ]
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        return self._frames.pop(0) if self._frames else None
+
+
+def test_own_frame_that_a_driver_delivers_is_dropped() -> None:
+    """The heartbeat of the gateway would be that of another master."""
+    heard = Heard()
+    with buses.looped() as loop:
+        port = open_port(loop, EchoBus())
+        port.start(heard)
+        buses.wait_for(lambda: (0x701, b"\x05") in heard.frames, "the frame of a node")
+        port.close()
+    assert heard.frames == [(0x701, b"\x05")]
+
+
 def test_frames_that_wait_on_a_bus_are_delivered_in_order_and_keep_no_other_descriptor_waiting() -> None:
     near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
     heard = Heard()
