@@ -235,7 +235,10 @@ class ProfinetLink:
             if device.on_frame(frame, now):
                 fresh = True
                 if self._is_changed():
-                    break  # the axes process a changed order, or a STOP, before the frames after it
+                    # The axes process a changed order, or a STOP, before the frames after it, which wake the loop.
+                    if self._pairing is not None:
+                        self._pairing.end()
+                    break
         if not device.quiet:
             self._pump()
         self.more = True

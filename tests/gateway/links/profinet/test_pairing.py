@@ -22,6 +22,8 @@ from pdgw.profinet.discovery import lldp
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from tests.gateway.links.profinet.test_link import AXIS, Rig, cyclic
 from tests.profinet.connection.test_cyclic import PLACES
+from tests.support.gateways.daemon import axis
+from tests.support.gateways.profinet_daemon import OFF, ON, configuration, plant
 from tests.support.wire.ethernet import FakeEthernet
 from tests.support.wire.profinet import DEVICE_MAC, PLC_IP, PLC_MAC, project
 
@@ -198,3 +200,24 @@ def test_a_call_does_not_overtake_the_frame_that_waits(rig: PairedRig) -> None:
     rig.port.arrive((PLC_IP, ACYCLIC_PORT), bytes(100))
     rig.loop.run_for(0)
     assert rig.cycles == before + 1
+
+
+def test_frames_behind_changed_orders_do_not_stay_one_cycle_late(tmp_path: Path) -> None:
+    """The gateway was held up while the control word changed several times: all frames are used by the next cycle."""
+    with plant(configuration(axis(1), tmp_path / "store.json")) as site:
+        site.connect()
+        site.enable(1, 0x1000)
+        site.run(SECOND)
+        provider = site.plc.provider
+        assert not site.port.listening
+        assert provider is not None
+        words = (OFF, ON, OFF, ON, OFF)
+        for word in words:
+            site.set(1, word, 0x1000)
+            frame = provider.poll(provider.due)
+            assert frame is not None
+            site.port.real_time.append(bytes(frame))
+        site.loop._now += len(words) * 4 * MS
+        site.run(3 * MS)
+        assert not site.port.real_time
+        assert site.link.setpoints[0] == (OFF, 0x1000)
