@@ -7,7 +7,7 @@ import hashlib
 import re
 import weakref
 from contextlib import nullcontext
-from itertools import islice
+from itertools import combinations_with_replacement, islice
 from random import Random
 
 import pytest
@@ -264,6 +264,21 @@ def test_configuration_of_each_telegram_is_valid(number: int) -> None:
     assert axis.telegram == number
     assert set(axis.telegrams) == set(DRIVE_TELEGRAM_NUMBERS)
     assert plan.axes[0].shape in shapes_of(number)
+
+
+class _ShortestCycle(Random):
+    """Draws the first of each sequence."""
+
+    def choice(self, seq):  # type: ignore[no-untyped-def]
+        return seq[0]
+
+
+def test_gateway_accepts_every_pair_of_telegrams_at_each_drawn_cycle() -> None:
+    pairs = combinations_with_replacement(DRIVE_TELEGRAM_NUMBERS, 2)
+    plans = [draw_plan(_ShortestCycle(0), 2, pair) for pair in pairs]
+    assert {plan.cycle_ms for plan in plans} == {1, 2}, "2 ms for two axes with DSC"
+    for plan in plans:
+        plan.configuration("bus", "192.168.0.10", "192.168.0.20")
 
 
 def test_control_words_stand_for_one_frame_up_to_seconds() -> None:

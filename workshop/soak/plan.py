@@ -24,6 +24,8 @@ from pdgw.peers.drive import Latency
 GATEWAY_HOST: Final = "192.168.0.5"
 """Not on loopback, so that the gateway expects late frames."""
 CYCLES_MS: Final = range(1, 33)
+_TWO_DSC_MS: Final = 2
+"""Shortest cycle with more than one axis with DSC. The gateway refuses 1 ms, because 1 Mbit/s does not carry so many frames."""
 PART_CYCLES: Final = 18_750
 """Cycles of a part. Each cycle time is equally likely; a part with 32 ms takes ten minutes."""
 SHORTEST_PART_NS: Final = 60 * SECOND
@@ -105,6 +107,12 @@ class Plan:
     axes: tuple[AxisPlan, ...]
 
     @property
+    def fits_bus(self) -> bool:
+        """Whether the bus carries the frames of all axes in each cycle."""
+        dsc = sum(axis.telegram in DSC_TELEGRAM_NUMBERS for axis in self.axes)
+        return dsc < 2 or self.cycle_ms >= _TWO_DSC_MS
+
+    @property
     def duration_ns(self) -> int:
         """Virtual time from power-on to the next part."""
         return max(SHORTEST_PART_NS, PART_CYCLES * self.cycle_ms * MS)
@@ -132,7 +140,7 @@ class Plan:
 def draw_plan(chance: Random, axes: int, telegrams: Sequence[int] = ()) -> Plan:
     """Draw a part. ``telegrams``: those of the axes in turn; if empty, every axis draws its own."""
     numbers = [telegrams[n % len(telegrams)] if telegrams else chance.choice(_DRAWN) for n in range(axes)]
-    return Plan(
+    plan = Plan(
         chance.choice(CYCLES_MS),
         tuple(
             AxisPlan(
@@ -145,6 +153,7 @@ def draw_plan(chance: Random, axes: int, telegrams: Sequence[int] = ()) -> Plan:
             for number in numbers
         ),
     )
+    return plan if plan.fits_bus else replace(plan, cycle_ms=_TWO_DSC_MS)
 
 
 @dataclass(frozen=True, slots=True)

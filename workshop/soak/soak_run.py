@@ -248,7 +248,9 @@ class SoakRun:
         axis = chance.choice(self.axes)
         before = axis.words.telegram.number
         fitting = [
-            n for n in self._config.axis[axis.index].telegrams if n != before and axis.plan.shape in shapes_of(n)
+            n
+            for n in self._config.axis[axis.index].telegrams
+            if n != before and axis.plan.shape in shapes_of(n) and self.plan.with_telegram(axis.index, n).fits_bus
         ]
         if not fitting:
             return
