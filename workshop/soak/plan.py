@@ -25,7 +25,7 @@ GATEWAY_HOST: Final = "192.168.0.5"
 """Not on loopback, so that the gateway expects late frames."""
 CYCLES_MS: Final = range(1, 33)
 _TWO_DSC_MS: Final = 2
-"""Shortest cycle with more than one axis with DSC. The gateway refuses 1 ms, because 1 Mbit/s does not carry so many frames."""
+"""Shortest cycle with more than one axis with DSC. The gateway refuses 1 ms, because their frames do not fit on 1 Mbit/s."""
 PART_CYCLES: Final = 18_750
 """Cycles of a part. Each cycle time is equally likely; a part with 32 ms takes ten minutes."""
 SHORTEST_PART_NS: Final = 60 * SECOND
