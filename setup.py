@@ -74,7 +74,9 @@ COMPILED = (
 """Patterns of what every cycle runs through. Traps: an enum with an ``__init__``, a class derived from an untyped library's
 (``ds301/bus/on_canopen.py``), an interpreted class derived from a compiled one, a value of another type than declared, ``...`` as
 a default, a constant tuple of floats. A constant is ``Final``, or it is looked up by its name in every cycle."""
-SIMULATORS = (
+SOAK = (
+    "gateway/links/history.py",
+    "gateway/sync.py",
     "peers/drive/model/[!_]*.py",
     "peers/drive/node.py",
     "peers/encoder/node.py",
@@ -86,14 +88,20 @@ SIMULATORS = (
     "peers/plc/exchange/endpoint.py",
     "peers/world/can_bus.py",
     "peers/world/udp.py",
+    "profidrive/encoder.py",
+    "profidrive/measuring.py",
+    "workshop/soak/emcy_check.py",
+    "workshop/soak/soak_run.py",
+    "workshop/soak/watch.py",
+    "workshop/soak/words.py",
 )
-"""Patterns of the simulators that a soak runs in every cycle. ``PDGW_COMPILED=soak`` compiles them too, for no wheel."""
+"""Patterns of what else a soak runs in every cycle. ``PDGW_COMPILED=soak`` compiles it too, for no wheel of a release."""
 TREE = Path("build/mypyc")
 HEADERS = Path("build/c/pdgw")
 """Where mypyc writes the headers of the group, which its compiler options do not have."""
 BUILD = os.environ.get("PDGW_COMPILED")
 WANTED = BUILD in {"1", "soak"}
-PATTERNS = COMPILED + SIMULATORS if BUILD == "soak" else COMPILED
+PATTERNS = COMPILED + SOAK if BUILD == "soak" else COMPILED
 NATIVE = sys.platform == "linux" and (WANTED or os.environ.get("PDGW_NATIVE") == "1")
 ENGINE = Extension(
     "pdgw.gateway.links.profinet.engine",
@@ -142,11 +150,11 @@ def extensions() -> list[Any]:
 
 
 class BuildProduct(build_py):
-    """A wheel without the workshop, which an editable installation has."""
+    """A wheel without the workshop, which an editable installation and the build for a soak have."""
 
     def run(self) -> None:
         """Leaves out its packages."""
-        if not self.editable_mode:
+        if not self.editable_mode and BUILD != "soak":
             self.packages = [name for name in self.packages or () if not name.startswith("pdgw.workshop")]
         super().run()
 

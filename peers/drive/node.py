@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from typing import Final
 
 import can
 
@@ -27,7 +28,7 @@ from pdgw.peers.node.device import Value
 from pdgw.peers.node.node import SendFunction, SimulatedNode
 from pdgw.peers.node.running import RunningNode
 
-_WITHOUT = {
+_WITHOUT: Final = {
     **dict.fromkeys((0x607F, 0x60C5, 0x60C6), 0x7FFF_FFFF),
     0x6080: 6000,
     0x6073: 1000,
@@ -37,7 +38,7 @@ _WITHOUT = {
     0x6007: 1,
 }
 """Values used without an object: no limit, own rating, or the profile's default."""
-_STEADY = frozenset(
+_STEADY: Final = frozenset(
     {"statusword", "modes_of_operation_display", "velocity_actual", "velocity_demand", "current_actual"}
 )
 """Values of the image that do not change while the axis turns at constant speed."""
@@ -78,7 +79,9 @@ class SimulatedDriveNode(SimulatedNode):
             # The model reads its objects once before the node has them.
             return {0x6094: subindex, 0x6080: 1}.get(index, 0)
         value = self.values.get((index, subindex))
-        return _WITHOUT.get(index, 0) if value is None else int(value)
+        if value is None:
+            return _WITHOUT.get(index, 0)
+        return value if isinstance(value, int) else int(value)
 
     def on_poll(self, now: int) -> None:
         self.model.advance(now)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 from canopen.objectdictionary import ObjectDictionary
 from canopen.sdo import SdoAbortedError
@@ -28,8 +28,10 @@ from pdgw.peers.node.misbehaviour import Catalogue, Misbehaviour, make
 from pdgw.peers.node.pdos import NEVER, NodePdos
 from pdgw.peers.node.sdo_server import BlockSdoServer
 
-_HEARTBEAT = (com.PRODUCER_HEARTBEAT, 0)
-_SYNC = (com.SYNC_COB_ID, 0)
+_HEARTBEAT: Final = (com.PRODUCER_HEARTBEAT, 0)
+_SYNC: Final = (com.SYNC_COB_ID, 0)
+_BOOT_UP: Final = NmtState.BOOT_UP
+_OPERATIONAL: Final = NmtState.OPERATIONAL
 
 SendFunction = Callable[[int, bytes], None]
 
@@ -115,16 +117,16 @@ class SimulatedNode(Device):
         if self.misbehaviours and not all(fault.incoming(can_id, data) for fault in self._faults_after(past)):
             return True
         if can_id in self.pdos.received:
-            if self.state is NmtState.OPERATIONAL:
+            if self.state is _OPERATIONAL:
                 self.on_poll(now)
                 self.pdos.receive(can_id, data)
         elif can_id == SDO_REQUEST + self.node_id:
-            if self.state is not NmtState.STOPPED and self.state is not NmtState.BOOT_UP and len(data) == 8:
+            if self.state is not NmtState.STOPPED and self.state is not _BOOT_UP and len(data) == 8:
                 self.on_poll(now)
                 self._sdo.on_request(can_id, bytearray(data), 0.0)
                 self.touch()
         elif can_id == 0:
-            if len(data) >= 2 and data[1] in {0, self.node_id} and self.state is not NmtState.BOOT_UP:
+            if len(data) >= 2 and data[1] in {0, self.node_id} and self.state is not _BOOT_UP:
                 self.on_poll(now)
                 self._nmt(data[0])
                 self.touch()
@@ -139,7 +141,7 @@ class SimulatedNode(Device):
     def receive_remote(self, can_id: int, now: int) -> None:
         """Process a remote frame: send the TPDO with this COB-ID, if its parameters permit it."""
         self.now = now
-        if self.state is not NmtState.OPERATIONAL:
+        if self.state is not _OPERATIONAL:
             return
         self.on_poll(now)
         self.pdos.send_remote(can_id)
@@ -152,7 +154,7 @@ class SimulatedNode(Device):
                 fault.poll(now)
         if 0 <= self._boot_at <= now:
             self._boot()
-        if self.state is NmtState.BOOT_UP:
+        if self.state is _BOOT_UP:
             return
         if self._touched:
             self._touched = False
@@ -166,13 +168,13 @@ class SimulatedNode(Device):
             if seen >= 0 and now - seen > limit:
                 self._consumed[can_id] = (limit, -1)
                 self.on_consumer_expired(can_id - ERROR_CONTROL)
-        if self.state is NmtState.OPERATIONAL:
+        if self.state is _OPERATIONAL:
             self.pdos.send_due(now)
 
     def catch_up(self, now: int) -> None:
         """Update the device to ``now`` before a command."""
         self.now = now
-        if self.state is not NmtState.BOOT_UP:
+        if self.state is not _BOOT_UP:
             self.on_poll(now)
 
     def next_event(self, now: int) -> int | None:
@@ -185,7 +187,7 @@ class SimulatedNode(Device):
             planned = fault.next_event(now)
             if planned is not None and planned < soonest:
                 soonest = planned
-        if self.state is not NmtState.BOOT_UP:
+        if self.state is not _BOOT_UP:
             if self._touched:
                 return now
             if self._heartbeat_due < soonest and self.values.get(_HEARTBEAT, 0):

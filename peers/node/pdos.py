@@ -5,6 +5,8 @@ Source: CiA DS 301 V4.01. The node defines the meaning of a value and detects it
 
 from __future__ import annotations
 
+from typing import Final
+
 from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
@@ -27,9 +29,10 @@ from pdgw.ds301.pdo import (
 from pdgw.durations import MS
 from pdgw.peers.node.device import Device
 
-NEVER = 1 << 62
-_TRANSMISSION_SYNC_MAX = SYNC_TYPES[-1]
-_UNSEEN_MS = 10
+NEVER: Final = 1 << 62
+_OPERATIONAL: Final = NmtState.OPERATIONAL
+_TRANSMISSION_SYNC_MAX: Final = SYNC_TYPES[-1]
+_UNSEEN_MS: Final = 10
 """Interval of updating a device while no TPDO would show a change."""
 
 
@@ -84,7 +87,7 @@ class NodePdos:
     def forget(self) -> None:
         """The NMT state has changed: no data waits for SYNC, and in operation every TPDO is sent."""
         self._waiting.clear()
-        if self.node.state is NmtState.OPERATIONAL:
+        if self.node.state is _OPERATIONAL:
             for tpdo in self._tpdos:
                 tpdo.last = b""
 
@@ -92,7 +95,7 @@ class NodePdos:
         """Time of the next TPDO: its timer, the end of its inhibit time, or a change of the image."""
         soonest = changed = NEVER
         change = self.node.next_change(now)
-        if self.node.state is NmtState.OPERATIONAL:
+        if self.node.state is _OPERATIONAL:
             for tpdo in self._events:
                 free = tpdo.last_time + tpdo.inhibit_ns
                 if tpdo.held and free < soonest:
@@ -208,7 +211,7 @@ class NodePdos:
 
     def sync(self) -> None:
         """A SYNC has arrived."""
-        if self.node.state is not NmtState.OPERATIONAL:
+        if self.node.state is not _OPERATIONAL:
             return
         self.node.on_poll(self.node.now)
         for can_id, data in self._waiting.items():

@@ -19,15 +19,15 @@ from pdgw.ds301.loop.loop import Loop, Timer
 from pdgw.durations import MS, SECOND
 from pdgw.peers.world.stuffing import bits_on_the_wire
 
-_EXTENDED_BITS = 20
+_EXTENDED_BITS: Final = 20
 """Additional bits of an extended identifier, without stuffing."""
-_ERROR_BITS = 23
+_ERROR_BITS: Final = 23
 """Error flags, delimiter and interframe space."""
 _TEC_PASSIVE, _TEC_BUS_OFF, _TEC_STEP = 128, 256, 8
-_RECOVERY_BITS = 128 * 11
+_RECOVERY_BITS: Final = 128 * 11
 PLACES: Final = 16
 """Default size of a controller's queue."""
-_MAXIMUM_DATA = 8
+_MAXIMUM_DATA: Final = 8
 
 Tap = Callable[[int, "Member", int, bytes], None]
 """Called for frames with time, sender, identifier with the flags of ``can_frame``, data."""

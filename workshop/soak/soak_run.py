@@ -81,7 +81,8 @@ class SoakRun:
         self.plan: Plan = part.plan
         self._folder = Path(tempfile.mkdtemp())
         """Of the parameter store, which one gateway after the other uses."""
-        weakref.finalize(self, shutil.rmtree, self._folder)
+        # Not of this object: a compiled class allows no weak references.
+        weakref.finalize(self.world, shutil.rmtree, self._folder)
         self._config = self._configuration()
         self._may_change_telegrams = not keep_telegrams
         self.daemon = self._gateway()

@@ -38,12 +38,15 @@ RATED_RPM: Final = 3000
 """100 % of a speed: 6080h of the simulated motor."""
 REACHED_RPM: Final = 90
 """Tolerance of "speed reached"."""
-_STANDS_RPM = 1.0
-_OPERATION, _FAULT, _REACHED = 0x0004, 0x0008, 0x0400
+_STANDS_RPM: Final = 1.0
+_OPERATION: Final = 0x0004
+_FAULT: Final = 0x0008
+_REACHED: Final = 0x0400
 _ENABLE: Final = 0x000F
 _MOVES: Final = 0x047F
 """STW1 bits that enable the setpoint, with control by the PLC."""
-_NO_OFF2, _NO_OFF3 = 0x0002, 0x0004
+_NO_OFF2: Final = 0x0002
+_NO_OFF3: Final = 0x0004
 _AFTER_OFF2: Final = frozenset({0x0})
 _AFTER_OFF3: Final = frozenset({0x0, 0x2})
 """Controlword bits 0 to 3: Disable Voltage, Quick Stop."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Final
 
 from pdgw.ds301.communication import SYNC_PERIOD
 from pdgw.ds301.errors import CanopenError
@@ -41,16 +42,17 @@ from pdgw.peers.drive.model.motion import COAST_DECELERATION, SECOND_ENCODER_STE
 from pdgw.peers.drive.model.probe import TouchProbe
 from pdgw.peers.drive.model.shapes import ENGEL, Shape
 
-DI1 = 1 << 16
-_INT32_MAX = (1 << 31) - 1
-_RAMPED_STATES = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
-_QUICK_RAMPS = (2, 6)
-_STAYS_STOPPED = 5
+DI1: Final = 1 << 16
+_LIMITS: Final = NEGATIVE_LIMIT | POSITIVE_LIMIT
+_INT32_MAX: Final = (1 << 31) - 1
+_RAMPED_STATES: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
+_QUICK_RAMPS: Final = (2, 6)
+_STAYS_STOPPED: Final = 5
 """605Ah from this value on: the drive stays in Quick Stop Active."""
-_ABORT_COMMANDS = {2: Command.DISABLE_VOLTAGE, 3: Command.QUICK_STOP}
+_ABORT_COMMANDS: Final = {2: Command.DISABLE_VOLTAGE, 3: Command.QUICK_STOP}
 """Device control command of 6007h."""
-_SYNC_FAULT = replace(DRIVE_FAULTS[12], name="SYNC missing", error_code=0x8700)
-_STATE_BITS = {
+_SYNC_FAULT: Final = replace(DRIVE_FAULTS[12], name="SYNC missing", error_code=0x8700)
+_STATE_BITS: Final = {
     state: bits
     | StatusBit.VOLTAGE_ENABLED
     | StatusBit.REMOTE
@@ -58,7 +60,7 @@ _STATE_BITS = {
     for state, bits in STATUS_OF.items()
 }
 """Bits of the Statusword in each state, without those of the mode."""
-_CATCH_UP_TICKS = 1000
+_CATCH_UP_TICKS: Final = 1000
 """Longest simulated gap. After a longer gap between two calls the drive loses the rest of the time."""
 
 ObjectReader = Callable[[int, int], int]
@@ -475,7 +477,7 @@ class DriveModel:
 
     def _inputs_at(self, position: float) -> int:
         """The digital inputs, with the limit switches at a position of the machine."""
-        return self.digital_inputs & ~(NEGATIVE_LIMIT | POSITIVE_LIMIT) | self.machine.switches(position)
+        return self.digital_inputs & ~_LIMITS | self.machine.switches(position)
 
     # -- services for the modes ---------------------------------------------------------------------------------------
 

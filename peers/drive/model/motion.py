@@ -6,17 +6,18 @@ Source: the manufacturer's guide 7.8 and 7.9 (ramp types of 6086h). Speeds in rp
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from pdgw.durations import SECONDS_PER_MINUTE
 
-INCREMENTS_PER_REVOLUTION = 4096
-SECOND_ENCODER_STEPS = 4
+INCREMENTS_PER_REVOLUTION: Final = 4096
+SECOND_ENCODER_STEPS: Final = 4
 """Increments of the second encoder on the same shaft, per increment of the first."""
-TICK = 0.001
+TICK: Final = 0.001
 """Seconds of one simulation step."""
-COAST_DECELERATION = 1500.0
+COAST_DECELERATION: Final = 1500.0
 """rpm/s of the free-running motor."""
-TORQUE_ACCELERATION = 6000.0
+TORQUE_ACCELERATION: Final = 6000.0
 """rpm/s of the unloaded motor at rated current."""
 
 
