@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
+from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.workshop.soak.emcy_check import PendingEmcys
 from pdgw.workshop.soak.plan import parts
 from pdgw.workshop.soak.planted import DEFECTS, LIMIT_NS, search
@@ -75,6 +77,20 @@ def test_stop_has_its_time_after_drive_is_reached_again() -> None:
     axis.commanded(SECOND, 0x0002)
     axis.check(10 * SECOND, reached=False, zsw1=None)
     axis.check(10 * SECOND + 100 * MS, reached=True, zsw1=None)
+    with pytest.raises(ViolationError, match="bits 0 to 3 are 2h 10000 ms after OFF2"):
+        axis.check(11 * SECOND, reached=True, zsw1=None)
+
+
+def test_quick_stop_is_no_answer_to_off2_unless_the_gateway_may_have_lost_the_plc() -> None:
+    axis = asked_axis(0x047D)
+    axis.plan = replace(axis.plan, on_plc_loss=PlcLossReaction.QUICK_STOP)
+    axis.commanded(SECOND, 0x0002)
+    axis.asked(10 * SECOND, b"\x04\x7d\x40\x00", certain=False)
+    axis.check(10 * SECOND + 400 * MS, reached=True, zsw1=None)
+    with pytest.raises(ViolationError, match="bits 0 to 3 are 2h 9500 ms after OFF2"):
+        axis.check(10 * SECOND + 500 * MS, reached=True, zsw1=None)
+    axis.plan = replace(axis.plan, on_plc_loss=PlcLossReaction.COAST)
+    axis.asked(11 * SECOND, b"\x04\x7d\x40\x00", certain=False)
     with pytest.raises(ViolationError, match="bits 0 to 3 are 2h 10000 ms after OFF2"):
         axis.check(11 * SECOND, reached=True, zsw1=None)
 

@@ -88,6 +88,8 @@ class SoakAxis:
         self._asked_since = now
         self._stop_asked: tuple[int, int] | None = None
         """Start of an active OFF2 or OFF3, and which one (the bits of STW1 that are 0)."""
+        self._uncertain = -SETTLED_NS
+        """When the last frame came that the gateway may not use."""
         self._commanded = 0
         """Bits 0 to 3 of the last Controlword."""
         self._commanded_at = -1
@@ -136,6 +138,8 @@ class SoakAxis:
         ``certain``: the network neither loses nor delays frames and no later frame came first, so that the gateway uses this
         one.
         """
+        if not certain:
+            self._uncertain = now
         if setpoints != self._asked:
             self._asked = setpoints
             self._asked_since = now
@@ -261,13 +265,17 @@ class SoakAxis:
         return now - self._began <= HELD_NS and self._enabled < lost_since + SETTLED_NS
 
     def _check_stop(self, now: int) -> None:
-        """OFF2 and OFF3 are on the bus within the time in which a command is valid."""
+        """OFF2 and OFF3 are on the bus within the time in which a command is valid.
+
+        A gateway that uses none of the frames has lost the PLC, and may stop a drive by ``on_plc_loss = "quick-stop"``.
+        """
         if self._stop_asked is None:
             return
         since, stops = self._stop_asked
         if now - max(since, self._disturbed_until, self._reached_since) <= self.in_force_ns + SETTLED_NS:
             return
-        allowed = _AFTER_OFF2 if stops & _NO_OFF2 else _AFTER_OFF3
+        brakes = self.plan.on_plc_loss is PlcLossReaction.QUICK_STOP and now - self._uncertain <= SETTLED_NS
+        allowed = _AFTER_OFF2 if stops & _NO_OFF2 and not brakes else _AFTER_OFF3
         if self._commanded not in allowed:
             name = "OFF2" if stops & _NO_OFF2 else "OFF3"
             raise ViolationError(
