@@ -285,13 +285,13 @@ class DriverPort(CanPort):
 
     def _transmit(self, number: int, message: can.Message) -> None:
         """Send a frame. Repeat it while the driver refuses it, because no frame may overtake it, and until it is dropped."""
-        told = False
+        reported = False
         while number == self._drops:
             try:
                 self._bus.send(message, _SEND_TIMEOUT_S)
             except can.CanOperationError:
-                if not told:
-                    told = True
+                if not reported:
+                    reported = True
                     self._loop.call_threadsafe(self._refused)
             else:
                 return

@@ -35,6 +35,21 @@ def stopped_by_the_check() -> Iterator[tuple[Daemon, OwnLawDrive, Plc]]:
         yield daemon, drive, plc
 
 
+@contextmanager
+def turning_in_velocity_mode() -> Iterator[tuple[Daemon, OwnLawDrive, Plc]]:
+    """A drive in velocity mode whose factors are 1 turns with the speed that was asked for."""
+    ones = {(factor, place): 1 for factor in (0x604B, 0x604C) for place in (1, 2)}
+    law = Law(1.0, objects={(0x6080, 0): 3000} | ones, vl=True)
+    with running(configuration(axis(1, more=""))) as daemon:
+        drive = OwnLawDrive(world_of(daemon), "world", 1, law)
+        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        plc = Plc(daemon, [1])
+        plc.enable()
+        plc.endpoint.set(0, {"NSOLL_A": 0x0100})
+        plc.until(lambda: abs(drive.node.rpm - 3000 / 64) < 1, "the speed that was asked for")
+        yield daemon, drive, plc
+
+
 def _for_a_second(plc: Plc) -> None:
     for _ in range(SECOND // plc.daemon.cycle_ns):
         plc.exchange()
@@ -84,15 +99,7 @@ def test_acknowledged_axis_needs_off_and_on_and_is_checked_again() -> None:
 
 @pytest.mark.parametrize("index", [0x604B, 0x604C])
 def test_factor_of_velocity_mode_that_changes_in_operation_stops_the_axis(index: int) -> None:
-    ones = {(factor, place): 1 for factor in (0x604B, 0x604C) for place in (1, 2)}
-    law = Law(1.0, objects={(0x6080, 0): 3000} | ones, vl=True)
-    with running(configuration(axis(1, more=""))) as daemon:
-        drive = OwnLawDrive(world_of(daemon), "world", 1, law)
-        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
-        plc = Plc(daemon, [1])
-        plc.enable()
-        plc.endpoint.set(0, {"NSOLL_A": 0x0100})
-        plc.until(lambda: abs(drive.node.rpm - 3000 / 64) < 1, "the speed that was asked for")
+    with turning_in_velocity_mode() as (daemon, drive, plc):
         drive.do(lambda node: node.values.__setitem__((index, 1), 10))
         drive.do(lambda node: setattr(node, "rpm_per_unit", 10.0))
         plc.until(lambda: daemon.axes[0].faults, "the fault")
@@ -101,15 +108,7 @@ def test_factor_of_velocity_mode_that_changes_in_operation_stops_the_axis(index:
 
 
 def test_factor_that_could_not_be_read_for_a_moment_is_still_watched(monkeypatch: pytest.MonkeyPatch) -> None:
-    ones = {(factor, place): 1 for factor in (0x604B, 0x604C) for place in (1, 2)}
-    law = Law(1.0, objects={(0x6080, 0): 3000} | ones, vl=True)
-    with running(configuration(axis(1, more=""))) as daemon:
-        drive = OwnLawDrive(world_of(daemon), "world", 1, law)
-        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
-        plc = Plc(daemon, [1])
-        plc.enable()
-        plc.endpoint.set(0, {"NSOLL_A": 0x0100})
-        plc.until(lambda: abs(drive.node.rpm - 3000 / 64) < 1, "the speed that was asked for")
+    with turning_in_velocity_mode() as (daemon, drive, plc):
         read, aborted = drive.node.get_data, 0
 
         def not_now(index: int, subindex: int, check_readable: bool = False) -> bytes:

@@ -74,7 +74,7 @@ class Site:
         return None if values is None else values[0]
 
     @property
-    def stands(self) -> bool:
+    def is_stopped(self) -> bool:
         """The first axis is stopped: by what the PLC sends now, by OFF, by a loss, or it is locked anyway."""
         word, in_force = self.words[0], self.in_force
         stopped = in_force is None or in_force & 0x7 != 0x7 or (word >= 0 and not in_force & ~word & ON)
@@ -155,10 +155,10 @@ def test_a_stop_in_new_frames_acts_while_delayed_frames_still_arrive(drop: int, 
     site = late(drop)
     site.paths = (0,)
     site.run(SEQUENCE_FRAMES + 1, word)
-    assert site.stands
+    assert site.is_stopped
     for _ in range(drop // CYCLE + 100):
         site.run(1)
-        assert site.stands
+        assert site.is_stopped
     assert not site.operates
 
 
@@ -174,7 +174,7 @@ def test_a_stop_acts_with_the_fourth_new_frame_whatever_the_cycle(cycle: int) ->
     assert site.in_force is None
     for _ in range(100):
         site.run(1)
-        assert site.stands
+        assert site.is_stopped
 
 
 def test_the_loss_is_told_once_and_by_its_reason() -> None:
@@ -293,10 +293,10 @@ def test_a_plc_that_restarts_is_obeyed_though_frames_of_its_earlier_life_still_c
         site.paths = (0,)
         site.shift = shift
         site.run(SEQUENCE_FRAMES + 1, OFF)
-        assert site.stands
+        assert site.is_stopped
         for _ in range(200):
             site.run(1)
-            assert site.stands
+            assert site.is_stopped
 
 
 def test_frames_that_wait_together_do_not_hide_the_loss_from_the_axes() -> None:
@@ -382,4 +382,4 @@ def test_a_stop_that_lasts_acts_after_the_smallest_delay_whatever_old_frames_arr
         if due is not None and site.now > due:
             if site.now - site.newest_at > WATCHDOG:
                 break  # every path is slower now: frames that all are late cannot be told from new ones
-            assert site.stands, f"{(site.now - stopped_at) / MS} ms after the stop"
+            assert site.is_stopped, f"{(site.now - stopped_at) / MS} ms after the stop"
