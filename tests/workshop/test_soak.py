@@ -154,6 +154,17 @@ def test_frame_that_was_overtaken_is_no_reason_for_another_off(
     assert reasons == []
 
 
+def test_enable_operation_repeated_although_drive_left_operation_is_a_new_command() -> None:
+    """The first word after the time in which the gateway can have reacted, while the drive is lost."""
+    axis = _left_operation_in_a_ramp()
+    loop = axis.drive.loop
+    axis.check(loop.now(), reached=False, zsw1=None)
+    loop.run_for(axis.reaction_ns + axis.late_ns)
+    axis.commanded(loop.now(), 0xF)
+    with pytest.raises(ViolationError, match="provider STOP"):
+        axis._entered(State.OPERATION_ENABLED)
+
+
 def _left_operation_in_a_ramp() -> SoakAxis:
     """Enable Operation was sent in a ramp after a provider STOP; then the drive left operation by its enable input."""
     soak_run = SoakRun(next(parts(7, 1, [1])), keep_telegrams=True)
@@ -176,24 +187,28 @@ _IN_TIME, _LATE = MS, SECOND
 
 
 @pytest.mark.parametrize(
-    ("word", "after", "reached", "rejected"),
+    ("words", "after", "reached", "rejected"),
     [
-        (None, _IN_TIME, True, False),
-        (None, _LATE, True, True),
-        (None, _LATE, False, False),
-        (0xF, _IN_TIME, True, True),
-        (0xF, _LATE, True, True),
-        (0x7, _LATE, True, False),
+        ([], _IN_TIME, True, False),
+        ([], _LATE, True, True),
+        ([], _LATE, False, False),
+        ([0xF], _IN_TIME, True, False),
+        ([0xF], _LATE, True, True),
+        ([0x7], _LATE, True, False),
+        ([0x7, 0xF], _IN_TIME, True, True),
+        ([0x7, 0xF], _LATE, False, True),
     ],
-    ids=["nothing yet", "nothing", "drive lost", "enable in time", "enable late", "taken back"],
+    ids=["nothing yet", "nothing", "drive lost", "repeated", "repeated, late", "taken back", "new", "new, drive lost"],
 )
 def test_start_after_loss_counts_when_gateway_enables_or_does_not_take_back(
-    word: int | None, after: int, reached: bool, rejected: bool
+    words: list[int], after: int, reached: bool, rejected: bool
 ) -> None:
-    """The input is back: by an Enable Operation from before, the drive may start only until the gateway can have reacted."""
+    """The input is back: by an Enable Operation from before, also repeated since, the drive may start only until the gateway
+    can have reacted.
+    """
     axis = _left_operation_in_a_ramp()
     loop = axis.drive.loop
-    if word is not None:
+    for word in words:
         axis.commanded(loop.now(), word)
     if not reached:
         axis.check(loop.now(), reached=False, zsw1=None)

@@ -95,6 +95,8 @@ class SoakAxis:
         self._commanded_at = -1
         self._enabled = -1
         """When Enable Operation was sent last."""
+        self._start_sent = -1
+        """The same without those repeated before the gateway can know that the drive has left operation."""
         self._began = self._left = -1
         """When the drive entered and left operation last."""
         self._new_off_since = (0, "power on")
@@ -183,6 +185,8 @@ class SoakAxis:
         if word != _ENABLE:
             return
         self._enabled = now
+        if before != _ENABLE or self._is_late(self._left):
+            self._start_sent = now
         if before != _ENABLE and now - self._on > self.in_force_ns:
             since = "never asked" if self._on < 0 else f"asked {(now - self._on) / MS:.0f} ms ago"
             raise ViolationError(f"{self.name}: Enable Operation is sent while the PLC does not ask for ON ({since})")
@@ -198,7 +202,7 @@ class SoakAxis:
             self.starts += 1
             self._began = now
             since, why = self._new_off_since
-            if self._armed < 0 and (self._enabled > max(since, self._left) or self._still_enabled(since)):
+            if self._armed < 0 and (self._start_sent > max(since, self._left) or self._still_enabled(since)):
                 raise ViolationError(
                     f"{self.name}: started without OFF and ON after a loss or fault ({why}, {(now - since) / MS:.0f} ms ago; "
                     f"OFF {self._ago(self._off)}, ON {self._ago(self._on)})"
@@ -217,8 +221,11 @@ class SoakAxis:
         controller that was disconnected held the frame and the stop after it.
         """
         since = max(since, self._left, self._reached_since, self._disturbed_until)
-        late = self.drive.loop.now() - since > self.reaction_ns + self.late_ns
-        return late and self._lost_since is None and self._commanded == _ENABLE
+        return self._is_late(since) and self._lost_since is None and self._commanded == _ENABLE
+
+    def _is_late(self, since: int) -> bool:
+        """Whether the gateway can have reacted to an event of the drive at that time."""
+        return self.drive.loop.now() - since > self.reaction_ns + self.late_ns
 
     def _ago(self, when: int) -> str:
         return "never" if when < 0 else f"{(self.drive.loop.now() - when) / MS:.0f} ms ago"
