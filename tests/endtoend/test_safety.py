@@ -46,16 +46,8 @@ def test_killed_plc_gateway_or_drive_stops_the_axis_without_a_restart(tmp_path: 
 
         def drive(log: str) -> tuple[subprocess.Popen[str], int]:
             control = free_tcp_port()
-            command = [
-                "sim",
-                "drive",
-                "--interface",
-                INTERFACE,
-                "--channel",
-                bus.channel,
-                "--control-port",
-                str(control),
-            ]
+            place = ("--interface", INTERFACE, "--channel", bus.channel)
+            command = ("sim", "drive", *place, "--control-port", str(control))
             return at_end.enter_context(running(*command, log=tmp_path / log)), control
 
         def gateway(log: str) -> subprocess.Popen[str]:

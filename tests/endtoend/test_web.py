@@ -8,17 +8,15 @@ import os
 import signal
 import socket
 import threading
-import time
 import urllib.request
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from pdgw.gateway.service.status_client import fetch
-from tests.support.buses import PATIENCE_S
+from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.gateways.socket_plc import SocketPlc
 from tests.support.processes import PATIENT, free_tcp_port, free_udp_port, running
 
@@ -40,13 +38,6 @@ class Plc(SocketPlc, threading.Thread):
 
     def value(self, name: str) -> int:
         return self.signal(0, name)
-
-
-def until(condition: Any, what: str) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.05)
 
 
 def page_of(process: int) -> int:
@@ -89,13 +80,12 @@ def test_a_page_that_is_frozen_flooded_and_killed_changes_nothing_for_the_plc(tm
         counters = fetch(status, PATIENCE_S)["counters"]
         return next(item["value"] for item in counters if (item["part"], item["name"]) == ("link", name))
 
-    log = tmp_path / "log"
-    with running("run", str(config), "--web", log=log) as gateway, exchanging(cyclic) as plc:
+    with running("run", str(config), "--web", log=tmp_path / "log") as gateway, exchanging(cyclic) as plc:
         plc.endpoint.set(0, {"STW1": OFF})
-        until(lambda: plc.value("ZSW1") & 0x4F == 0x01, f"the drive: {log.read_text()}")
+        wait_for(lambda: plc.value("ZSW1") & 0x4F == 0x01, "the drive")
         plc.endpoint.set(0, {"STW1": ON, "NSOLL_A": 0x2000})
-        until(lambda: plc.value("NIST_A") == 0x2000, "half speed")
-        until(answers, f"the page: {log.read_text()}")
+        wait_for(lambda: plc.value("NIST_A") == 0x2000, "half speed")
+        wait_for(answers, "the page")
         lost, accepted = counted("watchdog_expiries"), counted("accepted")
         page = page_of(gateway.pid)
 
@@ -103,15 +93,17 @@ def test_a_page_that_is_frozen_flooded_and_killed_changes_nothing_for_the_plc(tm
         flood = [socket.create_connection(("127.0.0.1", web), timeout=PATIENCE_S) for _ in range(60)]
         for connection in flood:
             connection.sendall(b"GET /api/v1/objects/1/trace HTTP/1.1\r\nHost: localhost\r\n\r\n" * 10)
-        until(lambda: counted("accepted") > accepted + 50, "frames while the page is frozen and flooded")
+        wait_for(lambda: counted("accepted") > accepted + 50, "frames while the page is frozen and flooded")
         os.kill(page, signal.SIGCONT)
-        until(lambda: counted("accepted") > accepted + 100, "frames while the page works on the flood")
+        wait_for(lambda: counted("accepted") > accepted + 100, "frames while the page works on the flood")
         for connection in flood:
             connection.close()
-        until(answers, "the page after the flood")
+        wait_for(answers, "the page after the flood")
         os.kill(page, signal.SIGKILL)
-        until(lambda: counted("accepted") > accepted + 150, "frames after the page was killed")
+        wait_for(lambda: counted("accepted") > accepted + 150, "frames after the page was killed")
 
-        until(lambda: plc.value("NIST_A") == 0x2000, "still half speed: an axis that was stopped would not turn again")
+        wait_for(
+            lambda: plc.value("NIST_A") == 0x2000, "still half speed: an axis that was stopped would not turn again"
+        )
         assert counted("watchdog_expiries") == lost
         assert fetch(status, PATIENCE_S)["axes"][0]["state_id"] == "OBEYS"

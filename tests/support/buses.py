@@ -18,6 +18,8 @@ from pdgw.durations import MS
 _numbers = itertools.count()
 _loops: list[SystemLoop] = []
 """Loops that run while the test waits."""
+process_checks: list[Callable[[], None]] = []
+"""One for each process of the test: AssertionError if the process has failed, so that waiting is useless."""
 PATIENCE_S = 300.0
 """Longest wait, also on a busy machine; a longer one is a defect."""
 
@@ -35,8 +37,15 @@ def wait_for(condition: Callable[[], object], what: str | Callable[[], str], sec
     """Wait until the condition is true. At the timeout, fail with ``what``; a function is evaluated at that time."""
     deadline = time.monotonic() + seconds
     while not condition():
+        check_processes()
         assert time.monotonic() < deadline, f"not within {seconds} s: {what() if callable(what) else what}"
         play(2 * MS)
+
+
+def check_processes() -> None:
+    """AssertionError if a process of the test has failed."""
+    for check in process_checks:
+        check()
 
 
 def play(duration: int) -> None:

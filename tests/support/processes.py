@@ -7,12 +7,12 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 from pdgw.tools.demo.links import free_ports
-from tests.support.buses import PATIENCE_S, wait_for
+from tests.support.buses import PATIENCE_S, process_checks, wait_for
 
 COMMAND = (sys.executable, "-m", "pdgw")
 PATIENT = "heartbeat_ms = 2000\ntpdo_event_ms = 2000\nsdo_timeout_ms = 5000\n"
@@ -55,17 +55,39 @@ def demo_undisturbed(*words: str, log: Path, losses: int = 0) -> subprocess.Comp
 
 
 @contextmanager
-def running(*arguments: str, log: Path) -> Iterator[subprocess.Popen[str]]:
-    """A process in the background; its output goes to ``log``. It gets SIGTERM at the end if it still runs."""
+def running(
+    *arguments: str, log: Path, environment: Mapping[str, str] | None = None
+) -> Iterator[subprocess.Popen[str]]:
+    """A process in the background; its output goes to ``log``. It gets SIGTERM at the end if it still runs.
+
+    A test that waits fails at once if the process has failed, for example because its port is in use. Each failed assertion
+    has the ends of the logs as a note.
+    """
     with (
         log.open("w") as output,
         subprocess.Popen(
-            [*COMMAND, *arguments], stdout=output, stderr=output, stdin=subprocess.PIPE, text=True
+            [*COMMAND, *arguments],
+            stdout=output,
+            stderr=output,
+            stdin=subprocess.PIPE,
+            text=True,
+            env=environment,
         ) as process,
     ):
+
+        def check() -> None:
+            status = process.poll()
+            assert not status or status < 0, f"{' '.join(arguments)}: ended with status {status}"
+
+        process_checks.append(check)
         try:
             yield process
+        except AssertionError as error:
+            if not hasattr(error, "__notes__"):
+                error.add_note(_ends_of_logs(log))
+            raise
         finally:
+            process_checks.remove(check)
             if process.poll() is None:
                 process.send_signal(signal.SIGTERM)
                 try:
@@ -83,14 +105,14 @@ def wait_for_text(text: str, log: Path, process: subprocess.Popen[str]) -> None:
     def seen() -> bool:
         status = process.poll()  # before the log is read: what was written until the end is there
         found = text in log.read_text()
-        assert found or status is None, f"ended with status {status} without {text!r} in {_ends_of_logs(log.parent)}"
+        assert found or status is None, f"ended with status {status} without {text!r} in {_ends_of_logs(log)}"
         return found
 
-    wait_for(seen, lambda: f"{text!r} in {_ends_of_logs(log.parent)}")
+    wait_for(seen, lambda: f"{text!r} in {_ends_of_logs(log)}")
 
 
-def _ends_of_logs(folder: Path) -> str:
-    ends = [
-        f"{path.relative_to(folder)}:\n{path.read_text()[-_END_OF_A_LOG:]}" for path in sorted(folder.rglob("*.log"))
-    ]
+def _ends_of_logs(log: Path) -> str:
+    folder = log.parent
+    paths = sorted({log, *folder.rglob("*.log")})
+    ends = [f"{path.relative_to(folder)}:\n{path.read_text()[-_END_OF_A_LOG:]}" for path in paths]
     return "the logs:\n" + "\n".join(ends)

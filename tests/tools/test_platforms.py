@@ -23,7 +23,7 @@ from pdgw.workshop.commands import bench
 from tests.decoder.replay.test_replay import speed
 from tests.support.axis.rig import NODE
 from tests.support.buses import PATIENCE_S, wait_for
-from tests.support.processes import PATIENT, free_tcp_port, free_udp_port
+from tests.support.processes import PATIENT, free_tcp_port, free_udp_port, running
 
 _ELSEWHERE = """
 import asyncio, ctypes, logging, mmap, multiprocessing, os, pathlib, select, selectors, signal, socket, subprocess, sys, tempfile
@@ -171,17 +171,10 @@ def gateway(store: Path) -> Iterator[tuple[int, int, int]]:
     )
     # The simulated devices are a process that this one starts: nothing is there in it either.
     (store.parent / "sitecustomize.py").write_text(_ELSEWHERE)
-    command = [sys.executable, "-m", "pdgw", "run", str(config), *options]
-    environment = os.environ | {"PYTHONPATH": str(store.parent)}
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment
-    ) as process:
-        try:
-            yield ports
-        finally:
-            process.terminate()
-            output = process.communicate(timeout=PATIENCE_S)[0]
-            assert "Traceback" not in output, output
+    log = store.with_suffix(".log")
+    with running("run", str(config), *options, log=log, environment=os.environ | {"PYTHONPATH": str(store.parent)}):
+        yield ports
+    assert "Traceback" not in log.read_text(), log.read_text()
 
 
 def drive_on(status: int) -> str:

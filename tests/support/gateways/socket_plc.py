@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
-from tests.support.buses import PATIENCE_S
+from tests.support.buses import PATIENCE_S, check_processes
 
 OFF = 0x047E
 CYCLE = 4_000_000
@@ -37,6 +37,7 @@ class SocketPlc:
     def until(self, condition: Callable[[], bool], what: str) -> None:
         deadline = time.monotonic() + PATIENCE_S
         while not condition():
+            check_processes()
             assert time.monotonic() < deadline, (
                 f"{what}: {self.endpoint.actuals}, counted: {dict(self.endpoint.counters)}"
             )
