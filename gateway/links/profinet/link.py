@@ -235,7 +235,7 @@ class ProfinetLink:
             if device.on_frame(frame, now):
                 fresh = True
                 if self._is_changed():
-                    # The axes process a changed order, or a STOP, before the frames after it, which wake the loop.
+                    # The axes process a changed order, a STOP, or another leader before the frames after it, which wake the loop.
                     if self._pairing is not None:
                         self._pairing.end()
                     break
@@ -247,11 +247,12 @@ class ProfinetLink:
         return fresh
 
     def _is_changed(self) -> bool:
-        """Whether orders of the newest frame differ from those of the frame before it."""
-        if self._consumer is None:
+        """Whether orders of the newest frame differ from those of the frame before it, or another controller sent it."""
+        relation, consumer = self.device.relation, self._consumer
+        if relation is None or consumer is None or relation.consumer is not consumer:
             return True
         before = self._ordered
-        self._ordered = int.from_bytes(self._consumer.payload, "big") & self._order_mask
+        self._ordered = int.from_bytes(consumer.payload, "big") & self._order_mask
         return self._ordered != before
 
     def _receive_of(self, engine: Engine, now: int) -> bool:
@@ -572,6 +573,7 @@ class ProfinetLink:
                         self._outputs.append((index, telegram.setpoints.struct.unpack_from, *where))
                 self._consumer = consumer
                 self._order_mask = int.from_bytes(order_mask(consumer, self._telegrams), "big")
+                self._ordered = int.from_bytes(consumer.payload, "big") & self._order_mask
                 self._end = ""
                 # In a redundant set each frame wakes the loop: the other controller may take over with it.
                 alone = relation.plan.redundancy is None and not self._engage(relation, consumer, provider)

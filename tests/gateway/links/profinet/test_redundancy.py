@@ -136,6 +136,27 @@ def test_a_stop_of_the_new_leader_is_obeyed_as_such(tmp_path: Path, word: int, r
         assert not pair.lost()
 
 
+@pytest.mark.parametrize("word", [OFF, 0x047D, 0x047B, 0x046F])
+def test_stop_in_one_frame_of_a_takeover_is_a_step_of_the_axes(tmp_path: Path, word: int) -> None:
+    """The gateway was held up: the frames of both controllers wait, and only the first of the new leader has the stop."""
+    with twins(tmp_path) as pair:
+        site, link = pair.site, pair.site.link
+        for plc, sent in ((pair.one, ON), (pair.other, word), (pair.other, ON), (pair.other, ON)):
+            if plc is pair.other:
+                plc.lead(primary=True)
+            pair.set(plc, sent, SPEED)
+            assert plc.provider is not None
+            frame = plc.provider.poll(plc.provider.due)
+            assert frame is not None
+            site.port.real_time.append(bytes(frame))
+        seen = []
+        while site.port.real_time:
+            link.receive(site.loop.now())
+            seen.append(link.setpoints[0])
+        assert (word, SPEED) in seen
+        assert link.switchovers == 1
+
+
 def test_a_switchover_starts_no_drive_with_a_standing_on(tmp_path: Path) -> None:
     """The first controller had ordered OFF, which releases the lock; the second one sends ON without an edge."""
     with twins(tmp_path) as pair:
