@@ -580,7 +580,7 @@ class ProfinetLink:
                 if alone and consumer.cycle_ns == provider.cycle_ns <= LONGEST_NS:
                     self._pairing = Pairing(self.port, provider)
                 transport = self._config.transport
-                self._limit_ns = transport.watchdog_factor * provider.cycle_ns
+                self._limit_ns = transport.watchdog_factor * consumer.cycle_ns
                 self.layout_token = object()
                 cycle = provider.cycle_ns / MS
                 what = "took over" if self._switched_over else "connected"

@@ -13,11 +13,13 @@ import pytest
 from pdgw.dsp402.states import State
 from pdgw.durations import MS
 from pdgw.peers.controller.controller import Phase
+from pdgw.peers.controller.project import Layout, Project
 from pdgw.profidrive.frame import STATUS_NORMAL, STATUS_PRIMARY, STATUS_RUN
 from pdgw.profinet import ethernet
 from pdgw.profinet.alarms import apmx
 from pdgw.profinet.alarms.apmx import PduType
 from pdgw.profinet.blocks.alarm import Priority
+from pdgw.profinet.blocks.connect import IocrBlockReq, IocrType
 from pdgw.profinet.blocks.control import ControlCommand, PrmEndReq
 from pdgw.profinet.connection.cmdev import AbortCode
 from pdgw.profinet.connection.cpm import STATUS_IGNORE
@@ -215,6 +217,27 @@ def test_a_loss_of_the_plc_is_told_once_with_what_it_was(
         lost = [text for text in errors if "PLC lost" in text]
         assert lost == [f"PLC lost: {reason}", f"axis 1: fault 103, code FF01h: PLC lost: {reason}"]
         assert site.link.watchdog_expiries == (reason is SILENCE)
+
+
+class _SlowInputs(Project):
+    """Input data has a cycle of 512 ms."""
+
+    def iocr(self, kind: IocrType, layout: Layout) -> IocrBlockReq:
+        block = super().iocr(kind, layout)
+        return replace(block, reduction_ratio=512, data_hold=3) if kind is IocrType.INPUT else block
+
+
+@pytest.mark.parametrize("native", [False, True], ids=["Python", "native"])
+def test_silence_is_counted_in_cycles_of_the_output_data(tmp_path: Path, native: bool) -> None:
+    with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=400, native=native) as site:
+        model = drive_of(site.daemon).model
+        site.plc.project = _SlowInputs("press-1", site.plc.project.modules, data_hold=400)
+        site.connect()
+        site.enable(1, SPEED)
+        site.run(300 * MS)
+        assert model.state is State.OPERATION_ENABLED
+        site.killed = True
+        site.until(lambda: model.state is not State.OPERATION_ENABLED, "a command to stop", BOUND_NS)
 
 
 def test_the_data_hold_time_ends_the_relationship_long_after_the_drive_has_stopped(tmp_path: Path) -> None:
