@@ -264,6 +264,10 @@ class ProfinetLink:
             return False
         frame, heard, lost = taken
         self._orders_lost |= lost
+        if heard >= 0 and self._consumer is not None:
+            self._consumer.counter = (
+                None  # the engine has compared it with all frames, also those that stay in the engine
+            )
         fresh = bool(frame) and device.on_frame(frame, now if heard < 0 else heard)
         if not device.quiet:
             self._pump()

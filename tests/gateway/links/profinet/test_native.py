@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import random
 import select
 import socket
 import sys
@@ -18,6 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.durations import MS
+from pdgw.gateway.axis.values import Outputs
 from pdgw.gateway.links.profinet import native
 from pdgw.gateway.links.profinet.native import COUNTS, FOREIGN, OTHER, VERDICTS, table_of
 from pdgw.profidrive.frame import IOPS_BAD, IOPS_GOOD, STATUS_NORMAL, STATUS_STOP
@@ -444,6 +446,83 @@ def test_orders_that_were_lost_stop_the_drive_as_a_lost_plc_does(
         site.run(300 * MS)
         assert "PLC lost: the gateway was held up, and more orders came than it can keep" in caplog.text
         assert model.state.name != "OPERATION_ENABLED"
+
+
+def words_of_steps(folder: Path, seed: int, *, native: bool) -> list[int | None]:
+    """The control words that the steps of an axis get, None without a PLC, for random frames; some wait until Python runs."""
+    draw = random.Random(seed)
+    seen: list[int | None] = [ON]
+    folder.mkdir()
+    with plant(configuration(axis(1), folder / "store.json"), data_hold=400, native=native) as site:
+        port, item = site.port, site.daemon.axes[0]
+        site.connect()
+        site.enable(1, SPEED)
+        site.dead.add(site.plc)
+        consumer, provider, step = site.link._consumer, site.plc.provider, item.step
+        assert consumer is not None
+        assert provider is not None
+
+        def seen_step(setpoints: Sequence[int] | None, now: int) -> Outputs:
+            word = None if setpoints is None else setpoints[0]
+            if word != seen[-1]:
+                seen.append(word)
+            return step(setpoints, now)
+
+        item.step = seen_step  # type: ignore[method-assign]
+        frame = bytes(provider.frame[:12] + provider.frame[16:])
+        place = consumer.place(AXIS)
+        assert place is not None
+        counter = consumer.counter or 0
+        for _ in range(12):
+            for _ in range(draw.choice([1, 1, 8])):
+                counter += draw.choice([128] * 20 + [0, -128, 61_440])
+                word, status = (
+                    draw.choice([ON] * 8 + [OFF, 0x047D, 0x046F]),
+                    draw.choice([0x35] * 9 + [0x25, 0x34, 0xB5]),
+                )
+                iops = draw.choice([IOPS_GOOD] * 9 + [IOPS_BAD])
+                data = [(14 + place[0], word >> 8), (15 + place[0], word & 0xFF), (14 + place[1], iops)]
+                sent = changed(frame, data, counter, status, 0)
+                if isinstance(port, NativeEthernet):
+                    port.held_up = True
+                    port.arrive(None, sent)
+                else:
+                    port.real_time.append(sent)
+            if isinstance(port, NativeEthernet):
+                port.held_up = False
+                port.wake()
+            while port.real_time:
+                port.on_real_time()
+            site.run(draw.choice([CYCLE] * 8 + [5 * CYCLE]))
+        item.step = step  # type: ignore[method-assign]
+    return seen
+
+
+@pytest.mark.parametrize("seed", [1, 2, 9, 29])
+def test_steps_of_the_axes_get_the_same_orders_with_and_without_the_engine(tmp_path: Path, seed: int) -> None:
+    pure, engine = (words_of_steps(tmp_path / str(how), seed, native=how) for how in (False, True))
+    assert engine == pure
+
+
+def test_order_behind_a_jump_of_the_counter_is_a_step(tmp_path: Path) -> None:
+    """Python was held up, and did not get the frame before which the counter made its longest step."""
+    with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=400, native=True) as site:
+        site.connect()
+        site.enable(1, SPEED)
+        site.run(100 * MS)
+        port, consumer, provider = site.port, site.link._consumer, site.plc.provider
+        assert isinstance(port, NativeEthernet)
+        assert consumer is not None
+        assert provider is not None
+        frame = bytes(provider.frame[:12] + provider.frame[16:])
+        begun = consumer.counter or 0
+        port.held_up = True
+        for word, counter in ((ON, begun + 61_440), (0x047D, begun + 61_568), (ON, begun + (1 << 16) + 1)):
+            port.arrive(None, changed(frame, [(16, word >> 8), (17, word & 0xFF)], counter, STATUS_NORMAL, 0))
+        port.held_up = False
+        port.wake()
+        site.run(CYCLE // 2)
+        assert drive_of(site.daemon).model.state.name == "SWITCH_ON_DISABLED"
 
 
 def test_what_the_engine_counted_is_counted_by_the_device(tmp_path: Path) -> None:
