@@ -342,6 +342,8 @@ class Daemon:
 
     def _begin(self) -> None:
         """No other master is on the buses."""
+        if self._stopping:
+            return  # one was found, or the gateway was stopped before it sent anything
         self._begun = True
         self._on_heartbeat()
         for client in self.clients:

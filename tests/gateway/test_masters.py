@@ -16,6 +16,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.masters import LISTEN_NS
 from pdgw.gateway.parameters.objects import relies_on
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.peers.world import World
@@ -43,16 +44,17 @@ def gateway() -> tuple[World, Daemon]:
     return world, build_gateway(config, world)
 
 
+@pytest.mark.parametrize("after_ns", [0, LISTEN_NS - MS], ids=["at once", "at the end of listening"])
 @pytest.mark.parametrize(
     ("can_id", "data", "what"),
     [(HEARTBEAT, b"\x05", "heartbeat of node 127"), (0x201, bytes(6), "RPDO1 of drive 1")],
 )
-def test_a_bus_with_another_master_is_left_alone(can_id: int, data: bytes, what: str) -> None:
+def test_a_bus_with_another_master_is_left_alone(can_id: int, data: bytes, what: str, after_ns: int) -> None:
     world, daemon = gateway()
     other = world.bus(CHANNEL).join("another gateway")
     sent: list[int] = []
     daemon.networks["can"].listeners.append(lambda m: None if m.is_rx else sent.append(m.arbitration_id))
-    world.loop.call_later(0, lambda: other.send(can_id, data))
+    world.loop.call_later(after_ns, lambda: other.send(can_id, data))
     world.loop.call_later(10 * SECOND, daemon.stop)
     with pytest.raises(GatewayError, match=what):
         daemon.run()
