@@ -52,6 +52,8 @@ _AT_ONCE = 64
 _WAITING = 64
 """Datagrams that may wait for the task; of more the oldest are lost, and their senders ask again."""
 _DIAGNOSIS_NS: Final = 50 * MS
+_NOT_IN_FORCE: Final = -1
+"""Instead of the orders of a frame that did not count: the next frame is a step of the axes."""
 _ORDERS_LOST: Final = "the gateway was held up, and more orders came than it can keep"
 
 
@@ -289,6 +291,7 @@ class ProfinetLink:
         if self._pairing is not None and not self._pairing.together:
             self._pairing.came(now)
         if self._untold:
+            self._ordered = _NOT_IN_FORCE
             return
         payload = consumer.payload
         before, self._switched_over = list(setpoints) if self._switched_over else None, False
@@ -307,6 +310,7 @@ class ProfinetLink:
             self.setpoints[index] = new
             if old is not None and new is not None and not Orders(telegram.setpoints).repeats_commands(new, old):
                 self.setpoints[index] = None
+                self._ordered = _NOT_IN_FORCE
                 log.error("drive object %d: the new controller commands something else, stopped", index + 1)
 
     def poll(self, now: int) -> bool:

@@ -136,12 +136,17 @@ def test_a_stop_of_the_new_leader_is_obeyed_as_such(tmp_path: Path, word: int, r
         assert not pair.lost()
 
 
-@pytest.mark.parametrize("word", [OFF, 0x047D, 0x047B, 0x046F])
-def test_stop_in_one_frame_of_a_takeover_is_a_step_of_the_axes(tmp_path: Path, word: int) -> None:
-    """The gateway was held up: the frames of both controllers wait, and only the first of the new leader has the stop."""
+@pytest.mark.parametrize(
+    ("word", "frames"), [(OFF, 1), (0x047D, 1), (0x047B, 1), (0x046F, 1), (0x04FE, 2)], ids=lambda value: f"{value:X}"
+)
+def test_stop_in_first_frames_of_a_takeover_is_a_step_of_the_axes(tmp_path: Path, word: int, frames: int) -> None:
+    """The gateway was held up: the frames of both controllers wait, and only the first of the new leader have the stop.
+
+    With an acknowledge beside OFF1, the first of them is a loss of the PLC for the axis.
+    """
     with twins(tmp_path) as pair:
         site, link = pair.site, pair.site.link
-        for plc, sent in ((pair.one, ON), (pair.other, word), (pair.other, ON), (pair.other, ON)):
+        for plc, sent in ((pair.one, ON), *[(pair.other, word)] * frames, (pair.other, ON), (pair.other, ON)):
             if plc is pair.other:
                 plc.lead(primary=True)
             pair.set(plc, sent, SPEED)
