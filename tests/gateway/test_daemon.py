@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import threading
+from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 
 import pytest
@@ -16,6 +17,7 @@ from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
+from pdgw.gateway.axis.values import Outputs
 from pdgw.gateway.configuration.example import simulated
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
@@ -288,6 +290,31 @@ def test_another_telegram_is_selected_only_out_of_operation() -> None:
         other.enable()
         assert endpoint_of(daemon).sent > sent, "counts go on"
         assert daemon.axes[0].drive.generation == 2
+
+
+def test_telegram_is_not_changed_while_enable_operation_is_on_its_way() -> None:
+    """No RPDO is sent until the drive is configured for the other telegram: nothing would stop it."""
+    with running(configuration(axis(1))) as daemon:
+        plc, item = Plc(daemon, [1]), daemon.axes[0]
+        plc.endpoint.set(0, {"STW1": OFF})
+        plc.until(lambda: plc.state() == 0x01, "ready")
+        plc.endpoint.set(0, {"STW1": ON})
+        plc.until(lambda: item.outputs.command.controlword == 0x07, "Switch On")
+        step, refused = item.step, []
+
+        def changed(setpoints: Sequence[int] | None, now: int) -> Outputs:
+            outputs = step(setpoints, now)
+            if outputs.command.controlword == 0x0F and not refused:
+                assert item.drive.feedback.statusword & 0x6F == 0x23, "still Switched On"
+                with pytest.raises(GatewayError, match="the telegram cannot be changed") as error:
+                    daemon.change_telegram(item, 2)
+                refused.append(error)
+            return outputs
+
+        item.step = changed  # type: ignore[method-assign]
+        plc.until(lambda: plc.state() == 0x07, "operation")
+        item.step = step  # type: ignore[method-assign]
+        assert refused
 
 
 def test_a_service_that_cannot_start_ends_the_daemon_and_gives_everything_back() -> None:
