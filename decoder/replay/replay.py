@@ -21,7 +21,6 @@ Not here: a telegram changed in operation (P922), the words of an external encod
 
 from __future__ import annotations
 
-import copy
 from bisect import bisect_left, bisect_right
 from collections import deque
 from collections.abc import Hashable, Iterator, Sequence
@@ -44,7 +43,6 @@ from pdgw.gateway.axis.checkpoint import Checkpoint, Checkpoints
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.values import FaultRecord, ProbeWish, SdoAnswer, SdoWrite
 from pdgw.gateway.reasons import UnconfirmedOrder
-from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode
 
 MAX_DIFFERENCES: Final = 20
@@ -53,14 +51,15 @@ BUDGET: Final = 10_000
 """Choices that are tried for one step that does not fit."""
 _LONGEST_STALL_NS: Final = SECOND
 
-_STW1 = signal("STW1")
+_NO_FEEDBACK: Final = {name: getattr(DriveFeedback(), name) for name in FEEDBACK_NAMES}
 
 
 @dataclass(slots=True)
 class _State:
     """A hypothesis about the gateway at one moment, beside its machine."""
 
-    image: DriveFeedback = field(default_factory=DriveFeedback)
+    image: dict[str, int] = field(default_factory=lambda: dict(_NO_FEEDBACK))
+    """The values of a ``DriveFeedback``."""
     setpoints: int = 0
     feedback: int = 0
     configured: int = 0
@@ -79,10 +78,7 @@ class _State:
     known: bool = False
 
     def copy(self) -> _State:
-        other = copy.copy(self)
-        other.image = copy.copy(self.image)
-        other.sent = self.sent.copy()
-        return other
+        return replace(self, image=dict(self.image), sent=self.sent.copy())
 
 
 class _Inputs(NamedTuple):
@@ -249,8 +245,7 @@ class Replayer:
             return self._step_result(tick, inputs, (), compared=False), None
         now = tick.time_ns + inputs.shift_ns
         for event in recording.feedback[state.feedback : inputs.feedback]:
-            for attribute, value in event.values:
-                setattr(state.image, attribute, value)
+            state.image.update(event.values)
         newest = recording.setpoints[inputs.setpoints - 1] if inputs.setpoints else None
         values = None if newest is None else newest.values
         stops = given.gateway_stops = newest is not None and newest.gateway_stops
@@ -271,8 +266,8 @@ class Replayer:
         if state.online:
             # Its IOPS become BAD when the gateway has released the drive, shortly before or after the NMT command.
             self._configure(tick.time_ns + (self._tolerance if came_online else 0))
-        for attribute in FEEDBACK_NAMES:
-            setattr(given.feedback, attribute, getattr(state.image, attribute))
+        for attribute, value in state.image.items():
+            setattr(given.feedback, attribute, value)
         given.now, given.setpoints, given.drive_ok = now, values, state.online
         given.unconfirmed = self._unconfirmed_order(tick, inputs.setpoints)
         before, state.frames = state.frames, bisect_right(recording.frames, now)
@@ -351,7 +346,7 @@ class Replayer:
         if state.known:
             return
         transparent = self._recording.telegram.setpoints.mode is ApplicationMode.TRANSPARENT
-        if not state.online or not asks_for_off(word, state.image.statusword, transparent=transparent):
+        if not state.online or not asks_for_off(word, state.image["statusword"], transparent=transparent):
             return
         state.known = True
         recall(self._machine, self._in_force(tick.time_ns), None if tick.answer is None else tick.answer.actuals[0])
