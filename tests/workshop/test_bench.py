@@ -5,19 +5,21 @@ from __future__ import annotations
 import io
 import json
 import re
+import selectors
 import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TypeVar
 
 import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from pdgw.ds301.bus.can_frame import pack_frame, unpack_frame
+from pdgw.ds301.bus.can_frame import CAN_FRAME, pack_frame, unpack_frame
 from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.durations import MS
@@ -34,7 +36,7 @@ from pdgw.workshop.bench import command_line, flood, killed, recording, settings
 from pdgw.workshop.bench.measuring.dialogues import SPEEDS, EchoDialogue, PlcDialogue, speed
 from pdgw.workshop.bench.measuring.measure import Latency, latency
 from pdgw.workshop.bench.measuring.schedule import Peer
-from pdgw.workshop.bench.processes import processes
+from pdgw.workshop.bench.processes import drives, processes
 from pdgw.workshop.bench.processes.drives import IdealDrives
 from pdgw.workshop.bench.rows import ROWS, Refused, Row, setpoints_to_can
 from pdgw.workshop.bench.translation import axis_cycle
@@ -42,6 +44,7 @@ from pdgw.workshop.commands import bench
 from pdgw.workshop.commands.bench import app
 from pdgw.workshop.documents.measured import rows as rows_of
 from tests.fuzz.test_parameters import Memory
+from tests.support.cli import workshop
 
 T = TypeVar("T")
 
@@ -187,6 +190,43 @@ def test_stored_answers_of_an_ideal_drive_end_with_a_write() -> None:
     answers = [data for identifier, data in wire.frames if identifier == 0x581]
     assert answers[0] == answers[1]
     assert [data[:6].hex() for data in answers[2:]] == ["601710000000", "4b171000e803"]
+
+
+def test_ideal_drives_answer_on_a_can_interface_of_the_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    gateway, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    bound: list[tuple[str]] = []
+
+    def can_socket(*_family: int) -> object:
+        return SimpleNamespace(bind=bound.append, recv=theirs.recv, send=theirs.send, fileno=theirs.fileno)
+
+    monkeypatch.setattr(drives, "socket", SimpleNamespace(socket=can_socket, AF_CAN=29, SOCK_RAW=3, CAN_RAW=1))
+    with gateway, theirs, selectors.DefaultSelector() as selector:
+        bus = drives.KernelBus(selector, "vcan0")
+        IdealDrives(bus, 1)
+        gateway.send(pack_frame(0x601, bytes.fromhex("4017100000000000")))
+        for key, _ in selector.select():
+            key.data()
+        frames = [unpack_frame(gateway.recv(CAN_FRAME.size)) for _ in range(2)]
+    assert bound == [("vcan0",)]
+    assert [identifier for identifier, _ in frames] == [0x701, 0x581]
+    config = parse_config(processes.configuration([bus.channel, "127.0.0.1:1"], 4, 4_000_000, (1, 2, 3)))
+    assert [(item.interface, item.channel) for item in config.can] == [
+        ("socketcan", "vcan0"),
+        ("pdgw-bus", "127.0.0.1:1"),
+    ]
+
+
+def test_missing_can_interface_is_refused_before_anything_starts() -> None:
+    for options, told in (
+        (
+            ("--interface", "no-such-can"),
+            "no-such-can, allowed: 1 CAN interfaces of this machine; no-such-can does not exist",
+        ),
+        (("--axes", "4", "--interface", "lo"), "lo, allowed: 2 CAN interfaces"),
+    ):
+        result = workshop("bench", "cycle", *options)
+        assert result.returncode == 1
+        assert f"--interface: {told}" in result.stderr
 
 
 class _Report:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import bisect
 import time
+from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from typing import Protocol
@@ -90,10 +91,12 @@ class Refused:
     why: str
 
 
-def measure(axes: int, period_ns: int, seconds: float, more: str = USUAL_SCHEDULING) -> Row:
+def measure(
+    axes: int, period_ns: int, seconds: float, more: str = USUAL_SCHEDULING, interfaces: Sequence[str] = ()
+) -> Row:
     """Measure a row for about ``seconds``. GatewayError when the axes do not follow.
 
-    ``more``: further tables of the gateway's configuration.
+    ``more``: further tables of the gateway's configuration. ``interfaces``: CAN interfaces of the kernel for the drives.
     """
     cycles = max(2 * SPEEDS, int(seconds * SECOND) // period_ns)
     plc = PlcDialogue(axes, period_ns)
@@ -105,7 +108,7 @@ def measure(axes: int, period_ns: int, seconds: float, more: str = USUAL_SCHEDUL
         echo.begin()
         if not side_by_side:
             run([echo], cycles // 2, period_ns)
-        with running(axes, period_ns, more) as (drives, daemon):
+        with running(axes, period_ns, more, interfaces) as (drives, daemon):
             start_s = daemon.wait_online(axes)
             with closing(Peer(daemon.cyclic_port, plc)) as peer:
                 plc.enable(peer, period_ns)

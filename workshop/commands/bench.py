@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import socket
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -24,6 +25,7 @@ from pdgw.workshop.bench import command_line, flood, killed, recording, settings
 from pdgw.workshop.bench.decoding import decoding, following
 from pdgw.workshop.bench.measuring.build import machine, use_real_time_priority
 from pdgw.workshop.bench.measuring.measure import Latency, document
+from pdgw.workshop.bench.processes.drives import buses
 from pdgw.workshop.bench.profinet import profinet
 from pdgw.workshop.bench.recording import RecordingCost
 from pdgw.workshop.bench.rows import ROWS, Refused, Row, idle, measure
@@ -101,15 +103,28 @@ def cycle(
     axes: Annotated[int, typer.Option(min=1, max=64, help="Axes, three on a bus.")] = 1,
     cycle_time_ms: Annotated[float, typer.Option(min=0.25, max=512, help="Cycle time in milliseconds.")] = 1,
     seconds: Seconds = 3,
+    interface: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="CAN interface of the kernel (vcan, up) instead of a simulated bus; repeat for each three axes."
+        ),
+    ] = None,
     as_json: AsJson = False,
     realtime: RealTime = False,
 ) -> None:
     """Measure one row: a number of axes at one cycle time, compared with the echo."""
+    interfaces = interface or []
+    missing = [name for name in interfaces if name not in (known for _, known in socket.if_nameindex())]
+    if missing or (interfaces and len(interfaces) != len(buses(axes))):
+        raise GatewayError(
+            f"--interface: {', '.join(interfaces)}, allowed: {len(buses(axes))} CAN interfaces of this machine"
+            + (f"; {', '.join(missing)} does not exist" if missing else "")
+        )
     if realtime:
         use_real_time_priority()
     with _progress() as status:
         status.update(f"{axes} axes at {cycle_time_ms:g} ms")
-        row = measure(axes, round(cycle_time_ms * MS), seconds)
+        row = measure(axes, round(cycle_time_ms * MS), seconds, interfaces=interfaces)
     if as_json:
         typer.echo(json.dumps(_document(realtime, rows=[row]), indent=2))
         return

@@ -1,9 +1,10 @@
 """Ideal drives in a separate process: they answer each RPDO of telegram 1 at once with a prepared TPDO.
 
-They report each new NMT state at once. ``python -m pdgw.workshop.bench.processes.drives AXES`` serves loopback buses with up
-to three drives each and prints their channels. Commands on standard input: ``mark`` starts counting, ``report`` prints the
-counts as JSON; the end of the input ends the process. Simulated drives handle everything but RPDOs. An SDO upload that one
-of them answered in one frame before is answered from memory.
+They report each new NMT state at once. ``python -m pdgw.workshop.bench.processes.drives AXES [INTERFACE ...]`` prints the
+channels of its buses with up to three drives each: CAN interfaces of the kernel, without them loopback buses. Commands on
+standard input: ``mark`` starts counting, ``report`` prints the counts as JSON; the end of the input ends the process.
+Simulated drives handle everything but RPDOs. An SDO upload that one of them answered in one frame before is answered from
+memory.
 """
 
 from __future__ import annotations
@@ -11,10 +12,11 @@ from __future__ import annotations
 import json
 import os
 import selectors
+import socket
 import struct
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from pdgw.ds301.bus.can_frame import CAN_FRAME, pack_frame, unpack_frame
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE
@@ -48,14 +50,28 @@ def buses(axes: int) -> list[int]:
     return [min(PER_BUS, axes - first) for first in range(0, axes, PER_BUS)]
 
 
+class KernelBus:
+    """A CAN interface of the kernel while ``readers`` are served. OSError if there is no interface with this name."""
+
+    def __init__(self, readers: selectors.BaseSelector, channel: str) -> None:
+        self.channel = channel
+        self._socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+        self._socket.bind((channel,))
+        self._readers = readers
+
+    def attach(self, receive: Callable[[bytes], None]) -> Callable[[bytes], object]:
+        self._readers.register(self._socket, selectors.EVENT_READ, lambda: receive(self._socket.recv(CAN_FRAME.size)))
+        return self._socket.send
+
+
 class IdealDrives:
     """The drives of one bus, node-IDs 1 to ``count``. ``rpdos``: number of RPDOs received by each.
 
     ``log``: (monotonic nanoseconds, target velocity) of every RPDO of the last drive, which is served last in a cycle.
     """
 
-    def __init__(self, hub: Hub, count: int) -> None:
-        self._send = hub.attach(self._receive)
+    def __init__(self, bus: Hub | KernelBus, count: int) -> None:
+        self._send = bus.attach(self._receive)
         self._nodes = [SimulatedDriveNode(node, self._from_node) for node in range(1, count + 1)]
         self._ideal: dict[int, tuple[Pdo, Pdo]] = {}
         """RPDO and TPDO by node-ID, of drives that answer. The other drives send their first TPDO by themselves."""
@@ -177,9 +193,12 @@ def _serve(selector: selectors.BaseSelector, drives: Sequence[IdealDrives]) -> N
 def main() -> None:
     """Serve the buses."""
     selector = selectors.DefaultSelector()
-    hubs = [Hub(selector) for _ in buses(int(sys.argv[1]))]
-    drives = [IdealDrives(hub, count) for hub, count in zip(hubs, buses(int(sys.argv[1])), strict=True)]
-    print(*(hub.channel for hub in hubs), flush=True)
+    counts, interfaces = buses(int(sys.argv[1])), sys.argv[2:]
+    on: Sequence[Hub | KernelBus] = [KernelBus(selector, name) for name in interfaces] or [
+        Hub(selector) for _ in counts
+    ]
+    drives = [IdealDrives(bus, count) for bus, count in zip(on, counts, strict=True)]
+    print(*(bus.channel for bus in on), flush=True)
     _serve(selector, drives)
 
 

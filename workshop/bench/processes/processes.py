@@ -20,6 +20,7 @@ from typing import Any
 from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status_client import fetch
+from pdgw.peers.bus import INTERFACE
 from pdgw.tools.demo.links import free_ports
 from pdgw.workshop.bench.processes.drives import PER_BUS
 
@@ -122,7 +123,8 @@ def configuration(channels: Sequence[str], axes: int, period_ns: int, ports: tup
         f"status_port = {ports[2]}",
     ]
     for number, channel in enumerate(channels):
-        lines += ["[[can]]", f'name = "can{number}"', 'interface = "pdgw-bus"', f'channel = "{channel}"']
+        interface = INTERFACE if ":" in channel else "socketcan"
+        lines += ["[[can]]", f'name = "can{number}"', f'interface = "{interface}"', f'channel = "{channel}"']
     for axis in range(axes):
         lines += [
             "[[axis]]",
@@ -193,17 +195,19 @@ def environment() -> dict[str, str]:
 
 
 @contextmanager
-def running(axes: int, period_ns: int, more: str = USUAL_SCHEDULING) -> Iterator[tuple[Drives, Gateway]]:
+def running(
+    axes: int, period_ns: int, more: str = USUAL_SCHEDULING, interfaces: Sequence[str] = ()
+) -> Iterator[tuple[Drives, Gateway]]:
     """Start ideal drives and a gateway, which may not be online yet. Both end with the block.
 
-    ``more``: further tables of its configuration.
+    ``more``: further tables of its configuration. ``interfaces``: CAN interfaces of the kernel for the drives.
     """
     cyclic, acyclic = free_ports(socket.SOCK_DGRAM, 2)
     (status,) = free_ports(socket.SOCK_STREAM, 1)
     ports = (cyclic, acyclic, status)
     with (
         tempfile.TemporaryDirectory() as directory,
-        ended(module("pdgw.workshop.bench.processes.drives", str(axes))) as process,
+        ended(module("pdgw.workshop.bench.processes.drives", str(axes), *interfaces)) as process,
     ):
         drives = Drives(process)
         config, log = Path(directory) / "gateway.toml", Path(directory) / "gateway.log"
