@@ -120,8 +120,8 @@ planted: $(STAMP)
 	sed -i '/^| what is broken/,$$d' tests/workshop/planted-defects.md
 	$(BIN)/python -m pdgw.workshop soak --planted --seed 1 >> tests/workshop/planted-defects.md
 
-# Every state that a PLC, a loss and a lying drive can bring an axis to: the cases of ``selected`` in a minute, every telegram in
-# some minutes; all choices with all telegrams take hours (``--full``).
+# Every state that a PLC, a loss and a lying drive can bring an axis to: every telegram and every setting in some minutes; all
+# settings with all telegrams, homing and jog in about an hour.
 walk: $(STAMP)
 	$(BIN)/python -m pdgw.workshop.walk
 

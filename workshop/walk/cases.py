@@ -91,6 +91,7 @@ class Case:
                 self.on_plc_loss.value,
                 *(["resume"] if self.resume else []),
                 *(["hold"] if self.hold else []),
+                *(["full"] if self.full else []),
                 *(["guarding"] if self.guarding else []),
                 *([] if self.life is None else ["sign of life"]),
                 *(["homing"] if self.homing else []),
@@ -174,31 +175,26 @@ def short() -> Iterator[Case]:
 
 
 def selected() -> Iterator[Case]:
-    """For CI: each reaction to a loss and each setting once; sign of life, guarding and traversing tasks."""
+    """For CI: each telegram of a drive with the defaults, each setting once, sign of life and guarding."""
+    yield from map(Case, DRIVE_TELEGRAM_NUMBERS)
     quick_stop, ramp, coast = PlcLossReaction.QUICK_STOP, PlcLossReaction.RAMP, PlcLossReaction.COAST
-    yield Case(1, quick_stop)
     yield Case(1, quick_stop, resume=True, hold=True, waits=True)
     yield Case(1, ramp)
     yield Case(1, coast, hold=True)
-    yield Case(RAW, quick_stop)
     yield Case(RAW, ramp)
     yield Case(2, life=1)
     yield Case(1, guarding=True)
-    yield Case(9)
 
 
 def every() -> Iterator[Case]:
-    """Each telegram of a drive once with the defaults, then homing, jog, and the rest of ``selected``."""
-    once = [Case(number) for number in DRIVE_TELEGRAM_NUMBERS]
-    yield from once
+    """Also all settings with all telegrams, with the full set of inputs where a telegram has no tasks; homing and jog."""
+    before = list(selected())
+    yield from before
+    for number in DRIVE_TELEGRAM_NUMBERS:
+        full = number not in TASK_TELEGRAM_NUMBERS
+        for loss, resume, hold in product(PlcLossReaction, (False, True), (False, True)):
+            case = Case(number, loss, resume, hold, full=full, tick_ns=FINE_TICK_NS if full else TICK_NS)
+            if case not in before:
+                yield case
     yield from (Case(number, homing=True, tick_ns=LONG_TICK_NS) for number in TASK_TELEGRAM_NUMBERS)
     yield from (Case(number, jog=True, tick_ns=LONG_TICK_NS) for number in POSITIONER_TELEGRAM_NUMBERS)
-    yield from (case for case in selected() if case not in once)
-
-
-def full() -> Iterator[Case]:
-    """All settings with all telegrams and the full set of inputs: takes hours."""
-    for number in DRIVE_TELEGRAM_NUMBERS:
-        for loss, resume, hold in product(PlcLossReaction, (False, True), (False, True)):
-            homing, jog = number in TASK_TELEGRAM_NUMBERS, number in POSITIONER_TELEGRAM_NUMBERS
-            yield Case(number, loss, resume, hold, full=True, homing=homing, jog=jog, tick_ns=FINE_TICK_NS)

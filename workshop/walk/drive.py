@@ -39,16 +39,13 @@ def anything(mode: int, *, tasks: bool, homing: bool, jog: bool, full: bool) -> 
         homed = _OPERATING | StatusBit.MODE_12 | StatusBit.TARGET_REACHED
         shown += [
             Shown("Operation Enabled, parameters taken", _OPERATING, answer=""),
+            Shown("Operation Enabled, parameters refused", _OPERATING, answer="refused"),
             Shown("Operation Enabled, homes", _OPERATING, TURNING, mode=Mode.HOMING),
             Shown("Operation Enabled, homed", homed, mode=Mode.HOMING),
+            Shown("Operation Enabled, homing error", _OPERATING | StatusBit.MODE_13, mode=Mode.HOMING),
         ]
     if jog:
         shown.append(Shown("Operation Enabled, velocity mode", _OPERATING, mode=Mode.VELOCITY))
-    if homing and full:
-        shown += [
-            Shown("Operation Enabled, parameters refused", _OPERATING, answer="refused"),
-            Shown("Operation Enabled, homing error", _OPERATING | StatusBit.MODE_13, mode=Mode.HOMING),
-        ]
     if full:
         shown += [
             Shown("Operation Enabled, turns", _OPERATING, TURNING),
