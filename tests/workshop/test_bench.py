@@ -33,7 +33,9 @@ from pdgw.profidrive.frame import RtFrame
 from pdgw.profidrive.telegrams import telegram
 from pdgw.profinet.rpc.server import RecordServer
 from pdgw.workshop.bench import command_line, flood, killed, recording, settings, stops, storm
+from pdgw.workshop.bench import rows as bench_rows
 from pdgw.workshop.bench.measuring.dialogues import SPEEDS, EchoDialogue, PlcDialogue, speed
+from pdgw.workshop.bench.measuring.histogram import Histogram, octaves
 from pdgw.workshop.bench.measuring.measure import Latency, latency
 from pdgw.workshop.bench.measuring.schedule import Peer
 from pdgw.workshop.bench.processes import drives, processes
@@ -64,6 +66,16 @@ def test_percentiles_count_a_missed_cycle_as_one_that_took_the_whole_period() ->
     assert (result.samples, result.missed, result.missed_share) == (990, 10, 0.01)
     with pytest.raises(GatewayError, match="no answer in 7 cycles"):
         latency([], 7, 1)
+
+
+def test_a_histogram_has_the_percentiles_of_its_samples() -> None:
+    histogram = Histogram()
+    histogram.add([n * 1000 for n in range(1, 9_001)], 0, 5_000_000)
+    histogram.add([2_004_999], 999, 5_000_000)
+    assert (histogram.cycles, histogram.missed) == (10_000, 999)
+    assert histogram.percentiles() == [4_992, 8_896, 8_960, 8_992, 8_992], "rounded down by 32 us at most"
+    assert sum(counts[0] for _, counts in octaves([histogram])) == 10_000
+    assert dict(octaves([histogram]))[4_096] == [4_096 + 999]
 
 
 class _Numbers:
@@ -306,7 +318,7 @@ def measured(measurement: Callable[[], T], useful: Callable[[T], object] = lambd
 
 
 @pytest.mark.e2e
-def test_short_measurements_are_consistent_and_name_the_build() -> None:
+def test_short_measurements_are_consistent_and_name_the_build(monkeypatch: pytest.MonkeyPatch) -> None:
     arguments = ["cycle", "--axes", "4", "--cycle-time-ms", "4", "--seconds", "0.5", "--json"]
     result = measured(lambda: CliRunner().invoke(app, arguments, catch_exceptions=False))
     assert result.exit_code == 0, result.output
@@ -325,6 +337,12 @@ def test_short_measurements_are_consistent_and_name_the_build() -> None:
     told = measured(lambda: storm.measure(seconds=0.5, phases=1), lambda storm: storm.requests_per_s)
     assert told.quiet.samples > 0
     assert told.storm.samples > 0
+    monkeypatch.setattr(bench_rows, "_MINUTE_NS", 250 * MS)
+    arguments = ["hours", "--hours", str(2 / 60), "--axes", "1", "--cycle-time-ms", "4", "--json"]
+    result = measured(lambda: CliRunner().invoke(app, arguments, catch_exceptions=False))
+    hours = json.loads(result.output)["hours"]
+    for name in ("gateway", "echo"):
+        assert 0 < sum(hours[name]["counts"].values()) == hours[name]["cycles"] <= 2 * 62
 
 
 @pytest.mark.parametrize(("row", "loss"), stops.VIRTUAL, ids=lambda item: getattr(item, "cause", None))

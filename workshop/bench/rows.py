@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import bisect
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from typing import Protocol
 
-from pdgw.durations import MS, SECOND
+from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
 from pdgw.gateway.errors import GatewayError
 from pdgw.workshop.bench.measuring.dialogues import SPEEDS, EchoDialogue, PlcDialogue
+from pdgw.workshop.bench.measuring.histogram import Histogram
 from pdgw.workshop.bench.measuring.measure import Latency, latency
 from pdgw.workshop.bench.measuring.schedule import Peer, flat_out, run
 from pdgw.workshop.bench.processes import processes
@@ -36,6 +37,7 @@ ROWS = (
 _SIDE_BY_SIDE_NS = 1 * MS
 _FLAT_OUT_SHARE = 0.3
 """Share of a row's time without a fixed cycle."""
+_MINUTE_NS = SECONDS_PER_MINUTE * SECOND
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,3 +186,45 @@ def idle(axes: int, period_ns: int, seconds: float) -> float | None:
         time.sleep(seconds)
         used = daemon.cpu_ns()
         return None if cpu is None or used is None else (used - cpu) / (time.monotonic_ns() - begin)
+
+
+@dataclass(frozen=True, slots=True)
+class Endurance:
+    """A measurement of hours: the latencies at the client."""
+
+    echo: Histogram
+    gateway: Histogram
+    stops: int
+    """Minutes at whose end an axis was not in operation."""
+    slept: int
+    """Cycles without a frame because the client was not running."""
+    resident_bytes: tuple[int | None, int | None]
+    """Memory of the gateway after the first minute and at the end."""
+
+
+def endure(axes: int, period_ns: int, minutes: int, progress: Callable[[str], None]) -> Endurance:
+    """Measure minute after minute on one gateway, with the echo half a period after it.
+
+    The axes are enabled again before each minute: evaluating the minute before takes longer than the watchdog time.
+    """
+    plc, histograms = PlcDialogue(axes, period_ns), (Histogram(), Histogram())
+    stops = slept = 0
+    memory: list[int | None] = []
+    with ExitStack() as at_end:
+        port, _ = at_end.enter_context(processes.echo())
+        echo = at_end.enter_context(closing(Peer(port, EchoDialogue(plc.size))))
+        _, daemon = at_end.enter_context(running(axes, period_ns))
+        daemon.wait_online(axes)
+        peer = at_end.enter_context(closing(Peer(daemon.cyclic_port, plc)))
+        for minute in range(minutes):
+            progress(f"minute {minute + 1} of {minutes}")
+            plc.enable(peer, period_ns)
+            peer.begin()
+            echo.begin()
+            run([peer, echo], _MINUTE_NS // period_ns, period_ns)
+            stops += not plc.operating(peer.newest)
+            slept += peer.slept
+            for histogram, measured in zip(histograms, (echo, peer), strict=True):
+                histogram.add(measured.samples, measured.missed, period_ns)
+            memory.append(daemon.resident_bytes())
+    return Endurance(*histograms, stops, slept, (memory[0], memory[-1]))

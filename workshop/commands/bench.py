@@ -24,11 +24,12 @@ from pdgw.tools.output.reports import HtmlFile, JUnitFile, Report, figures
 from pdgw.workshop.bench import command_line, flood, killed, recording, settings, stops, storm, translation, watching
 from pdgw.workshop.bench.decoding import decoding, following
 from pdgw.workshop.bench.measuring.build import machine, use_real_time_priority
+from pdgw.workshop.bench.measuring.histogram import SHARES, octaves
 from pdgw.workshop.bench.measuring.measure import Latency, document
 from pdgw.workshop.bench.processes.drives import buses
 from pdgw.workshop.bench.profinet import profinet
 from pdgw.workshop.bench.recording import RecordingCost
-from pdgw.workshop.bench.rows import ROWS, Refused, Row, idle, measure
+from pdgw.workshop.bench.rows import ROWS, Refused, Row, endure, idle, measure
 from pdgw.workshop.bench.stops import Stop
 from pdgw.workshop.bench.translation import TranslationCost
 
@@ -39,6 +40,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 RealTime = Annotated[
     bool, typer.Option("--realtime", help="All processes with real-time priority (Linux; root or CAP_SYS_NICE).")
 ]
+MINUTES_PER_HOUR = 60
 _STOP_SHARES = (0.5, 0.99, 1.0)
 _IDLE_AXES, _IDLE_PERIOD_NS = 4, 10 * MS
 
@@ -132,6 +134,40 @@ def cycle(
     _print_machine(console, realtime)
     _print_row(console, row, first=True)
     _print_costs(console, [row])
+
+
+@app.command("hours")
+def hours_command(
+    hours: Annotated[float, typer.Option(min=1 / MINUTES_PER_HOUR, max=1000, help="Duration in hours.")] = 12,
+    axes: Annotated[int, typer.Option(min=1, max=64, help="Axes, three on a bus.")] = 8,
+    cycle_time_ms: Annotated[float, typer.Option(min=1, max=512, help="Cycle time in milliseconds.")] = 1,
+    as_json: AsJson = False,
+    realtime: RealTime = False,
+) -> None:
+    """Measure the exchange for hours, up to the 99.99th percentile, with a histogram of the latencies."""
+    if realtime:
+        use_real_time_priority()
+    with _progress() as status:
+        found = endure(axes, round(cycle_time_ms * MS), round(hours * MINUTES_PER_HOUR), status.update)
+    if as_json:
+        typer.echo(json.dumps(_document(realtime, hours=found), indent=2))
+        return
+    _print_machine(console := Console(), realtime)
+    both = {"echo": found.echo, "gateway": found.gateway}
+    table = Table("", *SHARES, "missed", title=f"{axes} axes at {cycle_time_ms:g} ms for {hours:g} h, latency in us")
+    for name, histogram in both.items():
+        missed = f"{histogram.missed} of {histogram.cycles}"
+        table.add_row(name, *map(str, histogram.percentiles()), missed)
+    console.print(table)
+    table = Table("from us", *both, title="cycles by latency")
+    for low, counts in octaves(list(both.values())):
+        table.add_row(str(low), *map(str, counts))
+    console.print(table)
+    first, last = ("?" if value is None else f"{value / 2**20:.0f} MiB" for value in found.resident_bytes)
+    console.print(
+        f"memory {first} after the first minute, {last} at the end; {found.stops} minutes with a stopped axis; "
+        f"{found.slept} cycles in which the client itself slept"
+    )
 
 
 @app.command("profinet")
