@@ -18,15 +18,17 @@ HALT, NEW_SETPOINT = ControlBit.HALT, ControlBit.NEW_SETPOINT
 ZSW1 = signal("ZSW1")
 REACHED = ZSW1.bit("TARGET_REACHED", positioning=True).mask
 WARNING = ZSW1.bit("WARNING").mask
-FAST = 3000
-"""Actual speed of an axis that turns."""
+SETPOINT_REACHED = signal("POS_ZSW2").bit("SETPOINT_REACHED").mask
+FAST, SLOW = 3000, 60
+"""Actual speeds of an axis that turns: outside and at the edge of the standstill window (1 % of 6000)."""
 
 
 class Continuing:
     """A drive in profile position: a setpoint stays in force until another one, Halt only interrupts it."""
 
-    def __init__(self, hand: Hand) -> None:
+    def __init__(self, hand: Hand, speed: int = FAST) -> None:
         self.hand = hand
+        self.speed = speed
         self.word = 0
         self.runs = False
         self.moved = 0
@@ -36,7 +38,7 @@ class Continuing:
         hand, before = self.hand, self.word
         turns = self.runs and not before & HALT
         self.moved += turns
-        hand.feedback.velocity_actual = FAST if turns else 0
+        hand.feedback.velocity_actual = self.speed if turns else 0
         shown = OPERATING | (StatusBit.MODE_12 if before & NEW_SETPOINT else 0)
         self.word = hand(stw1, shown | (0 if turns else StatusBit.TARGET_REACHED), **values)
         self.runs = self.runs or self.word & ~before & NEW_SETPOINT != 0
@@ -49,10 +51,10 @@ MAKES: dict[str, tuple[Callable[..., Hand], dict[str, int]]] = {
 }
 
 
-def rejected(name: str) -> Continuing:
+def rejected(name: str, speed: int = FAST) -> Continuing:
     """A task was rejected in its middle."""
     make, values = MAKES[name]
-    drive = Continuing(make().enable())
+    drive = Continuing(make().enable(), speed)
     for _ in range(5):
         drive(ON | ACTIVATE, **values)
     assert drive.moved
@@ -75,11 +77,24 @@ def test_a_rejected_task_that_the_drive_continues_is_stopped_for_good(name: str)
 
 
 @pytest.mark.parametrize("name", MAKES)
-def test_reached_is_not_shown_while_a_rejected_task_continues(name: str) -> None:
-    drive = rejected(name)
+def test_a_rejected_task_within_the_standstill_window_is_stopped_too(name: str) -> None:
+    drive = rejected(name, SLOW)
+    words = [drive(ON) for _ in range(1000)]
+    assert drive.moved <= 2
+    assert words[-1] & HALT
+    assert not any(word & NEW_SETPOINT for word in words)
+    assert drive.hand.actuals["ZSW1"] & (WARNING | REACHED) == REACHED
+
+
+@pytest.mark.parametrize("speed", [FAST, SLOW])
+@pytest.mark.parametrize("name", MAKES)
+def test_reached_is_not_shown_while_a_rejected_task_continues(name: str, speed: int) -> None:
+    drive = rejected(name, speed)
     for _ in range(20):
         drive(ON)
-        assert not (drive.hand.feedback.velocity_actual and drive.hand.actuals["ZSW1"] & REACHED)
+        shown = drive.hand.actuals
+        reached = shown["ZSW1"] & REACHED or shown.get("POS_ZSW2", 0) & SETPOINT_REACHED
+        assert not (drive.hand.feedback.velocity_actual and reached)
 
 
 @pytest.mark.parametrize("name", MAKES)

@@ -58,8 +58,10 @@ class MotionExecutor(Executor):
         """When CW.4 rose for a setpoint, monotonic ns; -1 while it is 0."""
         self._halted = False
         """Halt has stopped a setpoint, and none came since: the drive may continue it when Halt falls."""
+        self._continued = False
+        """It turned again, or does not show that it has ended its ramp: Halt stays."""
         self._moved = False
-        """It did: Halt stays."""
+        """The axis also left the standstill window: a warning."""
         self._bits = 0
         """Controlword bits of the setpoint given last, beside CW.4."""
         self._homing_begun = 0
@@ -175,18 +177,20 @@ class MotionExecutor(Executor):
         """The drive has no stopped setpoint any more."""
         if self._moved:
             self.outputs.warned = False
-        self._halted = self._moved = False
+        self._halted = self._continued = self._moved = False
 
     def _stays_halted(self) -> bool:
         """Without a function and after the fall of Halt: whether the drive continues what Halt has stopped."""
         outcome = self.positioner.outcome
-        if self._halted and not self._moved and not self.inputs.standstill and not self._mode.halted:
+        if self._halted and not self._mode.halted and not self.stopped:
+            self._continued = True
+        if self._continued and not self._moved and not self.inputs.standstill:
             self._moved = self.outputs.warned = True
             outcome.warning = None
             self.outputs.found.append((FaultNumber.MOVES_UNASKED, f"speed {self.feedback.velocity_actual}"))
         if self._moved and outcome.warning is None:
             outcome.warning = Reason.MOVES_UNASKED
-        return self._moved
+        return self._continued
 
     def _await_acknowledge(self) -> None:
         """The drive has not taken the setpoint: a warning after ``ACKNOWLEDGE_NS``."""

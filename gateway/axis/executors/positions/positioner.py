@@ -199,6 +199,8 @@ class PositionerExecutor(MotionExecutor):
             return reason
         outcome, feedback, outputs = self._cycle(), self.feedback, self.outputs
         asked = self.demand.motion or self._nothing
+        if self._continued and not self.stopped:
+            outcome.reached = False
         if outcome.probe is (outputs.probe is None):
             self._probe(asked)
         if asked.operating:

@@ -69,7 +69,7 @@ class PositioningExecutor(MotionExecutor):
             reason = self.outputs.reason
             if outcome.warning is not None and (reason is None or reason is Reason.MDI_OFF):
                 reason = outcome.warning
-            waits = outcome.state is _IDLE and (self.inputs.standstill or not self._moved)
+            waits = outcome.state is _IDLE and (not self._continued or self.stopped)
             if waits or (homes and self._seen.homing is HomingResult.ATTAINED):
                 flags |= _REACHED
         if outcome.home_set:
