@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.signals import signal
+from tests.gateway.axis.test_positioner import positioner as simulated
 from tests.gateway.axis.test_positioner_handshake import MDI_ABSOLUTE, positioner
+from tests.gateway.axis.test_positioning import SMALL
 from tests.gateway.axis.test_positioning_handshake import positioning
 from tests.support.axis.hand import OFF, ON, OPERATING, Hand
+from tests.support.axis.positioner import CHOICES
 
 REJECT, INTERMEDIATE, ACTIVATE, HOMING = 0x10, 0x20, 0x40, 0x800
 HALT, NEW_SETPOINT = ControlBit.HALT, ControlBit.NEW_SETPOINT
@@ -166,3 +170,16 @@ def test_halt_of_a_drive_that_continues_ends_with_the_operation(name: str) -> No
     drive(OFF)
     drive.hand.enable()
     assert not any(drive(ON) & HALT for _ in range(20))
+
+
+def test_a_homing_that_is_aborted_after_a_reject_is_not_reported_as_motion_without_a_task() -> None:
+    rig = simulated(111, replace(CHOICES, homing_method=17), SMALL)
+    rig.values |= {"POS_STW1": MDI_ABSOLUTE, "MDI_TARPOS": 40_000, "MDI_VELOCITY": 12_000, "STW1": ON | ACTIVATE}
+    for word, cycles in ((ON | ACTIVATE, 20), (ON & ~REJECT, 60), (ON, 10), (ON | HOMING, 60)):
+        rig.values["STW1"] = word
+        rig.step(cycles)
+    assert rig.feedback.velocity_actual
+    rig.values["STW1"] = ON
+    rig.step(200)
+    assert not rig.stepper.events
+    assert not rig.stepper.command.controlword & HALT

@@ -182,7 +182,7 @@ class MotionExecutor(Executor):
     def _stays_halted(self) -> bool:
         """Without a function and after the fall of Halt: whether the drive continues what Halt has stopped."""
         outcome = self.positioner.outcome
-        if self._halted and not self._mode.halted and not self.stopped:
+        if self._halted and not self._mode.halted and not self.stopped and self._mode.shows_base():
             self._continued = True
         if self._continued and not self._moved and not self.inputs.standstill:
             self._moved = self.outputs.warned = True
