@@ -7,16 +7,19 @@ from dataclasses import replace
 
 import pytest
 
+from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.signals import signal
+from tests.gateway.axis.test_modulo import TABLE, drive_type
 from tests.gateway.axis.test_positioner import positioner as simulated
-from tests.gateway.axis.test_positioner_handshake import MDI_ABSOLUTE, positioner
+from tests.gateway.axis.test_positioner_handshake import MDI_ABSOLUTE, SETTING_UP, positioner
 from tests.gateway.axis.test_positioning import SMALL
 from tests.gateway.axis.test_positioning_handshake import positioning
 from tests.support.axis.hand import OFF, ON, OPERATING, Hand
 from tests.support.axis.positioner import CHOICES
 
+JOG = 0x100
 REJECT, INTERMEDIATE, ACTIVATE, HOMING = 0x10, 0x20, 0x40, 0x800
 HALT, NEW_SETPOINT = ControlBit.HALT, ControlBit.NEW_SETPOINT
 ZSW1 = signal("ZSW1")
@@ -28,11 +31,16 @@ FAST, SLOW = 3000, 60
 
 
 class Continuing:
-    """A drive in profile position: a setpoint stays in force until another one, Halt only interrupts it."""
+    """A drive in profile position: a setpoint stays in force until another one, Halt only interrupts it.
 
-    def __init__(self, hand: Hand, speed: int = FAST) -> None:
+    ``takes_modes``: it follows 6060h, and another mode ends the setpoint.
+    """
+
+    def __init__(self, hand: Hand, speed: int = FAST, *, takes_modes: bool = False) -> None:
         self.hand = hand
         self.speed = speed
+        self.takes_modes = takes_modes
+        self.modes: set[int] = set()
         self.word = 0
         self.runs = False
         self.moved = 0
@@ -40,6 +48,10 @@ class Continuing:
 
     def __call__(self, stw1: int, **values: int) -> int:
         hand, before = self.hand, self.word
+        if self.takes_modes:
+            hand.mode = hand.stepper.command.modes_of_operation
+            self.modes.add(hand.mode)
+            self.runs = self.runs and hand.mode == Mode.POSITION
         turns = self.runs and not before & HALT
         self.moved += turns
         hand.feedback.velocity_actual = self.speed if turns else 0
@@ -170,6 +182,70 @@ def test_halt_of_a_drive_that_continues_ends_with_the_operation(name: str) -> No
     drive(OFF)
     drive.hand.enable()
     assert not any(drive(ON) & HALT for _ in range(20))
+
+
+NEXT: dict[str, tuple[int, dict[str, int], Mode]] = {
+    "jog": (ON | JOG, {}, Mode.VELOCITY),
+    "setting up": (ON | ACTIVATE, {"POS_STW1": SETTING_UP}, Mode.VELOCITY),
+    "homing": (ON | HOMING, {}, Mode.HOMING),
+}
+"""Functions of telegram 111 in another mode."""
+
+
+def run(drive: Continuing, name: str) -> None:
+    """One cycle of a function; the drive accepts the homing method."""
+    word, values, _ = NEXT[name]
+    drive(word, **values)
+    if drive.hand.stepper.sdo_request is not None:
+        drive.hand.stepper.sdo_done(None)
+
+
+def interrupted(*, reject: bool, takes_modes: bool, speed: int = FAST) -> Continuing:
+    """Telegram 111 in the middle of a task that is rejected, or will be replaced."""
+    drive = Continuing(positioner().enable(), speed, takes_modes=takes_modes)
+    for _ in range(5):
+        drive(ON | ACTIVATE, MDI_TARPOS=10_000)
+    for _ in range(10):
+        drive(ON & ~REJECT if reject else ON)
+        if reject:
+            drive(ON)
+    drive.moved = 0
+    return drive
+
+
+@pytest.mark.parametrize(("name", "reject"), [*((name, True) for name in NEXT), ("setting up", False)])
+def test_a_function_in_another_mode_begins_on_a_drive_that_continues(name: str, reject: bool) -> None:
+    drive = interrupted(reject=reject, takes_modes=True)
+    for _ in range(100):
+        run(drive, name)
+    assert drive.moved <= 2, "not in jerks to the old target"
+    assert NEXT[name][2] in drive.modes
+
+
+@pytest.mark.parametrize("speed", [FAST, SLOW])
+@pytest.mark.parametrize("name", NEXT)
+def test_a_drive_that_refuses_the_mode_does_not_continue_the_stopped_task(name: str, speed: int) -> None:
+    drive = interrupted(reject=True, takes_modes=False, speed=speed)
+    for _ in range(300):
+        run(drive, name)
+    assert drive.hand.stepper.reason is Reason.MODE_NOT_CONFIRMED
+    for _ in range(100):
+        drive(ON & ~REJECT)
+    for _ in range(100):
+        drive(ON)
+    assert drive.moved <= 6
+    words = [drive(ON | ACTIVATE, POS_STW1=MDI_ABSOLUTE) for _ in range(6)]
+    assert any(word & NEW_SETPOINT for word in words), "the next task"
+
+
+def test_a_task_across_the_wrap_replaces_one_on_a_drive_that_continues() -> None:
+    drive = Continuing(positioner(replace(TABLE, software_limits=None), drive_type(wraps=True)).enable())
+    drive.hand.feedback.position_actual = 10
+    for _ in range(5):
+        drive(ON | ACTIVATE, MDI_TARPOS=2000)
+    drive(ON)
+    words = [drive(ON | ACTIVATE, MDI_TARPOS=9900) for _ in range(10)]
+    assert any(word & NEW_SETPOINT for word in words)
 
 
 def test_a_homing_that_is_aborted_after_a_reject_is_not_reported_as_motion_without_a_task() -> None:

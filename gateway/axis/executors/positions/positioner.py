@@ -275,11 +275,14 @@ class PositionerExecutor(MotionExecutor):
         if kind is _STAND:
             return self._ramp_down()
         mode, ring = self._mode, self._ring
-        if ring is not None and not self.stopped and self._crosses(ring, motion, units):
+        if ring is not None and not self.stopped and self._crosses(ring, motion, units) and not self._released():
             return self._slow_down()
         wanted = _HOMING_MODE if kind is _HOMING else _POSITION_MODE if kind is _POSITION else _VELOCITY_MODE
-        if mode.mode != wanted and not self.inputs.standstill:
+        if mode.mode != wanted and not self.inputs.standstill and not self._released():
             return self._slow_down()
+        if mode.mode == wanted and self._halted and self._stays_in_position_mode():
+            mode.confirmed(wanted)
+            return HALT
         if mode.halted and not (kind is _HOMING and self._halted):
             return 0  # reset Halt alone: a setpoint or a mode together with it is not allowed
         if kind is _HOMING:
@@ -312,7 +315,19 @@ class PositionerExecutor(MotionExecutor):
         """Decelerate to standstill in the present mode."""
         self._set_at = -1
         self.command.target_velocity = 0
-        return 0 if self._mode.mode == _VELOCITY_MODE else HALT
+        if self._mode.mode == _VELOCITY_MODE:
+            return 0
+        self._halted = True
+        return HALT
+
+    def _released(self) -> bool:
+        """Halt has stopped a setpoint and has fallen: a drive that continues is given the next setpoint or mode at once."""
+        return self._halted and not self._mode.halted and self._mode.shows_base()
+
+    def _stays_in_position_mode(self) -> bool:
+        """The drive does not take another mode, and continues what Halt has stopped: Halt stays until it does."""
+        mode = self._mode
+        return mode.mode != mode.base and mode.shows_base() and (mode.halted or not self.stopped)
 
     def _ramp_down(self) -> int:
         """Ramp down; Halt stays while a function is kept, and falls at standstill without a restart otherwise."""
@@ -325,8 +340,8 @@ class PositionerExecutor(MotionExecutor):
             self._end_set_point()
         if mode.mode == _VELOCITY_MODE:
             self.command.target_velocity = 0
-            return 0
-        if mode.mode == _HOMING_MODE and self.inputs.standstill:
+            return HALT if self._halted and self._stays_in_position_mode() else 0
+        if mode.mode == _HOMING_MODE and (self.inputs.standstill or self._released()):
             if not mode.halted:
                 mode.confirmed(mode.base)
             return 0
