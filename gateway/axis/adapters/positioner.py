@@ -173,10 +173,12 @@ class BlockAdapter(PositionerAdapter):
         self._has_mdi = "MDI_TARPOS" in telegram.setpoints.names
 
     def read_controls(self, controls: Sequence[int]) -> None:
-        selection = controls[1]
-        self.asked.block = _BLOCK.of(selection)
-        # The telegram has no MDI: its bit selects a task that cannot be executed (speed 0).
-        self.asked.mdi = selection & _BLOCK_MDI != 0
+        asked, selection = self.asked, controls[1]
+        asked.block = _BLOCK.of(selection)
+        # Telegram 7 has no MDI: its bit selects a task that cannot be executed (speed 0).
+        asked.mdi = selection & _BLOCK_MDI != 0
+        # Limits have no bit in telegrams 7 and 110: they are supervised as soon as they are known.
+        asked.software_limits = asked.hardware_limits = True
 
     def write(self, report: Report, actuals: list[int]) -> None:
         actuals[self.zsw1] = self.status(report.flags) & _OWN
@@ -303,8 +305,6 @@ class SelectionAdapter(BlockAdapter):
         asked = self.asked
         word, mode = controls[2], controls[3]
         _read_alike(asked, word, mode, _MOD_ABSOLUTE, _MOD_POSITIVE, _MOD_NEGATIVE)
-        # Limits have no bit here: they are supervised as soon as they are known.
-        asked.software_limits = asked.hardware_limits = True
 
     def read_values(self, setpoints: Sequence[int]) -> None:
         self._mdi.read(setpoints, self.asked)

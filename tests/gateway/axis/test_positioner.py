@@ -285,10 +285,13 @@ def test_a_reference_point_is_set_and_kept_until_the_drive_restarts() -> None:
     assert not rig.actuals["ZSW1"] & 0x0800
 
 
-def test_software_limits_end_jogging_at_the_limit() -> None:
-    rig = positioner()
+@pytest.mark.parametrize(
+    ("number", "values"), [(7, {}), (110, {"OVERRIDE": 0}), (111, {"POS_STW2": 0x4000, "OVERRIDE": 0})]
+)
+def test_software_limits_end_jogging_at_the_limit(number: int, values: dict[str, int]) -> None:
+    rig = positioner(number)
     home(rig)
-    rig.values |= {"STW1": 0x063F, "POS_STW2": 0x4000, "OVERRIDE": 0}
+    rig.values |= {"STW1": 0x063F, **values}
     rig.step(60)
     assert rig.feedback.modes_of_operation_display == Mode.POSITION
     assert rig.stepper.command.target_position == 409_600
