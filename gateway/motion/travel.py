@@ -71,6 +71,8 @@ class Course:
         """Serial of the setpoint that waits in the drive, 0 for none."""
         self.limits: tuple[int, int] | None = None
         """The software limits, while they are watched."""
+        self._limited = False
+        """The requested speed was above the maximum."""
         self._limit_since = -1
         self._at_limit = False
         self._stop_since = -1
@@ -132,7 +134,7 @@ class Course:
     def go(self, velocity: int, acceleration: int, deceleration: int, *, scaled: bool = True) -> None:
         """Move with a signed speed, to the software limit where one is watched."""
         limited = max(-self.settings.max_velocity, min(velocity, self.settings.max_velocity))
-        self.outcome.speed_limited = limited != velocity
+        self._limited = limited != velocity
         self.speed = Goal(_SPEED, 0, None, limited, acceleration, deceleration, scaled)
         self._aim_speed()
 
@@ -164,7 +166,7 @@ class Course:
         self.speed = None
         highest = self.settings.max_velocity
         limited = velocity if velocity < highest else highest
-        self.outcome.speed_limited = limited != velocity
+        self._limited = limited != velocity
         distance = None if absolute else target
         end = self._end(target, absolute, direction)
         if self.limits is not None:
@@ -249,6 +251,8 @@ class Course:
         motion.kind, motion.target, motion.distance = goal.kind, goal.target, goal.distance
         motion.velocity, motion.acceleration, motion.deceleration = goal.velocity, goal.acceleration, goal.deceleration
         motion.override, motion.immediate, motion.torque = override, True, goal.torque
+        highest = self.settings.max_velocity * FULL
+        self.outcome.speed_limited = self._limited or abs(goal.velocity) * override > highest
         if not motion.first:
             motion.first = serial
 

@@ -353,6 +353,24 @@ def test_intermediate_stop_of_a_speed_is_speed_0_and_then_resumes() -> None:
     assert command.target_velocity == 600
 
 
+@pytest.mark.parametrize(("word", "mode"), [(MDI_ABSOLUTE, Mode.POSITION), (SETTING_UP, Mode.VELOCITY)])
+def test_override_above_100_percent_does_not_exceed_the_maximum_velocity(word: int, mode: Mode) -> None:
+    hand = positioner(replace(CHOICES, max_velocity=3000)).enable()
+    hand.mode = mode
+    limited = []
+    for override in (0x7FFF, 0x4000, 0x2000):
+        for _ in range(3):
+            hand(ON | ACTIVATE, OVERRIDE=override, POS_STW1=word, MDI_TARPOS=50_000)
+        hand(ON | ACTIVATE, OPERATING | TAKEN)
+        hand(ON | ACTIVATE)
+        hand(ON | ACTIVATE)
+        command = hand.stepper.command
+        speed = command.profile_velocity if mode is Mode.POSITION else command.target_velocity
+        assert speed == (300 if override == 0x2000 else 600)
+        limited.append(shows(hand, "SPEED_LIMITED"))
+    assert limited == [True, False, False]
+
+
 def test_a_speed_follows_its_set_point() -> None:
     hand = turning()
     command = hand.stepper.command

@@ -77,7 +77,7 @@ class PositionerExecutor(MotionExecutor):
         self._speed: Normalisation | None = None
         self._message: MessageWord | None = None
         self._limits = (0, 0, 0)
-        """Highest velocity, acceleration, deceleration of the drive."""
+        """Highest velocity (also of the axis, over which OVERRIDE must not go), acceleration, deceleration of the drive."""
         self._one_ramp = False
         """The drive has no 6084h: 6083h is its acceleration and its deceleration."""
         self._torque = TorqueLimit(self.outputs)
@@ -107,7 +107,10 @@ class PositionerExecutor(MotionExecutor):
         self._speed = n4(reference, drive.limits("velocity_actual"))
         self._message = message_word(drive)
         self._limits = (
-            highest(drive, Quantity.PROFILE_VELOCITY, "profile_velocity", "target_velocity"),
+            min(
+                highest(drive, Quantity.PROFILE_VELOCITY, "profile_velocity", "target_velocity"),
+                length.velocity(choices.max_velocity),
+            ),
             highest(drive, Quantity.ACCELERATION, "profile_acceleration"),
             highest(drive, Quantity.DECELERATION, "profile_deceleration"),
         )
