@@ -428,6 +428,7 @@ class Positioner:
 
     def _refer(self, position: int) -> None:
         self._course.offset = self._reference_coordinate() - position
+        self._course.limits_moved = True
         self.outcome.home_set = True
         self._homing_until = self._now + SHOWN_NS
 

@@ -71,6 +71,8 @@ class Course:
         """Serial of the setpoint that waits in the drive, 0 for none."""
         self.limits: tuple[int, int] | None = None
         """The software limits, while they are watched."""
+        self.limits_moved = False
+        """They became active or inactive, or their place in the drive's coordinates changed."""
         self._limited = False
         """The requested speed was above the maximum."""
         self._limit_since = -1
@@ -81,7 +83,9 @@ class Course:
     def look(self, seen: Seen, limits: bool) -> None:
         """Take what the axis does, and whether the software limits are watched, before anything is decided."""
         self._seen = seen
-        self.limits = self.settings.software_limits if limits else None
+        watched = self.settings.software_limits if limits else None
+        if watched is not self.limits:
+            self.limits, self.limits_moved = watched, True
         goal = self.goal
         if goal is not None and goal.distance is not None and seen.given < self.sent:
             self.goal = replace(goal, target=seen.position + goal.distance)
@@ -92,6 +96,23 @@ class Course:
         self.goal = self.speed = self.held = None
         self.sent = self.queued = 0
         self._at_limit = False
+
+    def _aim_again(self) -> None:
+        """The software limits have another place: a target beyond them is replaced, or the axis stops if it is beyond already."""
+        goal, limits = self.goal, self.limits
+        if self.speed is not None:
+            self._aim_speed()
+        elif goal is not None and limits is not None:
+            target = self._inside(goal.target + self.offset, limits) - self.offset
+            if target != goal.target:
+                self.outcome.warning = Reason.SOFTWARE_LIMIT
+                position = self._seen.position
+                if (target - position) * (goal.target - position) > 0:
+                    self.aim(replace(goal, target=target, distance=None))
+                else:
+                    self.stand()
+            elif self.queued:
+                self.aim(goal)  # and look again at the setpoint that waits in the drive
 
     def in_range(self, target: int, absolute: bool, direction: Direction = Direction.SHORTEST) -> bool:
         """Whether the drive can be sent to a position of the user, or by a distance, as far as the software limits let it."""
@@ -201,8 +222,9 @@ class Course:
     def follow(self, asked: Asked, now: int) -> None:
         """Adapt the motion to the task: hold, resume, override, software limits."""
         motion, goal = self.outcome.motion, self.goal
-        if self.speed is not None and (goal is None or goal.kind is _POSITION) != (self.limits is not None):
-            self._aim_speed()
+        if self.limits_moved:
+            self.limits_moved = False
+            self._aim_again()
             goal = self.goal
         if goal is None:
             motion.kind = _STAND

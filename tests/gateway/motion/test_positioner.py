@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
-from pdgw.gateway.motion.blocks import Block, BlockMode
+from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext
 from pdgw.gateway.motion.requests import FULL
 from pdgw.gateway.motion.states import TASK_STATES, TRANSITIONS, Event, State
 from pdgw.gateway.motion.travel import LIMIT_STANDING_NS
 from pdgw.gateway.reasons import Reason
-from tests.support.axis.positioner import ABSOLUTE, CYCLE, RELATIVE, PositionerRig, move
+from tests.support.axis.positioner import ABSOLUTE, CYCLE, RELATIVE, SETTINGS, PositionerRig, move
 
 # -- the table ----------------------------------------------------------------------------------------------------------
 
@@ -385,6 +387,62 @@ def test_an_axis_beyond_a_software_limit_stands_unless_it_moves_back() -> None:
     rig.step(jog_2=False)
     rig.step(60, jog_1=True)
     assert rig.position < beyond
+
+
+NARROW = replace(SETTINGS, software_limits=(-5000, 5000))
+
+
+@pytest.mark.parametrize("values", [ABSOLUTE, RELATIVE], ids=["absolute", "relative"])
+def test_a_software_limit_that_becomes_active_replaces_the_target_of_a_running_task(values: dict[str, object]) -> None:
+    rig = PositionerRig(NARROW)
+    rig.home()
+    rig.step(software_limits=False)
+    move(rig, target=9000, **values)
+    rig.step(10)
+    rig.step(software_limits=True)
+    assert rig.settle().warning is Reason.SOFTWARE_LIMIT
+    assert (rig.position, rig.outcome.at_plus) == (5000, True)
+
+
+def test_a_task_that_is_beyond_a_software_limit_when_it_becomes_active_stops() -> None:
+    rig = PositionerRig(NARROW)
+    rig.home()
+    rig.step(software_limits=False)
+    move(rig, target=20_000, **ABSOLUTE)
+    rig.step(60)
+    beyond = rig.position
+    assert beyond > 5000
+    rig.step(software_limits=True)
+    assert rig.settle().warning is Reason.SOFTWARE_LIMIT
+    assert beyond < rig.position < 20_000
+    assert not rig.outcome.motion.target, "not back to the limit"
+
+
+def test_a_software_limit_that_becomes_active_also_counts_for_a_waiting_setpoint() -> None:
+    rig = PositionerRig(NARROW, (Block(1, 4000, 3000, next=BlockNext.FLYING), Block(2, 9000, 3000)))
+    rig.home()
+    rig.step(software_limits=False)
+    move(rig, block=1)
+    rig.step(10)
+    assert rig.waiting is not None
+    rig.step(software_limits=True)
+    rig.settle()
+    assert rig.position == 5000
+
+
+@pytest.mark.parametrize("function", [ABSOLUTE, {"mdi": True, "setting_up": True, "positive": True, "velocity": 3000}])
+def test_a_running_function_stops_at_the_software_limit_of_a_new_reference_point(function: dict[str, object]) -> None:
+    rig = PositionerRig(replace(NARROW, reference_coordinate=4000))
+    rig.home()
+    move(rig, target=-4000, **ABSOLUTE)
+    rig.settle()
+    move(rig, **{"target": 4900, **function})
+    rig.step(10, homing=True, passive_homing=True)
+    rig.seen.probe = rig.seen.position
+    rig.step()
+    rig.seen.probe = None
+    rig.settle()
+    assert rig.position == 5000
 
 
 def test_a_task_that_a_limit_switch_holds_does_not_go_on_when_it_is_released() -> None:
