@@ -127,7 +127,9 @@ class Daemon:
                 for place, source in enumerate((axis.config.g1, axis.config.g2)):
                     if isinstance(source, int):
                         axis.connect_sensor(by_do[source], place)
-            # A stored telegram (P922) may differ from the configured one: the frame may not fit.
+            # A stored telegram (P922) may differ from the configured one: PDOs or frame may not fit.
+            for bus in config.can:
+                self._selected().check_load(bus)
             self.link: Link = open_link()
             opened.callback(self.link.close)
             self._opened = opened.pop_all()
@@ -140,7 +142,7 @@ class Daemon:
 
     def _leave_room(self, bus: CanConfig) -> None:
         """Bring-ups take what the cyclic frames leave of a bus."""
-        config, network = self.config, self.networks[bus.name]
+        config, network = self._selected(), self.networks[bus.name]
         frames = cyclic_frames(config.axes_of(bus), config.encoders_of(bus), config.transport.cycle_time_ms)
         bitrate = bus.bitrate or DEFAULT_BITRATE
         answer_ms = min(
@@ -232,8 +234,11 @@ class Daemon:
         """The client of every node."""
         return [*(axis.client for axis in self.axes), *(node.client for node in self.encoder_nodes)]
 
-    def check_telegram_change(self, changed: DriveObject, asked_by: str | None) -> None:
-        """GatewayError if no other telegram can be selected now. ``asked_by``: the address of the request, if any."""
+    def check_telegram_change(self, changed: DriveObject, number: int, asked_by: str | None) -> None:
+        """Check that telegram ``number`` can be selected now. ``asked_by``: the address of the request, if any.
+
+        GatewayError if not, CanopenError if the PDOs of the telegram do not fit on the bus.
+        """
         if changed.powered or not changed.outputs.known_off:
             raise GatewayError(
                 f"{changed.label}: the telegram cannot be changed: the axis is in operation, or was when it was "
@@ -245,15 +250,24 @@ class Daemon:
                 f"{changed.label}: {plc} is connected, and its frame would not fit any more; only the PLC may "
                 f"change a telegram now, not {asked_by}"
             )
+        self._selected(changed, number).check_load(self.config.bus_of(changed.config))
+
+    def _selected(self, changed: DriveObject | None = None, number: int = 0) -> GatewayConfig:
+        """The configuration with the telegrams in use (P922), and telegram ``number`` for ``changed``."""
+        axes = tuple(
+            axis.config.model_copy(update={"telegram": number if axis is changed else axis.telegram.number})
+            for axis in self.axes
+        )
+        return self.config.model_copy(update={"axis": axes})
 
     def change_telegram(self, changed: DriveObject, number: int, asked_by: str | None = None) -> None:
         """Select a telegram (P922). The frame layout follows, and every drive object waits for frames that fit.
 
-        GatewayError or ProfidriveError if this is not possible now.
+        GatewayError, ProfidriveError or CanopenError if this is not possible now.
         """
         if number == changed.telegram.number:
             return
-        self.check_telegram_change(changed, asked_by)
+        self.check_telegram_change(changed, number, asked_by)
         connected = self.link.connected
         before = [item.telegram for item in self.objects]
         self.link.set_layout([telegram(number) if item is changed else item.telegram for item in self.objects])
@@ -262,6 +276,7 @@ class Daemon:
         except BaseException:
             self.link.set_layout(before)
             raise
+        self._leave_room(self.config.bus_of(changed.config))
         self._find_sync()
         if connected:
             now = self.loop.now()

@@ -366,8 +366,10 @@ class GatewayConfig(Section):
             for direction in Direction:
                 CSduLayout(telegrams, direction)
             for number, bus in enumerate(self.can):
-                if bus.interface != "virtual" or bus.bitrate is not None:
-                    self._check_load(bus, number)
+                try:
+                    self.check_load(bus)
+                except CanopenError as error:
+                    raise misplaced(str(error), "can", number) from error
         except ProfidriveError as error:
             raise misplaced(str(error)) from error
         return self
@@ -378,12 +380,11 @@ class GatewayConfig(Section):
         sections = (("axis", self.axis), ("encoder", self.encoder))
         return [(section, number) for section, items in sections for number in range(len(items))]
 
-    def _check_load(self, bus: CanConfig, number: int) -> None:
-        try:
+    def check_load(self, bus: CanConfig) -> None:
+        """CanopenError if the worst-case frames do not fit on the bus. A virtual bus without a bit rate has no limit."""
+        if bus.interface != "virtual" or bus.bitrate is not None:
             frames = cyclic_frames(self.axes_of(bus), self.encoders_of(bus), self.transport.cycle_time_ms)
             check_load(bus.name, frames, bus.bitrate or DEFAULT_BITRATE)
-        except CanopenError as error:
-            raise misplaced(str(error), "can", number) from error
 
     def _check_nodes(self) -> None:
         for bus in self.can:

@@ -298,8 +298,8 @@ class NodeObject(BoundObject):
         if number == self.owner.telegram.number:
             return
         try:
-            self.daemon.check_telegram_change(self.owner, host)
-        except GatewayError as error:
+            self.daemon.check_telegram_change(self.owner, number, host)
+        except (GatewayError, CanopenError) as error:
             log.warning("DO %d: P922 := %d refused: %s", self.do_id, number, error)
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE) from error
 

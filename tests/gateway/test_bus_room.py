@@ -13,7 +13,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.bus_load import cyclic_frames
 from pdgw.profidrive.parameters.codec import ParameterAddress
 from tests.support.axis.limit_cycle import Site
-from tests.support.gateways.daemon import axis, configuration, serving
+from tests.support.gateways.daemon import axis, configuration, serving, until
 
 
 def test_drive_on_sync_sends_each_rpdo_once_per_turn_after_an_outage() -> None:
@@ -51,3 +51,21 @@ def test_sdos_of_parameters_follow_each_other_as_fast_as_the_plan_of_the_bus_all
     found = [after - before for before, after in pairwise(requests)]
     assert len(found) == 7
     assert all(max(gap, pause_ns) <= item < max(gap, pause_ns) + 3 * MS for item in found)
+
+
+def test_sdos_leave_room_for_the_pdos_of_the_telegram_that_p922_selects() -> None:
+    can = '[can]\ninterface = "virtual"\nchannel = "world"\nbitrate = 250000\n'
+    config = configuration(axis(1, telegram_number=100), can=can)
+    gap = sdo_gap_ns(bus_load(cyclic_frames(config.axis, {}, config.transport.cycle_time_ms), 250_000), 250_000)
+    requests: list[int] = []
+
+    def listen(can_id: int, _data: bytes, sent: int, now: int) -> None:
+        if sent and can_id == SDO_REQUEST + 1:
+            requests.append(now)
+
+    with serving(configuration(axis(1), can=can)) as (daemon, client):
+        daemon.change_telegram(daemon.axes[0], 100)
+        until(daemon, lambda: daemon.clients[0].generation == 2, "mapped again")
+        daemon.networks["can"].tap = listen
+        client.request([ParameterAddress(0x6080, 0, 1), ParameterAddress(0x6081, 0, 1)] * 4)
+    assert min(after - before for before, after in pairwise(requests)) >= gap

@@ -9,14 +9,18 @@ from canopen.sdo import SdoAbortedError
 
 from pdgw.client.udp import ParameterClient
 from pdgw.ds301.aborts import ABORT_TEXTS
+from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import Entry
 from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.axis.telegrams import drive_layout
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.parameters.objects import error_of_abort
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.gateway.service.status import snapshot
+from pdgw.gateway.store import DeviceParameters, ParameterStore
+from pdgw.peers.world import World
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.catalogue import LIST_PNUS, PARAMETERS, Scope
 from pdgw.profidrive.parameters.codec import Attribute, ParameterAddress, Values
@@ -334,6 +338,32 @@ def test_the_plc_that_changes_a_telegram_sees_in_all_drive_objects_that_its_fram
         changed = Plc(daemon, [chosen, 1], "engineer")
         changed.until(lambda: changed.endpoint.setpoints_used[0], "connected with the new frame")
         assert snapshot(daemon)["plc"]["layout"] == ""
+
+
+SLOW_BUS = '[can]\ninterface = "virtual"\nchannel = "world"\nbitrate = 250000\n'
+"""Carries the PDOs of one axis with telegram 100 and one with telegram 1."""
+
+
+def test_p922_that_would_overload_the_bus_is_refused(caplog: pytest.LogCaptureFixture) -> None:
+    with serving(configuration(axis(1) + axis(2), can=SLOW_BUS), 1) as (daemon, client):
+        assert not write(client, 922, word(100)).failed
+        with client_of(daemon, client.address, 2) as second:
+            assert error(write(second, 922, word(100))) == Number.NOT_EXECUTABLE_IN_STATE
+            assert number(second, 922) == 1
+            assert not write(second, 922, word(2)).failed
+    assert "P922 := 100 refused: worst-case load of bus can: '129%" in caplog.text
+
+
+def test_stored_telegrams_that_overload_the_bus_refuse_the_start(tmp_path: Path) -> None:
+    config = configuration(axis(1) + axis(2), can=SLOW_BUS).model_copy(update={"store": tmp_path / "store.json"})
+
+    def select(parameters: DeviceParameters) -> None:
+        for do_id in (1, 2):
+            parameters.drive_object(do_id).telegram = 100
+
+    ParameterStore(tmp_path / "store.json", pytest.fail).update(select)
+    with pytest.raises(CanopenError, match="worst-case load of bus can"):
+        build_gateway(config, World(0))
 
 
 def test_a_telegram_that_cannot_be_saved_is_not_changed_either(tmp_path: Path) -> None:
