@@ -99,22 +99,30 @@ class SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]
             self._answer = 0 if by_blocks else _ANSWERS[request[0] & _COMMAND]
 
     def read_response(self) -> bytes:
-        """The next answer. One to another object or to the other kind of access answers another client, or an earlier request:
-        it is ignored.
-        """
+        """The next answer to the access that was begun last. Others are ignored."""
         deadline = self._loop.now() + int(self.RESPONSE_TIMEOUT * SECOND)
         while True:
             try:
                 answer = self.responses.get(timeout=max(0, deadline - self._loop.now()) / SECOND)
             except queue.Empty as error:
                 raise SdoCommunicationError(f"{self.where}: No SDO response received") from error
+            if not self._belongs(answer):
+                continue
             if answer[:1] == _ABORT:
-                if answer[1:4] in (self.asked, UNNAMED):
-                    raise self.aborted(*struct.unpack_from("<L", answer, 4))
-            elif not answer or not self._answer or (command := answer[0] & _COMMAND) not in _NAMING:
-                return answer
-            elif command == self._answer and answer[1:4] == self.asked:
-                return answer
+                raise self.aborted(*struct.unpack_from("<L", answer, 4))
+            return answer
+
+    def _belongs(self, answer: bytes) -> bool:
+        """False for the answer to another client or to an earlier request: to another object, or to the other kind of access.
+
+        Segments and blocks name no object, so all of them belong to the access.
+        """
+        if answer[:1] == _ABORT:
+            return answer[1:4] in (self.asked, UNNAMED)
+        command = answer[0] & _COMMAND if answer else 0
+        if not self._answer or command not in _NAMING:
+            return True
+        return command == self._answer and answer[1:4] == self.asked
 
     def aborted(self, code: int) -> ObjectAbortedError:
         """The error of an abort by the node."""
