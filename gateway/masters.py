@@ -1,7 +1,8 @@
 """Detect another master on a bus: before the start the gateway refuses, later it stops. Detect what other tools write by SDO.
 
-Another gateway is visible by the heartbeat of our own node-ID or by RPDOs to our drives; the interface does not deliver our own
-frames. Two masters would overwrite each other's commands, and the heartbeat of one would prevent the stop by the other.
+Another gateway is visible by the heartbeat of our own node-ID or by RPDOs to our drives. The CAN port drops our own frames; only
+SocketCAN with ``receive_own_messages`` delivers them. Two masters would overwrite each other's commands, and the heartbeat of
+one would prevent the stop by the other.
 """
 
 from __future__ import annotations
