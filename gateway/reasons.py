@@ -432,6 +432,12 @@ class Reason(enum.Enum):
         _E.SETPOINT,
         "send the next task; its first cycle may move the axis towards the old target",
     )
+    NODE_WRITTEN = (
+        "a write changed units or settings of the device: the gateway checks them before the next start",
+        _S.STARTING,
+        _E.NODE,
+        "wait less than a second; then OFF and ON",
+    )
 
 
 class UnconfirmedOrder(enum.IntEnum):

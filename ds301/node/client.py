@@ -53,6 +53,7 @@ ACYCLIC_FAILURES: Final = 3
 """So often in a row may objects without PDO not be read before their values are too old."""
 _CHECK_AFTER_NS: Final = 200 * MS
 """A configuration is written object by object: it is checked this time after the last one."""
+_CHECKED: Final = "another tool wrote to its configuration"
 _ONLINE: Final = NodeStatus.ONLINE
 
 
@@ -110,7 +111,8 @@ class NodeClient(abc.ABC, Generic[S]):
         self._wake = Event(self.loop)
         """Something for the node's task: a job, a loss, another layout."""
         self._reconfigure = False
-        self._held = False
+        self._held = ""
+        """Empty, or what is done in a job to what the gateway relies on."""
         self._distrusted = ""
         """Empty, or why the configuration of the node is not that of the gateway any more."""
         self._check_at: int | None = None
@@ -242,15 +244,22 @@ class NodeClient(abc.ABC, Generic[S]):
 
     # -- the node's task ------------------------------------------------------------------------------------------------
 
-    def hold(self) -> None:
-        """In a job: what the gateway relies on is about to change. To the cyclic side the node is not online until ``unhold``."""
-        self._held = True
+    def hold(self, text: str) -> None:
+        """In a job: what the gateway relies on is about to change; ``text`` says how. To the cyclic side the node is not online
+        until ``unhold``.
+        """
+        self._held = text
 
     def unhold(self, *, check: bool) -> None:
         """In a job: the end of ``hold``. ``check``: the node is brought up again first, when no more was written for a moment."""
-        self._held = False
+        self._held = ""
         if check:
             self._check_at = self.loop.now() + _CHECK_AFTER_NS
+
+    @property
+    def unconfirmed(self) -> str:
+        """Why the cyclic side must not use an online node: what the gateway relies on was written. Empty: it may."""
+        return self._held or self._distrusted or ("" if self._check_at is None else _CHECKED)
 
     def distrust(self, text: str) -> None:
         """Another master has changed what the gateway relies on: the node is lost, and configured again.
@@ -502,7 +511,7 @@ class NodeClient(abc.ABC, Generic[S]):
                 self._set_status(NodeStatus.CONFIGURING, "telegram changed")
                 return
             if self._check_at is not None and now >= self._check_at and not self._jobs:
-                self._set_status(NodeStatus.CONFIGURING, "another tool wrote to its configuration")
+                self._set_status(NodeStatus.CONFIGURING, _CHECKED)
                 return
             lost = self._lost(now)
             if lost:

@@ -124,6 +124,8 @@ class _Chain:
                 self.breaks(Reason.NODE_REFUSED, f"node {self.item.node_id} is rejected: {client.status_text}")
             case NodeStatus.CONFIGURING:
                 self.breaks(Reason.NODE_CONFIGURING, f"node {self.item.node_id} is being configured")
+            case NodeStatus.ONLINE if client.unconfirmed:
+                self.breaks(Reason.NODE_WRITTEN, f"node {self.item.node_id} is being checked: {client.unconfirmed}")
             case NodeStatus.ONLINE:
                 self.breaks(offline, f"node {self.item.node_id} on bus {network.name} sends no data in time")
             case _:

@@ -168,7 +168,8 @@ class ObjectAccess:
                 if owner.powered:
                     log.warning("DO %d: %s rejected while the axis is powered: %s", owner.do_id, what, guard.reason)
                     raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE)
-                client.hold()
+                then = "; its units and limits are being read" if reads_again else ""
+                client.hold(f"a client writes {index:04X}h/{subindex}{then}")
             stale = reads_again
             try:
                 try:

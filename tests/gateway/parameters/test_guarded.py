@@ -15,13 +15,14 @@ from pdgw.ds301.loop.jobs import settle
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.dsp402.units.mechanics import UNIT_OBJECTS
 from pdgw.dsp402.units.velocity import VL_FACTORS
+from pdgw.durations import MS
 from pdgw.gateway.parameters.guarded import GUARDED, Check, guard_of
 from pdgw.gateway.parameters.objects import ObjectAccess, RequestContext
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.profidrive.parameters.errors import ParameterRefused
-from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, serving, until
+from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, serving, until, world_of
 
 GUARDED_INDICES = (
     *(0x1005, 0x1006, 0x1007, 0x1010, 0x1011, 0x1014, 0x1015, 0x1016, 0x1017, 0x1029, 0x1200, 0x127F, 0x1280, 0x13FF),
@@ -83,7 +84,7 @@ class Client:
     def write(self, index: int, subindex: int, data: bytes) -> None:
         self.log.append((index, subindex))
 
-    def hold(self) -> None:
+    def hold(self, _text: str) -> None:
         self.log.append("hold")
 
     def unhold(self, *, check: bool) -> None:
@@ -198,7 +199,39 @@ def test_a_drive_whose_guarded_objects_are_being_written_is_not_there_for_the_cy
     with serving(configuration(axis(1)), 1) as (daemon, _):
         drive = daemon.axes[0].drive
         until(daemon, lambda: daemon.axes[0].good, "online")
-        drive.submit(lambda node: node.hold())
+        drive.submit(lambda node: node.hold("test"))
         until(daemon, lambda: not daemon.axes[0].good, "held")
         drive.submit(lambda node: node.unhold(check=False))
         until(daemon, lambda: daemon.axes[0].good, "free again")
+
+
+@pytest.mark.parametrize(
+    ("index", "subindex", "data_type", "value", "evidence"),
+    [
+        (0x6085, 0, DataType.UNSIGNED32, 5000, "a client writes 6085h/0; its units and limits are being read"),
+        (0x1400, 2, DataType.UNSIGNED8, 255, "another tool wrote to its configuration"),
+    ],
+)
+def test_reason_of_a_device_that_is_checked_after_a_write_names_the_write(
+    index: int, subindex: int, data_type: DataType, value: int, evidence: str
+) -> None:
+    with serving(configuration(axis(1)), 1) as (daemon, client):
+        item = daemon.axes[0]
+        until(daemon, lambda: item.good, "online")
+        item.happenings.clear()
+        assert not write(client, index, subindex, data_type, value).failed
+        until(daemon, lambda: item.happenings and item.good, "checked")
+        shown = [happening.text for happening in item.happenings]
+    assert f"Starting: node 1 is being checked: {evidence}" in shown
+    assert not any("no data in time" in text for text in shown)
+
+
+def test_reason_of_a_device_that_another_tool_writes_to_names_the_write() -> None:
+    with serving(configuration(axis(1)), 1) as (daemon, _):
+        item = daemon.axes[0]
+        until(daemon, lambda: item.good, "online")
+        item.drive.submit(lambda node: node.loop.sleep(100 * MS))
+        world_of(daemon).loop.run_for(10 * MS)
+        item.drive.distrust("another tool writes 6094h/1")
+        until(daemon, lambda: not item.good, "not online")
+        assert item.enable_status.text == "Starting: node 1 is being checked: another tool writes 6094h/1"
