@@ -176,8 +176,10 @@ class RpdoSender:
             command.controlword = word & ~_NEW_SETPOINT
             if self._starts_early and self.control.pdo.pack(command) != self.control.last:
                 complete = False  # the data is sent one cycle before the edge
-            if self._data_by_sync and any(sender.changed == now for sender in self._data_senders):
-                complete = False
+            if self._data_by_sync and (
+                self._network.waiting or any(sender.changed == now for sender in self._data_senders)
+            ):
+                complete = False  # the SYNC of its data was not sent yet, or may wait itself
             if self._may_start(complete, now):
                 command.controlword = word
         sent = self._put(self.control, self.control.pdo.pack(command), now)

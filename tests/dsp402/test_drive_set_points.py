@@ -185,11 +185,11 @@ class _DataBySync(SimulatedDriveNode):
         super().on_written(entry, value)
 
 
-@pytest.mark.parametrize("refresh_ms", [100, 4])
+@pytest.mark.parametrize(("refresh_ms", "full"), [(100, False), (4, False), (4, True)])
 def test_setpoint_waits_for_the_sync_with_which_its_data_acts(
-    plant: Plant, monkeypatch: pytest.MonkeyPatch, refresh_ms: int
+    plant: Plant, monkeypatch: pytest.MonkeyPatch, refresh_ms: int, full: bool
 ) -> None:
-    """Data that is repeated in each cycle does not delay it."""
+    """Data that is repeated in each cycle does not delay it. ``full``: the bus takes the Controlword later than the data."""
     drive = site.drive(NODE)
     node = _DataBySync(NODE, drive._send)
     node.values[0x1401, 2] = 1
@@ -209,13 +209,26 @@ def test_setpoint_waits_for_the_sync_with_which_its_data_acts(
 
     monkeypatch.setattr(node, "on_rpdo", on_rpdo)
     command = DriveCommand()
+    send = plant.network._port.send
+    refused = 0
+
+    def send_unless_refused(can_id: int, data: bytes) -> None:
+        if can_id == refused:
+            raise PortBusyError
+        send(can_id, data)
+
+    monkeypatch.setattr(plant.network._port, "send", send_unless_refused)
     for velocity in (100, 900, 200):
         for word in (ENABLED, START):
             command.controlword = word
             if word == START:
                 command.profile_velocity = velocity
-            for _ in range(3):
+            for cycle in range(3):
+                refused = 0x200 + NODE if full and cycle == 0 else 0
                 client.send(command, site.now())
+                site.play(MS)
+                refused = 0
+                plant.network.on_room()
                 plant.network.send_sync()
                 site.play(4 * MS)
     assert seen == [100, 900, 200]
