@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import queue
+from collections import deque
 from collections.abc import Callable
 from typing import Final
 
@@ -72,6 +73,8 @@ class SdoAccess:
         self._open = 0
         """Urgent requests that were sent and not answered: their answers may still come."""
         self._open_until = 0
+        self._kept: deque[bytes] = deque(maxlen=1)
+        """The answer that came last before another access began: it may be that to ``ask``."""
         self._unconfirmed: dict[bytes, bytes] = {}
         """Data of writes that timed out, by their confirmation: it may still come."""
 
@@ -220,14 +223,15 @@ class SdoAccess:
         return answer
 
     def _settle(self) -> None:
-        """A second answer to a repeated request must not count as the answer to the next one."""
-        while self._open and self._next(self._open_until) is not None:
-            pass
+        """A second answer to a repeated request must not count as the answer to the next one; that to ``ask`` is kept."""
+        while self._open and (answer := self._next(self._open_until)) is not None:
+            self._kept.append(answer)
         self._open = 0
 
     def ask(self, index: int, subindex: int = 0) -> None:
         """Send the request to read an object without waiting; ``answered`` has the answer later."""
         now = self.loop.now()
+        self._kept.clear()
         while not self._sdo.responses.empty():
             self._next(now)
         self._sdo.send_request(SDO_STRUCT.pack(REQUEST_UPLOAD, index, subindex) + bytes(_EXPEDITED_SIZE))
@@ -237,8 +241,8 @@ class SdoAccess:
     def answered(self, index: int, subindex: int = 0, *, signed: bool = False) -> int | None:
         """The integer requested by ``ask``; None while no answer has arrived. An abort is raised as canopen does."""
         asked = SDO_STRUCT.pack(0, index, subindex)[1:]
-        while not self._sdo.responses.empty():
-            answer = self._next(self.loop.now())
+        while self._kept or not self._sdo.responses.empty():
+            answer = self._kept.pop() if self._kept else self._next(self.loop.now())
             if answer is None or len(answer) != _FRAME or answer[1:_EXPEDITED_SIZE] not in (asked, UNNAMED):
                 continue
             if answer[0] == RESPONSE_ABORTED:

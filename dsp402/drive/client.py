@@ -442,7 +442,7 @@ class DriveClient(NodeClient[DriveSettings]):
         self._mode.check(now)
         super()._exchange_acyclic(now)
         if self.units.watch.is_due(now, moves=self._moves):
-            self.units.check(now, busy=bool(self._jobs), acyclic_read=self._acyclic_read)
+            self.units.check(now, acyclic_read=self._acyclic_read)
         if self._moves and self.units.watch.asked is None:
             # Not earlier: while waiting for an answer, a loss of the drive would be reported late.
             self._tpdos.check(now, self._timeout_ns)

@@ -46,8 +46,8 @@ class UnitCheck:
         """When the newest position came, monotonic nanoseconds; 0 never."""
         return self.watch.read_ns if self._position is None else self._position.time
 
-    def check(self, now: int, *, busy: bool, acyclic_read: int) -> None:
-        """Process the answer and send the next request, if other requests do not wait (``busy``).
+    def check(self, now: int, *, acyclic_read: int) -> None:
+        """Process the answer and send the next request, also while jobs wait: a client must not end the check.
 
         ``acyclic_read``: when the objects without TPDO were read last.
         """
@@ -67,12 +67,7 @@ class UnitCheck:
                     self._take(address, value, now, acyclic_read)
         if self._position is not None:
             watch.position_missing = True
-        if (
-            watch.asked is None
-            and watch.is_due(now, moves=True)
-            and not busy
-            and (following := watch.next_object(now)) is not None
-        ):
+        if watch.asked is None and watch.is_due(now, moves=True) and (following := watch.next_object(now)) is not None:
             sdo.ask(*following)
 
     def _take(self, address: ObjectAddress, value: int, now: int, acyclic_read: int) -> None:

@@ -154,6 +154,27 @@ def test_units_that_could_not_be_read_again_are_read_before_the_next_start() -> 
         assert drive.node.rpm == pytest.approx(3000 / 64, rel=0.02)
 
 
+@pytest.mark.parametrize("clients", [1, 2])
+def test_clients_that_read_all_the_time_do_not_end_the_check(clients: int) -> None:
+    """The drive has no TPDO with 6064h, and each answer comes during the access of a client."""
+    with running(configuration(axis(1, more=""))) as daemon:
+        OwnLawDrive(world_of(daemon), "world", 1, LIES)
+        client = daemon.axes[0].drive
+        until(daemon, lambda: client.generation, "online")
+        plc = Plc(daemon, [1])
+        plc.enable()
+
+        def read_until_stopped() -> None:
+            while not daemon.axes[0].faults:
+                daemon.loop.result(client.submit(lambda node: node.sdo.read(0x6080)))
+
+        for number in range(clients):
+            daemon.loop.spawn(read_until_stopped, f"client {number}")
+        plc.endpoint.set(0, {"NSOLL_A": 0x0100})
+        _for_a_second(plc)
+        assert [fault.number for fault in daemon.axes[0].faults] == [FaultNumber.VELOCITY]
+
+
 @pytest.mark.parametrize("delay_ms", [60, 180])
 def test_slow_sdo_answers_make_the_check_slower_and_not_blind(delay_ms: int) -> None:
     """The drive has no TPDO with 6064h. A step is five times as long as an answer, and four steps count."""
