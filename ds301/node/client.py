@@ -30,6 +30,7 @@ from pdgw.ds301.nmt import GUARD_TOGGLE, HEARTBEAT_STATE, NMT_STATES, NmtCommand
 from pdgw.ds301.node.configuring import ConfiguringAccess, DeviceKind
 from pdgw.ds301.node.node import NodeEvent, NodeSettings, NodeStatus, TpdoSlot
 from pdgw.ds301.node.plan import Pace, PdoPlan, plan_steps, straight_plan
+from pdgw.ds301.node.sdo import LONGEST_UPLOAD_NS
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection, PdoLayout, pdo_of
 from pdgw.durations import MS, SECOND
@@ -51,6 +52,7 @@ _FIRST_SIGN_NS: Final = SECOND
 _ACYCLIC_PDO_NS: Final = 100 * MS
 ACYCLIC_FAILURES: Final = 3
 """So often in a row may objects without PDO not be read before their values are too old."""
+_NEVER: Final = 1 << 62
 _CHECK_AFTER_NS: Final = 200 * MS
 """A configuration is written object by object: it is checked this time after the last one."""
 _CHECKED: Final = "another tool wrote to its configuration"
@@ -95,6 +97,8 @@ class NodeClient(abc.ABC, Generic[S]):
         self._acyclic_failures = 0
         self._acyclic_read = 0
         """When the last round that read them all began, monotonic nanoseconds."""
+        self._acyclic_until = _NEVER
+        """Afterwards their values are too old."""
         self._sending = False
         """The node is in operation and takes RPDOs."""
         self._heartbeat = 0
@@ -231,6 +235,8 @@ class NodeClient(abc.ABC, Generic[S]):
     def refresh(self, now: int) -> bool:
         """Cyclic: take the newest TPDO data into the feedback; True when online and no TPDO is overdue."""
         fresh = self.status is _ONLINE and not self._held and self._check_at is None and not self._distrusted
+        if now > self._acyclic_until:
+            fresh = False
         oldest = now - self._timeout_ns
         for slot in self._slots:
             data = slot.data
@@ -355,6 +361,7 @@ class NodeClient(abc.ABC, Generic[S]):
         if self._interrupted:
             return
         self.generation += 1
+        self._acyclic_until = self.loop.now() + self._acyclic_limit_ns if self._acyclic_tpdos else _NEVER
         self._sending = True
         self._set_status(NodeStatus.ONLINE, f"operational, configuration {self.generation}")
 
@@ -438,6 +445,8 @@ class NodeClient(abc.ABC, Generic[S]):
         for item in plan.rpdos:
             self.network.claim(item.cob_id, f"{item.pdo} of {self.kind.name} {settings.node_id}")
         self._acyclic_tpdos = list(plan.read)
+        # A client that reads a long object must not delay what the owner commands and reads by SDO.
+        self.sdo.longest_upload_ns = self._sdo_timeout_ns if plan.read or plan.written else LONGEST_UPLOAD_NS
         self._timeout_ns = settings.tpdo_event_ms * settings.tpdo_timeout_factor * MS
         if plan.needs_sync:
             self._timeout_ns = max(self._timeout_ns, settings.cycle_ms * settings.tpdo_timeout_factor * MS)
@@ -540,6 +549,8 @@ class NodeClient(abc.ABC, Generic[S]):
             return f"no {', '.join(overdue)} for {self._timeout_ns // MS} ms"
         if self._acyclic_failures >= ACYCLIC_FAILURES:
             return f"objects without PDO could not be read {ACYCLIC_FAILURES} times"
+        if now > self._acyclic_until:
+            return f"objects without PDO were not read for {self._acyclic_limit_ns // MS} ms"
         return "" if self.network.healthy else f"CAN bus {self.network.name} is not healthy"
 
     def _give_up(self) -> None:
@@ -559,6 +570,11 @@ class NodeClient(abc.ABC, Generic[S]):
                 self._read_acyclic(pdo)
             self._acyclic_failures = 0
             self._acyclic_read = now
+            self._acyclic_until = now + self._acyclic_limit_ns
+
+    @property
+    def _acyclic_limit_ns(self) -> int:
+        return ACYCLIC_FAILURES * (_ACYCLIC_PDO_NS + self._sdo_timeout_ns)
 
     def _read_acyclic(self, pdo: Pdo) -> None:
         image = self._image(pdo)

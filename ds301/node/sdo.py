@@ -36,7 +36,7 @@ log = logging.getLogger("gateway")
 SEGMENT_SIZE: Final = 7
 _EXPEDITED_SIZE = 4
 _LONGEST_UPLOAD = 1 << 16
-_LONGEST_UPLOAD_NS: Final = 10 * SECOND
+LONGEST_UPLOAD_NS: Final = 10 * SECOND
 _FRAME = 8
 _OF_THE_SIZE = SIZE_SPECIFIED | 3 << 2
 _REPEATS = 2
@@ -70,6 +70,8 @@ class SdoAccess:
         self.node.sdo_channels[:] = [self._sdo]
         self.node.sdo = self._sdo
         self._repeats = _REPEATS
+        self.longest_upload_ns = LONGEST_UPLOAD_NS
+        """An upload that takes longer is aborted."""
         self._open = 0
         """Urgent requests that were sent and not answered: their answers may still come."""
         self._open_until = 0
@@ -122,14 +124,14 @@ class SdoAccess:
     def _upload(self, index: int, subindex: int, *, block: bool) -> tuple[bytes, int | None]:
         """The bytes of an upload and the size that the node announced."""
         sdo = self._sdo
-        deadline = self.loop.now() + _LONGEST_UPLOAD_NS
+        deadline = self.loop.now() + self.longest_upload_ns
         data = b""
         with sdo.open(index, subindex, "rb", buffering=0, block_transfer=block) as stream:
             while segment := stream.read(SEGMENT_SIZE):
                 data += segment
                 if len(data) > _LONGEST_UPLOAD or self.loop.now() > deadline:
                     sdo.abort()
-                    raise SdoCommunicationError(f"{index:04X}h/{subindex} never ends")
+                    raise SdoCommunicationError(f"{index:04X}h/{subindex} is too long to be read")
             return data, stream.size
 
     def write(self, index: int, subindex: int, data: bytes) -> None:

@@ -357,6 +357,46 @@ def test_unreadable_values_are_a_loss(plant: Plant) -> None:
     plant.online(2)
 
 
+def test_values_that_are_not_read_during_a_long_job_are_a_loss(plant: Plant) -> None:
+    """Also for the cyclic side, while the job runs."""
+    drive = site.drive(NODE)
+    drive.node.misbehave("two-pdos")
+    plant.drive = drive
+    drive.start()
+    client = plant.connect(Operation.TRANSPARENT, initial_mode=None, sdo_timeout_ms=50)
+    plant.online()
+    release = Event(client.loop)
+    client.submit(lambda _: release.wait())
+    site.play(400 * MS)
+    assert client.refresh(site.now())
+    site.play(100 * MS)
+    assert not client.refresh(site.now())
+    release.set()
+    site.wait_for(lambda: client.status is not DriveStatus.ONLINE, "lost")
+    assert any("lost: objects without PDO were not read for 450 ms" in event.text for event in plant.events)
+    plant.online(2)
+
+
+@pytest.mark.parametrize("misbehaviour", ["two-pdos", ""])
+def test_long_object_is_read_unless_other_objects_go_by_sdo(
+    plant: Plant, monkeypatch: pytest.MonkeyPatch, misbehaviour: str
+) -> None:
+    drive = site.drive(NODE)
+    if misbehaviour:
+        drive.node.misbehave(misbehaviour)
+    plant.drive = drive
+    drive.start()
+    client = plant.connect(Operation.TRANSPARENT, initial_mode=None, sdo_timeout_ms=50)
+    plant.online()
+    monkeypatch.setattr(drive.node, "get_data", lambda *_, **__: bytes(4000))
+    job = client.submit(lambda drive: drive.sdo.read(0x1008))
+    if not misbehaviour:
+        assert len(site.result(job)) == 4000
+        return
+    with pytest.raises(SdoCommunicationError, match="1008h/0 is too long to be read"):
+        site.result(job)
+
+
 def test_endless_sdo_answer_does_not_block_the_task(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pdgw.ds301.node.sdo._LONGEST_UPLOAD", 100)
     drive = plant.power_on()
@@ -372,7 +412,7 @@ def test_endless_sdo_answer_does_not_block_the_task(plant: Plant, monkeypatch: p
             receive(can_id, data, now)
 
     monkeypatch.setattr(drive.node, "receive", segments)
-    with pytest.raises(SdoCommunicationError, match="1008h/0 never ends"):
+    with pytest.raises(SdoCommunicationError, match="1008h/0 is too long to be read"):
         site.result(client.submit(lambda drive: drive.sdo.read(0x1008)))
     assert site.result(client.submit(lambda drive: drive.sdo.read_number(0x1000))) == 0x0002_0192
 
