@@ -370,8 +370,8 @@ class DriveClient(NodeClient[DriveSettings]):
             self.sdo.write(index, subindex, data)
             self.own_values.forget((index, subindex))
             return
-        restores = index == RESTORE_PARAMETERS
-        self._sending = not restores and self.rpdos.pause(self.own_values)
+        restores, sends = index == RESTORE_PARAMETERS, self._sending
+        self._sending = sends and not restores and self.rpdos.pause(self.own_values)
         try:
             if restores:
                 self.sdo.write(index, subindex, data)
@@ -381,7 +381,7 @@ class DriveClient(NodeClient[DriveSettings]):
                 self.sdo.write(index, subindex, data)
         finally:
             # Without RPDOs until the next start, which follows a restore: it reads what the drive has then.
-            self._sending = not (self._reconfigure or restores)
+            self._sending = sends and not (self._reconfigure or restores)
             self.rpdos.repeat()
 
     def write_back(self) -> None:

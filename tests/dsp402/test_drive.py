@@ -12,20 +12,21 @@ from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.bus.bus import open_bus
+from pdgw.ds301.communication import STORE_PARAMETERS
 from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
-from pdgw.dsp402.drive.client import DriveStatus, load_eds
+from pdgw.dsp402.drive.client import DriveClient, DriveStatus, load_eds
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
-from pdgw.durations import MS
+from pdgw.durations import MS, SECOND
 from pdgw.peers.drive import SimulatedDriveNode
 from pdgw.peers.drive.device import EDS_PATH
 from pdgw.peers.node.node import Value
@@ -395,6 +396,19 @@ def test_long_object_is_read_unless_other_objects_go_by_sdo(
         return
     with pytest.raises(SdoCommunicationError, match="1008h/0 is too long to be read"):
         site.result(job)
+
+
+def test_no_rpdo_is_sent_after_own_values_are_written_back_even_if_a_client_stores(plant: Plant) -> None:
+    plant.power_on()
+    client = plant.connect(Operation.POSITIONING, initial_mode=None)
+    plant.online()
+    command = DriveCommand()
+    client.send(command, site.now())
+    site.result(client.submit(DriveClient.write_back))
+    site.result(client.submit(lambda drive: drive.write_for_client(STORE_PARAMETERS, 1, b"save")))
+    before = plant.network.sent
+    client.send(command, site.now() + SECOND)
+    assert plant.network.sent == before
 
 
 def test_endless_sdo_answer_does_not_block_the_task(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
