@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Final
 
-from pdgw.ds301.objects import Entry
+from pdgw.ds301.objects import Entry, ObjectAddress
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp402.modes import Mode
@@ -174,6 +174,8 @@ class DriveType:
     """6072h as it was found; 0 for a drive without it."""
     position_window: int | None = None
     """6067h as it was found; None for a drive without it, or that does not use it."""
+    position_objects: Mapping[ObjectAddress, int] = field(default_factory=dict)
+    """The objects that define the unit and the sign of positions, as they were found."""
 
     def has(self, attribute: str) -> bool:
         return attribute in self.entries

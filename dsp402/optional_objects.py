@@ -33,6 +33,7 @@ FURTHER_OBJECTS: tuple[ObjectSpec, ...] = (
     _ratio(indices.VL_SETPOINT_FACTOR, "vl setpoint factor", "Numerator", "Denominator", _I16),
     _ratio(indices.VL_DIMENSION_FACTOR, "vl dimension factor", "Numerator", "Denominator", _I32),
     _ratio(indices.SOFTWARE_POSITION_LIMIT, "Software position limit", "Minimum", "Maximum", _I32),
+    var(indices.POLARITY, "Polarity", _U8),
     var(indices.POSITION_NOTATION, "Position notation index", _I8),
     var(indices.POSITION_DIMENSION, "Position dimension index", _U8),
     var(indices.VELOCITY_NOTATION, "Velocity notation index", _I8),

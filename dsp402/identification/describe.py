@@ -32,6 +32,7 @@ from pdgw.dsp402.modes import MODE_NAMES, STANDARD_HOMING_METHODS, SUPPORTED_MOD
 from pdgw.dsp402.objects import DRIVE_OBJECTS, FAMILY_VALUES, MAX_TORQUE
 from pdgw.dsp402.optional_objects import VL_ENTRIES
 from pdgw.dsp402.pdo.layouts import LAYOUTS
+from pdgw.dsp402.units.mechanics import POSITION_OBJECTS
 from pdgw.dsp402.units.scaling import SCALING_OBJECTS, find_scaling
 from pdgw.dsp402.units.unit_keys import UnitKeys
 
@@ -119,6 +120,7 @@ def describe(
         quirks=quirks,
         max_torque=answers.get(MAX_TORQUE, 0),
         position_window=None if window == _NO_WINDOW else window,
+        position_objects=MappingProxyType({key: value for key, value in answers.items() if key[0] in POSITION_OBJECTS}),
     )
 
 

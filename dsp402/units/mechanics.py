@@ -31,6 +31,18 @@ UNIT_RATIOS = (
     indices.VELOCITY_FACTOR,
     indices.ACCELERATION_FACTOR,
 )
+POSITION_OBJECTS: frozenset[int] = frozenset(
+    {
+        indices.POLARITY,
+        *NOTATIONS[0],
+        SI_UNITS[0],
+        indices.POSITION_ENCODER_RESOLUTION,
+        indices.GEAR_RATIO,
+        indices.FEED_CONSTANT,
+        indices.POSITION_FACTOR,
+    }
+)
+"""Every object that defines the unit or the sign of positions."""
 UNIT_OBJECTS: frozenset[int] = frozenset({*SI_UNITS, *(index for pair in NOTATIONS for index in pair), *UNIT_RATIOS})
 """Every object that defines a unit."""
 _UNIT_NAMES: dict[str, int] = {f"{index:04X}h": index for index in sorted(UNIT_OBJECTS)}

@@ -34,6 +34,7 @@ from pdgw.durations import SECONDS_PER_MINUTE
 
 _RATIOS = (*UNIT_RATIOS, *VL_FACTORS, indices.POSITION_RANGE_LIMIT, indices.SOFTWARE_POSITION_LIMIT, indices.VL_MIN_MAX)
 _NUMBERS = (
+    indices.POLARITY,
     indices.MAX_MOTOR_SPEED,
     indices.MAX_PROFILE_VELOCITY,
     indices.MAX_ACCELERATION,

@@ -31,8 +31,12 @@ _WATCHED: Final = (
     indices.POSITION_FACTOR,
     indices.VL_SETPOINT_FACTOR,
     indices.VL_DIMENSION_FACTOR,
+    indices.SI_UNIT_POSITION,
+    indices.POSITION_NOTATION,
+    indices.POSITION_DIMENSION,
+    indices.POLARITY,
 )
-"""Objects that define the unit of velocities, the likeliest first."""
+"""Objects that define the units of velocities and positions, and their sign; the likeliest first."""
 
 
 class UnitWatch:

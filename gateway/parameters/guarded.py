@@ -93,7 +93,7 @@ GUARDED: tuple[GuardedRange, ...] = (
         "range of positions: value of 100 %",
         Check.REFERENCES,
     ),
-    GuardedRange(indices.POLARITY, indices.POLARITY, "polarity: sign of every value", Check.NOTHING),
+    GuardedRange(indices.POLARITY, indices.POLARITY, "polarity: sign of every value", Check.REFERENCES),
     GuardedRange(
         indices.MAX_PROFILE_VELOCITY, indices.MAX_MOTOR_SPEED, "speed limits: value of 100 %", Check.REFERENCES
     ),

@@ -2,31 +2,41 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from pdgw.ds301.objects import Access, CanType, var
 from pdgw.dsp402.states import State
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.example import simulated
+from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import shape
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.scenario_file import load_scenario
+from pdgw.profidrive.datatypes import DataType
+from pdgw.profidrive.parameters.codec import ParameterAddress, Values
+from pdgw.profidrive.signals import signal
 from tests.support.gateways.daemon import (
+    OFF,
     POSITIONER,
     SIMULATED_POSITIONER,
     Plc,
     axis,
     configuration,
     drive_of,
+    exchanging,
     running,
+    serving,
     world_of,
 )
 
 SCENARIO = Path(__file__).parents[2] / "tools" / "scenarios" / "positioner.yaml"
+HOME_SET = signal("ZSW1").bit("HOME_POSITION_SET", positioning=True).mask
 DSC = "simulate = true\nfollowing_window = 4096\ndsc = "
 
 
@@ -65,6 +75,43 @@ def test_dsc_through_the_gateway_holds_a_position(form: str, mode: int) -> None:
             plc.endpoint.set(0, {"XERR": error, "KPC": 20_000})
             plc.exchange()
         assert abs(plc.value("G1_XIST1") - 2000) <= 5
+
+
+@pytest.mark.parametrize("number", [9, 111])
+@pytest.mark.parametrize(
+    ("address", "value"),
+    [
+        (ParameterAddress(0x607E, 0, 0), Values(DataType.UNSIGNED8, (0x80,))),
+        (ParameterAddress(0x608F, 1, 1), Values(DataType.UNSIGNED32, (4000,))),
+    ],
+    ids=["polarity", "unit"],
+)
+def test_polarity_or_unit_written_by_a_client_clears_the_home_position(
+    number: int, address: ParameterAddress, value: Values
+) -> None:
+    """Also if the write ends within one cycle of the PLC."""
+    counts = shape("counts")
+    like = replace(counts, has=(*counts.has, var(0x607E, "Polarity", CanType.U8, Access.RW)))
+    more = f"rated_acceleration_rpm_s = 1000\nacceleration_unit = 'inc/s/s'\n{POSITIONER}"
+    axes = axis(1, telegram_number=number, more=more)
+
+    def connect(daemon: Daemon) -> None:
+        world_of(daemon).drive("world", 1, shape=like)
+
+    config = configuration(axes, transport="cycle_time_ms = 32")
+    with serving(config, 1, connect) as (daemon, client):
+        plc = Plc(daemon, [number])
+        plc.enable()
+        homing = {"STW1": 0x0C3F, "SATZANW": 35, "MDI_VELOCITY": 1 << 28} if number == 9 else {"STW1": 0x0C3F}
+        plc.endpoint.set(0, homing)
+        plc.until(lambda: plc.value("ZSW1") & HOME_SET, "home position set")
+        plc.endpoint.set(0, {"STW1": OFF})
+        plc.until(lambda: plc.state() == 0x01, "off")
+        assert plc.value("ZSW1") & HOME_SET
+        with exchanging(plc):
+            assert not client.request([address], [value])[0].failed
+        plc.exchange()
+        assert not plc.value("ZSW1") & HOME_SET
 
 
 @pytest.mark.parametrize("form", ["position", "speed"])

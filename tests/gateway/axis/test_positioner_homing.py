@@ -71,6 +71,19 @@ def test_loss_of_the_drive_for_a_cycle_clears_the_home_position() -> None:
     assert not hand.actuals["ZSW1"] & HOME_SET
 
 
+@pytest.mark.parametrize(("value", "kept"), [(0, True), (0x80, False)], ids=["same value", "another value"])
+def test_another_unit_or_polarity_of_positions_clears_the_home_position(value: int, kept: bool) -> None:
+    def read_again(polarity: int) -> None:
+        hand.stepper.set_drive(replace(DRIVE, position_objects={(0x607E, 0): polarity}), homing_method=35)
+        hand(ON)
+
+    hand = homed()
+    read_again(0)
+    assert hand.actuals["ZSW1"] & HOME_SET, "nothing is known to have changed"
+    read_again(value)
+    assert bool(hand.actuals["ZSW1"] & HOME_SET) is kept
+
+
 def test_homing_waits_for_standstill_in_the_present_mode() -> None:
     hand = turning()
     hand(ON & ~REJECT)

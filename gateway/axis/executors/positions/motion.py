@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar, Final
 
-from pdgw.ds301.objects import CanType
+from pdgw.ds301.objects import CanType, ObjectAddress
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.durations import SECOND
@@ -40,6 +40,7 @@ class MotionExecutor(Executor):
     """The positioner of one axis, and its drive."""
 
     INSTANTS: ClassVar[Mapping[str, int]] = {"_set_at": ACKNOWLEDGE_NS}
+    PASSING: ClassVar[frozenset[str]] = frozenset({"_position_objects"})
     SERIALS: ClassVar[frozenset[str]] = frozenset({"_homing_begun"})
     POSITION_FOLLOWS: ClassVar[int] = 0
     """Cycles from "homing attained" to the position that counts from the new zero."""
@@ -54,6 +55,8 @@ class MotionExecutor(Executor):
         self._nothing = Asked()
         self._target = CanType.I32.integer_range
         """Range of 607Ah."""
+        self._position_objects: Mapping[ObjectAddress, int] = {}
+        """The drive's values of the objects that define the unit and the sign of positions."""
         self._set_at = -1
         """When CW.4 rose for a setpoint, monotonic ns; -1 while it is 0."""
         self._halted = False
@@ -73,6 +76,10 @@ class MotionExecutor(Executor):
         self.homing.method = homing_method
         self.homing.methods = frozenset(drive.homing_methods)
         self._target = drive.limits("target_position")
+        before, now = self._position_objects, drive.position_objects
+        self._position_objects = now
+        if any(before.get(address, value) != value for address, value in now.items()):
+            self._forget_home()
 
     def restarted(self) -> None:
         self._forget_home()
