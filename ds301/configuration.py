@@ -48,6 +48,11 @@ class SdoStep:
         """The COB-ID of a PDO."""
         return is_communication_parameter(self.index) and self.subindex == _COB_ID
 
+    @property
+    def is_transmission_type(self) -> bool:
+        """The transmission type of a PDO."""
+        return is_communication_parameter(self.index) and self.subindex == TRANSMISSION_TYPE
+
 
 def map_pdo(
     pdo: Pdo, cob_id: int, type_: int = EVENT_DRIVEN_PROFILE, *, event_ms: int | None = None, inhibit_us: int = 0

@@ -6,7 +6,7 @@ Source: CiA DS 301 V4.02 chapter 7.5.2.36. A parameter that cannot be written bu
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import canopen
 from canopen.sdo import SdoAbortedError
@@ -67,7 +67,7 @@ class ConfiguringAccess(SdoAccess):
         try:
             self.write(step.index, step.subindex, step.data)
         except SdoAbortedError as error:
-            if step.optional or self._is_fixed_as_required(step):
+            if step.optional or self._is_as_required(step):
                 return
             raise self.refused(step, error) from error
 
@@ -82,9 +82,10 @@ class ConfiguringAccess(SdoAccess):
     def map_pdos(self, plan: PdoPlan, steps: Iterable[SdoStep]) -> tuple[SdoStep, SdoAbortedError] | None:
         """Carry out a plan until a write is refused; that one, with its abort.
 
-        A mapping that reads otherwise counts as read-only, although its writes were confirmed: the node would take one command
-        for another, or one value would be shown as another.
+        A mapping, COB-ID or transmission type that reads otherwise counts as read-only, although its write was confirmed: the
+        node would not receive its commands, would take one for another, or one value would be shown as another.
         """
+        steps = list(steps)
         # A mapping that is already right need not be written. It may be the manufacturer's fixed one.
         planned = (*plan.rpdos, *plan.tpdos)
         mapped = {item.pdo.mapping_index for item in planned if not item.adopted and self._is_mapped(item.pdo)}
@@ -94,16 +95,21 @@ class ConfiguringAccess(SdoAccess):
             try:
                 self.write(step.index, step.subindex, step.data)
             except SdoAbortedError as error:
-                if not (step.optional or self._is_fixed_as_required(step)):
+                if not (step.optional or self._is_as_required(step)):
                     return step, error
         for pdo in (item.pdo for item in planned if not item.adopted):
             if pdo.mapping_index not in mapped and not self._is_mapped(pdo):
                 kept = SdoStep(pdo.mapping_index, 0, CanType.U8, 0, f"{pdo} keeps another mapping than was written")
                 return kept, SdoAbortedError(Abort.READ_ONLY)
+        last = {(step.index, step.subindex): step for step in steps if step.is_cob_id or step.is_transmission_type}
+        for step in last.values():
+            if not self._is_as_required(step):
+                kept = replace(step, meaning=f"{step.meaning}: confirmed, but reads otherwise")
+                return kept, SdoAbortedError(Abort.READ_ONLY)
         return None
 
-    def _is_fixed_as_required(self, step: SdoStep) -> bool:
-        """Whether a read-only communication parameter already has the required effect."""
+    def _is_as_required(self, step: SdoStep) -> bool:
+        """Whether a communication parameter of the node has the required effect, also if the node does not accept the write."""
         if not is_communication_parameter(step.index):
             return False
         try:

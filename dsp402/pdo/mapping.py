@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
-from pdgw.ds301.configuration import EVENT_TIMER, TRANSMISSION_TYPE, SdoStep
+from pdgw.ds301.configuration import EVENT_TIMER, SdoStep
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.objects import ObjectAddress
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection, PdoLayout, is_communication_parameter, pdo_of
@@ -66,11 +66,12 @@ class DriveMapping:
     def _learn_communication(self, key: Key, step: SdoStep) -> bool:
         findings = self._findings
         if step.is_cob_id:
+            findings.cob_ids[key] = self._read(step.index, step.subindex)
             valid = not findings.cob_ids[key] & COB_ID_INVALID
             known = findings.kept if valid else findings.dead
             new = key not in known
             known.add(key)
-        elif step.subindex == TRANSMISSION_TYPE:
+        elif step.is_transmission_type:
             new = key not in findings.types
             findings.types[key] = self._read(step.index, step.subindex)
         else:

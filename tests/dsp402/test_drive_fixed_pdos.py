@@ -13,6 +13,7 @@ from pdgw.dsp402.drive.client import DriveClient, DriveStatus
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
+from pdgw.durations import MS
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
 from tests.support.axis.mapping import engel_layout, pdo_steps
 from tests.support.drives.plant import NODE, Plant, observe
@@ -74,18 +75,28 @@ def test_a_mapping_the_drive_has_already_is_not_written_again(plant: Plant, mapp
 
 
 class _Keeps(SimulatedDriveNode):
-    """It confirms writes of the mapping of its first RPDO and TPDO, and keeps the ones it has."""
+    """It confirms writes of ``kept`` objects (default: the mapping of its first RPDO and TPDO), and keeps its own values."""
+
+    kept: Collection[tuple[int, int]] = {(index, subindex) for index in (0x1600, 0x1A00) for subindex in range(9)}
 
     def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
-        if index not in {0x1600, 0x1A00}:
+        if (index, subindex) not in self.kept:
             super().set_data(index, subindex, data, check_writable)
 
 
-def _keeping(plant: Plant, values: Mapping[int, Sequence[int]]) -> SimulatedDrive:
+def _keeping(
+    plant: Plant,
+    mappings: Mapping[int, Sequence[int]] | None = None,
+    values: Mapping[tuple[int, int], int] | None = None,
+) -> SimulatedDrive:
+    """A drive that keeps ``mappings``, or single ``values``."""
     drive = site.drive(NODE)
     drive.node = node = _Keeps(NODE, drive._send)
-    for index, mapping in values.items():
+    for index, mapping in (mappings or {}).items():
         node.values |= {(index, number): value for number, value in enumerate((len(mapping), *mapping))}
+    if values is not None:
+        node.kept = values.keys()
+        node.values |= values
     node.pdos.map()
     plant.drive = drive
     drive.start()
@@ -116,6 +127,58 @@ def test_rpdo_that_keeps_a_mapping_with_other_objects_is_not_used(plant: Plant) 
     client.send(command, 1)
     site.wait_for(lambda: drive.model.controlword == 0x06, "another RPDO is heard")
     assert (drive.model.target_velocity, drive.model.target_torque) == (1000, 0)
+
+
+@pytest.mark.parametrize(
+    ("address", "value", "line"),
+    [
+        ((0x1400, 1), 0x244, "RPDO1 244h: Target Velocity 60FFh, Controlword 6040h; its own COB-ID"),
+        ((0x1400, 2), 1, "RPDO1 is processed on SYNC: its transmission type cannot be written"),
+        (
+            (0x1800, 1),
+            0x1C4,
+            "TPDO1 1C4h: Statusword 6041h, Velocity Actual Value 606Ch; on change and by event timer; ",
+        ),
+        ((0x1800, 2), 1, "TPDO1 184h: Statusword 6041h, Velocity Actual Value 606Ch; on SYNC"),
+    ],
+)
+def test_cob_id_and_transmission_type_that_a_drive_keeps_although_it_confirms_others_are_used(
+    plant: Plant, address: tuple[int, int], value: int, line: str
+) -> None:
+    mappings = {0x1600: (0x60FF_0020, 0x6040_0010), 0x1A00: (0x6041_0010, 0x606C_0020)}
+    drive = _keeping(plant, mappings, values={address: value})
+    client = plant.connect(Operation.VELOCITY)
+
+    def send_sync() -> None:
+        if plant.network.sync_required:
+            plant.network.send_sync()
+        client.loop.call_later(4 * MS, send_sync)
+
+    send_sync()
+    plant.online()
+    assert client.plan is not None
+    assert any(item.startswith(line) for item in client.plan.lines), client.plan.lines
+    command = DriveCommand()
+    command.controlword = 0x06
+    client.send(command, 1)
+    site.wait_for(lambda: drive.model.controlword == 0x06, "the Controlword is heard")
+
+
+def test_rpdo_that_stays_invalid_although_the_drive_confirms_its_cob_id_is_not_used(plant: Plant) -> None:
+    drive = _keeping(plant, values={(0x1400, 1): COB_ID_INVALID | 0x204})
+    client = plant.connect(Operation.VELOCITY)
+    plant.online()
+    command = DriveCommand()
+    command.controlword = 0x06
+    client.send(command, 1)
+    site.wait_for(lambda: drive.model.controlword == 0x06, "another RPDO is heard")
+
+
+def test_unused_pdo_that_keeps_the_cob_id_of_another_node_is_refused(plant: Plant) -> None:
+    _keeping(plant, values={(0x1803, 1): 0x385})
+    client = plant.connect(Operation.VELOCITY)
+    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    assert "TPDO4 unused: confirmed, but reads otherwise (1803h/1 := 80000484h)" in client.status_text
 
 
 @pytest.mark.parametrize(
