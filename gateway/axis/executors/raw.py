@@ -55,7 +55,8 @@ class RawExecutor(Executor):
         action, controlword, reason = interlock.action, interlock.controlword, interlock.reason
         raw = demand.raw
         if raw is not None:
-            if demand.connected and raw is not self._last:
+            # During the ramp the drive must keep the mode and the deceleration that the ramp began with.
+            if demand.connected and action is not _RAMP and raw is not self._last:
                 self._take(raw)
             if action is _PASS:
                 controlword = raw[_CONTROLWORD]

@@ -154,6 +154,24 @@ def test_ramp_after_plc_loss_sets_halt_and_speed_0_until_the_plc_is_back() -> No
     assert command.target_velocity == 4000
 
 
+def test_a_plc_that_returns_during_the_ramp_after_its_loss_changes_no_value_before_the_end() -> None:
+    rig = axis(on_plc_loss=PlcLossReaction.RAMP)
+    for word in (0x06, 0x07, 0x0F):
+        rig.values["Controlword"] = word
+        rig.step(2)
+    rig.values["Target Velocity"] = 4000
+    rig.step(400)
+    rig.step(1, plc=False)
+    rig.values |= {"Modes of Operation": 1, "Profile Deceleration": 1, "Target Position": 10_000}
+    command = rig.stepper.command
+    rig.step(20)
+    assert command.controlword & ControlBit.HALT
+    assert (command.modes_of_operation, command.profile_deceleration, command.target_position) == (3, 1000, 0)
+    rig.step(800)
+    assert rig.state is not State.OPERATION_ENABLED
+    assert (command.modes_of_operation, command.profile_deceleration, command.target_position) == (1, 1, 10_000)
+
+
 def operating() -> Rig:
     rig = axis()
     for word in (0x06, 0x07, 0x0F):
