@@ -54,7 +54,8 @@ _DEVICE_SIGN_OF_LIFE = _ZSW2_ENC.bit("SIGN_OF_LIFE")
 PARKED_NS = 100 * MS
 """Minimum time of G1_ZSW.14 = 1, because masters poll it."""
 PRESET_SETTLE_NS = 200 * MS
-"""Time after its answer in which a preset may still appear as a jump of the position. Then it is confirmed."""
+"""Time in which a preset may still appear as a jump of the position, after its answer or after the request disappeared. An
+answered preset is then confirmed."""
 
 
 class SensorError(enum.IntEnum):
@@ -197,7 +198,8 @@ class SensorInterface:
         self._shift = 0
         self._parked_until = 0
         self._jump: PresetRequest | None = None
-        self._jump_until: int | None = None
+        self._jump_until: int | None = 0
+        """Until when the preset may appear; None while its request waits for the answer."""
 
     def set_total_range(self, total_range: int) -> None:
         """The scaling of the sensor changed; the next position counts on from the present G1_XIST1."""
@@ -284,12 +286,13 @@ class SensorInterface:
     # -- the state machine --------------------------------------------------------------------------------------------
 
     def _process_events(self, word: int, edges: int, error: SensorError | None, position: int | None, now: int) -> None:
+        until = self._jump_until
+        if until is None and self.preset_request is None:
+            until = self._jump_until = now + PRESET_SETTLE_NS
         if self._answer is not None:
             event, failure = self._answer
-            if self._jump_until is None:
-                self._jump_until = now + PRESET_SETTLE_NS
             # G1_ZSW.12 must not be set together with the old position.
-            if event is SensorEvent.FAILED or self._has_preset() or now >= self._jump_until:
+            if event is SensorEvent.FAILED or self._has_preset() or (until is not None and now >= until):
                 self._transition(event, failure)
         if word & _PARK and self.state is not SensorState.PARKED:
             self._parked_until = now + PARKED_NS

@@ -259,6 +259,19 @@ def test_a_jump_long_after_a_preset_is_motion() -> None:
     assert sensor.step(0, 400, PRESET_SETTLE_NS + 1)[1] == 400
 
 
+@pytest.mark.parametrize(("word", "error"), [(PARK, None), (PRESET, SensorError.SENSOR_GROUP)])
+def test_a_jump_long_after_an_unanswered_preset_is_motion(word: int, error: SensorError | None) -> None:
+    sensor = SensorInterface(RANGE)
+    sensor.preset_value = 400
+    sensor.step(0, 10, 0)
+    sensor.step(PRESET, 10, 0)
+    sensor.step(word, 10, MS, error=error)
+    assert sensor.preset_request is None
+    sensor.step(word, 10, 2 * MS)
+    sensor.step(0, 10, 2 * MS + PARKED_NS)
+    assert sensor.step(0, 400, 2 * MS + PRESET_SETTLE_NS + 1)[1] == 400
+
+
 def test_parking_freezes_xist1_and_skips_the_motion_meanwhile() -> None:
     sensor = SensorInterface(RANGE)
     sensor.step(0, 100, 0)
