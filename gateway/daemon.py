@@ -239,7 +239,7 @@ class Daemon:
 
         GatewayError if not, CanopenError if the PDOs of the telegram do not fit on the bus.
         """
-        if changed.powered or not changed.outputs.known_off:
+        if changed.may_have_power:
             raise GatewayError(
                 f"{changed.label}: the telegram cannot be changed: the axis is in operation, or was when it was "
                 "last online"
@@ -382,8 +382,8 @@ class Daemon:
         self._opened.close()
 
     def _begin_stop(self) -> None:
-        """As after a loss of the PLC: each axis stops its way, and only OFF2 and OFF3 count; then power is off everywhere, or the
-        time is over."""
+        """As after a loss of the PLC: each axis stops its way, and only OFF2 and OFF3 count. The end waits until power is off
+        everywhere, also in lost drives, or the time is over."""
         if self._stopping or self.stopped.is_set():
             return
         log.info("stopping the drives")
@@ -487,11 +487,11 @@ class Daemon:
             self._await_power_off(now)
 
     def _await_power_off(self, now: int) -> None:
-        powered = any(item.powered for item in self.objects)
+        powered = any(item.may_have_power for item in self.objects)
         self._off_cycles = 0 if powered else self._off_cycles + 1
         if now > self._stop_until:
             if powered:
-                log.error("drives did not stop within %d s: power off by NMT", _SHUTDOWN_NS // SECOND)
+                log.error("drives did not stop, or are lost, within %d s: power off by NMT", _SHUTDOWN_NS // SECOND)
         elif self._off_cycles < _OFF_CYCLES or not self._write_back():
             return
         self._finish()

@@ -11,7 +11,7 @@ from typing import Final
 from pdgw.ds301.errors import CanopenError
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveType, Quantity
-from pdgw.dsp402.states import STATE_OF_STATUS, UNPOWERED, State, StatusBit
+from pdgw.dsp402.states import STATE_OF_STATUS, UNPOWERED, Command, State, StatusBit
 from pdgw.gateway.axis.adapters.base import POWER_BITS, WISHES
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.claims import claims
@@ -265,6 +265,8 @@ class AxisMachine:
             self._drive.changed(shown, statusword, commanded, reason, now)
             if drive_ok:
                 outputs.known_off = STATE_OF_STATUS[statusword & STATE_MASK] in UNPOWERED
+            elif Command.ENABLE_OPERATION.matches(commanded):
+                outputs.known_off = False  # it may have received Enable Operation and not shown it
         if self._drive.fault_since:
             self._drive.step(self._node, now)
         phase = interlock.phase

@@ -127,6 +127,11 @@ class DriveObject(abc.ABC):
         """Something may move."""
 
     @property
+    def may_have_power(self) -> bool:
+        """As ``powered``, also if the drive is lost and has not shown since then that it is off."""
+        return self.powered or not self.outputs.known_off
+
+    @property
     def released(self) -> bool:
         """See ``Outputs.released``."""
         return self.outputs.released

@@ -13,6 +13,7 @@ from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop.loop import SystemLoop
 from pdgw.ds301.nmt import NmtCommand, NmtState
+from pdgw.dsp402.drive.client import DriveStatus
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.assembly import build_gateway
@@ -274,6 +275,53 @@ def test_off_and_on_start_nothing_while_the_gateway_stops() -> None:
             assert daemon.axes[1].machine.outputs.command.controlword & 0xF in {0x0, 0x2}
             assert model.state not in {State.SWITCHED_ON, State.OPERATION_ENABLED}
         assert not daemon.stopped.is_set(), "axis 1 still ramps"
+
+
+def _lose(daemon: Daemon, plc: Plc) -> None:
+    """Cut the wire of the bus until the drive is lost."""
+    world_of(daemon).gateway_port("world").connect(False)
+    plc.until(lambda: daemon.axes[0].drive.status is DriveStatus.LOST, "lost")
+
+
+def test_a_gateway_that_stops_stops_a_lost_drive_before_it_ends() -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.endpoint.set(0, {"NSOLL_A": 0x2000})
+        plc.enable()
+        plc.until(lambda: plc.value("NIST_A") == 0x2000, "1500 rpm")
+        model = drive_of(daemon).model
+        _lose(daemon, plc)
+        daemon.stop()
+        for _ in range(200):
+            plc.exchange()
+        assert not daemon.stopped.is_set(), "the drive may still turn"
+        assert daemon.axes[0].machine.outputs.command.controlword & 0xF == 0x2
+        world_of(daemon).gateway_port("world").connect(True)
+        until(daemon, daemon.stopped.is_set, "the end")
+        assert model.velocity_actual == 0
+        assert model.state is not State.OPERATION_ENABLED
+
+
+def test_a_drive_that_stays_lost_delays_the_end_by_five_seconds() -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.enable()
+        _lose(daemon, plc)
+        daemon.stop()
+        since = plc.loop.now()
+        until(daemon, daemon.stopped.is_set, "the end")
+        assert 5 * SECOND <= plc.loop.now() - since < 6 * SECOND
+
+
+def test_a_drive_that_was_off_when_it_was_lost_does_not_delay_the_end() -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.until(lambda: daemon.axes[0].good, "online")
+        _lose(daemon, plc)
+        daemon.stop()
+        since = plc.loop.now()
+        until(daemon, daemon.stopped.is_set, "the end")
+        assert plc.loop.now() - since < SECOND
 
 
 def test_another_telegram_is_selected_only_out_of_operation() -> None:

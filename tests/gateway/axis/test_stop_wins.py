@@ -247,6 +247,20 @@ def test_lost_drive_gets_a_stop_in_every_cycle_until_it_is_off() -> None:
     assert machine.outputs.known_off
 
 
+def test_drive_lost_before_it_shows_operation_may_have_power() -> None:
+    bench = Bench()
+    bench.step(OFF, cycles=3)
+    bench.step(ON & ~0x8, cycles=2)
+    assert bench.drive.state is State.SWITCHED_ON
+    bench.step(ON)
+    assert bench.controlword & 0xF == 0xF
+    machine = bench.stepper.machine
+    assert machine.outputs.known_off, "the last Statusword is that of Switched On"
+    bench.drive_ok = False
+    bench.step(ON)
+    assert not machine.outputs.known_off
+
+
 @pytest.mark.parametrize(("word", "controlword"), [(ON, 0x2), (COAST, 0x0)])
 def test_a_drive_in_operation_whose_references_become_invalid_is_stopped(word: int, controlword: int) -> None:
     bench = turning()
