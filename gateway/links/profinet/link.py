@@ -602,8 +602,8 @@ class ProfinetLink:
             case Disconnected(relation, ended):
                 self._places.pop(relation, None)
                 log.error("controller %s disconnected: %s", relation.plan.ar.station_name, ended.text)
-                if self._consumer is not None and relation.consumer is not self._consumer:
-                    return  # it was the backup
+                if self._consumer is not None and relation.consumer is not self._consumer and not self._end:
+                    return  # it was the backup, and the leader is still there
                 self._end = f"the relationship has ended: {ended.text}"
                 if not self._hold_ns(self._loop.now()):
                     self._release()

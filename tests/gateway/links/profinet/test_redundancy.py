@@ -89,6 +89,19 @@ def test_without_a_backup_the_axis_stops_after_the_watchdog(tmp_path: Path) -> N
         assert pair.lost()
 
 
+def test_the_end_of_the_second_controller_too_is_a_loss_at_once(tmp_path: Path) -> None:
+    with twins(tmp_path) as pair:
+        site = pair.site
+        pair.one.release(site.loop.now())
+        site.until(lambda: not site.link.connected, "the end of the first", CYCLE_NS)
+        assert pair.turns
+        pair.other.release(site.loop.now())
+        site.until(lambda: not site.link.device.relations, "the end of the second", CYCLE_NS)
+        assert site.link.setpoints == [None]
+        assert site.link.poll(site.loop.now())
+        assert "ended" in site.link.loss
+
+
 def test_a_dead_backup_cannot_take_over(tmp_path: Path) -> None:
     """Its relationship still exists, but it is silent."""
     with twins(tmp_path, data_hold=10) as pair:
