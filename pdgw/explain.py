@@ -6,14 +6,15 @@ so that the message names the place.
 
 from __future__ import annotations
 
-import difflib
 import types
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
+
+from pdgw.phrases import did_you_mean
 
 Location = tuple[str | int, ...]
 
@@ -51,17 +52,6 @@ class Problem(NamedTuple):
         key = "" if self.names_key else ".".join(map(str, self.location))
         value = f" = {self.value}" if key and self.value else ""
         return f"{key}{value}{': ' if key else ''}{self.text}"
-
-
-def counted(number: int, one: str, several: str = "") -> str:
-    """Return ``1 axis`` or ``2 axes``; ``several`` is the plural where an s at the end is not enough."""
-    return f"{number} {one if number == 1 else several or one + 's'}"
-
-
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """``; did you mean override?`` for a name that is like a known one, else nothing."""
-    close = difflib.get_close_matches(name, known, n=1)
-    return f"; did you mean {close[0]}?" if close else ""
 
 
 def misplaced(text: str, *location: str | int) -> PydanticCustomError:

@@ -13,7 +13,7 @@ import pytest
 
 from pdgw.gateway import axis, motion
 from pdgw.peers import drive, option_values
-from pdgw.tools.command_table import COMMANDS, SIM_COMMANDS
+from pdgw.tools.command_table import COMMANDS, EXAMPLES
 
 _IMPURE = (
     "can",
@@ -76,6 +76,8 @@ _HEAVY = {
     ),
     *("starlette", "uvicorn", "xml.etree.ElementTree", "yaml"),
 }
+_NOT_FOR_HELP = {*_HEAVY, "importlib.metadata", "pydantic"}
+"""What starting to work loads, such as the conversion of an option, and printing the help does not."""
 _OF_COMMANDS = (
     *(
         "pdgw.decoder",
@@ -99,15 +101,19 @@ _WORDS_OF_HELP = {"pdgw.peers", "pdgw.peers.option_values"}
 
 
 def help_of_all() -> list[str]:
-    """The call for the help of each command, also of those below a group."""
-    return [f"{name} -h" for name in COMMANDS] + [f"sim {name} -h" for name in SIM_COMMANDS]
+    """The call for the help of each command, also of those below a group.
+
+    ``param`` has options before its commands. They are converted before the help of a command is printed.
+    """
+    below = [name for name in EXAMPLES if " " in name and not name.startswith("param ")]
+    return [f"{name} -h" for name in (*COMMANDS, *below)]
 
 
 @pytest.mark.e2e
 def test_package_and_commands_import_only_what_they_need() -> None:
     # The package itself, then the help of every command, then commands that only read, then one that decodes.
     door, helping, looking, decoding = loaded(
-        ", ".join(["--help, -h, --version", *help_of_all()]), "status --port 1", "decode --hex 047F2000 --telegram 1"
+        ", ".join(["--help, -h", *help_of_all()]), "--version, status --port 1", "decode --hex 047F2000 --telegram 1"
     )
     assert "pdgw.profidrive.signals" in door
     assert not door & {
@@ -120,8 +126,9 @@ def test_package_and_commands_import_only_what_they_need() -> None:
         "importlib.metadata",
     }
     assert {"pdgw.tools.commands.capture.decode", "pdgw.tools.commands.simulation.plc"} <= helping
+    assert helping & _NOT_FOR_HELP == set()
+    assert looking & _HEAVY == set()
     for modules in (helping, looking):
-        assert not modules & _HEAVY
         products = {name for name in modules if any(name == top or name.startswith(f"{top}.") for top in _OF_COMMANDS)}
         assert products <= _WORDS_OF_HELP
     assert not decoding & {"scapy", "matplotlib", "can", "canopen", "pdgw.gateway.daemon", "pdgw.peers.drive"}

@@ -28,11 +28,15 @@ def _refuse_repeats(command: Any, ctx: Any, args: list[str]) -> None:
         seen.add(str(option.name))
 
 
-def _without_types_of_flags(options: list[Any]) -> list[Any]:
-    """Remove the type that typer prints after a flag in the help. Options with a value keep theirs."""
+def _plain_flags(options: list[Any]) -> list[Any]:
+    """Remove the type that typer prints after a flag in the help, and make a flag that is not given False.
+
+    Typer's own flags (``--help``) are None by default, and typer loads pydantic to convert a None.
+    """
     for option in options:
         if isinstance(option, TyperOption) and option.is_flag:
             option.metavar = ""
+            option.default = option.default or False
     return options
 
 
@@ -40,7 +44,7 @@ class _Careful:
     """Mixin for typer's classes: rejects repeated options and shows in the help only what the user types."""
 
     def get_params(self, ctx: Any) -> list[Any]:
-        return _without_types_of_flags(super().get_params(ctx))  # type: ignore[misc]
+        return _plain_flags(super().get_params(ctx))  # type: ignore[misc]
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         given = list(args)

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from pdgw.explain import counted
 from pdgw.gateway.service.build import kind
+from pdgw.phrases import counted
 
 PATH: Final = Path(__file__).with_suffix(".toml")
 Row = tuple[int, float]

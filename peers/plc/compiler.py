@@ -9,7 +9,6 @@ from types import MappingProxyType
 
 from pdgw.client.address import Target, parse_target
 from pdgw.client.session import Element
-from pdgw.explain import did_you_mean
 from pdgw.gateway.axis.telegrams import POSITIONER_TELEGRAM_NUMBERS, SPEED_TELEGRAM_NUMBERS
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
@@ -20,6 +19,7 @@ from pdgw.peers.plc.exchange.sensor import SensorWords
 from pdgw.peers.plc.notation import comparison, expected, integer, raw_value, written
 from pdgw.peers.plc.scenario import Home, Move, References, Scalar, Step
 from pdgw.peers.plc.vocabulary import word
+from pdgw.phrases import did_you_mean
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.signals import SignalQuantity
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, Telegram, TelegramHalf

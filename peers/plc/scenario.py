@@ -13,11 +13,12 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from pdgw.explain import did_you_mean, misplaced
+from pdgw.explain import misplaced
 from pdgw.peers.plc.exchange.following import Follow
 from pdgw.peers.plc.exchange.positioner import Mdi, SettingUp
 from pdgw.peers.plc.exchange.sensor import Measuring, Reading
 from pdgw.peers.plc.vocabulary import telegrams_of
+from pdgw.phrases import did_you_mean
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.codec import MAX_PARAMETERS
 from pdgw.profidrive.telegrams import telegram

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import cache
 from types import MappingProxyType
 
-from pdgw.explain import did_you_mean
 from pdgw.gateway.errors import GatewayError
+from pdgw.phrases import did_you_mean
 from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, telegram
 from pdgw.profidrive.words import Bit

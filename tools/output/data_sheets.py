@@ -12,8 +12,8 @@ from rich.table import Table
 
 from pdgw.ds301.eds.importer import EdsImport, import_eds
 from pdgw.ds301.eds.text import EdsError
-from pdgw.explain import counted
 from pdgw.gateway.errors import GatewayError
+from pdgw.phrases import counted
 
 
 def imported(file: Path, node_id: int) -> EdsImport | EdsError:

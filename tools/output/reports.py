@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from pdgw import __version__
+import pdgw
 from pdgw.gateway.errors import writing
 from pdgw.tools.output.files import to_be_written
 
@@ -23,7 +23,7 @@ HtmlFile = Annotated[
     Path | None, typer.Option("--html", callback=to_be_written, help="Write the results as an HTML page.")
 ]
 
-_NOT_XML = re.compile("[^\\t\\n\\r\\x20-\\ud7ff\\ue000-\\ufffd\\U00010000-\\U0010ffff]")
+_NOT_XML = "[^\\t\\n\\r\\x20-\\ud7ff\\ue000-\\ufffd\\U00010000-\\U0010ffff]"
 """Characters that XML 1.0 does not allow."""
 _STYLE = (
     ":root{color-scheme:light dark}body{background:Canvas;color:CanvasText}"
@@ -68,7 +68,7 @@ class Report:
 
     @property
     def _facts(self) -> dict[str, str]:
-        return {"date": self.when.isoformat(timespec="seconds"), "version": f"pdgw {__version__}", **self.measured}
+        return {"date": self.when.isoformat(timespec="seconds"), "version": f"pdgw {pdgw.__version__}", **self.measured}
 
     def junit(self) -> str:
         """Format JUnit XML: one suite, a test case for each check, facts and figures as properties."""
@@ -150,7 +150,7 @@ def figures(document: Any, name: str = "") -> dict[str, str]:
 
 
 def _plain(text: str) -> str:
-    return _NOT_XML.sub("?", text)
+    return re.sub(_NOT_XML, "?", text)
 
 
 def _table(titles: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Iterator[str]:

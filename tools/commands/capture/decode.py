@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pdgw.durations import SECOND
-from pdgw.explain import counted
 from pdgw.gateway.errors import GatewayError
+from pdgw.phrases import counted
 from pdgw.tools.commands.capture.options import Station
 from pdgw.tools.output.files import to_be_written
 

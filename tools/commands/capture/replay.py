@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pdgw.durations import MS, SECOND
-from pdgw.explain import counted
+from pdgw.phrases import counted
 from pdgw.recording.defaults import TOLERANCE_NS
 from pdgw.tools.commands.capture.options import Config, Files, Nodes, Offset, Station, Telegrams
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pdgw.explain import counted
 from pdgw.gateway.errors import GatewayError
+from pdgw.phrases import counted
 
 if TYPE_CHECKING:
     from pdgw.ds301.node.plan import PdoPlan

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pdgw.ds301.connection_set import NODE_IDS
-from pdgw.explain import did_you_mean
 from pdgw.gateway.errors import GatewayError
+from pdgw.phrases import did_you_mean
 
 if TYPE_CHECKING:
     from pdgw.ds301.eds.importer import EdsImport

@@ -13,8 +13,8 @@ from uuid import UUID
 
 import typer
 
-from pdgw.explain import counted
 from pdgw.gateway.errors import GatewayError
+from pdgw.phrases import counted
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.rpc.identification import PROFILE_ID
 from pdgw.profinet.rpc.records import NIL

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pdgw.explain import Problem, problems
 from pdgw.gateway.configuration.tables.defaults import SIMULATED_ENCODER_TELEGRAM
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.commands.simulation.options import only_with, telegrams_of_axes
 from pdgw.tools.service.log_format import LogFormat, LogLevel
 
 if TYPE_CHECKING:
+    from pdgw.explain import Problem
     from pdgw.gateway.configuration.config import GatewayConfig
     from pdgw.gateway.configuration.tables.environment import CanConfig
 
@@ -36,6 +36,7 @@ def _log_name(bus: CanConfig) -> str:
 def _with_options(config: GatewayConfig, updates: dict[str, object]) -> GatewayConfig:
     from pydantic import ValidationError
 
+    from pdgw.explain import problems
     from pdgw.gateway.configuration.config import GatewayConfig
 
     given = {key: value for key, value in updates.items() if value is not None}

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pdgw.durations import SECOND
-from pdgw.explain import counted
 from pdgw.gateway.configuration.tables.defaults import Trigger
 from pdgw.gateway.errors import GatewayError
+from pdgw.phrases import counted
 
 if TYPE_CHECKING:
     from pdgw.gateway.trace.reader import RingReader

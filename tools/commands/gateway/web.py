@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pdgw.explain import problems
 from pdgw.extras import EXTRA_OF, missing
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.service.log_format import LogFormat, LogLevel
@@ -81,6 +80,7 @@ def _end_with_input() -> None:
 def _listening(config: GatewayConfig, listen: str) -> GatewayConfig:
     from pydantic import ValidationError
 
+    from pdgw.explain import problems
     from pdgw.gateway.configuration.tables.web import WebConfig
 
     try:
