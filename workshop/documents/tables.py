@@ -432,8 +432,8 @@ def generate_power_table() -> str:
             "The tests run the axis machine with this table through every reachable state: every class of control word,",
             "every drive state at any moment, loss and restart of the drive. A monitor that does not use the table checks",
             "each step. From every state the axis must return to operation, also with a slow drive. `make walk` runs every",
-            "telegram, every setting once, the sign of life and the guarding. `make walk-all` runs all settings with all telegrams,",
-            "homing and jog, in about an hour.\n",
+            "telegram, every setting once, the sign of life and the guarding. `make walk-all` runs all settings with all",
+            "telegrams, homing and jog, in about an hour.\n",
             "```text",
             _WALK_PATH.read_text(encoding="utf-8") + "```\n",
         )
