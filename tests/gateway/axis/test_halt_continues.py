@@ -238,6 +238,33 @@ def test_a_drive_that_refuses_the_mode_does_not_continue_the_stopped_task(name: 
     assert any(word & NEW_SETPOINT for word in words), "the next task"
 
 
+@pytest.mark.parametrize("speed", [FAST, SLOW])
+@pytest.mark.parametrize("reject", [True, False], ids=["rejected", "interrupted"])
+def test_telegram_9_halts_a_drive_that_refuses_homing_and_continues_the_task(*, reject: bool, speed: int) -> None:
+    make, values = MAKES["9"]
+    drive = Continuing(make().enable(), speed)
+    for _ in range(5):
+        drive(ON | ACTIVATE, **values)
+    for _ in range(10):
+        drive(ON & ~(REJECT if reject else INTERMEDIATE))
+    drive.moved = 0
+
+    def homing(word: int, cycles: int) -> list[int]:
+        words = []
+        for _ in range(cycles):
+            words.append(drive(word, SATZANW=0x8000 | 35))
+            if drive.hand.stepper.sdo_request is not None:
+                drive.hand.stepper.sdo_done(None)
+        return words
+
+    homing(ON | HOMING, 300)
+    assert drive.hand.stepper.reason is Reason.MODE_NOT_CONFIRMED
+    homing(ON, 100)
+    assert drive.moved <= 6
+    words = [drive(ON | ACTIVATE, **values) for _ in range(6)]
+    assert any(word & NEW_SETPOINT for word in words), "the next task"
+
+
 def test_a_task_across_the_wrap_replaces_one_on_a_drive_that_continues() -> None:
     drive = Continuing(positioner(replace(TABLE, software_limits=None), drive_type(wraps=True)).enable())
     drive.hand.feedback.position_actual = 10

@@ -199,6 +199,12 @@ class MotionExecutor(Executor):
             outcome.warning = Reason.MOVES_UNASKED
         return self._continued
 
+    def _continues_in_base_mode(self) -> bool:
+        """The drive does not take another mode, and continues what Halt has stopped: Halt stays until it takes the mode."""
+        mode = self._mode
+        other_asked = self._halted and mode.mode != mode.base
+        return other_asked and mode.shows_base() and (mode.halted or not self.stopped)
+
     def _await_acknowledge(self) -> None:
         """The drive has not taken the setpoint: a warning after ``ACKNOWLEDGE_NS``."""
         statusword, outcome, inputs = self.feedback.statusword, self.positioner.outcome, self.inputs

@@ -283,7 +283,7 @@ class PositionerExecutor(MotionExecutor):
         wanted = _HOMING_MODE if kind is _HOMING else _POSITION_MODE if kind is _POSITION else _VELOCITY_MODE
         if mode.mode != wanted and not self.inputs.standstill and not self._released():
             return self._slow_down()
-        if mode.mode == wanted and self._halted and self._stays_in_position_mode():
+        if mode.mode == wanted and self._continues_in_base_mode():
             mode.confirmed(wanted)
             return HALT
         if mode.halted and not (kind is _HOMING and self._halted):
@@ -327,11 +327,6 @@ class PositionerExecutor(MotionExecutor):
         """Halt has stopped a setpoint and has fallen: a drive that continues is given the next setpoint or mode at once."""
         return self._halted and not self._mode.halted and self._mode.shows_base()
 
-    def _stays_in_position_mode(self) -> bool:
-        """The drive does not take another mode, and continues what Halt has stopped: Halt stays until it does."""
-        mode = self._mode
-        return mode.mode != mode.base and mode.shows_base() and (mode.halted or not self.stopped)
-
     def _ramp_down(self) -> int:
         """Ramp down; Halt stays while a function is kept, and falls at standstill without a restart otherwise."""
         mode, outcome = self._mode, self.positioner.outcome
@@ -343,7 +338,7 @@ class PositionerExecutor(MotionExecutor):
             self._end_set_point()
         if mode.mode == _VELOCITY_MODE:
             self.command.target_velocity = 0
-            return HALT if self._halted and self._stays_in_position_mode() else 0
+            return HALT if self._continues_in_base_mode() else 0
         if mode.mode == _HOMING_MODE and (self.inputs.standstill or self._released()):
             if not mode.halted:
                 mode.confirmed(mode.base)

@@ -233,6 +233,9 @@ class PositioningExecutor(MotionExecutor):
             method, velocity = homing
             return self._home(motion, method, self.limited(scaling.velocity, velocity))
         if seen.homing is HomingResult.RUNNING:
+            if self._continues_in_base_mode():
+                self._mode.confirmed(Mode.HOMING)
+                return HALT
             return self._home(motion, 0, None)
         if seen.homing is HomingResult.ATTAINED:
             return NEW_SETPOINT
