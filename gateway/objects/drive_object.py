@@ -215,10 +215,13 @@ class DriveObject(abc.ABC):
     def _deliver(self, news: list[News]) -> None:
         """Hand over what happened since the last step."""
         future, writes = self._future, self._writes
-        if future is not None and writes is not None and future.done():
-            error = future.exception()
-            self._future = None
-            news.append(SdoAnswer(writes, None if error is None else str(error)))
+        if future is not None and writes is not None:
+            if self.outputs.writes is not writes and future.cancel():
+                self._future = None  # withdrawn before the first write
+            elif future.done():
+                error = future.exception()
+                self._future = None
+                news.append(SdoAnswer(writes, None if error is None else str(error)))
         waiting = self._news
         while waiting:
             news.append(waiting.popleft())

@@ -43,6 +43,8 @@ class SensorLink:
         preset, future = machine.outputs.presets[place], self._future
         if preset is not self._preset:
             self._preset = preset
+            if future is not None:
+                future.cancel()
             self._future = None if preset is None else encoder.submit_write(preset)
         elif preset is not None and future is not None and future.done():
             self._future = None

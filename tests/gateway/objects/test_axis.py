@@ -99,6 +99,7 @@ def test_a_request_waits_for_the_end_of_the_one_before(axis: Axis) -> None:
     requests = Requests(axis)
     axis.outputs.writes = FIRST
     requests.cycle()
+    requests.jobs[0].set_running_or_notify_cancel()
     axis.outputs.writes = SECOND
     requests.cycle()
     assert len(requests.jobs) == 1
@@ -106,6 +107,20 @@ def test_a_request_waits_for_the_end_of_the_one_before(axis: Axis) -> None:
     requests.cycle()
     assert requests.told == [SdoAnswer(FIRST, None)]
     assert len(requests.jobs) == 2
+
+
+def test_a_request_that_is_withdrawn_before_its_first_write_is_not_performed(axis: Axis) -> None:
+    requests = Requests(axis)
+    axis.outputs.writes = FIRST
+    requests.cycle()
+    axis.outputs.writes = None
+    requests.cycle()
+    axis.outputs.writes = SECOND
+    requests.cycle()
+    assert [job.cancelled() for job in requests.jobs] == [True, False]
+    requests.jobs[1].set_result(None)
+    requests.cycle()
+    assert requests.told == [SdoAnswer(SECOND, None)]
 
 
 def test_a_refusal_that_repeats_is_one_fault_until_the_drive_was_accepted(axis: Axis) -> None:

@@ -7,6 +7,7 @@ from contextlib import AbstractContextManager
 import pytest
 
 from pdgw.client.udp import ParameterClient
+from pdgw.ds301.loop.loop import Event
 from pdgw.gateway.axis.settings import SecondSensor
 from pdgw.gateway.axis.telegrams import drive_layout
 from pdgw.gateway.configuration.file import parse_config
@@ -77,6 +78,28 @@ def test_every_encoder_telegram_has_the_position_and_takes_a_preset(number: int)
         assert encoder_of(daemon).model.position_1 == 123456
         if number == 84:
             assert plc.value("G1_XIST3") == 123456
+
+
+@pytest.mark.parametrize("as_g1", [False, True], ids=["encoder", "G1 of a drive"])
+def test_preset_withdrawn_by_parking_is_not_sent_after_another_access(as_g1: bool) -> None:
+    objects, numbers, words = encoder(2, 83, more='motion = "still=0.25"'), [83], {"STW2_ENC": CONTROL}
+    if as_g1:
+        objects = axis(1, telegram_number=3, more="simulate = true\ng1 = 2") + objects
+        numbers, words = [3, 83], {"STW1": OFF}
+    with gateway(objects) as (daemon, _):
+        plc, client = Plc(daemon, numbers), daemon.encoders[0].client
+        plc.endpoint.set(0, words | {"G1_STW": G1["REQUEST_ABSOLUTE"]})
+        plc.until(lambda: plc.value("G1_XIST2") == 1024, "position")
+        free = Event(daemon.loop)
+        client.submit(lambda _: free.wait())
+        plc.endpoint.set(0, words | {"G1_STW": G1["PRESET"]})
+        plc.until(lambda: not has(plc, "G1_ZSW", STATUS["ABSOLUTE_VALID"]), "preset waits for the other access")
+        plc.endpoint.set(0, words | {"G1_STW": G1["PARK"]})
+        plc.until(lambda: has(plc, "G1_ZSW", STATUS["PARKED"]), "parked")
+        plc.exchange()
+        free.set()
+        plc.until(client.submit(lambda _: None).done, "later accesses")
+        assert encoder_of(daemon).model.position_1 == 1024
 
 
 def test_two_channels_of_one_device_are_two_drive_objects_of_one_node() -> None:
