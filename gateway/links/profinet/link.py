@@ -49,12 +49,17 @@ from pdgw.profinet.station import Station
 log = logging.getLogger("gateway")
 
 _AT_ONCE = 64
+_WAITED_AT_MOST: Final = 10_000
+"""More than a socket buffer: a flood must not delay the cycle."""
 _WAITING = 64
 """Datagrams that may wait for the task; of more the oldest are lost, and their senders ask again."""
 _DIAGNOSIS_NS: Final = 50 * MS
 _NOT_IN_FORCE: Final = -1
 """Instead of the orders of a frame that did not count: the next frame is a step of the axes."""
 _ORDERS_LOST: Final = "the gateway was held up, and more orders came than it can keep"
+_HELD_UP: Final = "the gateway was held up for longer than the watchdog time, and frames waited meanwhile"
+_SHORTEST_WATCHDOG: Final = 2
+"""Cycles: the gateway reads in each cycle, at a time that varies."""
 
 
 class Served(Diagnosed, Protocol):
@@ -122,6 +127,9 @@ class ProfinetLink:
         self._watch: Timer | None = None
         self._receivable = False
         self._limit_ns = 0
+        self._held_up_ns = 0
+        """If the port was not read for longer, the frames in it are not used, and the PLC is lost."""
+        self._read_at = 0
         self._received_at = 0
         self.more = True
         """Data after a punctual frame is processed in the next turn, which saves one system call in each cycle."""
@@ -227,8 +235,11 @@ class ProfinetLink:
 
     def receive(self, now: int, at_most: int = _AT_ONCE) -> bool:
         device = self.device
+        held_up, self._read_at = now - self._read_at > self._held_up_ns, now
         if self._engine is not None:
             return self._receive_of(self._engine, now)
+        if held_up and self._receivable:
+            self._discard_waiting()
         fresh = False
         for _ in range(at_most):
             frame = self.port.receive()
@@ -247,6 +258,16 @@ class ProfinetLink:
         if fresh:
             self._read_setpoints(now)
         return fresh
+
+    def _discard_waiting(self) -> None:
+        """Frames that waited for an unknown time are no sign of life, and their orders may be old."""
+        waited = False
+        for _ in range(_WAITED_AT_MOST):
+            if self.port.receive() is None:
+                break
+            waited = True
+        if waited:
+            self._tell(_HELD_UP)
 
     def _is_changed(self) -> bool:
         """Whether orders of the newest frame differ from those of the frame before it, or another controller sent it."""
@@ -589,6 +610,8 @@ class ProfinetLink:
                     self._pairing = Pairing(self.port, provider)
                 transport = self._config.transport
                 self._limit_ns = transport.watchdog_factor * consumer.cycle_ns
+                cycles = max(transport.watchdog_factor, _SHORTEST_WATCHDOG)
+                self._held_up_ns = cycles * max(int(transport.cycle_time_ms * MS), consumer.cycle_ns)
                 self.layout_token = object()
                 cycle = provider.cycle_ns / MS
                 what = "took over" if self._switched_over else "connected"

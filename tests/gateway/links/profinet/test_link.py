@@ -271,6 +271,40 @@ def test_a_stop_is_seen_before_the_run_that_waits_behind_it(rig: Rig) -> None:
     assert rig.link.setpoints[0] == (0x047F, 0x2000)
 
 
+@pytest.mark.parametrize(
+    ("transport", "limit_ms"),
+    [({}, 12), ({"watchdog_factor": 1}, 8), ({"cycle_time_ms": 10}, 30), ({"cycle_time_ms": 1}, 12)],
+    ids=["watchdog", "two cycles", "longer cycle of the gateway", "longer cycle of the controller"],
+)
+def test_frames_that_waited_in_a_gateway_that_was_held_up_are_no_life(
+    tmp_path: Path, transport: dict[str, int], limit_ms: int
+) -> None:
+    rig = Rig(tmp_path, **transport)
+    rig.connect()
+    rig.plc.set_output(AXIS, bytes.fromhex("047f2000"))
+    rig.run(20 * MS)
+    now = rig.loop.now()
+    for waited in (limit_ms * MS, limit_ms * MS + 1):
+        rig.link.receive(now)
+        assert not rig.link.poll(now)
+        now += waited
+        for word in ("047e2000", "047f2000"):
+            rig.port.real_time.append(cyclic(rig, bytes.fromhex(word)))
+        if waited == limit_ms * MS:
+            assert rig.link.receive(now)
+            assert rig.link.setpoints[0] == (0x047E, 0x2000)
+            assert rig.link.receive(now)
+    assert not rig.link.receive(now)
+    assert rig.link.poll(now)
+    assert "held up" in rig.link.loss
+    while rig.port.real_time:
+        rig.link.receive(now)
+    assert rig.link.setpoints == [None, None], "OFF and ON are as old as the frames of the PLC before"
+    rig.port.real_time.append(cyclic(rig, bytes.fromhex("047e2000")))
+    assert rig.link.receive(now + 1)
+    assert rig.link.setpoints[0] == (0x047E, 0x2000)
+
+
 def test_a_drive_that_is_lost_and_comes_back_is_diagnosis_and_return_of_submodule(rig: Rig) -> None:
     rig.connect()
     rig.objects[0].client.status = NodeStatus.LOST
