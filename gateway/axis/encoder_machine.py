@@ -34,7 +34,6 @@ from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram
 
 _FAULT = signal("ZSW2_ENC").bit("FAULT").mask
-_ACKNOWLEDGE = signal("STW2_ENC").bit("FAULT_ACKNOWLEDGE").mask
 _SENSOR_REASONS = {
     SensorState.ERROR: Reason.SENSOR_ERROR,
     SensorState.ACKNOWLEDGING: Reason.SENSOR_ERROR,
@@ -173,8 +172,7 @@ class EncoderMachine:
             write = self._preset = channel.preset_write
             outputs.writes = None if write is None else (write,)
         outputs.good = ok
-        asked = adapter.control is not None and adapter.control & _ACKNOWLEDGE != 0
-        if self._acknowledgement.step(asked, ok, cause, now):
+        if self._acknowledgement.step(control.acknowledged, ok, cause, now):
             outputs.acknowledged = outputs.eventful = True
         outputs.reason = self._reason(ok)
         outputs.warning = self.in_error

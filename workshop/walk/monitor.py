@@ -110,7 +110,7 @@ class Memory(NamedTuple):
     operated: bool = False
     """The drive reported operation."""
     idle: bool = False
-    """STW1.7 was 0 in this connection."""
+    """STW1.7 was 0 since the PLC has control in this connection."""
     reset: bool = False
     """The last Controlword had Fault Reset."""
     active: int = 0
@@ -141,6 +141,7 @@ class _Asked:
         "brake",
         "coast",
         "connected",
+        "control",
         "disable",
         "enable",
         "gone",
@@ -159,7 +160,7 @@ class _Asked:
         there = plc.setpoints is not None
         self.lives, self.missed = lives, missed = _life(expected, memory, plc)
         alive = there and not (lives and expected.life is not None and missed > expected.life)
-        control = alive and (raw or word & CONTROL != 0)
+        control = self.control = alive and (raw or word & CONTROL != 0)
         connected = self.connected = alive and (memory.connected or control)
         gone = self.gone = not connected
         # OFF2 and OFF3 are valid in every frame, also without sign of life, or without control after a loss.
@@ -180,7 +181,7 @@ class _Asked:
         off1 = (connected and not raw and word & _ON == _OFF) or (gone and expected.loss is PlcLossReaction.RAMP)
         uncontrolled = connected and not control and not (self.hold or self.coast or self.brake)
         self.ramp = (off1 and not (self.coast or self.brake)) or uncontrolled
-        self.reset = connected and word & ACKNOWLEDGE != 0
+        self.reset = control and word & ACKNOWLEDGE != 0
 
 
 def _life(expected: Expected, memory: Memory, plc: Plc) -> tuple[bool, int]:
@@ -266,7 +267,7 @@ class Monitor:
             (not dead or memory.enables > 0) and (coast or memory.coasts or (ends and voltage_off)),
             not off and not coast and (brake or memory.brakes),
             operates,
-            asked.connected and (not asked.reset or memory.idle),
+            asked.control and (not asked.reset or memory.idle),
             cw & _RESET != 0,
             active,
             edge,

@@ -133,6 +133,8 @@ class ControlWordAdapter(Adapter):
         self._stop_is_reached = settings.intermediate_stop_reached and telegram.mode is ApplicationMode.POSITIONING
         self._interrupted = False
         """An intermediate stop is active and shows target reached."""
+        self._armed = False
+        """STW1.7 was 0 since the PLC has control in this connection: an acknowledge is an edge."""
 
     def take(self, word: int | None, demand: Demand) -> bool:
         """Evaluate the bits of STW1 that all telegrams share; None without a PLC. False: the other bits do not count."""
@@ -141,17 +143,20 @@ class ControlWordAdapter(Adapter):
         self._visible = ~0 if word is None or word & _NO_QUICK_STOP else ~Flag.NO_QUICK_STOP
         self._interrupted = self._stop_is_reached and word is not None and not word & _TASK_BITS
         if word is None:
-            demand.connected = False
+            demand.connected = self._armed = False
             demand.in_control = True
             demand.sensor = demand.second_sensor = None
             return False
         if not word & _CONTROL_BY_PLC:
-            demand.in_control = demand.acknowledge = False
+            demand.in_control = demand.acknowledge = self._armed = False
             demand.power = self._uncontrolled[demand.power][WISHES[word & POWER_BITS]]
             return False
         demand.connected = demand.in_control = True
         demand.power = WISHES[word & POWER_BITS]
-        demand.acknowledge = word & _FAULT_ACKNOWLEDGE != 0
+        if word & _FAULT_ACKNOWLEDGE:
+            demand.acknowledge = self._armed
+        else:
+            demand.acknowledge, self._armed = False, True
         return True
 
     def status(self, flags: int) -> int:

@@ -63,15 +63,19 @@ class TransparentAdapter(Adapter):
         self._controlword = self.setpoint(*telegram.setpoints.names[: len(SETPOINT_ATTRIBUTES)])
         self.actual(*telegram.actuals.names[: len(ACTUAL_ATTRIBUTES)])
         self._mode_display = self.actual("Modes of Operation Display")
+        self._armed = False
+        """Controlword bit 7 was 0 in this connection: an acknowledge is an edge."""
 
     def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
         if setpoints is None:
-            demand.connected = False
+            demand.connected = self._armed = False
             return
         word = setpoints[self._controlword]
         demand.connected = True
         demand.power = _WISHES[word & POWER_BITS]
-        demand.acknowledge = word & _FAULT_ACKNOWLEDGE != 0
+        acknowledge = word & _FAULT_ACKNOWLEDGE != 0
+        demand.acknowledge = acknowledge and self._armed
+        self._armed = self._armed or not acknowledge
         demand.raw = setpoints
 
     def kept(self, demand: Demand) -> tuple[object, ...]:

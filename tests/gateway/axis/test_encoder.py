@@ -241,6 +241,22 @@ def test_reported_fault_is_acknowledged_only_with_the_encoder_online() -> None:
     assert bench.step(stw2=CONTROL | FAULT_ACKNOWLEDGE)["ZSW2_ENC"] == 0x0200
 
 
+@pytest.mark.parametrize(
+    "before", [None, 0, FAULT_ACKNOWLEDGE], ids=["no PLC", "no control", "only acknowledge"]
+)
+def test_an_acknowledge_needs_a_0_since_the_plc_has_control(before: int | None) -> None:
+    bench = Bench()
+    bench.step()
+    bench.stepper.emergency(0x5000, bench.now)
+    bench.step()
+    for word in (before, CONTROL | FAULT_ACKNOWLEDGE):
+        assert bench.step(stw2=word)["ZSW2_ENC"] & 8
+        assert not bench.stepper.machine.outputs.acknowledged
+    bench.step()
+    bench.step(stw2=CONTROL | FAULT_ACKNOWLEDGE)
+    assert bench.stepper.machine.outputs.acknowledged
+
+
 def test_fault_before_the_encoder_is_online_needs_no_acknowledge() -> None:
     bench = Bench()
     bench.ok = False
