@@ -233,9 +233,9 @@ class AxisMachine:
                 report.flags = flags | _WARNING if outputs.warned or self._control_lost else flags
             else:
                 executor.lost()
-                report.flags = statusword & _OF_THE_DRIVE | SHOWN_FAULT
+                report.flags = statusword & interlock.cell.visible | SHOWN_FAULT
         else:
-            powered = drive_ok and STATE_OF_STATUS[statusword & STATE_MASK] in POWERED
+            powered = STATE_OF_STATUS[statusword & STATE_MASK] in POWERED
             condition = _POWERED_UNREAD if powered else _NO_REFERENCES
             interlock.step(wish, demand.acknowledge, condition, statusword, False, now)
             drive_reason = _UNITS_CONTRADICTED if self.check.locked else interlock.reason
@@ -244,7 +244,7 @@ class AxisMachine:
                 executor.refuse()
             else:
                 self._interpolation.refuse(executor)
-            report.flags = statusword & _OF_THE_DRIVE | SHOWN_FAULT
+            report.flags = statusword & interlock.cell.visible | SHOWN_FAULT
             if not drive_ok:
                 executor.lost()
         if not demand.in_control:

@@ -241,9 +241,7 @@ def test_reported_fault_is_acknowledged_only_with_the_encoder_online() -> None:
     assert bench.step(stw2=CONTROL | FAULT_ACKNOWLEDGE)["ZSW2_ENC"] == 0x0200
 
 
-@pytest.mark.parametrize(
-    "before", [None, 0, FAULT_ACKNOWLEDGE], ids=["no PLC", "no control", "only acknowledge"]
-)
+@pytest.mark.parametrize("before", [None, 0, FAULT_ACKNOWLEDGE], ids=["no PLC", "no control", "only acknowledge"])
 def test_an_acknowledge_needs_a_0_since_the_plc_has_control(before: int | None) -> None:
     bench = Bench()
     bench.step()

@@ -9,7 +9,7 @@ import pytest
 from pdgw.ds301.emcy import GENERIC_ERROR
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.faults import ChannelErrorType, DriveFault
-from pdgw.dsp402.states import STATUS_OF, Command, State
+from pdgw.dsp402.states import STATUS_OF, Command, State, StatusBit
 from pdgw.gateway.axis.supervision.drive_events import ACKNOWLEDGE_NS, Acknowledgement, DriveWatch
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
 from pdgw.gateway.axis.values import FaultRead, Outputs
@@ -74,6 +74,26 @@ def test_without_references_a_powered_drive_stops_and_no_other_gets_power(state:
     hand(OFF, State.SWITCH_ON_DISABLED)
     for _ in range(3):
         assert hand(ON, state) == (Command.QUICK_STOP.word if state in WITH_POWER else 0)
+
+
+@pytest.mark.parametrize("lost", [True, False], ids=["lost", "without references"])
+@pytest.mark.parametrize(("off", "bit"), [(OFF & ~2, 0x10), (OFF & ~4, 0x20)], ids=["OFF2", "OFF3"])
+def test_a_stop_is_shown_also_where_the_drive_is_lost_or_has_no_references(off: int, bit: int, *, lost: bool) -> None:
+    hand = Hand(1, engel(), 3, {}).enable()
+    if lost:
+        hand.online = False
+    else:
+        hand.stepper.set_drive(None)
+    hand(off, STATUS_OF[State.OPERATION_ENABLED] | StatusBit.VOLTAGE_ENABLED)
+    assert not hand.actuals["ZSW1"] & bit, "ZSW1.4 and ZSW1.5 are 0 during OFF2 and OFF3"
+
+
+@pytest.mark.parametrize(("word", "controlword"), [(ON, Command.QUICK_STOP.word), (OFF & ~2, 0)], ids=["ON", "OFF2"])
+def test_a_powered_drive_that_is_lost_with_its_references_brakes(word: int, controlword: int) -> None:
+    hand = Hand(1, engel(), 3, {}).enable()
+    hand.stepper.set_drive(None)
+    hand.online = False
+    assert [hand(word) for _ in range(3)] == [controlword] * 3
 
 
 @pytest.mark.parametrize("state", State, ids=lambda state: state.name)
