@@ -420,18 +420,21 @@ class DriveClient(NodeClient[DriveSettings]):
         self._heartbeat_expected = guarding.heartbeat or guarding.life_guarding
 
     @property
+    def _operates(self) -> bool:
+        """The drive is commanded to be in operation."""
+        command = self.rpdos.command
+        return command is not None and operates(command.controlword)
+
+    @property
     def _moves(self) -> bool:
         """The drive is commanded to move: by a setpoint, or by a position for each SYNC while it is in operation."""
-        rpdos = self.rpdos
-        if rpdos.motion_asked or not self._positions_by_sync:
-            return rpdos.motion_asked
-        return rpdos.command is not None and operates(rpdos.command.controlword)
+        return self.rpdos.motion_asked or (self._positions_by_sync and self._operates)
 
     def _has_work(self, now: int) -> bool:
         moves = self._moves
         if self.rpdos.written or self._mode.awaited is not None or (moves and self._tpdos.has_unconfirmed):
             return True
-        return self.units.watch.is_due(now, moves=moves) or super()._has_work(now)
+        return self.units.watch.is_due(now, operates=self._operates, moves=moves) or super()._has_work(now)
 
     def _lost(self, now: int) -> str:
         return super()._lost(now) or self._mode.wrong or self._tpdos.dropped
@@ -441,7 +444,7 @@ class DriveClient(NodeClient[DriveSettings]):
         self.rpdos.write(self.sdo.write, now)
         self._mode.check(now)
         super()._exchange_acyclic(now)
-        if self.units.watch.is_due(now, moves=self._moves):
+        if self.units.watch.is_due(now, operates=self._operates, moves=self._moves):
             self.units.check(now, acyclic_read=self._acyclic_read)
         if self._moves and self.units.watch.asked is None:
             # Not earlier: while waiting for an answer, a loss of the drive would be reported late.

@@ -1,4 +1,4 @@
-"""Read the units of a drive again while it moves, and its position if no TPDO contains it. For the node's task.
+"""Read the units of a drive again in operation, and its position if no TPDO contains it. For the node's task.
 
 One request after the other without waiting for the answer. Which object is next, and when, is ``dsp402.units.unit_watch``.
 """
@@ -67,7 +67,7 @@ class UnitCheck:
                     self._take(address, value, now, acyclic_read)
         if self._position is not None:
             watch.position_missing = True
-        if watch.asked is None and watch.is_due(now, moves=True) and (following := watch.next_object(now)) is not None:
+        if watch.asked is None and watch.is_next(now) and (following := watch.next_object(now)) is not None:
             sdo.ask(*following)
 
     def _take(self, address: ObjectAddress, value: int, now: int, acyclic_read: int) -> None:

@@ -1,4 +1,4 @@
-"""Objects of a drive to read again while it moves: those that define its units, and its position if no TPDO contains it.
+"""Objects of a drive to read again in operation: those that define its units, and its position if no TPDO contains it.
 
 Another tool may write a unit object at any time; then the drive turns faster than commanded. Source: docs/units.md.
 """
@@ -57,12 +57,16 @@ class UnitWatch:
         self._begun = self._due = 0
         self._positions = 0
 
-    def is_due(self, now: int, *, moves: bool) -> bool:
-        """Whether something has to be read; ``moves``: the drive is commanded to."""
+    def is_due(self, now: int, *, operates: bool, moves: bool) -> bool:
+        """Whether something has to be read. ``operates``: the drive is commanded to be in operation, ``moves``: also to move."""
         if not moves:
             self._begun = 0
-            return False
+            return operates and self.is_next(now)
         self._begun = self._begun or now
+        return self.is_next(now)
+
+    def is_next(self, now: int) -> bool:
+        """Whether an answer is awaited or the next request is due."""
         return self.asked is not None or now >= self._due
 
     def next_object(self, now: int) -> ObjectAddress | None:

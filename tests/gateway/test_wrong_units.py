@@ -211,3 +211,25 @@ def test_lying_drive_turns_as_asked_or_not_at_all(name: str) -> None:
     assert re.search(liar.said, found.text), found
     if found.outcome == "stopped":
         assert found.seconds < 1, found
+
+
+def test_units_that_change_while_the_drive_stands_in_operation_are_noticed_before_it_moves() -> None:
+    law = LIARS["60A9h = 0.1 rpm, rewritten to rpm meanwhile"].law
+    with running(configuration(axis(1, more=""))) as daemon:
+        drive = OwnLawDrive(world_of(daemon), "world", 1, law)
+        until(daemon, lambda: daemon.axes[0].drive.generation, "online")
+        plc = Plc(daemon, [1])
+        for word in (OFF, ON):
+            plc.endpoint.set(0, {"STW1": word})
+            for _ in range(200):
+                plc.exchange()
+        assert daemon.axes[0].enable_status.broken is None
+        _rewrite(drive)
+        for _ in range(500):
+            plc.exchange()
+        assert [fault.number for fault in daemon.axes[0].faults] == [128]
+        plc.endpoint.set(0, {"STW1": ON, "NSOLL_A": _NSOLL.raw(PERCENT)})
+        drive.node.fastest = 0.0
+        for _ in range(200):
+            plc.exchange()
+        assert drive.node.fastest == 0.0
