@@ -76,6 +76,12 @@ GUARDED: tuple[GuardedRange, ...] = (
     ),
     GuardedRange(indices.VL_MIN_MAX, indices.VL_MIN_MAX, "speed limits: value of 100 %", Check.REFERENCES),
     GuardedRange(
+        indices.VL_DECELERATION,
+        indices.VL_QUICK_STOP,
+        "deceleration and quick stop of velocity mode: braking",
+        Check.REFERENCES,
+    ),
+    GuardedRange(
         indices.VL_SETPOINT_FACTOR,
         indices.VL_DIMENSION_FACTOR,
         "factors of velocity mode: meaning of every speed",
