@@ -23,6 +23,7 @@ from pdgw.ds301.communication import (
 )
 from pdgw.ds301.pdo import PDO_PARAMETERS
 from pdgw.dsp402 import indices
+from pdgw.dsp406.objects import MEASURING_STEPS, OPERATING_PARAMETERS, PRESET_MULTI_SENSOR
 
 
 class Check(enum.Enum):
@@ -72,7 +73,16 @@ GUARDED: tuple[GuardedRange, ...] = (
     ),
     GuardedRange(NMT_STARTUP, NMT_STARTUP, "NMT start-up: the drive would start by itself", Check.CONFIGURATION),
     GuardedRange(
+        OPERATING_PARAMETERS,
+        MEASURING_STEPS,
+        "resolution, range and preset of an encoder: its position jumps",
+        Check.REFERENCES,
+    ),
+    GuardedRange(
         indices.ABORT_OPTION, indices.ABORT_OPTION, "reaction of the drive when the gateway dies", Check.CONFIGURATION
+    ),
+    GuardedRange(
+        PRESET_MULTI_SENSOR, PRESET_MULTI_SENSOR, "presets of an encoder: its position jumps", Check.REFERENCES
     ),
     GuardedRange(indices.VL_MIN_MAX, indices.VL_MIN_MAX, "speed limits: value of 100 %", Check.REFERENCES),
     GuardedRange(

@@ -147,13 +147,20 @@ def test_parameters_of_an_encoder_object() -> None:
         assert refused.values == (Number.NO_OPERATION_PRIORITY,), "the cyclic timer is the gateway's"
 
 
-def test_a_preset_written_to_the_object_itself_is_seen_and_the_scaling_followed() -> None:
+def test_a_preset_written_to_the_object_itself_is_an_error_of_the_sensor_until_acknowledged() -> None:
     with gateway(encoder(1, 81, more='motion = "still=0.5"')) as (daemon, client):
-        plc = Plc(daemon, [81])
-        plc.endpoint.set(0, {"STW2_ENC": CONTROL, "G1_STW": G1["REQUEST_ABSOLUTE"]})
+        plc, absolute = Plc(daemon, [81]), G1["REQUEST_ABSOLUTE"]
+        plc.endpoint.set(0, {"STW2_ENC": CONTROL, "G1_STW": absolute})
         plc.until(lambda: plc.value("G1_XIST2") == 2048, "position")
         (answer,) = client.request([ParameterAddress(0x6003)], [Values(DataType.UNSIGNED32, (5000,))])
         assert not answer.failed
+        for _ in range(50):
+            plc.exchange()
+            assert plc.value("G1_XIST1") in (2048, -1), "a position controller must not see a jump as a movement"
+        assert has(plc, "G1_ZSW", STATUS["ERROR"])
+        plc.endpoint.set(0, {"STW2_ENC": CONTROL, "G1_STW": absolute | G1["ERROR_ACKNOWLEDGE"]})
+        plc.until(lambda: has(plc, "G1_ZSW", STATUS["ERROR_ACKNOWLEDGED"]), "acknowledged")
+        plc.endpoint.set(0, {"STW2_ENC": CONTROL, "G1_STW": absolute})
         plc.until(lambda: plc.value("G1_XIST2") == 5000, "new position")
         (answer,) = client.request([ParameterAddress(0x6001)], [Values(DataType.UNSIGNED32, (1000,))])
         assert not answer.failed, answer.text

@@ -48,12 +48,17 @@ GUARDED_INDICES = (
 )
 
 
-@pytest.mark.parametrize("index", [*GUARDED_INDICES, *sorted({*UNIT_OBJECTS, *VL_FACTORS}), 0x6046, 0x6049, 0x604A, 0x607B])
+@pytest.mark.parametrize(
+    "index",
+    [*GUARDED_INDICES, *sorted({*UNIT_OBJECTS, *VL_FACTORS}), 0x6000, 0x6003, 0x6010, 0x6046, 0x6049, 0x604A, 0x607B],
+)
 def test_what_stops_guards_or_scales_an_axis_is_guarded(index: int) -> None:
     assert guard_of(index) is not None
 
 
-@pytest.mark.parametrize("index", [0x1000, 0x1008, 0x1018, 0x2000, 0x6048, 0x6081, 0x6083, 0x6087, 0x6098, 0x60C5, 0x60FF])
+@pytest.mark.parametrize(
+    "index", [0x1000, 0x1008, 0x1018, 0x2000, 0x6048, 0x6081, 0x6083, 0x6087, 0x6098, 0x60C5, 0x60FF]
+)
 def test_everything_else_may_be_written_at_any_time(index: int) -> None:
     assert guard_of(index) is None
 
