@@ -19,6 +19,9 @@ from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp402.modes import Mode
 
+_POSITIONS: Final = 1 << 32
+"""Of 6064h."""
+
 VL_RAMP: Final = 0x70
 """Controlword of velocity mode (vl): enable ramp, unlock ramp, reference ramp. All three let the setpoint through."""
 _ABSENT = "not an object of this drive"
@@ -69,6 +72,14 @@ class Scaling:
     """Velocity units of one rpm of the motor."""
     acceleration_per_rpm_s: Fraction | None = None
     """Acceleration units of one rpm/s of the motor."""
+
+    @property
+    def position_span(self) -> int:
+        """Number of positions after which the position starts again."""
+        if not self.position_wraps or self.position_range is None:
+            return _POSITIONS
+        low, high = self.position_range
+        return high - low + 1
 
     @property
     def lines(self) -> tuple[str, ...]:

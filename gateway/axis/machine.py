@@ -6,6 +6,7 @@ Daemon, replay, conformance and tests drive this one machine. Source: docs/trans
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
 from pdgw.ds301.errors import CanopenError
@@ -451,4 +452,8 @@ class AxisMachine:
         self._window = max(1, int(speed * self.settings.standstill_window))
         self._stop.reference = int(speed)
         self.check.set_drive(drive.scaling, self._window)
+        own, span = self._own_sensor, drive.scaling.position_span
+        if self.sensor is not None and not self.settings.g1_is_encoder and own.references.total_range != span:
+            own.references = replace(own.references, total_range=span)
+            self.sensor.channel.set_references(own.references)
         self._usable = True

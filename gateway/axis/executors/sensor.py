@@ -174,15 +174,15 @@ class DriveSensor:
     position_time: Final = 0
     speed: Final = None
     valid: Final = True
-    references: Final = EncoderReferences(_POSITIONS, Fraction(1), preset_supported=False)
+    references = EncoderReferences(_POSITIONS, Fraction(1), preset_supported=False)
 
     def __init__(self, feedback: DriveFeedback) -> None:
         self._feedback = feedback
 
     @property
     def position(self) -> int:
-        """6064h as an encoder would show it."""
-        return self._feedback.position_actual % _POSITIONS
+        """6064h."""
+        return self._feedback.position_actual
 
 
 class SecondDriveSensor(DriveSensor):
@@ -190,7 +190,7 @@ class SecondDriveSensor(DriveSensor):
 
     @property
     def position(self) -> int:
-        return self._feedback.second_position % _POSITIONS
+        return self._feedback.second_position
 
 
 class SensorWords:

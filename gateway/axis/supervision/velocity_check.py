@@ -37,8 +37,6 @@ _GROWTH: Final = 1.01
 """Smallest growth from one step to the next."""
 _GROWTH_STEPS: Final = 5
 """Number of consecutive steps with growth."""
-_POSITIONS: Final = 1 << 32
-"""Position units after which the position wraps, unless 607Bh has fewer."""
 _RAMP_MARGIN: Final = 2
 """Factor on the stop time for a slower setpoint."""
 
@@ -86,7 +84,7 @@ class VelocityCheck:
         """Position units a second of one velocity unit; 0 where one of them is not known."""
         self._counts = 0.0
         self._full = self._floor = 0
-        self._span = _POSITIONS
+        self._span = 1 << 32
         self._restart()
 
     def set_drive(self, scaling: Scaling, window: int) -> None:
@@ -97,8 +95,7 @@ class VelocityCheck:
         else:
             self._counts = float(counts)
             self._counts_per_unit = float(counts / per_rpm / SECONDS_PER_MINUTE)
-        limits = scaling.position_range if scaling.position_wraps else None
-        self._span = _POSITIONS if limits is None else limits[1] - limits[0] + 1
+        self._span = scaling.position_span
         self._full = int(scaling.reference(Quantity.SPEED))
         self._floor = window
         self._restart()

@@ -11,6 +11,7 @@ from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.peers.drive import ENGEL, ROTARY_AXIS
 from pdgw.profidrive.signals import signal
+from tests.support.axis.hand import Hand
 from tests.support.axis.positioner import CHOICES
 from tests.support.axis.rig import Rig
 from tests.support.drives.drive_types import References, engel
@@ -42,6 +43,16 @@ def table(number: int = 111, choices: PositionerChoices = TABLE, *, wraps: bool)
     rig.stepper.events.clear()
     rig.values |= {"OVERRIDE": 0x4000, "MDI_ACC": 0x4000, "MDI_DEC": 0x4000}
     return rig
+
+
+def test_g1_xist1_counts_across_the_wrap_of_the_drive() -> None:
+    hand = Hand(3, drive_type(wraps=True), 3, {"G1_STW": 0x2000})
+    shown = []
+    for position in (UNITS - 1, UNITS, 0, 1, 0, UNITS):
+        hand.feedback.position_actual = position
+        hand(OFF)
+        shown.append((hand.actuals["G1_XIST1"] - UNITS, hand.actuals["G1_XIST2"]))
+    assert shown == [(-1, UNITS - 1), (0, UNITS), (1, 0), (2, 1), (1, 0), (0, UNITS)]
 
 
 def in_range_and_reached(actuals: dict[str, int]) -> bool:
