@@ -87,8 +87,18 @@ class Course:
         if watched is not self.limits:
             self.limits, self.limits_moved = watched, True
         goal = self.goal
-        if goal is not None and goal.distance is not None and seen.given < self.sent:
-            self.goal = replace(goal, target=seen.position + goal.distance)
+        if goal is not None and goal.distance is not None and self.waits:
+            self._begin_at(goal, seen.position + goal.distance)
+
+    def _begin_at(self, goal: Goal, target: int) -> None:
+        """A relative task begins at the present position: ``target`` is its end, or the software limit before it."""
+        limits = self.limits
+        inside = target if limits is None else self._inside(target + self.offset, limits) - self.offset
+        if inside == target:
+            self.goal = replace(goal, target=target)
+        else:
+            self.outcome.warning = Reason.SOFTWARE_LIMIT
+            self.aim(replace(goal, target=inside, distance=None))
 
     def drop(self) -> None:
         """No goal any more: ramp to standstill."""

@@ -404,6 +404,22 @@ def test_a_software_limit_that_becomes_active_replaces_the_target_of_a_running_t
     assert (rig.position, rig.outcome.at_plus) == (5000, True)
 
 
+def test_a_relative_task_that_begins_after_the_braking_of_another_ends_at_the_software_limit() -> None:
+    rig = PositionerRig(replace(SETTINGS, software_limits=(-20_000, 20_000)))
+    rig.home()
+    move(rig, target=15_000, **ABSOLUTE)
+    rig.step(60)
+    rig.step(no_intermediate_stop=False)
+    rig.step(activate=False)
+    move(rig, target=8200, **RELATIVE)
+    assert rig.position + 8200 < 20_000
+    rig.step(100)
+    assert rig.position + 8200 > 20_000, "it has braked"
+    rig.step(no_intermediate_stop=True)
+    assert rig.settle().warning is Reason.SOFTWARE_LIMIT
+    assert rig.position == 20_000
+
+
 def test_a_task_that_is_beyond_a_software_limit_when_it_becomes_active_stops() -> None:
     rig = PositionerRig(NARROW)
     rig.home()
