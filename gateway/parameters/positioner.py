@@ -72,18 +72,28 @@ class PositionerParameters:
 
     def _change(self, change: Callable[[DoParameters], None]) -> None:
         self._require_power_off()
-        changed = self._stored().model_copy(deep=True)
+        before = self._stored()
+        changed = before.model_copy(deep=True)
         change(changed)
         try:
             choices = self._values(changed).choices()
         except GatewayError as error:
             raise ParameterRefused(Number.VALUE_IMPERMISSIBLE) from error
         self._save(change)
+        try:
+            self._require_power_off()  # storing took time
+        except ParameterRefused:
+            self._save(lambda stored: _put_back(stored, before))
+            raise
         self._take(choices)
 
 
 def _put(stored: DoParameters, pnu: int, value: int) -> None:
     stored.positioner[pnu] = value
+
+
+def _put_back(stored: DoParameters, before: DoParameters) -> None:
+    stored.positioner, stored.positioner_blocks = before.positioner, before.positioner_blocks
 
 
 class _BlockParameter:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,8 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTask
 from pdgw.gateway.motion.requests import PositionerChoices
+from pdgw.gateway.objects.axis import Axis
+from pdgw.gateway.store import DeviceParameters
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
@@ -156,6 +159,21 @@ def test_in_operation_nothing_is_written() -> None:
         plc.enable()
         with exchanging(plc):
             assert error(write(client, 2571, 12_000)) == Number.NOT_EXECUTABLE_IN_STATE
+
+
+def test_values_are_put_back_if_the_axis_is_switched_on_while_they_are_stored(monkeypatch: pytest.MonkeyPatch) -> None:
+    with serving(CONFIG) as (daemon, client):
+        saved: list[int] = []
+        monkeypatch.setattr(Axis, "powered", property(lambda _: len(saved) == 1))
+        update = daemon.store.update
+
+        def switched_on_after(change: Callable[[DeviceParameters], None]) -> None:
+            update(change)
+            saved.append(1)
+
+        monkeypatch.setattr(daemon.store, "update", switched_on_after)
+        assert error(write(client, 2571, 12_000)) == Number.NOT_EXECUTABLE_IN_STATE
+        assert (read(client, 2571), choices(daemon).max_velocity) == (30_000, 30_000)
 
 
 def test_an_axis_without_a_positioner_has_none_of_them() -> None:
