@@ -59,9 +59,10 @@ def longest_hold_ns(dead_time: int) -> int:
     return int(dead_time * (_PI * _E / 2 - 1))
 
 
-def difference(newer: int, older: int) -> int:
-    """``newer`` - ``older`` of positions that count round in 32 bits."""
-    return (newer - older - _LOWEST) % _TURN + _LOWEST
+def difference(newer: int, older: int, span: int = _TURN) -> int:
+    """``newer`` - ``older`` of positions that start again after ``span``, the shorter way."""
+    half = span // 2
+    return (newer - older + half) % span - half
 
 
 def wrapped(position: int) -> int:
@@ -118,6 +119,8 @@ class DscSettings:
     sync_period_ns: int
     fine_resolution: int = 0
     """Bits XERR is shifted left by (P979)."""
+    position_span: int = _TURN
+    """Number of positions after which the drive's position starts again."""
     velocity_range: tuple[int, int] = (_LOWEST, _HIGHEST)
     """Range of the object of the speed, or of the feed-forward."""
 
@@ -233,7 +236,7 @@ class Dsc:
 
     def _velocity(self, feed_forward: int, xerr: int, kpc: int, position: int) -> None:
         result, settings = self.setpoint, self.settings
-        moved = difference(position, result.sent[0]) << settings.fine_resolution
+        moved = difference(position, result.sent[0], settings.position_span) << settings.fine_resolution
         error = self.choices.xerr_sign * xerr - moved
         if not self._starts_near(error >> settings.fine_resolution):
             return

@@ -69,9 +69,6 @@ class DscExecutor(Executor):
         counts = known(scaling.counts_per_revolution, "position units per revolution", "counts_per_revolution")
         velocity = known(scaling.velocity_per_rpm, "velocity units per rpm", "velocity_unit")
         acceleration = known(scaling.acceleration_per_rpm_s, "acceleration units", "acceleration_unit")
-        if scaling.position_wraps:
-            wrap = "not used by DSC: the position must not start again (607Bh = 0/0, or the whole range of 32 bits)"
-            raise Dsp402Error("Position Range Limit 607Bh", scaling.position_range, wrap)
         if counts.denominator != 1:
             raise Dsp402Error("position units per revolution", counts, "a whole number for DSC")
         choices, cycle_ns, reference = self.choices, self.settings.cycle_ns, scaling.reference(Quantity.SPEED)
@@ -81,6 +78,7 @@ class DscExecutor(Executor):
             reference / velocity,
             velocity,
             cycle_ns,
+            position_span=scaling.position_span,
             velocity_range=drive.limits("target_velocity" if choices.form is _BY_SPEED else "velocity_offset"),
         )
         self.dsc = Dsc(settings)

@@ -347,16 +347,6 @@ def test_a_drive_whose_units_are_not_known_does_not_operate() -> None:
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_a_drive_whose_position_wraps_has_no_dsc(form: DscForm) -> None:
-    rig = axis(form)
-    drive = engel(REFERENCES)
-    rig.stepper.set_drive(replace(drive, scaling=replace(drive.scaling, position_range=(0, 3599), position_wraps=True)))
-    rig.step(2)
-    (event,) = rig.stepper.events
-    assert "607Bh" in event.text
-
-
-@pytest.mark.parametrize("form", FORMS)
 def test_unusable_dsc_values_block_operation(form: DscForm) -> None:
     rig = Rig(105, dsc=DscChoices(form, following_window=4096), cycle_ns=0)
     rig.step(2)

@@ -57,6 +57,12 @@ def test_the_speed_counts_what_the_axis_moved_since_the_position_the_plc_used() 
     assert dsc.step(0, 2048, 50_000, 3048).velocity == 0, "the axis is there already"
 
 
+def test_the_speed_counts_what_the_axis_moved_across_the_wrap_of_the_drive() -> None:
+    dsc = Dsc(replace(chosen(SPEED, delay_cycles=1), position_span=4096))
+    dsc.step(0, 0, 50_000, 4000)
+    assert dsc.step(0, 100, 50_000, 4).velocity == 0, "100 increments, over the end at 4095"
+
+
 def test_the_sign_of_xerr_can_be_turned() -> None:
     assert Dsc(chosen(SPEED, xerr_sign=-1)).step(0, 2048, 50_000, 0).velocity == -3000
     assert Dsc(chosen(POSITION, xerr_sign=-1)).step(0, 2048, 50_000, 0).position == -2048
