@@ -438,6 +438,12 @@ class Reason(enum.Enum):
         _E.NODE,
         "wait less than a second; then OFF and ON",
     )
+    TASK_RAMP_ZERO = (
+        "acceleration or deceleration of the task is 0: nothing moves",
+        _S.WAITS,
+        _E.SETPOINT,
+        "give the task an acceleration and a deceleration above 0",
+    )
 
 
 class UnconfirmedOrder(enum.IntEnum):

@@ -149,9 +149,14 @@ class MdiPositioner(Positioner):
             self._warn(Reason.INTERMEDIATE_STOP)
         else:
             goal = self._drive.converted(asked)
-            if goal.velocity:
+            refusal = None
+            if not goal.velocity:
+                refusal = Reason.TASK_SPEED_ZERO
+            elif asked.acceleration <= 0 or asked.deceleration <= 0:
+                refusal = Reason.TASK_RAMP_ZERO
+            else:
                 self._waiting = goal
-            self._warn(None if goal.velocity else Reason.TASK_SPEED_ZERO)
+            self._warn(refusal)
 
     def _take_while_braking(self, asked: Asked) -> None:
         if not self._homing_asked() and not asked.homing:

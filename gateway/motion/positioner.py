@@ -279,6 +279,8 @@ class Positioner:
             event = _SETTING_UP_TASK if asked.setting_up else _MDI_TASK
             if not velocity:
                 refusal = Reason.TASK_SPEED_ZERO
+            elif asked.acceleration <= 0 or asked.deceleration <= 0:
+                refusal = Reason.TASK_RAMP_ZERO
             elif asked.setting_up:
                 refusal = Reason.TASK_DIRECTION if positive is negative else None
             elif positive and negative and self.settings.modulo and absolute:

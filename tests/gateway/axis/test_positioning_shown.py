@@ -92,6 +92,8 @@ def test_loss_of_the_drive_for_a_cycle_clears_the_home_position() -> None:
         (ON & ~REJECT, {}, Reason.REJECTED),
         (ON & ~INTERMEDIATE, {}, Reason.INTERMEDIATE_STOP),
         (ON, {"MDI_VELOCITY": 0}, Reason.TASK_SPEED_ZERO),
+        (ON, {"MDI_ACC": 0}, Reason.TASK_RAMP_ZERO),
+        (ON, {"MDI_DEC": 0}, Reason.TASK_RAMP_ZERO),
     ],
     ids=lambda item: item.name if isinstance(item, Reason) else "",
 )
@@ -102,7 +104,7 @@ def test_reason_of_a_rejected_edge_stays_until_the_next_task_or_reject(
     hand(word | ACTIVATE, **values)
     assert hand.stepper.reason is reason
     for _ in range(5):
-        hand(ON, SATZANW=0x8000, MDI_VELOCITY=1 << 29)
+        hand(ON, SATZANW=0x8000, MDI_VELOCITY=1 << 29, MDI_ACC=0x4000, MDI_DEC=0x4000)
         assert hand.stepper.reason is reason
     hand(ON, SATZANW=0)
     assert hand.stepper.reason is reason, "what the edge lacked, not what the next one would"

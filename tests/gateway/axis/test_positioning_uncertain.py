@@ -30,6 +30,8 @@ from tests.gateway.axis.test_positioning import (
 from tests.support.axis.stepper import Stepper
 from tests.support.drives.drive_types import References
 
+RAMPS = {"MDI_ACC": 0x4000, "MDI_DEC": 0x4000}
+
 
 @pytest.mark.parametrize("withheld", [REJECT, INTERMEDIATE])
 def test_an_edge_latched_while_braking_does_not_start_while_bit_4_or_5_is_0(withheld: int) -> None:
@@ -109,7 +111,7 @@ def test_a_relative_task_at_the_end_of_the_number_range_resumes_within_it(modulo
     feedback.modes_of_operation_display = mode
     feedback.position_actual = direction * ((1 << 31) - 10)
     half = stepper.telegram.setpoints
-    data = {"SATZANW": 0x8000, "MDI_TARPOS": direction * (1 << 29), "MDI_VELOCITY": 1 << 30}
+    data = {"SATZANW": 0x8000, "MDI_TARPOS": direction * (1 << 29), "MDI_VELOCITY": 1 << 30, **RAMPS}
 
     def step(word: int, state: State, bits: int = 0) -> int:
         feedback.statusword = STATUS_OF[state] | bits
@@ -165,7 +167,9 @@ def test_old_attempt_does_not_shorten_the_time_for_a_mode_change() -> None:
 
     def step(word: int, state: State, now: int) -> None:
         feedback.statusword = STATUS_OF[state]
-        stepper.step(half.from_dict({"SATZANW": 0x8000, "MDI_VELOCITY": 1 << 29, "STW1": word}), feedback, True, now)
+        stepper.step(
+            half.from_dict({"SATZANW": 0x8000, "MDI_VELOCITY": 1 << 29, **RAMPS, "STW1": word}), feedback, True, now
+        )
 
     for word, state in ((ON & ~1, State.SWITCH_ON_DISABLED), (ON, State.READY_TO_SWITCH_ON), (ON, State.SWITCHED_ON)):
         step(word, state, 1)

@@ -160,6 +160,8 @@ def test_override_scales_the_speed_and_0_stands_with_the_task_kept() -> None:
     ("values", "reason"),
     [
         ({**ABSOLUTE, "velocity": 0, "target": 5}, Reason.TASK_SPEED_ZERO),
+        ({**ABSOLUTE, "acceleration": 0, "target": 5}, Reason.TASK_RAMP_ZERO),
+        ({**ABSOLUTE, "deceleration": -1, "target": 5}, Reason.TASK_RAMP_ZERO),
         ({**ABSOLUTE, "target": (1 << 30) + 1}, Reason.TASK_TARGET_RANGE),
         ({"mdi": False, "block": 77}, Reason.TASK_BLOCK_UNKNOWN),
         ({**ABSOLUTE, "setting_up": True}, Reason.TASK_DIRECTION),
