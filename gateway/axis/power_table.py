@@ -301,7 +301,7 @@ ROWS: Final = (
     Row(
         RUNNING,
         (D.ENTERING,),
-        (*RAMPS, *QUICK_STOP_WISHES),
+        (*RAMPS, W.HOLD, *QUICK_STOP_WISHES),
         P.UNCONFIRMED,
         A.QUICK_STOP,
         Reason.QUICK_STOP,

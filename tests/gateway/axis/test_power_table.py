@@ -169,6 +169,12 @@ def test_without_control_by_plc_nothing_starts_and_no_lock_ends(wish: PowerWish)
     assert (item.phase, item.action) == (stays if wish is PowerWish.HOLD else (Phase.RAMP_STOP, Action.RAMP))
 
 
+def test_a_drive_that_may_be_in_operation_brakes_without_the_plc_or_its_control() -> None:
+    asked = {PowerWish.STOP, PowerWish.HOLD, PowerWish.NO_PLC_RAMP, PowerWish.NO_PLC_QUICK_STOP}
+    for name, item in walk(phases=OBEYS, drives={Drive.ENTERING}, wishes=asked):
+        assert (item.phase, item.action) == (Phase.UNCONFIRMED, Action.QUICK_STOP), name
+
+
 @pytest.mark.parametrize("phase", list(OBEYS))
 @pytest.mark.parametrize("wish", [PowerWish.COAST, PowerWish.QUICK_STOP])
 def test_off2_and_off3_lock_in_every_state_of_the_drive(phase: Phase, wish: PowerWish) -> None:
