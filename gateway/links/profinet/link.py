@@ -286,7 +286,7 @@ class ProfinetLink:
             self.more = False
             return False
         frame, heard, lost = taken
-        self._orders_lost |= lost
+        self._orders_lost |= lost and self._receivable  # without a PLC there are no orders to lose
         if heard >= 0 and self._consumer is not None:
             self._consumer.counter = (
                 None  # the engine has compared it with all frames, also those that stay in the engine

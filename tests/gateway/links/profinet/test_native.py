@@ -27,7 +27,7 @@ from pdgw.profinet import ethernet
 from pdgw.profinet.connection.cpm import Consumer, Verdict
 from pdgw.profinet.connection.ppm import Provider
 from tests.support.gateways.daemon import axis, drive_of
-from tests.support.gateways.profinet_daemon import OFF, ON, configuration, plant
+from tests.support.gateways.profinet_daemon import OFF, ON, Plant, configuration, plant
 from tests.support.native import NativeEthernet, engine_type
 from tests.support.wire.profinet import DEVICE_MAC, OBJECTS, PLC_MAC, Wire
 
@@ -425,6 +425,24 @@ def test_an_off_between_two_ons_reaches_the_drive_however_late_python_is(tmp_pat
         assert model.state.name != "OPERATION_ENABLED", "OFF2 was there, and ON without an edge starts nothing"
 
 
+_ORDERS_LOST = "PLC lost: the gateway was held up, and more orders came than it can keep"
+
+
+def lose_orders(site: Plant) -> None:
+    """More changes of the control word than the engine keeps come before Python reads the first."""
+    port, consumer, provider = site.port, site.link._consumer, site.plc.provider
+    assert isinstance(port, NativeEthernet)
+    assert consumer is not None
+    assert provider is not None
+    port.held_up = True
+    counter, frame = consumer.counter or 0, bytes(provider.frame[:12] + provider.frame[16:])
+    for number in range(1, 40):
+        word = ON ^ (number & 1) << 11
+        port.arrive(None, frame[:16] + word.to_bytes(2, "big") + changed(frame, [], counter + number, 0x35, 0)[18:])
+    port.held_up = False
+    port.wake()
+
+
 def test_orders_that_were_lost_stop_the_drive_as_a_lost_plc_does(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -432,20 +450,26 @@ def test_orders_that_were_lost_stop_the_drive_as_a_lost_plc_does(
         model = drive_of(site.daemon).model
         site.connect()
         site.enable(1, SPEED)
-        port = site.port
-        assert isinstance(port, NativeEthernet)
-        port.held_up = True
-        counter = (site.link._consumer.counter or 0) if site.link._consumer is not None else 0
-        assert site.plc.provider is not None
-        frame = bytes(site.plc.provider.frame[:12] + site.plc.provider.frame[16:])
-        for number in range(1, 40):
-            word = ON ^ (number & 1) << 11
-            port.arrive(None, frame[:16] + word.to_bytes(2, "big") + changed(frame, [], counter + number, 0x35, 0)[18:])
-        port.held_up = False
-        port.wake()
+        lose_orders(site)
         site.run(300 * MS)
-        assert "PLC lost: the gateway was held up, and more orders came than it can keep" in caplog.text
+        assert _ORDERS_LOST in caplog.text
         assert model.state.name != "OPERATION_ENABLED"
+
+
+def test_orders_that_were_lost_while_the_plc_is_lost_are_no_second_loss(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=400, native=True) as site:
+        site.connect()
+        site.enable(1, SPEED)
+        site.dead.add(site.plc)
+        site.run(100 * MS)
+        assert site.link.watchdog_expiries == 1
+        lose_orders(site)
+        site.run(CYCLE)
+        assert site.link.setpoints[0] is not None, "the newest frame counts"
+        assert site.link.watchdog_expiries == 1
+        assert _ORDERS_LOST not in caplog.text
 
 
 def words_of_steps(folder: Path, seed: int, *, native: bool) -> list[int | None]:
