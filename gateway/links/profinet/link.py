@@ -40,7 +40,7 @@ from pdgw.profidrive.telegrams import Telegram
 from pdgw.profinet.blocks.alarm import MessageClass
 from pdgw.profinet.connection.cmdev import ApplicationRelation, Event
 from pdgw.profinet.connection.cpm import Consumer, Verdict
-from pdgw.profinet.connection.ppm import Provider
+from pdgw.profinet.connection.ppm import NEVER, Provider
 from pdgw.profinet.device import Connected, DeviceEvent, Disconnected, ProfinetDevice
 from pdgw.profinet.model import ACCESS_POINT_SUBSLOT, TELEGRAM_SUBSLOT
 from pdgw.profinet.rpc.server import NoRecords, RecordHandler
@@ -127,7 +127,7 @@ class ProfinetLink:
         self._watch: Timer | None = None
         self._receivable = False
         self._limit_ns = 0
-        self._held_up_ns = 0
+        self._held_up_ns = NEVER
         """If the port was not read for longer, the frames in it are not used, and the PLC is lost."""
         self._read_at = 0
         self._received_at = 0
@@ -238,7 +238,7 @@ class ProfinetLink:
         held_up, self._read_at = now - self._read_at > self._held_up_ns, now
         if self._engine is not None:
             return self._receive_of(self._engine, now)
-        if held_up and self._receivable:
+        if held_up:
             self._discard_waiting()
         fresh = False
         for _ in range(at_most):

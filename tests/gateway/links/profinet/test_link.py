@@ -300,6 +300,11 @@ def test_frames_that_waited_in_a_gateway_that_was_held_up_are_no_life(
     while rig.port.real_time:
         rig.link.receive(now)
     assert rig.link.setpoints == [None, None], "OFF and ON are as old as the frames of the PLC before"
+    now += limit_ms * MS + 1
+    for word in ("047e2000", "047f2000"):
+        rig.port.real_time.append(cyclic(rig, bytes.fromhex(word)))
+    assert not rig.link.receive(now)
+    assert rig.link.setpoints == [None, None], "the same after a loss"
     rig.port.real_time.append(cyclic(rig, bytes.fromhex("047e2000")))
     assert rig.link.receive(now + 1)
     assert rig.link.setpoints[0] == (0x047E, 0x2000)
