@@ -33,7 +33,7 @@ enum { ACCEPTED, STOPPED, NO_DATA, LENGTH, TRANSFER, NOT_VALID, STALE, FOREIGN, 
 enum { SENT = VERDICTS, MISSED, INVALID, WITHHELD, DROPPED, ERRORS, OCTETS_IN, OCTETS_OUT, COUNTS };
 
 typedef struct {
-    long long number; /* of the frame among those that count */
+    long long number, came; /* of the frame among those that count, and when it came */
     int verdict, size;
     unsigned char data[FRAME_MAX];
 } Item;
@@ -123,9 +123,10 @@ static int changed(const Engine *e, const unsigned char *payload)
     return found;
 }
 
-static void fill(Item *item, long long number, int verdict, const unsigned char *frame, int size)
+static void fill(Item *item, long long number, long long came, int verdict, const unsigned char *frame, int size)
 {
     item->number = number;
+    item->came = came;
     item->verdict = verdict;
     item->size = size;
     memcpy(item->data, frame, size);
@@ -136,7 +137,7 @@ static int append(Engine *e, const Item *item, unsigned most)
     unsigned head = atomic_load(&e->head_of_ring);
     if (head - atomic_load(&e->tail_of_ring) >= most)
         return 0;
-    fill(&e->ring[head % WAITING], item->number, item->verdict, item->data, item->size);
+    fill(&e->ring[head % WAITING], item->number, item->came, item->verdict, item->data, item->size);
     atomic_store(&e->head_of_ring, head + 1);
     return 1;
 }
@@ -172,7 +173,7 @@ static int offer(Engine *e, const unsigned char *frame, int size, long long now)
     atomic_fetch_add(&e->counts[verdict], 1);
     atomic_fetch_add(&e->counts[OCTETS_IN], size);
     if (verdict == OTHER) {
-        fill(&e->image[e->mine_in], 0, verdict, frame, size);
+        fill(&e->image[e->mine_in], 0, now, verdict, frame, size);
         if (!append(e, &e->image[e->mine_in], OTHERS))
             atomic_fetch_add(&e->counts[DROPPED], 1);
         wake(e);
@@ -181,12 +182,12 @@ static int offer(Engine *e, const unsigned char *frame, int size, long long now)
         return verdict;
     int change = changed(e, frame + start);
     Item *image = &e->image[e->mine_in];
-    fill(image, ++e->number, verdict, frame, size);
+    fill(image, ++e->number, now, verdict, frame, size);
     atomic_store(&e->heard, now);
     /* First the ring, then the image: who has seen the image finds every order before it in the ring. */
     if (change == 2)
         keep(e, image);
-    fill(&e->last, image->number, verdict, frame, size);
+    fill(&e->last, image->number, now, verdict, frame, size);
     e->last_start = start;
     e->mine_in = atomic_exchange(&e->image_shared, e->mine_in | NEW) & ~NEW;
     if (change || ++e->unseen >= e->each) {
@@ -361,10 +362,13 @@ static int waits(Engine *e)
     return atomic_load(&e->head_of_ring) != atomic_load(&e->tail_of_ring) || newest(e);
 }
 
-static PyObject *take(Engine *e, PyObject *Py_UNUSED(ignored))
+static PyObject *take(Engine *e, PyObject *argument)
 {
     uint64_t times;
     PyObject *result = NULL;
+    long long oldest = PyLong_AsLongLong(argument);
+    if (PyErr_Occurred())
+        return NULL;
     (void)!read(e->wake_fd, &times, sizeof times);
     atomic_store(&e->signalled, 0);
     /* The image before the ring: an order that the image is newer than is in the ring by now. */
@@ -372,6 +376,10 @@ static PyObject *take(Engine *e, PyObject *Py_UNUSED(ignored))
         e->taking = atomic_exchange(&e->image_shared, e->taking) & ~NEW;
     int lost = atomic_exchange(&e->lost, 0);
     unsigned tail = atomic_load(&e->tail_of_ring), head = atomic_load(&e->head_of_ring);
+    for (unsigned at = tail; at != head && !lost; at++) {
+        const Item *item = &e->ring[at % WAITING];
+        lost = item->verdict != OTHER && item->number > e->taken && item->came < oldest;
+    }
     if (lost)
         tail = head;
     for (; tail != head && !result; tail++) {
@@ -513,7 +521,7 @@ static PyMethodDef methods[] = {
     {"start", (PyCFunction)start, METH_O, "Receive from and send to this socket in a thread; OSError where there is none."},
     {"stop", (PyCFunction)stop, METH_NOARGS, "End the thread."},
     {"fileno", (PyCFunction)fileno_of, METH_NOARGS, "Readable when something is to be taken."},
-    {"take", (PyCFunction)take, METH_NOARGS, "The next frame, when the newest one came, whether orders before it were lost."},
+    {"take", (PyCFunction)take, METH_O, "The next frame, when the newest one came, whether orders before it are lost: too many or too old."},
     {"publish", (PyCFunction)publish, METH_VARARGS, "The input frame from now on, and when the drive objects were stepped."},
     {"counts", (PyCFunction)counts, METH_NOARGS, "What was counted since the last call."},
     {"offer", (PyCFunction)offer_one, METH_VARARGS, "A received frame; its verdict. Without the thread."},

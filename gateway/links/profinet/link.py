@@ -56,7 +56,7 @@ _WAITING = 64
 _DIAGNOSIS_NS: Final = 50 * MS
 _NOT_IN_FORCE: Final = -1
 """Instead of the orders of a frame that did not count: the next frame is a step of the axes."""
-_ORDERS_LOST: Final = "the gateway was held up, and more orders came than it can keep"
+_ORDERS_LOST: Final = "the gateway was held up, and orders waited for too long or were too many"
 _HELD_UP: Final = "the gateway was held up for longer than the watchdog time, and frames waited meanwhile"
 _SHORTEST_WATCHDOG: Final = 2
 """Cycles: the gateway reads in each cycle, at a time that varies."""
@@ -281,7 +281,7 @@ class ProfinetLink:
     def _receive_of(self, engine: Engine, now: int) -> bool:
         """One frame: each with other orders is a step of the axes."""
         device = self.device
-        taken = engine.take()
+        taken = engine.take(now - self._held_up_ns)
         if taken is None:
             self.more = False
             return False

@@ -66,8 +66,11 @@ class Engine(Protocol):
     def fileno(self) -> int:
         """A descriptor that is readable when something is to be taken."""
 
-    def take(self) -> tuple[bytes, int, bool] | None:
-        """The next frame, when the newest cyclic one came (-1: this one is none), and whether orders before it were lost."""
+    def take(self, oldest_ns: int, /) -> tuple[bytes, int, bool] | None:
+        """The next frame, when the newest cyclic one came (-1: this one is none), and whether orders before it were lost.
+
+        All orders that wait are lost if one of them came before ``oldest_ns``, or if they were too many.
+        """
 
     def publish(self, frame: bytes | bytearray, stepped_ns: int, /) -> None:
         """The input frame from now on, and when the drive objects made the last step."""

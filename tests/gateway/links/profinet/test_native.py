@@ -156,12 +156,13 @@ def test_python_sees_each_order_in_turn_and_ends_with_the_same_image(frames: lis
     expected: list[bytes] = []
 
     def drain() -> None:
-        while (taken := twin.engine.take()) is not None:
+        while (taken := twin.engine.take(0)) is not None:
             frame, heard, lost = taken
             assert not lost, "no more frames than it keeps"
             if heard < 0:
                 continue
             start = 18 if frame[12:14] == b"\x81\x00" else 14
+            behind.counter = None  # as the link does: the engine has compared it
             assert behind.receive(frame, start, heard) in VERDICTS[:3]
             seen.append(twin.order(frame[start:]))
         assert (behind.payload, behind.running, behind.primary, behind.counter) == (
@@ -267,8 +268,8 @@ def test_python_is_woken_by_each_change_and_by_every_nth_frame() -> None:
         assert twin.engine.offer(frame, twin.now) == 0
         if twin.engine.signalled:
             woken.append(number)
-            assert twin.engine.take() is not None
-            assert twin.engine.take() is None
+            assert twin.engine.take(0) is not None
+            assert twin.engine.take(0) is None
     assert woken == [0, 4, 8, 10, 14, 18, 22]
 
 
@@ -279,13 +280,30 @@ def test_orders_beyond_what_it_keeps_are_told_as_lost_and_the_newest_counts() ->
         counter += 128
         frame = changed(twin.frame, [(17, number)], counter, STATUS_NORMAL, 0)
         twin.engine.offer(frame, twin.now)
-    assert twin.engine.take() == (frame, twin.now, True)
-    assert twin.engine.take() is None
+    assert twin.engine.take(0) == (frame, twin.now, True)
+    assert twin.engine.take(0) is None
     counter += 128
     twin.engine.offer(changed(twin.frame, [(17, 99)], counter, STATUS_NORMAL, 0), twin.now)
-    taken = twin.engine.take()
+    taken = twin.engine.take(0)
     assert taken is not None
     assert not taken[2]
+
+
+def test_an_order_that_waited_for_longer_than_the_limit_is_told_as_lost() -> None:
+    twin = Twin()
+    counter = twin.consumer.counter or 0
+    for number, status in enumerate((STATUS_NORMAL, STATUS_STOP, STATUS_NORMAL), 1):
+        frame = changed(twin.frame, [], counter + 128 * number, status, 0)
+        twin.engine.offer(frame, twin.now + number * CYCLE)
+    first = twin.engine.take(twin.now + CYCLE)
+    assert first is not None
+    assert not first[2]
+    assert twin.engine.take(twin.now + 2 * CYCLE + 1) == (frame, twin.now + 3 * CYCLE, True)
+    assert twin.engine.take(0) is None
+    counter += 4 * 128
+    same = changed(twin.frame, [], counter, STATUS_NORMAL, 0)
+    twin.engine.offer(same, twin.now + 4 * CYCLE)
+    assert twin.engine.take(twin.now + 9 * CYCLE) == (same, twin.now + 4 * CYCLE, False), "it has no other order"
 
 
 def test_a_flood_of_other_frames_pushes_no_order_out() -> None:
@@ -296,7 +314,7 @@ def test_a_flood_of_other_frames_pushes_no_order_out() -> None:
     order = changed(twin.frame, [(17, 5)], (twin.consumer.counter or 0) + 128, STATUS_NORMAL, 0)
     twin.engine.offer(order, twin.now)
     taken = []
-    while (item := twin.engine.take()) is not None:
+    while (item := twin.engine.take(0)) is not None:
         taken.append(item)
     assert [item[1] for item in taken[:-1]] == [-1] * 16
     assert taken[-1] == (order, twin.now, False)
@@ -358,7 +376,7 @@ def test_the_thread_receives_sends_wakes_python_and_ends() -> None:
         taken: list[bytes] = []
         while len(taken) < 3:
             assert select.select([engine.fileno()], [], [], 300)[0]
-            while (item := engine.take()) is not None:
+            while (item := engine.take(0)) is not None:
                 assert item[1] >= now
                 taken.append(item[0])
         assert taken == orders
@@ -425,7 +443,7 @@ def test_an_off_between_two_ons_reaches_the_drive_however_late_python_is(tmp_pat
         assert model.state.name != "OPERATION_ENABLED", "OFF2 was there, and ON without an edge starts nothing"
 
 
-_ORDERS_LOST = "PLC lost: the gateway was held up, and more orders came than it can keep"
+_ORDERS_LOST = "PLC lost: the gateway was held up, and orders waited for too long or were too many"
 
 
 def lose_orders(site: Plant) -> None:
@@ -470,6 +488,33 @@ def test_orders_that_were_lost_while_the_plc_is_lost_are_no_second_loss(
         assert site.link.setpoints[0] is not None, "the newest frame counts"
         assert site.link.watchdog_expiries == 1
         assert _ORDERS_LOST not in caplog.text
+
+
+@pytest.mark.parametrize(("waited_ms", "starts"), [(12, True), (13, False)])
+def test_orders_that_waited_for_longer_than_the_watchdog_time_are_a_loss_of_the_plc(
+    waited_ms: int, starts: bool, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=400, native=True) as site:
+        model = drive_of(site.daemon).model
+        site.connect()
+        site.enable(1, SPEED)
+        port = site.port
+        assert isinstance(port, NativeEthernet)
+        site.set(1, OFF, SPEED)
+        site.run(500 * MS)
+        assert site.plc.provider is not None
+        assert site.link._consumer is not None
+        frame = bytes(site.plc.provider.frame[:12] + site.plc.provider.frame[16:])
+        now, counter = site.loop.now(), site.link._consumer.counter or 0
+        for number, came in enumerate((now - waited_ms * MS, now), 1):
+            tail = changed(frame, [], counter + number, STATUS_NORMAL, 0)[18:]
+            port.given.offer(frame[:16] + ON.to_bytes(2, "big") + tail, came)
+        port.wake()
+        site.set(1, ON, SPEED)
+        site.run(300 * MS)
+        assert (model.state.name == "OPERATION_ENABLED") == starts
+        assert ("PLC lost: the gateway was held up" in caplog.text) != starts
+        assert site.link.connected
 
 
 def words_of_steps(folder: Path, seed: int, *, native: bool) -> list[int | None]:
