@@ -260,7 +260,7 @@ class ProfinetLink:
         return fresh
 
     def _discard_waiting(self) -> None:
-        """Frames that waited for an unknown time are no sign of life, and their orders may be old."""
+        """Frames that waited for an unknown time are not a sign of life, and their orders may be old."""
         waited = False
         for _ in range(_WAITED_AT_MOST):
             if self.port.receive() is None:
