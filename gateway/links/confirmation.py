@@ -6,8 +6,9 @@ then it waits. If another order replaces it before, it is dropped, because the P
 after a drop until the PLC repeats it, the axis shows no target reached and no task acknowledged.
 
 A stop does not wait: its bit falls with the first frame; only its return must be confirmed. This applies to bits whose return
-starts no new motion, else an old frame could start one (STW1.11: homing). OFF2 and OFF3 use STW1 as a whole: they release no
-lock. OFF1 and STW1.3 wait where they would release a lock or end braking. Halt of a Controlword stops where it is 1: it rises at
+starts no new motion, else an old frame could start one (STW1.11: homing). OFF2 and OFF3 use STW1 as a whole but a rise of
+STW1.10: they release no lock. After a loss they act without STW1.10, so the other words of the frame are ignored.
+OFF1 and STW1.3 wait where they would release a lock or end braking. Halt of a Controlword stops where it is 1: it rises at
 once, and its fall must be confirmed.
 
 Not detected: a network that delays all frames of a period by whole turns of the counter and loses every other frame.
@@ -73,6 +74,7 @@ class Orders:
         has_stw1 = "STW1" in half.names
         self._off2_opens = not has_stw1
         self._stops = (_POSITIONING_STOPS if positioning else _SPEED_STOPS) if has_stw1 else {}
+        self._control = _CONTROL if has_stw1 else 0
         self._halt = 0 if has_stw1 else ControlBit.HALT
         """Bits that stop where they are 1."""
         self.discarding, self._task = (_DISCARDING, _TASK) if has_stw1 and positioning else (0, 0)
@@ -110,10 +112,12 @@ class Orders:
         asked = order[power]
         halts = asked & _NO_STOP != _NO_STOP
         if in_force is None:
-            return order if halts and len(order) == 1 else None
+            if not halts or (self._off2_opens and len(order) > 1):
+                return None
+            in_force = self.power_bits(0)
         word = in_force[power]
         if halts:
-            word = asked
+            word = asked & (word | ~self._control)
         else:
             fallen = word & ~asked
             word |= asked & self._halt

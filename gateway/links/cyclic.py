@@ -380,7 +380,7 @@ class CyclicEndpoint:
             if put == order:
                 self.setpoints[index] = values[index]
             elif put is not None and put != in_force:
-                kept = self.setpoints[index]
+                kept = self.setpoints[index] or values[index]
                 assert kept is not None, "an unconfirmed order exists"
                 self.setpoints[index] = confirmation.orders.applied(put, kept)
             self._in_force[index] = put

@@ -8,7 +8,7 @@ from pdgw.durations import MS
 from pdgw.gateway.configuration.example import simulated
 from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.gateway.reasons import Reason, UnconfirmedOrder
-from pdgw.profidrive.frame import COUNTER_UNIT_NS, FRAME_ID_TO_DEVICE, IOPS_GOOD, RtFrame
+from pdgw.profidrive.frame import COUNTER_UNIT_NS, FRAME_ID_TO_DEVICE, IOPS_BAD, IOPS_GOOD, RtFrame
 from pdgw.profidrive.telegrams import telegram
 from tests.gateway.links.test_short_orders import ACKNOWLEDGED, HIGH, LOW, PLC, REACHED, ROUTED, TARGETS, Tasks
 from tests.support.gateways.daemon import running
@@ -31,19 +31,22 @@ class Line:
 
     def send(self, word: int, frames: int = 1, **others: int) -> int:
         """Frames with this STW1 and other values; the STW1 in force."""
+        self.frames(word, frames, IOPS_GOOD, others)
+        return self.in_force[0]
+
+    def frames(self, word: int, frames: int, iops: int, others: dict[str, int]) -> None:
         half = self.telegram.setpoints
         for name, value in {half.names[0]: word, **others}.items():
             self.values[half.index(name)] = value
         for _ in range(frames):
             self.number += 1
             counter = self.number * CYCLE // COUNTER_UNIT_NS & 0xFFFF
-            data = half.struct.pack(*self.values) + bytes((IOPS_GOOD, IOPS_GOOD))
+            data = half.struct.pack(*self.values) + bytes((iops, IOPS_GOOD))
             now = self.number * CYCLE
             frame = RtFrame(FRAME_ID_TO_DEVICE, data, counter).encode()
             self.endpoint.receive(frame, ("192.168.0.10", 40000), now, now)
             self.endpoint.poll(now)
             self.endpoint.build([[0] * len(self.telegram.actuals.signals)], [True], [self.released])
-        return self.in_force[0]
 
     @property
     def in_force(self) -> tuple[int, ...]:
@@ -117,6 +120,20 @@ def test_off1_and_stw1_3_wait_while_they_release_a_lock_or_end_a_braking() -> No
     for word in (OFF, 0x0477):
         line = Line(1, released=False)
         assert [line.send(word), line.send(word), line.send(word)] == [ON, ON, word]
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 5, 7, 9, 20, 102, 111])
+def test_off2_and_off3_of_one_frame_act_after_a_loss_and_nothing_else_of_that_frame(number: int) -> None:
+    """Without STW1.10, which returns with the third frame, the other words are ignored."""
+    for word in (0x047D, 0x047B):
+        line = Line(number)
+        line.frames(ON, 1, IOPS_BAD, {})
+        assert line.endpoint.setpoints == [None]
+        others = {name: 0x10 for name in ("G1_STW", "SATZANW", "STW2") if name in line.telegram.setpoints.names}
+        assert line.send(word, **others) == word & ~0x400
+        assert line.send(word ^ 1, **others) == word & ~0x400 ^ 1
+        assert [line.send(ON), line.send(ON), line.send(ON)] == [word & ~0x400 ^ 1] * 2 + [ON]
+        assert line.unconfirmed is UnconfirmedOrder.NONE
 
 
 def test_no_stop_begins_a_jog() -> None:
