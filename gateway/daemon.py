@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import gc
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
@@ -23,6 +23,7 @@ from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.own_values import OwnValues
 from pdgw.durations import MS, SECOND
+from pdgw.errors import PdgwError
 from pdgw.gateway.configuration.bus_load import HEARTBEATS, cyclic_frames
 from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
 from pdgw.gateway.configuration.tables.environment import CanConfig
@@ -111,25 +112,25 @@ class Daemon:
                 self.networks[bus.name] = network
             self._buses = tuple(self.networks.values())
             self.encoder_nodes: list[EncoderNode] = []
-            self.axes: list[Axis] = [self._axis(item) for item in config.axis]
-            self.encoders: list[EncoderObject] = self._encoders()
-            self.objects: list[DriveObject] = [*self.axes, *self.encoders]
-            """In the order of the frame."""
-            count = len(self.objects)
-            self._answer: tuple[list[Sequence[int]], list[bool], list[bool]] = (
-                [()] * count,
-                [False] * count,
-                [False] * count,
-            )
-            """For each drive object after its last step: actual values, whether they are good, whether it is released."""
-            by_do = {item.do_id: item for item in self.encoders}
-            for axis in self.axes:
-                for place, source in enumerate((axis.config.g1, axis.config.g2)):
-                    if isinstance(source, int):
-                        axis.connect_sensor(by_do[source], place)
-            # A stored telegram (P922) may differ from the configured one: PDOs or frame may not fit.
-            for bus in config.can:
-                self._selected().check_load(bus)
+            with self._stored_telegrams_named():
+                self.axes: list[Axis] = [self._axis(item) for item in config.axis]
+                self.encoders: list[EncoderObject] = self._encoders()
+                self.objects: list[DriveObject] = [*self.axes, *self.encoders]
+                """In the order of the frame."""
+                count = len(self.objects)
+                self._answer: tuple[list[Sequence[int]], list[bool], list[bool]] = (
+                    [()] * count,
+                    [False] * count,
+                    [False] * count,
+                )
+                """For each drive object after its last step: actual values, whether they are good, whether it is released."""
+                by_do = {item.do_id: item for item in self.encoders}
+                for axis in self.axes:
+                    for place, source in enumerate((axis.config.g1, axis.config.g2)):
+                        if isinstance(source, int):
+                            axis.connect_sensor(by_do[source], place)
+                for bus in config.can:
+                    self._selected().check_load(bus)
             self.link: Link = open_link()
             opened.callback(self.link.close)
             self._opened = opened.pop_all()
@@ -139,6 +140,22 @@ class Daemon:
         self._find_sync()
         for network in self.networks.values():
             network.sync_changed = self._find_sync
+
+    @contextmanager
+    def _stored_telegrams_named(self) -> Iterator[None]:
+        """A stored telegram (P922) may not fit the configuration, and its file does not show it: name it in the error."""
+        try:
+            yield
+        except PdgwError as error:
+            stored = [
+                f"DO {item.do_id} has the stored telegram {number} (P922), configured: {item.telegram}; to return to it, "
+                f'correct this for one start and run "pdgw param write P922 {item.telegram} --do {item.do_id}"'
+                for item in self.config.objects
+                if (number := self.store.parameters.drive_object(item.do_id).telegram) not in {None, item.telegram}
+            ]
+            if not stored:
+                raise
+            raise GatewayError("; ".join((str(error), *stored))) from error
 
     def _leave_room(self, bus: CanConfig) -> None:
         """Bring-ups take what the cyclic frames leave of a bus."""

@@ -9,7 +9,6 @@ from canopen.sdo import SdoAbortedError
 
 from pdgw.client.udp import ParameterClient
 from pdgw.ds301.aborts import ABORT_TEXTS
-from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import Entry
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.gateway.assembly import build_gateway
@@ -354,16 +353,35 @@ def test_p922_that_would_overload_the_bus_is_refused(caplog: pytest.LogCaptureFi
     assert "P922 := 100 refused: worst-case load of bus can: '129%" in caplog.text
 
 
-def test_stored_telegrams_that_overload_the_bus_refuse_the_start(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("number", "problem"),
+    [(100, "worst-case load of bus can: '129%"), (110, "[axis.positioner] is missing"), (1001, "telegram: 1001")],
+)
+def test_a_stored_telegram_that_refuses_the_start_is_named_with_the_remedy(
+    tmp_path: Path, number: int, problem: str
+) -> None:
     config = configuration(axis(1) + axis(2), can=SLOW_BUS).model_copy(update={"store": tmp_path / "store.json"})
 
     def select(parameters: DeviceParameters) -> None:
         for do_id in (1, 2):
-            parameters.drive_object(do_id).telegram = 100
+            parameters.drive_object(do_id).telegram = number
 
     ParameterStore(tmp_path / "store.json", pytest.fail).update(select)
-    with pytest.raises(CanopenError, match="worst-case load of bus can"):
+    with pytest.raises(GatewayError) as refused:
         build_gateway(config, World(0))
+    text = str(refused.value)
+    assert text.startswith(problem)
+    for do_id in (1, 2):
+        assert f"DO {do_id} has the stored telegram {number} (P922), configured: 1" in text
+        assert f"pdgw param write P922 1 --do {do_id}" in text
+
+
+def test_an_error_without_a_stored_telegram_names_none(tmp_path: Path) -> None:
+    config = configuration(axis(1) + axis(2)).model_copy(update={"store": tmp_path / "store.json"})
+    broken = config.axis[0].model_copy(update={"telegram": 110})
+    with pytest.raises(GatewayError) as refused:
+        build_gateway(config.model_copy(update={"axis": (broken, config.axis[1])}), World(0))
+    assert str(refused.value) == "[axis.positioner] is missing: a telegram of the positioner needs it"
 
 
 def test_a_telegram_that_cannot_be_saved_is_not_changed_either(tmp_path: Path) -> None:
