@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from pdgw.ds301.bus.load import DEFAULT_BITRATE, bus_load, sdo_gap_ns
 from pdgw.ds301.bus.network import CanNetwork
+from pdgw.ds301.connection_set import SYNC
 from pdgw.ds301.loop.loop import Event, Loop, Timer
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
@@ -175,6 +176,8 @@ class Daemon:
         synced = {client.network.name for client in self.clients if client.settings.sync}
         synced |= {name for name, network in self.networks.items() if network.sync_required}
         cyclic = [axis for axis in self.axes if axis.drive.settings.sync_period_us]
+        for name in synced:
+            self.networks[name].claim(SYNC, "SYNC (a node whose 1005h has bit 30, too)")
         return {
             name: SyncProducer(
                 network, self.cycle_ns, [axis for axis in cyclic if axis.network is network], self.loop.now

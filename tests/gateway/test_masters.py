@@ -6,7 +6,7 @@ import can
 import pytest
 
 from pdgw.ds301.communication import PRODUCER_HEARTBEAT
-from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST
+from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SYNC
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.ds301.objects import Access, CanType, Entry
@@ -78,6 +78,19 @@ def test_a_master_that_comes_later_ends_the_gateway_after_its_drives_are_stopped
     assert model.velocity_actual == 0
     assert daemon.failure is not None
     assert "another master sends the heartbeat of node 127" in str(daemon.failure)
+
+
+def test_a_second_producer_of_sync_ends_the_gateway_after_its_drives_are_stopped() -> None:
+    config = configuration(axis(1, telegram_number=105, more=DSC))
+    with running(config) as daemon:
+        plc = Plc(daemon, [105])
+        plc.enable()
+        other = world_of(daemon).bus(CHANNEL).join("a drive with bit 30 of 1005h")
+        with exchanging(plc):
+            other.send(SYNC, b"")
+            world_of(daemon).loop.until(daemon.stopped.is_set, "the end of the gateway", 10 * SECOND)
+        assert drive_of(daemon).model.state is not State.OPERATION_ENABLED
+        assert "SYNC" in str(daemon.failure)
 
 
 RPDO1 = {(0x1400, 1): 0x3F5, (0x1600, 0): 2, (0x1600, 1): 0x60FF_0020, (0x1600, 2): 0x6040_0010}
