@@ -236,7 +236,8 @@ class AxisMachine:
                 executor.lost()
                 report.flags = statusword & interlock.cell.visible | SHOWN_FAULT
         else:
-            powered = STATE_OF_STATUS[statusword & STATE_MASK] in POWERED
+            off = STATE_OF_STATUS[statusword & STATE_MASK] in UNPOWERED
+            powered = not off or Command.ENABLE_OPERATION.matches(commanded)  # which the Statusword may not show yet
             condition = _POWERED_UNREAD if powered else _NO_REFERENCES
             interlock.step(wish, demand.acknowledge, condition, statusword, False, now)
             drive_reason = _UNITS_CONTRADICTED if self.check.locked else interlock.reason

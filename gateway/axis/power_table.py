@@ -65,7 +65,7 @@ class Drive(enum.IntEnum):
     NO_REFERENCES = 13
     """Its reference objects are missing or invalid, so its speed is unknown."""
     POWERED_UNREAD = 14
-    """As NO_REFERENCES, and its Statusword shows power."""
+    """As NO_REFERENCES, and it may have power: by its Statusword, or because the last Controlword was Enable Operation."""
     RESTARTED = 15
     """It booted or was configured again. This has priority over its Statusword."""
     LEAVING = 16

@@ -96,6 +96,22 @@ def test_a_powered_drive_that_is_lost_with_its_references_brakes(word: int, cont
     assert [hand(word) for _ in range(3)] == [controlword] * 3
 
 
+@pytest.mark.parametrize("online", [True, False], ids=["online", "lost"])
+@pytest.mark.parametrize("enabled", [True, False], ids=["operation not shown yet", "unknown state"])
+def test_a_drive_that_may_have_power_brakes_when_its_references_are_lost(*, enabled: bool, online: bool) -> None:
+    hand = Hand(1, engel(), 3, {})
+    if enabled:
+        hand(OFF, State.SWITCH_ON_DISABLED)
+        hand(ON, State.READY_TO_SWITCH_ON)
+        assert Command.ENABLE_OPERATION.matches(hand(ON, State.SWITCHED_ON))
+    else:
+        hand.enable()
+    hand.stepper.set_drive(None)
+    hand.online = online
+    status = STATUS_OF[State.SWITCHED_ON] if enabled else 0x2C
+    assert [hand(ON, status) for _ in range(3)] == [Command.QUICK_STOP.word] * 3
+
+
 @pytest.mark.parametrize("state", State, ids=lambda state: state.name)
 def test_the_brakes_are_released_by_each_state_without_power_and_by_no_other(state: State) -> None:
     bench = turning()
