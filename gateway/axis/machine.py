@@ -138,10 +138,10 @@ class AxisMachine:
         self._own_sensor = DriveSensor(feedback)
         self._own_second = SecondDriveSensor(feedback)
         if self.sensor is not None:
-            self.sensor.channel.set_references(DriveSensor.references)
+            self.sensor.channel.set_references(self._own_sensor.references)
             self.sensor.measure(possible=not settings.g1_is_encoder)
         if self.second_sensor is not None and settings.second_sensor is SecondSensor.DRIVE:
-            self.second_sensor.channel.set_references(DriveSensor.references)
+            self.second_sensor.channel.set_references(self._own_second.references)
         self._node = NodeWatch(self.outputs)
         self._drive = DriveWatch(self.outputs)
         self.acknowledgement = Acknowledgement()

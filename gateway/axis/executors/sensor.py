@@ -174,10 +174,10 @@ class DriveSensor:
     position_time: Final = 0
     speed: Final = None
     valid: Final = True
-    references = EncoderReferences(_POSITIONS, Fraction(1), preset_supported=False)
 
     def __init__(self, feedback: DriveFeedback) -> None:
         self._feedback = feedback
+        self.references = EncoderReferences(_POSITIONS, Fraction(1), preset_supported=False)
 
     @property
     def position(self) -> int:
