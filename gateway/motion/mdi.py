@@ -115,8 +115,11 @@ class MdiPositioner(Positioner):
 
     def _homing_asked(self) -> bool:
         """The edge of a homing that the drive has."""
-        asked = self._asked
-        if not self._drive.offers_homing(edge=self._homing_edge):
+        asked, edge = self._asked, self._homing_edge
+        if edge and not asked.do_not_reject:
+            edge = False
+            self._warn(Reason.REJECTED)
+        if not self._drive.offers_homing(edge=edge):
             return False
         self.homing = (asked.homing_method, asked.velocity)
         return True
@@ -159,7 +162,7 @@ class MdiPositioner(Positioner):
             self._warn(refusal)
 
     def _take_while_braking(self, asked: Asked) -> None:
-        if not self._homing_asked() and not asked.homing:
+        if not self._homing_asked() and not (asked.homing and asked.do_not_reject):
             self.homing = None
         self._take_task()
         if not (asked.do_not_reject and asked.mdi):
@@ -182,11 +185,11 @@ class MdiPositioner(Positioner):
 
     def _brake(self) -> None:
         self._finish()
-        if self._state is _HOMING:
-            self._braking_reason = Reason.HOMING_STOPPED
-            self._take_while_braking(self._asked)
-        else:
-            self._braking_reason = Reason.MDI_OFF if self._asked.do_not_reject else Reason.REJECTED
+        asked, homes = self._asked, self._state is _HOMING
+        if homes:
+            self._take_while_braking(asked)
+        stopped = Reason.HOMING_STOPPED if homes else Reason.MDI_OFF
+        self._braking_reason = stopped if asked.do_not_reject else Reason.REJECTED
 
     def _brake_to_home(self) -> None:
         self._braking_reason = None
@@ -200,6 +203,7 @@ class MdiPositioner(Positioner):
 
     def _start_homing(self) -> None:
         self._forget()
+        self._warn(None)
         motion = self.outcome.motion
         motion.kind = MotionKind.HOMING
         motion.serial += 1

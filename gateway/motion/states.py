@@ -181,6 +181,7 @@ MDI_TRANSITIONS: Mapping[State, tuple[Transition, ...]] = MappingProxyType(
         ),
         State.HOMING: (
             _DROPPED,
+            _REJECTED,
             Transition(Event.TASK_AFTER_HOMING, State.MDI, Action.START),
             Transition(Event.HOMING_OVER, State.IDLE, Action.FINISH),
             Transition(Event.HOMING_WITHDRAWN, State.BRAKING, Action.BRAKE),

@@ -288,6 +288,60 @@ def test_homing_stopped_before_its_end_halts_and_returns_to_mode_1() -> None:
     assert not rig.stepper.command.controlword & ControlBit.HALT
 
 
+def test_reject_stops_a_homing_which_does_not_begin_again_with_stw1_4() -> None:
+    rig = axis(SMALL)
+    home(rig, 17)
+    rig.step(20)
+    assert rig.feedback.velocity_actual
+    rig.values["STW1"] = ON & ~REJECT | HOMING
+    rig.step(1)
+    assert rig.stepper.command.controlword & (ControlBit.HALT | ControlBit.NEW_SETPOINT) == ControlBit.HALT
+    assert rig.stepper.reason is Reason.REJECTED
+    rig.until(lambda _: rig.feedback.modes_of_operation_display == Mode.POSITION)
+    rig.values["STW1"] = ON | HOMING
+    stood = position(rig)
+    rig.step(200)
+    assert position(rig) == stood
+    assert not rig.actuals["ZSW1"] & HOME_SET
+    rig.values["STW1"] = ON
+    rig.step(2)
+    home(rig, 17)
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & HOME_SET))
+
+
+def test_reject_after_the_end_of_a_homing_keeps_the_home_position() -> None:
+    rig = axis(SMALL)
+    home(rig, 35)
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & HOME_SET))
+    rig.values["STW1"] = ON & ~REJECT | HOMING
+    rig.until(lambda _: rig.feedback.modes_of_operation_display == Mode.POSITION)
+    rig.step(5)
+    assert rig.actuals["ZSW1"] & (HOME_SET | REACHED) == HOME_SET | REACHED
+    assert not rig.stepper.command.controlword & ControlBit.HALT
+
+
+@pytest.mark.parametrize("moves", [False, True])
+def test_a_homing_begins_neither_with_stw1_4_at_0_nor_after_it_while_the_axis_brakes(moves: bool) -> None:
+    rig = axis(SMALL)
+    if moves:
+        task(rig, 10_000)
+        rig.step(20)
+        home(rig, 17)
+        rig.step(1)
+    rig.values |= {"SATZANW": 0x8000 | 17, "STW1": ON & ~REJECT | HOMING}
+    rig.step(2)
+    assert moves or rig.stepper.reason is Reason.REJECTED
+    rig.step(200)
+    rig.values["STW1"] = ON | HOMING
+    rig.step(200)
+    assert rig.stepper.command.modes_of_operation == Mode.POSITION
+    rig.values["STW1"] = ON
+    rig.step(2)
+    home(rig, 17)
+    rig.until(lambda actuals: bool(actuals["ZSW1"] & HOME_SET))
+    assert rig.stepper.reason is None
+
+
 @pytest.mark.parametrize("method", [0, 3, 34, -1, 127])
 def test_an_unsupported_homing_method_starts_nothing_and_warns(method: int) -> None:
     rig = axis(SMALL)
