@@ -263,7 +263,7 @@ def test_homing_is_shown_100_ms_and_sets_the_home_position() -> None:
     rig = positioner()
     rig.values["STW1"] |= 0x0800
     shown = 0
-    for _ in range(60):
+    for _ in range(200):
         rig.step()
         shown += "HOMING" in bits(rig, "POS_ZSW1")
     assert shown >= 25

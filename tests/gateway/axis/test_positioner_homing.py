@@ -62,6 +62,20 @@ def homed() -> Hand:
     return hand
 
 
+def test_a_homing_attained_of_before_is_not_the_end_of_a_homing_whose_statusword_is_late() -> None:
+    hand = homed()
+    begin_homing(hand)
+    for _ in range(hand.stepper.settings.reaction_ns // hand.stepper.settings.cycle_ns):
+        hand(ON | HOMING, OPERATING | TAKEN | REACHED)
+    for _ in range(10):
+        word = hand(ON | HOMING, OPERATING)
+    assert word & NEW_SETPOINT
+    assert not hand.actuals["ZSW1"] & HOME_SET
+    for _ in range(10):
+        hand(ON | HOMING, OPERATING | TAKEN | REACHED)
+    assert hand.actuals["ZSW1"] & HOME_SET
+
+
 def test_loss_of_the_drive_for_a_cycle_clears_the_home_position() -> None:
     hand = homed()
     hand.online = False
@@ -160,14 +174,15 @@ def test_second_homing_waits_for_the_drive_like_the_first() -> None:
 
 
 def test_old_homing_status_does_not_end_the_next_homing() -> None:
-    """Of a drive that shows its zero while it is given the next start, for 50 ms."""
+    """Of a drive that shows its zero while it is given the next start: until its Statusword is surely newer."""
     hand = homed()
     left = OPERATING | TAKEN | REACHED
     begin_homing(hand)
-    for _ in range(12):
+    late = hand.stepper.settings.reaction_ns // hand.stepper.settings.cycle_ns
+    for _ in range(late):
         hand(ON | HOMING, left)
         assert not hand.actuals["ZSW1"] & HOME_SET
-    for _ in range(12):
+    for _ in range(24):
         hand(ON | HOMING, left)
     assert hand.actuals["ZSW1"] & HOME_SET, "method 35 is immediate"
 

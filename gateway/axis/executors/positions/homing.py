@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Mapping
-from typing import ClassVar, Final
+from typing import Final
 
 from pdgw.dsp402.indices import HOMING_SPEEDS
 from pdgw.dsp402.modes import Mode
@@ -21,7 +21,9 @@ from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.reasons import FaultNumber, Reason
 
 HOMING_STALE_NS: Final = 50 * MS
-"""A "homing attained" that was already there at the start counts only after this time (method 35 is immediate)."""
+"""A "homing attained" that was already there at the start counts only after this time (method 35 is immediate), and that in which
+the start and the answer to it reach their ends.
+"""
 HOMING_UNATTAINED_NS: Final = SECOND
 """After this time at standstill with "target reached" but without "homing attained", the drive has aborted the homing."""
 _SAME_METHOD = {35: 37, 37: 35}
@@ -44,8 +46,6 @@ class Progress(enum.Enum):
 class Homing:
     """Homing on the drive, for successive homings."""
 
-    INSTANTS: ClassVar[Mapping[str, int]] = {"_since": HOMING_STALE_NS, "_idle_since": HOMING_UNATTAINED_NS}
-
     __slots__ = (
         "_answer",
         "_attained_seen_low",
@@ -55,6 +55,7 @@ class Homing:
         "_mode",
         "_outputs",
         "_since",
+        "_stale_ns",
         "_writes",
         "method",
         "methods",
@@ -72,9 +73,15 @@ class Homing:
         self._busy = False
         self._answer: str | None = None
         """State of the writes: None: not requested, empty: running, "done", or the error."""
+        self._stale_ns = HOMING_STALE_NS + executor.settings.reaction_ns
         self._since = 0
         self._idle_since = -1
         self._attained_seen_low = False
+
+    @property
+    def INSTANTS(self) -> Mapping[str, int]:  # noqa: N802 (as in classes with the same ages for every axis)
+        """See ``gateway.axis.checkpoint``."""
+        return {"_since": self._stale_ns, "_idle_since": HOMING_UNATTAINED_NS}
 
     def supported(self, method: int | None) -> bool:
         """Whether the method exists; one that does not, or None, starts nothing and raises the warning."""
@@ -157,7 +164,7 @@ class Homing:
                 self._idle_since = inputs.now
             elif inputs.now - self._idle_since >= HOMING_UNATTAINED_NS:
                 return self._failed("standstill without homing attained", statusword)
-        elif self._attained_seen_low or inputs.now - self._since >= HOMING_STALE_NS:
+        elif self._attained_seen_low or inputs.now - self._since >= self._stale_ns:
             if error:
                 return self._failed("homing error", statusword)
             return Progress.ATTAINED
