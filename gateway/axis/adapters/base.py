@@ -9,7 +9,7 @@ from pdgw.gateway.axis.demand_report import Demand, Flag, PowerWish, Report
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.signals import signal
-from pdgw.profidrive.telegrams import ApplicationMode, Telegram, TelegramHalf
+from pdgw.profidrive.telegrams import Telegram, TelegramHalf
 
 _STW1: Final = signal("STW1")
 _NO_COAST_STOP: Final = _STW1.bit("NO_COAST_STOP").mask
@@ -18,9 +18,6 @@ _ON: Final = _STW1.bit("ON").mask
 _ENABLE_OPERATION: Final = _STW1.bit("ENABLE_OPERATION").mask
 _CONTROL_BY_PLC: Final = _STW1.bit("CONTROL_BY_PLC").mask
 _FAULT_ACKNOWLEDGE: Final = _STW1.bit("FAULT_ACKNOWLEDGE").mask
-_TASK_BITS: Final = _STW1.word("NO_INTERMEDIATE_STOP", "JOG_1_ON", "JOG_2_ON", "START_HOMING", positioning=True)
-"""None of them is in the intermediate stop of a traversing task."""
-_STANDING: Final = Flag.STANDING | signal("ZSW1").bit("OPERATION_ENABLED").mask
 POWER_BITS: Final = _ON | _NO_COAST_STOP | _NO_QUICK_STOP | _ENABLE_OPERATION
 """Bits 0-3 of STW1 and of the Controlword."""
 
@@ -117,7 +114,7 @@ class ControlWordAdapter(Adapter):
     """A telegram with STW1 and ZSW1, and possibly the words of a sensor. STW1 is evaluated when it changes."""
 
     PASSING: ClassVar[frozenset[str]] = frozenset({"_uncontrolled"})
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"word", "_visible", "_interrupted"})
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"word", "_visible"})
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram)
@@ -130,9 +127,6 @@ class ControlWordAdapter(Adapter):
         self.word: int | None = None
         """The last STW1; None without a PLC."""
         self._visible = ~0
-        self._stop_is_reached = settings.intermediate_stop_reached and telegram.mode is ApplicationMode.POSITIONING
-        self._interrupted = False
-        """An intermediate stop is active and shows target reached."""
         self._armed = False
         """STW1.7 was 0 since the PLC has control in this connection: an acknowledge is an edge."""
 
@@ -141,7 +135,6 @@ class ControlWordAdapter(Adapter):
         self.word = word
         # OFF2 has priority over OFF3, and both are shown.
         self._visible = ~0 if word is None or word & _NO_QUICK_STOP else ~Flag.NO_QUICK_STOP
-        self._interrupted = self._stop_is_reached and word is not None and not word & _TASK_BITS
         if word is None:
             demand.connected = self._armed = False
             demand.in_control = True
@@ -161,8 +154,6 @@ class ControlWordAdapter(Adapter):
 
     def status(self, flags: int) -> int:
         """ZSW1 of a report's flags."""
-        if self._interrupted and flags & _STANDING == _STANDING:
-            flags |= Flag.REACHED
         return flags & self._visible
 
     def kept(self, demand: Demand) -> tuple[object, ...]:

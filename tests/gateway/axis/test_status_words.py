@@ -61,6 +61,26 @@ def test_an_intermediate_stop_shows_reached_only_where_configured(number: int, r
     assert not made.step(20)["ZSW1"] & REACHED, "the task goes on"
 
 
+@pytest.mark.parametrize(("number", "mode"), [(9, ""), (111, "ABSOLUTE"), (111, "SETTING_UP")])
+def test_an_intermediate_stop_is_reached_when_an_axis_in_the_standstill_window_turns_no_more(
+    number: int, mode: str
+) -> None:
+    made = rig(number, intermediate_stop_reached=True)
+    made.values |= {"MDI_VELOCITY": 0x40_0000, "MDI_TARPOS": 0x3000_0000, "MDI_ACC": 0x4000, "MDI_DEC": 0x4000}
+    if number == 9:
+        made.values |= {"SATZANW": 0x8000, "MDI_MOD": 1}
+    else:
+        made.values |= {"MDI_VELOCITY": 50, "MDI_TARPOS": 400_000, "OVERRIDE": 0x4000}
+        made.values["POS_STW1"] = POS_STW1.word("MDI", mode, "POSITIVE_DIRECTION")
+    made.values["STW1"] = TASK
+    made.step(60)
+    assert made.actuals["ZSW1"] & (STANDING | REACHED) == STANDING
+    made.values["STW1"] = PAUSE
+    while made.step() and made.feedback.velocity_actual:
+        assert not made.actuals["ZSW1"] & REACHED, "it still turns"
+    assert made.step(5)["ZSW1"] & REACHED
+
+
 @pytest.mark.parametrize(
     ("word", "shown"),
     [

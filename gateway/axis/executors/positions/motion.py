@@ -53,6 +53,7 @@ class MotionExecutor(Executor):
         self.command.modes_of_operation = self._mode.mode
         self._seen = Seen()
         self._nothing = Asked()
+        self._shows_stop_reached = self.settings.intermediate_stop_reached
         self._target = CanType.I32.integer_range
         """Range of 607Ah."""
         self._position_objects: Mapping[ObjectAddress, int] = {}
@@ -104,6 +105,12 @@ class MotionExecutor(Executor):
         return self.inputs.standstill and (
             feedback.statusword & StatusBit.TARGET_REACHED != 0 or feedback.velocity_actual == 0
         )
+
+    def _stop_reached(self, asked: Asked) -> bool:
+        """An intermediate stop of a traversing task has ended. With setting up, "target reached" may be that of its speed."""
+        if not asked.operating or asked.no_intermediate_stop or asked.jog_1 or asked.jog_2 or asked.homing:
+            return False
+        return self.stopped and (self._mode.shows_base() or self.feedback.velocity_actual == 0)
 
     def _cycle(self) -> Outcome:
         """Run one cycle: state of the axis, commands, Controlword and mode."""

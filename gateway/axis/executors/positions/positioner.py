@@ -215,6 +215,8 @@ class PositionerExecutor(MotionExecutor):
         report.speed = speed.to_wire(feedback.velocity_actual)
         report.length_speed = units.to_length_speed(feedback.velocity_actual)
         report.flags = self._flags(outcome)
+        if self._shows_stop_reached and self._stop_reached(asked):
+            report.flags |= _REACHED
         report.message = message_of(message, feedback, outputs)
         return reason
 

@@ -72,6 +72,8 @@ class PositioningExecutor(MotionExecutor):
             waits = outcome.state is _IDLE and (not self._continued or self.stopped)
             if waits or (homes and self._seen.homing is HomingResult.ATTAINED):
                 flags |= _REACHED
+        if self._shows_stop_reached and self._stop_reached(asked):
+            flags |= _REACHED
         if outcome.home_set:
             flags |= _HOME_SET
         if not homes:
