@@ -14,6 +14,7 @@ from typing import Final
 from canopen import SdoAbortedError
 
 from pdgw.ds301.objects import ObjectAddress
+from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.indices import HOMING_SPEEDS
 from pdgw.dsp402.objects import MAX_TORQUE
 
@@ -187,10 +188,14 @@ class OwnValueKeeper:
             self._notify("status", f"{address[0]:04X}h cannot be read now: its own value is not kept")
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
-        """Write an object by SDO in operation; its own value is saved before."""
+        """Write an object by SDO in operation; its own value is saved before. Dsp402Error if it cannot be read."""
         address = index, subindex
         value, kept = int.from_bytes(data, "little"), self._values.get(address)
-        if kept is None and address in _COMMANDED_BY_SDO and (own := self._read(*address)):
+        if kept is None and address in _COMMANDED_BY_SDO and (own := self._read(*address)) is not None:
+            if not own:
+                raise Dsp402Error(
+                    f"{index:04X}h/{subindex}", value, "an object that can be read, to keep the drive's own value"
+                )
             kept = OwnValue(*address, len(own), int.from_bytes(own, "little"), ())
         if kept is None or kept.written is None or value == kept.value:
             self._write(*address, data)

@@ -503,6 +503,19 @@ def test_an_own_value_that_cannot_be_read_is_named(
     assert "is not written back: it cannot be read now" in caplog.text
 
 
+def test_torque_limit_is_not_lowered_while_its_own_value_cannot_be_read(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with site.gateway(clamping()) as plc:
+        enable_positioner(plc)
+        own, axis_1 = torque(plc), plc.daemon.axes[0]
+        refuse(plc, "get_data", MAX_TORQUE, 1, monkeypatch)
+        plc.endpoint.set(0, {"STW1": GO | ACTIVATE})
+        plc.until(lambda: axis_1.faults or torque(plc) == 250, "an answer to the torque limit")
+        assert torque(plc) == own
+        assert "an object that can be read" in axis_1.faults[-1].text
+
+
 def keeper(shown: dict[tuple[int, int], int]) -> OwnValueKeeper:
     def set_value(index: int, subindex: int, data: bytes) -> None:
         if data == bytes(2):
