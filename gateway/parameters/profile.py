@@ -318,13 +318,14 @@ class NodeObject(BoundObject):
     def _warnings(self) -> int:
         return self.owner.fault_log.warnings(present=self.owner.warning)
 
-    def _require_power_off(self) -> None:
+    def require_power_off(self) -> None:
+        """ParameterRefused while something may move."""
         if self.owner.powered:
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE)
 
     def load(self, context: RequestContext) -> None:
         """P970: the node's factory values (1011h) after a restart of it, the gateway's own as configured."""
-        self._require_power_off()
+        self.require_power_off()
         configured = self.owner.config.telegram
         self._check_telegram_change(configured, context.host)
         before = self._stored.model_copy()
@@ -348,7 +349,7 @@ class NodeObject(BoundObject):
 
     def _reset(self, value: int) -> None:
         if value:
-            self._require_power_off()
+            self.require_power_off()
         if value == 1:
             self.owner.reset_node()
         self._reset_prepared = 2 if value == 2 else 0
@@ -374,7 +375,7 @@ class AxisObject(NodeObject):
                 self._positioner_values,
                 self._store_change,
                 axis.choose_positioner,
-                self._require_power_off,
+                self.require_power_off,
             )
         self.bind_lists()
 
@@ -501,6 +502,8 @@ class DeviceObject(BoundObject):
         self.bind(Pnu.STATION_MASK, lambda: station.ip.mask.packed)
 
     def _load_all(self, context: RequestContext) -> None:
+        for axis in self._axes:
+            axis.require_power_off()
         for axis in self._axes:
             axis.load(context)
 

@@ -137,6 +137,18 @@ def test_nothing_that_restarts_the_drive_is_done_in_operation() -> None:
         assert plc.state() == 0x07
 
 
+def test_factory_values_of_all_are_refused_before_the_first_if_one_is_in_operation() -> None:
+    with gateway(axis(1) + axis(2)) as (daemon, client):
+        plc = Plc(daemon, [1, 1])
+        assert not write(client, 925, word(7)).failed
+        plc.enable(1)
+        with exchanging(plc):
+            assert error(write(client, 976, word(1))) == Number.NOT_EXECUTABLE_IN_STATE
+        assert number(client, 925) == 7
+        assert [item.drive.generation for item in daemon.axes] == [1, 1]
+        assert plc.state(1) == 0x07
+
+
 def test_stored_parameters_survive_the_gateway(tmp_path: Path) -> None:
     store = tmp_path / "store.json"
     config = configuration(axis(1)).model_copy(update={"store": store})
