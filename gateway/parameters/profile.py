@@ -323,6 +323,16 @@ class NodeObject(BoundObject):
         if self.owner.powered:
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE)
 
+    def may_load(self, context: RequestContext) -> bool:
+        """Whether the configured telegram can be selected now."""
+        configured = self.owner.config.telegram
+        try:
+            if configured != self.owner.telegram.number:
+                self.daemon.check_telegram_change(self.owner, configured, context.host)
+        except (GatewayError, CanopenError):
+            return False
+        return True
+
     def load(self, context: RequestContext) -> None:
         """P970: the node's factory values (1011h) after a restart of it, the gateway's own as configured."""
         self.require_power_off()
@@ -504,7 +514,11 @@ class DeviceObject(BoundObject):
     def _load_all(self, context: RequestContext) -> None:
         for axis in self._axes:
             axis.require_power_off()
-        for axis in self._axes:
+        remaining = list(self._axes)
+        while remaining:
+            # The telegram of another axis may need the room on the bus that this one leaves.
+            axis = next((item for item in remaining if item.may_load(context)), remaining[0])
+            remaining.remove(axis)
             axis.load(context)
 
     def _save_all(self, context: RequestContext) -> None:

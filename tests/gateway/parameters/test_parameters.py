@@ -353,6 +353,16 @@ def test_p922_that_would_overload_the_bus_is_refused(caplog: pytest.LogCaptureFi
     assert "P922 := 100 refused: worst-case load of bus can: '129%" in caplog.text
 
 
+def test_p976_first_loads_the_telegrams_that_make_room_on_the_bus() -> None:
+    with serving(configuration(axis(1, telegram_number=100) + axis(2), can=SLOW_BUS), 1) as (daemon, client):
+        assert not write(client, 922, word(1)).failed
+        with client_of(daemon, client.address, 2) as second:
+            assert not write(second, 922, word(100)).failed
+        until(daemon, lambda: all(item.drive.status.value == "online" for item in daemon.axes), "online again")
+        assert not write(client, 976, word(1)).failed
+        assert [item.telegram.number for item in daemon.axes] == [100, 1]
+
+
 @pytest.mark.parametrize(
     ("number", "problem"),
     [(100, "worst-case load of bus can: '129%"), (110, "[axis.positioner] is missing"), (1001, "telegram: 1001")],
