@@ -169,6 +169,7 @@ class RpdoSender:
         for sender in self._data_senders:
             complete = self._put(sender, sender.pdo.pack(command), now) and complete
         word = command.controlword
+        withheld = False
         if not word & _NEW_SETPOINT:
             self._set_point_sent = self.set_point_refused = False
             self._held_since = -1
@@ -176,19 +177,25 @@ class RpdoSender:
             command.controlword = word & ~_NEW_SETPOINT
             if self._starts_early and self.control.pdo.pack(command) != self.control.last:
                 complete = False  # the data is sent one cycle before the edge
-            if self._data_by_sync and (
-                self._network.waiting or any(sender.changed == now for sender in self._data_senders)
-            ):
-                complete = False  # the SYNC of its data was not sent yet, or may wait itself
+            if self._awaits_sync(now):
+                complete = False
             if self._may_start(complete, now):
                 command.controlword = word
-        sent = self._put(self.control, self.control.pdo.pack(command), now)
+        elif not (self.control.last or stop) and self._awaits_sync(now):
+            withheld = True  # dropped: the drive may have this edge, or start with it before its data acts
+        sent = not withheld and self._put(self.control, self.control.pdo.pack(command), now)
         if sent and command.controlword & _NEW_SETPOINT:
             self._set_point_sent = True
         command.controlword = asked
         command.target_velocity = speed
         self.motion_asked = speed != 0 or self._set_point_sent
         return self.all_sent
+
+    def _awaits_sync(self, now: int) -> bool:
+        """The SYNC of the data of this command was not sent yet, or may wait itself."""
+        return self._data_by_sync and (
+            self._network.waiting or any(sender.changed == now for sender in self._data_senders)
+        )
 
     def _put(self, sender: _Sender, data: bytes, now: int) -> bool:
         """Send an RPDO if it changed or is due; True if this data was sent, now or before.

@@ -234,6 +234,49 @@ def test_setpoint_waits_for_the_sync_with_which_its_data_acts(
     assert seen == [100, 900, 200]
 
 
+def test_setpoint_that_was_dropped_with_its_data_does_not_start_toward_the_previous_target(
+    plant: Plant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another node is lost while data, SYNC and Controlword wait in the interface."""
+    drive = site.drive(NODE)
+    node = _DataBySync(NODE, drive._send)
+    node.values[0x1401, 2] = 1
+    drive.node = node
+    plant.drive = drive
+    drive.start()
+    client = plant.connect(Operation.POSITIONING, initial_mode=None)
+    plant.online()
+    seen: list[int] = []
+    bit = False
+
+    def on_rpdo(_: Pdo) -> None:
+        nonlocal bit
+        before, bit = bit, bool(drive.model.controlword & ControlBit.NEW_SETPOINT)
+        if bit and not before:
+            seen.append(drive.model.profile_velocity)
+
+    monkeypatch.setattr(node, "on_rpdo", on_rpdo)
+    port = site.gateway_port()
+    port.droppable = True
+    command = DriveCommand()
+
+    def cycles(count: int) -> None:
+        for _ in range(count):
+            client.send(command, site.now())
+            plant.network.send_sync()
+            site.play(4 * MS)
+
+    command.controlword, command.profile_velocity = ENABLED, 100
+    cycles(3)
+    port.connect(False)
+    command.controlword, command.profile_velocity = START, 900
+    cycles(3)
+    plant.network.drop_waiting()
+    port.connect(True)
+    cycles(3)
+    assert seen == [900]
+
+
 class _PartlyFull:
     """A port that may take no frame of one identifier."""
 
