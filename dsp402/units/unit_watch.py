@@ -35,8 +35,9 @@ _WATCHED: Final = (
     indices.POSITION_NOTATION,
     indices.POSITION_DIMENSION,
     indices.POLARITY,
+    indices.POSITION_RANGE_LIMIT,
 )
-"""Objects that define the units of velocities and positions, and their sign; the likeliest first."""
+"""Objects that define the units of velocities and positions, their sign and their wrap; the likeliest first."""
 
 
 class UnitWatch:

@@ -12,7 +12,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon
 from pdgw.profidrive.signals import signal
 from tests.support.drives.own_law_drive import Law, OwnLawDrive
-from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, running, until, world_of
+from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, drive_of, running, until, world_of
 
 RATED = 3000
 PERCENT = 4
@@ -233,3 +233,16 @@ def test_units_that_change_while_the_drive_stands_in_operation_are_noticed_befor
         for _ in range(200):
             plc.exchange()
         assert drive.node.fastest == 0.0
+
+
+def test_range_of_positions_that_changes_in_operation_stops_the_drive() -> None:
+    """At the panel of the drive: positions then start again at another value (607Bh)."""
+    with running(configuration(axis(1, more="simulate = true\n"))) as daemon:
+        plc, node = Plc(daemon, [1]), drive_of(daemon).node
+        plc.enable()
+        node.values[0x607B, 2] = node.read(0x607B, 2) // 2
+        plc.until(lambda: daemon.axes[0].faults, "a fault")
+        fault = daemon.axes[0].faults[0]
+        assert fault.number == 128
+        assert "607Bh/2 was" in fault.text
+        plc.until(lambda: not daemon.axes[0].powered, "no power")
