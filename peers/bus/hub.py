@@ -1,7 +1,8 @@
 """The hub of a loopback bus: it forwards every frame of a member to all others, in the same order for all.
 
-A member sends ``JOIN`` to the hub's address and gets the port of its own socket. Then both are connected, and each datagram
-is one can_frame. Members inside the hub's process are functions.
+A member sends ``JOIN`` to the hub's address and gets the port of its own socket. It connects to that and sends ``LOOK``;
+from then on, a refused datagram means that the member has ended. Each other datagram is one can_frame. Members inside the
+hub's process are functions.
 """
 
 from __future__ import annotations
@@ -62,6 +63,8 @@ class Hub:
             raise GatewayError(f"bus: {HOST} port {port} cannot be used ({error.strerror}); choose another") from error
         self._door.setblocking(False)
         self._members: list[socket.socket] = []
+        self._joining: set[socket.socket] = set()
+        """Those that may not be connected yet: the system refuses frames to them."""
         self._local: list[Receiver] = []
         self._waiting: deque[tuple[object, bytes]] = deque()
         readers.register(self._door, selectors.EVENT_READ, self._admit)
@@ -104,6 +107,7 @@ class Hub:
                 member.connect(address)
                 member.setblocking(False)
                 self._members.append(member)
+                self._joining.add(member)
                 self._readers.register(member, selectors.EVENT_READ, lambda: self._take(member))
                 self._door.sendto(WELCOME.pack(b"W", member.getsockname()[1]), address)
 
@@ -113,8 +117,11 @@ class Hub:
                 frame = member.recv(64)
             except BlockingIOError:
                 return
-            except OSError:  # refused: the socket is closed already
+            except OSError:  # refused: the socket is closed, or not connected yet
+                if member in self._joining:
+                    continue
                 frame = LEAVE
+            self._joining.discard(member)
             if frame == LEAVE:
                 self._remove(member)
                 return
@@ -152,10 +159,12 @@ class Hub:
         except BlockingIOError:
             return  # a member that does not read loses frames, as with SocketCAN
         except OSError:
-            self._remove(member)
+            if member not in self._joining:
+                self._remove(member)
 
     def _remove(self, member: socket.socket) -> None:
         if member in self._members:
             self._members.remove(member)
+            self._joining.discard(member)
             self._readers.unregister(member)
             member.close()

@@ -49,6 +49,7 @@ def _join(channel: str) -> socket.socket:
         if len(answer) != WELCOME.size:
             raise OSError("another program uses this port")
         sock.connect((address[0], WELCOME.unpack(answer)[1]))
+        sock.send(LOOK)
     except OSError as error:
         sock.close()
         raise can.CanInitializationError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import selectors
 import socket
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import can
 import canopen
@@ -19,7 +19,7 @@ from pdgw.ds301.bus.can_frame import CAN_FRAME, EXTENDED, pack_frame, unpack_fra
 from pdgw.ds301.errors import CanopenError
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.bus import INTERFACE, Hub, LoopbackBus, ServedBus
-from pdgw.peers.bus.hub import JOIN, WELCOME
+from pdgw.peers.bus.hub import JOIN, LOOK, WELCOME
 from pdgw.peers.drive import SimulatedDrive
 from tests.support.buses import PATIENCE_S
 
@@ -121,13 +121,18 @@ class _Steps:
             for key, _ in ready:
                 key.data()
 
-    def join(self) -> socket.socket:
+    def join(self, before: Callable[[], None] = lambda: None) -> socket.socket:
+        """``before``: called before the member uses its welcome."""
         member = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        member.bind(("127.0.0.1", 0))
         host, _, port = self.hub.channel.rpartition(":")
-        member.sendto(JOIN, (host, int(port)))
+        member.connect((host, int(port)))
+        member.send(JOIN)
         self.serve()
-        member.connect((host, WELCOME.unpack(member.recv(64))[1]))
+        answer = member.recv(64)
+        before()
+        member.connect((host, WELCOME.unpack(answer)[1]))
+        member.send(LOOK)
+        self.serve()
         return member
 
 
@@ -148,6 +153,23 @@ def test_member_that_ended_without_leave_is_removed(steps: _Steps) -> None:
         steps.serve()
     assert steps.hub.members == 1
     living.close()
+
+
+def test_frames_before_a_new_member_is_ready_do_not_remove_it(steps: _Steps) -> None:
+    living = steps.join()
+
+    def send() -> None:
+        for _ in range(3):  # refused by the kernel: the new member has no socket for them yet
+            living.send(pack_frame(0x80, b""))
+            steps.serve()
+
+    new = steps.join(send)
+    assert steps.hub.members == 2
+    new.send(pack_frame(0x81, b""))
+    steps.serve()
+    assert living.recv(64) == pack_frame(0x81, b"")
+    living.close()
+    new.close()
 
 
 def test_device_error_does_not_end_the_bus_of_others(steps: _Steps, caplog: pytest.LogCaptureFixture) -> None:
