@@ -1,4 +1,4 @@
-"""``pytest -p tests.cpu_times``: the CPU time of the tests and of the processes they start, by folder and the slowest ones.
+"""``python -m pytest -p tests.cpu_times``: CPU time of the tests and of the processes they start, by folder, and the slowest.
 
 Time that a test waits is not in it. A fixture of a module counts for the test that needs it first.
 """
