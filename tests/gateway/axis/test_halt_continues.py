@@ -265,6 +265,21 @@ def test_telegram_9_halts_a_drive_that_refuses_homing_and_continues_the_task(*, 
     assert any(word & NEW_SETPOINT for word in words), "the next task"
 
 
+@pytest.mark.parametrize("name", MAKES)
+def test_a_homing_starts_once_on_a_drive_that_falls_back_to_the_mode_of_the_stopped_task(name: str) -> None:
+    drive = rejected(name)
+    hand, words = drive.hand, [drive(ON) for _ in range(10)]
+    method = {"SATZANW": 0x8000 | 35} if name == "9" else {}
+    for mode in [Mode.POSITION] * 10 + [Mode.HOMING] * 10 + [Mode.POSITION] * 5 + [Mode.HOMING] * 5:
+        hand.mode = mode
+        drive.runs = mode == Mode.POSITION
+        words.append(drive(ON | HOMING, **method))
+        if hand.stepper.sdo_request is not None:
+            hand.stepper.sdo_done(None)
+    starts = [word for word, before in zip(words[1:], words, strict=False) if word & ~before & NEW_SETPOINT]
+    assert len(starts) == 1
+
+
 def test_a_task_across_the_wrap_replaces_one_on_a_drive_that_continues() -> None:
     drive = Continuing(positioner(replace(TABLE, software_limits=None), drive_type(wraps=True)).enable())
     drive.hand.feedback.position_actual = 10

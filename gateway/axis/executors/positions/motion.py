@@ -260,6 +260,7 @@ class MotionExecutor(Executor):
             self._homing_ends(HomingResult.FAILED)
         elif progress is Progress.READY:
             seen.taken = seen.executing = motion.serial
+            self._settle()  # it has left the mode of the stopped setpoint; Halt would end CW.4, whose next rise is a second start
             return NEW_SETPOINT
         return self._halt_before_homing()
 
