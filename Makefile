@@ -121,7 +121,7 @@ planted: $(STAMP)
 	$(BIN)/python -m pdgw.workshop soak --planted --seed 1 >> tests/workshop/planted-defects.md
 
 # Every state that a PLC, a loss and a lying drive can bring an axis to: every telegram and every setting in some minutes; all
-# settings with all telegrams, homing and jog in about an hour.
+# settings with all telegrams, homing and jog in some hours.
 walk: $(STAMP)
 	$(BIN)/python -m pdgw.workshop.walk
 

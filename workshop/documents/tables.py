@@ -433,7 +433,7 @@ def generate_power_table() -> str:
             "every drive state at any moment, loss and restart of the drive. A monitor that does not use the table checks",
             "each step. From every state the axis must return to operation, also with a slow drive. `make walk` runs every",
             "telegram, every setting once, the sign of life and the guarding. `make walk-all` runs all settings with all",
-            "telegrams, homing and jog, in about an hour.\n",
+            "telegrams, homing and jog, in some hours.\n",
             "```text",
             _WALK_PATH.read_text(encoding="utf-8") + "```\n",
         )

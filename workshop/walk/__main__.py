@@ -25,7 +25,7 @@ def main() -> int:
     )
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--short", action="store_true", help="what the tests walk")
-    which.add_argument("--all", action="store_true", help="all settings with all telegrams, homing and jog: in an hour")
+    which.add_argument("--all", action="store_true", help="all settings with all telegrams, homing and jog: in hours")
     parser.add_argument("--only", default="", help="walk only cases whose name contains this text")
     parser.add_argument("--figures", type=Path, help="write what was walked to this file")
     options = parser.parse_args()
