@@ -185,18 +185,15 @@ class _DataBySync(SimulatedDriveNode):
         super().on_written(entry, value)
 
 
-@pytest.mark.parametrize(("refresh_ms", "full"), [(100, False), (4, False), (4, True)])
-def test_setpoint_waits_for_the_sync_with_which_its_data_acts(
-    plant: Plant, monkeypatch: pytest.MonkeyPatch, refresh_ms: int, full: bool
-) -> None:
-    """Data that is repeated in each cycle does not delay it. ``full``: the bus takes the Controlword later than the data."""
+def _connected_by_sync(plant: Plant, monkeypatch: pytest.MonkeyPatch, **settings: int) -> tuple[DriveClient, list[int]]:
+    """A drive whose data acts with SYNC, and its profile velocities at each start of a setpoint."""
     drive = site.drive(NODE)
     node = _DataBySync(NODE, drive._send)
     node.values[0x1401, 2] = 1
     drive.node = node
     plant.drive = drive
     drive.start()
-    client = plant.connect(Operation.POSITIONING, initial_mode=None, rpdo_refresh_ms=refresh_ms)
+    client = plant.connect(Operation.POSITIONING, initial_mode=None, **settings)
     plant.online()
     seen: list[int] = []
     bit = False
@@ -208,6 +205,15 @@ def test_setpoint_waits_for_the_sync_with_which_its_data_acts(
             seen.append(drive.model.profile_velocity)
 
     monkeypatch.setattr(node, "on_rpdo", on_rpdo)
+    return client, seen
+
+
+@pytest.mark.parametrize(("refresh_ms", "full"), [(100, False), (4, False), (4, True)])
+def test_setpoint_waits_for_the_sync_with_which_its_data_acts(
+    plant: Plant, monkeypatch: pytest.MonkeyPatch, refresh_ms: int, full: bool
+) -> None:
+    """Data that is repeated in each cycle does not delay it. ``full``: the bus takes the Controlword later than the data."""
+    client, seen = _connected_by_sync(plant, monkeypatch, rpdo_refresh_ms=refresh_ms)
     command = DriveCommand()
     send = plant.network._port.send
     refused = 0
@@ -238,24 +244,7 @@ def test_setpoint_that_was_dropped_with_its_data_does_not_start_toward_the_previ
     plant: Plant, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Another node is lost while data, SYNC and Controlword wait in the interface."""
-    drive = site.drive(NODE)
-    node = _DataBySync(NODE, drive._send)
-    node.values[0x1401, 2] = 1
-    drive.node = node
-    plant.drive = drive
-    drive.start()
-    client = plant.connect(Operation.POSITIONING, initial_mode=None)
-    plant.online()
-    seen: list[int] = []
-    bit = False
-
-    def on_rpdo(_: Pdo) -> None:
-        nonlocal bit
-        before, bit = bit, bool(drive.model.controlword & ControlBit.NEW_SETPOINT)
-        if bit and not before:
-            seen.append(drive.model.profile_velocity)
-
-    monkeypatch.setattr(node, "on_rpdo", on_rpdo)
+    client, seen = _connected_by_sync(plant, monkeypatch)
     port = site.gateway_port()
     port.droppable = True
     command = DriveCommand()

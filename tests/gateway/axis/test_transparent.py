@@ -28,6 +28,16 @@ def axis(**settings: object) -> Rig:
     return rig
 
 
+def operating(**settings: object) -> Rig:
+    """An axis that the PLC's own Controlwords have switched on."""
+    rig = axis(**settings)
+    for word in (0x06, 0x07, 0x0F):
+        rig.values["Controlword"] = word
+        rig.step(2)
+    assert rig.stepper.reason is None
+    return rig
+
+
 def test_attributes_match_the_telegrams_signals() -> None:
     for names, half in ((SETPOINT_ATTRIBUTES, HALF), (ACTUAL_ATTRIBUTES, telegram(100).actuals)):
         for attribute, item in list(zip(names, half.signals, strict=True))[2:]:
@@ -65,10 +75,7 @@ def test_actual_values_pass_unchanged() -> None:
 
 
 def test_enable_and_run_by_the_plcs_own_controlwords() -> None:
-    rig = axis()
-    for word in (0x06, 0x07, 0x0F):
-        rig.values["Controlword"] = word
-        rig.step(2)
+    rig = operating()
     rig.values["Target Velocity"] = 1000
     rig.until(lambda actuals: actuals["Velocity Actual Value"] == 1000)
     assert rig.actuals["Modes of Operation Display"] == 3
@@ -93,10 +100,7 @@ def test_a_standing_on_of_a_new_connection_is_not_passed() -> None:
 
 @pytest.mark.parametrize("reaction", list(PlcLossReaction))
 def test_loss_of_the_plc_stops_the_drive_and_a_standing_on_does_not_restart_it(reaction: PlcLossReaction) -> None:
-    rig = axis(on_plc_loss=reaction)
-    for word in (0x06, 0x07, 0x0F):
-        rig.values["Controlword"] = word
-        rig.step(2)
+    rig = operating(on_plc_loss=reaction)
     rig.values["Target Velocity"] = 4000
     rig.step(400)
     rig.step(2, plc=False)
@@ -107,10 +111,7 @@ def test_loss_of_the_plc_stops_the_drive_and_a_standing_on_does_not_restart_it(r
 
 
 def test_a_standing_on_does_not_start_after_a_fault_reset() -> None:
-    rig = axis()
-    for word in (0x06, 0x07, 0x0F):
-        rig.values["Controlword"] = word
-        rig.step(2)
+    rig = operating()
     rig.node.model.inject(7)
     rig.step(5)
     assert rig.state is State.FAULT
@@ -126,10 +127,7 @@ def test_a_standing_on_does_not_start_after_a_fault_reset() -> None:
 
 
 def test_ramp_after_plc_loss_removes_torque_in_a_mode_without_halt() -> None:
-    rig = axis(on_plc_loss=PlcLossReaction.RAMP)
-    for word in (0x06, 0x07, 0x0F):
-        rig.values["Controlword"] = word
-        rig.step(2)
+    rig = operating(on_plc_loss=PlcLossReaction.RAMP)
     rig.values |= {"Target Velocity": 4000, "Target Torque": 400}
     rig.step(100)
     command = rig.stepper.command
@@ -139,10 +137,7 @@ def test_ramp_after_plc_loss_removes_torque_in_a_mode_without_halt() -> None:
 
 
 def test_ramp_after_plc_loss_sets_halt_and_speed_0_until_the_plc_is_back() -> None:
-    rig = axis(on_plc_loss=PlcLossReaction.RAMP)
-    for word in (0x06, 0x07, 0x0F):
-        rig.values["Controlword"] = word
-        rig.step(2)
+    rig = operating(on_plc_loss=PlcLossReaction.RAMP)
     rig.values["Target Velocity"] = 4000
     rig.step(100)
     rig.step(1, plc=False)
@@ -155,10 +150,7 @@ def test_ramp_after_plc_loss_sets_halt_and_speed_0_until_the_plc_is_back() -> No
 
 
 def test_a_plc_that_returns_during_the_ramp_after_its_loss_changes_no_value_before_the_end() -> None:
-    rig = axis(on_plc_loss=PlcLossReaction.RAMP)
-    for word in (0x06, 0x07, 0x0F):
-        rig.values["Controlword"] = word
-        rig.step(2)
+    rig = operating(on_plc_loss=PlcLossReaction.RAMP)
     rig.values["Target Velocity"] = 4000
     rig.step(400)
     rig.step(1, plc=False)
@@ -170,15 +162,6 @@ def test_a_plc_that_returns_during_the_ramp_after_its_loss_changes_no_value_befo
     rig.step(800)
     assert rig.state is not State.OPERATION_ENABLED
     assert (command.modes_of_operation, command.profile_deceleration, command.target_position) == (1, 1, 10_000)
-
-
-def operating() -> Rig:
-    rig = axis()
-    for word in (0x06, 0x07, 0x0F):
-        rig.values["Controlword"] = word
-        rig.step(2)
-    assert rig.stepper.reason is None
-    return rig
 
 
 @pytest.mark.parametrize(("mode", "reason"), [(2, Reason.MODE_VALUE), (0, None), (3, None), (1, None)])
