@@ -19,8 +19,8 @@ from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp402.modes import Mode
 
-_POSITIONS: Final = 1 << 32
-"""Of 6064h."""
+POSITIONS: Final = 1 << 32
+"""Number of values of 6064h."""
 
 VL_RAMP: Final = 0x70
 """Controlword of velocity mode (vl): enable ramp, unlock ramp, reference ramp. All three let the setpoint through."""
@@ -77,7 +77,7 @@ class Scaling:
     def position_span(self) -> int:
         """Number of positions after which the position starts again."""
         if not self.position_wraps or self.position_range is None:
-            return _POSITIONS
+            return POSITIONS
         low, high = self.position_range
         return high - low + 1
 

@@ -12,6 +12,7 @@ from fractions import Fraction
 from typing import Final
 
 from pdgw.dsp402.drive.images import DriveFeedback
+from pdgw.dsp402.drive_type import POSITIONS
 from pdgw.dsp406.faults import MEMORY_ERROR
 from pdgw.dsp406.images import EncoderParameters
 from pdgw.dsp406.objects import PRESET, PRESET_MULTI_SENSOR
@@ -35,8 +36,6 @@ SPEED_WINDOW_NS: Final = 50 * MS
 STANDING_NS: Final = 100 * MS
 """Without a new position for this time, and for several usual intervals, an encoder is at standstill."""
 _STANDING_INTERVALS = 4
-_POSITIONS = 1 << 32
-"""Number of values of a drive's 6064h, taken as unsigned."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +176,7 @@ class DriveSensor:
 
     def __init__(self, feedback: DriveFeedback) -> None:
         self._feedback = feedback
-        self.references = EncoderReferences(_POSITIONS, Fraction(1), preset_supported=False)
+        self.references = EncoderReferences(POSITIONS, Fraction(1), preset_supported=False)
 
     @property
     def position(self) -> int:

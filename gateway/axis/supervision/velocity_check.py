@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from statistics import median
 from typing import ClassVar, Final
 
-from pdgw.dsp402.drive_type import Quantity, Scaling
+from pdgw.dsp402.drive_type import POSITIONS, Quantity, Scaling
 from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
 from pdgw.gateway.reasons import FaultNumber
 
@@ -84,7 +84,7 @@ class VelocityCheck:
         """Position units a second of one velocity unit; 0 where one of them is not known."""
         self._counts = 0.0
         self._full = self._floor = 0
-        self._span = 1 << 32
+        self._span = POSITIONS
         self._restart()
 
     def set_drive(self, scaling: Scaling, window: int) -> None:
