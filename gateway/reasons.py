@@ -444,6 +444,12 @@ class Reason(enum.Enum):
         _E.SETPOINT,
         "give the task an acceleration and a deceleration above 0",
     )
+    INHIBITED = (
+        "the drive does not leave Switch On Disabled: safe torque off (STO), enable input or supply; ON is used up",
+        _S.WAITS,
+        _E.OPERATION,
+        "close STO and the enable input, switch the supply on; then send OFF (STW1.0 = 0) and ON",
+    )
 
 
 class UnconfirmedOrder(enum.IntEnum):
@@ -487,6 +493,8 @@ class FaultNumber(enum.IntEnum):
     VELOCITY = 128
     NOT_ACKNOWLEDGED = 129
     MOVES_UNASKED = 130
+    NOT_ENTERED = 131
+    TURNS_OFF = 132
 
 
 FIRST_WARNING = 108
@@ -544,6 +552,10 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
             GatewayFault(FaultNumber.VELOCITY, "speed contradicts the units of the drive", 0xFF19),
             GatewayFault(FaultNumber.NOT_ACKNOWLEDGED, "setpoint not acknowledged", 0xFF1A, is_warning=True),
             GatewayFault(FaultNumber.MOVES_UNASKED, "drive moves without a task", 0xFF1B, is_warning=True),
+            GatewayFault(FaultNumber.NOT_ENTERED, "drive does not enter or leave operation as commanded", 0xFF1C),
+            GatewayFault(
+                FaultNumber.TURNS_OFF, "drive reports power off and does not slow down", 0xFF1D, is_warning=True
+            ),
         )
     }
 )

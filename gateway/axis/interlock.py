@@ -11,39 +11,22 @@ from typing import ClassVar, Final
 
 from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit
 from pdgw.durations import MS
+from pdgw.gateway.axis.answer import Answer
 from pdgw.gateway.axis.demand_report import OFF1S, STATE_MASK, PowerWish
-from pdgw.gateway.axis.power_table import (
-    CELLS,
-    CONTROLWORDS,
-    DRIVE_OF_STATE,
-    DRIVES,
-    NO_PLC,
-    STOPPING,
-    WISHES,
-    Action,
-    Cell,
-    Drive,
-    Phase,
-)
+from pdgw.gateway.axis.power_states import CONTROLWORDS, DRIVE_OF_STATE, Action, Drive, Phase
+from pdgw.gateway.axis.power_table import CELLS, DRIVES, LOCKS, NO_PLC, STOPPING, WISHES, Cell
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.reasons import Reason
 
 QUICK_STOP_STANDING_NS: Final = 200 * MS
 """A drive that stays in Quick Stop Active at standstill for this time (option codes 5-8) gets Disable Voltage."""
-COMMAND_SHOWN_NS: Final = 300 * MS
-"""Longest time until the Statusword shows a command.
-
-A drive that leaves Operation Enabled later than this after Disable Operation, or enters it later than this after Enable
-Operation, does so by itself. The time covers 100 ms of latency in each direction, the slowest cycle and the event timer of the
-TPDO.
-"""
 
 _DRIVE_OF_STATUS: Final = tuple(DRIVE_OF_STATE[state] for state in STATE_OF_STATUS)
 _ENABLING: Final = CONTROLWORDS[Action.ENABLE_OPERATION]
-_ENABLES: Final = (Action.ENABLE_OPERATION, Action.RAMP)
 _ABOVE_DISABLED: Final = (Drive.READY, Drive.SWITCHED_ON, Drive.OPERATING, Drive.QUICK_STOPPING)
+_BELOW_READY: Final = (Drive.NOT_READY, Drive.DISABLED)
 _FELL: Final = (Drive.NOT_READY, Drive.DISABLED, Drive.READY, Drive.SWITCHED_ON)
-_ACKNOWLEDGES: Final = (Phase.LOCKED, Phase.UNCONFIRMED, Phase.COAST, Phase.FOLLOW)
+_ACKNOWLEDGES: Final = (*LOCKS, Phase.UNCONFIRMED, Phase.COAST, Phase.FOLLOW)
 """Phases in which an acknowledge passes; a stop is not disturbed by it."""
 _FOLLOW: Final = Phase.FOLLOW
 _PASS: Final = Phase.PASS
@@ -79,8 +62,7 @@ class Interlock:
     """Call ``step`` once per cycle. ``phase``, ``action``, ``controlword`` and ``reason`` show the result."""
 
     INSTANTS: ClassVar[Mapping[str, int]] = {
-        "_disabled_at": COMMAND_SHOWN_NS,
-        "enabled_at": COMMAND_SHOWN_NS,
+        "_late_until": 0,
         "_standing_since": QUICK_STOP_STANDING_NS,
     }
     ASIDE: ClassVar[frozenset[str]] = frozenset(
@@ -91,19 +73,22 @@ class Interlock:
         "_acknowledge_armed",
         "_connected",
         "_disable_armed",
-        "_disabled_at",
+        "_enable",
         "_enabling",
+        "_late_until",
+        "_latency",
         "_no_plc",
         "_off_seen",
         "_resume",
         "_shown",
+        "_shutdown",
+        "_shutting",
         "_standing_since",
         "_steady",
         "_steady_status",
         "action",
         "cell",
         "controlword",
-        "enabled_at",
         "phase",
         "plc_was_there",
         "reason",
@@ -125,9 +110,15 @@ class Interlock:
         self._acknowledge_armed = False
         self._disable_armed = False
         """STW1.3 was 1 during the present stop: its fall to 0 ends that."""
-        self._disabled_at = -COMMAND_SHOWN_NS
-        self.enabled_at = -COMMAND_SHOWN_NS
-        """When operation was commanded last to a drive that did not show it."""
+        self._enable = Answer(settings.latency_ns)
+        """Operation Enabled, in answer to Enable Operation."""
+        self._shutdown = Answer(settings.latency_ns)
+        """Any state above Switch On Disabled, in answer to Shutdown."""
+        self._shutting = False
+        """The last command was Shutdown, with the power off."""
+        self._latency = settings.latency_ns
+        self._late_until = 0
+        """Until then, Operation Enabled may be the answer to an Enable Operation that was withdrawn; 0: it was answered."""
         self._enabling = False
         """The last Controlword was Enable Operation."""
         self._off_seen = False
@@ -227,6 +218,9 @@ class Interlock:
             elif drive is _SWITCHED_ON:
                 if self._enabling:
                     drive = Drive.ENTERING
+            elif drive in _BELOW_READY:
+                if self._shutting and self._shutdown.due(now):
+                    drive = Drive.INHIBITED
             elif phase is _QUICK_STOP and drive is Drive.QUICK_STOPPING:
                 drive = self._quick_stopping(standstill, now)
             if connected and not acknowledge:
@@ -240,17 +234,23 @@ class Interlock:
         self._shown = seen if after is _FOLLOW or after is _PASS else None
         self._disable_armed = after in _STOPPING and (enables or (self._disable_armed and after is phase))
         self.action = action = cell.action
-        self._enabling = cell.controlword == _ENABLING or (action is _PASSES and wish is _ENABLE)
+        shutting = action is Action.SHUTDOWN
+        if shutting is not self._shutting:
+            self._shutting = shutting
+            self._shutdown.command(now)
+        enabling = cell.controlword == _ENABLING or (action is _PASSES and wish is _ENABLE)
+        if enabling is not self._enabling:
+            self._late_until = now + self._latency if self._enabling and not self._enable.given else 0
+            self._enabling = enabling
+            self._enable.command(now)
+        if enabling and not self._enable.given:
+            self._enable.read(seen is _OPERATING, now)
         self._steady = False
         reason = cell.reason
         if reason is _PLC_LOST and not self.plc_was_there:
             reason = Reason.NO_PLC
         self.reason = reason
-        if action in _ENABLES and drive not in _IN_OPERATION:
-            self.enabled_at = now
-        if not self._enabling:
-            self._disabled_at = now
-        elif wish is _ENABLE and drive in _IN_OPERATION and action in _OPERATES and not acknowledge:
+        if enabling and wish is _ENABLE and drive in _IN_OPERATION and action in _OPERATES and not acknowledge:
             # Operation continues; the next equal cycle has the same result.
             self._steady = True
             self._steady_status = statusword & STATE_MASK
@@ -260,17 +260,15 @@ class Interlock:
     def _changed(self, drive: Drive, shown: Drive | None, now: int) -> Drive:
         """The drive shows another state while it follows the PLC: by itself, or as the answer to a command?"""
         if drive is Drive.OPERATING:
-            if self._enabling:
-                self._disabled_at = now - COMMAND_SHOWN_NS
             # The command of the previous step counts, at any cycle time.
-            commanded = self._enabling or now - self.enabled_at < COMMAND_SHOWN_NS
+            commanded = self._enabling or now < self._late_until
             return drive if commanded or self.phase is _PASS else Drive.UNKNOWN
         if drive is Drive.DISABLED:
             return Drive.FELL_OFF if shown in _ABOVE_DISABLED else drive
         if self._enabling and shown is _SWITCHED_ON and drive in _FELL:
             return Drive.FELL_BACK  # instead of reaching operation
-        fell = shown is Drive.OPERATING and now - self._disabled_at >= COMMAND_SHOWN_NS and drive in _FELL
-        return Drive.FELL_BACK if fell else drive
+        operated = self._enabling and (self._enable.given or self._enable.due(now))
+        return Drive.FELL_BACK if operated and shown is Drive.OPERATING and drive in _FELL else drive
 
     def _quick_stopping(self, standstill: bool, now: int) -> Drive:
         if not standstill:

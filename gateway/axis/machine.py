@@ -12,7 +12,7 @@ from typing import Final
 from pdgw.ds301.errors import CanopenError
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveType, Quantity
-from pdgw.dsp402.states import STATE_OF_STATUS, UNPOWERED, Command, State, StatusBit
+from pdgw.dsp402.states import STATE_OF_STATUS, UNPOWERED, Command, StatusBit
 from pdgw.gateway.axis.adapters.base import POWER_BITS, WISHES
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.claims import claims
@@ -38,7 +38,8 @@ from pdgw.gateway.axis.executors.sensor import DriveSensor, EncoderReferences, S
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.executors.torque import TorqueExecutor
 from pdgw.gateway.axis.interlock import Interlock
-from pdgw.gateway.axis.power_table import CONTROLWORDS, Action, Drive, Phase
+from pdgw.gateway.axis.power_states import CONTROLWORDS, Action, Drive, Limit, Phase
+from pdgw.gateway.axis.power_table import LOCKS
 from pdgw.gateway.axis.required_scaling import Missing, missing, needed_quantities
 from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
 from pdgw.gateway.axis.supervision.drive_events import (
@@ -51,7 +52,7 @@ from pdgw.gateway.axis.supervision.drive_events import (
 )
 from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
 from pdgw.gateway.axis.supervision.sign_of_life import SignOfLifeWords
-from pdgw.gateway.axis.supervision.stop_supervision import StopWatch
+from pdgw.gateway.axis.supervision.stop_supervision import QUICK_STOPS, StopWatch
 from pdgw.gateway.axis.supervision.velocity_check import VelocityCheck
 from pdgw.gateway.axis.telegrams import SECOND_SENSOR_NUMBERS, Kind, drive_telegram, make_adapter
 from pdgw.gateway.axis.values import (
@@ -76,7 +77,9 @@ _OF_THE_DRIVE: Final = Flag.OF_THE_DRIVE
 _WARNING: Final = Flag.WARNING
 _DROPPED: Final = UnconfirmedOrder.DROPPED
 _WAITS: Final = UnconfirmedOrder.WAITS
-_LOCKS: Final = (Phase.LOCKED, Phase.UNCONFIRMED, Phase.COAST)
+_LOCKS: Final = (*LOCKS, Phase.UNCONFIRMED, Phase.COAST)
+_NO_LIMIT: Final = Limit.NONE
+_ENTER: Final = Limit.ENTER
 _INTERNAL_LIMIT: Final = StatusBit.INTERNAL_LIMIT
 _FOLLOW: Final = Phase.FOLLOW
 _PASS: Final = Phase.PASS
@@ -272,14 +275,12 @@ class AxisMachine:
         if self._drive.fault_since:
             self._drive.step(self._node, now)
         phase = interlock.phase
-        released = outputs.released = phase is _FOLLOW or phase is _PASS
-        if released:
-            if self._stop.runs:
-                self._stop.over()
-        elif not outputs.known_off:
-            self._watch_stop(interlock.action)
+        outputs.released = phase is _FOLLOW or phase is _PASS
+        limit = interlock.cell.limit
+        if limit is not _NO_LIMIT and (limit is _ENTER or not outputs.known_off):
+            self._watch_stop(limit)
         elif self._stop.runs:
-            self._stop.over()
+            self._watch_coasting()
         outputs.brake = self._stop.brake
         acknowledgement = self.acknowledgement
         if demand.acknowledge or acknowledgement.waits:
@@ -311,14 +312,26 @@ class AxisMachine:
         if found is not None:
             self.outputs.found.append(found)
 
-    def _watch_stop(self, action: Action) -> None:
-        inputs = self.inputs
-        feedback = inputs.feedback
-        operating = STATE_OF_STATUS[feedback.statusword & STATE_MASK] is State.OPERATION_ENABLED
-        velocity, seen, now = feedback.velocity_actual, inputs.drive_ok, inputs.now
-        if self._stop.step(action, operating, seen, inputs.node_stopped, velocity, self._window, now):
+    def _watch_stop(self, limit: Limit) -> None:
+        """The drive must leave the state that it shows."""
+        inputs, stop = self.inputs, self._stop
+        feedback, now = inputs.feedback, inputs.now
+        state, velocity = STATE_OF_STATUS[feedback.statusword & STATE_MASK], feedback.velocity_actual
+        if stop.step(limit, state, inputs.drive_ok, inputs.node_stopped, velocity, self._window, now):
             detail = f"Controlword {self.outputs.command.controlword:04X}h, Statusword {feedback.statusword:04X}h, "
-            self.outputs.found.append((FaultNumber.STOP_IGNORED, detail + f"speed {velocity}"))
+            number = FaultNumber.STOP_IGNORED
+            if limit in QUICK_STOPS:
+                number = FaultNumber.NOT_ENTERED
+                self.interlock.distrust()
+            self.outputs.found.append((number, detail + f"speed {velocity}"))
+
+    def _watch_coasting(self) -> None:
+        """The drive shows power off after a stop, or follows the PLC again."""
+        inputs, stop, velocity = self.inputs, self._stop, self.inputs.feedback.velocity_actual
+        if not self.outputs.known_off or not inputs.drive_ok:
+            stop.over()
+        elif stop.coast(velocity, self._window, inputs.now):
+            self.outputs.found.append((FaultNumber.TURNS_OFF, f"speed {velocity}"))
 
     def _stop_unasked(self, now: int) -> Reason:
         """The last line: an Enable Operation that the PLC did not ask for is not sent."""

@@ -9,115 +9,12 @@ its own Controlword (100) has the phase PASS for operation and shares everything
 
 from __future__ import annotations
 
-import enum
 from dataclasses import dataclass
 from typing import Final
 
-from pdgw.dsp402.states import ControlBit, State
 from pdgw.gateway.axis.demand_report import OFF1S, OFFS, Flag, PowerWish
+from pdgw.gateway.axis.power_states import CONTROLWORDS, Action, Drive, Limit, Phase
 from pdgw.gateway.reasons import Reason
-
-
-class Phase(enum.IntEnum):
-    """State of the power stage, as the gateway commands it."""
-
-    LOCKED = 0
-    """Power is off; only an OFF is accepted."""
-    UNCONFIRMED = 1
-    """As LOCKED, but the drive may be in operation: Quick Stop until it shows that it is off."""
-    FOLLOW = 2
-    """The drive follows the PLC, one transition at a time."""
-    PASS = 3
-    """The Controlword of the telegram passes."""
-    RAMP_STOP = 4
-    """OFF1, or loss of the PLC: ramp to standstill with power on."""
-    SHUTDOWN = 5
-    """After the ramp: power off."""
-    QUICK_STOP = 6
-    """Quick Stop until the drive has left Quick Stop Active."""
-    COAST = 7
-    """OFF2: Disable Voltage until the drive shows no power. Only an OFF ends it."""
-
-
-class Drive(enum.IntEnum):
-    """State of the drive; the last ten need more than its Statusword."""
-
-    NOT_READY = 0
-    DISABLED = 1
-    READY = 2
-    SWITCHED_ON = 3
-    OPERATING = 4
-    """Operation enabled, as the last Controlword commanded."""
-    QUICK_STOPPING = 5
-    FAULT = 6
-    UNKNOWN = 7
-    """The Statusword matches no state."""
-    STANDING = 8
-    """As ``OPERATING``, inside the standstill window."""
-    QUICK_STOPPED = 9
-    """Quick Stop Active at standstill, and the drive stays in it (option codes 5-8)."""
-    FELL_BACK = 10
-    """Left operation without a command."""
-    FELL_OFF = 11
-    """Fell back to Switch On Disabled."""
-    LOST = 12
-    """Not online, or silent."""
-    NO_REFERENCES = 13
-    """Its reference objects are missing or invalid, so its speed is unknown."""
-    POWERED_UNREAD = 14
-    """As NO_REFERENCES, and it may have power: by its Statusword, or because the last Controlword was Enable Operation."""
-    RESTARTED = 15
-    """It booted or was configured again. This has priority over its Statusword."""
-    LEAVING = 16
-    """Operation enabled, but the last Controlword was another one: the Statusword is old, or the drive ramps down by Disable
-    Operation. It may be off already, so Enable Operation could switch it on."""
-    ENTERING = 17
-    """Switched on, but the last Controlword was Enable Operation: the drive may be in operation already."""
-
-
-class Action(enum.IntEnum):
-    """Command to the drive."""
-
-    DISABLE_VOLTAGE = 0
-    QUICK_STOP = 1
-    SHUTDOWN = 2
-    SWITCH_ON = 3
-    """In operation, this word is Disable Operation."""
-    ENABLE_OPERATION = 4
-    RAMP = 5
-    """Enable Operation, while the executor ramps the axis to standstill."""
-    RAMP_END = 6
-    """Shutdown at the end of a ramp."""
-    PASS = 7
-    """The Controlword of the telegram."""
-
-
-_SHUTDOWN = ControlBit.ENABLE_VOLTAGE | ControlBit.QUICK_STOP
-_SWITCH_ON = _SHUTDOWN | ControlBit.SWITCH_ON
-_ENABLE_OPERATION = _SWITCH_ON | ControlBit.ENABLE_OPERATION
-CONTROLWORDS: Final = (
-    0,
-    ControlBit.ENABLE_VOLTAGE,
-    _SHUTDOWN,
-    _SWITCH_ON,
-    _ENABLE_OPERATION,
-    _ENABLE_OPERATION,
-    _SHUTDOWN,
-    0,
-)
-"""Controlword bits 0-3 by ``Action``; of PASS they are the telegram's."""
-
-DRIVE_OF_STATE: Final = {
-    State.NOT_READY_TO_SWITCH_ON: Drive.NOT_READY,
-    State.SWITCH_ON_DISABLED: Drive.DISABLED,
-    State.READY_TO_SWITCH_ON: Drive.READY,
-    State.SWITCHED_ON: Drive.SWITCHED_ON,
-    State.OPERATION_ENABLED: Drive.OPERATING,
-    State.QUICK_STOP_ACTIVE: Drive.QUICK_STOPPING,
-    State.FAULT_REACTION_ACTIVE: Drive.FAULT,
-    State.FAULT: Drive.FAULT,
-    None: Drive.UNKNOWN,
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +37,7 @@ ANY_WISH: Final = tuple(PowerWish)
 ENABLES: Final = (W.ENABLE, W.RESUME)
 NO_PLC: Final = (W.NO_PLC_RAMP, W.NO_PLC_QUICK_STOP, W.NO_PLC_COAST)
 RAMPS: Final = (W.NO_PLC_RAMP, W.STOP)
+ON_WISHES: Final = (W.ON, *ENABLES, W.HOLD)
 UNASKED: Final = (*NO_PLC, W.STOP)
 """Only a stop is requested."""
 COASTS: Final = (W.COAST, W.NO_PLC_COAST)
@@ -152,11 +50,13 @@ IN_OPERATION: Final = (D.OPERATING, D.STANDING)
 SHOWS_OPERATION: Final = (*IN_OPERATION, D.LEAVING)
 """The Statusword shows Operation Enabled."""
 QUICK_STOPS: Final = (D.QUICK_STOPPING, D.QUICK_STOPPED)
-UNPOWERED: Final = (D.NOT_READY, D.DISABLED, D.READY, D.SWITCHED_ON, D.ENTERING, D.FELL_BACK, D.FELL_OFF)
-OFF: Final = (D.NOT_READY, D.DISABLED, D.FELL_OFF)
+OFF: Final = (D.NOT_READY, D.DISABLED, D.FELL_OFF, D.INHIBITED)
 """Without power, and no Controlword on its way can change that."""
+UNPOWERED: Final = (*OFF, D.READY, D.SWITCHED_ON, D.ENTERING, D.FELL_BACK)
 UNREAD: Final = (D.POWERED_UNREAD, D.NO_REFERENCES, D.RESTARTED)
 RUNNING: Final = (P.FOLLOW, P.PASS)
+LOCKS: Final = (P.LOCKED, P.INHIBITED)
+"""Power is off, and only an OFF is accepted."""
 STOPPING: Final = (P.RAMP_STOP, P.SHUTDOWN, P.QUICK_STOP)
 RAMPING: Final = (P.RAMP_STOP, P.SHUTDOWN)
 
@@ -212,7 +112,7 @@ ROWS: Final = (
     ),
     # In any state, a drive without power accepts only an OFF.
     Row(
-        (P.LOCKED, P.UNCONFIRMED, P.COAST, *STOPPING),
+        (*LOCKS, P.UNCONFIRMED, P.COAST, *STOPPING),
         UNPOWERED,
         OFF1S,
         P.FOLLOW,
@@ -221,7 +121,7 @@ ROWS: Final = (
         "a start begins with OFF",
     ),
     Row(
-        (P.LOCKED, P.UNCONFIRMED, P.COAST, *STOPPING),
+        (*LOCKS, P.UNCONFIRMED, P.COAST, *STOPPING),
         UNPOWERED,
         (W.RAW_OFF,),
         P.PASS,
@@ -240,7 +140,7 @@ ROWS: Final = (
     ),
     Row((P.UNCONFIRMED,), UNPOWERED, ANY_WISH, None, A.QUICK_STOP, Reason.NEEDS_OFF, "the Statusword may be wrong"),
     Row(
-        (P.LOCKED, P.COAST, *STOPPING),
+        (*LOCKS, P.COAST, *STOPPING),
         UNPOWERED,
         OFF3S,
         P.LOCKED,
@@ -249,7 +149,16 @@ ROWS: Final = (
         "OFF3",
     ),
     Row(
-        (P.LOCKED, P.COAST, *STOPPING),
+        (P.INHIBITED,),
+        OFF,
+        ON_WISHES,
+        None,
+        A.SHUTDOWN,
+        Reason.INHIBITED,
+        "Shutdown shows when STO or the supply is back",
+    ),
+    Row(
+        (*LOCKS, P.COAST, *STOPPING),
         UNPOWERED,
         ANY_WISH,
         P.LOCKED,
@@ -259,7 +168,7 @@ ROWS: Final = (
     ),
     # The drive operates without a command of this PLC.
     Row(
-        (P.LOCKED, P.UNCONFIRMED),
+        (*LOCKS, P.UNCONFIRMED),
         QUICK_STOPS,
         ANY_WISH,
         P.QUICK_STOP,
@@ -277,7 +186,7 @@ ROWS: Final = (
         "in operation without a command",
     ),
     Row(
-        (P.LOCKED,),
+        LOCKS,
         SHOWS_OPERATION,
         (W.NO_PLC_RAMP, *QUICK_STOP_WISHES),
         P.QUICK_STOP,
@@ -285,7 +194,7 @@ ROWS: Final = (
         Reason.QUICK_STOP,
         "in operation without a command",
     ),
-    Row((P.LOCKED,), SHOWS_OPERATION, ANY_WISH, None, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "power off was commanded"),
+    Row(LOCKS, SHOWS_OPERATION, ANY_WISH, P.LOCKED, A.DISABLE_VOLTAGE, Reason.NEEDS_OFF, "power off was commanded"),
     # The loss of the PLC, or of its control, in operation.
     Row(RUNNING, (D.OPERATING,), RAMPS, P.RAMP_STOP, A.RAMP, Reason.RAMP_STOP, "as OFF1"),
     Row(RUNNING, (D.STANDING,), RAMPS, P.SHUTDOWN, A.RAMP_END, Reason.RAMP_STOP, "as OFF1 at standstill"),
@@ -344,6 +253,15 @@ ROWS: Final = (
     Row((P.FOLLOW,), SHOWS_OPERATION, (W.ON,), None, A.SWITCH_ON, Reason.NOT_OPERATING, "Disable Operation"),
     # Between off and operation, in both directions.
     Row((P.FOLLOW,), UNPOWERED, OFFS, None, A.SHUTDOWN, Reason.NOT_OPERATING, "OFF1"),
+    Row(
+        (P.FOLLOW,),
+        (D.INHIBITED,),
+        ANY_WISH,
+        P.INHIBITED,
+        A.SHUTDOWN,
+        Reason.INHIBITED,
+        "the end of STO starts nothing",
+    ),
     Row((P.FOLLOW,), (D.NOT_READY, D.DISABLED), ANY_WISH, None, A.SHUTDOWN, Reason.NOT_OPERATING, "transition 2 first"),
     Row(
         (P.FOLLOW,),
@@ -395,13 +313,27 @@ ROWS: Final = (
 """The whole table."""
 
 
+LIMITS: Final = (
+    ((D.ENTERING,), (A.ENABLE_OPERATION,), Limit.ENTER),
+    ((*UNPOWERED, D.NO_REFERENCES), tuple(A), Limit.NONE),
+    (ANY_DRIVE, (A.PASS,), Limit.NONE),
+    (IN_OPERATION, (A.ENABLE_OPERATION,), Limit.NONE),
+    (SHOWS_OPERATION, (A.SWITCH_ON, A.SHUTDOWN), Limit.LEAVE),
+    (ANY_DRIVE, (A.RAMP,), Limit.BRAKE),
+    (QUICK_STOPS, (A.QUICK_STOP,), Limit.BRAKE),
+    (ANY_DRIVE, (A.QUICK_STOP,), Limit.STOP),
+    (ANY_DRIVE, (A.DISABLE_VOLTAGE, A.RAMP_END), Limit.OFF),
+)
+"""(state, command) -> limit; the first matching row counts, and each pair that the table above can give has one."""
+
+
 @dataclass(frozen=True, slots=True)
 class Cell:
     """One entry of the compiled table; ``row`` is its number in ``ROWS``.
 
     ``operating``: operation is commanded, and shown as commanded; else a Statusword that says Operation enabled is not repeated
     to the PLC. ``visible``: the drive's own bits that are shown as they are; "no OFF2" and "no OFF3" are hidden while one is in
-    force, whatever the drive says.
+    force, whatever the drive says. ``limit``: when the drive must show another state.
     """
 
     row: int
@@ -411,6 +343,14 @@ class Cell:
     reason: Reason | None
     operating: bool
     visible: int
+    limit: Limit
+
+
+def _limit(drive: Drive, action: Action) -> Limit:
+    for drives, actions, limit in LIMITS:
+        if drive in drives and action in actions:
+            return limit
+    raise AssertionError(f"power table: no limit for {drive.name} under {action.name}")
 
 
 def _visible(phase: Phase, wish: PowerWish) -> int:
@@ -435,7 +375,8 @@ def _compile() -> tuple[Cell, ...]:
                             reason = Reason.PLC_LOST
                         operating = row.action in (A.ENABLE_OPERATION, A.PASS) and drive in IN_OPERATION
                         word = CONTROLWORDS[row.action]
-                        cells.append(Cell(number, after, row.action, word, reason, operating, _visible(after, wish)))
+                        visible, limit = _visible(after, wish), _limit(drive, row.action)
+                        cells.append(Cell(number, after, row.action, word, reason, operating, visible, limit))
                         break
                 else:
                     raise AssertionError(f"power table: no row for {phase.name}, {drive.name}, {wish.name}")

@@ -5,11 +5,16 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Final
 
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.motion.dsc import DscChoices
 from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
+
+LATENCY_NS: Final = 300 * MS
+"""Shortest assumed time until a Statusword shows a command: 100 ms in each direction, the slowest cycle, and the event timer of
+the TPDO."""
 
 
 class PlcLossReaction(enum.Enum):
@@ -80,6 +85,11 @@ class AxisSettings:
     """ZSW1.10 = 1 at standstill in an intermediate stop; makers differ (docs/profile-statements.md)."""
     positioner: PositionerChoices | None = None
     """Needed by telegrams 7, 110 and 111."""
+
+    @property
+    def latency_ns(self) -> int:
+        """After this time, what the drive shows is its answer to a command."""
+        return max(LATENCY_NS, self.reaction_ns)
 
 
 @dataclass(frozen=True, slots=True)

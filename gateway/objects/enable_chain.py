@@ -15,7 +15,7 @@ from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.states import State, StatusBit, state_of
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.demand_report import Demand, PowerWish
-from pdgw.gateway.axis.power_table import Phase
+from pdgw.gateway.axis.power_states import Phase
 from pdgw.gateway.axis.supervision.drive_events import FAULTY, POWERED
 from pdgw.gateway.reasons import AxisState, Enable, FaultNumber, Reason
 
@@ -214,7 +214,7 @@ def _judge_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
         chain.passes(Enable.SUPPLY)
     elif axis.shows_supply or commanded:
         chain.breaks(Reason.NO_SUPPLY)
-    if reason is Reason.MODE_NOT_CONFIRMED:
+    if reason is Reason.MODE_NOT_CONFIRMED or reason is Reason.INHIBITED:
         chain.breaks(reason)
     elif state is State.OPERATION_ENABLED:
         chain.passes(Enable.OPERATION)

@@ -15,6 +15,7 @@ from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS, MotionE
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.machine import AxisMachine
+from pdgw.gateway.axis.power_states import Action, Drive, Phase
 from pdgw.gateway.axis.power_table import (
     CELLS,
     ENABLES,
@@ -24,10 +25,7 @@ from pdgw.gateway.axis.power_table import (
     RUNNING,
     SHOWS_OPERATION,
     UNPOWERED,
-    Action,
     Cell,
-    Drive,
-    Phase,
     Row,
 )
 from pdgw.gateway.axis.settings import PlcLossReaction

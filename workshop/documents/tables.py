@@ -21,7 +21,8 @@ from pdgw.dsp406.kinds import EncoderType
 from pdgw.dsp406.objects import PROFILE, ProfileObject
 from pdgw.dsp406.registers import Alarm, AreaState, Operating, Warnings
 from pdgw.gateway.axis.demand_report import PowerWish
-from pdgw.gateway.axis.power_table import ANY_DRIVE, ANY_PHASE, ANY_WISH, CONTROLWORDS, ROWS, Action, Drive, Phase
+from pdgw.gateway.axis.power_states import CONTROLWORDS, LIMIT_TEXTS, Action, Drive, Limit, Phase
+from pdgw.gateway.axis.power_table import ANY_DRIVE, ANY_PHASE, ANY_WISH, LIMITS, ROWS
 from pdgw.gateway.configuration.positioner_values import BLOCK_ITEMS, ITEMS
 from pdgw.gateway.links.profinet.diagnosis import MESSAGE_CLASSES
 from pdgw.gateway.motion.states import MDI_TRANSITIONS, Event, State, Transition
@@ -416,6 +417,7 @@ def generate_power_table() -> str:
         )
         for number, row in enumerate(ROWS, 1)
     )
+    limits = ((_names(d, ANY_DRIVE), _names(a, tuple(Action)), _name(limit)) for d, a, limit in LIMITS)
     words = ("of the telegram" if a is Action.PASS else f"{CONTROLWORDS[a]:04X}h" for a in Action)
     return "\n".join(
         (
@@ -428,6 +430,10 @@ def generate_power_table() -> str:
             f"Phases: {', '.join(map(_name, Phase))}. Drive states: {', '.join(map(_name, Drive))}.",
             f"Requests: {', '.join(map(_name, PowerWish))}.\n",
             table(("command", "Controlword bits 0-3"), zip(map(_name, Action), words, strict=True)),
+            "## Limits of time\n",
+            "What the drive shows must end in time under a command. The first matching row counts.\n",
+            table(("drive shows", "command", "limit"), limits),
+            table(("limit", "meaning"), ((_name(limit), LIMIT_TEXTS[limit]) for limit in Limit)),
             "## Proof\n",
             "The tests run the axis machine with this table through every reachable state: every class of control word,",
             "every drive state at any moment, loss and restart of the drive. A monitor that does not use the table checks",

@@ -17,7 +17,8 @@ from pdgw.gateway.axis.adapters.base import ControlWordAdapter
 from pdgw.gateway.axis.adapters.speed import SpeedAdapter
 from pdgw.gateway.axis.demand_report import STATE_MASK, Flag, PowerWish
 from pdgw.gateway.axis.interlock import Interlock
-from pdgw.gateway.axis.power_table import CELLS, Action, Drive, Phase
+from pdgw.gateway.axis.power_states import Action, Drive, Phase
+from pdgw.gateway.axis.power_table import CELLS
 from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.supervision.drive_events import NodeWatch
 from pdgw.gateway.axis.supervision.enable_guard import EnableGuard

@@ -16,7 +16,7 @@ from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
 from pdgw.gateway.axis.demand_report import STATE_MASK, Flag, SpeedWish
 from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisRecords, Executor, LimitWatch, demanded_speed, known
 from pdgw.gateway.axis.executors.torque import message_of, message_word
-from pdgw.gateway.axis.power_table import Action
+from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.dsc import Dsc, DscChoices, DscForm, DscSettings, wrapped
 from pdgw.gateway.motion.messages import SPEED_WITHIN_TOLERANCE, MessageWord, reduced_torque

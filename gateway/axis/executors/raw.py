@@ -12,7 +12,7 @@ from typing import ClassVar
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.states import STATE_BITS, STATUS_OF, ControlBit, State
 from pdgw.gateway.axis.executors.base import AxisRecords, Executor
-from pdgw.gateway.axis.power_table import Action
+from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.reasons import Reason
 
 _PASS, _RAMP = Action.PASS, Action.RAMP

@@ -12,7 +12,7 @@ from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.axis.demand_report import Flag, SpeedWish
 from pdgw.gateway.axis.executors.base import AxisRecords, Executor, LimitWatch, demanded_speed, known
-from pdgw.gateway.axis.power_table import Action
+from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.motion.messages import TOLERANCE_PERCENT
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.datatypes import n4
@@ -90,7 +90,8 @@ class SpeedExecutor(Executor):
     def step(self) -> Reason | None:
         interlock, demand, feedback = self.interlock, self.demand, self.feedback
         action, controlword, reason = interlock.action, interlock.controlword, interlock.reason
-        if action is not _ENABLE_OPERATION:
+        if not interlock.cell.operating:
+            # Also after Enable Operation, until the drive shows that it is in operation.
             self._target = 0
             self._jogging = None
             self._frozen = False

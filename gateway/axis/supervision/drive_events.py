@@ -15,7 +15,7 @@ from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.demand_report import STATE_MASK
-from pdgw.gateway.axis.power_table import CONTROLWORDS, Action
+from pdgw.gateway.axis.power_states import CONTROLWORDS, Action
 from pdgw.gateway.axis.values import FaultRead, FaultRecord, NodeNotice, Notice, Outputs, gateway_fault
 from pdgw.gateway.reasons import FaultNumber, Reason
 

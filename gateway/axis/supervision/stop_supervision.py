@@ -1,8 +1,8 @@
-"""Detects that a drive does not stop, and selects the next brake.
+"""Detects that a drive does not do in time what is commanded, and selects the next brake.
 
-After a stop command, the Statusword must leave Operation Enabled, or the speed must fall along the ramp of the drive, within a
-time that follows from the latencies. Otherwise the node is stopped by NMT. If it does not confirm that, the gateway's heartbeat
-is withheld, so that the abort option 6007h of the drive is the last brake. Source: docs/safety.md.
+``power_table.Limit`` names the state that must end, or the speed that must fall along the ramp of the drive. Otherwise the drive
+gets Quick Stop, then NMT stop. If the node does not confirm that, the gateway's heartbeat is withheld, so that the abort option
+6007h of the drive is the last brake. Source: docs/safety.md.
 """
 
 from __future__ import annotations
@@ -11,12 +11,25 @@ import enum
 from collections.abc import Mapping
 from typing import ClassVar, Final
 
-from pdgw.gateway.axis.power_table import Action
+from pdgw.dsp402.states import State
+from pdgw.durations import SECOND
+from pdgw.gateway.axis.power_states import Limit
 
 RAMP_MARGIN: Final = 2
 """Factor on the stop time of the drive."""
-_HOLDS_POWER: Final = (Action.RAMP, Action.QUICK_STOP)
-"""Commands during which the drive brakes with power on."""
+ENTER_NS: Final = 10 * SECOND
+"""Longest time from Enable Operation to Operation Enabled."""
+QUICK_STOPS: Final = (Limit.ENTER, Limit.LEAVE)
+"""Limits with Quick Stop as their brake: it was not commanded yet."""
+_BRAKES: Final = (Limit.LEAVE, Limit.BRAKE, Limit.STOP)
+"""The speed must fall."""
+_MUST_END: Final = {
+    Limit.STOP: (State.OPERATION_ENABLED,),
+    Limit.OFF: (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE),
+}
+"""States that must end in time."""
+_SLOWER: Final = 0.95
+"""A shaft that coasts loses this share of its speed in the time of a stop."""
 
 
 class Brake(enum.IntEnum):
@@ -28,17 +41,19 @@ class Brake(enum.IntEnum):
 
 
 class StopWatch:
-    """One axis. Call ``step`` in each cycle in which the drive does not follow the PLC and may have power."""
+    """One axis. Call ``step`` in each cycle with a limit, and ``coast`` after it while the drive shows power off."""
 
     __slots__ = (
         "_began",
         "_braked",
         "_ignored_since",
+        "_limit",
         "_nmt_stopped",
         "_nmt_tried",
         "_reaction",
         "_speed",
         "_stop_time",
+        "_stopped_within",
         "brake",
         "reference",
         "runs",
@@ -49,17 +64,19 @@ class StopWatch:
     def __init__(self, reaction_ns: int, stop_time_ns: int) -> None:
         self._reaction = reaction_ns
         self._stop_time = stop_time_ns
+        self._stopped_within = reaction_ns + RAMP_MARGIN * stop_time_ns
         self.reference = 0
         """100 % speed in the drive's units."""
         self.brake: Brake = Brake.NONE
         self.runs = False
         """A stop is being watched."""
         self._began = 0
-        """When the stop was commanded first."""
+        """When the stop was commanded first, or the speed of a drive without power fell last."""
         self._speed = 0
         """The speed from which the drive brakes."""
+        self._limit: Limit = Limit.NONE
         self._ignored_since = -1
-        """Since when the drive shows operation although power off, or the quick stop, is commanded; -1 while it does not."""
+        """Since when the drive shows a state that must end; -1 while it does not."""
         self._braked = 0
         self._nmt_stopped = False
         """The node has reported NMT Stopped. The next bring-up ends this state."""
@@ -69,8 +86,11 @@ class StopWatch:
     @property
     def INSTANTS(self) -> Mapping[str, int]:  # noqa: N802 (as in classes with the same ages for every axis)
         """See ``gateway.axis.checkpoint``."""
-        stopped = self._reaction + RAMP_MARGIN * self._stop_time
-        return {"_began": stopped, "_ignored_since": self._reaction + 1, "_braked": self._reaction}
+        return {
+            "_began": max(ENTER_NS, self._stopped_within),
+            "_ignored_since": self._reaction + 1,
+            "_braked": self._reaction,
+        }
 
     def over(self) -> None:
         """The drive is off, or follows the PLC again."""
@@ -83,12 +103,12 @@ class StopWatch:
         self.brake = Brake.NONE
 
     def step(
-        self, action: Action, operating: bool, seen: bool, node_stopped: bool, velocity: int, window: int, now: int
+        self, limit: Limit, state: State | None, seen: bool, node_stopped: bool, velocity: int, window: int, now: int
     ) -> bool:
-        """One cycle of a stop; True if the drive does not follow it.
+        """One cycle of a state with a limit; True if the drive does not keep it.
 
-        ``operating``: it shows Operation Enabled. ``seen``: its values are fresh. ``node_stopped``: its heartbeat reports
-        Stopped. ``velocity``: actual speed, standstill within ``window``. ``now``: monotonic nanoseconds.
+        ``state``: what the drive shows. ``seen``: its values are fresh. ``node_stopped``: its heartbeat reports Stopped.
+        ``velocity``: actual speed, standstill within ``window``. ``now``: monotonic nanoseconds.
         """
         if self.brake is Brake.NMT_STOP:
             if node_stopped:
@@ -101,25 +121,46 @@ class StopWatch:
                 self._nmt_tried = True
         if self.brake is not Brake.NONE or not seen:
             return False
+        if limit is not self._limit:
+            if limit in QUICK_STOPS or self._limit in QUICK_STOPS:
+                self.runs = False
+            self._limit = limit
         speed = abs(velocity)
         if not self.runs:
             self.runs = True
             self._began = now
             self._speed = speed
+            self._ignored_since = -1
         elif now - self._began <= self._reaction:
             self._speed = max(self._speed, speed)  # the drive may still accelerate to an earlier setpoint
-        disobeys = action in _HOLDS_POWER and speed > max(window, self._allowed(now))
-        if not operating or action is Action.RAMP:
+        disobeys = limit in _BRAKES and speed > max(window, self._allowed(now))
+        if state not in _MUST_END.get(limit, ()):
             self._ignored_since = -1
         elif self._ignored_since < 0:
             self._ignored_since = now
         elif now - self._ignored_since > self._reaction:
             disobeys = True
+        if limit in QUICK_STOPS:
+            return disobeys or now - self._began > (ENTER_NS if limit is Limit.ENTER else self._stopped_within)
         if disobeys:
             self.brake = Brake.WITHHOLD_HEARTBEAT if self._nmt_tried else Brake.NMT_STOP
             self._braked = now
             self._nmt_stopped = False
         return disobeys
+
+    def coast(self, velocity: int, window: int, now: int) -> bool:
+        """One cycle after a stop, with a drive that shows power off. True, once, if it turns and does not become slower."""
+        self.brake = Brake.NONE
+        self._nmt_tried = False
+        speed = abs(velocity)
+        if speed <= window:
+            self.over()
+        elif speed < _SLOWER * self._speed:
+            self._speed, self._began = speed, now
+        elif now - self._began > self._stopped_within:
+            self.over()
+            return True
+        return False
 
     def _allowed(self, now: int) -> int:
         """The speed a drive on its ramp is below by now, with margin."""

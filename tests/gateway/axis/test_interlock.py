@@ -10,8 +10,8 @@ from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.states import STATUS_OF, ControlBit, State
 from pdgw.durations import MS
 from pdgw.gateway.axis.demand_report import PowerWish
-from pdgw.gateway.axis.interlock import COMMAND_SHOWN_NS, QUICK_STOP_STANDING_NS, Interlock
-from pdgw.gateway.axis.power_table import Phase
+from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Interlock
+from pdgw.gateway.axis.power_states import Phase
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.reasons import Reason
@@ -207,7 +207,7 @@ def test_acknowledge_set_since_the_start_needs_a_new_edge() -> None:
 
 def test_enable_confirmed_within_a_long_cycle_counts_as_commanded() -> None:
     control = power(State.SWITCHED_ON, after_off=True)
-    long_after = MS + 2 * COMMAND_SHOWN_NS
+    long_after = MS + 2 * AxisSettings().latency_ns
     assert step(control, OFF, State.OPERATION_ENABLED, long_after) == ENABLE, "OFF1: it ramps down"
     assert control.phase is Phase.RAMP_STOP
 

@@ -20,7 +20,7 @@ from pdgw.gateway.axis.demand_report import Demand, Report
 from pdgw.gateway.axis.executors.base import AxisRecords
 from pdgw.gateway.axis.executors.positions.interpolation import Interpolation
 from pdgw.gateway.axis.interlock import Interlock
-from pdgw.gateway.axis.power_table import Action
+from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Inputs, Outputs
 from pdgw.gateway.reasons import Reason

@@ -6,7 +6,7 @@ import pytest
 
 from pdgw.dsp402.states import STATUS_OF, State
 from pdgw.durations import MS
-from pdgw.gateway.axis.interlock import COMMAND_SHOWN_NS, Interlock
+from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction
 from pdgw.gateway.reasons import Reason
 from tests.support.axis.stepper import Stepper, step_interlock
@@ -89,7 +89,7 @@ def test_loss_of_control_after_disable_operation_never_enables() -> None:
 def test_operation_long_after_the_last_enable_is_an_unknown_state() -> None:
     control = Control()
     control.step(OFF, State.SWITCHED_ON)
-    control.now += COMMAND_SHOWN_NS
+    control.now += AxisSettings().latency_ns
     assert control.step(OFF, LATE) == QUICK_STOP
     assert control.power.reason is Reason.DRIVE_UNKNOWN_STATE
 
@@ -200,3 +200,39 @@ def test_acknowledge_without_control_does_not_reach_the_drive() -> None:
     way = ((OFF, State.SWITCH_ON_DISABLED), (acknowledging, State.QUICK_STOP_ACTIVE))
     _, controlword = zsw1_of(*way, (acknowledging & ~0x400, State.NOT_READY_TO_SWITCH_ON))
     assert not controlword & 0x80
+
+
+@pytest.mark.parametrize("below", [State.SWITCH_ON_DISABLED, State.NOT_READY_TO_SWITCH_ON])
+@pytest.mark.parametrize("wait", [0, 60_000 * MS])
+def test_end_of_sto_starts_nothing_while_on_is_kept(below: State, wait: int) -> None:
+    control = Control()
+    control.step(OFF, below)
+    control.now += AxisSettings().latency_ns
+    for shown in (below, below):
+        assert control.step(ON, shown) == SHUTDOWN
+        assert control.power.reason is Reason.INHIBITED, "STO is missing, and an OFF afterwards"
+        control.now += wait
+    for shown in (State.READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON):
+        assert control.step(ON, shown) == DISABLE_VOLTAGE
+        assert control.power.reason is Reason.NEEDS_OFF
+    assert control.step(OFF, State.READY_TO_SWITCH_ON) == SHUTDOWN
+    assert control.step(ON, State.READY_TO_SWITCH_ON) == SWITCH_ON
+
+
+def test_short_off_starts_a_drive_that_shows_ready_within_the_latency() -> None:
+    control = Control()
+    control.step(OFF2, State.SWITCH_ON_DISABLED)
+    control.step(OFF, State.SWITCH_ON_DISABLED)
+    for _ in range(AxisSettings().latency_ns // (4 * MS) - 1):
+        assert control.step(ON, State.SWITCH_ON_DISABLED) == SHUTDOWN
+    assert control.step(ON, State.READY_TO_SWITCH_ON) == SWITCH_ON
+
+
+@pytest.mark.parametrize(("word", "sent"), [(OFF2, DISABLE_VOLTAGE), (OFF3, QUICK_STOP), (None, DISABLE_VOLTAGE)])
+def test_stop_of_an_inhibited_drive_locks(word: int | None, sent: int) -> None:
+    control = Control()
+    control.step(OFF, State.SWITCH_ON_DISABLED)
+    control.now += AxisSettings().latency_ns
+    control.step(ON, State.SWITCH_ON_DISABLED)
+    assert control.step(word, State.SWITCH_ON_DISABLED) == sent
+    assert control.step(ON, State.READY_TO_SWITCH_ON) == DISABLE_VOLTAGE

@@ -10,11 +10,11 @@ from pdgw.dsp402.states import STATUS_OF, State
 from pdgw.durations import MS
 from pdgw.gateway.axis.demand_report import OFFS, Flag, PowerWish
 from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Interlock
+from pdgw.gateway.axis.power_states import DRIVE_OF_STATE, Action, Drive, Phase
 from pdgw.gateway.axis.power_table import (
     CELLS,
     COASTS,
     DISABLES,
-    DRIVE_OF_STATE,
     ENABLES,
     IN_OPERATION,
     NO_PLC,
@@ -23,10 +23,7 @@ from pdgw.gateway.axis.power_table import (
     ROWS,
     SHOWS_OPERATION,
     UNPOWERED,
-    Action,
     Cell,
-    Drive,
-    Phase,
     cell,
 )
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
@@ -342,7 +339,7 @@ LOOKED_AT = [
     (phase, drive, wish)
     for phase, drive, wish in EVERYTHING
     # These need a past of their own; they have tests of their own.
-    if drive not in {Drive.FELL_BACK, Drive.FELL_OFF, Drive.RESTARTED}
+    if drive not in {Drive.FELL_BACK, Drive.FELL_OFF, Drive.RESTARTED, Drive.INHIBITED}
     and wish not in {PowerWish.RESUME, PowerWish.OFF_DISABLED, PowerWish.QUICK_STOP_DISABLED}
     # Only a phase that enables knows a last Controlword that did.
     and (drive not in {*IN_OPERATION, Drive.ENTERING} or phase in ENABLING)
@@ -365,7 +362,7 @@ def test_interlock_follows_the_power_table_in_every_condition(phase: Phase) -> N
         condition = drive if drive in {Drive.LOST, Drive.NO_REFERENCES, Drive.POWERED_UNREAD} else None
         statusword = STATUSWORD.get(shown, 0x27)
         still = drive in {Drive.STANDING, Drive.QUICK_STOPPED}
-        interlock.enabled_at = now = MS
+        now = MS
         if drive in {*IN_OPERATION, Drive.ENTERING}:
             enable(interlock, phase)
         interlock.phase = phase

@@ -11,7 +11,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 from pdgw.dsp402.states import ControlBit, State
 from pdgw.gateway.axis.demand_report import SHOWN_STATE
-from pdgw.gateway.axis.power_table import Phase
+from pdgw.gateway.axis.power_states import Phase
 from pdgw.profidrive.telegrams import TELEGRAMS, telegram
 from tests.support.axis.rig import Rig
 

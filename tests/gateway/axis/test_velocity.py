@@ -7,7 +7,7 @@ import pytest
 from pdgw.dsp402.drive_type import VL_RAMP
 from pdgw.dsp402.states import STATUS_OF, Command, State, StatusBit
 from pdgw.durations import MS
-from pdgw.gateway.axis.power_table import Action
+from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction, SetpointEnable
 from pdgw.gateway.reasons import Reason
 from tests.support.axis.stepper import Stepper

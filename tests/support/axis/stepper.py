@@ -14,7 +14,7 @@ from pdgw.gateway.axis.executors.positions.positioning import PositioningExecuto
 from pdgw.gateway.axis.executors.sensor import DriveSensor, EncoderReferences
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.machine import AxisMachine
-from pdgw.gateway.axis.power_table import Drive
+from pdgw.gateway.axis.power_states import Drive
 from pdgw.gateway.axis.settings import AxisSettings, SensorSettings
 from pdgw.gateway.axis.values import Configured, EncoderInput, FaultRecord, NodeNotice, Notice, SdoAnswer, SdoWrite
 from pdgw.gateway.motion.dsc import DscChoices, DscForm

@@ -24,7 +24,7 @@ from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, State, StatusBit
 from pdgw.durations import SECOND, SECONDS_PER_MINUTE
 from pdgw.gateway.axis.demand_report import STATE_MASK
 from pdgw.gateway.axis.executors.base import AxisRecords, known
-from pdgw.gateway.axis.power_table import Action
+from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.motion.dsc import wrapped
 from pdgw.gateway.motion.profile import Profile
 from pdgw.gateway.reasons import Reason

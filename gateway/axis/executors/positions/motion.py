@@ -17,7 +17,7 @@ from pdgw.gateway.axis.demand_report import STATE_MASK
 from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisRecords, Executor
 from pdgw.gateway.axis.executors.positions.homing import Homing, Progress
 from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
-from pdgw.gateway.axis.power_table import Action
+from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.motion.positioner import Positioner
 from pdgw.gateway.motion.requests import Asked, HomingResult, Motion, Outcome, Seen
 from pdgw.gateway.motion.states import State

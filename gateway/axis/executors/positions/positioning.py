@@ -13,7 +13,7 @@ from pdgw.gateway.axis.demand_report import Flag
 from pdgw.gateway.axis.executors.base import AxisRecords
 from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGED, HALT, NEW_SETPOINT, MotionExecutor
 from pdgw.gateway.axis.executors.positions.task_scaling import TaskScaling, base_mode
-from pdgw.gateway.axis.power_table import Action
+from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.motion.mdi import MdiPositioner
 from pdgw.gateway.motion.modulo import Direction
 from pdgw.gateway.motion.requests import Asked, HomingResult, Motion, MotionKind

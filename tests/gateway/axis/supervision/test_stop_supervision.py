@@ -5,11 +5,12 @@ from __future__ import annotations
 import pytest
 
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
-from pdgw.gateway.axis.power_table import Action
+from pdgw.durations import SECOND
+from pdgw.gateway.axis.power_states import Limit
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
-from pdgw.gateway.axis.supervision.stop_supervision import Brake, StopWatch
+from pdgw.gateway.axis.supervision.stop_supervision import ENTER_NS, Brake, StopWatch
 from pdgw.gateway.axis.values import Configured
-from pdgw.gateway.reasons import FaultNumber
+from pdgw.gateway.reasons import FaultNumber, Reason
 from tests.gateway.axis.test_velocity import OFF, ON, Bench
 from tests.support.axis.rig import Rig
 
@@ -54,7 +55,10 @@ def test_quick_stop_is_supervised_by_speed_while_the_statusword_changes() -> Non
     watch = StopWatch(REACTION, CYCLE)
     watch.reference = TURNING
     at = range(0, 2 * REACTION, REACTION // 4)
-    found = [watch.step(Action.QUICK_STOP, n != 5, True, False, TURNING, 30, now) for n, now in enumerate(at, 1)]
+    found = [
+        watch.step(Limit.STOP, State.OPERATION_ENABLED if n != 5 else None, True, False, TURNING, 30, now)
+        for n, now in enumerate(at, 1)
+    ]
     assert found.index(True) == 5
     assert watch.brake is Brake.NMT_STOP
 
@@ -184,8 +188,8 @@ def test_acceleration_to_an_earlier_setpoint_is_accepted_during_a_stop() -> None
         speed = int(1000 + 2000 * min(1.0, since / REACTION) - slope * braking)
         if speed <= 0:
             break
-        assert not watch.step(Action.RAMP, True, True, False, speed, 10, began + since)
-    assert watch.step(Action.RAMP, True, True, False, 3001, 10, began + since)
+        assert not watch.step(Limit.BRAKE, State.OPERATION_ENABLED, True, False, speed, 10, began + since)
+    assert watch.step(Limit.BRAKE, State.OPERATION_ENABLED, True, False, 3001, 10, began + since)
 
 
 def test_fault_reaction_of_the_drive_has_no_time_limit() -> None:
@@ -199,7 +203,7 @@ def test_reaction_time_restarts_after_a_short_exit_from_operation() -> None:
     watch = StopWatch(REACTION, AxisSettings().stop_time_ns)
 
     def disobeys(operating: bool, now: int) -> bool:
-        return watch.step(Action.QUICK_STOP, operating, True, False, 0, 10, now)
+        return watch.step(Limit.STOP, State.OPERATION_ENABLED if operating else None, True, False, 0, 10, now)
 
     assert not disobeys(True, 0)
     assert not disobeys(False, REACTION)
@@ -239,3 +243,52 @@ def test_drive_that_follows_is_never_reported(number: int) -> None:
         rig.step(600)
         assert rig.stepper.machine.outputs.brake is Brake.NONE
     assert FaultNumber.STOP_IGNORED not in [event.number for event in rig.stepper.events]
+
+
+def test_drive_that_keeps_quick_stop_active_after_off2_gets_nmt_stop() -> None:
+    """The stronger stop does not take the brake away."""
+    bench = turning()
+    bench.step(QUICK_STOP, 0x2000)
+    bench.drive.feedback.statusword = STATUS_OF[State.QUICK_STOP_ACTIVE] | StatusBit.VOLTAGE_ENABLED
+    deaf(bench, QUICK_STOP, 10)
+    assert deaf(bench, COAST, REACTION // CYCLE + 20) is Brake.NMT_STOP
+    assert numbers(bench).count(FaultNumber.STOP_IGNORED) == 1
+
+
+def test_drive_that_never_shows_operation_gets_no_setpoint_and_then_quick_stop() -> None:
+    bench = Bench()
+    bench.step(OFF, cycles=3)
+    bench.step(ON, 0x2000)
+    assert bench.drive.state is State.SWITCHED_ON
+    deaf(bench, ON, ENTER_NS // CYCLE)
+    command = bench.stepper.command
+    assert (command.controlword & 0xF, command.target_velocity) == (0xF, 0)
+    deaf(bench, ON, 5)
+    assert command.controlword & 0xF == 0x2
+    assert numbers(bench) == [FaultNumber.NOT_ENTERED]
+    assert bench.stepper.reason is Reason.NEEDS_OFF
+
+
+def test_disable_operation_that_is_ignored_becomes_a_quick_stop() -> None:
+    bench = turning()
+    deaf(bench, ON & ~0x8, REACTION // CYCLE)
+    assert bench.stepper.command.controlword & 0xF == 0x7
+    deaf(bench, ON & ~0x8, REACTION // CYCLE)
+    assert bench.stepper.command.controlword & 0xF == 0x2
+    assert FaultNumber.NOT_ENTERED in numbers(bench)
+    assert deaf(bench, ON & ~0x8, REACTION // CYCLE) is Brake.NMT_STOP
+
+
+@pytest.mark.parametrize("state", [State.READY_TO_SWITCH_ON, State.FAULT])
+@pytest.mark.parametrize("slows", [False, True])
+def test_shaft_that_does_not_slow_down_without_power_is_a_warning(state: State, slows: bool) -> None:
+    bench = turning()
+    deaf(bench, QUICK_STOP, 2)
+    feedback = bench.drive.feedback
+    feedback.statusword = STATUS_OF[state]
+    for _ in range(60):  # a fan coasts for minutes
+        deaf(bench, QUICK_STOP, int(SECOND // CYCLE))
+        if slows:
+            feedback.velocity_actual = int(0.99 * feedback.velocity_actual)
+    assert numbers(bench).count(FaultNumber.TURNS_OFF) == (not slows)
+    assert bench.stepper.machine.outputs.brake is Brake.NONE
