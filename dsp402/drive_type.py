@@ -25,6 +25,7 @@ POSITIONS: Final = 1 << 32
 VL_RAMP: Final = 0x70
 """Controlword of velocity mode (vl): enable ramp, unlock ramp, reference ramp. All three let the setpoint through."""
 _ABSENT = "not an object of this drive"
+_TASK_MODE = "1 (profile position) for a traversing task: use a drive with that mode, or a telegram without such tasks"
 
 
 class Quantity(enum.Enum):
@@ -183,8 +184,6 @@ class DriveType:
     quirks: Quirks = Quirks()
     max_torque: int = 0
     """6072h as it was found; 0 for a drive without it."""
-    position_window: int | None = None
-    """6067h as it was found; None for a drive without it, or that does not use it."""
     position_objects: Mapping[ObjectAddress, int] = field(default_factory=dict)
     """The objects that define the unit and the sign of positions, as they were found."""
 
@@ -205,7 +204,8 @@ class DriveType:
     @property
     def speed_mode(self) -> int | None:
         """The mode for a speed setpoint: profile velocity, else cyclic synchronous velocity, else velocity mode (vl)."""
-        return self._first(Mode.VELOCITY, Mode.CYCLIC_VELOCITY, Mode.VL_VELOCITY)
+        modes = (Mode.VELOCITY, Mode.CYCLIC_VELOCITY, Mode.VL_VELOCITY)
+        return next((mode.value for mode in modes if mode in self.modes), None)
 
     def mode_for(self, wanted: Mode | None) -> int | None:
         """6060h for a requested mode: profile velocity means the speed mode that the drive offers."""
@@ -217,20 +217,13 @@ class DriveType:
         """Controlword bits that let a speed through in operation: in velocity mode (vl) ramp enabled, unlocked, referenced."""
         return VL_RAMP if self.speed_mode == Mode.VL_VELOCITY else 0
 
-    @property
-    def position_mode(self) -> int | None:
-        """The mode for a traversing task: profile position, else cyclic synchronous position."""
-        return self._first(Mode.POSITION, Mode.CYCLIC_POSITION)
-
-    @property
-    def interpolates(self) -> bool:
-        """Traversing tasks need a generated setpoint for each cycle, because the drive has cyclic synchronous position only."""
-        return self.position_mode == Mode.CYCLIC_POSITION
+    def require_profile_position(self) -> int:
+        """The mode for a traversing task; Dsp402Error for a drive without it."""
+        if Mode.POSITION not in self.modes:
+            raise Dsp402Error("modes of the drive (6502h)", sorted(self.modes), _TASK_MODE)
+        return Mode.POSITION.value
 
     @property
     def fault_of_code(self) -> Mapping[int, DriveFault]:
         """Faults by their EMCY error code."""
         return {fault.error_code: fault for fault in self.faults.values()}
-
-    def _first(self, *modes: Mode) -> int | None:
-        return next((mode.value for mode in modes if mode in self.modes), None)

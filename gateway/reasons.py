@@ -348,13 +348,6 @@ class Reason(enum.Enum):
         _E.SENSOR,
         "wait less than a second",
     )
-    NOT_FOLLOWING = (
-        "the drive does not follow the target positions (Statusword.12 = 0 in mode 8): the setpoint stays at "
-        "the actual position",
-        _S.WAITS,
-        _E.SETPOINT,
-        "check SYNC, the limits of the drive and its own enable",
-    )
     ORDER_DROPPED = (
         "a change of a control word was sent in fewer than 3 frames and may be an old frame: the gateway "
         "executed a stop and ignored anything else; it reports neither 'reached' nor 'acknowledged' until the "

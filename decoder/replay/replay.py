@@ -116,7 +116,7 @@ class Replayer:
             limit = max(_LONGEST_STALL_NS, recording.watchdog_ns)  # a pause up to this time may be a loss
             self._sent_tolerance = max(tolerance_ns, min(longest, limit))
         settings = recording.settings
-        if not settings.cycle_ns:  # setpoints of mode 8 are calculated for each cycle
+        if not settings.cycle_ns:  # DSC calculates its setpoints for each cycle
             settings = replace(settings, cycle_ns=cycle_ns)
         self._machine = AxisMachine(recording.telegram.number, settings, DriveFeedback())
         self._checkpoints = Checkpoints(self._machine)

@@ -8,7 +8,6 @@ drive (docs/translation.md "PDO layouts"), which takes SDO writes where the driv
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -57,7 +56,6 @@ from pdgw.dsp402.objects import (
     MAX_TORQUE,
     STATUSWORD,
 )
-from pdgw.dsp402.pdo.layouts import interpolated
 from pdgw.dsp402.pdo.mapping import DriveMapping
 from pdgw.dsp402.states import UNPOWERED, Command, FaultReset, State, operates, state_of
 from pdgw.dsp402.units.scaling import SCALING_OBJECTS
@@ -78,9 +76,6 @@ _LIMITS_AND_RAMPS: Final = frozenset(
     }
 )
 """Objects that also act on a drive whose RPDOs do not carry them."""
-_INTERPOLATED: Final = (
-    "traversing tasks: no profile position mode (6502h); the gateway calculates a position for each SYNC (mode 8)"
-)
 _UNITS_AND_LIMITS: Final = frozenset(SCALING_OBJECTS)
 _RELATIVE_TO: Final = 0b11
 """Bits of 60F2h: where a relative task begins."""
@@ -211,17 +206,6 @@ class DriveClient(NodeClient[DriveSettings]):
             raise
         self._notify("references", "reads its units again")
 
-    @property
-    def _interpolates(self) -> bool:
-        """The owner makes the positions of traversing tasks."""
-        return self.drive_type is not None and self.settings.interpolates(self.drive_type)
-
-    @property
-    def _sync_period_us(self) -> int:
-        return (
-            self.settings.sync_period_us if self.drive_type is None else self.settings.sync_period_of(self.drive_type)
-        )
-
     def _image(self, pdo: Pdo) -> object:
         return self.feedback
 
@@ -280,7 +264,10 @@ class DriveClient(NodeClient[DriveSettings]):
         self.own_values.identify((*self._device, self.serial_number))
         carried = {entry.address for pdo in self.layout.rpdos for entry in pdo.entries}
         self.own_values.carry(carried, off=self._is_off)
-        self._mapping.survey(self._describe(), found)
+        drive = self._describe()
+        if self.settings.tasks:
+            drive.require_profile_position()
+        self._mapping.survey(drive, found)
         return self._planned()
 
     def _plan_without(self, plan: PdoPlan, step: SdoStep, error: SdoAbortedError) -> PdoPlan | None:
@@ -289,18 +276,18 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _planned(self) -> PdoPlan:
         assert self.drive_type is not None
-        settings, made = self.settings, self._interpolates
-        plan = self._mapping.plan(
-            interpolated(self.layout) if made else self.layout,
+        settings = self.settings
+        return self._mapping.plan(
+            self.layout,
             self.drive_type,
             settings.node_id,
-            sync=settings.sync or made,
-            sync_rpdos=self._sync_period_us > 0,
+            sync=settings.sync,
+            sync_rpdos=settings.sync_period_us > 0,
         )
-        return replace(plan, notes=(*plan.notes, _INTERPOLATED)) if made else plan
 
     def _configure(self) -> None:
-        drive, settings, period_us = self.drive_type, self.settings, self._sync_period_us
+        drive, settings = self.drive_type, self.settings
+        period_us = settings.sync_period_us
         assert self.plan is not None
         assert drive is not None
         # With SYNC the drive expects a new setpoint each time.
@@ -323,7 +310,7 @@ class DriveClient(NodeClient[DriveSettings]):
         if period_us and INTERPOLATION_TIME in self.sdo.dictionary:
             for step in interpolation_steps(period_us):
                 self.sdo.do(step)
-        if settings.interpolation_us and not self._interpolates:
+        if settings.tasks:
             self._count_from_demand()
         if HOMING_METHOD[0] in self.sdo.dictionary:
             self.homing_method = self.sdo.require(*HOMING_METHOD, signed=True)

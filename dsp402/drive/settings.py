@@ -27,9 +27,8 @@ class DriveSettings(NodeSettings):
     """Units of the drive in the configuration."""
     family: str = ""
     """The overlay to take, whatever the drive's identity is."""
-    interpolation_us: int = 0
-    """From one SYNC to the next, where there are traversing tasks: a drive without profile position gets a position then.
-    0: there are none."""
+    tasks: bool = False
+    """The drive is given traversing tasks."""
     initial_mode: Mode | None = None
     """6060h to set and confirm (6061h) during configuration, for layouts without 6060h.
 
@@ -37,17 +36,8 @@ class DriveSettings(NodeSettings):
     60C2h is that time.
     """
 
-    def interpolates(self, drive: DriveType) -> bool:
-        """The owner makes the positions of traversing tasks for this drive."""
-        return self.interpolation_us > 0 and drive.interpolates
-
-    def sync_period_of(self, drive: DriveType) -> int:
-        """From one SYNC to the next where setpoints take effect with it, microseconds; 0: they do not."""
-        return self.interpolation_us if self.interpolates(drive) else self.sync_period_us
-
     def guarding_of(self, drive: DriveType, control_index: int) -> GuardTimes:
         """How this drive must monitor the gateway. ``control_index``: index of the RPDO with the Controlword."""
-        # The RPDO may contain a mode without SYNC supervision (homing).
         cyclic = drive.mode_for(self.initial_mode) in _CYCLIC_MODES
         return GuardTimes(
             self.gateway_node_id,
@@ -57,5 +47,5 @@ class DriveSettings(NodeSettings):
             self.abort_option,
             control_index,
             drive.quirks.sync_loss_periods,
-            self.sync_period_of(drive) if cyclic else 0,
+            self.sync_period_us if cyclic else 0,
         )

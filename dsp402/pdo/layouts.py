@@ -9,7 +9,6 @@ from __future__ import annotations
 import enum
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import Final
 
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import PDO_BYTES, Pdo, PdoDirection, PdoLayout
@@ -19,7 +18,6 @@ __all__ = [
     "LAYOUTS",
     "Operation",
     "PdoLayout",
-    "interpolated",
     "pdo",
     "with_objects",
     "with_second_position",
@@ -43,15 +41,6 @@ class Operation(enum.Enum):
     CYCLIC_POSITION = "cyclic synchronous position"
     CYCLIC_VELOCITY = "cyclic synchronous velocity"
     TRANSPARENT = "transparent"
-
-
-INTERPOLATED: Final = frozenset({"profile_velocity", "profile_acceleration", "profile_deceleration", "target_velocity"})
-"""Commands that a drive is not sent whose setpoints are made for each cycle."""
-
-
-def interpolated(layout: PdoLayout) -> PdoLayout:
-    """The layout for a drive that gets a position with each SYNC instead of tasks."""
-    return without(layout, INTERPOLATED)
 
 
 def pdo(direction: PdoDirection, number: int, *attributes: str) -> Pdo:

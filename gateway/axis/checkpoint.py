@@ -1,7 +1,7 @@
 """Restore a machine to a moment, and compare two moments: for replays and for the walk.
 
 A machine is made of parts: objects with attributes of their own that live as long as the machine does, or, where an attribute was
-none of them at first, as long as the drive's configuration (DSC, interpolation). Everything else an attribute can be is an
+none of them at first, as long as the drive's configuration (DSC). Everything else an attribute can be is an
 immutable value, or a container of such. A class declares beside its attributes which of them are not plain state:
 
 | declaration | attributes |

@@ -30,7 +30,6 @@ from pdgw.gateway.axis.demand_report import (
 from pdgw.gateway.axis.executors.base import AxisRecords, Executor
 from pdgw.gateway.axis.executors.dsc import DscExecutor
 from pdgw.gateway.axis.executors.load import LoadExecutor
-from pdgw.gateway.axis.executors.positions.interpolation import Interpolation
 from pdgw.gateway.axis.executors.positions.positioner import PositionerExecutor
 from pdgw.gateway.axis.executors.positions.positioning import PositioningExecutor
 from pdgw.gateway.axis.executors.raw import RawExecutor
@@ -131,10 +130,6 @@ class AxisMachine:
         self._guard = EnableGuard()
         records = AxisRecords(settings, self.interlock, self.demand, self.inputs, self.report, self.outputs)
         self.executor = _make_executor(kind, records)
-        with_tasks = kind is Kind.POSITIONING or kind is Kind.POSITIONER
-        self._own_interpolation = Interpolation(records) if with_tasks else None
-        self._interpolation: Interpolation | None = None
-        """Between executor and drive, where the drive has no profile position."""
         self.sensor = SensorWords() if "G1_STW" in self.telegram.setpoints.names else None
         has_second = settings.second_sensor is not SecondSensor.NONE and number in SECOND_SENSOR_NUMBERS
         self.second_sensor = SensorWords() if has_second else None
@@ -227,8 +222,7 @@ class AxisMachine:
             inputs.standstill = standstill = -window <= velocity <= window
             condition = None if drive_ok else _LOST
             interlock.step(wish, demand.acknowledge, condition, statusword, standstill, now)
-            between = self._interpolation
-            reason = executor.step() if between is None else between.step(executor)
+            reason = executor.step()
             self._check_velocity(interlock.action, now)
             if drive_ok:
                 cell = interlock.cell
@@ -245,10 +239,7 @@ class AxisMachine:
             interlock.step(wish, demand.acknowledge, condition, statusword, False, now)
             drive_reason = _UNITS_CONTRADICTED if self.check.locked else interlock.reason
             reason = drive_reason if drive_ok else _DRIVE_OFFLINE
-            if self._interpolation is None:
-                executor.refuse()
-            else:
-                self._interpolation.refuse(executor)
+            executor.refuse()
             report.flags = statusword & interlock.cell.visible | SHOWN_FAULT
             if not drive_ok:
                 executor.lost()
@@ -431,26 +422,14 @@ class AxisMachine:
         refusal = self.missing(drive).text
         if not refusal:
             try:
-                self.executor.set_drive(self._shown_to_executor(drive), homing_method)
+                self.executor.set_drive(drive, homing_method)
             except (CanopenError, GatewayError, ProfidriveError) as error:
                 refusal = str(error)
         return refusal
 
     def missing(self, drive: DriveType) -> Missing:
         """Everything the telegram lacks of the drive's units, with the keys that give it."""
-        converts = self._converts or (self._own_interpolation is not None and drive.interpolates)
-        return missing(drive.scaling, self._needed, converts=converts)
-
-    def _shown_to_executor(self, drive: DriveType) -> DriveType:
-        executor, made = self.executor, self._own_interpolation
-        if made is None or not drive.interpolates:
-            self._interpolation = None
-            executor.feedback, executor.command = self.inputs.feedback, self.outputs.command
-            return drive
-        self._interpolation = made
-        executor.feedback, executor.command = made.seen, made.wished
-        modulo = isinstance(executor, PositionerExecutor) and executor.choices.modulo != 0
-        return made.set_drive(drive, modulo=modulo)
+        return missing(drive.scaling, self._needed, converts=self._converts)
 
     def _set_drive(self, drive: DriveType | None, homing_method: int) -> None:
         """Set the drive. One with unknown 100 % values or without a needed mode blocks operation (fault 104)."""

@@ -66,7 +66,7 @@ class Missing(NamedTuple):
 
 
 def missing(scaling: Scaling, needed: tuple[Quantity, ...], *, converts: bool) -> Missing:
-    """``converts``: positions, velocities and accelerations are made of each other (positioner, DSC, interpolation)."""
+    """``converts``: positions, velocities and accelerations are made of each other (positioner, DSC)."""
     parts = [text for text in (scaling.refusal(*needed),) if text]
     keys = list(scaling.missing_keys(*needed))
     for attribute, what, key in _UNITS if converts else ():

@@ -11,7 +11,6 @@ from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.modes import MODE_NAMES, Mode
 from pdgw.dsp402.pdo import planner
-from pdgw.dsp402.pdo.layouts import interpolated
 from pdgw.dsp402.pdo.planner import found_in_data_sheet, plan_pdos
 from pdgw.durations import MS
 from pdgw.gateway.axis.machine import AxisMachine
@@ -20,7 +19,6 @@ from pdgw.gateway.axis.telegrams import (
     CENTRAL_TELEGRAM_NUMBERS,
     DRIVE_TELEGRAM_NUMBERS,
     DSC_TELEGRAM_NUMBERS,
-    TASK_TELEGRAM_NUMBERS,
     drive_layout,
     initial_mode,
 )
@@ -66,21 +64,19 @@ def planned(
     drive: DriveType, number: int, node_id: int = 1, *, sync: bool = False, settings: AxisSettings = _USUAL
 ) -> PdoPlan:
     """The planned PDOs, by the data sheet; Dsp402Error if no plan is possible."""
-    needs, made = _needs(drive, number, settings)
-    cyclic = number in DSC_TELEGRAM_NUMBERS or (sync and number in CENTRAL_TELEGRAM_NUMBERS) or made
+    cyclic = number in DSC_TELEGRAM_NUMBERS or (sync and number in CENTRAL_TELEGRAM_NUMBERS)
+    needs = _needs(number, settings)
     return plan_pdos(needs, drive, node_id, found_in_data_sheet(drive), sync=sync or cyclic, sync_rpdos=cyclic)
 
 
 def not_available(drive: DriveType, number: int, settings: AxisSettings = _USUAL) -> tuple[str, ...]:
     """One line for each optional object of the telegram that the drive lacks, with the effect."""
-    return planner.not_available(_needs(drive, number, settings)[0], drive)
+    return planner.not_available(_needs(number, settings), drive)
 
 
-def _needs(drive: DriveType, number: int, settings: AxisSettings) -> tuple[PdoLayout, bool]:
-    """The contents of the PDOs, and whether the gateway calculates the positions of traversing tasks."""
-    needs = drive_layout(number, _form(settings), settings.second_sensor, g1_is_encoder=settings.g1_is_encoder)
-    made = drive.interpolates and number in TASK_TELEGRAM_NUMBERS
-    return interpolated(needs) if made else needs, made
+def _needs(number: int, settings: AxisSettings) -> PdoLayout:
+    """The contents of the PDOs."""
+    return drive_layout(number, _form(settings), settings.second_sensor, g1_is_encoder=settings.g1_is_encoder)
 
 
 def lacks_by_telegram(drive: DriveType) -> Mapping[int, str]:

@@ -292,7 +292,7 @@ class AxisConfig(DriveObjectSection):
             sdo_timeout_ms=self.sdo_timeout_ms,
             sync=on_sync,
             sync_period_us=round(cycle_time_ms * US_PER_MS) if cyclic else 0,
-            interpolation_us=round(cycle_time_ms * US_PER_MS) if number in TASK_TELEGRAM_NUMBERS else 0,
+            tasks=number in TASK_TELEGRAM_NUMBERS,
             allow_unguarded=self.allow_unguarded,
             initial_mode=initial_mode(number, self.dsc_form),
             units=self.units,

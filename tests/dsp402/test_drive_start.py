@@ -219,7 +219,7 @@ def _with_option(plant: Plant, value: int, *, access: Access = Access.RW) -> Sim
 def test_relative_tasks_begin_where_the_drive_is_and_not_at_an_old_target(plant: Plant, value: int) -> None:
     """60F2h.0-1 = 0 would begin at the last target, also after a reject or a jog."""
     node = _with_option(plant, value)
-    client = plant.connect(Operation.POSITIONER, interpolation_us=4000)
+    client = plant.connect(Operation.POSITIONER, tasks=True)
     site.wait_for(lambda: client.generation, "online")
     assert node.values[OPTION] == value & ~3 | 1, "the other bits stay"
 
@@ -233,7 +233,7 @@ def test_other_telegrams_leave_the_positioning_option_to_the_drive(plant: Plant)
 
 def test_positioning_option_that_the_drive_keeps_is_named(plant: Plant) -> None:
     _with_option(plant, 0, access=Access.RO)
-    client = plant.connect(Operation.POSITIONER, interpolation_us=4000)
+    client = plant.connect(Operation.POSITIONER, tasks=True)
     site.wait_for(lambda: client.generation, "online")
     assert any("60F2h = 0" in event.text for event in plant.events)
 

@@ -41,7 +41,7 @@ def test_the_engel_drive_is_its_data_sheet_and_its_overlay() -> None:
     assert dict(drive.homing_methods) == HOMING_METHODS
     assert dict(drive.faults) == dict(DRIVE_FAULTS)
     assert {*drive.modes} == {-5, -4, -3, 1, 3, 4, 6}
-    assert (drive.speed_mode, drive.position_mode) == (Mode.VELOCITY, Mode.POSITION)
+    assert (drive.speed_mode, drive.require_profile_position()) == (Mode.VELOCITY, Mode.POSITION)
     assert drive.quirks.turntable == Turntable(-5, 0x0800, 0x1000)
     assert drive.fault_of_code[0x7305].number == 5
 
@@ -66,7 +66,7 @@ def test_drive_without_overlay_is_described_by_its_answers() -> None:
     }
     drive = describe(engel_dictionary(), answers)
     assert drive.family == ""
-    assert (drive.speed_mode, drive.position_mode) == (Mode.CYCLIC_VELOCITY, Mode.CYCLIC_POSITION)
+    assert drive.speed_mode == Mode.CYCLIC_VELOCITY
     assert {*drive.homing_methods} == {37}
     assert not drive.has("dynamic_speed_limit")
     with pytest.raises(Dsp402Error, match="dynamic_speed_limit"):

@@ -44,10 +44,9 @@ def config(number: int, more: str) -> GatewayConfig:
     return configuration(axis(1, telegram_number=number, more=more))
 
 
-@pytest.mark.parametrize("like", ["engel", "csp"])
-def test_the_scenario_of_the_positioner_passes_through_the_gateway(like: str) -> None:
+def test_the_scenario_of_the_positioner_passes_through_the_gateway() -> None:
     with running(config(111, POSITIONER)) as daemon:
-        world_of(daemon).drive("world", 1, shape=shape(like))
+        world_of(daemon).drive("world", 1)
         plc = Plc(daemon, [111])
         engine = Engine(load_scenario(SCENARIO), plc.endpoint)
         while not engine.finished:

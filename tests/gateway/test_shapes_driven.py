@@ -13,19 +13,34 @@ from pdgw.gateway.axis.executors.positions.homing import Homing
 from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.telegrams import POSITIONER_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
+from pdgw.gateway.commissioning.telegram_check import lacks
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import SimulatedDrive, shape
 from pdgw.profidrive.parameters.codec import ParameterAddress
 from tests.support.documents.sensor_format import decode_sensor_format
-from tests.support.gateways.daemon import OFF, Plc, axis, configuration, running, serving, until, world_of
+from tests.support.drives.drive_types import described
+from tests.support.gateways.daemon import (
+    OFF,
+    POSITIONER,
+    Plc,
+    axis,
+    configuration,
+    running,
+    serving,
+    until,
+    world_of,
+)
 
 QUARTER = 0x1000
 REFUSED = {
     "unguarded": "1016h",
 }
 """Variants that do not come online, and their reasons."""
+HAS = "modes of the drive (6502h):"
+PROFILE_POSITION = "1 (profile position) for a traversing task: use a drive with that mode, or a telegram without"
 PATIENCE = 300_000 * MS
 """A drive that answers SDO after half a second has some hundred of them to answer."""
 
@@ -48,16 +63,30 @@ def test_a_quarter_of_the_rated_speed_is_750_rpm_and_the_status_tells_why() -> N
 
 
 @pytest.mark.parametrize(
-    ("name", "number", "said"), [*((name, 1, said) for name, said in REFUSED.items()), ("vl", 9, "607A")]
+    ("name", "number", "said"),
+    [
+        *((name, 1, said) for name, said in REFUSED.items()),
+        *(
+            ("csp", number, f"{HAS} [6, 8] is not allowed, expected {PROFILE_POSITION}")
+            for number in TASK_TELEGRAM_NUMBERS
+        ),
+        *((name, 9, PROFILE_POSITION) for name in ("vl", "csv")),
+    ],
 )
 def test_a_shape_the_gateway_cannot_map_or_guard_is_refused_with_what_is_missing(
     name: str, number: int, said: str
 ) -> None:
-    with running(configuration(axis(1, telegram_number=number, more=""))) as daemon:
+    more = POSITIONER if number in POSITIONER_TELEGRAM_NUMBERS else ""
+    with running(configuration(axis(1, telegram_number=number, more=more))) as daemon:
         drive = _drive(daemon, name)
         until(daemon, lambda: daemon.axes[0].drive.status.value == "refused", "refused")
         assert said in daemon.axes[0].drive.status_text
         assert drive.model.ramp.speed == 0
+
+
+@pytest.mark.parametrize("number", TASK_TELEGRAM_NUMBERS)
+def test_the_scan_refuses_a_drive_without_profile_position_with_the_same_reason(number: int) -> None:
+    assert PROFILE_POSITION in lacks(described("csp"), number)
 
 
 TEN_TURNS = 40_960
@@ -84,12 +113,9 @@ def test_a_task_of_telegram_9_ends_at_its_target(name: str) -> None:
         plc.until(lambda: abs(drive.model.position_actual - TEN_TURNS) <= 1, "ten revolutions")
 
 
-@pytest.mark.parametrize(
-    ("name", "said"), [("csv", "modes of the drive"), ("no-range", "set rated_acceleration_rpm_s")]
-)
-def test_a_shape_that_cannot_position_refuses_telegram_9_and_says_why(name: str, said: str) -> None:
+def test_a_shape_with_an_unknown_unit_refuses_telegram_9_and_says_why() -> None:
     with running(configuration(axis(1, telegram_number=9, more=""))) as daemon:
-        drive = _drive(daemon, name)
+        drive = _drive(daemon, "no-range")
         until(daemon, lambda: daemon.axes[0].drive.generation, "online")
         plc = Plc(daemon, [9])
         plc.endpoint.set(0, {"STW1": 0x047E})
@@ -99,7 +125,7 @@ def test_a_shape_that_cannot_position_refuses_telegram_9_and_says_why(name: str,
             plc.exchange()
         fault = daemon.axes[0].faults[-1]
         assert fault.number == FaultNumber.REFERENCE
-        assert said in fault.text
+        assert "set rated_acceleration_rpm_s" in fault.text
         assert daemon.axes[0].outputs.reason is Reason.REFERENCE_INVALID
         assert drive.model.ramp.speed == 0
 

@@ -152,7 +152,6 @@ def test_a_drive_whose_family_is_known_to_stop_without_sync_needs_nothing_else(m
     [
         pytest.param(105, SYNCHRONOUS, None, True, id="family not known to"),
         pytest.param(1, SYNCHRONOUS, KNOWN_TO_STOP, True, id="set-points without SYNC"),
-        pytest.param(9, shape("csp"), KNOWN_TO_STOP, True, id="homing does not look for SYNC"),
         pytest.param(105, SYNCHRONOUS, KNOWN_TO_STOP, False, id="period not taken"),
     ],
 )

@@ -34,8 +34,8 @@ from pdgw.workshop.soak.words import Words
 
 APP = Typer()
 APP.command()(soak)
-SLOW_TO_COME = {"slow-sdo", "slow-boot", "unguarded"}
-"""Shapes that need minutes to come online, and one that the gateway refuses."""
+NOT_DRAWN = {"slow-sdo", "slow-boot", "unguarded", "csp"}
+"""Shapes that need minutes to come online, and two that the gateway refuses."""
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -265,7 +265,7 @@ def test_parts_draw_every_setting_there_is() -> None:
     axes = [axis for plan in plans for axis in plan.axes]
     assert {plan.cycle_ms for plan in plans} == set(CYCLES_MS) == set(range(1, 33))
     assert {axis.telegram for axis in axes} == set(DRIVE_TELEGRAM_NUMBERS) - {112}, "floats come with P922 only"
-    assert {axis.shape for axis in axes} == set(SHAPES) - SLOW_TO_COME
+    assert {axis.shape for axis in axes} == set(SHAPES) - NOT_DRAWN
     assert {axis.on_plc_loss for axis in axes} == set(PlcLossReaction)
     assert {axis.control_lost for axis in axes} == set(ControlLost)
     for ends in zip(*((axis.latency.command_ms, axis.latency.status_ms) for axis in axes), strict=True):

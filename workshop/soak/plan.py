@@ -37,7 +37,6 @@ _RPM: Final = (
     *("mode-late", "frozen", "two-edges", "stays-stopped", "four-pdo"),
 )
 _SPEED_ONLY: Final = ("vl", "csv", "no-range")
-_POSITION_ONLY: Final = ("csp",)
 POSITIONER: Final = """\
 [axis.positioner]
 lu_per_revolution = 10000
@@ -73,12 +72,10 @@ def shapes_of(number: int) -> tuple[str, ...]:
     """Drive variants that operate with a telegram, without those that take minutes to come online."""
     if number in DSC_TELEGRAM_NUMBERS:
         return ("synchronous",)
-    if number == TRANSPARENT:
+    if number == TRANSPARENT or number in POSITIONER_TELEGRAM_NUMBERS:
         return _OF_THE_FAMILY
-    if number in POSITIONER_TELEGRAM_NUMBERS:
-        return (*_OF_THE_FAMILY, *_POSITION_ONLY)
     if number in TASK_TELEGRAM_NUMBERS:
-        return (*_OF_THE_FAMILY, *_POSITION_ONLY, *_RPM)
+        return (*_OF_THE_FAMILY, *_RPM)
     return (*_OF_THE_FAMILY, *_RPM, *_SPEED_ONLY)
 
 

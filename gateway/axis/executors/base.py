@@ -49,7 +49,6 @@ class Executor:
         self.settings, self.interlock, self.demand, self.inputs, self.report, self.outputs = records
         self.feedback: DriveFeedback = records.inputs.feedback
         self.command: DriveCommand = records.outputs.command
-        """Images of the drive, or of the one that ``Interpolation`` shows instead."""
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
         """Set the drive: at the start, after a write to a reference object, after a restart of the drive.

@@ -1,4 +1,4 @@
-"""Replay of drives other than the ENGEL-like one: with other speed objects, or with setpoints from the gateway."""
+"""Replay of drives other than the ENGEL-like one: with other speed objects, or with one ramp."""
 
 from __future__ import annotations
 
@@ -62,13 +62,6 @@ def _travels(plc: RecordedPlc) -> None:
 
 
 @contextmanager
-def streamed_positions() -> Iterator[RecordedPlc]:
-    with driven(shape("csp"), 9) as plc:
-        _travels(plc)
-        yield plc
-
-
-@contextmanager
 def one_ramp() -> Iterator[RecordedPlc]:
     """The drive has no 6084h: 6083h carries the deceleration, which is the smaller."""
     plain = shape("rpm")
@@ -78,8 +71,8 @@ def one_ramp() -> Iterator[RecordedPlc]:
         yield plc
 
 
-RECORDINGS = {"vl": velocity_mode, "csp": streamed_positions, "one ramp": one_ramp}
-TARGET = {"vl": "vl target velocity", "csp": "Target Position", "one ramp": "Target Position"}
+RECORDINGS = {"vl": velocity_mode, "one ramp": one_ramp}
+TARGET = {"vl": "vl target velocity", "one ramp": "Target Position"}
 
 
 @pytest.mark.parametrize("name", RECORDINGS)

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from pdgw.ds301.communication import SYNC_PERIOD
-from pdgw.ds301.connection_set import SYNC
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
-from pdgw.dsp402.pdo.layouts import interpolated, with_objects
+from pdgw.dsp402.pdo.layouts import with_objects
 from pdgw.dsp402.states import State
 from pdgw.durations import MS
 from pdgw.gateway.axis.settings import AxisSettings
@@ -23,7 +21,7 @@ from pdgw.peers.drive.model.latency import NO_LATENCY, Latency
 from pdgw.peers.drive.model.shapes import SYNCHRONOUS, Shape
 from tests.support.axis.mapping import pdo_steps
 from tests.support.axis.stepper import Stepper
-from tests.support.drives.drive_types import References, described
+from tests.support.drives.drive_types import References
 
 NODE = 5
 CYCLE_MS = 4
@@ -46,10 +44,6 @@ class Rig:
         kind = SYNCHRONOUS if drive_telegram(number).kind is Kind.DSC else ENGEL
         needs = drive_layout(number, self._form, self.stepper.settings.second_sensor)
         self.layout = with_objects(needs, FAMILY.entries)
-        self.synchronous = shape is not None and described(shape.name).interpolates
-        self.drive_type = described(shape.name) if shape is not None and self.synchronous else None
-        if self.synchronous:
-            self.layout = interpolated(self.layout)
         self.node = SimulatedDriveNode(
             NODE, self._transmitted, machine=machine or LINEAR_AXIS, shape=shape or kind, latency=latency
         )
@@ -70,10 +64,7 @@ class Rig:
         self._sent: dict[int, bytes] = {}
         self.node.start(self.now)
         self._configure(initial_mode(number, self._form))
-        if self.drive_type is None:
-            self.stepper.set_references(References(), homing_method=35)
-        else:
-            self.stepper.set_drive(self.drive_type, homing_method=35)
+        self.stepper.set_references(References(), homing_method=35)
 
     @property
     def late_cycles(self) -> int:
@@ -96,8 +87,6 @@ class Rig:
             self.layout, NODE, available, sync=False, event_ms=settings.tpdo_event_ms, inhibit_us=1000
         ):
             self.node.set_data(step.index, step.subindex, step.data, check_writable=True)
-        if self.synchronous:
-            self.node.set_data(SYNC_PERIOD, 0, (CYCLE_MS * 1000).to_bytes(4, "little"), check_writable=True)
         if mode is not None:
             self.node.set_data(0x6060, 0, mode.to_bytes(1, "little", signed=True), check_writable=True)
         self._advance(2)
@@ -150,11 +139,9 @@ class Rig:
             self.controlwords.append(command.controlword)
         for pdo in sorted(self.layout.rpdos, key=lambda item: -item.number):
             data = pdo.pack(command)
-            if self.synchronous or self._sent.get(pdo.number) != data:
+            if self._sent.get(pdo.number) != data:
                 self._sent[pdo.number] = data
                 self.node.receive(pdo.cob_id(NODE), data, self.now)
-        if self.synchronous:
-            self.node.receive(SYNC, b"", self.now)
 
     def _serve_sdo(self) -> None:
         request = self.stepper.sdo_request

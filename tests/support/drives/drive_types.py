@@ -32,7 +32,6 @@ class References:
     max_acceleration: int = 1000
     max_deceleration: int = 1000
     max_torque: int = 3000
-    position_window: int = 16
 
 
 REFERENCE_OBJECTS: tuple[tuple[str, int, int], ...] = (
@@ -45,7 +44,6 @@ REFERENCE_OBJECTS: tuple[tuple[str, int, int], ...] = (
     ("max_acceleration", 0x60C5, 0),
     ("max_deceleration", 0x60C6, 0),
     ("max_torque", 0x6072, 0),
-    ("position_window", 0x6067, 0),
 )
 """Where each field of ``References`` is."""
 

@@ -1,1 +1,1 @@
-"""Executors with positions: positioner, homing, modes, generated positions."""
+"""Executors with positions: positioner, homing, modes."""

@@ -23,15 +23,14 @@ def base_mode(drive: DriveType, *, modulo: bool) -> int:
 
 def position_mode(drive: DriveType) -> int:
     """Profile position, with speeds (6081h) in the unit of 606Ch; Dsp402Error for a drive without it."""
-    if Mode.POSITION not in drive.modes:
-        raise Dsp402Error("modes of the drive (6502h)", sorted(drive.modes), "1 or 8 for a traversing task")
+    mode = drive.require_profile_position()
     if drive.speed_mode == Mode.VL_VELOCITY:
         raise Dsp402Error(
             "modes of the drive (6502h)",
             sorted(drive.modes),
             "3 or 9 beside 1: the unit of 6042h differs from the unit of 6081h, the speed of a traversing task",
         )
-    return Mode.POSITION.value
+    return mode
 
 
 @dataclass(frozen=True, slots=True)
