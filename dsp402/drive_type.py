@@ -184,6 +184,8 @@ class DriveType:
     quirks: Quirks = Quirks()
     max_torque: int = 0
     """6072h as it was found; 0 for a drive without it."""
+    position_window: int | None = None
+    """6067h as it was found; None for a drive without it, or that does not use it."""
     position_objects: Mapping[ObjectAddress, int] = field(default_factory=dict)
     """The objects that define the unit and the sign of positions, as they were found."""
 

@@ -20,6 +20,7 @@ from pdgw.ds301.pdo import PDOS_MAX, PdoDirection
 from pdgw.dsp402.drive_type import DriveType, PdoCapabilities, PdoSlot, Quirks
 from pdgw.dsp402.identification.overlay import Overlay, overlay, overlay_for, units_of
 from pdgw.dsp402.indices import (
+    POSITION_WINDOW,
     SUPPORTED_DRIVE_MODES,
     SUPPORTED_HOMING_METHODS,
     TARGET_POSITION,
@@ -35,6 +36,8 @@ from pdgw.dsp402.units.mechanics import POSITION_OBJECTS
 from pdgw.dsp402.units.scaling import SCALING_OBJECTS, find_scaling
 from pdgw.dsp402.units.unit_keys import UnitKeys
 
+_NO_WINDOW = 0xFFFF_FFFF
+"""6067h of a drive that does not use it."""
 PROFILE_AREA = range(0x6000, 0x6800)
 """Objects of the first axis; others belong to the manufacturer."""
 OPTIONAL_OBJECTS: Final = frozenset(
@@ -72,7 +75,7 @@ def questions(dictionary: canopen.ObjectDictionary) -> tuple[ObjectAddress, ...]
     )
     modes = [(SUPPORTED_DRIVE_MODES, 0)] if SUPPORTED_DRIVE_MODES in dictionary else []
     scaling = [address for address in SCALING_OBJECTS if variable(dictionary, *address) is not None]
-    others = [MAX_TORQUE] if variable(dictionary, *MAX_TORQUE) is not None else []
+    others = [address for address in (MAX_TORQUE, (POSITION_WINDOW, 0)) if variable(dictionary, *address) is not None]
     optional = sorted(address for address in OPTIONAL_OBJECTS if variable(dictionary, *address) is not None)
     return (IDENTITY_VENDOR, IDENTITY_PRODUCT, *modes, *methods, *scaling, *others, *optional)
 
@@ -96,6 +99,7 @@ def describe(
     entries = _entries(dictionary, family, vl=vl)
     entries = {name: entry for name, entry in entries.items() if entry.address not in OPTIONAL_OBJECTS - answers.keys()}
     quirks = family.drive_quirks if family else Quirks()
+    window = answers.get((POSITION_WINDOW, 0))
     scaling = find_scaling(
         answers,
         units,
@@ -115,6 +119,7 @@ def describe(
         faults=MappingProxyType(dict(family.drive_faults) if family else {}),
         quirks=quirks,
         max_torque=answers.get(MAX_TORQUE, 0),
+        position_window=None if window == _NO_WINDOW else window,
         position_objects=MappingProxyType({key: value for key, value in answers.items() if key[0] in POSITION_OBJECTS}),
     )
 

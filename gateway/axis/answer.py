@@ -12,13 +12,13 @@ from collections.abc import Mapping
 class Answer:
     """The answer of a drive to the newest command of one kind: a change of 6040h or 6060h, or a setpoint."""
 
-    __slots__ = ("_latency", "_other", "given", "since")
+    __slots__ = ("_latency", "changed", "given", "since")
 
     def __init__(self, latency_ns: int) -> None:
         self._latency = latency_ns
         self.since = -latency_ns
         """When the command was given, monotonic ns."""
-        self._other = False
+        self.changed = False
         """The drive has shown something else since."""
         self.given = False
         """The last word read was an answer: it showed what the command asks for."""
@@ -28,14 +28,19 @@ class Answer:
         """See ``gateway.axis.checkpoint``."""
         return {"since": self._latency}
 
-    def command(self, now: int) -> None:
-        """A new command: what is shown now answers an older one."""
-        self.since, self._other, self.given = now, False, False
+    def command(self, now: int, *, level: bool = False) -> None:
+        """A new command.
+
+        ``level``: the drive always shows its present state, such as a mode. If no other command is under way, it can be in the
+        wanted one already. An event, such as the end of a motion, must come after the command.
+        """
+        self.changed = level and (self.given or self.due(now))
+        self.since, self.given = now, False
 
     def read(self, shown: bool, now: int) -> bool:
         """Take what one cycle shows. True if it is ``shown``, and answers the command."""
-        self._other |= not shown
-        self.given = shown and (self._other or self.due(now))
+        self.changed = self.changed or not shown
+        self.given = shown and (self.changed or self.due(now))
         return self.given
 
     def due(self, now: int) -> bool:

@@ -18,7 +18,7 @@ from pdgw.gateway.reasons import Reason
 _UNLIMITED = 1 << 62
 _SETTINGS = PositionerSettings(
     max_velocity=_UNLIMITED,
-    position_window=_UNLIMITED,  # the drive reports the end of the motion
+    position_window=0,
     position_range=(-_UNLIMITED, _UNLIMITED),
     jog_velocities=(0, 0),
     jog_distances=(0, 0),
@@ -29,7 +29,7 @@ _IDLE, _MDI, _BRAKING, _HOMING = State.IDLE, State.MDI, State.BRAKING, State.HOM
 class MdiDrive(Protocol):
     """The positioner's interface to its executor."""
 
-    def offers_homing(self, *, edge: bool) -> bool:
+    def require_homing(self, *, edge: bool) -> bool:
         """Whether the requested homing with this ``edge`` may start."""
 
     def converted(self, asked: Asked) -> Goal:
@@ -52,6 +52,11 @@ class MdiPositioner(Positioner):
         """The task of the newest edge, waiting to start."""
         self._braking_reason: Reason | None = None
         super().__init__(_SETTINGS, transitions=MDI_TRANSITIONS)
+        self.set_window(None)
+
+    def set_window(self, window: int | None) -> None:
+        """Set the largest distance from the target of a task that has ended; None: only the drive knows."""
+        self._course.window = window
 
     @property
     def goal(self) -> Goal | None:
@@ -98,14 +103,14 @@ class MdiPositioner(Positioner):
         return {
             **super()._events(),
             Event.DESELECTED: lambda: not self._asked.mdi,
-            Event.HOMING: self._homing_asked,
+            Event.HOMING: self._take_homing,
             Event.HOMING_OVER: lambda: not self._asked.homing and not self._homes(),
-            Event.MDI: self._task_asked,
+            Event.MDI: self._take_edge,
             Event.REACHED: lambda: self._asked.no_intermediate_stop and self._course.arrived(),
             Event.STANDING: lambda: self._seen.stopped,
             Event.STANDING_HOMING: lambda: self._seen.stopped and self.homing is not None,
             Event.STANDING_TASK: lambda: self._seen.stopped and self._waiting is not None,
-            Event.TASK_AFTER_HOMING: self._task_asked_after_homing,
+            Event.TASK_AFTER_HOMING: self._take_task_after_homing,
         }
 
     def _actions(self) -> dict[Action, Callable[[], None]]:
@@ -113,13 +118,13 @@ class MdiPositioner(Positioner):
 
     # -- edges ----------------------------------------------------------------------------------------------------------
 
-    def _homing_asked(self) -> bool:
+    def _take_homing(self) -> bool:
         """The edge of a homing that the drive has."""
         asked, edge = self._asked, self._homing_edge
         if edge and not asked.do_not_reject:
             edge = False
             self._warn(Reason.REJECTED)
-        if not self._drive.offers_homing(edge=edge):
+        if not self._drive.require_homing(edge=edge):
             return False
         self.homing = (asked.homing_method, asked.velocity)
         return True
@@ -128,16 +133,16 @@ class MdiPositioner(Positioner):
         """The drive homes."""
         return self._homing_is(HomingResult.RUNNING)
 
-    def _task_asked(self) -> bool:
+    def _take_edge(self) -> bool:
         self._take_task()
         return self._waiting is not None
 
-    def _task_asked_after_homing(self) -> bool:
+    def _take_task_after_homing(self) -> bool:
         """During a homing an edge starts nothing, but in the frame that ends one that is done or that the drive has not begun."""
         if self._asked.homing or self._homes():
             return False
         self._warn(None)
-        return self._task_asked()
+        return self._take_edge()
 
     def _take_task(self) -> None:
         """An edge with everything else given is a task with the data of its frame, in place of one that waits."""
@@ -162,7 +167,9 @@ class MdiPositioner(Positioner):
             self._warn(refusal)
 
     def _take_while_braking(self, asked: Asked) -> None:
-        if not self._homing_asked() and not (asked.homing and asked.do_not_reject):
+        if self._take_homing():
+            self._waiting = None
+        elif not (asked.homing and asked.do_not_reject):
             self.homing = None
         self._take_task()
         if not (asked.do_not_reject and asked.mdi):

@@ -118,6 +118,8 @@ class Positioner:
         self._levels = _NO_LEVELS
         """The bits whose edges count, in the last frame; not kept out of operation."""
         self._activated = self._external_edge = self._reference_edge = self._homing_edge = False
+        self._homing_waits = False
+        """An edge of STW1.11 that came while the axis was braking, or now."""
         events, actions = self._events(), self._actions()
 
         def compiled(rows: Iterable[Transition]) -> tuple[_Row, ...]:
@@ -147,7 +149,7 @@ class Positioner:
             Event.JOG: lambda: not self._asked.jog_incremental and self._jog_asked(),
             Event.JOG_INCREMENTAL: lambda: self._asked.jog_incremental and self._jog_asked(),
             Event.JOG_RELEASED: lambda: self._jog_bit() != self._jog,
-            Event.HOMING: lambda: self._homing_edge and not self._asked.passive_homing,
+            Event.HOMING: lambda: self._homing_waits,
             Event.HOMING_WITHDRAWN: lambda: not self._asked.homing,
             Event.HOMING_ATTAINED: lambda: self._homing_is(HomingResult.ATTAINED),
             Event.HOMING_FAILED: lambda: self._homing_is(HomingResult.FAILED),
@@ -189,7 +191,13 @@ class Positioner:
         self.settings = self._course.settings = replace(
             settings, position_range=known.position_range, distance_range=known.distance_range
         )
+        self._course.window = settings.position_window
         self._chain.blocks = blocks
+
+    @property
+    def expects_end(self) -> bool:
+        """The axis is at standstill, and the end of its motion to a position is due."""
+        return self._course.expects_end()
 
     def forget_home(self) -> None:
         """The drive has new coordinates: its home position is unknown."""
@@ -244,6 +252,8 @@ class Positioner:
             self._armed = _BOTH
         if not asked.do_not_reject:
             self._pending = None
+        if not (asked.do_not_reject and asked.homing):
+            self._homing_waits = False
         if self._state is _OFF:
             return
         if self._activated and asked.do_not_reject:
@@ -251,6 +261,11 @@ class Positioner:
                 self._warn(Reason.FUNCTION_RUNS)
             elif asked.no_intermediate_stop or self._state in _KEPT:
                 self._pending = self._captured()
+        if self._homing_edge and not asked.passive_homing:
+            if self._state is _IDLE or self._state is State.BRAKING:
+                self._homing_waits = asked.do_not_reject
+            else:
+                self._warn(Reason.FUNCTION_RUNS)
         if self._external_edge:
             self._chain.external = True
         if self._reference_edge:
@@ -329,6 +344,7 @@ class Positioner:
 
     def _forget(self) -> None:
         self._pending = self._task = None
+        self._homing_waits = False
         self._jog = 0
         self._course.drop()
         self._chain.drop()
@@ -367,6 +383,7 @@ class Positioner:
         self._warn(None)
         self._task = task
         self._owed = True
+        self.outcome.acknowledged = False
         self.outcome.shown = _FUNCTION[task.event]
         if task.event is _BLOCK_TASK:
             self._chain.run(task.block, self._now)
@@ -465,7 +482,7 @@ class Positioner:
         elif state is _IDLE or state is _TRACKING:
             if not asked.activate or outcome.shown is _OFF:
                 outcome.shown = _IDLE
-            outcome.reached = standing
+            outcome.reached = standing and self._pending is None and not self._homing_waits
         else:
             outcome.reached = False
         block = self._chain.block

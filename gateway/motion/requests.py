@@ -92,7 +92,7 @@ class _OfSeen:
     __slots__ = ()
     SERIALS: ClassVar[frozenset[str]] = frozenset({"given", "taken", "executing"})
     PASSING: ClassVar[frozenset[str]] = frozenset(
-        {"standstill", "stopped", "reached", "internal_limit", "torque_at_limit"}
+        {"standstill", "stopped", "reached", "answered", "internal_limit", "torque_at_limit"}
     )
 
 
@@ -112,6 +112,8 @@ class Seen(_OfSeen):
     executing: int = 1
     reached: bool = False
     """The drive reports its target reached, for the motion it executes."""
+    answered: bool = False
+    """It does so in answer to the setpoint: not since before it."""
     homing: HomingResult = HomingResult.RUNNING
     internal_limit: bool = False
     negative_limit: bool = False

@@ -79,6 +79,8 @@ class Course:
         self._at_limit = False
         self._stop_since = -1
         self._seen = Seen()
+        self.window: int | None = settings.position_window
+        """Largest distance from the target of a task that has ended; None: only the drive knows."""
 
     def look(self, seen: Seen, limits: bool) -> None:
         """Take what the axis does, and whether the software limits are watched, before anything is decided."""
@@ -147,13 +149,24 @@ class Course:
         return begin + way(begin, target, modulo, direction, self.settings.position_window) if modulo else target
 
     def arrived(self) -> bool:
-        """The drive has reached the target of the goal in force."""
-        goal, seen = self.goal, self._seen
-        if not seen.reached or goal is None or goal.kind is not _POSITION or not self.sent or self.held:
+        """The drive has reached the target of the goal in force, and stands there."""
+        seen = self._seen
+        if not (seen.reached and seen.standstill and self._executes()):
             return False
-        if seen.taken < self.sent:
-            return False
-        return goal.distance is not None or abs(goal.target - seen.position) <= self.settings.position_window
+        window = self.window
+        if window is None or self.goal is None or self.goal.distance is not None:
+            return seen.answered
+        return abs(self.goal.target - seen.position) <= window
+
+    def _executes(self) -> bool:
+        """The drive has taken the setpoint of a position."""
+        goal = self.goal
+        return goal is not None and goal.kind is _POSITION and 0 < self.sent <= self._seen.taken and not self.held
+
+    def expects_end(self) -> bool:
+        """The end of a motion to a position is due at standstill. At a fixed stop the axis is meant to press on."""
+        seen, goal = self._seen, self.goal
+        return seen.standstill and goal is not None and goal.torque is None and self._executes() and not self.arrived()
 
     @property
     def waits(self) -> bool:

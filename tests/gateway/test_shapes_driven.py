@@ -266,7 +266,7 @@ def test_homing_at_the_current_position_is_35_and_37_whichever_the_drive_has(ask
     executor = AxisMachine(9, AxisSettings(), DriveFeedback()).executor
     homing = Homing(executor, ModeSwitch(executor, 1))
     homing.methods = frozenset({1, there})
-    assert homing.supported(asked)
+    assert homing.require_method(asked)
     homing.begin(asked, None)
     assert executor.outputs.writes is not None
     assert executor.outputs.writes[0].value == there

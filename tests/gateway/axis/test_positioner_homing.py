@@ -39,6 +39,10 @@ from tests.support.axis.positioner import CHOICES
 # -- homing -------------------------------------------------------------------------------------------------------------
 
 
+DUE = 115
+"""Cycles of 4 ms until the end of a homing can be no older than its start."""
+
+
 def begin_homing(hand: Hand) -> None:
     """The drive has taken the parameters of the homing and shows its mode."""
     hand(ON | HOMING)
@@ -53,7 +57,7 @@ def homed() -> Hand:
     begin_homing(hand)
     for _ in range(3):
         hand(ON | HOMING)
-    for _ in range(60):
+    for _ in range(DUE):
         hand(ON | HOMING, OPERATING | TAKEN | REACHED)
     assert hand.actuals["ZSW1"] & HOME_SET
     hand.mode = Mode.POSITION
@@ -67,7 +71,7 @@ def test_a_homing_attained_of_before_is_not_the_end_of_a_homing_whose_statusword
     begin_homing(hand)
     for _ in range(hand.stepper.settings.reaction_ns // hand.stepper.settings.cycle_ns):
         hand(ON | HOMING, OPERATING | TAKEN | REACHED)
-    for _ in range(10):
+    for _ in range(DUE):
         word = hand(ON | HOMING, OPERATING)
     assert word & NEW_SETPOINT
     assert not hand.actuals["ZSW1"] & HOME_SET
@@ -163,7 +167,7 @@ def test_homing_halt_ends_before_the_mode_changes_after_operation(end: int) -> N
 def test_second_homing_waits_for_the_drive_like_the_first() -> None:
     hand = homed()
     begin_homing(hand)
-    for _ in range(50):
+    for _ in range(DUE):
         assert hand(ON | HOMING) & NEW_SETPOINT
         assert not hand.actuals["ZSW1"] & HOME_SET
     shown = []
@@ -233,7 +237,7 @@ def test_homing_error_ends_the_homing_and_returns_to_mode_1() -> None:
     begin_homing(hand)
     for _ in range(3):
         hand(ON | HOMING)
-    words = [hand(ON | HOMING, OPERATING | StatusBit.MODE_13) for _ in range(30)]
+    words = [hand(ON | HOMING, OPERATING | StatusBit.MODE_13) for _ in range(DUE + 25)]
     assert not words[-1] & OF_THE_MODE
     assert hand.stepper.command.modes_of_operation == Mode.POSITION
     assert [event.number for event in hand.stepper.events] == [FaultNumber.HOMING]

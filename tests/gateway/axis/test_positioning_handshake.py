@@ -7,6 +7,7 @@ import pytest
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, State, StatusBit
 from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS
+from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.peers.drive.family import TURNTABLE
@@ -361,7 +362,7 @@ def test_task_edge_in_the_frame_that_withdraws_a_waiting_homing_starts(answered:
         hand.stepper.sdo_done(None)
         hand(ON | HOMING)
     word = hand(ON | ACTIVATE, MDI_TARPOS=POSITION.to_wire(7_000))
-    for _ in range(5):
+    for _ in range(AxisSettings().latency_ns // 4_000_000 + 2 if answered else 5):
         hand.feedback.modes_of_operation_display = hand.stepper.command.modes_of_operation
         word = hand(ON | ACTIVATE if stays else ON)
     assert (word & NEW_SETPOINT, hand.target) == (NEW_SETPOINT, 7_000)

@@ -232,6 +232,8 @@ def test_old_homing_attained_does_not_end_the_new_homing() -> None:
         step(ON | HOMING, enabled | attained, Mode.HOMING)
     assert stepper.command.controlword & ControlBit.NEW_SETPOINT
     assert not stepper.home_position_set
-    step(ON | HOMING, enabled, Mode.HOMING)
+    for _ in range(115):
+        step(ON | HOMING, enabled, Mode.HOMING)
+        assert not stepper.home_position_set
     step(ON | HOMING, enabled | attained, Mode.HOMING)
     assert stepper.home_position_set

@@ -143,7 +143,7 @@ def test_homing_without_homing_attained_is_reported_and_aborted() -> None:
     rig.until(lambda _: rig.stepper.reason is Reason.HOMING_ERROR)
     rig.step(2)
     assert [event.number for event in rig.stepper.events] == [109]
-    assert "without homing attained" in rig.stepper.events[0].text
+    assert "standstill without Statusword.12" in rig.stepper.events[0].text
     assert rig.actuals["ZSW1"] & 0x0880 == 0x0080, "warning, no home position"
     assert rig.stepper.reason is Reason.HOMING_ERROR
     rig.node.behave()

@@ -181,7 +181,7 @@ class PositionerRig:
             if self.waiting is not None:
                 self._begin(self.waiting)
         seen.standstill = not self.speed
-        seen.reached = seen.standstill and (wish.kind is MotionKind.STAND or self._at_target())
+        seen.reached = seen.answered = seen.standstill and (wish.kind is MotionKind.STAND or self._at_target())
         if wish.kind is MotionKind.HOMING and seen.taken == wish.serial and seen.standstill:
             seen.homing = HomingResult.ATTAINED
 

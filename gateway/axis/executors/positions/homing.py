@@ -7,30 +7,28 @@ may begin is the positioning executor's.
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping
 from typing import Final
 
 from pdgw.dsp402.indices import HOMING_SPEEDS
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import HOMING_METHOD
 from pdgw.dsp402.states import StatusBit
-from pdgw.durations import MS, SECOND
+from pdgw.durations import MS
+from pdgw.gateway.axis.answer import Answer
 from pdgw.gateway.axis.executors.base import Executor
 from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
+from pdgw.gateway.axis.executors.positions.stall import Stall
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.reasons import FaultNumber, Reason
 
-HOMING_STALE_NS: Final = 50 * MS
-"""A "homing attained" that was already there at the start counts only after this time (method 35 is immediate), and that in which
-the start and the answer to it reach their ends.
-"""
-HOMING_UNATTAINED_NS: Final = SECOND
-"""After this time at standstill with "target reached" but without "homing attained", the drive has aborted the homing."""
+_START_NS: Final = 50 * MS
+"""The start and the answer to it also have to reach their ends."""
 _SAME_METHOD = {35: 37, 37: 35}
 """Current position (CiA 402)."""
 _SPEEDS = (1, 2)
 """Sub-indices of 6099h: to the switch, to the zero."""
-_FINISHED = StatusBit.MODE_12 | StatusBit.TARGET_REACHED
+_ATTAINED, _REACHED = StatusBit.MODE_12, StatusBit.TARGET_REACHED
+_ENDED = _ATTAINED | _REACHED
 _ERROR = StatusBit.MODE_13
 
 
@@ -48,14 +46,13 @@ class Homing:
 
     __slots__ = (
         "_answer",
-        "_attained_seen_low",
         "_busy",
+        "_end",
         "_executor",
-        "_idle_since",
         "_mode",
         "_outputs",
-        "_since",
-        "_stale_ns",
+        "_stall",
+        "_turned_ended",
         "_writes",
         "method",
         "methods",
@@ -73,18 +70,14 @@ class Homing:
         self._busy = False
         self._answer: str | None = None
         """State of the writes: None: not requested, empty: running, "done", or the error."""
-        self._stale_ns = HOMING_STALE_NS + executor.settings.reaction_ns
-        self._since = 0
-        self._idle_since = -1
-        self._attained_seen_low = False
+        self._end = Answer(executor.settings.latency_ns + _START_NS)
+        """The end of the homing, in answer to the start."""
+        self._turned_ended = False
+        """The axis turned while the drive showed that the homing has ended: its bits may be stuck."""
+        self._stall = Stall()
 
-    @property
-    def INSTANTS(self) -> Mapping[str, int]:  # noqa: N802 (as in classes with the same ages for every axis)
-        """See ``gateway.axis.checkpoint``."""
-        return {"_since": self._stale_ns, "_idle_since": HOMING_UNATTAINED_NS}
-
-    def supported(self, method: int | None) -> bool:
-        """Whether the method exists; one that does not, or None, starts nothing and raises the warning."""
+    def require_method(self, method: int | None) -> bool:
+        """Whether the method exists. One that does not, or None, starts nothing and raises the warning."""
         outputs = self._outputs
         if method is not None and self._offered(method) in self.methods:
             outputs.warned = False
@@ -129,9 +122,7 @@ class Homing:
         """An answer that still comes is to nothing."""
         self._answer = None
         self._writes = ()
-        self._since = 0
-        self._idle_since = -1
-        self._attained_seen_low = False
+        self._stall.step(False, 0, 0)
 
     def prepare(self) -> Progress:
         """READY when the drive has accepted method and speeds and confirmed mode 6."""
@@ -147,27 +138,37 @@ class Homing:
             outputs.reason = Reason.HOMING_ERROR
             return Progress.FAILED
         self.method = self._writes[0].value
-        if not self._mode.confirmed(Mode.HOMING):
+        if not self._mode.request(Mode.HOMING):
             return Progress.WAITS
-        self._since = self._executor.inputs.now
+        self._end.command(self._executor.inputs.now)
+        self._turned_ended = False
         return Progress.READY
 
     def run(self) -> Progress:
-        """While the drive homes."""
-        inputs, statusword = self._executor.inputs, self._executor.feedback.statusword
-        error = statusword & _ERROR != 0
-        if statusword & _FINISHED != _FINISHED and not error:
-            self._attained_seen_low = True
-            if not inputs.standstill or not statusword & StatusBit.TARGET_REACHED:
-                self._idle_since = -1
-            elif self._idle_since < 0:
-                self._idle_since = inputs.now
-            elif inputs.now - self._idle_since >= HOMING_UNATTAINED_NS:
-                return self._failed("standstill without homing attained", statusword)
-        elif self._attained_seen_low or inputs.now - self._since >= self._stale_ns:
-            if error:
-                return self._failed("homing error", statusword)
+        """While the drive homes.
+
+        It ends at standstill, and not by bits that can be older than the start or that were set while the axis turned.
+        """
+        inputs, feedback = self._executor.inputs, self._executor.feedback
+        statusword = feedback.statusword
+        ended = statusword & _ENDED == _ENDED
+        if not ended:
+            self._turned_ended = False
+        elif not inputs.standstill:
+            self._turned_ended = True
+        if not self._end.due(inputs.now):
+            return Progress.WAITS
+        if statusword & _ERROR:
+            return self._failed("homing error", statusword)
+        if ended and inputs.standstill and not self._turned_ended:
             return Progress.ATTAINED
+        if self._stall.step(inputs.standstill, feedback.position_actual, inputs.now):
+            if ended:
+                return self._failed("standstill, but Statusword.10 and .12 were set while the axis turned", statusword)
+            if statusword & _ENDED:
+                missing = "10" if statusword & _ATTAINED else "12"
+                return self._failed(f"standstill without Statusword.{missing}", statusword)
+            self._outputs.reason = Reason.HOMING_STALLED
         return Progress.WAITS
 
     def _failed(self, what: str, statusword: int) -> Progress:

@@ -7,23 +7,26 @@ from typing import ClassVar
 
 from pdgw.dsp402.modes import MODE_CONFIRM_NS
 from pdgw.durations import SECOND
+from pdgw.gateway.axis.answer import Answer
 from pdgw.gateway.axis.executors.base import Executor
 from pdgw.gateway.reasons import FaultNumber, Reason
 
 
 class ModeSwitch:
-    """The requested mode, and the time of the request."""
+    """The requested mode, and the drive's answer to the request."""
 
     INSTANTS: ClassVar[Mapping[str, int]] = {"since": MODE_CONFIRM_NS}
     PASSING: ClassVar[frozenset[str]] = frozenset({"asked"})
 
-    __slots__ = ("_executor", "asked", "base", "halted", "mode", "since")
+    __slots__ = ("_answer", "_executor", "asked", "base", "halted", "mode", "since")
 
     def __init__(self, executor: Executor, base: int) -> None:
         self._executor = executor
         self.base = base
         """The mode of tasks, to which everything else returns."""
         self.mode = base
+        self._answer = Answer(executor.settings.latency_ns)
+        """6061h shows the mode, in answer to the last change of 6060h."""
         self.halted = False
         """Halt is set: the mode must not change."""
         self.asked = False
@@ -41,22 +44,31 @@ class ModeSwitch:
     def abandon(self) -> None:
         """Back to the base mode; nothing is waited for."""
         self.since = -1
-        if not self.halted:
-            self.mode = self.base
+        if not self.halted and self.mode != self.base:
+            self._change(self.base)
 
     def shows_base(self) -> bool:
         """The drive is in the mode of tasks."""
         return self._executor.feedback.modes_of_operation_display == self.base
 
-    def confirmed(self, mode: int) -> bool:
-        """Request a mode (never while Halt is set) and return whether 6061h confirms it."""
+    def _change(self, mode: int) -> None:
+        self.mode = mode
+        self._answer.command(self._executor.inputs.now, level=True)
+
+    def read(self) -> bool:
+        """Take 6061h once per cycle. True if it confirms the mode."""
+        executor = self._executor
+        return self._answer.read(executor.feedback.modes_of_operation_display == self.mode, executor.inputs.now)
+
+    def request(self, mode: int) -> bool:
+        """Request a mode (never while Halt is set), and return whether 6061h confirms it."""
         executor = self._executor
         self.asked = True
-        shown, now = executor.feedback.modes_of_operation_display, executor.inputs.now
+        now = executor.inputs.now
         if self.mode != mode and not self.halted:
-            self.mode = mode
+            self._change(mode)
             self.since = now
-        if self.mode == mode and shown == mode and not self.halted:
+        if self.mode == mode and self._answer.given and not self.halted:
             self.since = -1
             return True
         outputs = executor.outputs
@@ -65,6 +77,7 @@ class ModeSwitch:
             self.since = now
         elif now - self.since >= MODE_CONFIRM_NS:
             outputs.warned = True
+            shown = executor.feedback.modes_of_operation_display
             outputs.found.append(
                 (FaultNumber.MODE_NOT_CONFIRMED, f"6060h = {mode}, 6061h = {shown} for {MODE_CONFIRM_NS / SECOND:g} s")
             )

@@ -13,10 +13,12 @@ from pdgw.ds301.objects import CanType, ObjectAddress
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.durations import SECOND
+from pdgw.gateway.axis.answer import Answer
 from pdgw.gateway.axis.demand_report import STATE_MASK
 from pdgw.gateway.axis.executors.base import OPERATION_ENABLED, AxisRecords, Executor
 from pdgw.gateway.axis.executors.positions.homing import Homing, Progress
 from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
+from pdgw.gateway.axis.executors.positions.stall import Stall
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.motion.positioner import Positioner
 from pdgw.gateway.motion.requests import Asked, HomingResult, Motion, Outcome, Seen
@@ -60,6 +62,12 @@ class MotionExecutor(Executor):
         """The drive's values of the objects that define the unit and the sign of positions."""
         self._set_at = -1
         """When CW.4 rose for a setpoint, monotonic ns; -1 while it is 0."""
+        self._arrival = Answer(self.settings.latency_ns)
+        """Target reached, in answer to the setpoint that the drive executes."""
+        self._blocked = False
+        """A setpoint waits for the drive to clear its last acknowledge."""
+        self._stall = Stall()
+        self._stalled: Reason | None = None
         self._halted = False
         """Halt has stopped a setpoint, and none came since: the drive may continue it when Halt falls."""
         self._continued = False
@@ -121,20 +129,24 @@ class MotionExecutor(Executor):
         asked.operating = operates
         if operates:
             self.outputs.reason = None
+        mode.read()
         self._read_state()
         outcome = self.positioner.step(asked, self._seen, self.inputs.now)
+        self._blocked = False
         if operates:
             mode.asked = False
             extra = self._execute(outcome.motion)
             if not mode.asked:
                 mode.since = -1
             mode.halted = extra & HALT != 0
+            self._report_stall()
         else:
             ramps = action in _RAMPS
             mode.halted = mode.halted or ramps  # the mode does not change while Halt is set
             self._stop()
             mode.halted = self._halted = ramps
             extra = HALT if ramps else 0
+            self._end_stall()
         if self._homing_begun and outcome.state is not State.HOMING:
             self._forget_homing()
         self.command.controlword = interlock.controlword | extra
@@ -144,6 +156,54 @@ class MotionExecutor(Executor):
     def _read_state(self) -> None:
         """Read the state of the drive."""
         raise NotImplementedError
+
+    def _read_arrival(self, *, executes: bool) -> None:
+        """Read "target reached"; ``executes``: the drive works on the newest setpoint."""
+        seen, reached = self._seen, self.feedback.statusword & StatusBit.TARGET_REACHED != 0
+        seen.reached = seen.answered = False
+        if executes and self._mode.shows_base():
+            seen.reached = reached
+            seen.answered = self._arrival.read(reached, self.inputs.now)
+
+    def _executes_next(self) -> None:
+        """The drive begins to execute the setpoint that it has taken."""
+        self._seen.executing = self._seen.taken
+        self._arrival.command(self.inputs.now)
+
+    def _report_stall(self) -> None:
+        """An axis that stands before the end of its motion has a reason, and a warning once."""
+        inputs, outputs, statusword = self.inputs, self.outputs, self.feedback.statusword
+        reason: Reason | None = None
+        if self._blocked and inputs.standstill:
+            reason = Reason.SETPOINT_BLOCKED
+        elif self._seen.taken == self._seen.given and self.positioner.expects_end:
+            following_error = statusword & StatusBit.MODE_13 and self._mode.shows_base()
+            reached = statusword & StatusBit.TARGET_REACHED
+            missing = Reason.FOLLOWING_ERROR if following_error else Reason.NOT_REACHED
+            reason = Reason.STANDS_AWAY if reached else missing
+        if not self._stall.step(reason is not None, self.feedback.position_actual, inputs.now) or reason is None:
+            self._end_stall()
+            return
+        if self._stalled is None:
+            outputs.warned = True
+            detail = f"{reason.value}, 6064h = {self.feedback.position_actual}, 607Ah = {self.command.target_position}"
+            outputs.found.append((FaultNumber.STALLED, detail))
+        self._stalled = reason
+        if outputs.reason is None:
+            outputs.reason = reason
+
+    def _end_stall(self) -> None:
+        if self._stalled is not None:
+            self._stalled = None
+            self.outputs.warned = False
+
+    def _stand(self) -> int:
+        """Without a function: Halt while the axis turns, and until the next function if it turns again when Halt falls."""
+        if not self._stays_halted():
+            if self.stopped:
+                return 0
+            self._halted = True
+        return HALT
 
     def _execute(self, motion: Motion) -> int:
         """Controlword bits 4-12 of the requested motion."""
@@ -170,6 +230,7 @@ class MotionExecutor(Executor):
         seen.taken = seen.executing = seen.given
         self._set_at = -1
         self._bits = 0
+        self._arrival.command(self.inputs.now)
 
     def _set_point(self, target: int, bits: int) -> None:
         """The handshake begins with this target; the last unit may end beyond what the object can hold."""

@@ -259,18 +259,19 @@ class PositionerExecutor(MotionExecutor):
             self._inputs = inputs
             seen.negative_limit = inputs & NEGATIVE_LIMIT_SWITCH != 0
             seen.positive_limit = inputs & POSITIVE_LIMIT_SWITCH != 0
-        seen.reached = False
-        shows_base = self._mode.shows_base()
+        executes = False
         if self._set_at >= 0:
-            if statusword & ACKNOWLEDGED and shows_base:
+            if statusword & ACKNOWLEDGED and self._mode.shows_base():
                 self._acknowledged()
                 self._set_at = -1
             else:
                 self._await_acknowledge()
-        elif shows_base and not statusword & ACKNOWLEDGED and seen.taken == seen.given:
+        elif not statusword & ACKNOWLEDGED and seen.taken == seen.given:
             # A waiting setpoint keeps the acknowledgement until the drive starts it.
-            seen.executing = seen.taken
-            seen.reached = statusword & _TARGET_REACHED != 0
+            executes = True
+            if seen.executing != seen.taken and self._mode.shows_base():
+                self._executes_next()
+        self._read_arrival(executes=executes)
 
     # -- commands -------------------------------------------------------------------------------------------------------
 
@@ -286,13 +287,13 @@ class PositionerExecutor(MotionExecutor):
         if mode.mode != wanted and not self.inputs.standstill and not self._released():
             return self._slow_down()
         if mode.mode == wanted and self._continues_in_base_mode():
-            mode.confirmed(wanted)
+            mode.request(wanted)
             return HALT
         if mode.halted and not (kind is _HOMING and self._halted):
             return 0  # reset Halt alone: a setpoint or a mode together with it is not allowed
         if kind is _HOMING:
             return self._home_axis(motion)
-        confirmed = mode.confirmed(wanted)
+        confirmed = mode.request(wanted)
         if kind is not _POSITION:
             self._set_at = -1  # replaced before its acknowledge
             if confirmed:
@@ -343,12 +344,10 @@ class PositionerExecutor(MotionExecutor):
             return HALT if self._continues_in_base_mode() else 0
         if mode.mode == _HOMING_MODE and (self.inputs.standstill or self._released()):
             if not mode.halted:
-                mode.confirmed(mode.base)
+                mode.request(mode.base)
             return 0
-        if not kept and self._stays_halted():
-            return HALT
-        if self.stopped and not kept:
-            return 0
+        if not kept:
+            return self._stand()
         self._halted = True
         return HALT
 
@@ -376,6 +375,7 @@ class PositionerExecutor(MotionExecutor):
     def _send_setpoint(self, motion: Motion, units: LengthUnits) -> None:
         """Send a setpoint when the drive has cleared the last acknowledge and has the torque limit."""
         if self.feedback.statusword & ACKNOWLEDGED:
+            self._blocked = True
             return
         if not self._torque.holds(motion.torque):
             self.outputs.reason = Reason.TORQUE_LIMIT
@@ -405,7 +405,7 @@ class PositionerExecutor(MotionExecutor):
         if self._ring is not None:
             self._ring.reset()
         method = self.choices.homing_method
-        if self._homing_begun != motion.serial and not self.homing.supported(method):
+        if self._homing_begun != motion.serial and not self.homing.require_method(method):
             self._begin_homing(motion)
             self._homing_ends(HomingResult.FAILED)
             return 0

@@ -6,7 +6,7 @@ falls; a homing may begin in any state, and its CW.4 stays until STW1.11 falls.
 
 from __future__ import annotations
 
-from pdgw.dsp402.drive_type import DriveType
+from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.gateway.axis.demand_report import Flag
@@ -48,6 +48,10 @@ class PositioningExecutor(MotionExecutor):
             self._turn_bits[Direction.NEGATIVE] = turntable.ccw
         super().set_drive(drive, homing_method)
         self._scaling = TaskScaling.of(drive)
+        window = drive.position_window
+        if window is None:
+            window = int(drive.scaling.reference(Quantity.POSITION) * self.settings.standstill_window)
+        self._mdi.set_window(None if self._turntable else window)
 
     def refuse(self) -> None:
         self._stop()
@@ -69,7 +73,7 @@ class PositioningExecutor(MotionExecutor):
             reason = self.outputs.reason
             if outcome.warning is not None and (reason is None or reason is Reason.MDI_OFF):
                 reason = outcome.warning
-            waits = outcome.state is _IDLE and (not self._continued or self.stopped)
+            waits = outcome.state is _IDLE and self.inputs.standstill and (not self._continued or self.stopped)
             if waits or (homes and self._seen.homing is HomingResult.ATTAINED):
                 flags |= _REACHED
         if self._shows_stop_reached and self._stop_reached(asked):
@@ -77,7 +81,7 @@ class PositioningExecutor(MotionExecutor):
         if outcome.home_set:
             flags |= _HOME_SET
         if not homes:
-            if feedback.statusword & ACKNOWLEDGED and self._mode.shows_base():
+            if feedback.statusword & ACKNOWLEDGED and self._mode.shows_base() and not self._mdi.waits:
                 flags |= _TASK_ACKNOWLEDGED
             report.tasks_active = self.interlock.action in _ENABLED and self.demand.connected and asked.mdi
         report.flags = flags
@@ -87,14 +91,14 @@ class PositioningExecutor(MotionExecutor):
 
     # -- requests of the positioner --------------------------------------------------------------------------------------
 
-    def offers_homing(self, *, edge: bool) -> bool:
+    def require_homing(self, *, edge: bool) -> bool:
         """A method that the drive lacks starts nothing and sets the warning until homing is no longer requested."""
         asked, outputs = self.demand.motion or self._nothing, self.outputs
         if not asked.homing:
             if self.positioner.outcome.state is _IDLE:
                 outputs.warned = self._moved
         elif edge:
-            return self.homing.supported(asked.homing_method)
+            return self.homing.require_method(asked.homing_method)
         elif outputs.warned:
             outputs.reason = Reason.HOMING_METHOD
         return False
@@ -130,13 +134,13 @@ class PositioningExecutor(MotionExecutor):
         seen.position = feedback.position_actual
         seen.standstill, seen.stopped = self.inputs.standstill, self.stopped
         seen.internal_limit = statusword & StatusBit.INTERNAL_LIMIT != 0
-        seen.reached = statusword & StatusBit.TARGET_REACHED != 0
         if self._set_at >= 0 and seen.taken != seen.given:
             if statusword & ACKNOWLEDGED and self._mode.shows_base():
                 self._acknowledged()
-                seen.executing = seen.taken
+                self._executes_next()
             else:
                 self._await_acknowledge()
+        self._read_arrival(executes=seen.taken == seen.given)
 
     def _execute(self, motion: Motion) -> int:
         mdi, mode, outputs = self._mdi, self._mode, self.outputs
@@ -154,7 +158,7 @@ class PositioningExecutor(MotionExecutor):
                 outputs.warned = False
             self._end_set_point()
             mode.abandon()
-        if state is _IDLE and before is _IDLE and (self._stays_halted() or (mode.halted and not self.stopped)):
+        if state is _IDLE and before is _IDLE and self._stand():
             return HALT
         goal = mdi.goal
         if goal is not None and motion.kind is MotionKind.STAND:
@@ -166,7 +170,7 @@ class PositioningExecutor(MotionExecutor):
         else:
             self._shake_hands(motion, goal)
         if state is _IDLE and before is not _BRAKING and mode.mode != mode.base:
-            mode.confirmed(mode.base)
+            mode.request(mode.base)
         return self._word_bits()
 
     def _word_bits(self) -> int:
@@ -197,7 +201,8 @@ class PositioningExecutor(MotionExecutor):
                 self.outputs.warned = False
         elif goal is not None and self._mdi.waits:
             acknowledged = statusword & ACKNOWLEDGED and mode.shows_base()
-            if not acknowledged and mode.confirmed(mode.base):
+            self._blocked = acknowledged != 0
+            if not acknowledged and mode.request(mode.base):
                 self._send_setpoint(motion, goal)
 
     def _send_setpoint(self, motion: Motion, goal: Goal) -> None:
@@ -236,7 +241,7 @@ class PositioningExecutor(MotionExecutor):
             return self._home(motion, method, self.limited(scaling.velocity, velocity))
         if seen.homing is HomingResult.RUNNING:
             if self._continues_in_base_mode():
-                self._mode.confirmed(Mode.HOMING)
+                self._mode.request(Mode.HOMING)
                 return HALT
             return self._home(motion, 0, None)
         if seen.homing is HomingResult.ATTAINED:

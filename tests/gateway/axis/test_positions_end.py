@@ -1,0 +1,231 @@
+"""Telegrams 9 and 111: when a task or a homing has ended, and what an axis that stands before its end reports."""
+
+from __future__ import annotations
+
+import pytest
+
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.states import State, StatusBit
+from pdgw.gateway.axis.executors.positions.stall import STALL_NS
+from pdgw.gateway.reasons import FaultNumber, Reason
+from tests.gateway.axis.test_halt_continues import (
+    ACTIVATE,
+    FAST,
+    HALT,
+    HOMING,
+    INTERMEDIATE,
+    MAKES,
+    NEW_SETPOINT,
+    REACHED,
+    REJECT,
+    WARNING,
+    Continuing,
+)
+from tests.support.axis.hand import OFF, ON, OPERATING, Hand
+
+SW_REACHED, SW_TAKEN, FOLLOWING = StatusBit.TARGET_REACHED, StatusBit.MODE_12, StatusBit.MODE_13
+STALLED = STALL_NS // 4_000_000 + 3
+ACKNOWLEDGED, HOME_SET = 0x1000, 0x800
+MDI = {"9": {"SATZANW": 0x8000 | 17}, "111": {}}
+DESELECTED = {"SATZANW": 17}
+
+
+def running(name: str, **settings: object) -> Hand:
+    """A task to the target that the drive has taken and works on, at the start of its way."""
+    make, values = MAKES[name]
+    hand: Hand = make(**settings).enable()
+    hand(ON | ACTIVATE, **values)
+    hand(ON | ACTIVATE, OPERATING | SW_TAKEN)
+    hand.feedback.velocity_actual = FAST
+    hand(ON | ACTIVATE)
+    hand(ON | ACTIVATE)
+    return hand
+
+
+@pytest.mark.parametrize(
+    ("word", "values"),
+    [(ON & ~INTERMEDIATE, {}), (ON & ~REJECT, {}), (ON | ACTIVATE, DESELECTED)],
+    ids=["5", "4", "MDI"],
+)
+def test_stop_orders_act_after_an_early_target_reached(word: int, values: dict[str, int]) -> None:
+    """One TPDO says "reached" in the middle of the motion."""
+    hand = running("9")
+    hand(ON | ACTIVATE, OPERATING | SW_REACHED)
+    hand(ON | ACTIVATE)
+    assert not hand.actuals["ZSW1"] & REACHED
+    assert hand(word, **values) & HALT
+
+
+@pytest.mark.parametrize("name", MAKES)
+def test_reached_of_the_last_task_is_not_shown_for_the_new_one(name: str) -> None:
+    make, values = MAKES[name]
+    hand = make().enable()
+    for status in (OPERATING | SW_REACHED, *(OPERATING | SW_TAKEN | SW_REACHED,) * 300):
+        hand(ON | ACTIVATE, status, **values)
+        assert not hand.actuals["ZSW1"] & REACHED
+
+
+@pytest.mark.parametrize("stop", [State.SWITCH_ON_DISABLED, State.FAULT, None], ids=["OFF2", "fault", "OFF1"])
+@pytest.mark.parametrize("name", MAKES)
+def test_drive_that_keeps_its_task_while_off_is_stopped(name: str, stop: State | None) -> None:
+    make, values = MAKES[name]
+    drive = Continuing(make().enable())
+    for _ in range(5):
+        drive(ON | ACTIVATE, **values)
+    for _ in range(5):
+        drive(OFF) if stop is None else drive.hand(OFF, stop)
+    drive.hand.feedback.velocity_actual = 0
+    drive.hand.enable()
+    drive.moved, drive.word = 0, 0
+    words = [drive(ON, POS_STW1=0x8100) if name == "111" else drive(ON) for _ in range(500)]
+    assert drive.moved <= 3
+    assert words[-1] & HALT
+    assert not any(word & NEW_SETPOINT for word in words)
+    assert drive.hand.stepper.reason is Reason.MOVES_UNASKED
+
+
+@pytest.mark.parametrize(
+    ("bits", "reason"),
+    [(0, Reason.NOT_REACHED), (FOLLOWING, Reason.FOLLOWING_ERROR), (SW_REACHED, Reason.STANDS_AWAY)],
+)
+@pytest.mark.parametrize("name", MAKES)
+def test_axis_that_stands_on_its_way_names_the_missing_bit(name: str, bits: int, reason: Reason) -> None:
+    hand = running(name)
+    hand.feedback.velocity_actual, hand.feedback.position_actual = 0, 1000
+    for _ in range(STALLED - 5):
+        hand(ON | ACTIVATE, OPERATING | bits)
+        assert hand.stepper.reason is None
+    for _ in range(10):
+        hand(ON | ACTIVATE, OPERATING | bits)
+    assert hand.stepper.reason is reason
+    assert hand.actuals["ZSW1"] & (WARNING | REACHED) == WARNING
+    assert [event.number for event in hand.stepper.events] == [FaultNumber.STALLED]
+    hand.feedback.velocity_actual = FAST
+    hand(ON | ACTIVATE)
+    assert hand.stepper.reason is None
+    assert not hand.actuals["ZSW1"] & WARNING
+
+
+@pytest.mark.parametrize("name", MAKES)
+def test_slow_task_inside_the_standstill_window_has_no_reason(name: str) -> None:
+    hand = running(name)
+    hand.feedback.velocity_actual = 1
+    for position in range(2 * STALLED):
+        hand.feedback.position_actual = position // 10
+        hand(ON | ACTIVATE)
+        assert hand.stepper.reason is None
+
+
+@pytest.mark.parametrize("name", MAKES)
+def test_acknowledge_that_stays_1_has_a_reason(name: str) -> None:
+    make, values = MAKES[name]
+    hand = make().enable()
+    words = [hand(ON | ACTIVATE, OPERATING | SW_TAKEN, **values) for _ in range(STALLED)]
+    assert not any(word & NEW_SETPOINT for word in words)
+    assert hand.stepper.reason is Reason.SETPOINT_BLOCKED
+
+
+def homing(name: str) -> Hand:
+    """A homing that the drive has started long ago; it turns."""
+    hand = MAKES[name][0]().enable()
+    hand.values |= MDI[name]
+    hand(ON | HOMING)
+    hand.stepper.sdo_done(None)
+    hand(ON | HOMING)
+    hand.mode = Mode.HOMING
+    hand.feedback.velocity_actual = FAST
+    assert hand(ON | HOMING) & NEW_SETPOINT
+    return hand
+
+
+@pytest.mark.parametrize("name", MAKES)
+def test_stuck_bits_of_a_homing_do_not_set_the_home_position(name: str) -> None:
+    hand = homing(name)
+    ended = OPERATING | SW_TAKEN | SW_REACHED
+    for turns in (True, False, True):  # it reverses at the switch
+        hand.feedback.velocity_actual = FAST * turns
+        for _ in range(150):
+            hand(ON | HOMING, ended)
+            assert not hand.actuals["ZSW1"] & HOME_SET
+    hand.feedback.velocity_actual = 0
+    for _ in range(STALLED):
+        hand(ON | HOMING, ended)
+    assert not hand.actuals["ZSW1"] & HOME_SET
+    assert hand.stepper.events[0].number == FaultNumber.HOMING
+
+
+@pytest.mark.parametrize(("bits", "missing"), [(SW_TAKEN, "Statusword.10"), (SW_REACHED, "Statusword.12")])
+@pytest.mark.parametrize("name", MAKES)
+def test_homing_that_ends_with_one_bit_fails_and_names_the_other(name: str, bits: int, missing: str) -> None:
+    hand = homing(name)
+    for _ in range(150):
+        hand(ON | HOMING)
+    hand.feedback.velocity_actual = 0
+    for _ in range(STALLED):
+        hand(ON | HOMING, OPERATING | bits)
+    assert missing in hand.stepper.events[0].text
+    assert not hand.actuals["ZSW1"] & HOME_SET
+
+
+@pytest.mark.parametrize("name", MAKES)
+def test_homing_at_standstill_without_an_end_has_a_reason(name: str) -> None:
+    hand = homing(name)
+    hand.feedback.velocity_actual = 0
+    for _ in range(150 + STALLED):
+        hand(ON | HOMING)
+    assert hand.stepper.reason is Reason.HOMING_STALLED
+
+
+def test_edge_of_a_task_while_the_axis_brakes_is_not_shown_as_reached() -> None:
+    hand = running("111")
+    hand(ON & ~REJECT)
+    hand(ON)
+    hand.feedback.velocity_actual = 0
+    for _ in range(3):
+        word = hand(ON | ACTIVATE)
+        assert not hand.actuals["ZSW1"] & REACHED
+    assert word & NEW_SETPOINT
+
+
+def test_acknowledge_of_the_last_task_is_not_shown_for_the_next() -> None:
+    hand = running("111")
+    assert hand.actuals["ZSW1"] & ACKNOWLEDGED
+    hand(ON)
+    hand(ON | ACTIVATE, MDI_TARPOS=5000)
+    assert not hand.actuals["ZSW1"] & ACKNOWLEDGED
+    hand(ON | ACTIVATE, OPERATING | SW_TAKEN)
+    assert hand.actuals["ZSW1"] & ACKNOWLEDGED
+
+
+def test_late_acknowledge_of_the_first_task_is_not_shown_for_the_second() -> None:
+    make, values = MAKES["9"]
+    hand = make().enable()
+    for word in (ON | ACTIVATE, ON, ON, ON | ACTIVATE):
+        hand(word, **values)
+    hand(ON | ACTIVATE, OPERATING | SW_TAKEN)
+    assert not hand.actuals["ZSW1"] & ACKNOWLEDGED
+
+
+def test_edge_of_homing_while_the_axis_brakes_starts_at_standstill() -> None:
+    hand = running("111")
+    hand(ON & ~REJECT)
+    hand(ON)
+    hand(ON | HOMING)
+    hand.feedback.velocity_actual = 0
+    for _ in range(3):
+        hand(ON | HOMING)
+    assert hand.stepper.sdo_request is not None
+
+
+def test_edge_of_homing_during_a_task_has_a_reason() -> None:
+    hand = running("111")
+    hand(ON | ACTIVATE | HOMING)
+    assert hand.stepper.reason is Reason.FUNCTION_RUNS
+
+
+def test_withdrawn_homing_starts_no_older_task() -> None:
+    hand = running("9")
+    for word in (ON | HOMING, ON | ACTIVATE, ON | HOMING, ON):
+        hand(word, **MDI["9"])
+    hand.feedback.velocity_actual = 0
+    assert not any(hand(ON) & NEW_SETPOINT for _ in range(20))
