@@ -42,7 +42,6 @@ COMPILED = (
     "dsp402/drive/tpdo_check.py",
     "dsp402/drive/unit_check.py",
     "dsp402/pdo/layouts.py",
-    "dsp402/pdo/value_check.py",
     "dsp402/states.py",
     "dsp406/encoder.py",
     "gateway/axis/**/[!_]*.py",

@@ -79,6 +79,8 @@ class TpdoSlot:
         self.watched = watched
         """Silence is a loss."""
         self.data: bytes | None = None
+        self.changed = 0
+        """Bits that differed between two frames, little-endian."""
         self.taken: bytes | None = None
         self.time = 0
         self.errors = 0
@@ -88,5 +90,7 @@ class TpdoSlot:
         if len(data) < self.pdo.size:
             self.errors += 1
             return
-        self.data = data
+        before, self.data = self.data, data
+        if before is not None and data != before:
+            self.changed |= int.from_bytes(data, "little") ^ int.from_bytes(before, "little")
         self.time = now

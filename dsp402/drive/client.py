@@ -419,7 +419,7 @@ class DriveClient(NodeClient[DriveSettings]):
 
     def _has_work(self, now: int) -> bool:
         moves = self._moves
-        if self.rpdos.written or self._mode.awaited is not None or (moves and self._tpdos.has_unconfirmed):
+        if self.rpdos.written or self._mode.awaited is not None or (self._operates and self._tpdos.is_due(now)):
             return True
         return self.units.watch.is_due(now, operates=self._operates, moves=moves) or super()._has_work(now)
 
@@ -433,6 +433,6 @@ class DriveClient(NodeClient[DriveSettings]):
         super()._exchange_acyclic(now)
         if self.units.watch.is_due(now, operates=self._operates, moves=self._moves):
             self.units.check(now, acyclic_read=self._acyclic_read)
-        if self._moves and self.units.watch.asked is None:
+        if self._operates and self.units.watch.asked is None:
             # Not earlier: while waiting for an answer, a loss of the drive would be reported late.
             self._tpdos.check(now, self._timeout_ns)

@@ -24,7 +24,9 @@ from tests.support.documents.sensor_format import decode_sensor_format
 from tests.support.drives.drive_types import described
 from tests.support.gateways.daemon import (
     OFF,
+    ON,
     POSITIONER,
+    SIMULATED_POSITIONER,
     Plc,
     axis,
     configuration,
@@ -35,6 +37,8 @@ from tests.support.gateways.daemon import (
 )
 
 QUARTER = 0x1000
+TASK = 1 << 6
+"""STW1: a rising edge starts a traversing task."""
 REFUSED = {
     "unguarded": "1016h",
 }
@@ -212,6 +216,26 @@ def test_an_object_whose_tpdo_comes_late_or_not_always_is_not_taken_for_one_that
             plc.until(lambda: plc.state() == 1, "off")
         assert "does not send it" not in client.status_text
         assert client.generation == 1
+
+
+def test_positioning_in_a_constant_rhythm_does_not_stop_a_healthy_drive() -> None:
+    """Objects are read each second: with tasks of this period, as the axis starts and no frame shows it yet."""
+    with running(configuration(axis(1, telegram_number=111, more=SIMULATED_POSITIONER))) as daemon:
+        client = daemon.axes[0].drive
+        until(daemon, lambda: client.generation, "online")
+        plc = Plc(daemon, [111])
+
+        def send(cycles: int, **words: int) -> None:
+            plc.endpoint.set(0, words)
+            for _ in range(cycles):
+                plc.exchange()
+
+        send(85, POS_STW1=0x8100, OVERRIDE=0x4000, MDI_VELOCITY=30_000, MDI_ACC=0x4000, MDI_DEC=0x4000)
+        plc.enable()
+        for task in range(16):
+            send(250, STW1=ON, MDI_TARPOS=20_000 * (1 - task % 2))
+            send(1, STW1=ON & ~TASK)
+        assert client.generation == 1, client.status_text
 
 
 def test_no_speed_is_sent_before_the_drive_shows_its_mode_and_one_that_never_does_is_stopped() -> None:

@@ -1,0 +1,122 @@
+"""When an object of a TPDO is found out never to come in it, and when not."""
+
+from __future__ import annotations
+
+import pytest
+from canopen.sdo import SdoAbortedError
+
+from pdgw.ds301.node.node import TpdoSlot
+from pdgw.ds301.objects import ObjectAddress
+from pdgw.ds301.pdo import Pdo
+from pdgw.dsp402.drive.tpdo_check import CONTRADICTIONS, TpdoCheck
+from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
+from pdgw.durations import MS, SECOND
+
+STATUS = LAYOUTS[Operation.VELOCITY].tpdos[0]
+"""Statusword and Velocity Actual Value."""
+BOTH = LAYOUTS[Operation.TRANSPARENT].tpdos[1]
+"""Position and velocity in one TPDO."""
+POSITION, VELOCITY = (0x6064, 0), (0x606C, 0)
+TIMEOUT = 200 * MS
+STANDS, TURNS = bytes(4), b"\1\0\0\0"
+
+
+class Drive:
+    """The objects of a drive and its TPDO; it is the SDO access and the mapping of the check, and its loop."""
+
+    def __init__(self, pdo: Pdo) -> None:
+        self.time = 0
+        self.loop = self
+        self.objects: dict[ObjectAddress, bytes] = dict.fromkeys((POSITION, VELOCITY), STANDS)
+        self.dropped: set[ObjectAddress] = set()
+        self.slot = TpdoSlot(pdo, None, 0x181, watched=True)
+        self.check = TpdoCheck(self, self)  # type: ignore[arg-type]
+        self.check.begin([self.slot])
+
+    def now(self) -> int:
+        return self.time
+
+    def read(self, index: int, subindex: int) -> bytes:
+        self.time += MS
+        try:
+            return self.objects[index, subindex]
+        except KeyError:
+            raise SdoAbortedError(0x06020000) from None
+
+    def drop(self, address: ObjectAddress) -> None:
+        self.dropped.add(address)
+
+    def run(self, seconds: float, *frames: bytes) -> None:
+        """A pass of the task every 20 ms; the frames in turns, one in 40 ms."""
+        for step in range(int(seconds * 50)):
+            self.time += 20 * MS
+            if frames and step % 2:
+                self.slot.receive(frames[step // 2 % len(frames)], self.time)
+            self.check.check(self.time, TIMEOUT)
+
+
+def test_object_that_every_later_frame_contradicts_is_found() -> None:
+    drive = Drive(BOTH)
+    drive.objects[VELOCITY] = TURNS
+    drive.run(0.98 + CONTRADICTIONS * 0.2, bytes(8))
+    assert not drive.dropped
+    drive.run(0.2, bytes(8))
+    assert drive.dropped == {VELOCITY}, "6064h agrees"
+    assert drive.check.dropped.endswith("606Ch but does not send it: it shows 0, the object contains 1")
+
+
+def test_value_seen_once_between_two_checks_is_believed_from_then_on() -> None:
+    drive = Drive(STATUS)
+    standing, turning = b"\x37\x02" + STANDS, b"\x37\x02" + TURNS
+    drive.slot.receive(standing, 1)
+    drive.slot.receive(turning, 2)
+    drive.slot.receive(standing, 3)
+    drive.objects[VELOCITY] = TURNS
+    drive.run(10, standing)
+    assert not drive.dropped
+    assert not drive.check.is_due(drive.time + SECOND), "nothing is read any more"
+
+
+def test_next_bring_up_checks_again() -> None:
+    drive = Drive(STATUS)
+    drive.run(2, b"\x37\x02" + STANDS, b"\x37\x02" + TURNS)
+    drive.slot = TpdoSlot(STATUS, None, 0x181, watched=True)
+    drive.check.begin([drive.slot])
+    drive.objects[VELOCITY] = TURNS
+    drive.run(3, b"\x37\x02" + STANDS)
+    assert drive.dropped == {VELOCITY}
+
+
+def test_reading_without_a_later_frame_does_not_count() -> None:
+    drive = Drive(BOTH)
+    drive.slot.receive(bytes(8), 1)
+    drive.objects[VELOCITY] = TURNS
+    drive.run(10)
+    assert not drive.dropped
+
+
+def test_one_agreement_restarts_the_count() -> None:
+    drive = Drive(BOTH)
+    for _ in range(10):
+        drive.objects[VELOCITY] = TURNS
+        drive.run(CONTRADICTIONS * 0.2, bytes(8))
+        drive.objects[VELOCITY] = STANDS
+        drive.run(1, bytes(8))
+    assert not drive.dropped
+
+
+@pytest.mark.parametrize(("frame", "found"), [(TURNS + STANDS, VELOCITY), (STANDS + TURNS, POSITION)])
+def test_each_object_of_a_tpdo_has_its_own_place(frame: bytes, found: ObjectAddress) -> None:
+    drive = Drive(BOTH)
+    drive.objects = dict.fromkeys((POSITION, VELOCITY), b"\2\0\0\0")
+    drive.run(3, bytes(8), frame)
+    assert drive.dropped == {found}
+
+
+def test_unreadable_object_and_one_without_a_frame_are_trusted() -> None:
+    drive = Drive(STATUS)
+    drive.objects[VELOCITY] = TURNS
+    drive.run(10)
+    del drive.objects[VELOCITY]
+    drive.run(10, b"\x37\x02" + STANDS)
+    assert not drive.dropped
