@@ -15,6 +15,8 @@ from pdgw.profidrive.parameters.faults import FAULTS_PER_SITUATION, SIZE, Fault,
 
 _NO_FAULT = Fault(0, 0, 0, 0)
 _KEPT = 64
+_OWN_PLACES = 6
+"""Places of situation 0 that the gateway's own faults may take: the others are for those of the device."""
 EMCY_WARNING_BIT = 14
 """Bit of P953 for an EMCY without an error in its error register."""
 
@@ -34,6 +36,10 @@ def _warning_mask(record: FaultRecord) -> int:
     return 1 << EMCY_WARNING_BIT if fault is None else fault.warning_mask
 
 
+def _key(record: FaultRecord) -> tuple[int, int]:
+    return record.number, record.code
+
+
 def _rank(record: FaultRecord, since: int) -> tuple[bool, bool, bool]:
     return record.number == FaultNumber.PLC_LOST, not record.of_device, record.time_ns < since
 
@@ -45,15 +51,13 @@ class FaultLog:
         self.history: deque[FaultRecord] = deque(maxlen=_KEPT)
         self._origin = origin_ns
         self._buffer = FaultBuffer()
+        self._active: dict[tuple[int, int], ReportedFault] = {}
+        """Faults that are not acknowledged, the oldest first. Equal ones count once, so that none hides another."""
         self._warnings = 0
         self._emergency = 0
         self._entered = 0
         self.count = 0
         """Faults since the start, without warnings."""
-        self.active = False
-        """A fault is not acknowledged."""
-        self._over_until = 0
-        """Faults with an id up to this one are acknowledged."""
 
     def enter(self, record: FaultRecord) -> None:
         """Store a fault in the buffer, or a warning in the warning word."""
@@ -61,19 +65,25 @@ class FaultLog:
         self._entered += 1
         if not record.is_warning:
             self.count += 1
-            self.active = True
-            time_ms = max(0, record.time_ns - self._origin) // MS
-            self._buffer.enter(Fault(record.number, record.code, record.value, time_ms & 0xFFFFFFFF))
+            if _key(record) not in self._active and len(self._active) < _KEPT:
+                self._active[_key(record)] = ReportedFault(self._entered, active=True, record=record)
+                time_ms = max(0, record.time_ns - self._origin) // MS
+                fault = Fault(record.number, record.code, record.value, time_ms & 0xFFFFFFFF)
+                self._buffer.enter(fault, FAULTS_PER_SITUATION if record.of_device else _OWN_PLACES)
         elif record.number in GATEWAY_FAULTS:
             self._warnings |= _warning_mask(record)
         else:
             self._emergency = _warning_mask(record)
 
+    @property
+    def active(self) -> bool:
+        """A fault is not acknowledged."""
+        return bool(self._active)
+
     def acknowledge(self) -> None:
         """The PLC acknowledged and the cause is gone."""
         self._buffer.acknowledge()
-        self._over_until = self._entered
-        self.active = False
+        self._active.clear()
         self._emergency = 0
 
     def emergency_over(self) -> None:
@@ -83,11 +93,12 @@ class FaultLog:
     def clear(self) -> None:
         """P952 := 0."""
         self._buffer.clear()
-        self._over_until = self._entered
-        self.active = False
+        self._active.clear()
 
     def reported(self, *, present: bool, newest: int | None = None) -> list[ReportedFault]:
-        """The history with its ids, newest first; ``newest``: maximum number. ``present`` as in ``warnings``."""
+        """The history with its ids, newest first, then older faults that are not acknowledged; ``newest``: maximum number.
+        ``present`` as in ``warnings``.
+        """
         warnings = self.warnings(present=present)
         seen: set[int] = set()
         result: list[ReportedFault] = []
@@ -100,8 +111,11 @@ class FaultLog:
                 active = bool(warnings & _warning_mask(record)) and record.number not in seen
                 seen.add(record.number)
             else:
-                active = number > self._over_until
+                first = self._active.get(_key(record))
+                active = first is not None and number >= first.id
             result.append(ReportedFault(number, active, record))
+        if newest is None:
+            result += [item for item in reversed(self._active.values()) if item.id <= self._entered - len(self.history)]
         return result
 
     @property
@@ -124,30 +138,28 @@ class FaultLog:
         Faults that the device reported since ``since`` (monotonic ns) come first, the loss of the PLC last, because it is a
         consequence.
         """
-        reported = self.reported(present=True)  # `present` False would end the warnings
-        active = [item for item in reversed(reported) if item.active and not item.record.is_warning]
-        return min(active, key=lambda reported: _rank(reported.record, since), default=None)
+        return min(self._unacknowledged(), key=lambda reported: _rank(reported.record, since), default=None)
 
     def fault_code(self, since: int) -> int:
         """The first fault from ``since`` (monotonic ns) on that is not acknowledged, else the newest; 0 for none."""
-        unacknowledged = [
-            record
-            for number, record in zip(range(self._entered, 0, -1), reversed(self.history), strict=False)
-            if number > self._over_until and not record.is_warning
-        ]
-        present = [record for record in unacknowledged if record.time_ns >= since]
-        chosen = present[-1:] or unacknowledged[:1]
-        return chosen[0].number if chosen else 0
+        if not self._active:
+            return 0
+        records = [item.record for item in self._unacknowledged()]
+        return next((record for record in records if record.time_ns >= since), records[-1]).number
+
+    def _unacknowledged(self) -> list[ReportedFault]:
+        """The oldest first, also equal ones."""
+        reported = reversed(self.reported(present=True))  # `present` False would end the warnings
+        return [item for item in reported if item.active and not item.record.is_warning]
 
     def warning_code(self, *, present: bool) -> int:
         """The lowest number among the warnings of P953, 0 for none."""
         word = self.warnings(present=present)
         return FIRST_WARNING + (word & -word).bit_length() - 1 if word else 0
 
-    def unacknowledged(self) -> list[Fault]:
-        """The unacknowledged faults: situation 0."""
-        found = (self._buffer.entry(place) for place in range(FAULTS_PER_SITUATION))
-        return [fault for fault in found if fault is not None]
+    def unacknowledged(self) -> list[FaultRecord]:
+        """The unacknowledged faults, each once, also those without a place in situation 0."""
+        return [item.record for item in self._active.values()]
 
     def warnings(self, *, present: bool) -> int:
         """P953 without the drive's own bit.

@@ -37,9 +37,9 @@ class FaultBuffer:
         self.counter = 0
         """P944: counts every change of the buffer, modulo 65536."""
 
-    def enter(self, fault: Fault) -> None:
-        """A fault takes the next free place of situation 0; a ninth one finds none, but is counted."""
-        if len(self._situations[0]) < FAULTS_PER_SITUATION:
+    def enter(self, fault: Fault, places: int = FAULTS_PER_SITUATION) -> None:
+        """A fault takes the next free place among the first ``places`` of situation 0; one that finds none is counted."""
+        if len(self._situations[0]) < places:
             self._situations[0].append(fault)
         self._changed()
 

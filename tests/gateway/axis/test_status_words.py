@@ -121,6 +121,39 @@ def test_fault_code_is_the_new_fault_after_a_full_situation() -> None:
     assert log.fault_code(4000) == 7
 
 
+def test_equal_faults_have_one_place_and_the_drives_own_fault_always_has_one() -> None:
+    log = FaultLog(0)
+    for number in (*range(101, 108), *[103] * 100):
+        log.enter(fault(number, 1000))
+    assert log.count == 107
+    assert log.counter == 7, "P944"
+    log.enter(fault(7, 5000))
+    assert [entry.number for entry in log.entries()[:8]] == [101, 102, 103, 104, 105, 106, 7, 0]
+    assert 7 in {record.number for record in log.unacknowledged()}
+    log.acknowledge()
+    assert log.entries()[8 + 6].number == 7
+    assert not log.unacknowledged()
+
+
+def test_repeated_faults_do_not_hide_the_one_before() -> None:
+    log = FaultLog(0)
+    for number in (7, *[103] * 100):
+        log.enter(fault(number, 5000))
+    assert log.fault_code(4000) == 7
+    cause = log.cause(4000)
+    assert cause is not None
+    assert cause.record.number == 7
+    assert log.reported(present=True)[-1] == cause
+
+
+def test_fault_that_returns_before_its_acknowledgement_is_the_fault_code_again() -> None:
+    log = FaultLog(0)
+    for number, time_ns in ((7, 1000), (103, 5000), (7, 9000)):
+        log.enter(fault(number, time_ns))
+    assert log.fault_code(8000) == 7
+    assert [entry.number for entry in log.entries()[:3]] == [7, 103, 0]
+
+
 def test_a_short_park_request_is_shown_for_100_ms() -> None:
     sensor = SensorInterface(1 << 32)
     cycle = CYCLE_MS * 1_000_000

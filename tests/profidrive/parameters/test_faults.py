@@ -59,6 +59,15 @@ def test_a_ninth_fault_is_counted_and_the_first_eight_stay() -> None:
     assert buffer.counter == 9
 
 
+def test_a_fault_that_may_take_fewer_places_leaves_the_others() -> None:
+    buffer = FaultBuffer()
+    for number in range(1, 5):
+        buffer.enter(Fault(number, 0, 0, 0), places=2)
+    buffer.enter(Fault(9, 0, 0, 0))
+    assert [fault.number for n in range(8) if (fault := buffer.entry(n))] == [1, 2, 9]
+    assert buffer.counter == 5
+
+
 def test_the_eldest_situation_falls_out_after_eight_acknowledgements() -> None:
     buffer = FaultBuffer()
     for number in range(1, 10):

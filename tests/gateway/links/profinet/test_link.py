@@ -335,6 +335,16 @@ def test_a_fault_of_a_drive_is_told_by_its_class_until_it_is_acknowledged(rig: R
     assert told == [(AlarmType.DIAGNOSIS, 2, "9003"), (AlarmType.DIAGNOSIS_DISAPPEARS, 2, "9003")]
 
 
+def test_a_fault_of_a_drive_is_an_alarm_after_any_number_of_other_faults(rig: Rig) -> None:
+    rig.connect()
+    for number in (*range(101, 112), *[103] * 20):
+        rig.objects[1].fault_log.enter(FaultRecord(number, 0xFF00 + number, 0, "", rig.loop.now()))
+    rig.run(200 * MS)
+    rig.objects[1].fault_log.enter(FaultRecord(4, 0x3210, 0, "over-voltage", rig.loop.now()))
+    rig.run(200 * MS)
+    assert [item.payload[-2:].hex() for item in rig.plc.learned.alarms][-1] == "9003"
+
+
 @pytest.mark.parametrize(
     ("code", "expected"),
     [
