@@ -402,10 +402,10 @@ class Reason(enum.Enum):
         "the PLC's program must set STW1.3 = 1",
     )
     PLC_STALLED = (
-        "the PLC's sign of life (STW2) does not change: its program is stopped or too slow",
+        "the PLC's sign of life (STW2.12-15) does not count with each frame: its program is stopped or too slow",
         _S.WAITS,
         _E.PLC,
-        "check the PLC's program and its cycle time; then OFF and ON",
+        "check the PLC's program; count in the clock of the frames, or raise P925; then OFF and ON",
     )
     GATEWAY_STOPS = (
         "the gateway is being stopped",

@@ -26,7 +26,8 @@ class SignOfLife:
 
     Both start with the controller's first counter other than 0, so a controller without a sign of life is not monitored or
     answered. A counter is correct if it follows the last one, or is the one due after the number of cycles that passed.
-    ``failed`` is True after more consecutive failures than tolerated.
+    ``failed`` is True after more consecutive failures than tolerated, until 15 consecutive counters are correct: a controller
+    that counts too slowly is lost once.
     """
 
     COUNTERS: ClassVar[frozenset[str]] = frozenset({"received", "due", "_own"})
@@ -43,6 +44,8 @@ class SignOfLife:
         """The connection is new: the next counter received is the first."""
         self.failures = 0
         """In succession; it counts up to the first that is not tolerated."""
+        self._regained = 0
+        """Correct counters in succession after a loss."""
         self.received = 0
         """The controller's counter of the last cycle."""
         self.due = 0
@@ -63,10 +66,14 @@ class SignOfLife:
                 return 0
             self.due = received
         elif received not in (0, self.received) and received in (following(self.received), self.due):
-            self.failures = 0
+            self._regained = self._regained + 1 if self.failed else HIGHEST
+            if self._regained == HIGHEST:
+                self.failures = 0
             self.due = received
-        elif self.failures <= self.tolerated:
-            self.failures += 1
+        else:
+            self._regained = 0
+            if self.failures <= self.tolerated:
+                self.failures += 1
         self.received = received
         self.due = following(self.due)
         self._own = 0 if self.failed else following(self._own)

@@ -202,7 +202,9 @@ class EncoderMachine:
     def _sign_of_life_error(self) -> SensorError | None:
         failed = self.control.sign_of_life.failed
         if failed and not self._sign_of_life_failed:
-            detail = f"more than {self.settings.sign_of_life_failures} failures in succession"
+            detail = (
+                f"more than {self.settings.sign_of_life_failures} frames (P925) in succession without the next counter"
+            )
             self.outputs.fault(gateway_fault(FaultNumber.SIGN_OF_LIFE, detail, self.inputs.now))
         self._sign_of_life_failed = failed
         return SensorError.CONTROLLER_SIGN_OF_LIFE if failed else None

@@ -205,7 +205,7 @@ class AxisMachine:
         setpoints, life = None if inputs.gateway_stops else inputs.setpoints, self.life
         if life is not None:
             if life.step(setpoints, outputs.actuals):
-                detail = f"more than {life.counters.tolerated} failures in succession"
+                detail = f"more than {life.counters.tolerated} frames (P925) in succession without the next counter"
                 outputs.fault(gateway_fault(FaultNumber.SIGN_OF_LIFE, detail, now))
             if life.lost:
                 setpoints = None

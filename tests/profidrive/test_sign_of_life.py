@@ -50,13 +50,23 @@ def test_a_lost_frame_is_one_failure() -> None:
     assert life.failures == 0
 
 
-def test_restarted_controller_causes_one_failure() -> None:
+def test_lost_controller_returns_after_15_correct_counters() -> None:
     life = SignOfLife(0)
     for counter in (4, 5, 11):
         life.step(counter)
-    assert life.failed
-    assert life.step(12) == 1
+    assert [life.step(counter) for counter in (12, 13, 14, 15, *range(1, 12))] == [0] * 14 + [1]
     assert not life.failed
+
+
+@pytest.mark.parametrize("tolerated", [0, 3])
+def test_controller_that_counts_too_slowly_is_lost_once(tolerated: int) -> None:
+    life, losses, failed = SignOfLife(tolerated), 0, False
+    for frame in range(1000):
+        life.step(frame // 8 % 15 + 1)
+        losses += life.failed and not failed
+        failed = life.failed
+    assert failed
+    assert losses == 1
 
 
 @given(st.lists(st.integers(0, 15)), st.integers(0, 20))

@@ -19,8 +19,9 @@ _RESET = 0x80
 _SHUTDOWN, _SWITCH_ON, _ENABLE = 0x6, 0x7, 0xF
 _VOLTAGE, _STOPS = 0x2, 0x6
 _BITS = StatusBit.VOLTAGE_ENABLED | StatusBit.REMOTE
-STEPS_OF_OFF, STEPS_OF_ACKNOWLEDGE, STEPS_OF_ON = 14, 6, 10
-"""Steps within which OFF removes power, an acknowledgement ends a fault, and ON leads to operation."""
+STEPS_OF_OFF, STEPS_OF_ACKNOWLEDGE, STEPS_OF_ON = 16, 6, 10
+"""Steps within which OFF removes power and a lost sign of life returns (15 correct counters), an acknowledgement ends a fault,
+and ON leads to operation."""
 
 
 class LateDrive(NamedTuple):

@@ -72,6 +72,16 @@ def test_loss_stops_the_axis_with_fault_and_sensor_error_until_off_and_on() -> N
     assert len(rig.stepper.events) == 1
 
 
+def test_plc_that_counts_too_slowly_is_one_fault_that_names_p925() -> None:
+    rig = turning(failures=3)
+    for frame in range(1000):
+        rig.values["STW2"] = frame // 8 % 15 + 1 << 12
+        rig.step()
+    (event,) = rig.stepper.events
+    assert event.number == FaultNumber.SIGN_OF_LIFE
+    assert "more than 3 frames (P925) in succession without the next counter" in event.text
+
+
 def test_off2_without_sign_of_life_takes_the_voltage_off() -> None:
     rig = turning()
     alive(rig, 100)
@@ -89,7 +99,9 @@ def test_frame_without_control_after_a_loss_is_no_new_connection() -> None:
     hand(OFF, State.SWITCH_ON_DISABLED)
     assert hand.stepper.reason is Reason.PLC_LOST
     assert hand(OFF & ~0x400, State.OPERATION_ENABLED, STW2=2 << 12) & 0xF == 0x2
-    assert hand(OFF, State.SWITCH_ON_DISABLED, STW2=3 << 12) & 0xF == 0x6
+    for counter in range(3, 16):
+        assert hand(OFF, State.SWITCH_ON_DISABLED, STW2=counter << 12) & 0xF != 0x6, "not yet 15 correct ones"
+    assert hand(OFF, State.SWITCH_ON_DISABLED, STW2=1 << 12) & 0xF == 0x6
 
 
 def test_tolerated_number_of_failures_has_no_effect() -> None:
