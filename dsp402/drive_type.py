@@ -66,6 +66,8 @@ class Scaling:
     """Targets (607Ah) the drive can be sent, in position units; None: no limit but that of the object."""
     position_wraps: bool = False
     """The position starts again at the other end of ``position_range`` (607Bh of CiA 402)."""
+    same_signs: bool = True
+    """607Eh inverts positions and velocities alike (bits 7 and 6)."""
     position_unit: str = "increments"
     counts_per_revolution: Fraction | None = None
     """Position units in one revolution of the motor."""

@@ -47,7 +47,8 @@ SCALING_OBJECTS: tuple[ObjectAddress, ...] = (
     *((index, subindex) for index in _RATIOS for subindex in (1, 2)),
 )
 """Objects to read for the scaling, if the drive has them."""
-
+_INVERTS = 0b1100_0000
+"""607Eh: bits of position (7) and velocity (6)."""
 _ALL_POSITIONS = DRIVE_OBJECTS.attribute("target_position").limits
 _NO_RANGE = Reference(
     Fraction(-_ALL_POSITIONS[0], 2),
@@ -145,6 +146,7 @@ def find_scaling(
         rated_speed_rpm=rated.value if isinstance(rated, Known) else None,
         position_range=limits,
         position_wraps=wraps,
+        same_signs=answers.get((indices.POLARITY, 0), 0) & _INVERTS in (0, _INVERTS),
         position_unit=str(unit) if isinstance(unit, Unit) else "counts",
         counts_per_revolution=counts.value if isinstance(counts, Known) else None,
         velocity_per_rpm=unit_of_velocity.value if isinstance(unit_of_velocity, Known) else None,

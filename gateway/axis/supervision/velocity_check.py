@@ -27,6 +27,8 @@ _STEADY: Final = 1.1
 _FEWEST_COUNTS: Final = 20
 """A step of fewer position units is too small to be compared. Neither is one in which 606Ch varies by more than its mean: an axis
 that accelerates and brakes between two Statuswords shows speeds that say nothing about its way."""
+_MOST_OF_SPAN: Final = 0.25
+"""A step of a larger part of the position's range is not compared: it may look like another one."""
 _OVERSPEED: Final = 1.5
 """Largest allowed speed, times the setpoint."""
 _OVERSPEED_NS: Final = 500 * MS
@@ -68,6 +70,7 @@ class VelocityCheck:
         "_over_since",
         "_position",
         "_position_ns",
+        "_signed",
         "_span",
         "_steps",
         "_stop_time",
@@ -85,6 +88,8 @@ class VelocityCheck:
         self._counts = 0.0
         self._full = self._floor = 0
         self._span = POSITIONS
+        self._signed = True
+        """6064h and 606Ch have the same sign in the same direction."""
         self._restart()
 
     def set_drive(self, scaling: Scaling, window: int) -> None:
@@ -96,6 +101,7 @@ class VelocityCheck:
             self._counts = float(counts)
             self._counts_per_unit = float(counts / per_rpm / SECONDS_PER_MINUTE)
         self._span = scaling.position_span
+        self._signed = scaling.same_signs
         self._full = int(scaling.reference(Quantity.SPEED))
         self._floor = window
         self._restart()
@@ -109,7 +115,7 @@ class VelocityCheck:
         self._position = self._position_ns = 0
         """The position a step began with; 0 ns before the first."""
         self._steps: tuple[tuple[float, float], ...] = ()
-        """For each step, the change of 6064h and the distance from 606Ch, in position units."""
+        """For each step, position units a second by 6064h, negative against the direction of 606Ch, and by 606Ch."""
         self._target = 0
         self._ceiling = 0.0
         self._over_since = -1
@@ -175,22 +181,27 @@ class VelocityCheck:
     def _compare(self, position: int, position_ns: int) -> tuple[FaultNumber, str] | None:
         """6064h has moved on: by how much, and by how much it should have."""
         duration = (position_ns - self._position_ns) / SECOND if self._position_ns else 0.0
-        moved = abs(_shortest(position - self._position, self._span))
-        expected = abs(self._way) / SECOND * self._counts_per_unit
+        moved = _shortest(position - self._position, self._span)
+        way = self._way / SECOND * self._counts_per_unit
+        expected = abs(way)
         spread = (self._highest - self._lowest) * duration
         steady = spread <= max(abs(self._way) / SECOND, self._floor * duration)
         self._position, self._position_ns, self._way = position, position_ns, 0
         if not duration:
             return None
         least = max(_FEWEST_COUNTS, self._floor * self._counts_per_unit * duration)
-        if not steady or max(moved, expected) < least:
+        if not steady or max(abs(moved), expected) < least or expected > self._span * _MOST_OF_SPAN:
             self._steps = ()
             return None
-        self._steps = (*self._steps[1 - _STEPS :], (moved / duration, max(expected, least) / duration))
+        opposite = moved * way < 0 and min(abs(moved), expected) >= least
+        seen = -abs(moved) if opposite else abs(moved)
+        self._steps = (*self._steps[1 - _STEPS :], (seen / duration, max(expected, least) / duration))
         if len(self._steps) < _STEPS:
             return None
-        seen, shown = (median(values) for values in zip(*self._steps, strict=True))
-        return self._judge(seen, shown)
+        moves, shown = (median(map(abs, values)) for values in zip(*self._steps, strict=True))
+        # A position that arrives later than the speed moves in the old direction for a step after a reversal.
+        backwards = self._signed and all(step < 0 for step, _ in self._steps)
+        return self._judge(-moves if backwards else moves, shown)
 
     def _judge(self, seen: float, shown: float) -> tuple[FaultNumber, str] | None:
         factor = seen / shown
@@ -200,7 +211,10 @@ class VelocityCheck:
         text = f"6064h moves at {seen * rpm:.4g} rpm, 606Ch reports {shown * rpm:.4g} rpm: factor {factor:.3g}"
         if not 1 / _FAULT <= factor <= _FAULT:
             self.locked = True
-            return FaultNumber.VELOCITY, text
+            return (
+                FaultNumber.VELOCITY,
+                f"{text}, opposite directions: check the polarity 607Eh" if factor < 0 else text,
+            )
         shares = [expected for _, expected in self._steps]
         if self._warned or max(shares) > _STEADY * min(shares):
             return None  # on a ramp, a position that arrives later than the speed causes a difference

@@ -19,7 +19,7 @@ COUNTS = 4096
 STOP_TIME = 10 * SECOND
 
 
-def scaling(*, counts: int | None = COUNTS, wraps: tuple[int, int] | None = None) -> Scaling:
+def scaling(*, counts: int | None = COUNTS, wraps: tuple[int, int] | None = None, same_signs: bool = True) -> Scaling:
     """rpm, 3000 of them are 100 %."""
     return Scaling(
         MappingProxyType({Quantity.SPEED: Reference(Fraction(3000), "")}),
@@ -27,6 +27,7 @@ def scaling(*, counts: int | None = COUNTS, wraps: tuple[int, int] | None = None
         velocity_per_rpm=Fraction(1),
         position_range=wraps,
         position_wraps=wraps is not None,
+        same_signs=same_signs,
     )
 
 
@@ -104,11 +105,69 @@ def test_deviation_is_reported_once() -> None:
     assert axis.run(5, lambda at: 180, shown=lambda at: 120, target=lambda at: 120) is None
 
 
+@pytest.mark.parametrize("rpm", [60, -1500])
+def test_opposite_directions_of_position_and_606ch_are_a_contradiction(rpm: int) -> None:
+    axis = Axis()
+    found = axis.run(3, lambda at: -rpm, shown=lambda at: rpm, target=lambda at: rpm)
+    assert found is not None
+    assert found[0] is FaultNumber.VELOCITY
+    assert found[1].endswith(f"606Ch reports {abs(rpm)} rpm: factor -1, opposite directions: check the polarity 607Eh")
+    assert found[2] < 1
+    assert axis.check.locked
+
+
+@pytest.mark.parametrize("factor", [1, 2])
+def test_directions_are_not_compared_with_different_polarities(factor: int) -> None:
+    axis = Axis(same_signs=False)
+    found = axis.run(3, lambda at: -120 * factor, shown=lambda at: 120, target=lambda at: 120)
+    assert (found and found[0]) is (None if factor == 1 else FaultNumber.VELOCITY_DEVIATES)
+
+
+@pytest.mark.parametrize("late_ms", [0, 20, 100, 200])
+@pytest.mark.parametrize("half_ms", [50, 100, 200, 300, 400, 500, 700, 1000])
+@pytest.mark.parametrize("ramp_ms", [0, 10, 50])
+def test_reversals_are_no_contradiction(late_ms: int, half_ms: int, ramp_ms: int) -> None:
+    """To and fro, also with a position that arrives later than the speed."""
+
+    def rpm(at: float) -> float:
+        at, sign = at % (half_ms / 500), 1
+        if at >= half_ms / 1000:
+            at, sign = at - half_ms / 1000, -1
+        return 1500 * sign * (1 if not ramp_ms else min(1.0, 2 * at * 1000 / ramp_ms - 1))
+
+    axis = Axis()
+    found = axis.run(5, lambda at: rpm(at - late_ms / 1000), shown=rpm, target=lambda at: 1500)
+    assert found is None
+
+
+@pytest.mark.parametrize(("turns", "shown"), [(-29, 29), (-34, 25)])
+def test_speed_in_the_standstill_window_has_no_direction(turns: int, shown: int) -> None:
+    axis = Axis()
+    assert axis.run(3, lambda at: turns, shown=lambda at: shown, target=lambda at: shown) is None
+
+
 def test_606ch_above_150_percent_of_the_setpoint_is_a_contradiction() -> None:
     found = Axis(counts=None).run(3, lambda at: 250, target=lambda at: 120)
     assert found is not None
     assert found[0] is FaultNumber.VELOCITY
     assert "606Ch is 250 with a setpoint of 120, above 150 %" in found[1]
+
+
+@pytest.mark.parametrize(("cycles", "found"), [(50, False), (51, True)])
+def test_overspeed_is_an_overshoot_for_less_than_500_ms(cycles: int, found: bool) -> None:
+    axis = Axis(counts=None)
+    assert axis.run(1, lambda at: 120) is None
+    overshoot = axis.run(cycles / 100, lambda at: 250, target=lambda at: 120)
+    assert (overshoot is not None) is found
+    assert axis.run(1, lambda at: 120) is None
+
+
+@pytest.mark.parametrize(("steps", "found"), [(4, False), (5, True)])
+def test_five_steps_of_growing_speed_are_a_contradiction(steps: int, found: bool) -> None:
+    """Each step of 0.1 s is 2 % above the last one, below the limit of 150 %; then the speed stays."""
+    axis = Axis(counts=None)
+    grown = axis.run(2, lambda at: 1300 * 1.02 ** min(round(at * 100) // 10, steps), target=lambda at: 1000)
+    assert (grown is not None) is found
 
 
 def test_growing_speed_at_a_constant_setpoint_is_a_contradiction() -> None:
@@ -145,6 +204,8 @@ def test_position_jump_is_not_a_speed() -> None:
 def test_position_overflow_is_followed() -> None:
     axis = Axis(wraps=(-2048, 2048))
     assert axis.run(5, lambda at: 120, span=4096) is None
+    fast = Axis(wraps=(-2048, 2048))
+    assert fast.run(5, lambda at: min(at, 3) * 1000, span=4096) is None
     counter = Axis()
     counter.turns = (2**31 - 5000) / COUNTS
     assert counter.run(5, lambda at: 300) is None
