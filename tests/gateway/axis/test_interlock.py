@@ -26,9 +26,9 @@ FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 DISABLE_VOLTAGE, QUICK_STOP, SHUTDOWN, SWITCH_ON, ENABLE = 0x0, 0x2, 0x6, 0x7, 0xF
 
 
-def power(state: State, *, after_off: bool) -> Interlock:
+def power(state: State, *, after_off: bool, settings: AxisSettings | None = None) -> Interlock:
     """Power control of a connected PLC whose drive is in a state, before or after the OFF that unlocks it."""
-    control = Interlock(AxisSettings())
+    control = Interlock(settings or AxisSettings())
     step(control, 0x400, State.SWITCH_ON_DISABLED)
     if after_off:
         step(control, OFF, State.SWITCH_ON_DISABLED)
@@ -111,6 +111,41 @@ def test_an_off_of_the_new_connection_allows_the_configured_resume() -> None:
     assert bench.drive.state is State.OPERATION_ENABLED
     assert bench.controlword & 0xF == 0xF
     assert bench.stepper.reason is None
+
+
+LOSSES = (
+    (PlcLossReaction.RAMP, PowerWish.NO_PLC_RAMP, ENABLE),
+    (PlcLossReaction.QUICK_STOP, PowerWish.NO_PLC_QUICK_STOP, QUICK_STOP),
+    (PlcLossReaction.COAST, PowerWish.NO_PLC_COAST, DISABLE_VOLTAGE),
+)
+"""Each reaction to a loss, the stop of an uncounted frame that equals it, and its Controlword; the weakest first."""
+
+
+def lost(reaction: PlcLossReaction, wish: PowerWish, *, acknowledge: bool = False) -> Interlock:
+    """An axis in operation whose PLC is lost, with a frame of this ``wish``."""
+    control = power(State.OPERATION_ENABLED, after_off=True, settings=AxisSettings(on_plc_loss=reaction))
+    control.step(wish, acknowledge, None, STATUS_OF[State.OPERATION_ENABLED], standstill=False, now=2 * MS)
+    return control
+
+
+@pytest.mark.parametrize("configured", range(3))
+@pytest.mark.parametrize("asked", range(3))
+def test_stronger_one_of_configured_and_requested_stop_wins_after_a_loss(configured: int, asked: int) -> None:
+    control = lost(LOSSES[configured][0], LOSSES[asked][1])
+    assert control.controlword == LOSSES[max(configured, asked)][2]
+
+
+@pytest.mark.parametrize(("reaction", "wish", "controlword"), LOSSES)
+def test_acknowledge_without_a_plc_does_not_reach_the_drive(
+    reaction: PlcLossReaction, wish: PowerWish, controlword: int
+) -> None:
+    assert lost(reaction, wish, acknowledge=True).controlword == controlword
+
+
+def test_new_connection_with_stw1_3_off_continues_the_ramp_of_a_loss() -> None:
+    """Without a PLC, STW1.3 is not 1: only its fall during a stop disables the drive."""
+    control = lost(PlcLossReaction.RAMP, PowerWish.NO_PLC_RAMP)
+    assert step(control, OFF & ~0x8, State.OPERATION_ENABLED) == ENABLE
 
 
 @pytest.mark.parametrize("word", [OFF & ~0x400, 0x0007])
