@@ -68,8 +68,8 @@ def _by_service(
     wanted: GuardTimes, write_checked: Callable[[SdoStep], None], read: Callable[[int, int], int]
 ) -> Guarding:
 
-    def refused(step: SdoStep) -> str:
-        """Why the drive does not take a value; empty when it does."""
+    def try_write(step: SdoStep) -> str:
+        """Write a value. The result is why the drive rejects it, empty if it accepts it."""
         try:
             write_checked(step)
         except CanopenError as error:
@@ -80,26 +80,26 @@ def _by_service(
 
     limit = wanted.heartbeat_ms * wanted.heartbeat_factor
     consumer, option, producer = guard_steps(wanted.gateway_node_id, limit, wanted.heartbeat_ms, wanted.reaction)
-    no_consumer = refused(consumer)
-    reaction, no_reaction = _reaction(option, refused, read)
-    no_producer = refused(producer)
+    no_consumer = try_write(consumer)
+    reaction, no_reaction = _write_reaction(option, try_write, read)
+    no_producer = try_write(producer)
     if not no_consumer:
         life = "" if not no_producer else "; the gateway monitors the node by its TPDOs only"
         text = f"the gateway's heartbeat (1016h, {limit} ms), then {reaction}{life}"
         return Guarding(text, no_reaction, heartbeat=not no_producer and wanted.heartbeat_ms > 0)
-    silent = bool(no_producer) or not refused(replace(producer, value=0))
+    silent = bool(no_producer) or not try_write(replace(producer, value=0))
     life_steps = (
         SdoStep(GUARD_TIME, 0, CanType.U16, wanted.heartbeat_ms, "guard time"),
         SdoStep(LIFE_TIME_FACTOR, 0, CanType.U8, wanted.heartbeat_factor, "life time factor"),
     )
-    if silent and not any(map(refused, life_steps)):
+    if silent and not any(map(try_write, life_steps)):
         return Guarding(f"life guarding (100Ch, 100Dh, {limit} ms), then {reaction}", no_reaction, life_guarding=True)
-    beats = not no_producer and wanted.heartbeat_ms > 0 and not refused(producer)
+    beats = not no_producer and wanted.heartbeat_ms > 0 and not try_write(producer)
     time_out = _RPDO_REFRESHES * wanted.rpdo_refresh_ms
     timer = SdoStep(
         wanted.control_index, EVENT_TIMER, CanType.U16, time_out, "timeout of the RPDO with the Controlword"
     )
-    if not refused(timer):
+    if not try_write(timer):
         text = f"the timeout of its RPDO ({wanted.control_index:04X}h/5, {time_out} ms), then {reaction}"
         return Guarding(text, no_reaction, heartbeat=beats, rpdos=True)
     return Guarding("nothing", no_consumer, heartbeat=beats)
@@ -118,9 +118,11 @@ def _by_sync(found: Guarding, wanted: GuardTimes, read: Callable[[int, int], int
     return replace(found, text=text, refusal="", sync=True)
 
 
-def _reaction(step: SdoStep, refused: Callable[[SdoStep], str], read: Callable[[int, int], int]) -> tuple[str, str]:
-    """The reaction of the drive, and why it has none; empty if it has one."""
-    found, refusal = step.value, refused(step)
+def _write_reaction(
+    step: SdoStep, try_write: Callable[[SdoStep], str], read: Callable[[int, int], int]
+) -> tuple[str, str]:
+    """Write the reaction of the drive. Return its text, and why it has none; empty if it has one."""
+    found, refusal = step.value, try_write(step)
     if refusal:
         try:
             found = read(step.index, step.subindex)
