@@ -381,7 +381,7 @@ class Reason(enum.Enum):
         "the device is being configured",
         _S.STARTING,
         _E.NODE,
-        "wait a few seconds",
+        "wait until every object is read and written; a slow device needs minutes",
     )
     NO_SUPPLY = (
         "the drive reports no supply voltage (Statusword.4 = 0)",

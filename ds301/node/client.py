@@ -55,6 +55,10 @@ ACYCLIC_FAILURES: Final = 3
 _NEVER: Final = 1 << 62
 _CHECK_AFTER_NS: Final = 200 * MS
 """A configuration is written object by object: it is checked this time after the last one."""
+_DISCOVERY: Final = 200
+"""Usual number of objects that are read of a device without a data sheet,"""
+_CONFIGURATION: Final = 100
+"""and of accesses that configure a known device."""
 _CHECKED: Final = "another tool wrote to its configuration"
 _ONLINE: Final = NodeStatus.ONLINE
 
@@ -109,6 +113,7 @@ class NodeClient(abc.ABC, Generic[S]):
         self._guarded_by_requests = False
         """The node is monitored by remote requests, which it answers with a toggle bit (node guarding)."""
         self._toggle = -1
+        self._expected_accesses = 0
         self._slow = 0
         """The time for SDO answers of a node that was found to need more than configured."""
         self._booted = Event(self.loop)
@@ -170,6 +175,15 @@ class NodeClient(abc.ABC, Generic[S]):
     def length_errors(self) -> int:
         """TPDOs shorter than their mapping, ignored."""
         return self._old_length_errors + sum(slot.errors for slot in self._slots)
+
+    @property
+    def progress(self) -> str:
+        """How far the configuration of the node is; empty if it is not configured now."""
+        if self.status is not NodeStatus.CONFIGURING or not self.sdo.patient:
+            return ""
+        done = self.sdo.accesses
+        slow = f"; answers take more than {self.settings.sdo_timeout_ms} ms: set sdo_timeout_ms" if self._slow else ""
+        return f"object {self.sdo.asked:04X}h, {done} of about {max(done, self._expected_accesses)}{slow}"
 
     @property
     def received_ns(self) -> int:
@@ -335,7 +349,7 @@ class NodeClient(abc.ABC, Generic[S]):
         if self.sdo.answers_late and self._sdo_timeout_ns < _LONGEST_SDO_NS:
             self._slow = 2 * self._sdo_timeout_ns
             self._apply_times()
-            self._notify("slow", f"answers SDO late: the SDO timeout is now {self._slow // MS} ms")
+            self._notify("slow", f"answers SDO late: the timeout is now {self._slow // MS} ms; set sdo_timeout_ms")
 
     def _refuse(self, text: str) -> None:
         self._set_status(NodeStatus.REFUSED, text)
@@ -350,8 +364,13 @@ class NodeClient(abc.ABC, Generic[S]):
         self.network.send(NMT, bytes((command, self.settings.node_id)))
 
     def _bring_up(self) -> None:
-        with self.network.bring_ups:
-            self._prepare()
+        self.sdo.accesses, self.sdo.patient = 0, True
+        self._expected_accesses = _DISCOVERY + _CONFIGURATION
+        try:
+            with self.network.bring_ups:
+                self._prepare()
+        finally:
+            self.sdo.patient = False
         try:
             self._await_tpdos()
             self._await_heartbeat()
@@ -379,6 +398,7 @@ class NodeClient(abc.ABC, Generic[S]):
         self._booted.clear()  # a boot-up before this answer is the expected one
         self._set_status(NodeStatus.CONFIGURING, "checking identity")
         self._identify(device_type)
+        self._expected_accesses = self.sdo.accesses + _CONFIGURATION
         self._set_status(NodeStatus.CONFIGURING, "mapping PDOs")
         self._configure_pdos()
         self._configure()
@@ -430,7 +450,7 @@ class NodeClient(abc.ABC, Generic[S]):
                 continue
             step = SdoStep(index, 1, CanType.U32, cob_id | COB_ID_INVALID, f"{direction.label}{number} unused")
             try:
-                self.sdo.write(step.index, step.subindex, step.data)
+                self.sdo.write_repeatedly(step.index, step.subindex, step.data)
             except SdoAbortedError as error:
                 if self.network.node_of_pdo(cob_id & STANDARD_ID, UNUSED) not in (UNUSED, node_id):
                     raise self.sdo.refused(step, error) from error

@@ -65,7 +65,7 @@ class ConfiguringAccess(SdoAccess):
     def do(self, step: SdoStep) -> None:
         """Write a step; the package's error when the node rejects it."""
         try:
-            self.write(step.index, step.subindex, step.data)
+            self.write_repeatedly(step.index, step.subindex, step.data)
         except SdoAbortedError as error:
             if step.optional or self._is_as_required(step):
                 return
@@ -93,7 +93,7 @@ class ConfiguringAccess(SdoAccess):
             if step.index in mapped:
                 continue
             try:
-                self.write(step.index, step.subindex, step.data)
+                self.write_repeatedly(step.index, step.subindex, step.data)
             except SdoAbortedError as error:
                 if not (step.optional or self._is_as_required(step)):
                     return step, error

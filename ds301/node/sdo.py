@@ -9,7 +9,7 @@ import logging
 import queue
 from collections import deque
 from collections.abc import Callable
-from typing import Final
+from typing import Final, TypeVar
 
 import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
@@ -33,6 +33,8 @@ from pdgw.durations import SECOND
 
 log = logging.getLogger("gateway")
 
+T = TypeVar("T")
+
 SEGMENT_SIZE: Final = 7
 _EXPEDITED_SIZE = 4
 _LONGEST_UPLOAD = 1 << 16
@@ -40,6 +42,7 @@ LONGEST_UPLOAD_NS: Final = 10 * SECOND
 _FRAME = 8
 _OF_THE_SIZE = SIZE_SPECIFIED | 3 << 2
 _REPEATS = 2
+"""A request without an answer is sent again so often."""
 _REPEAT_AFTER = 10
 """An urgent request is repeated after this fraction of its timeout."""
 
@@ -70,6 +73,10 @@ class SdoAccess:
         self.node.sdo_channels[:] = [self._sdo]
         self.node.sdo = self._sdo
         self._repeats = _REPEATS
+        self.patient = False
+        """Repeat accesses without an answer: nothing has to be monitored meanwhile."""
+        self.accesses = 0
+        """Reads and writes so far."""
         self.longest_upload_ns = LONGEST_UPLOAD_NS
         """An upload that takes longer is aborted."""
         self._open = 0
@@ -84,6 +91,11 @@ class SdoAccess:
         """Set the timeout of each answer. ``slow``: the node needs it, so no request is repeated."""
         self._sdo.RESPONSE_TIMEOUT = nanoseconds / SECOND
         self._repeats = 0 if slow else _REPEATS
+
+    @property
+    def asked(self) -> int:
+        """Index of the object of the access that was begun last."""
+        return int.from_bytes(self._sdo.asked[:2], "little")
 
     @property
     def aborts(self) -> int:
@@ -104,7 +116,29 @@ class SdoAccess:
 
         An answer that does not end is one of the latter: the task has to watch the node.
         """
+        return self._repeat(lambda: self._read(index, subindex))
+
+    def write_repeatedly(self, index: int, subindex: int, data: bytes) -> None:
+        """As ``write``, for a value that the node may take twice."""
+        self._repeat(lambda: self.write(index, subindex, data))
+
+    def _repeat(self, access: Callable[[], T]) -> T:
+        """Carry out an access. While ``patient``, one without an answer is repeated after the time for a late one."""
+        deadline = self.loop.now() + LONGEST_UPLOAD_NS
+        for _ in range(_REPEATS if self.patient else 0):
+            try:
+                return access()
+            except SdoCommunicationError as error:
+                if self.loop.now() > deadline:
+                    raise
+                log.debug("node %d: %s: sent again", self._node_id, error)
+                self._open += 1
+                self._open_until = self.loop.now() + int(self._sdo.RESPONSE_TIMEOUT * SECOND)
+        return access()
+
+    def _read(self, index: int, subindex: int) -> bytes:
         self._settle()
+        self.accesses += 1
         declared = self.dictionary.get_variable(index, subindex)
         if declared is not None and declared.data_type == CanType.DOMAIN.code:
             try:
@@ -141,6 +175,7 @@ class SdoAccess:
         with other data, the object is read back.
         """
         self._settle()
+        self.accesses += 1
         sdo = self._sdo
         if not 1 <= len(data) <= _EXPEDITED_SIZE:
             sdo.download(index, subindex, data)

@@ -123,7 +123,8 @@ class _Chain:
             case NodeStatus.REFUSED:
                 self.breaks(Reason.NODE_REFUSED, f"node {self.item.node_id} is rejected: {client.status_text}")
             case NodeStatus.CONFIGURING:
-                self.breaks(Reason.NODE_CONFIGURING, f"node {self.item.node_id} is being configured")
+                progress = client.progress and f": {client.progress}"
+                self.breaks(Reason.NODE_CONFIGURING, f"node {self.item.node_id} is being configured{progress}")
             case NodeStatus.ONLINE if client.unconfirmed:
                 self.breaks(Reason.NODE_WRITTEN, f"node {self.item.node_id} is being checked: {client.unconfirmed}")
             case NodeStatus.ONLINE:

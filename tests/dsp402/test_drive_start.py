@@ -300,6 +300,66 @@ def test_broken_sdo_answer_is_rejected_and_the_task_continues(plant: Plant) -> N
     plant.online()
 
 
+def _lose_answers(plant: Plant, every: int) -> list[int]:
+    """The drive's SDO answers with this distance are lost; returns the number of answers so far."""
+    drive, answers = plant.power_on(), [0]
+    send = drive.node.send
+
+    def lossy(can_id: int, data: bytes) -> None:
+        if can_id == 0x580 + NODE:
+            answers[0] += 1
+            if answers[0] % every == 0:
+                return
+        send(can_id, data)
+
+    drive.node.send = lossy
+    return answers
+
+
+def test_a_lost_sdo_answer_does_not_end_the_bring_up(plant: Plant) -> None:
+    answers = _lose_answers(plant, 10)
+    begin = site.now()
+    client = plant.connect()
+    plant.online()
+    assert site.now() - begin < answers[0] // 10 * 3 * client.settings.sdo_timeout_ms * MS
+    assert [event.text for event in plant.events if "no answer" in event.text] == []
+
+
+def test_a_drive_that_ends_to_answer_is_asked_a_limited_time(plant: Plant) -> None:
+    """Three requests, and the time for a late answer after each."""
+    drive = plant.power_on()
+    asked: list[int] = []
+
+    def observe_request(message: can.Message) -> None:
+        if message.arbitration_id == 0x600 + NODE and bytes(message.data[1:3]) == b"\x16\x10":
+            asked.append(site.now())
+
+    plant.network.listeners.append(observe_request)
+    send = drive.node.send
+    drive.node.send = lambda can_id, data: None if asked and can_id == 0x580 + NODE else send(can_id, data)
+    client = plant.connect()
+    site.wait_for(lambda: client.status is DriveStatus.OFFLINE and asked, "no answer")
+    assert len(asked) == 3
+    assert site.now() - asked[0] < 6 * client.settings.sdo_timeout_ms * MS
+
+
+def test_progress_of_the_configuration_names_object_and_number(plant: Plant) -> None:
+    plant.power_on()
+    client = plant.connect()
+    seen: list[str] = []
+    plant.network.listeners.append(lambda message: seen.append(client.progress))
+    plant.online()
+    assert client.progress == ""
+    shown = [re.fullmatch(r"object ([0-9A-F]{4})h, (\d+) of about (\d+)", text) for text in seen if text]
+    numbers = [(int(match[2]), int(match[3])) for match in shown if match]
+    assert len(numbers) == len(shown) > 50
+    assert numbers == sorted(numbers)
+    assert all(done <= total for done, total in numbers)
+    last, total = numbers[-1]
+    assert 2 * last > total, "the estimate of the first start is not far off"
+    assert {match[1] for match in shown if match} > {"1018", "1A00", "1017"}
+
+
 def test_a_short_tpdo_is_no_sign_of_life(plant: Plant) -> None:
     plant.power_on()
     client = plant.connect()
