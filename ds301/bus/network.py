@@ -113,6 +113,8 @@ class CanNetwork(Receiver):
         """A node on this bus sends or takes PDOs on SYNC."""
         self.on_other_sender: Callable[[int, str], None] | None = None
         """Called with COB-ID and name when a frame arrives that only the gateway sends."""
+        self.syncs = 0
+        """SYNC of the gateway, and of other senders that are claimed."""
         self.sync_changed: Callable[[], None] | None = None
         """Called when that changes."""
         self._opener = opener
@@ -172,6 +174,7 @@ class CanNetwork(Receiver):
         """Only the gateway sends this COB-ID: a frame with it is of another master. ``what``: its name for the message."""
 
         def received(_data: bytes, _now: int) -> None:
+            self.syncs += cob_id == SYNC
             if self.on_other_sender is not None:
                 self.on_other_sender(cob_id, what)
 
@@ -333,6 +336,7 @@ class CanNetwork(Receiver):
     def send_sync(self) -> None:
         """One SYNC, from the cyclic exchange."""
         if not self._sync_withheld:
+            self.syncs += 1
             self.send(SYNC, b"")
 
     # -- events of the port ---------------------------------------------------------------------------------------------

@@ -75,12 +75,17 @@ class SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]
         """Index and sub-index of the access that was begun last."""
         self._answer = 0
         """Command of its first answer; 0: it is a block transfer."""
+        self.on_request: Callable[[bytes], object] = bytes
+        """Called with each request of this client,"""
+        self.on_answer: Callable[[bytes], object] = bytes
+        """and with each answer of the node."""
         super().__init__(SDO_REQUEST + node_id, SDO_RESPONSE + node_id, dictionary)
 
     def on_response(self, can_id: int, data: bytes, timestamp: float) -> None:
         """A frame of the node."""
         if data and data[0] == REQUEST_ABORTED:
             self.aborts += 1
+        self.on_answer(bytes(data))
         super().on_response(can_id, data, timestamp)
 
     def send_request(self, request: bytes) -> None:
@@ -93,6 +98,7 @@ class SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]
         self.network.send_first(self.rx_cobid, request)
 
     def _begin(self, request: bytes) -> None:
+        self.on_request(bytes(request))
         by_blocks = request[0] & _BLOCK_COMMAND == _BEGINS_BLOCK
         if by_blocks or request[0] & _COMMAND in _ANSWERS:
             self.asked = bytes(request[1:4])

@@ -18,16 +18,17 @@ import canopen
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.bus.can_frame import STANDARD_ID
-from pdgw.ds301.bus.network import UNUSED, CanNetwork
+from pdgw.ds301.bus.network import UNUSED, CanNetwork, PdoCallback
 from pdgw.ds301.communication import DEVICE_TYPE
 from pdgw.ds301.configuration import SdoStep
-from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, NMT
+from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, NMT, SDO_REQUEST
 from pdgw.ds301.emcy import emcy_text
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop.jobs import Jobs
 from pdgw.ds301.loop.loop import Event, Task
 from pdgw.ds301.nmt import GUARD_TOGGLE, HEARTBEAT_STATE, NMT_STATES, NmtCommand, NmtState
 from pdgw.ds301.node.configuring import ConfiguringAccess, DeviceKind
+from pdgw.ds301.node.doubles import FrameRate
 from pdgw.ds301.node.node import NodeEvent, NodeSettings, NodeStatus, TpdoSlot
 from pdgw.ds301.node.plan import Pace, PdoPlan, plan_steps, straight_plan
 from pdgw.ds301.node.sdo import LONGEST_UPLOAD_NS
@@ -107,6 +108,8 @@ class NodeClient(abc.ABC, Generic[S]):
         """The node is in operation and takes RPDOs."""
         self._heartbeat = 0
         self._heartbeat_state = NmtState.BOOT_UP.value
+        self._heartbeat_rate: FrameRate | None = None
+        """Of a node that produces a heartbeat."""
         self.nmt_stopped = False
         """The last heartbeat of the node says Stopped."""
         self._heartbeat_expected = False
@@ -202,6 +205,7 @@ class NodeClient(abc.ABC, Generic[S]):
         network.add_node(self.sdo.node)
         network.subscribe(ERROR_CONTROL + node_id, self._on_heartbeat)
         network.subscribe(EMCY + node_id, self._on_emcy)
+        network.subscribe(SDO_REQUEST + node_id, self._on_other_request)
         self._task = self.loop.spawn(self._run, f"{self.kind.name} {node_id}")
 
     def submit(self, job: Callable[[Self], T]) -> Future[T]:
@@ -233,6 +237,7 @@ class NodeClient(abc.ABC, Generic[S]):
             del network[node_id]
             network.unsubscribe(ERROR_CONTROL + node_id, self._on_heartbeat)
             network.unsubscribe(EMCY + node_id, self._on_emcy)
+            network.unsubscribe(SDO_REQUEST + node_id, self._on_other_request)
 
     def _change(self, layout: PdoLayout, settings: S) -> None:
         """Map other PDOs with other settings; the device must not be in operation."""
@@ -390,6 +395,7 @@ class NodeClient(abc.ABC, Generic[S]):
         self._reconfigure = False
         self._check_at = None
         self._distrusted = ""
+        self.sdo.second_answers.begin()
         # A stopped node answers no SDO before this command; a running one may stop by its abort option. Until it has
         # answered, its state is unknown: a node that was in operation still gets its stop.
         self._nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
@@ -403,14 +409,28 @@ class NodeClient(abc.ABC, Generic[S]):
         self._configure_pdos()
         self._configure()
         for slot in self._slots:
-            self.network.subscribe_pdo(slot.cob_id, slot.receive)
+            self.network.subscribe_pdo(slot.cob_id, self._receiver(slot))
         for pdo in self._acyclic_tpdos:
             self._read_acyclic(pdo)
         self._acyclic_failures = 0
         self._heartbeat_state = NmtState.BOOT_UP.value
         self._toggle = -1
         self.nmt_stopped = False
+        produced = self._heartbeat_expected and not self._guarded_by_requests
+        self._heartbeat_rate = FrameRate(self.settings.heartbeat_ms * MS) if produced else None
         self._nmt(NmtCommand.START)
+
+    def _receiver(self, slot: TpdoSlot) -> PdoCallback:
+        """What takes the frames of a TPDO. Only one on SYNC has a rate: the others are also sent on change."""
+        rate = slot.rate
+        if rate is None:
+            return slot.receive
+
+        def receive(data: bytes, now: int) -> None:
+            rate.see(self.network.syncs)
+            slot.receive(data, now)
+
+        return receive
 
     def _configure_pdos(self) -> None:
         """Plan the PDOs and map them."""
@@ -462,6 +482,8 @@ class NodeClient(abc.ABC, Generic[S]):
             TpdoSlot(item.pdo, self._image(item.pdo), item.cob_id, watched=item.pace is not Pace.CHANGE)
             for item in plan.tpdos
         ]
+        for slot, item in zip(self._slots, plan.tpdos, strict=True):
+            slot.rate = FrameRate(1) if item.pace is Pace.SYNC else None
         for item in plan.rpdos:
             self.network.claim(item.cob_id, f"{item.pdo} of {self.kind.name} {settings.node_id}")
         self._acyclic_tpdos = list(plan.read)
@@ -560,6 +582,8 @@ class NodeClient(abc.ABC, Generic[S]):
             return self._distrusted
         if self._booted.is_set():
             return f"node {self.settings.node_id} restarted"
+        if doubled := self._doubled:
+            return str(self.sdo.two_devices(doubled))
         if now - self._heartbeat > self._heartbeat_limit_ms * MS and self._heartbeat_expected:
             return f"no heartbeat for {self._heartbeat_limit_ms} ms"
         if self._heartbeat_state != NmtState.OPERATIONAL and self._heartbeat_expected:
@@ -572,6 +596,16 @@ class NodeClient(abc.ABC, Generic[S]):
         if now > self._acyclic_until:
             return f"objects without PDO were not read for {self._acyclic_limit_ns // MS} ms"
         return "" if self.network.healthy else f"CAN bus {self.network.name} is not healthy"
+
+    @property
+    def _doubled(self) -> str:
+        """Empty, or the sign of a second device with the same node-ID."""
+        if self.sdo.second_answers.found:
+            return "SDO requests are answered twice"
+        if self._heartbeat_rate is not None and self._heartbeat_rate.found:
+            return f"heartbeats come more often than every {self.settings.heartbeat_ms} ms"
+        often = [str(slot.pdo) for slot in self._slots if slot.rate is not None and slot.rate.found]
+        return f"{', '.join(often)} more often than SYNC" if often else ""
 
     def _give_up(self) -> None:
         """The owner stops the device meanwhile; a node that does not answer is stopped by NMT."""
@@ -613,12 +647,17 @@ class NodeClient(abc.ABC, Generic[S]):
             if toggle == before:
                 return  # a repeated answer is not a new one
         self._heartbeat = self.loop.now()
+        if self._heartbeat_rate is not None:
+            self._heartbeat_rate.see(self._heartbeat)
         self._heartbeat_state = data[0] & HEARTBEAT_STATE
         self.nmt_stopped = self._heartbeat_state == NmtState.STOPPED
         if data[0] == NmtState.BOOT_UP:
             self._booted.set()
             if self.status is NodeStatus.ONLINE:
                 self.on_event(NodeEvent("boot", "boot-up message", time_ns=self._heartbeat))
+
+    def _on_other_request(self, _can_id: int, data: bytes | bytearray, _timestamp: float) -> None:
+        self.sdo.second_answers.requested(data)
 
     def _on_emcy(self, _can_id: int, data: Any, _timestamp: float) -> None:
         # canopen stores every EMCY permanently; the relevant ones are in our own buffer.

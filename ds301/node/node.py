@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from pdgw.ds301.node.doubles import FrameRate
 from pdgw.ds301.pdo import Pdo
 
 GATEWAY_NODE_ID: Final = 127
@@ -83,6 +84,8 @@ class TpdoSlot:
         """Bits that differed between two frames, little-endian."""
         self.taken: bytes | None = None
         self.time = 0
+        self.rate: FrameRate | None = None
+        """Of a TPDO that one device sends once for each SYNC."""
         self.errors = 0
 
     def receive(self, data: bytes, now: int) -> None:

@@ -28,6 +28,7 @@ from pdgw.ds301.aborts import Abort, abort_text
 from pdgw.ds301.bus.on_canopen import UNNAMED, SdoClient
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop.loop import Loop
+from pdgw.ds301.node.doubles import SecondAnswers
 from pdgw.ds301.objects import CanType
 from pdgw.durations import SECOND
 
@@ -70,13 +71,16 @@ class SdoAccess:
         self._node_id = node_id
         self.node = canopen.RemoteNode(node_id, dictionary)
         self._sdo = SdoClient(loop, node_id, dictionary)
+        self.second_answers = SecondAnswers()
+        self._sdo.on_request = self.second_answers.requested
+        self._sdo.on_answer = self.second_answers.answered
         self.node.sdo_channels[:] = [self._sdo]
         self.node.sdo = self._sdo
         self._repeats = _REPEATS
         self.patient = False
         """Repeat accesses without an answer: nothing has to be monitored meanwhile."""
         self.accesses = 0
-        """Reads and writes so far."""
+        """Number of reads and writes."""
         self.longest_upload_ns = LONGEST_UPLOAD_NS
         """An upload that takes longer is aborted."""
         self._open = 0
@@ -260,7 +264,12 @@ class SdoAccess:
         return answer
 
     def _settle(self) -> None:
-        """A second answer to a repeated request must not count as the answer to the next one; that to ``ask`` is kept."""
+        """A second answer to a repeated request must not count as the answer to the next one; that to ``ask`` is kept.
+
+        No access continues if two devices answer: their answers would be mixed.
+        """
+        if self.second_answers.found:
+            raise self.two_devices("SDO requests are answered twice")
         while self._open and (answer := self._next(self._open_until)) is not None:
             self._kept.append(answer)
         self._open = 0
@@ -303,6 +312,14 @@ class SdoAccess:
             return self.read_number(index, subindex, signed=signed)
         except SdoAbortedError as error:
             raise self._unreadable(index, subindex, error) from error
+
+    def two_devices(self, sign: str) -> CanopenError:
+        """The package's error for a node-ID that two devices have; ``sign``: what shows it."""
+        return self.error_type(
+            f"node-ID {self._node_id}",
+            f"two devices? {sign}",
+            f"one device with node-ID {self._node_id} on the bus: disconnect the other one, or set another node-ID there",
+        )
 
     def _unreadable(self, index: int, subindex: int, error: SdoAbortedError) -> CanopenError:
         return self.error_type(

@@ -1,0 +1,107 @@
+"""Signs of two devices with one node-ID: second answers to an SDO request, and frames more often than one device sends them.
+
+Pure. A healthy device shows none of them by late answers to repeated requests, answers to other clients, frames that waited for
+the bus or for the gateway, and a frame that a CAN controller receives twice.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Final
+
+from canopen.sdo.constants import (
+    INITIATE_BLOCK_TRANSFER,
+    REQUEST_BLOCK_DOWNLOAD,
+    REQUEST_BLOCK_UPLOAD,
+    REQUEST_DOWNLOAD,
+    REQUEST_UPLOAD,
+    RESPONSE_ABORTED,
+    RESPONSE_DOWNLOAD,
+    RESPONSE_UPLOAD,
+)
+
+_COMMAND: Final = 0xE0
+_REQUESTS: Final = (REQUEST_DOWNLOAD, REQUEST_UPLOAD)
+_BLOCK_COMMAND: Final = _COMMAND | 1
+_BLOCKS: Final = (REQUEST_BLOCK_UPLOAD | INITIATE_BLOCK_TRANSFER, REQUEST_BLOCK_DOWNLOAD | INITIATE_BLOCK_TRANSFER)
+_RESPONSES: Final = (RESPONSE_DOWNLOAD, RESPONSE_UPLOAD)
+_ADDRESS: Final = slice(1, 4)
+_OBJECTS: Final = 4096
+"""Objects that are distinguished: data of other clients' block transfers may look like requests."""
+_ANSWERS: Final = 8
+_SECOND_ANSWERS: Final = 3
+"""Number of second ones among the last answers: a disturbed frame that is received twice is rarer."""
+_EARLY: Final = 5
+_EARLY_PERIODS: Final = 100
+"""Number of early frames, within this number of periods."""
+_PAUSE_PERIODS: Final = 300
+"""Longest pause, in periods, whose frames may arrive together afterwards."""
+
+
+class SecondAnswers:
+    """The SDO answers of one node, compared with the requests of all clients."""
+
+    def __init__(self) -> None:
+        self._open: dict[bytes, int] = {}
+        """Requests without an answer by index and subindex; a lost answer stays open."""
+        self._recent: deque[bool] = deque(maxlen=_ANSWERS)
+
+    def begin(self) -> None:
+        """Forget everything: another device may be connected."""
+        self._open.clear()
+        self._recent.clear()
+
+    def requested(self, request: bytes | bytearray) -> None:
+        """A frame of a client to the node. Segments name no object and are ignored."""
+        if not request or (request[0] & _COMMAND not in _REQUESTS and request[0] & _BLOCK_COMMAND not in _BLOCKS):
+            return
+        if len(self._open) > _OBJECTS:
+            self._open.clear()
+        address = bytes(request[_ADDRESS])
+        self._open[address] = self._open.get(address, 0) + 1
+
+    def answered(self, answer: bytes | bytearray) -> None:
+        """A frame of the node. An abort may also end a transfer whose first frame was answered: it is never a second answer."""
+        if not answer or (answer[0] != RESPONSE_ABORTED and answer[0] & _COMMAND not in _RESPONSES):
+            return
+        address = bytes(answer[_ADDRESS])
+        count = self._open.get(address)
+        if count:
+            self._open[address] = count - 1
+        if count is not None and answer[0] != RESPONSE_ABORTED:
+            self._recent.append(count == 0)
+
+    @property
+    def found(self) -> bool:
+        """Two devices answer."""
+        return sum(self._recent) >= _SECOND_ANSWERS
+
+
+class FrameRate:
+    """Frames of one COB-ID that one device sends once in each ``period``; times in any unit, such as a number of SYNC."""
+
+    def __init__(self, period: int) -> None:
+        self._period = period
+        self._last: int | None = None
+        self._pause = 0
+        """Time without frames: these may still arrive."""
+        self._early: deque[int] = deque(maxlen=_EARLY)
+
+    def see(self, now: int) -> None:
+        """A frame has arrived."""
+        period, last = self._period, self._last
+        self._last = now
+        if last is None:
+            return
+        gap = now - last
+        if 10 * gap < 6 * period and self._pause + gap < period:
+            self._pause = 0
+            self._early.append(now)
+        elif gap >= period or 10 * gap < 9 * period:  # a clock that is a little fast does not use up the pause
+            self._pause = min(max(0, self._pause + gap - period), _PAUSE_PERIODS * period)
+
+    @property
+    def found(self) -> bool:
+        """Two devices send."""
+        early = self._early
+        return len(early) == _EARLY and early[-1] - early[0] <= _EARLY_PERIODS * self._period
