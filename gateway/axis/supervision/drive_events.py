@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import ClassVar, Final
+from typing import ClassVar, Final, Generic, TypeVar
 
 from pdgw.ds301.emcy import GENERIC_ERROR, emcy_text
 from pdgw.dsp402.drive.images import DriveFeedback
@@ -19,6 +19,7 @@ from pdgw.gateway.axis.power_states import CONTROLWORDS, Action
 from pdgw.gateway.axis.values import FaultRead, FaultRecord, NodeNotice, Notice, Outputs, gateway_fault
 from pdgw.gateway.reasons import FaultNumber, Reason
 
+K = TypeVar("K")
 SAME_EVENT_NS: Final = SECOND
 """A repeated event is reported once in this time, so that a loose contact does not push the first cause out of the fault buffer.
 """
@@ -48,31 +49,43 @@ _DISABLED: Final = (State.SWITCHED_ON, State.READY_TO_SWITCH_ON, State.SWITCH_ON
 _COMMAND: Final = CONTROLWORDS[Action.ENABLE_OPERATION]
 
 
-class Repetitions:
+class Repetitions(Generic[K]):
     """Time of each report; the oldest is removed when there are too many."""
 
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"_reported"})
+    ASIDE: ClassVar[frozenset[str]] = frozenset({"_reported", "_repeated"})
 
-    __slots__ = ("_reported",)
+    __slots__ = ("_repeated", "_reported")
 
     def __init__(self) -> None:
-        self._reported: dict[object, int] = {}
+        self._reported: dict[K, int] = {}
+        self._repeated: dict[K, int] = {}
+        """Number of repetitions since the last report."""
 
-    def is_new(self, what: object, now: int) -> bool:
+    def is_new(self, what: K, now: int) -> bool:
         """Return whether this was not reported within the last second, and store the report."""
         reported = self._reported
         last = reported.get(what)
         if last is not None and now - last < SAME_EVENT_NS:
+            self._repeated[what] = self._repeated.get(what, 0) + 1
             return False
         reported.pop(what, None)
         reported[what] = now
         if len(reported) > EMERGENCIES_KEPT:
-            del reported[next(iter(reported))]
+            oldest = next(iter(reported))
+            del reported[oldest]
+            self._repeated.pop(oldest, None)
         return True
 
-    def clear(self) -> None:
-        """Everything is new again."""
+    def take_repeated(self, what: K) -> int:
+        """The number of repetitions since the last report, which is counted from 0 again."""
+        return self._repeated.pop(what, 0)
+
+    def clear(self) -> list[tuple[K, int]]:
+        """Everything is new again. Returns what was repeated since its last report, and how often."""
+        repeated = list(self._repeated.items())
         self._reported.clear()
+        self._repeated.clear()
+        return repeated
 
 
 class NodeWatch:
@@ -102,7 +115,7 @@ class NodeWatch:
         self._absent = False
         self._refusal = ""
         self._restart_asked = False
-        self._emergencies = Repetitions()
+        self._emergencies: Repetitions[tuple[int, bool]] = Repetitions()
         self.last_emergency = -SAME_EVENT_NS
         """When the last EMCY with an error came."""
 
@@ -168,21 +181,29 @@ class NodeWatch:
         """An EMCY: a fault while its error register has a bit set, else a warning."""
         code, now = notice.code, notice.time_ns
         if code == 0:
-            self._emergencies.clear()
+            ended = [f"EMCY {kind[0]:04X}h: {_more(count)}" for kind, count in self._emergencies.clear()]
             self._outputs.no_drive_error()
             self._outputs.emergency_over = self._outputs.eventful = True
-            self._log(notice.text)
+            self._log(notice.text + (f" ({', '.join(ended)})" if ended else ""))
             return
         self.last_emergency = now
         self.set_error_code(code)
-        if not self._emergencies.is_new((code, notice.register, notice.data), now):
+        # The data may be a counter: another one is no other fault.
+        kind = code, notice.register == 0
+        if not self._emergencies.is_new(kind, now):
             return
         number, text = CANOPEN_FAULT if code in _CANOPEN_ERRORS else INTERNAL_FAULT, notice.text
         fault = self.fault_of_emcy.get(code)
         if fault is not None:
             number, text = fault.number, f"EMCY {code:04X}h {fault.name}"
+        if repeated := self._emergencies.take_repeated(kind):
+            text = f"{text} ({_more(repeated)})"
         value = int.from_bytes(notice.data[:_VALUE_BYTES], "little")
         self._outputs.fault(FaultRecord(number, code, value, text, now, notice.register == 0))
+
+
+def _more(count: int) -> str:
+    return f"{count} more since the last report"
 
 
 class Acknowledgement:
@@ -233,7 +254,7 @@ class DriveWatch:
 
     def __init__(self, outputs: Outputs) -> None:
         self._outputs = outputs
-        self._repetitions = Repetitions()
+        self._repetitions: Repetitions[FaultNumber] = Repetitions()
         self.fault_since = 0
         """Since when an EMCY for the present fault is missing; 0 when none is."""
         self.fault_began = 0

@@ -138,6 +138,41 @@ def test_a_burst_of_emergencies_does_not_push_the_first_cause_out(axis: Axis) ->
     assert [fault.code for fault in axis.faults] == [0x2310, 0x5000, 0x5000]
 
 
+def test_emergencies_with_a_counter_in_their_data_are_counted_once_a_second(axis: Axis) -> None:
+    """The first cause stays, also the one that arrives meanwhile."""
+    for count in range(3000):
+        counter = count.to_bytes(5, "little")
+        axis.on_node_event(DriveEvent("emcy", "EMCY FF00h", 0xFF00, 1, counter, (1 + count) * MS))
+        if count == 1500:
+            emcy(axis, 0x2310, now=(1 + count) * MS)
+        axis.step(None, (1 + count) * MS)
+    assert [(fault.code, fault.value) for fault in axis.faults] == [
+        (0xFF00, 0),
+        (0xFF00, 1000),
+        (0x2310, 0),
+        (0xFF00, 2000),
+    ]
+    assert [fault.text for fault in axis.faults if fault.code == 0xFF00] == [
+        "EMCY FF00h",
+        "EMCY FF00h (999 more since the last report)",
+        "EMCY FF00h (999 more since the last report)",
+    ]
+
+
+def test_number_of_emergencies_is_complete_when_they_end(axis: Axis, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO", logger="gateway")
+    for now in range(1, 4):
+        emcy(axis, 0x2310, now=now)
+    emcy(axis, 0, 0, now=4)
+    assert "EMCY 0000h (EMCY 2310h: 2 more since the last report)" in caplog.text
+
+
+def test_a_fault_after_warnings_of_the_same_code_is_reported_at_once(axis: Axis) -> None:
+    emcy(axis, 0x2310, register=0, now=1)
+    emcy(axis, 0x2310, register=1, now=2)
+    assert [fault.is_warning for fault in axis.faults] == [True, False]
+
+
 def test_an_emergency_that_ended_is_a_new_one_when_it_comes_again(axis: Axis) -> None:
     for now in range(1, 4):
         emcy(axis, 0x2310, now=now)
