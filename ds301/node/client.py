@@ -509,8 +509,11 @@ class NodeClient(abc.ABC, Generic[S]):
             if self._interrupted:
                 return
             if self.loop.now() > deadline:
+                other = "" if self.settings.sync else ", or sync = true for TPDOs that are sent on SYNC only"
                 raise self.kind.error_type(
-                    f"TPDOs of the {self.kind.name}", f"none of {', '.join(missing)}", "each within 1 s of NMT start"
+                    f"TPDOs of the {self.kind.name}",
+                    f"none of {', '.join(missing)}",
+                    f"each within 1 s of NMT start{other}",
                 )
             self.loop.sleep(_RECHECK_NS)
 

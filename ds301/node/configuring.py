@@ -13,13 +13,13 @@ from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort, abort_text
 from pdgw.ds301.communication import IDENTITY, profile_of
-from pdgw.ds301.configuration import SdoStep, has_effect
+from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE, SdoStep, has_effect
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop.loop import Loop
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.sdo import SdoAccess
 from pdgw.ds301.objects import CanType
-from pdgw.ds301.pdo import Pdo, is_communication_parameter
+from pdgw.ds301.pdo import Pdo, PdoDirection, direction_of, is_communication_parameter
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ class ConfiguringAccess(SdoAccess):
         planned = (*plan.rpdos, *plan.tpdos)
         mapped = {item.pdo.mapping_index for item in planned if not item.adopted and self._is_mapped(item.pdo)}
         for step in steps:
-            if step.index in mapped:
+            if step.index in mapped or self._is_event_driven(step):
                 continue
             try:
                 self.write_repeatedly(step.index, step.subindex, step.data)
@@ -107,6 +107,11 @@ class ConfiguringAccess(SdoAccess):
                 kept = replace(step, meaning=f"{step.meaning}: confirmed, but reads otherwise")
                 return kept, SdoAbortedError(Abort.READ_ONLY)
         return None
+
+    def _is_event_driven(self, step: SdoStep) -> bool:
+        """Whether a TPDO is event-driven already: a stack that only supports 254 may confirm 255 and send nothing."""
+        wanted = step.is_transmission_type and step.value == EVENT_DRIVEN_PROFILE
+        return wanted and direction_of(step.index) is PdoDirection.TPDO and self._is_as_required(step)
 
     def _is_as_required(self, step: SdoStep) -> bool:
         """Whether a communication parameter of the node has the required effect, also if the node does not accept the write."""

@@ -8,6 +8,7 @@ import pytest
 from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
+from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, EVENT_DRIVEN_PROFILE
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus
 from pdgw.dsp402.drive.images import DriveCommand
@@ -72,6 +73,52 @@ def test_a_mapping_the_drive_has_already_is_not_written_again(plant: Plant, mapp
     plant.connect(Operation.VELOCITY)
     plant.online()
     assert len([index for index, _, _ in seen if index == 0x1600]) == writes
+
+
+class _Knows254(SimulatedDriveNode):
+    """Confirms type 255 for a TPDO, and then never sends it."""
+
+    def sent_on_change(self, transmission_type: int) -> bool:
+        return transmission_type == EVENT_DRIVEN_MANUFACTURER
+
+    def event_timer(self, index: int) -> int:
+        return super().event_timer(index) if self.sent_on_change(int(self.values[index, 2])) else 0
+
+
+def _with_types(plant: Plant, type_: int) -> _Knows254:
+    drive = site.drive(NODE)
+    drive.node = node = _Knows254(NODE, drive._send)
+    for index in (0x1800, 0x1801):
+        node.values[index, 2] = type_
+    plant.drive = drive
+    drive.start()
+    return node
+
+
+def test_transmission_type_254_of_a_drive_is_kept(plant: Plant) -> None:
+    node = _with_types(plant, EVENT_DRIVEN_MANUFACTURER)
+    seen = observe(plant)
+    plant.connect(Operation.VELOCITY)
+    plant.online()
+    assert [node.values[index, 2] for index in (0x1800, 0x1801)] == [254, 254]
+    assert [item for item in seen if item[:2] in {(0x1800, 2), (0x1801, 2)}] == []
+
+
+def test_synchronous_transmission_type_of_a_drive_is_not_kept(plant: Plant) -> None:
+    node = plant.power_on().node
+    node.values[0x1800, 2] = 1
+    plant.connect(Operation.VELOCITY)
+    plant.online()
+    assert node.values[0x1800, 2] == EVENT_DRIVEN_PROFILE
+
+
+@pytest.mark.parametrize("sync", [False, True])
+def test_rejection_of_a_drive_without_tpdos_names_sync(plant: Plant, sync: bool) -> None:
+    _with_types(plant, EVENT_DRIVEN_PROFILE)
+    client = plant.connect(Operation.VELOCITY, sync=sync)
+    site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
+    assert "none of TPDO1, TPDO2" in client.status_text
+    assert ("or sync = true" in client.status_text) is not sync
 
 
 class _Keeps(SimulatedDriveNode):

@@ -188,7 +188,7 @@ class NodeWatch:
             return
         self.last_emergency = now
         self.set_error_code(code)
-        # The data may be a counter: another one is no other fault.
+        # The data may be a counter: another one is not another fault.
         kind = code, notice.register == 0
         if not self._emergencies.is_new(kind, now):
             return
