@@ -110,9 +110,18 @@ class EncoderClient(NodeClient[EncoderSettings]):
     def refresh(self, now: int) -> bool:
         """Cyclic: as for every node, and no position that is read by SDO may be overdue either."""
         fresh = super().refresh(now)
-        limit = _READ_LATE_NS + _ROUNDS * self._round_ns + self.settings.sdo_timeout_ms * MS
         channels = map(self._channel_of, self._acyclic_tpdos)
-        return fresh and all(now - self._read_times.get(channel, 0) <= limit for channel in channels)
+        return fresh and all(now - self._read_times.get(channel, 0) <= self._read_age_ns for channel in channels)
+
+    @property
+    def _read_age_ns(self) -> int:
+        """Longest age of a position that is read by SDO."""
+        return _READ_LATE_NS + _ROUNDS * self._round_ns + self.settings.sdo_timeout_ms * MS
+
+    @property
+    def position_age_ns(self) -> int:
+        """Longest age of a position that counts."""
+        return max(self._timeout_ns, self._read_age_ns) if self._acyclic_tpdos else self._timeout_ns
 
     def _channel_of(self, pdo: Pdo) -> int:
         return self.settings.channels[self.layout.tpdos.index(pdo)]

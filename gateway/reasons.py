@@ -343,10 +343,10 @@ class Reason(enum.Enum):
         "set G1_STW.14 to 0",
     )
     SENSOR_PRESETTING = (
-        "waiting for the encoder to accept the preset (SDO)",
+        "waiting for the encoder to accept and show the preset",
         _S.STARTING,
         _E.SENSOR,
-        "wait less than a second",
+        "wait some seconds",
     )
     ORDER_DROPPED = (
         "a change of a control word was sent in fewer than 3 frames and may be an old frame: the gateway "
@@ -563,7 +563,7 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
             GatewayFault(
                 FaultNumber.VELOCITY_DEVIATES, "speed and position do not match exactly", 0xFF0D, is_warning=True
             ),
-            GatewayFault(FaultNumber.PRESET, "encoder rejected the preset", 0xFF0F, is_warning=True),
+            GatewayFault(FaultNumber.PRESET, "preset of the encoder failed", 0xFF0F, is_warning=True),
             GatewayFault(FaultNumber.SET_POINT, "drive rejected the data of a setpoint", 0xFF10, is_warning=True),
             GatewayFault(FaultNumber.CONTROL_LOST, "control by PLC removed in operation", 0xFF15, is_warning=True),
             GatewayFault(FaultNumber.NODE_ABSENT, "node does not answer", 0xFF11),

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from types import MappingProxyType
 
-from pdgw.durations import MS, SECONDS_PER_MINUTE
+from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
 from pdgw.profidrive.datatypes import DataType, n2, n4
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.measuring import Measuring, Refusal, Search
@@ -53,9 +53,11 @@ _DEVICE_SIGN_OF_LIFE = _ZSW2_ENC.bit("SIGN_OF_LIFE")
 
 PARKED_NS = 100 * MS
 """Minimum time of G1_ZSW.14 = 1, because masters poll it."""
-PRESET_SETTLE_NS = 200 * MS
-"""Time in which a preset may still appear as a jump of the position, after its answer or after the request disappeared. An
-answered preset is then confirmed."""
+PRESET_SETTLE_NS = SECOND
+"""Longest time until a preset appears in a position that arrives in each cycle, after the answer or the end of its request. An
+answered preset that does not appear has failed."""
+_NEAR_STEPS = 4
+"""A preset appears in the position if it differs by this number of steps of the motion at most."""
 
 
 class SensorError(enum.IntEnum):
@@ -183,6 +185,8 @@ class SensorInterface:
         self.set_total_range(total_range)
         self.preset_supported = preset_supported
         self.preset_value = 0
+        self.settle_ns = PRESET_SETTLE_NS
+        """The same with the longest age of a position of this sensor."""
         self.preset_request: PresetRequest | None = None
         self.state = SensorState.NORMAL
         self.error: SensorError | None = None
@@ -195,11 +199,18 @@ class SensorInterface:
         self._last: int | None = None
         self._count = 0
         self._moved = 0
+        """The last motion between two steps that was not 0."""
+        self._largest = 0
+        """The largest one since the request of the preset."""
+        self._asked_at = self._answered_at = 0
+        """G1_XIST1 at the request of the preset and at its answer."""
         self._shift = 0
         self._parked_until = 0
         self._jump: PresetRequest | None = None
         self._jump_until: int | None = 0
         """Until when the preset may appear; None while its request waits for the answer."""
+        self.ineffective: PresetRequest | None = None
+        """The last preset that was confirmed and did not appear in the position."""
 
     def set_total_range(self, total_range: int) -> None:
         """The scaling of the sensor changed; the next position counts on from the present G1_XIST1."""
@@ -288,12 +299,16 @@ class SensorInterface:
     def _process_events(self, word: int, edges: int, error: SensorError | None, position: int | None, now: int) -> None:
         until = self._jump_until
         if until is None and self.preset_request is None:
-            until = self._jump_until = now + PRESET_SETTLE_NS
+            until = self._jump_until = now + self.settle_ns
+            self._answered_at = self._count
         if self._answer is not None:
             event, failure = self._answer
             # G1_ZSW.12 must not be set together with the old position.
-            if event is SensorEvent.FAILED or self._has_preset() or (until is not None and now >= until):
+            if event is SensorEvent.FAILED or self._has_preset():
                 self._transition(event, failure)
+            elif until is not None and now >= until:
+                self.ineffective = self._jump
+                self._transition(SensorEvent.FAILED, SensorError.MEMORY)
         if word & _PARK and self.state is not SensorState.PARKED:
             self._parked_until = now + PARKED_NS
         self._transition(SensorEvent.PARK if word & _PARK or now < self._parked_until else SensorEvent.UNPARK)
@@ -313,6 +328,7 @@ class SensorInterface:
                 target = (value + (position if relative else 0)) % self._range
                 self.preset_request = self._jump = PresetRequest(value, relative, target)
                 self._jump_until = None
+                self._asked_at, self._largest = self._count, 0
         elif not word & _PRESET:
             self._transition(SensorEvent.PRESET_END)
 
@@ -350,16 +366,28 @@ class SensorInterface:
                 # Two interpretations are possible: motion, or the jump plus the rest of the step. Take the one nearer to the
                 # last motion.
                 rest = self._wrapped(position - jump.position)
-                if abs(rest - self._moved) < abs(moved - self._moved):
+                differs = abs(moved - rest) > self._largest
+                if differs and self._surprise(rest) < self._surprise(moved):
                     self._jump = None
                     self._shift = position - self._count - rest
                     moved = rest
+                self._largest = max(self._largest, abs(moved))
             self._count += moved
-            self._moved = moved
+            self._moved = moved or self._moved
         self._position = position
 
+    def _surprise(self, moved: int) -> int:
+        """The difference of a motion to the last one, or to none: a position need not arrive in each cycle."""
+        return min(abs(moved), abs(moved - self._moved))
+
     def _has_preset(self) -> bool:
-        return self._jump is None or (self._last is not None and not self._wrapped(self._jump.position - self._last))
+        """Whether the jump was seen, or the preset is where the shaft was between request and answer: nothing would jump."""
+        if self._jump is None:
+            return True
+        turned = self._answered_at - self._asked_at
+        place = self._wrapped(self._jump.position - self._shift - self._asked_at)
+        near = _NEAR_STEPS * self._largest
+        return min(0, turned) - near <= place <= max(0, turned) + near
 
     def _wrapped(self, difference: int) -> int:
         """The shortest way round the total range."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from pdgw.durations import MS
 from pdgw.gateway.axis.adapters.encoder import EncoderAdapter
 from pdgw.gateway.axis.executors.sensor import EncoderReferences, SensorChannel
 from pdgw.gateway.axis.settings import SensorSettings
@@ -26,7 +27,13 @@ from pdgw.gateway.axis.values import (
 )
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import FaultNumber, Reason, UnconfirmedOrder
-from pdgw.profidrive.encoder import EncoderControl, SensorError, SensorState, speed_normalisation
+from pdgw.profidrive.encoder import (
+    EncoderControl,
+    PresetRequest,
+    SensorError,
+    SensorState,
+    speed_normalisation,
+)
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.normalisation import Normalisation
 from pdgw.profidrive.sign_of_life import SignOfLife
@@ -94,6 +101,7 @@ class EncoderMachine:
         self._sensor_word: int | None = None
         self._sign_of_life_failed = False
         self._preset: SdoWrite | None = None
+        self._ineffective: PresetRequest | None = None
         self._refused: ProfidriveError | None = None
 
     def set_references(self, references: EncoderReferences | None) -> None:
@@ -171,6 +179,7 @@ class EncoderMachine:
         if channel.preset_write is not self._preset:
             write = self._preset = channel.preset_write
             outputs.writes = None if write is None else (write,)
+        self._report_preset()
         outputs.good = ok
         if self._acknowledgement.step(control.acknowledged, ok, cause, now):
             outputs.acknowledged = outputs.eventful = True
@@ -198,6 +207,16 @@ class EncoderMachine:
         else:
             outputs.fault(gateway_fault(FaultNumber.PRESET, answer.error, self.inputs.now))
             self.channel.sensor.preset_failed()
+
+    def _report_preset(self) -> None:
+        sensor = self.channel.sensor
+        ineffective = sensor.ineffective
+        if ineffective is not self._ineffective and ineffective is not None:
+            text = (
+                f"confirmed, but the position did not become {ineffective.position} within {sensor.settle_ns // MS} ms"
+            )
+            self.outputs.fault(gateway_fault(FaultNumber.PRESET, text, self.inputs.now))
+        self._ineffective = ineffective
 
     def _sign_of_life_error(self) -> SensorError | None:
         failed = self.control.sign_of_life.failed

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Future
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any, ClassVar
 
@@ -147,7 +148,8 @@ class EncoderObject(DriveObject):
         dictionary, config = self.client.sdo.dictionary, self.config
         channel = config.channel if PRESET_MULTI_SENSOR in dictionary else None
         make = EncoderReferences.linear if config.is_linear else EncoderReferences.rotary
-        return make(parameters, Fraction(str(config.reference_speed)), channel)
+        references = make(parameters, Fraction(str(config.reference_speed)), channel)
+        return replace(references, position_age_ns=self.client.position_age_ns)
 
     @property
     def sensor_format(self) -> SensorFormat:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import itertools
+import random
 from fractions import Fraction
 
 import pytest
@@ -31,6 +32,7 @@ from pdgw.profidrive.sign_of_life import MONITORING_OFF, SignOfLife
 from tests.support.documents.profile_oracle import SENSOR_SHOWN, sensor_state
 
 ACKNOWLEDGE, PARK, ABSOLUTE, PRESET, RELATIVE = 0x8000, 0x4000, 0x2000, 0x1000, 0x0800
+ERROR = 0x8000
 RANGE = 1000
 
 # -- the handshake ----------------------------------------------------------------------------------------------------
@@ -247,6 +249,72 @@ def test_preset_is_confirmed_together_with_its_position(relative: int) -> None:
     assert sensor.step(word, 10, 2 * MS)[0::2] == (ABSOLUTE, 10)
     sensor.step(word, new, 3 * MS)
     assert sensor.step(word, new, 4 * MS) == (ABSOLUTE | PRESET, 10, new)
+
+
+def test_confirmed_preset_without_effect_is_an_error() -> None:
+    sensor = SensorInterface(RANGE)
+    sensor.preset_value = 400
+    sensor.step(0, 10, 0)
+    sensor.step(PRESET, 10, MS)
+    request = sensor.preset_request
+    sensor.preset_done()
+    assert sensor.step(PRESET, 10, 2 * MS) == (0, 10, 0)
+    assert sensor.step(PRESET, 10, PRESET_SETTLE_NS) == (0, 10, 0)
+    assert sensor.ineffective is None
+    assert sensor.step(PRESET, 10, PRESET_SETTLE_NS + 2 * MS) == (ERROR, 10, SensorError.MEMORY)
+    assert sensor.ineffective is request
+
+
+def test_late_jump_of_a_preset_leaves_xist1() -> None:
+    """Confirmed by SDO, carried out 300 ms later."""
+    sensor = SensorInterface(RANGE)
+    sensor.preset_value = 400
+    sensor.step(0, 10, 0)
+    sensor.step(PRESET, 10, MS)
+    sensor.preset_done()
+    assert sensor.step(PRESET, 10, 300 * MS) == (0, 10, 0)
+    sensor.step(PRESET, 400, 301 * MS)
+    assert sensor.step(PRESET | ABSOLUTE, 400, 302 * MS) == (PRESET | ABSOLUTE, 10, 400)
+
+
+@pytest.mark.parametrize("preset", [10, 12])
+def test_preset_to_the_present_position_is_confirmed_at_once(preset: int) -> None:
+    """The position wobbles by one step."""
+    sensor = SensorInterface(RANGE)
+    sensor.preset_value = preset
+    for now, position in enumerate((10, 11, 10)):
+        sensor.step(0, position, now)
+    sensor.step(PRESET, 11, 3)
+    sensor.step(PRESET, 10, 4)
+    sensor.preset_done()
+    assert sensor.step(PRESET, preset, 5)[0] == PRESET
+
+
+@pytest.mark.parametrize("update_ms", [1, 20, 50])
+@pytest.mark.parametrize("speed", [1, 7, -13])
+@pytest.mark.parametrize("preset", [0, 300, 700])
+def test_preset_without_effect_is_an_error_also_of_a_turning_shaft(preset: int, speed: int, update_ms: int) -> None:
+    """The shaft passes the preset value meanwhile, and its position is sent every ``update_ms`` with some noise."""
+    sensor = SensorInterface(RANGE)
+    sensor.preset_value = preset
+    start = 500 * update_ms
+
+    def at(now: int) -> int:
+        sent = now - now % update_ms
+        noise = random.Random(sent).choice((0, 0, 1)) if speed > 1 else 0
+        return (500 + sent * speed // update_ms + noise) % RANGE
+
+    for now in range(start):
+        sensor.step(0, at(now), now * MS)
+    while abs((at(start) - preset + RANGE // 2) % RANGE - RANGE // 2) < 100:
+        sensor.step(0, at(start), start * MS)
+        start += 1
+    sensor.step(PRESET, at(start), start * MS)
+    sensor.preset_done()
+    statuses = [
+        sensor.step(PRESET, at(now), now * MS)[0] for now in range(start + 1, start + PRESET_SETTLE_NS // MS + 10)
+    ]
+    assert set(statuses) == {0, ERROR}
 
 
 def test_a_jump_long_after_a_preset_is_motion() -> None:

@@ -20,6 +20,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.axis.values import EncoderInput, PresetAnswer, ProbeAnswer, ProbeWish, SdoWrite
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.encoder import (
+    PRESET_SETTLE_NS,
     SENSOR_STATUS,
     PresetRequest,
     SensorError,
@@ -51,6 +52,8 @@ class EncoderReferences:
     preset_supported: bool = True
     speed_unit: Fraction = Fraction(1)
     """Measuring units per second of one step of the speed object."""
+    position_age_ns: int = 0
+    """Longest age of a position that counts."""
 
     @classmethod
     def rotary(cls, parameters: EncoderParameters, rpm: Fraction, channel: int | None = None) -> EncoderReferences:
@@ -125,6 +128,7 @@ class SensorChannel:
         if references is not None:
             self.sensor.set_total_range(references.total_range)
             self.sensor.preset_supported = references.preset_supported
+            self.sensor.settle_ns = PRESET_SETTLE_NS + references.position_age_ns
             self._references = references
 
     def step(

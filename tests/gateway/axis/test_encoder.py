@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import pytest
@@ -170,6 +170,25 @@ def test_rejected_preset_is_a_sensor_error_and_a_warning() -> None:
     bench.step(PRESET | ACKNOWLEDGE)
     assert bench.step(PRESET)["G1_ZSW"] == 0
     assert bench.stepper.sdo_request is None, "the request that still stands is no new one"
+
+
+@pytest.mark.parametrize("age_ms", [0, 3000])
+def test_confirmed_preset_without_effect_is_a_sensor_error_and_a_warning(age_ms: int) -> None:
+    """A position that arrives seldom has as much more time."""
+    bench = Bench(references=replace(REFERENCES, position_age_ns=age_ms * MS))
+    bench.stepper.channel.sensor.preset_value = 5000
+    bench.step()
+    bench.step(PRESET)
+    bench.answer()
+    waiting = (1000 + age_ms) // 4
+    assert bench.step(PRESET, cycles=waiting)["G1_ZSW"] == 0
+    assert bench.stepper.reason is Reason.SENSOR_PRESETTING
+    actuals = bench.step(PRESET, cycles=2)
+    assert (actuals["G1_ZSW"], actuals["G1_XIST1"], actuals["G1_XIST2"]) == (0x8000, 1000, SensorError.MEMORY)
+    assert bench.stepper.reason is Reason.SENSOR_ERROR
+    bench.step(PRESET, cycles=5)
+    assert [event.number for event in bench.stepper.events] == [118]
+    assert f"did not become 5000 within {1000 + age_ms} ms" in bench.stepper.events[0].text
 
 
 def test_parking_cancels_a_preset() -> None:
