@@ -131,6 +131,7 @@ class CanNetwork(Receiver):
         add, part = self.loop.counters.add, f"bus {self.name}"
         add(part, "sent", "frames", "accepted by the interface", lambda: self.sent)
         add(part, "received", "frames", "received from other nodes", lambda: self.received)
+        add(part, "syncs", "frames", "SYNC of the gateway and of other senders", lambda: self.syncs)
         add(
             part,
             "send_errors",

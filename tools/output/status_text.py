@@ -13,7 +13,7 @@ from pdgw.gateway.reasons import AxisState
 from pdgw.profidrive.signals import Signal, signal
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
-_USUAL = {"accepted", "answered", "sent", "received", "cycles", "generation", "unconfirmed"}
+_USUAL = {"accepted", "answered", "sent", "received", "syncs", "cycles", "generation", "unconfirmed"}
 """Counters that also rise in normal operation. Each connect, for example, has unconfirmed frames."""
 _DAY_S = 86_400
 
