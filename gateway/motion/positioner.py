@@ -379,8 +379,9 @@ class Positioner:
     def _start(self) -> None:
         task = self._pending
         assert task is not None, "the rows with a start follow an edge"
+        homing_waits = self._homing_waits
         self._forget()
-        self._warn(None)
+        self._warn(Reason.FUNCTION_RUNS if homing_waits else None)
         self._task = task
         self._owed = True
         self.outcome.acknowledged = False

@@ -10,6 +10,7 @@ from typing import ClassVar, Final
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.states import StatusBit
+from pdgw.gateway.axis.answer import Answer
 from pdgw.gateway.axis.demand_report import Flag, SpeedWish
 from pdgw.gateway.axis.executors.base import AxisRecords, Executor, LimitWatch, demanded_speed, known
 from pdgw.gateway.axis.power_states import Action
@@ -63,8 +64,8 @@ class SpeedExecutor(Executor):
         """A limit of 60FFh cuts the PLC's setpoint."""
         self._sent = 0
         """60FFh of the cycle before."""
-        self._awaited = True
-        """The Statusword may still say "reached" for an older setpoint."""
+        self._arrival = Answer(self.settings.latency_ns)
+        """Target reached, in answer to the setpoint."""
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
         if drive.speed_mode is None:
@@ -148,13 +149,14 @@ class SpeedExecutor(Executor):
 
     def _reached(self, target: int, statusword: int, velocity: int) -> bool:
         """Whether the drive follows the setpoint in force, and that is the PLC's own."""
+        now = self.inputs.now
         if target != self._sent:
             self._sent = target
-            self._awaited = True
+            self._arrival.command(now)
         said = statusword & _REACHED != 0
-        if self._awaited and (not said or -self._tolerance <= velocity - target <= self._tolerance):
-            self._awaited = False
-        if not said or self._awaited or self.interlock.action is not _ENABLE_OPERATION:
+        answered = self._arrival.read(said, now)
+        near = -self._tolerance <= velocity - target <= self._tolerance
+        if not said or not (answered or near) or self.interlock.action is not _ENABLE_OPERATION:
             return False
         own = not self._frozen and not (self._limited and self.demand.speed_wish is _FOLLOW)
         return own and target == self._target

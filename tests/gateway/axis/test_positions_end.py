@@ -229,3 +229,14 @@ def test_withdrawn_homing_starts_no_older_task() -> None:
         hand(word, **MDI["9"])
     hand.feedback.velocity_actual = 0
     assert not any(hand(ON) & NEW_SETPOINT for _ in range(20))
+
+
+def test_edge_of_homing_in_the_cycle_in_which_a_waiting_task_starts_has_a_reason() -> None:
+    hand = running("111")
+    hand(ON & ~REJECT)
+    hand(ON)
+    hand(ON | ACTIVATE)
+    hand.feedback.velocity_actual = 0
+    hand(ON | ACTIVATE)
+    hand(ON | ACTIVATE | HOMING)
+    assert hand.stepper.reason is Reason.FUNCTION_RUNS

@@ -27,7 +27,7 @@ class Stall:
     def step(self, expects: bool, position: int, now: int) -> bool:
         """One cycle; True for a stalled axis. ``expects``: the axis is at standstill, and its motion has not ended."""
         if not expects:
-            self._since = -1
+            self._since, self._lowest, self._highest = -1, 0, 0
         elif self._since < 0:
             self._since, self._lowest, self._highest = now, position, position
         elif not self._lowest <= position <= self._highest:
