@@ -120,8 +120,8 @@ planted: $(STAMP)
 	sed -i '/^| what is broken/,$$d' tests/workshop/planted-defects.md
 	$(BIN)/python -m pdgw.workshop soak --planted --seed 1 >> tests/workshop/planted-defects.md
 
-# Every state that a PLC, a loss and a lying drive can bring an axis to: every telegram and every setting in some minutes; all
-# settings with all telegrams, homing and jog in some hours.
+# Every state that a PLC, a loss and a lying drive can bring an axis to, and the handshakes of a positioner: every telegram and
+# every setting in some minutes; all settings with all telegrams, homing, jog and every kind of drive in some hours.
 walk: $(STAMP)
 	$(BIN)/python -m pdgw.workshop.walk
 

@@ -440,6 +440,10 @@ def generate_power_table() -> str:
             "each step. From every state the axis must return to operation, also with a slow drive. `make walk` runs every",
             "telegram, every setting once, the sign of life and the guarding. `make walk-all` runs all settings with all",
             "telegrams, homing and jog, in some hours.\n",
+            "A second walk has a drive with a shaft: setpoint acknowledge, Halt, homing, mode change, jog and touch probe of",
+            "telegrams 7, 9, 110, 111 and 112. Words are up to three cycles late in each direction, and the drive may report",
+            "SW.10, SW.12, SW.13 or 6061h wrongly. Its rules check the shaft: it moves only after an edge, every stop order",
+            "stops it, ZSW1.10, ZSW1.11 and ZSW1.12 are true, and every order is carried out or has a reason.\n",
             "```text",
             _WALK_PATH.read_text(encoding="utf-8") + "```\n",
         )

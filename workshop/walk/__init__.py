@@ -10,5 +10,7 @@
 | ``brakes`` | the same for NMT Stop and the gateway's heartbeat, in a walk of the guarding |
 | ``recovery`` | an axis returns to operation from every state, with a correct but slow drive |
 | ``cases`` | the telegrams and settings of the walks |
+| ``handshakes`` | the walk of setpoint acknowledge, Halt, homing, mode change, jog and touch probe |
+| ``shaft``, ``promises`` | its drive, which may be late and report a signal wrongly, and its rules about the shaft |
 | ``search`` | breadth-first search to the fixpoint; the shortest trace of a violation |
 """

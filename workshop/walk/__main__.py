@@ -8,11 +8,11 @@ import time
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-from pdgw.workshop.walk.cases import Case, every, selected, short
+from pdgw.workshop.walk import cases, handshakes
 from pdgw.workshop.walk.search import Result
 
 
-def _run(case: Case) -> tuple[Result, float]:
+def _run(case: cases.Case | handshakes.Handshakes) -> tuple[Result, float]:
     """The result of a walk and the CPU time in seconds."""
     began = time.process_time()
     return case.run(), time.process_time() - began
@@ -29,12 +29,12 @@ def main() -> int:
     parser.add_argument("--only", default="", help="walk only cases whose name contains this text")
     parser.add_argument("--figures", type=Path, help="write what was walked to this file")
     options = parser.parse_args()
-    chosen = {options.short: short, options.all: every}.get(True, selected)
-    cases = [case for case in chosen() if options.only in case.name]
+    extent = {options.short: "short", options.all: "every"}.get(True, "selected")
+    walks = [case for part in (cases, handshakes) for case in getattr(part, extent)() if options.only in case.name]
     broken = False
     figures = []
     with ProcessPoolExecutor() as pool:
-        for case, (result, seconds) in zip(cases, pool.map(_run, cases), strict=True):
+        for case, (result, seconds) in zip(walks, pool.map(_run, walks), strict=True):
             for violation in result.violations.values():
                 print(violation)
             if result.stuck is not None:

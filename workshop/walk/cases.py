@@ -125,7 +125,7 @@ class Case:
         """The axis machine with all inputs. ``kind``: Transducer or a subclass."""
         shown = self._shown()
         inputs = product(self._frames(), guarded(shown) if self.guarding else shown)
-        return kind(self.number, self._settings(), drive(), self.tick_ns, inputs, guarding=self.guarding)
+        return kind(self.number, self.settings(), drive(), self.tick_ns, inputs, guarding=self.guarding)
 
     @property
     def _tasks(self) -> bool:
@@ -146,7 +146,8 @@ class Case:
             made += [item._replace(name=f"{item.name} waits", waits=True) for item in made if item.word & 0xF == OFF1]
         return made if self.life is None else list(with_life(made))
 
-    def _settings(self) -> AxisSettings:
+    def settings(self) -> AxisSettings:
+        """The user's settings of the axis."""
         return AxisSettings(
             on_plc_loss=self.on_plc_loss,
             ramp_stop_resume=self.resume,

@@ -96,8 +96,8 @@ class Transducer:
         return *plc.setpoints[:place], plc.setpoints[place] | counter << _LIFE, *plc.setpoints[place + 1 :]
 
     def _step(self, plc: Plc, shown: Shown) -> Output:
-        inputs, outputs = self._machine.inputs, self._machine.outputs
-        inputs.now += self._tick
+        inputs = self._machine.inputs
+        inputs.now += self._tick if shown.after_ns is None else shown.after_ns
         inputs.setpoints, inputs.fresh = self._setpoints(plc), plc.fresh
         inputs.unconfirmed = UnconfirmedOrder.WAITS if plc.waits else UnconfirmedOrder.NONE
         inputs.drive_ok, inputs.node_stopped = shown.ok, shown.stopped
@@ -112,6 +112,10 @@ class Transducer:
         if shown.answer is not None and writes is not None:
             inputs.news.append(SdoAnswer(writes, shown.answer or None))
         self._checkpoints.step()
+        return self._output()
+
+    def _output(self) -> Output:
+        outputs = self._machine.outputs
         command = outputs.command
         return Output(
             command.controlword,

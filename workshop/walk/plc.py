@@ -41,7 +41,7 @@ _NAMES = {
     ENABLE: "ON+enable",
 }
 _SHORT = (OFF1, OFF2, OFF3, ON, ENABLE)
-_VALUES = {
+VALUES = {
     "NSOLL_A": 0x2000,
     "NSOLL_B": 0x2000 << 16,
     "XERR": 1000,
@@ -61,10 +61,10 @@ _VALUES = {
     "Modes of Operation": 3,
 }
 """Constant setpoints; the others are 0."""
-_MDI = 0x8000
+MDI = 0x8000
 HOMING_METHOD = 35
-_OF_TELEGRAM = {
-    9: {"SATZANW": _MDI | HOMING_METHOD, "MDI_TARPOS": 0x1000_0000, "MDI_VELOCITY": 0x2000_0000},
+OF_TELEGRAM = {
+    9: {"SATZANW": MDI | HOMING_METHOD, "MDI_TARPOS": 0x1000_0000, "MDI_VELOCITY": 0x2000_0000},
 }
 """In telegram 9 they are fractions of a reference value. In the others SATZANW selects traversing block 0."""
 RAW = 100
@@ -78,7 +78,7 @@ def frames(number: int, *, homing: bool, jog: bool, full: bool) -> list[Plc]:
     ``full``: also words that differ only by Disable Operation, or by bits without effect.
     """
     names = telegram(number).setpoints.names
-    chosen = _VALUES | _OF_TELEGRAM.get(number, {})
+    chosen = VALUES | OF_TELEGRAM.get(number, {})
     values = tuple(chosen.get(name, 0) for name in names[1:])
 
     def frame(name: str, word: int) -> Plc:

@@ -35,12 +35,13 @@ class LateDrive(NamedTuple):
     def step(self, output: Output, *, late: bool, stays: bool) -> LateDrive:
         """One cycle. ``late``: it uses the previous Controlword. ``stays``: it stays in Quick Stop Active (options 5 to 8)."""
         word = self.word if late else output.controlword
-        state = self._after(word, stays=stays)
+        state = self.after(word, stays=stays)
         operates = state is State.OPERATION_ENABLED
         turns = operates and output.velocity != 0
         return LateDrive(state, turns, output.controlword, word)
 
-    def _after(self, word: int, *, stays: bool) -> State:
+    def after(self, word: int, *, stays: bool) -> State:
+        """The state of the drive after a Controlword."""
         state, command = self.state, word & _ENABLE
         if state is State.NOT_READY_TO_SWITCH_ON:
             return State.SWITCH_ON_DISABLED

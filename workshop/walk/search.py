@@ -45,7 +45,7 @@ class Violation:
     """A violated rule with the shortest trace to it."""
 
     rule: enum.Enum
-    trace: list[Step]
+    trace: Sequence[object]
 
     def __str__(self) -> str:
         lines = [f"broken: {self.rule.value}", *(f"{i:3} {step}" for i, step in enumerate(self.trace, 1))]

@@ -30,6 +30,12 @@ class Plc(NamedTuple):
     life: Life = Life.NONE
     waits: bool = False
     """Another order of the PLC waits for its confirmation."""
+    target: int = 0
+    """607Ah of its task; only in the walk of the handshakes."""
+    mdi: bool = True
+    """SATZANW.15 of telegram 9; likewise."""
+    passive: bool = False
+    """The homing is one by the touch probe; likewise."""
 
 
 class Shown(NamedTuple):
@@ -53,6 +59,10 @@ class Shown(NamedTuple):
     """It is lost, and was found without power by SDO."""
     answer: str | None = None
     """Answer to the SDO writes of the machine: empty if accepted, else the reason; None: no answer."""
+    after_ns: int | None = None
+    """Time since the last cycle; None: the usual one."""
+    latched: bool | None = None
+    """Answer of the touch probe: a position, or that the drive has none; None: no answer."""
 
 
 class Output(NamedTuple):
@@ -71,3 +81,7 @@ class Output(NamedTuple):
     """The final guard had to replace an Enable Operation."""
     brake: Brake = Brake.NONE
     """Only in a walk of the guarding."""
+    target: int = 0
+    """607Ah; only in the walk of the handshakes."""
+    probe: bool = False
+    """The touch probe is armed."""
