@@ -20,6 +20,7 @@ from pdgw.workshop.walk.shaft import Character, Signal, Wrong
 Patch = pytest.MonkeyPatch
 FIGURES = Path(__file__).parents[2] / "docs" / "walk.txt"
 KNOWN: dict[str, set[Rule]] = {
+    "telegram 9 handshakes TASKS 1 + 1 late": {Rule.ACKNOWLEDGED},
     "telegram 9 handshakes TASKS keeps tasks": {Rule.REACHED, Rule.STOPS},
     "telegram 9 handshakes TASKS SW.10 1 as soon as the shaft turns": {Rule.REACHED, Rule.REACHED_THERE, Rule.STOPS},
     "telegram 9 handshakes MIXED": {Rule.STARTS, Rule.STOPS},

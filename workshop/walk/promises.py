@@ -239,9 +239,10 @@ def _counted(
 
 def _done(now: Memory, moment: Moment, *, starts: bool) -> Memory:
     """What the drive has done in this cycle."""
-    shaft, awaited = moment.shaft, now.awaited
+    was, shaft, awaited = moment.was, moment.shaft, now.awaited
     there = now.task == shaft.position and not shaft.turns and not starts
-    homed = now.homed or (shaft.homed and now.homing) or moment.shown.latched is True
+    homed = now.homed or (now.homing and shaft.homed and not was.homed) or moment.shown.latched is True
+    taken = shaft.taken and not was.taken and shaft.task in {None, now.task}
     ends = {
         Awaited.NOTHING: True,
         Awaited.TASK: now.task is None and moment.shows(_REACHED),
@@ -252,7 +253,7 @@ def _done(now: Memory, moment: Moment, *, starts: bool) -> Memory:
         operated=moment.shows(_OPERATION_ENABLED),
         strobe=moment.output.controlword & ControlBit.NEW_SETPOINT != 0,
         task=None if there else now.task,
-        taken=now.taken or shaft.taken,
+        taken=now.taken or taken,
         homed=homed,
         home_set=moment.shows(_HOME_SET),
         awaited=Awaited.NOTHING if ends[awaited] or moment.shows(_WARNING) else awaited,
