@@ -305,7 +305,7 @@ _WRONG = tuple(
     for wrong in Wrong
     if (signal, wrong) != (Signal.MODE, Wrong.EARLY)
 )
-_LATE = tuple(Character(to_drive=out, to_gateway=back) for out, back in ((1, 1), (0, 3), (3, 0)))
+_LATE = tuple(Character(to_drive=out, to_gateway=back) for out, back in ((1, 1), (0, 3), (3, 0), (3, 3)))
 _DRIVES = (HONEST, Character(keeps=True), Character(fails=True), Character(fails=True, wrong=Wrong.STUCK), *_WRONG)
 
 
@@ -336,16 +336,15 @@ def selected() -> Iterator[Handshakes]:
     yield from (Handshakes(number, item) for number in TASK_TELEGRAM_NUMBERS for item in _orders(number))
     for number, item in product((9, 110), (Orders.TASKS, Orders.HOMING)):
         yield from (Handshakes(number, item, kind) for kind in (*_DRIVES[1:], _LATE[0]))
-    yield from (Handshakes(number, Orders.HOMING, late) for number in (9, 110) for late in _LATE[1:])
+        yield from (Handshakes(number, item, late) for late in _LATE[1 : 4 if item is Orders.HOMING else 3])
 
 
 def every() -> Iterator[Handshakes]:
     """All orders of all telegrams with every kind of drive, and all orders together with a correct one."""
     before = list(selected())
     yield from before
-    late = (*_LATE, Character(to_drive=3, to_gateway=3))
     for number in TASK_TELEGRAM_NUMBERS:
-        for item, kind in product(_orders(number), (*_DRIVES, *late)):
+        for item, kind in product(_orders(number), (*_DRIVES, *_LATE)):
             case = Handshakes(number, item, kind)
             if case not in before:
                 yield case

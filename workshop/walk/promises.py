@@ -225,8 +225,9 @@ def _counted(
         Mode.HOMING: now.homing,
         Mode.VELOCITY: now.jog,
     }[Mode(shaft.mode)]
+    ordered = now.task is not None or now.homing or now.jog
     unasked = now.unasked
-    if asked or not (shaft.turns or output.zsw1 & _OPERATION_ENABLED):
+    if asked or (not shaft.turns and (ordered or not output.zsw1 & _OPERATION_ENABLED)):
         unasked = 0
     elif shaft.turns:
         unasked = min(unasked + rests + (not before.turns), STOP_LIMIT)
