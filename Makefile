@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web client recording peers tools workshop
 
-.PHONY: demo demo-profinet test test-paused tour test-can test-plc lint format bench counts measured fuzz limit-cycles soak planted walk walk-all docs screenshots site compiled test-compiled bench-compiled pins wheels wheels-docker release deb test-deb clean
+.PHONY: demo demo-profinet test test-paused tour test-can test-plc lint format bench counts measured fuzz limit-cycles soak calm planted walk walk-all docs screenshots site compiled test-compiled bench-compiled pins wheels wheels-docker release deb test-deb clean
 
 demo: $(STAMP)
 	$(BIN)/pdgw demo
@@ -114,6 +114,11 @@ soak: BUILD := soak
 soak: COMPILED := build/soak
 soak: compiled
 	$(WITH_COMPILED) $(BIN)/python -m pdgw.workshop soak --hours 24 --axes 2
+
+calm: BUILD := soak
+calm: COMPILED := build/soak
+calm: compiled
+	$(WITH_COMPILED) $(BIN)/python -m pdgw.workshop soak --calm --hours 24
 
 # Each planted defect and the virtual time until the soak finds it.
 planted: $(STAMP)

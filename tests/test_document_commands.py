@@ -101,6 +101,10 @@ NOT_TYPED = {
     "pdgw run examples/axis_sequence.toml": (_SOURCES, "tests/tools/test_sim_plc_program.py"),
     "pdgw sim plc --st pdgw.st --st examples/axis_sequence.st": (_SOURCES, "tests/tools/test_plc_motion.py"),
     "python -m pdgw.workshop soak --hours 24 --seed 7": (_MINUTES, "tests/workshop/test_soak.py"),
+    "python -m pdgw.workshop soak --calm --hours 24 --telegrams 111 --seed 7": (
+        _MINUTES,
+        "tests/workshop/test_soak_calm.py",
+    ),
     "python -m pdgw.workshop soak --planted --seed 1": (_MINUTES, "tests/workshop/test_soak_planted.py"),
     "python -m pdgw.workshop soak --seed 7 --axes 2 --until 49.001 --trace": (_MINUTES, "tests/workshop/test_soak.py"),
     "pdgw status --fleet": (_PART, "tests/tools/test_fleet.py"),

@@ -1,4 +1,4 @@
-"""``python -m pdgw.workshop soak``: days of random faults in virtual time."""
+"""``python -m pdgw.workshop soak``: days of random faults, and calm days, in virtual time."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from pdgw.durations import SECOND
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.errors import GatewayError
 from pdgw.workshop.documents.markdown import table
+from pdgw.workshop.soak.calm import CALM_TELEGRAMS, CalmRun, draw_calm
 from pdgw.workshop.soak.plan import Part, parts
 from pdgw.workshop.soak.planted import DEFECTS, search
 from pdgw.workshop.soak.soak_run import SoakRun
@@ -39,6 +40,10 @@ def soak(
     trace: Annotated[
         bool, typer.Option("--trace", help="With --until: print what happened before, with all CAN frames.")
     ] = False,
+    calm: Annotated[
+        bool,
+        typer.Option("--calm", help="No faults, and a PLC that asks for nothing wrong; each telegram has its own day."),
+    ] = False,
     planted: Annotated[
         bool, typer.Option("--planted", help="Plant defects in the gateway and print when the soak finds each.")
     ] = False,
@@ -47,14 +52,16 @@ def soak(
 
     The same seed gives the same day. After a failure, `soak --seed N --until SECOND --trace` shows the time before it.
     """
-    numbers = _numbers(telegrams)
+    numbers = _numbers(telegrams, CALM_TELEGRAMS if calm else DRIVE_TELEGRAM_NUMBERS)
     if trace and until is None:
         raise GatewayError("--trace: only with --until: what happened before a moment of the day")
     console = Console()
     if planted:
         _search(seed, axes)
     elif until is not None:
-        _play_until(console, seed, int(until * SECOND), axes, numbers, frames=trace)
+        _play_until(console, seed, int(until * SECOND), axes, numbers, frames=trace, calm=calm)
+    elif calm:
+        _play_calm(console, seed, int(hours * _HOUR_NS), numbers or CALM_TELEGRAMS)
     else:
         _play(console, seed, int(hours * _HOUR_NS), axes, numbers)
 
@@ -94,6 +101,23 @@ def _play(console: Console, seed: int, end: int, axes: int, numbers: Sequence[in
     )
 
 
+def _play_calm(console: Console, seed: int, end: int, numbers: Sequence[int]) -> None:
+    """Print the table of calm days; exit status 1 at the first violation."""
+    typer.echo(table(("telegram", "virtual hours", "tasks", "violations", "virtual s per CPU s"), ()), nl=False)
+    for number in numbers:
+        tasks, used = 0, time.process_time()
+        for part in takewhile(lambda part: part.begin < end, parts(seed, 1, [number], draw_calm)):
+            run = CalmRun(part)
+            try:
+                run.play(min(end, part.end))
+            except ViolationError as violation:
+                _fail(console, run, violation, seed, 1, [number])
+            tasks += run.tasks
+            run.close()
+        speed = end / SECOND / (time.process_time() - used)
+        typer.echo(f"| {number} | {end / _HOUR_NS:g} | {tasks} | 0 | {speed:.0f} |")
+
+
 def _search(seed: int, axes: int) -> None:
     """Print the table of planted defects; exit status 1 when one is not found."""
     typer.echo(table(("what is broken", "found after (virtual time)", "by"), ()), nl=False)
@@ -116,16 +140,15 @@ def _memory() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
-def _numbers(telegrams: str) -> list[int]:
+def _numbers(telegrams: str, known: Sequence[int]) -> list[int]:
     if not telegrams:
         return []
-    known = list(DRIVE_TELEGRAM_NUMBERS)
     try:
         chosen = [int(text) for text in telegrams.split(",")]
     except ValueError:
         chosen = [-1]
     if not set(chosen) <= set(known):
-        raise GatewayError(f"--telegrams {telegrams}: expected numbers with commas between, of {known}")
+        raise GatewayError(f"--telegrams {telegrams}: expected numbers with commas between, of {list(known)}")
     return chosen
 
 
@@ -134,9 +157,15 @@ def _parts(seed: int, axes: int, numbers: Sequence[int], end: int) -> Iterator[P
     return takewhile(lambda part: part.begin < max(end, 1), parts(seed, axes, numbers))
 
 
-def _play_until(console: Console, seed: int, until: int, axes: int, numbers: Sequence[int], *, frames: bool) -> None:
-    *_, part = _parts(seed, axes, numbers, until)
-    soak_run = SoakRun(part, keep_telegrams=bool(numbers), frames=frames)
+def _play_until(
+    console: Console, seed: int, until: int, axes: int, numbers: Sequence[int], *, frames: bool, calm: bool
+) -> None:
+    if calm:
+        *_, part = takewhile(lambda part: part.begin < max(until, 1), parts(seed, 1, numbers, draw_calm))
+        soak_run: SoakRun = CalmRun(part, frames=frames)
+    else:
+        *_, part = _parts(seed, axes, numbers, until)
+        soak_run = SoakRun(part, keep_telegrams=bool(numbers), frames=frames)
     try:
         soak_run.play(until)
     except ViolationError as violation:
@@ -152,7 +181,8 @@ def _fail(
     _print_lines(console, soak_run)
     now = soak_run.loop.now()
     chosen = f" --telegrams {','.join(map(str, numbers))}" if numbers else ""
-    again = f"--axes {axes}{chosen} --until {now / SECOND + 0.001:.3f} --trace"
+    life = "--calm" if isinstance(soak_run, CalmRun) else f"--axes {axes}"
+    again = f"{life}{chosen} --until {now / SECOND + 0.001:.3f} --trace"
     console.print(f"[red]{clock(now)}[/red] {violation}", highlight=False)
     console.print(f"python -m pdgw.workshop soak --seed {seed} {again}", highlight=False, soft_wrap=True)
     raise typer.Exit(1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from random import Random
@@ -20,6 +20,7 @@ from pdgw.gateway.axis.telegrams import (
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.peers.drive import Latency
+from pdgw.profidrive.telegrams import Telegram, telegram
 
 GATEWAY_HOST: Final = "192.168.0.5"
 """Not on loopback, so that the gateway expects late frames."""
@@ -53,7 +54,9 @@ dsc = "speed"
 following_window = 100000
 jog_1_speed_rpm = -150
 jog_2_speed_rpm = 150
-{POSITIONER}[[axis.block]]
+{POSITIONER}"""
+_BLOCKS: Final = """\
+[[axis.block]]
 number = 1
 position = 20000
 velocity = 6000
@@ -102,6 +105,17 @@ class Plan:
 
     cycle_ms: int
     axes: tuple[AxisPlan, ...]
+    encoder: int = 0
+    """Telegram of the only encoder; 0 without one."""
+    direct: bool = False
+    """No frame of the PLC is late."""
+    motion_keys: str = ""
+    """Further keys of each positioner, then further blocks."""
+
+    @property
+    def telegrams(self) -> list[Telegram]:
+        """Those of a frame, in the order of the drive objects."""
+        return [telegram(number) for number in (*(axis.telegram for axis in self.axes), self.encoder) if number]
 
     @property
     def fits_bus(self) -> bool:
@@ -124,12 +138,16 @@ class Plan:
         """Configuration of the gateway, with the addresses of the PLC and of the other parameter client."""
         axes = "".join(
             f"[[axis]]\ndo_id = {n}\nnode_id = {n}\ntelegram = {axis.telegram}\n"
-            f'on_plc_loss = "{axis.on_plc_loss.value}"\ncontrol_lost = "{axis.control_lost.value}"\n{_TABLES}'
+            f'on_plc_loss = "{axis.on_plc_loss.value}"\ncontrol_lost = "{axis.control_lost.value}"\n'
+            f"{_TABLES}{self.motion_keys}{_BLOCKS}"
             for n, axis in enumerate(self.axes, 1)
         )
+        if self.encoder:
+            n = len(self.axes) + 1
+            axes += f"[[encoder]]\ndo_id = {n}\nnode_id = {n}\ntelegram = {self.encoder}\n"
         return parse_config(
             f'[can]\ninterface = "virtual"\nchannel = "{channel}"\nbitrate = 1000000\n'
-            f"[transport]\nstatus_port = 0\ncycle_time_ms = {self.cycle_ms}\n"
+            f"[transport]\nstatus_port = 0\ncycle_time_ms = {self.cycle_ms}\ndirect = {str(self.direct).lower()}\n"
             f'listen = "{GATEWAY_HOST}"\npeer = "{plc}"\n[parameters]\nwrite_from = ["{plc}", "{engineer}"]\n{axes}'
         )
 
@@ -153,6 +171,9 @@ def draw_plan(chance: Random, axes: int, telegrams: Sequence[int] = ()) -> Plan:
     return plan if plan.fits_bus else replace(plan, cycle_ms=_TWO_DSC_MS)
 
 
+Draw = Callable[[Random, int, Sequence[int]], Plan]
+
+
 @dataclass(frozen=True, slots=True)
 class Part:
     """One part of the day of a seed. It starts with power-on, so that any time of the day can be repeated quickly."""
@@ -174,11 +195,11 @@ class Part:
         return self.begin + self.plan.duration_ns
 
 
-def parts(seed: int, axes: int = 2, telegrams: Sequence[int] = ()) -> Iterator[Part]:
-    """The parts of a day, in order and without end. ``telegrams``: as for ``draw_plan``."""
+def parts(seed: int, axes: int = 2, telegrams: Sequence[int] = (), draw: Draw = draw_plan) -> Iterator[Part]:
+    """The parts of a day, in order and without end. ``axes``, ``telegrams``: as for ``draw``."""
     begin = 0
     for number in count():
-        plan = draw_plan(Random(f"{seed} {number} plan"), axes, telegrams)
+        plan = draw(Random(f"{seed} {number} plan"), axes, telegrams)
         part = Part(seed, number, begin, plan)
         yield part
         begin = part.end

@@ -10,6 +10,7 @@ from typing import Any, Final
 from unittest.mock import patch
 
 from pdgw.ds301.node.client import NodeClient
+from pdgw.dsp402.drive.tpdo_check import TpdoCheck
 from pdgw.dsp402.states import STATE_OF_STATUS, State
 from pdgw.durations import SECOND
 from pdgw.gateway.axis import interlock
@@ -24,6 +25,7 @@ from pdgw.gateway.axis.supervision.drive_events import NodeWatch
 from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
 from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
 from pdgw.profidrive.frame import IOPS_GOOD
+from pdgw.workshop.soak.calm import CalmRun, draw_calm
 from pdgw.workshop.soak.plan import parts
 from pdgw.workshop.soak.soak_run import SoakRun
 from pdgw.workshop.soak.watch import ViolationError
@@ -41,6 +43,8 @@ class Defect:
 
     text: str
     plant: Plant
+    calm: int = 0
+    """Telegram of the calm day that finds it; 0: the soak finds it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +140,27 @@ def _unguarded(plant: Plant) -> Plant:
     return planted
 
 
+def _contradicts(_: Any, self: TpdoCheck, *__: int) -> None:
+    """A value that moves on after its TPDO counts as one that the drive does not send."""
+    for slot in self._slots:
+        at = 0
+        for entry in slot.pdo.entries:
+            size = entry.type.bits // 8
+            shown = (slot.data or b"")[at : at + size]
+            if entry.attribute == "velocity_actual" and shown != self._sdo.read(*entry.address):
+                self.dropped = f"{slot.pdo} accepts {entry} but does not send it"
+            at += size
+
+
+@contextmanager
+def _never_believed() -> Iterator[None]:
+    with (
+        _wrapped(TpdoCheck, "check", _contradicts)(),
+        patch.object(TpdoCheck, "has_unconfirmed", property(lambda self: True)),
+    ):
+        yield
+
+
 _QUICK_STOP_COASTS: Final = tuple(
     replace(cell, controlword=_SHUTDOWN) if cell.action is Action.QUICK_STOP else cell for cell in CELLS
 )
@@ -189,15 +214,18 @@ DEFECTS: Final[Mapping[str, Defect]] = {
         _unguarded(_replaced(interlock, "_LEAVING", Drive.OPERATING)),
     ),
     "quick-stop-coasts": Defect("Quick Stop is sent as Shutdown", _replaced(interlock, "CELLS", _QUICK_STOP_COASTS)),
+    "value-never-believed": Defect("a TPDO that shows every motion counts as not sent", _never_believed, calm=111),
 }
 """The defects by name."""
 
 
 def search(name: str, seed: int, axes: int = 2, limit_ns: int = LIMIT_NS) -> Found:
     """Run the soak with one defect until it is found."""
+    calm = DEFECTS[name].calm
+    day = parts(seed, 1, [calm], draw_calm) if calm else parts(seed, axes)
     with DEFECTS[name].plant():
-        for part in takewhile(lambda part: part.begin < limit_ns, parts(seed, axes)):
-            soak_run = SoakRun(part)
+        for part in takewhile(lambda part: part.begin < limit_ns, day):
+            soak_run = CalmRun(part) if calm else SoakRun(part)
             try:
                 soak_run.play(min(part.end, limit_ns))
             except ViolationError as violation:

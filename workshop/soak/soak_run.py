@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from random import Random
-from typing import Final
+from typing import ClassVar, Final
 
 from pdgw.ds301.connection_set import EMCY
 from pdgw.ds301.node.node import NodeStatus
@@ -23,7 +23,7 @@ from pdgw.gateway.axis.telegrams import TASK_TELEGRAM_NUMBERS
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.links.udp import Address
-from pdgw.peers.drive import LINEAR_AXIS, ROTARY_AXIS, shape
+from pdgw.peers.drive import LINEAR_AXIS, ROTARY_AXIS, Machine, shape
 from pdgw.peers.node.faults import WrongIdentity
 from pdgw.peers.plc.exchange.cycling import CyclingPlc
 from pdgw.peers.world import Conditions, Member, SimulatedCan, World
@@ -72,6 +72,9 @@ _CHANGES: Final = 0.3
 class SoakRun:
     """Runs one part of a day. ``keep_telegrams``: the PLC changes none. ``frames``: the trace has every CAN frame."""
 
+    linear: ClassVar[Machine] = LINEAR_AXIS
+    """The machine of an axis with tasks."""
+
     def __init__(self, part: Part, *, keep_telegrams: bool = False, frames: bool = False) -> None:
         self.begin = part.begin
         self.world = World(part.world_seed, self.begin)
@@ -86,17 +89,18 @@ class SoakRun:
         self._config = self._configuration()
         self._may_change_telegrams = not keep_telegrams
         self.daemon = self._gateway()
-        self._cycle_ns = self.daemon.cycle_ns
-        self._watchdog_ns = self._cycle_ns * self._config.transport.watchdog_factor
-        telegrams = [telegram(axis.telegram) for axis in self.plan.axes]
+        self.cycle_ns = self.daemon.cycle_ns
+        self._watchdog_ns = self.cycle_ns * self._config.transport.watchdog_factor
+        telegrams = self.plan.telegrams
         port = self.world.network.open(PLC_HOST, 0, "PLC")
-        self.plc = CyclingPlc(self.loop, port, self.daemon.address, telegrams, self._cycle_ns)
+        self.plc = CyclingPlc(self.loop, port, self.daemon.address, telegrams, self.cycle_ns)
         self._layout = CSduLayout(telegrams, Direction.SETPOINT)
         self.axes = [self._axis(index, item) for index, item in enumerate(self.plan.axes)]
         self.pending = [PendingEmcys(axis.name) for axis in self.axes]
         self._chance = self.world.chance("troubles")
-        acyclic = (self.daemon.address[0], self._config.transport.acyclic_port)
-        self._engineer = Engineer(self.world, acyclic, self.world.chance("engineer"))
+        self.acyclic = (self.daemon.address[0], self._config.transport.acyclic_port)
+        """Address of the parameter channel."""
+        self._engineer = Engineer(self.world, self.acyclic, self.world.chance("engineer"))
         self._active: dict[str, tuple[Disturbance, SoakAxis, Undo]] = {}
         self._quiet_since = self.begin
         self._arrived = self.begin
@@ -123,13 +127,13 @@ class SoakRun:
 
     def _axis(self, index: int, plan: AxisPlan) -> SoakAxis:
         number = plan.telegram
-        machine = LINEAR_AXIS if number in TASK_TELEGRAM_NUMBERS else ROTARY_AXIS
+        machine = self.linear if number in TASK_TELEGRAM_NUMBERS else ROTARY_AXIS
         drive = self.world.drive(CHANNEL, index + 1, shape=shape(plan.shape), latency=plan.latency, machine=machine)
         assert isinstance(drive.port, Member)
-        words = Words(telegram(number), self.world.chance(f"words {index}"), self._cycle_ns)
+        words = Words(telegram(number), self.world.chance(f"words {index}"), self.cycle_ns)
         axis = SoakAxis(index, plan, drive, drive.port, words)
-        axis.in_force_ns = self._watchdog_ns + 2 * self._cycle_ns
-        axis.reaction_ns = _REACTION_CYCLES * self._cycle_ns + _CHECK_NS
+        axis.in_force_ns = self._watchdog_ns + 2 * self.cycle_ns
+        axis.reaction_ns = _REACTION_CYCLES * self.cycle_ns + _CHECK_NS
         self.plc.endpoint.setpoints[index] = words.values
         drive.model.watchers.append(lambda state: self.trace.note(f"{axis.name}: drive in {state.value}"))
         return axis
@@ -202,12 +206,12 @@ class SoakRun:
             axis.drive.do(lambda node: node.model.clear())
         while True:
             self._send_word(lambda axis: axis.words.off)
-            while not all(self._ready(axis) for axis in self.axes):
+            while not all(self.ready(axis) for axis in self.axes):
                 self._send_word(lambda axis: axis.words.off | ACKNOWLEDGE)
                 self._send_word(lambda axis: axis.words.off)
                 if self.loop.now() > deadline:
                     raise ViolationError(
-                        f"not in operation {_BACK_NS // SECOND} s after the last disturbance: {self._waiting()}"
+                        f"not in operation {_BACK_NS // SECOND} s after the last disturbance: {self.describe()}"
                     )
             self._send_word(lambda axis: axis.words.off | 0x07)
             self._send_word(lambda axis: axis.words.on)
@@ -222,7 +226,7 @@ class SoakRun:
             axis.words.set_speed(math.copysign(chance.uniform(0.02, 0.8), -axis.drive.model.machine_position))
         deadline = self.loop.now() + _FOLLOW_NS
         again = True
-        while turning := [axis for axis in turning if not self._follows(axis)]:
+        while turning := [axis for axis in turning if not self.follows(axis)]:
             if again and any(axis.drive.model.state is not State.OPERATION_ENABLED for axis in turning):
                 # A drive may report once, while it turns, that it cannot do something.
                 again = False
@@ -237,7 +241,7 @@ class SoakRun:
                 )
             self.loop.sleep(_FOLLOW_WORD_NS)
 
-    def _follows(self, axis: SoakAxis) -> bool:
+    def follows(self, axis: SoakAxis) -> bool:
         rpm = axis.drive.model.ramp.speed
         asked = (asked_share(axis.words.values) or 0.0) * RATED_RPM
         shown = shown_share(self.plc.endpoint.actuals[axis.index])
@@ -263,7 +267,7 @@ class SoakRun:
         done = self._engineer.select(axis.index + 1, number, PLC_HOST)
         self.trace.note(f"{axis.name}: P922 := {number}: {'taken' if done else 'refused'}")
         if done:
-            axis.change(Words(telegram(number), axis.words.chance, self._cycle_ns))
+            axis.change(Words(telegram(number), axis.words.chance, self.cycle_ns))
             self.plan = self.plan.with_telegram(axis.index, number)
             self._config = self._configuration()
             telegrams = [item.words.telegram for item in self.axes]
@@ -281,25 +285,24 @@ class SoakRun:
 
     def _wait(self) -> None:
         """Wait for the time that every axis has to follow."""
-        self.loop.sleep(_FOLLOW_WORD_NS + 2 * max(axis.late_ns for axis in self.axes) + 4 * self._cycle_ns)
+        self.loop.sleep(_FOLLOW_WORD_NS + 2 * max(axis.late_ns for axis in self.axes) + 4 * self.cycle_ns)
 
     def _shown(self, axis: SoakAxis) -> int | None:
         """ZSW1 if the telegram has it."""
         return None if axis.words.raw else self.plc.value("ZSW1", axis.index)
 
-    def _ready(self, axis: SoakAxis) -> bool:
+    def ready(self, axis: SoakAxis) -> bool:
         if axis.words.raw:
             return axis.drive.model.state is State.READY_TO_SWITCH_ON
         shown = self._shown(axis)
         return shown is not None and shown & _RUNNING_STATE == 1
 
-    def _waiting(self) -> str:
-        """Why axes are not in operation."""
+    def describe(self) -> str:
+        """States and reasons of all axes."""
         return "; ".join(
             f"{axis.name}: drive in {axis.drive.model.state.value}, {item.reason.value if item.reason else 'no reason'}, "
             f"{item.client.status_text}"
             for axis, item in zip(self.axes, self.daemon.axes, strict=True)
-            if axis.drive.model.state is not State.OPERATION_ENABLED
         )
 
     # -- the PLC ------------------------------------------------------------------------------------------------------
@@ -420,7 +423,7 @@ class SoakRun:
         self._check_gap(now)
         self.restart_gateway()
         quiet = now - self._quiet_since > SETTLED_NS
-        plc_there = self._runs and now - self._arrived <= self._watchdog_ns + self._cycle_ns
+        plc_there = self._runs and now - self._arrived <= self._watchdog_ns + self.cycle_ns
         port = self.gateway_port
         bus_there = port.connected and not port.bus_off and not self.bus.shorted
         for axis, item in zip(self.axes, self.daemon.axes, strict=True):

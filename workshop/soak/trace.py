@@ -25,6 +25,8 @@ class Trace(logging.Handler):
         super().__init__()
         self.frames = frames
         self._now = now
+        self.alarms: list[str] = []
+        """Warnings and errors of the gateway's log."""
         self._lines: deque[str] = deque(maxlen=_KEPT_WITH_FRAMES if frames else _KEPT)
 
     def note(self, text: str) -> None:
@@ -33,6 +35,8 @@ class Trace(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         self.note(f"gateway: {record.getMessage()}")
+        if record.levelno >= logging.WARNING:
+            self.alarms.append(record.getMessage())
 
     @property
     def lines(self) -> list[str]:
