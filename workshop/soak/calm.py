@@ -23,6 +23,8 @@ from pdgw.workshop.soak.watch import ViolationError
 
 CALM_TELEGRAMS: Final = (1, 3, 5, 7, 9, 100, 110, 111, 112, 83)
 LATENCY_MAX_MS: Final = 20
+SDO_MAX_MS: Final = 10
+"""Longest time of a healthy drive until it answers SDO. Motion that begins meanwhile is usual."""
 _NOT_HEALTHY: Final = frozenset({"frozen", "two-edges"})
 """Drive variants with a defect that the gateway has to report: an object that is never sent, a fault at power-on."""
 _NO_POSITIONING: Final = frozenset({"csp"})
@@ -118,7 +120,8 @@ def draw_calm(chance: Random, _: int, telegrams: Sequence[int]) -> Plan:
     if number in ENCODER_TELEGRAM_NUMBERS:
         return Plan(cycle_ms, (), number, direct)
     latency = Latency(*(chance.choice((0, chance.randint(1, LATENCY_MAX_MS))) for _ in range(2)))
-    axis = AxisPlan(number, chance.choice(calm_shapes(number)), latency, PlcLossReaction.RAMP, ControlLost.STOP)
+    sdo_ms = chance.choice((0, chance.randint(1, SDO_MAX_MS)))
+    axis = AxisPlan(number, chance.choice(calm_shapes(number)), latency, PlcLossReaction.RAMP, ControlLost.STOP, sdo_ms)
     return Plan(cycle_ms, (axis,), 0, direct, _MOTION_KEYS)
 
 

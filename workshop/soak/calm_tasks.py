@@ -90,13 +90,6 @@ class Program:
         """Wait without a condition."""
         self.of.loop.sleep(int(seconds * SECOND))
 
-    def frames(self) -> None:
-        """Wait until the gateway has surely accepted a change: one frame, or three where frames may be late."""
-        counters = self.of.plc.endpoint.counters
-        last = counters["sent"] + (1 if self.of.plan.direct else 3)
-        while counters["sent"] < last:
-            self.of.loop.sleep(self.of.cycle_ns)
-
     def ends(self, what: str, condition: Callable[[], bool], limit_ns: int = _END_NS) -> None:
         """Each wait ends within its limit."""
         loop = self.of.loop
@@ -105,6 +98,10 @@ class Program:
             if loop.now() > deadline:
                 raise ViolationError(f"{self.task}: {what} does not end: {self.of.describe()}")
             loop.sleep(self.of.cycle_ns)
+
+    def wait_bits(self, what: str, name: str, bits: int, *, gone: bool = False) -> None:
+        """Wait until a status word has these bits, or none of them."""
+        self.ends(what, lambda: self.shown(name) & bits == (0 if gone else bits))
 
     def period(self) -> float:
         """The period of a machine in seconds."""
@@ -125,8 +122,12 @@ class AxisProgram(Program):
         self.model = self.axis.drive.model
 
     def set(self, word: int) -> None:
-        """Send another control word."""
+        """Send another control word for as long as the gateway needs: one frame, or three where frames may be late."""
+        counters = self.of.plc.endpoint.counters
         self.words.set_word(word)
+        last = counters["sent"] + (1 if self.of.plan.direct else 3)
+        while counters["sent"] < last:
+            self.of.loop.sleep(self.of.cycle_ns)
 
     def power_on(self) -> None:
         self.idle()
@@ -137,19 +138,11 @@ class AxisProgram(Program):
 
     def switch_on(self, limit_ns: int = _END_NS) -> None:
         """OFF, then ON: the drive operates."""
+        name = "Statusword" if self.words.raw else "ZSW1"
         self.set(self.words.off)
-        self.ends("ready to switch on", self.ready, limit_ns)
-        self.frames()
+        self.ends("ready to switch on", lambda: self.shown(name) & 0x4F == 0x01, limit_ns)
         self.set(self.words.on)
-        self.ends("operation enabled", self.operates)
-
-    def ready(self) -> bool:
-        """What the PLC sees of Ready to Switch On."""
-        return self.shown("Statusword") & 0x6F == 0x21 if self.words.raw else self.of.ready(self.axis)
-
-    def operates(self) -> bool:
-        """What the PLC sees of Operation Enabled."""
-        return self.shown("Statusword") & 0x6F == 0x27 if self.words.raw else bool(self.shown("ZSW1") & 0x04)
+        self.ends("operation enabled", lambda: self.shown(name) & 0x4F == 0x07)
 
     def off_and_on(self) -> None:
         """OFF1 from the present motion, and ON again."""
@@ -182,7 +175,6 @@ class SpeedProgram(AxisProgram):
     def follows(self, share: float) -> None:
         """The shaft turns with this speed, and the PLC sees it."""
         self.words.set_speed(share)
-        self.frames()
         self.ends(f"{share * RATED_RPM:.0f} rpm", lambda: self.of.follows(self.axis) and self.reached())
 
     def reached(self) -> bool:
@@ -213,7 +205,6 @@ class SpeedProgram(AxisProgram):
     def jog(self) -> None:
         bit, rpm = self.chance.choice(((_JOG_1, -150), (_JOG_2, 150)))
         self.set(self.words.on & ~0x70)
-        self.frames()
         self.set(self.words.on & ~0x70 | bit)
         self.ends(f"{rpm} rpm", lambda: abs(self.model.ramp.speed - rpm) < 10)
         self.sleep(self.chance.random())
@@ -222,10 +213,10 @@ class SpeedProgram(AxisProgram):
         self.set(self.words.on)
 
     def absolute_value(self) -> None:
-        self.values["G1_STW"] = 0x2000
-        self.ends("absolute value", lambda: bool(self.shown("G1_ZSW") & 0x2000))
+        self.values["G1_STW"] = _ABSOLUTE
+        self.wait_bits("absolute value", "G1_ZSW", _ABSOLUTE)
         self.values["G1_STW"] = 0
-        self.ends("end of the absolute value", lambda: not self.shown("G1_ZSW") & 0x2000)
+        self.wait_bits("end of the absolute value", "G1_ZSW", _ABSOLUTE, gone=True)
 
 
 class DscProgram(SpeedProgram):
@@ -236,12 +227,8 @@ class DscProgram(SpeedProgram):
         own = (self.follow_path, self.follow_path, self.follow_path)
         self.tasks = (*own, *(task for task in self.tasks if task != self.jog))  # without the telegram's own jog
         delay_s = (6 * run.cycle_ns + run.late_ns) / SECOND
-        self.loop = PositionLoop(
-            min(20.0, 0.2 / delay_s),
-            dsc=True,
-            increments_per_revolution=INCREMENTS_PER_REVOLUTION,
-            reference_rpm=RATED_RPM,
-        )
+        gain, turn = min(20.0, 0.2 / delay_s), INCREMENTS_PER_REVOLUTION
+        self.loop = PositionLoop(gain, dsc=True, increments_per_revolution=turn, reference_rpm=RATED_RPM)
         self.path: Callable[[int], float] | None = None
         run.plc.before_frame.append(self._control)
 
@@ -272,15 +259,7 @@ class RawProgram(SpeedProgram):
 
     def __init__(self, run: CalmRun) -> None:
         super().__init__(run)
-        self.tasks = (
-            self.to_and_fro,
-            self.profile,
-            self.stream,
-            self.off_and_on,
-            self.position,
-            self.position,
-            self.home,
-        )
+        self.tasks = (self.to_and_fro, self.profile, self.stream, self.off_and_on, self.position, self.home)
 
     def start(self, mode: Mode) -> None:
         """Select a mode, and give the edge of a new setpoint or homing."""
@@ -296,20 +275,20 @@ class RawProgram(SpeedProgram):
             ramps = {"Profile Acceleration": 1000, "Profile Deceleration": 1000}
             self.values.update(ramps | {"Target Position": target, "Profile Velocity": max(1, int(6000 * share))})
             self.start(Mode.POSITION)
-            self.ends("acknowledge", lambda: bool(self.shown("Statusword") & _ACKNOWLEDGED))
+            self.wait_bits("acknowledge", "Statusword", _ACKNOWLEDGED)
             self.set(self.words.on)
-            self.ends("end of the acknowledge", lambda: not self.shown("Statusword") & _ACKNOWLEDGED)
-            self.ends(f"target {target}", lambda: self.arrived(target), _END_NS + int(2 * seconds * SECOND))  # noqa: B023
+            self.wait_bits("end of the acknowledge", "Statusword", _ACKNOWLEDGED, gone=True)
+            self.ends(f"target {target}", lambda: self.at(target), _END_NS + int(2 * seconds * SECOND))  # noqa: B023
 
-    def arrived(self, target: int) -> bool:
-        """Statusword.10 and the position of the drive."""
+    def at(self, target: float) -> bool:
+        """Whether the axis has arrived: Statusword.10, the shaft, and the position that the PLC sees."""
         shown = abs(self.shown("Position Actual Value") - target) <= 1
         return bool(self.shown("Statusword") & _REACHED) and shown and self.stands()
 
     def home(self) -> None:
         self.start(Mode.HOMING)
-        homed = _ACKNOWLEDGED | _REACHED
-        self.ends("homing", lambda: self.shown("Statusword") & homed == homed and self.model.position == 0)
+        self.ends("homing", lambda: self.model.position == 0)
+        self.wait_bits("end of homing", "Statusword", _ACKNOWLEDGED | _REACHED)
         self.set(self.words.on)
 
 
@@ -360,18 +339,21 @@ class TaskProgram(AxisProgram):
         else:
             self.values["POS_STW1"] = 0x8000 | absolute << 8 | more
 
+    def start(self, target: float, share: float, *, absolute: bool = True, more: int = 0) -> None:
+        """Start an MDI task."""
+        self.order(target, share, absolute=absolute, more=more)
+        self.edge()
+
     def edge(self) -> None:
         """Start a task: STW1.6 falls, if it has not, for as short as the PLC may, or until the acknowledge falls."""
         fresh = self.chance.random() < 0.5
         if self.words.word & _TASK:
             self.set(self.words.on)
-            self.frames()
         if fresh:
-            self.ends("end of the acknowledge", lambda: not self.shown("ZSW1") & _ACKNOWLEDGED)
+            self.wait_bits("end of the acknowledge", "ZSW1", _ACKNOWLEDGED, gone=True)
         self.set(self.words.on | _TASK)
-        self.frames()
         if fresh:
-            self.ends("acknowledge", lambda: bool(self.shown("ZSW1") & _ACKNOWLEDGED))
+            self.wait_bits("acknowledge", "ZSW1", _ACKNOWLEDGED)
             self.set(self.words.on)
 
     def arrives(self, target: float, share: float) -> None:
@@ -396,19 +378,15 @@ class TaskProgram(AxisProgram):
         raw = self.shown(f"XIST{self.suffix or '_A'}")
         return abs((float_of(raw) if self.suffix else raw) - self.units(target)) <= self.units(_WINDOW)
 
-    def target(self) -> float:
-        return self.chance.uniform(-20, 20)
-
     # -- tasks -----------------------------------------------------------------------------------------------------------
 
     def to_and_fro(self) -> None:
-        period, ends = self.period(), [self.target(), 0.0]
+        period, ends = self.period(), [self.chance.uniform(-20, 20), 0.0]
         ends[1] = ends[0] + self.chance.uniform(0.1, 4) * self.chance.choice((-1, 1))
         share = self.chance.choice((1.0, self.chance.uniform(0.1, 1)))
         for n in range(self.chance.randrange(6, 24)):
             begin = self.of.loop.now()
-            self.order(ends[n % 2], share)
-            self.edge()
+            self.start(ends[n % 2], share)
             self.arrives(ends[n % 2], share)
             self.until(begin, period / 2)
 
@@ -416,23 +394,20 @@ class TaskProgram(AxisProgram):
         for _ in range(self.chance.randrange(1, 6)):
             way, share = math.copysign(self.chance.uniform(0.1, 5), -self.where), abs(self.speed())
             target = self.where + way
-            self.order(way, share, absolute=False)
-            self.edge()
+            self.start(way, share, absolute=False)
             self.arrives(target, share)
 
     def targets(self) -> None:
         """Each task replaces the one before on its way."""
         for _ in range(self.chance.randrange(2, 12)):
-            target, share = self.target(), self.chance.uniform(0.1, 1)
-            self.order(target, share)
-            self.edge()
+            target, share = self.chance.uniform(-20, 20), self.chance.uniform(0.1, 1)
+            self.start(target, share)
             self.sleep(self.chance.uniform(0, 0.5))
         self.arrives(target, share)
 
     def stopped_on_the_way(self) -> None:
-        target, share = self.target(), self.chance.uniform(0.05, 1)
-        self.order(target, share)
-        self.edge()
+        target, share = self.chance.uniform(-20, 20), self.chance.uniform(0.05, 1)
+        self.start(target, share)
         self.sleep(self.chance.uniform(0, 0.5))
         self.set(self.words.word & ~_NO_STOP)
         self.sleep(self.chance.uniform(0.2, 1))
@@ -441,8 +416,7 @@ class TaskProgram(AxisProgram):
         self.arrives(target, share)
 
     def rejected(self) -> None:
-        self.order(self.target(), self.chance.uniform(0.05, 1))
-        self.edge()
+        self.start(self.chance.uniform(-20, 20), self.chance.uniform(0.05, 1))
         self.sleep(self.chance.uniform(0, 0.5))
         self.reject()
 
@@ -452,27 +426,21 @@ class TaskProgram(AxisProgram):
         self.sleep(self.chance.uniform(0.2, 1))
         self.ends("standstill", self.stands)
         self.set(self.words.on)
-        self.frames()
 
     def homing(self) -> None:
         if not self.positioner:
             self.values["SATZANW"] = 0x8000 | 35
         self.set(self.words.on)
-        self.frames()
         self.set(self.words.on | _HOMING)
-        self.frames()
         self.ends("homing", lambda: bool(self.shown("ZSW1") & _HOMED) and self.where == 0 and self.shows(0))
         self.set(self.words.on)
-        self.frames()
 
     def jog(self) -> None:
         self.set(self.words.on)
-        self.frames()
         self.set(self.words.on | self.chance.choice((_JOG_1, _JOG_2)))
         self.ends("start of the jog", lambda: not self.stands())
         self.sleep(self.chance.uniform(0, 2))
         self.set(self.words.on)
-        self.frames()
         self.ends("standstill", self.stands)
 
     def block(self) -> None:
@@ -482,24 +450,21 @@ class TaskProgram(AxisProgram):
         self.arrives(_BLOCKS[number], _BLOCK_SHARE)
 
     def setting_up(self) -> None:
-        self.order(0.0, self.chance.uniform(0.02, 0.4), more=0x4200 if self.where < 0 else 0x4400, absolute=False)
-        self.edge()
+        self.start(0.0, self.chance.uniform(0.02, 0.4), absolute=False, more=0x4200 if self.where < 0 else 0x4400)
         self.ends("start of setting up", lambda: not self.stands())
         self.sleep(self.chance.uniform(0, 1))
         self.reject()
 
     def update(self) -> None:
         """A stream of targets without edges."""
-        target, share = self.target(), self.chance.uniform(0.1, 1)
+        target, share = self.chance.uniform(-20, 20), self.chance.uniform(0.1, 1)
         self.set(self.words.on)
-        self.frames()
         self.order(target, share, more=0x1000)
         self.set(self.words.on | _TASK)
         for _ in range(self.chance.randrange(2, 30)):
             self.of.loop.sleep(self.chance.choice((1, 2, 5, 40)) * self.of.cycle_ns)
             target += self.chance.uniform(-1, 1)
             self.order(target, share, more=0x1000)
-        self.frames()
         self.arrives(target, share)
 
 
@@ -516,14 +481,11 @@ class EncoderProgram(Program):
     def power_on(self) -> None:
         self.ends("absolute value", lambda: bool(self.shown("G1_ZSW") & _ABSOLUTE), _ONLINE_NS)
 
-    def stands_at(self) -> int:
-        """The position that the PLC sees of an encoder at standstill."""
+    def preset(self) -> None:
+        """An absolute or relative preset at standstill."""
         self.model.set_motion(still(self.model.channels[1].mechanical))
         self.sleep(0.2)
-        return self.shown("G1_XIST2")
-
-    def preset(self) -> None:
-        before, counted = self.stands_at(), self.shown("G1_XIST1")
+        before, counted = self.shown("G1_XIST2"), self.shown("G1_XIST1")
         relative = self.chance.random() < 0.5
         value = self.chance.randrange(1, 1_000_000)
         channel = WorldChannel(self.of.world, self.of.acyclic, "192.168.0.20")
@@ -533,13 +495,14 @@ class EncoderProgram(Program):
         if answer.failed:
             raise ViolationError(f"P{_PRESET_PNU} is rejected: {answer.text}")
         self.values["G1_STW"] = _ABSOLUTE | _PRESET | relative << 11
-        self.ends("preset", lambda: bool(self.shown("G1_ZSW") & _PRESET))
+        self.wait_bits("preset", "G1_ZSW", _PRESET)
         wanted = (before + value if relative else value) % self.model.chain.total_range
         self.ends(f"position {wanted}", lambda: self.shown("G1_XIST2") == wanted)
         if self.shown("G1_XIST1") != counted:
             raise ViolationError(f"the preset moves G1_XIST1 from {counted} to {self.shown('G1_XIST1')}")
         self.values["G1_STW"] = _ABSOLUTE
-        self.ends("end of the preset", lambda: self.shown("G1_ZSW") & (_PRESET | _ABSOLUTE) == _ABSOLUTE)
+        self.wait_bits("end of the preset", "G1_ZSW", _PRESET, gone=True)
+        self.wait_bits("absolute value", "G1_ZSW", _ABSOLUTE)
 
     def turn(self) -> None:
         """A constant speed is seen as NIST_B; then the encoder swings."""
@@ -553,9 +516,9 @@ class EncoderProgram(Program):
 
     def park(self) -> None:
         self.values["G1_STW"] = _PARK
-        self.ends("parked", lambda: bool(self.shown("G1_ZSW") & _PARK))
+        self.wait_bits("parked", "G1_ZSW", _PARK)
         self.values["G1_STW"] = _ABSOLUTE
-        self.ends("end of parking", lambda: self.shown("G1_ZSW") & (_PARK | _ABSOLUTE) == _ABSOLUTE)
+        self.wait_bits("absolute value", "G1_ZSW", _ABSOLUTE)
 
 
 def program(run: CalmRun) -> Program:

@@ -91,11 +91,13 @@ class AxisPlan:
     latency: Latency
     on_plc_loss: PlcLossReaction
     control_lost: ControlLost
+    sdo_ms: int = 0
+    """Time until the drive answers SDO."""
 
     def __str__(self) -> str:
         return (
             f"telegram {self.telegram}, drive {self.shape}, latency {self.latency.command_ms} and {self.latency.status_ms} ms, "
-            f"on_plc_loss {self.on_plc_loss.value}, control_lost {self.control_lost.value}"
+            f"SDO {self.sdo_ms} ms, on_plc_loss {self.on_plc_loss.value}, control_lost {self.control_lost.value}"
         )
 
 

@@ -9,6 +9,7 @@ import tempfile
 import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from random import Random
 from typing import ClassVar, Final
@@ -128,7 +129,8 @@ class SoakRun:
     def _axis(self, index: int, plan: AxisPlan) -> SoakAxis:
         number = plan.telegram
         machine = self.linear if number in TASK_TELEGRAM_NUMBERS else ROTARY_AXIS
-        drive = self.world.drive(CHANNEL, index + 1, shape=shape(plan.shape), latency=plan.latency, machine=machine)
+        variant = replace(shape(plan.shape), sdo_ms=plan.sdo_ms)
+        drive = self.world.drive(CHANNEL, index + 1, shape=variant, latency=plan.latency, machine=machine)
         assert isinstance(drive.port, Member)
         words = Words(telegram(number), self.world.chance(f"words {index}"), self.cycle_ns)
         axis = SoakAxis(index, plan, drive, drive.port, words)
