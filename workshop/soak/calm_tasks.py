@@ -83,7 +83,7 @@ class Program:
             self.sleep(self.chance.choice((0, self.chance.uniform(0, 1))))
 
     def power_on(self) -> None:
-        """Wait for the drive object, and switch it on."""
+        """Wait for the drive object, and switch a drive on."""
         raise NotImplementedError
 
     def sleep(self, seconds: float) -> None:
@@ -129,26 +129,28 @@ class AxisProgram(Program):
         while counters["sent"] < last:
             self.of.loop.sleep(self.of.cycle_ns)
 
-    def power_on(self) -> None:
-        self.idle()
-        self.switch_on(_ONLINE_NS)
+    def begin(self) -> None:
+        """Begin some motion."""
+        raise NotImplementedError
 
     def idle(self) -> None:
-        """Setpoints of an axis that moves nowhere."""
+        """Set setpoints that move nothing."""
 
-    def switch_on(self, limit_ns: int = _END_NS) -> None:
-        """OFF, then ON: the drive operates."""
+    def power_on(self, limit_ns: int = _ONLINE_NS) -> None:
         name = "Statusword" if self.words.raw else "ZSW1"
         self.set(self.words.off)
         self.ends("ready to switch on", lambda: self.shown(name) & 0x4F == 0x01, limit_ns)
+        self.idle()
         self.set(self.words.on)
         self.ends("operation enabled", lambda: self.shown(name) & 0x4F == 0x07)
 
     def off_and_on(self) -> None:
-        """OFF1 from the present motion, and ON again."""
+        """OFF1 at standstill or in motion, and ON again."""
+        if self.chance.random() < 0.5:
+            self.begin()
+            self.sleep(self.chance.random())
         self.of.working = False
-        self.idle()
-        self.switch_on()
+        self.power_on(_END_NS)
         self.of.working = True
 
     def stands(self) -> bool:
@@ -168,6 +170,9 @@ class SpeedProgram(AxisProgram):
         self.tasks = (self.to_and_fro, self.profile, self.stream, self.jog, self.off_and_on)
         if "G1_STW" in self.values:
             self.tasks += (self.absolute_value,)
+
+    def begin(self) -> None:
+        self.words.set_speed(self.speed())
 
     def idle(self) -> None:
         self.words.set_speed(0.0)
@@ -304,10 +309,9 @@ class TaskProgram(AxisProgram):
         self.selection = "POS_STW1" if "POS_STW1" in values else "SATZANW"
         self.tasks = (self.homing, self.off_and_on)
         if self.positioner:
-            self.tasks += (self.jog, self.block, self.block, self.block)
+            self.tasks += (self.jog, self.block, self.rejected)
         if self.mdi:
-            self.tasks += (self.to_and_fro, self.to_and_fro, self.relative, self.targets)
-            self.tasks += (self.stopped_on_the_way, self.rejected)
+            self.tasks += (self.to_and_fro, self.relative, self.targets, self.stopped_on_the_way, self.rejected)
         if self.selection == "POS_STW1":
             self.tasks += (self.setting_up, self.update)
         if "OVERRIDE" in values:
@@ -338,6 +342,13 @@ class TaskProgram(AxisProgram):
             self.values |= {"SATZANW": 0x8000, "MDI_MOD": int(absolute)}
         else:
             self.values["POS_STW1"] = 0x8000 | absolute << 8 | more
+
+    def begin(self) -> None:
+        if self.mdi:
+            self.start(self.chance.uniform(-20, 20), self.chance.uniform(0.05, 1))
+        else:
+            self.values[self.selection] = self.chance.choice(tuple(_BLOCKS))
+            self.edge()
 
     def start(self, target: float, share: float, *, absolute: bool = True, more: int = 0) -> None:
         """Start an MDI task."""
@@ -416,7 +427,7 @@ class TaskProgram(AxisProgram):
         self.arrives(target, share)
 
     def rejected(self) -> None:
-        self.start(self.chance.uniform(-20, 20), self.chance.uniform(0.05, 1))
+        self.begin()
         self.sleep(self.chance.uniform(0, 0.5))
         self.reject()
 
