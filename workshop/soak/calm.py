@@ -16,6 +16,7 @@ from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS, TASK_TELEGRAM_
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive import ROTARY_AXIS, Latency
+from pdgw.peers.drive.model.motion import INCREMENTS_PER_REVOLUTION
 from pdgw.workshop.soak.calm_tasks import program
 from pdgw.workshop.soak.plan import CYCLES_MS, AxisPlan, Part, Plan, shapes_of
 from pdgw.workshop.soak.soak_run import CHANNEL, SoakRun
@@ -29,6 +30,9 @@ _NOT_HEALTHY: Final = frozenset({"frozen", "two-edges"})
 """Drive variants with a defect that the gateway has to report: an object that is never sent, a fault at power-on."""
 _NO_POSITIONING: Final = frozenset({"csp"})
 """Drive variants that position only with targets for each SYNC."""
+_MDI: Final = 9
+_COUNTS_KEYS: Final = 'acceleration_unit = "inc/s2"\n'
+_RPM_KEYS: Final = f'counts_per_revolution = {INCREMENTS_PER_REVOLUTION}\nacceleration_unit = "rpm/s"\n'
 _MOTION_KEYS: Final = """\
 homing_method = 35
 [[axis.block]]
@@ -108,10 +112,10 @@ RULES: Final[Sequence[Rule]] = (no_fault_and_no_warning, nothing_logged, online_
 
 
 def calm_shapes(number: int) -> tuple[str, ...]:
-    """Healthy drive variants of a telegram."""
+    """Healthy drive variants of a telegram; a positioner has the keys of units that a variant does not report."""
     positions = number in TASK_TELEGRAM_NUMBERS
     unfit = _NOT_HEALTHY | _NO_POSITIONING if positions else _NOT_HEALTHY
-    return tuple(name for name in shapes_of(number) if name not in unfit)
+    return tuple(name for name in shapes_of(_MDI if positions else number) if name not in unfit)
 
 
 def draw_calm(chance: Random, _: int, telegrams: Sequence[int]) -> Plan:
@@ -121,7 +125,9 @@ def draw_calm(chance: Random, _: int, telegrams: Sequence[int]) -> Plan:
         return Plan(cycle_ms, (), number, direct)
     latency = Latency(*(chance.choice((0, chance.randint(1, LATENCY_MAX_MS))) for _ in range(2)))
     sdo_ms = chance.choice((0, chance.randint(1, SDO_MAX_MS)))
-    axis = AxisPlan(number, chance.choice(calm_shapes(number)), latency, PlcLossReaction.RAMP, ControlLost.STOP, sdo_ms)
+    name = chance.choice(calm_shapes(number))
+    keys = "" if name in shapes_of(number) else _COUNTS_KEYS if name == "counts" else _RPM_KEYS
+    axis = AxisPlan(number, name, latency, PlcLossReaction.RAMP, ControlLost.STOP, sdo_ms, keys)
     return Plan(cycle_ms, (axis,), 0, direct, _MOTION_KEYS)
 
 

@@ -93,6 +93,8 @@ class AxisPlan:
     control_lost: ControlLost
     sdo_ms: int = 0
     """Time until the drive answers SDO."""
+    keys: str = ""
+    """Further keys of [[axis]]."""
 
     def __str__(self) -> str:
         return (
@@ -141,7 +143,7 @@ class Plan:
         axes = "".join(
             f"[[axis]]\ndo_id = {n}\nnode_id = {n}\ntelegram = {axis.telegram}\n"
             f'on_plc_loss = "{axis.on_plc_loss.value}"\ncontrol_lost = "{axis.control_lost.value}"\n'
-            f"{_TABLES}{self.motion_keys}{_BLOCKS}"
+            f"{axis.keys}{_TABLES}{self.motion_keys}{_BLOCKS}"
             for n, axis in enumerate(self.axes, 1)
         )
         if self.encoder:
