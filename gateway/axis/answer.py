@@ -12,21 +12,21 @@ from collections.abc import Mapping
 class Answer:
     """The answer of a drive to the newest command of one kind: a change of 6040h or 6060h, or a setpoint."""
 
-    __slots__ = ("_latency", "changed", "given", "since")
+    __slots__ = ("_changed", "_latency", "_since", "given")
 
     def __init__(self, latency_ns: int) -> None:
         self._latency = latency_ns
-        self.since = -latency_ns
-        """When the command was given, monotonic ns."""
-        self.changed = False
-        """The drive has shown something else since."""
+        self._since = 0
+        """When the command was given, monotonic ns; 0: it is answered, or long ago."""
+        self._changed = False
+        """The drive has shown something else since, or shows the present."""
         self.given = False
         """The last word read was an answer: it showed what the command asks for."""
 
     @property
     def INSTANTS(self) -> Mapping[str, int]:  # noqa: N802 (as in classes with the same ages for every axis)
         """See ``gateway.axis.checkpoint``."""
-        return {"since": self._latency}
+        return {"_since": self._latency}
 
     def command(self, now: int, *, level: bool = False) -> None:
         """A new command.
@@ -34,15 +34,21 @@ class Answer:
         ``level``: the drive always shows its present state, such as a mode. If no other command is under way, it can be in the
         wanted one already. An event, such as the end of a motion, must come after the command.
         """
-        self.changed = level and (self.given or self.due(now))
-        self.since, self.given = now, False
+        self._changed = level and (self.given or self.due(now))
+        self._since, self.given = now, False
 
     def read(self, shown: bool, now: int) -> bool:
         """Take what one cycle shows. True if it is ``shown``, and answers the command."""
-        self.changed = self.changed or not shown
-        self.given = shown and (self.changed or self.due(now))
+        if not shown:
+            self._changed = True
+        if (shown and self._changed) or self.due(now):
+            self._since, self._changed, self.given = 0, False, shown
         return self.given
 
+    def withdraw(self) -> None:
+        """The command is not in force any more."""
+        self._since, self._changed, self.given = 0, False, False
+
     def due(self, now: int) -> bool:
-        """The drive has had the time to show the answer."""
-        return now - self.since >= self._latency
+        """The drive has had the time to show the answer, or has shown it."""
+        return now - self._since >= self._latency or not self._since

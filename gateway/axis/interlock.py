@@ -61,10 +61,6 @@ _NO_PLC: Final = {
 class Interlock:
     """Call ``step`` once per cycle. ``phase``, ``action``, ``controlword`` and ``reason`` show the result."""
 
-    INSTANTS: ClassVar[Mapping[str, int]] = {
-        "_late_until": 0,
-        "_standing_since": QUICK_STOP_STANDING_NS,
-    }
     ASIDE: ClassVar[frozenset[str]] = frozenset(
         {"_steady", "_steady_status", "action", "cell", "controlword", "reason"}
     )
@@ -81,8 +77,7 @@ class Interlock:
         "_off_seen",
         "_resume",
         "_shown",
-        "_shutdown",
-        "_shutting",
+        "_shutdown_since",
         "_standing_since",
         "_steady",
         "_steady_status",
@@ -112,10 +107,8 @@ class Interlock:
         """STW1.3 was 1 during the present stop: its fall to 0 ends that."""
         self._enable = Answer(settings.latency_ns)
         """Operation Enabled, in answer to Enable Operation."""
-        self._shutdown = Answer(settings.latency_ns)
-        """Any state above Switch On Disabled, in answer to Shutdown."""
-        self._shutting = False
-        """The last command was Shutdown, with the power off."""
+        self._shutdown_since = -1
+        """Since when Shutdown is commanded to a drive without power; -1 while it is not."""
         self._latency = settings.latency_ns
         self._late_until = 0
         """Until then, Operation Enabled may be the answer to an Enable Operation that was withdrawn; 0: it was answered."""
@@ -128,6 +121,11 @@ class Interlock:
         self._steady = False
         """Fast path: in operation as requested, nothing to report."""
         self._steady_status = 0
+
+    @property
+    def INSTANTS(self) -> Mapping[str, int]:  # noqa: N802 (as in classes with the same ages for every axis)
+        """See ``gateway.axis.checkpoint``."""
+        return {"_late_until": 0, "_shutdown_since": self._latency, "_standing_since": QUICK_STOP_STANDING_NS}
 
     @property
     def operates(self) -> bool:
@@ -219,7 +217,7 @@ class Interlock:
                 if self._enabling:
                     drive = Drive.ENTERING
             elif drive in _BELOW_READY:
-                if self._shutting and self._shutdown.due(now):
+                if 0 <= self._shutdown_since <= now - self._latency:
                     drive = Drive.INHIBITED
             elif phase is _QUICK_STOP and drive is Drive.QUICK_STOPPING:
                 drive = self._quick_stopping(standstill, now)
@@ -234,15 +232,22 @@ class Interlock:
         self._shown = seen if after is _FOLLOW or after is _PASS else None
         self._disable_armed = after in _STOPPING and (enables or (self._disable_armed and after is phase))
         self.action = action = cell.action
-        shutting = action is Action.SHUTDOWN
-        if shutting is not self._shutting:
-            self._shutting = shutting
-            self._shutdown.command(now)
+        if action is not Action.SHUTDOWN:
+            self._shutdown_since = -1
+        elif self._shutdown_since < 0:
+            self._shutdown_since = now
         enabling = cell.controlword == _ENABLING or (action is _PASSES and wish is _ENABLE)
         if enabling is not self._enabling:
-            self._late_until = now + self._latency if self._enabling and not self._enable.given else 0
             self._enabling = enabling
-            self._enable.command(now)
+            self._late_until = 0
+            if enabling:
+                self._enable.command(now)
+            else:
+                if not self._enable.given:
+                    self._late_until = now + self._latency
+                self._enable.withdraw()
+        elif self._late_until and now >= self._late_until:
+            self._late_until = 0
         if enabling and not self._enable.given:
             self._enable.read(seen is _OPERATING, now)
         self._steady = False

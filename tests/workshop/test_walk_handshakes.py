@@ -19,28 +19,13 @@ from pdgw.workshop.walk.shaft import Character, Signal, Wrong
 
 Patch = pytest.MonkeyPatch
 FIGURES = Path(__file__).parents[2] / "docs" / "walk.txt"
-KNOWN: dict[str, set[Rule]] = {
-    "telegram 9 handshakes TASKS 1 + 1 late": {Rule.ACKNOWLEDGED},
-    "telegram 9 handshakes TASKS keeps tasks": {Rule.REACHED, Rule.STOPS},
-    "telegram 9 handshakes TASKS SW.10 1 as soon as the shaft turns": {Rule.REACHED, Rule.REACHED_THERE, Rule.STOPS},
-    "telegram 9 handshakes MIXED": {Rule.STARTS, Rule.STOPS},
-    "telegram 9 handshakes TASKS SW.12 always 1": {Rule.WAITS},
-    "telegram 9 handshakes HOMING SW.10 and SW.12 always 1": {Rule.REACHED, Rule.HOMES},
-    "telegram 9 handshakes HOMING SW.10 always 0": {Rule.WAITS},
-    "telegram 110 handshakes MIXED": {Rule.REACHED_THERE, Rule.ACKNOWLEDGED, Rule.WAITS},
-    "telegram 110 handshakes TASKS SW.12 always 1": {Rule.WAITS},
-    "telegram 110 handshakes HOMING SW.10 and SW.12 always 1": {Rule.HOMES, Rule.WAITS},
-    "telegram 110 handshakes HOMING SW.10 always 0": {Rule.WAITS},
-}
-"""Rules that the gateway still breaks."""
 
 
 @pytest.mark.parametrize("case", list(short()), ids=lambda case: case.name)
 def test_no_reachable_handshake_breaks_a_rule(case: Handshakes) -> None:
     result = case.run()
     print(f"{case.name}: {result}")
-    broken = {rule: str(item) for rule, item in result.violations.items()}
-    assert set(broken) == KNOWN.get(case.name, set()), "\n".join(broken.values())
+    assert not result.violations, "\n".join(map(str, result.violations.values()))
     assert f"{case.name}: {result}\n" in FIGURES.read_text(encoding="utf-8"), "run: make docs"
 
 
