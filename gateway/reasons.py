@@ -438,19 +438,19 @@ class Reason(enum.Enum):
         "give the task an acceleration and a deceleration above 0",
     )
     NOT_REACHED = (
-        "the axis stands before its target: Statusword.10 = 0",
+        "the axis is at standstill before its target: Statusword.10 = 0",
         _S.WAITS,
         _E.SETPOINT,
         "check whether the axis is blocked, its brake, and the torque limit and the position window (6067h) of the drive",
     )
     FOLLOWING_ERROR = (
-        "the axis stands before its target: following error of the drive (Statusword.13 = 1)",
+        "the axis is at standstill before its target: following error of the drive (Statusword.13 = 1)",
         _S.WAITS,
         _E.SETPOINT,
         "check whether the axis is blocked, its brake, and the torque limit of the drive",
     )
     STANDS_AWAY = (
-        "the drive reports its target as reached (Statusword.10 = 1), but stands away from the target of the task",
+        "the drive reports its target as reached (Statusword.10 = 1), but is away from the target of the task",
         _S.WAITS,
         _E.SETPOINT,
         "check the software limits (607Dh) and the units of the drive; then send a new task",
@@ -462,7 +462,7 @@ class Reason(enum.Enum):
         "OFF and ON; if it stays, check the drive: Statusword.12 must fall with Controlword.4",
     )
     HOMING_STALLED = (
-        "the axis stands, and its homing does not end (Statusword.10 = Statusword.12 = 0)",
+        "the axis is at standstill, and its homing does not end (Statusword.10 = Statusword.12 = 0)",
         _S.WAITS,
         _E.SETPOINT,
         "check whether the axis is blocked, its brake, and the home switch; STW1.11 = 0 ends the homing",
@@ -576,7 +576,9 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
             GatewayFault(FaultNumber.VELOCITY, "speed contradicts the units of the drive", 0xFF19),
             GatewayFault(FaultNumber.NOT_ACKNOWLEDGED, "setpoint not acknowledged", 0xFF1A, is_warning=True),
             GatewayFault(FaultNumber.MOVES_UNASKED, "drive moves without a task", 0xFF1B, is_warning=True),
-            GatewayFault(FaultNumber.STALLED, "axis stands before the end of its motion", 0xFF1E, is_warning=True),
+            GatewayFault(
+                FaultNumber.STALLED, "axis at standstill before the end of its motion", 0xFF1E, is_warning=True
+            ),
             GatewayFault(FaultNumber.NOT_ENTERED, "drive does not enter or leave operation as commanded", 0xFF1C),
             GatewayFault(
                 FaultNumber.TURNS_OFF, "drive reports power off and does not slow down", 0xFF1D, is_warning=True

@@ -28,7 +28,7 @@ CONTRADICTIONS: Final = 3
 
 
 @dataclass(slots=True, eq=False)
-class _Place:
+class Place:
     """An object in a TPDO, and the bytes ``begin`` to ``end`` in which it is sent."""
 
     slot: TpdoSlot
@@ -69,7 +69,7 @@ class TpdoCheck:
     def __init__(self, sdo: SdoAccess, mapping: DriveMapping) -> None:
         self._sdo = sdo
         self._mapping = mapping
-        self._places: list[_Place] = []
+        self._places: list[Place] = []
         self._due = 0
         self.dropped = ""
         """Empty, or the object that the drive does not send: the drive counts as lost and is mapped without it."""
@@ -82,7 +82,7 @@ class TpdoCheck:
             for entry in slot.pdo.entries:
                 end = begin + entry.type.bits // 8
                 if entry.attribute in _MOTION:
-                    self._places.append(_Place(slot, entry, begin, end))
+                    self._places.append(Place(slot, entry, begin, end))
                 begin = end
         self._due = self._sdo.loop.now() + _PERIOD_NS
         self.dropped = ""

@@ -32,7 +32,7 @@ class Answer:
         """A new command.
 
         ``level``: the drive always shows its present state, such as a mode. If no other command is under way, it can be in the
-        wanted one already. An event, such as the end of a motion, must come after the command.
+        requested one already. An event, such as the end of a motion, must come after the command.
         """
         self._changed = level and (self.given or self.due(now))
         self._since, self.given = now, False

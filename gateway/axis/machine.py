@@ -51,7 +51,7 @@ from pdgw.gateway.axis.supervision.drive_events import (
 )
 from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
 from pdgw.gateway.axis.supervision.sign_of_life import SignOfLifeWords
-from pdgw.gateway.axis.supervision.stop_supervision import QUICK_STOPS, StopWatch
+from pdgw.gateway.axis.supervision.stop_supervision import QUICK_STOPS, OperationWatch, StopWatch
 from pdgw.gateway.axis.supervision.velocity_check import VelocityCheck
 from pdgw.gateway.axis.telegrams import SECOND_SENSOR_NUMBERS, Kind, drive_telegram, make_adapter
 from pdgw.gateway.axis.values import (
@@ -77,8 +77,7 @@ _WARNING: Final = Flag.WARNING
 _DROPPED: Final = UnconfirmedOrder.DROPPED
 _WAITS: Final = UnconfirmedOrder.WAITS
 _LOCKS: Final = (*LOCKS, Phase.UNCONFIRMED, Phase.COAST)
-_NO_LIMIT: Final = Limit.NONE
-_ENTER: Final = Limit.ENTER
+_WITHOUT_BRAKE: Final = (Limit.NONE, *QUICK_STOPS)
 _INTERNAL_LIMIT: Final = StatusBit.INTERNAL_LIMIT
 _FOLLOW: Final = Phase.FOLLOW
 _PASS: Final = Phase.PASS
@@ -146,6 +145,7 @@ class AxisMachine:
         has_life = "STW2" in self.telegram.setpoints.names
         self.life = SignOfLifeWords(self.telegram, settings.sign_of_life_failures) if has_life else None
         self._stop = StopWatch(settings.reaction_ns, settings.stop_time_ns)
+        self._operation = OperationWatch(settings.enter_ns, settings.reaction_ns, settings.stop_time_ns)
         self.check = VelocityCheck(settings.stop_time_ns)
         self._follows_speed = kind is Kind.SPEED or kind is Kind.LOAD
         self._needed = needed_quantities(self.telegram)
@@ -268,7 +268,10 @@ class AxisMachine:
         phase = interlock.phase
         outputs.released = phase is _FOLLOW or phase is _PASS
         limit = interlock.cell.limit
-        if limit is not _NO_LIMIT and (limit is _ENTER or not outputs.known_off):
+        if self._operation.step(limit, now):
+            interlock.distrust()
+            self._report_stop(FaultNumber.NOT_ENTERED)
+        if limit not in _WITHOUT_BRAKE and not outputs.known_off:
             self._watch_stop(limit)
         elif self._stop.runs:
             self._watch_coasting()
@@ -305,16 +308,16 @@ class AxisMachine:
 
     def _watch_stop(self, limit: Limit) -> None:
         """The drive must leave the state that it shows."""
-        inputs, stop = self.inputs, self._stop
-        feedback, now = inputs.feedback, inputs.now
+        inputs = self.inputs
+        feedback = inputs.feedback
         state, velocity = STATE_OF_STATUS[feedback.statusword & STATE_MASK], feedback.velocity_actual
-        if stop.step(limit, state, inputs.drive_ok, inputs.node_stopped, velocity, self._window, now):
-            detail = f"Controlword {self.outputs.command.controlword:04X}h, Statusword {feedback.statusword:04X}h, "
-            number = FaultNumber.STOP_IGNORED
-            if limit in QUICK_STOPS:
-                number = FaultNumber.NOT_ENTERED
-                self.interlock.distrust()
-            self.outputs.found.append((number, detail + f"speed {velocity}"))
+        if self._stop.step(limit, state, inputs.drive_ok, inputs.node_stopped, velocity, self._window, inputs.now):
+            self._report_stop(FaultNumber.STOP_IGNORED)
+
+    def _report_stop(self, number: FaultNumber) -> None:
+        feedback = self.inputs.feedback
+        detail = f"Controlword {self.outputs.command.controlword:04X}h, Statusword {feedback.statusword:04X}h, "
+        self.outputs.found.append((number, detail + f"speed {feedback.velocity_actual}"))
 
     def _watch_coasting(self) -> None:
         """The drive shows power off after a stop, or follows the PLC again."""

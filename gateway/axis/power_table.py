@@ -322,7 +322,7 @@ LIMITS: Final = (
     (ANY_DRIVE, (A.RAMP,), Limit.BRAKE),
     (QUICK_STOPS, (A.QUICK_STOP,), Limit.BRAKE),
     (ANY_DRIVE, (A.QUICK_STOP,), Limit.STOP),
-    (ANY_DRIVE, (A.DISABLE_VOLTAGE, A.RAMP_END), Limit.OFF),
+    (ANY_DRIVE, tuple(A), Limit.OFF),
 )
 """(state, command) -> limit; the first matching row counts, and each pair that the table above can give has one."""
 
@@ -347,10 +347,7 @@ class Cell:
 
 
 def _limit(drive: Drive, action: Action) -> Limit:
-    for drives, actions, limit in LIMITS:
-        if drive in drives and action in actions:
-            return limit
-    raise AssertionError(f"power table: no limit for {drive.name} under {action.name}")
+    return next(limit for drives, actions, limit in LIMITS if drive in drives and action in actions)
 
 
 def _visible(phase: Phase, wish: PowerWish) -> int:

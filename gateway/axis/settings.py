@@ -70,6 +70,8 @@ class AxisSettings:
     """Longest time until a stop must have an effect: twice the sum of RPDO refresh, event timer of the TPDO and one cycle."""
     stop_time_ns: int = 10 * SECOND
     """Time from 100 % speed to standstill with the drive's own ramps."""
+    enter_ns: int = 10 * SECOND
+    """Longest time from Enable Operation to Operation Enabled: a brake and the search of the commutation angle take less."""
     sign_of_life_failures: int = MONITORING_OFF
     """P925: tolerated failures of the PLC's sign of life in succession; 65535: not watched, only answered."""
     jog_speeds_rpm: tuple[Fraction, Fraction] | None = None

@@ -149,7 +149,7 @@ class Course:
         return begin + way(begin, target, modulo, direction, self.settings.position_window) if modulo else target
 
     def arrived(self) -> bool:
-        """The drive has reached the target of the goal in force, and stands there."""
+        """The drive has reached the target of the goal in force, and is at standstill."""
         seen = self._seen
         if not (seen.reached and seen.standstill and self._executes()):
             return False

@@ -200,7 +200,8 @@ def _judge_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
     """Supply, fault and operation of a drive that is online."""
     machine, powered = axis.machine, state in POWERED
     reason, statusword = machine.outputs.reason, axis.drive.feedback.statusword
-    commanded = asks_for_operation(machine.demand) and machine.interlock.reason is Reason.NOT_OPERATING
+    missing = (Reason.NOT_OPERATING, Reason.INHIBITED)
+    commanded = asks_for_operation(machine.demand) and machine.interlock.reason in missing
     if state in FAULTY:
         chain.judge_fault(Reason.DRIVE_FAULT)
     elif state is None:

@@ -83,7 +83,7 @@ def test_the_device_is_asked_only_for_what_its_data_sheet_has() -> None:
     asked = questions(engel_dictionary())
     assert asked[:3] == (IDENTITY_VENDOR, IDENTITY_PRODUCT, (SUPPORTED_DRIVE_MODES, 0))
     optional = {(index, 0) for index in (0x606B, 0x6078, 0x6084, 0x60FD)}
-    assert {*asked[3:]} == {(index, subindex) for _, index, subindex in REFERENCE_OBJECTS} | optional
+    assert {*asked[3:]} == {(index, subindex) for _, index, subindex in REFERENCE_OBJECTS} | optional | {(0x6067, 0)}
 
 
 def test_an_optional_object_the_device_does_not_answer_is_missing() -> None:

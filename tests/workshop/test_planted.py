@@ -121,13 +121,13 @@ def brake_ends_with_the_drive(patch: Patch) -> None:
 
 
 def standing_homing_bit_starts(patch: Patch) -> None:
-    asked = MdiPositioner._homing_asked
+    asked = MdiPositioner._take_homing
 
     def wrong(self: MdiPositioner) -> bool:
         self._homing_edge = self._asked.homing
         return asked(self)
 
-    patch.setattr(MdiPositioner, "_homing_asked", wrong)
+    patch.setattr(MdiPositioner, "_take_homing", wrong)
 
 
 def standing_homing_bit_of_a_positioner_starts(patch: Patch) -> None:

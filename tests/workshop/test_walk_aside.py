@@ -22,7 +22,7 @@ WALKED = [
     Case(9),
     Case(100),
 ]
-STATES = 200
+STATES = 500
 """Number of tested states of each case."""
 
 

@@ -52,7 +52,10 @@ class PendingEmcys:
         full = any(all(codes[at : at + _SITUATION]) for at in range(0, len(codes), _SITUATION))
         oldest = min((time for _, time in entries), default=0) if all(codes[::_SITUATION]) else 0
         for item in due:
-            shown = any(code == item.code and -_SAME_NS <= time - item.time <= STORED_NS for code, time in entries)
+            # An equal fault that is not acknowledged is one entry.
+            shown = item.code in codes[:_SITUATION] or any(
+                code == item.code and -_SAME_NS <= time - item.time <= STORED_NS for code, time in entries
+            )
             if not shown and not full and item.time >= origin + _LISTENS_NS and item.time > oldest:
                 raise ViolationError(
                     f"{self.name}: EMCY {item.code:04X}h is not in the fault buffer {(asked_at - item.time) / MS:.0f} ms later"

@@ -113,6 +113,7 @@ class Case:
             own_ramp=is_central(number),
             life=self.life,
             answer_steps=ANSWER_NS // self.tick_ns,
+            enter_steps=2,
         )
         monitor = BrakeMonitor() if self.guarding else Monitor(expected)
         result = walk(machine, monitor, first_only=first_only)
@@ -153,6 +154,7 @@ class Case:
             ramp_stop_resume=self.resume,
             control_lost=ControlLost.HOLD if self.hold else ControlLost.STOP,
             stop_time_ns=STOP_TIME_NS,
+            enter_ns=self.tick_ns,
             sign_of_life_failures=MONITORING_OFF if self.life is None else self.life,
             cycle_ns=self.tick_ns,
             dsc=DscChoices(DscForm.SPEED, following_window=4096),

@@ -90,6 +90,8 @@ class Expected:
     """P925: tolerated consecutive failures of the sign of life; None: not monitored."""
     answer_steps: int = 0
     """Steps in which a drive acknowledges a setpoint."""
+    enter_steps: int = 0
+    """Steps in which a drive enters operation."""
 
 
 class Memory(NamedTuple):
@@ -131,6 +133,8 @@ class Memory(NamedTuple):
     """Its consecutive failures, up to the first that is not tolerated."""
     unanswered: int = 0
     """Steps of New Setpoint without an acknowledge, up to the first that needs a reason; -1 after an acknowledge."""
+    entering: int = 0
+    """Steps in Switched On after Enable Operation, up to the first that is too late."""
 
 
 class _Asked:
@@ -278,6 +282,7 @@ class Monitor:
             asked.lives,
             asked.missed,
             unanswered,
+            min(memory.entering, expected.enter_steps) + 1 if memory.enables and state is State.SWITCHED_ON else 0,
         )
         return after, broken
 
@@ -303,7 +308,8 @@ class Monitor:
         operates = state is State.OPERATION_ENABLED
         quick_stop, voltage_off = cw & _STOPS == _VOLTAGE, not cw & _VOLTAGE
         turning = operates and shown.velocity != 0
-        stopping = uncertain or shown.restarted or memory.brakes or memory.coasts or disable
+        stuck = memory.entering > self._expected.enter_steps
+        stopping = uncertain or shown.restarted or memory.brakes or memory.coasts or disable or stuck
         if asked.ramp and turning and memory.enables and not stopping and cw & _POWER != _ENABLE:
             broken.append(Rule.RAMP)
         if coast and not voltage_off:

@@ -12,16 +12,13 @@ from collections.abc import Mapping
 from typing import ClassVar, Final
 
 from pdgw.dsp402.states import State
-from pdgw.durations import SECOND
 from pdgw.gateway.axis.power_states import Limit
 
 RAMP_MARGIN: Final = 2
 """Factor on the stop time of the drive."""
-ENTER_NS: Final = 10 * SECOND
-"""Longest time from Enable Operation to Operation Enabled."""
 QUICK_STOPS: Final = (Limit.ENTER, Limit.LEAVE)
 """Limits with Quick Stop as their brake: it was not commanded yet."""
-_BRAKES: Final = (Limit.LEAVE, Limit.BRAKE, Limit.STOP)
+_BRAKES: Final = (Limit.BRAKE, Limit.STOP)
 """The speed must fall."""
 _MUST_END: Final = {
     Limit.STOP: (State.OPERATION_ENABLED,),
@@ -47,7 +44,6 @@ class StopWatch:
         "_began",
         "_braked",
         "_ignored_since",
-        "_limit",
         "_nmt_stopped",
         "_nmt_tried",
         "_reaction",
@@ -74,7 +70,6 @@ class StopWatch:
         """When the stop was commanded first, or the speed of a drive without power fell last."""
         self._speed = 0
         """The speed from which the drive brakes."""
-        self._limit: Limit = Limit.NONE
         self._ignored_since = -1
         """Since when the drive shows a state that must end; -1 while it does not."""
         self._braked = 0
@@ -87,7 +82,7 @@ class StopWatch:
     def INSTANTS(self) -> Mapping[str, int]:  # noqa: N802 (as in classes with the same ages for every axis)
         """See ``gateway.axis.checkpoint``."""
         return {
-            "_began": max(ENTER_NS, self._stopped_within),
+            "_began": self._stopped_within,
             "_ignored_since": self._reaction + 1,
             "_braked": self._reaction,
         }
@@ -121,16 +116,11 @@ class StopWatch:
                 self._nmt_tried = True
         if self.brake is not Brake.NONE or not seen:
             return False
-        if limit is not self._limit:
-            if limit in QUICK_STOPS or self._limit in QUICK_STOPS:
-                self.runs = False
-            self._limit = limit
         speed = abs(velocity)
         if not self.runs:
             self.runs = True
             self._began = now
             self._speed = speed
-            self._ignored_since = -1
         elif now - self._began <= self._reaction:
             self._speed = max(self._speed, speed)  # the drive may still accelerate to an earlier setpoint
         disobeys = limit in _BRAKES and speed > max(window, self._allowed(now))
@@ -140,8 +130,6 @@ class StopWatch:
             self._ignored_since = now
         elif now - self._ignored_since > self._reaction:
             disobeys = True
-        if limit in QUICK_STOPS:
-            return disobeys or now - self._began > (ENTER_NS if limit is Limit.ENTER else self._stopped_within)
         if disobeys:
             self.brake = Brake.WITHHOLD_HEARTBEAT if self._nmt_tried else Brake.NMT_STOP
             self._braked = now
@@ -168,3 +156,30 @@ class StopWatch:
         if braking <= 0:
             return self._speed
         return self._speed - self.reference * braking // (RAMP_MARGIN * self._stop_time)
+
+
+class OperationWatch:
+    """One axis: whether Operation Enabled is entered and left in time, else the drive gets Quick Stop."""
+
+    __slots__ = ("_enter", "_leave", "_limit", "_since")
+
+    def __init__(self, enter_ns: int, reaction_ns: int, stop_time_ns: int) -> None:
+        self._enter = enter_ns
+        self._leave = reaction_ns + RAMP_MARGIN * stop_time_ns
+        self._limit: Limit = Limit.NONE
+        self._since = 0
+        """When the limit began, monotonic ns."""
+
+    @property
+    def INSTANTS(self) -> Mapping[str, int]:  # noqa: N802 (as in classes with the same ages for every axis)
+        """See ``gateway.axis.checkpoint``."""
+        return {"_since": max(self._enter, self._leave) + 1}
+
+    def step(self, limit: Limit, now: int) -> bool:
+        """One cycle; True if the drive does not keep the limit."""
+        if limit is not self._limit:
+            self._limit = limit
+            self._since = now if limit in QUICK_STOPS else 0
+        if limit is Limit.ENTER:
+            return now - self._since > self._enter
+        return limit is Limit.LEAVE and now - self._since > self._leave

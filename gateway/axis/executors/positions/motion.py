@@ -171,7 +171,7 @@ class MotionExecutor(Executor):
         self._arrival.command(self.inputs.now)
 
     def _report_stall(self) -> None:
-        """An axis that stands before the end of its motion has a reason, and a warning once."""
+        """An axis at standstill before the end of its motion has a reason, and a warning once."""
         inputs, outputs, statusword = self.inputs, self.outputs, self.feedback.statusword
         reason: Reason | None = None
         if self._blocked and inputs.standstill:

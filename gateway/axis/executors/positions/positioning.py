@@ -81,7 +81,8 @@ class PositioningExecutor(MotionExecutor):
         if outcome.home_set:
             flags |= _HOME_SET
         if not homes:
-            if feedback.statusword & ACKNOWLEDGED and self._mode.shows_base() and not self._mdi.waits:
+            of_the_task = outcome.motion.first <= self._seen.given
+            if feedback.statusword & ACKNOWLEDGED and self._mode.shows_base() and of_the_task:
                 flags |= _TASK_ACKNOWLEDGED
             report.tasks_active = self.interlock.action in _ENABLED and self.demand.connected and asked.mdi
         report.flags = flags

@@ -8,7 +8,7 @@ from pdgw.dsp402.states import STATUS_OF, State, StatusBit
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.power_states import Limit
 from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
-from pdgw.gateway.axis.supervision.stop_supervision import ENTER_NS, Brake, StopWatch
+from pdgw.gateway.axis.supervision.stop_supervision import Brake, StopWatch
 from pdgw.gateway.axis.values import Configured
 from pdgw.gateway.reasons import FaultNumber, Reason
 from tests.gateway.axis.test_velocity import OFF, ON, Bench
@@ -260,7 +260,7 @@ def test_drive_that_never_shows_operation_gets_no_setpoint_and_then_quick_stop()
     bench.step(OFF, cycles=3)
     bench.step(ON, 0x2000)
     assert bench.drive.state is State.SWITCHED_ON
-    deaf(bench, ON, ENTER_NS // CYCLE)
+    deaf(bench, ON, AxisSettings().enter_ns // CYCLE)
     command = bench.stepper.command
     assert (command.controlword & 0xF, command.target_velocity) == (0xF, 0)
     deaf(bench, ON, 5)
@@ -270,13 +270,13 @@ def test_drive_that_never_shows_operation_gets_no_setpoint_and_then_quick_stop()
 
 
 def test_disable_operation_that_is_ignored_becomes_a_quick_stop() -> None:
-    bench = turning()
-    deaf(bench, ON & ~0x8, REACTION // CYCLE)
-    assert bench.stepper.command.controlword & 0xF == 0x7
-    deaf(bench, ON & ~0x8, REACTION // CYCLE)
+    bench = turning(stop_time_ns=SECOND)
+    deaf(bench, ON & ~0x8, (REACTION + 2 * SECOND) // CYCLE)
+    assert bench.stepper.command.controlword & 0xF == 0x7, "it may brake on its ramp"
+    deaf(bench, ON & ~0x8, 5)
     assert bench.stepper.command.controlword & 0xF == 0x2
-    assert FaultNumber.NOT_ENTERED in numbers(bench)
-    assert deaf(bench, ON & ~0x8, REACTION // CYCLE) is Brake.NMT_STOP
+    assert numbers(bench) == [FaultNumber.NOT_ENTERED]
+    assert deaf(bench, ON & ~0x8, REACTION // CYCLE + 5) is Brake.NMT_STOP
 
 
 @pytest.mark.parametrize("state", [State.READY_TO_SWITCH_ON, State.FAULT])
