@@ -219,12 +219,6 @@ class Daemon:
         axis.units_witnessed = stored.units_witnessed
         axis.drive.own_values.load(stored.own_values)
         axis.drive.own_values.save = partial(self._save_own_values, axis)
-        values = axis.positioner_values(stored)
-        if values is not None and (stored.positioner or stored.positioner_blocks):
-            try:
-                axis.choose_positioner(values.choices())
-            except GatewayError as error:
-                log.error("%s: stored positioner parameters do not fit the configuration: %s", axis.label, error)
         return axis
 
     def _encoders(self) -> list[EncoderObject]:

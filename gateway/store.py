@@ -1,10 +1,10 @@
 """Non-volatile gateway parameters in a crash-safe file.
 
-Holds what the PLC may change and a power cycle must keep: P922, P925, P927, positioner and name of each DO, I&M1 to I&M4
-of the device. Beside it, what a crash must keep: the drives' own values of objects that the gateway overwrites. The file is
-JSON with a version and a checksum, replaced atomically: a crash at any moment leaves the old or the new set. A value is in
-force when it is on the disk, not before. A damaged file is set aside and reported, never half used. Left out: drive parameters
-(the drive stores its own, 1010h).
+Holds what the PLC may change and a power cycle must keep: P922, P925, P927 and the name of each DO, I&M1 to I&M4 of the
+device. Beside it, what a crash must keep: the drives' own values of objects that the gateway overwrites. The file is JSON with
+a version and a checksum, replaced atomically: a crash at any moment leaves the old or the new set. A value is in force when it
+is on the disk, not before. A damaged file is set aside and reported, never half used. Left out: drive parameters (the drive
+stores its own, 1010h).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import threading
 import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
@@ -52,10 +52,6 @@ class DoParameters(BaseModel):
     operation_priority: Annotated[int, Field(ge=0, le=1)] = 1
     """P927: 1 = the parameter channel may write."""
     name: Annotated[str, Field(max_length=32)] = ""
-    positioner: dict[int, int] = Field(default_factory=dict)
-    """Parameters of a positioner by PNU, beside those of its blocks."""
-    positioner_blocks: dict[int, tuple[int, ...]] = Field(default_factory=dict)
-    """P2616 to P2623 of blocks by number."""
     units_witnessed: ConfirmedUnits | None = None
     own_values: OwnValues = OwnValues()
     """The drive's own values of the objects that the gateway overwrites, until they were written back."""
@@ -191,16 +187,28 @@ class ParameterStore:
             parameters = document["parameters"]
             if document["checksum"] != _checksum(parameters):
                 return self._set_aside(path, "checksum does not match")
-            version = json.loads(parameters).get("version", FORMAT_VERSION)
+            values = json.loads(parameters)
+            version = values.get("version", FORMAT_VERSION)
             if isinstance(version, int) and (text := problem(version, FORMAT_VERSION)):
                 # Its values may limit a movement: if one is unusable, none is used and the file is kept.
                 raise GatewayError(f"parameter store {path}: {text}")
-            return DeviceParameters.model_validate_json(parameters)
+            self._remove_positioner(path, values)
+            return DeviceParameters.model_validate_json(json.dumps(values))
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             detail = (
                 f"{error.error_count()} bad values" if isinstance(error, ValidationError) else "not a parameter file"
             )
             return self._set_aside(path, detail)
+
+    def _remove_positioner(self, path: Path, values: dict[str, Any]) -> None:
+        """Ignore what drafts of 0.9.0 stored of a positioner, with a line for each DO that has it."""
+        for do_id, item in values.get("objects", {}).items():
+            stored = [item.pop(name, {}) for name in ("positioner", "positioner_blocks")]
+            if any(stored):
+                self._report(
+                    f"parameter store {path}: DO {do_id}: stored positioner values (P2571 to P2623) are ignored: set them"
+                    f" in [axis.positioner] and [[axis.block]]; parameters {stored[0]}, blocks {stored[1]}"
+                )
 
     def _set_aside(self, path: Path, why: str) -> DeviceParameters:
         number = 1

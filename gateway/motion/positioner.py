@@ -185,15 +185,6 @@ class Positioner:
             self.settings, position_range=positions, distance_range=distances
         )
 
-    def choose(self, settings: PositionerSettings, blocks: BlockTable) -> None:
-        """Other values of the user, out of operation."""
-        known = self.settings
-        self.settings = self._course.settings = replace(
-            settings, position_range=known.position_range, distance_range=known.distance_range
-        )
-        self._course.window = settings.position_window
-        self._chain.blocks = blocks
-
     @property
     def expects_end(self) -> bool:
         """The axis is at standstill, and the end of its motion to a position is due."""

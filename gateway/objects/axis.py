@@ -28,15 +28,13 @@ from pdgw.gateway.axis.supervision.drive_events import EMERGENCY_PATIENCE_NS, FA
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
 from pdgw.gateway.axis.values import Configured, FaultRead, Outputs
 from pdgw.gateway.configuration.config import AxisConfig
-from pdgw.gateway.configuration.positioner_values import PositionerValues
-from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.gateway.objects.drive_object import OWNED, DriveObject
 from pdgw.gateway.objects.enable_chain import EnableStatus, axis_enable_status
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
 from pdgw.gateway.objects.sensor_link import SensorLink
 from pdgw.gateway.objects.touch_probe import ProbeReader
-from pdgw.gateway.store import ConfirmedUnits, DoParameters
+from pdgw.gateway.store import ConfirmedUnits
 from pdgw.profidrive.sensor_format import SensorFormat
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
 from pdgw.profidrive.telegrams import telegram
@@ -107,22 +105,6 @@ class Axis(DriveObject):
         first, second = self._links
         self._links = (first, link) if place else (link, second)
         link.connect(self.machine)
-
-    def choose_positioner(self, choices: PositionerChoices) -> None:
-        """Other values for the positioner (P2571 and others), out of operation."""
-        self._settings = replace(self._settings, positioner=choices)
-        executor = self.machine.executor
-        if isinstance(executor, PositionerExecutor):
-            executor.choose(choices)
-            if self.drive.drive_type is not None:
-                self.references_changed()  # a setting that the drive does not support blocks operation
-
-    def positioner_values(self, stored: DoParameters) -> PositionerValues | None:
-        """The positioner's configuration with its stored changes; None for an axis without one."""
-        config = self.config
-        if config.positioner is None:
-            return None
-        return PositionerValues(config.positioner, config.block, stored.positioner, stored.positioner_blocks)
 
     @property
     def client(self) -> DriveClient:

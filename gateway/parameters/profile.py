@@ -28,7 +28,6 @@ from pdgw.dsp406.objects import (
     WARNINGS,
 )
 from pdgw.gateway import identity
-from pdgw.gateway.configuration.positioner_values import BLOCK_ITEMS, ITEMS, PositionerValues
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.objects.axis import Axis
@@ -37,7 +36,6 @@ from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import EMCY_WARNING_BIT
 from pdgw.gateway.parameters.fault_lists import fault_codes, fault_numbers, fault_texts
 from pdgw.gateway.parameters.objects import ObjectAccess, ObjectParameter, RequestContext
-from pdgw.gateway.parameters.positioner import PositionerParameters
 from pdgw.gateway.parameters.signals import signal_list
 from pdgw.gateway.reasons import FIRST_WARNING, GATEWAY_FAULTS
 from pdgw.gateway.store import DeviceParameters, DoParameters
@@ -275,9 +273,6 @@ class NodeObject(BoundObject):
     def _store(self, name: str, value: int | None) -> None:
         _store_is_saved(self.daemon, lambda stored: setattr(stored.drive_object(self.do_id), name, value))
 
-    def _store_change(self, change: Callable[[DoParameters], None]) -> None:
-        _store_is_saved(self.daemon, lambda stored: change(stored.drive_object(self.do_id)))
-
     def _set_tolerance(self, failures: int) -> None:
         self._setter("sign_of_life_tolerance")(failures)
         self.owner.set_sign_of_life_tolerance(failures)
@@ -378,34 +373,7 @@ class AxisObject(NodeObject):
         self.bind(Pnu.DRIVE_OBJECT, lambda: (*_unit(daemon), AXIS_CLASS, _SUBCLASS, self.do_id))
         self.bind(Pnu.SENSOR_FORMAT, lambda: encode_sensor_format(axis.sensor_formats))
         self.bind(Pnu.REFERENCE_SPEED, self._reference_speed)
-        self._positioner: PositionerParameters | None = None
-        if axis.config.positioner is not None:
-            self._positioner = PositionerParameters(
-                lambda: self._stored,
-                self._positioner_values,
-                self._store_change,
-                axis.choose_positioner,
-                self.require_power_off,
-            )
         self.bind_lists()
-
-    def _positioner_values(self, stored: DoParameters) -> PositionerValues:
-        values = self.axis.positioner_values(stored)
-        assert values is not None, "only for an axis with a positioner"
-        return values
-
-    def parameter(self, pnu: int, context: RequestContext) -> Parameter:
-        found = None if self._positioner is None else self._positioner.parameter(pnu)
-        return super().parameter(pnu, context) if found is None else found
-
-    def further_pnus(self) -> Iterable[int]:
-        own = (*ITEMS, *BLOCK_ITEMS) if self._positioner is not None else ()
-        return (*super().further_pnus(), *own)
-
-    def load(self, context: RequestContext) -> None:
-        super().load(context)
-        if self._positioner is not None:
-            self.axis.choose_positioner(self._positioner.now.choices())
 
     @property
     def _own_faults(self) -> Mapping[int, DriveFault]:

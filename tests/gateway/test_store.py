@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import signal
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 
 import pytest
@@ -50,6 +52,22 @@ def test_what_is_saved_is_loaded_again(tmp_path: Path) -> None:
     again = ParameterStore(path, nothing_to_report).parameters
     assert again == store.parameters
     assert again.drive_object(2).telegram == 9
+
+
+def test_stored_values_of_a_positioner_are_ignored_with_a_line(tmp_path: Path) -> None:
+    path = tmp_path / "parameters.json"
+    item = {"telegram": 111, "positioner": {"2571": 12000}, "positioner_blocks": {"9": [9, 5000]}}
+    nothing = {"telegram": 9, "positioner": {}, "positioner_blocks": {}}
+    parameters = json.dumps({"version": 1, "objects": {"1": item, "2": nothing}})
+    path.write_text(json.dumps({"checksum": f"{zlib.crc32(parameters.encode()):08x}", "parameters": parameters}))
+    reports: list[str] = []
+    store = ParameterStore(path, reports.append)
+    assert [store.parameters.drive_object(do_id).telegram for do_id in (1, 2)] == [111, 9]
+    (report,) = reports
+    assert "DO 1: stored positioner values (P2571 to P2623) are ignored" in report
+    assert "{'2571': 12000}, blocks {'9': [9, 5000]}" in report
+    store.save()
+    ParameterStore(path, nothing_to_report)
 
 
 def test_a_missing_file_means_the_configuration_holds(tmp_path: Path) -> None:

@@ -23,7 +23,6 @@ from pdgw.dsp406.registers import Alarm, AreaState, Operating, Warnings
 from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.power_states import CONTROLWORDS, LIMIT_TEXTS, Action, Drive, Limit, Phase
 from pdgw.gateway.axis.power_table import ANY_DRIVE, ANY_PHASE, ANY_WISH, LIMITS, ROWS
-from pdgw.gateway.configuration.positioner_values import BLOCK_ITEMS, ITEMS
 from pdgw.gateway.links.profinet.diagnosis import MESSAGE_CLASSES
 from pdgw.gateway.motion.states import MDI_TRANSITIONS, Event, State, Transition
 from pdgw.gateway.motion.states import TRANSITIONS as POSITIONER_TRANSITIONS
@@ -332,22 +331,6 @@ def generate() -> str:
                     ", ".join(spec.elements),
                 )
                 for spec in PARAMETERS.values()
-            ),
-        ),
-        "## Parameters of a positioner\n",
-        table(
-            ("PNU", "name", "type", "unit", "from", "to", "key"),
-            (
-                (
-                    f"P{pnu}" + ("[block]" if item.spec.array else ""),
-                    item.spec.name,
-                    item.spec.type.name,
-                    item.spec.unit,
-                    item.spec.low,
-                    item.spec.high,
-                    item.spec.meaning,
-                )
-                for pnu, item in (*ITEMS.items(), *BLOCK_ITEMS.items())
             ),
         ),
         "## Data types of the parameter channel\n",

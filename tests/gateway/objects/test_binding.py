@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 
 import pytest
 
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.dsp402.drive.client import DriveEvent, DriveStatus
 from pdgw.gateway.configuration.config import AxisConfig
-from pdgw.gateway.configuration.tables.defaults import SIMULATED_KEYS
-from pdgw.gateway.configuration.tables.positioner import PositionerConfig
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.profidrive.datatypes import DataType
@@ -20,9 +17,7 @@ from pdgw.profidrive.parameters.codec import ParameterAddress, Values
 from pdgw.profidrive.signals import signal
 from tests.gateway.objects.test_encoders import G1, encoder
 from tests.support import buses
-from tests.support.axis.positioner import CHOICES
 from tests.support.documents.sensor_format import decode_sensor_format
-from tests.support.drives.drive_types import engel
 from tests.support.gateways.daemon import OFF, Plc, axis, configuration, exchanging, serving, until
 
 HOME_SET = signal("ZSW1").bit("HOME_POSITION_SET", positioning=True).mask
@@ -55,15 +50,6 @@ def test_what_the_plc_sent_last_stays_after_its_loss() -> None:
         assert item.last_setpoints == (OFF, 5)
 
 
-@pytest.mark.parametrize("first", [1, 111])
-def test_a_positioner_that_was_chosen_is_that_of_the_next_telegram(first: int) -> None:
-    with made(first, positioner=PositionerConfig.model_validate(SIMULATED_KEYS)) as item:
-        chosen = replace(CHOICES, max_velocity=4321)
-        item.choose_positioner(chosen)
-        item.change_telegram(110)
-        assert item.machine.settings.positioner is chosen
-
-
 def test_a_refusal_that_was_told_is_not_told_again_because_the_telegram_changed() -> None:
     def refused(item: Axis) -> None:
         item.drive.status = DriveStatus.REFUSED
@@ -84,19 +70,6 @@ def test_a_drive_that_never_was_online_owns_what_guards_and_commands_it() -> Non
         assert not item.owns(0x607A, 0)
         assert item.is_reference(0x6098, 0)
         assert not item.is_reference(0x6081, 0)
-
-
-@pytest.mark.parametrize("known", [False, True])
-def test_other_values_of_a_positioner_are_looked_at_with_the_drive_there_is(known: bool) -> None:
-    with made(111, positioner=PositionerConfig.model_validate(SIMULATED_KEYS)) as item:
-        if known:
-            item.drive.drive_type = replace(engel(), max_torque=0)
-            item.references_changed()
-            item.step(None, 1)
-            assert not item.faults
-        item.choose_positioner(replace(CHOICES, clamping_torque=100))
-        item.step(None, 2)
-        assert ["Max Torque 6072h" in fault.text for fault in item.faults] == ([True] if known else [])
 
 
 def test_an_encoder_that_is_g1_stays_g1_with_another_telegram() -> None:

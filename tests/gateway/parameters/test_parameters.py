@@ -26,7 +26,17 @@ from pdgw.profidrive.parameters.codec import Attribute, ParameterAddress, Values
 from pdgw.profidrive.parameters.description import Description
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber as Number
 from pdgw.tools.output.status_text import status_lines
-from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, exchanging, serving, until
+from tests.support.gateways.daemon import (
+    OFF,
+    SIMULATED_POSITIONER,
+    Plc,
+    axis,
+    configuration,
+    drive_of,
+    exchanging,
+    serving,
+    until,
+)
 from tests.support.gateways.daemon import client as client_of
 from tests.support.gateways.parameters import error, gateway, number, value, word, write
 
@@ -96,6 +106,12 @@ def test_refusals_have_the_profile_s_error_number(
     shared: tuple[Daemon, ParameterClient], request_: str, expected: str
 ) -> None:
     assert shared[1].exchange(bytes.fromhex(request_)).hex(" ") == expected.lower()
+
+
+def test_a_positioner_has_no_parameters_of_its_own() -> None:
+    with gateway(axis(1, telegram_number=111, more=SIMULATED_POSITIONER)) as (_, client):
+        assert error(value(client, 2571)) == Number.IMPERMISSIBLE_PNU
+        assert error(write(client, 2571, Values(DataType.UNSIGNED32, (12_000,)))) == Number.IMPERMISSIBLE_PNU
 
 
 def test_a_request_without_a_header_is_refused_as_a_record(shared: tuple[Daemon, ParameterClient]) -> None:

@@ -149,11 +149,6 @@ class PositionerExecutor(MotionExecutor):
             raise Dsp402Error("modulo_range", f"{self.choices.modulo} LU = {float(size):g} position units", allowed)
         return Ring(low, int(size))
 
-    def choose(self, choices: PositionerChoices) -> None:
-        """Other values of the user, out of operation; in force with the next ``set_drive``."""
-        self.choices = choices
-        self.positioner.choose(_settings(choices), BlockTable(choices.blocks))
-
     def restarted(self) -> None:
         self._torque.restarted(lowers=self.clamps)
         super().restarted()
