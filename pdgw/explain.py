@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import types
 from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
@@ -59,8 +60,13 @@ def misplaced(text: str, *location: str | int) -> PydanticCustomError:
     return PydanticCustomError(_PLACED, "{text}", {"text": text, "location": location})
 
 
-def problems(error: ValidationError, root: type[BaseModel]) -> list[Problem]:
-    """Everything that is wrong with what should be a ``root``; all that a value could have been instead is one problem."""
+def problems(
+    error: ValidationError, root: type[BaseModel], removed: Mapping[str, str] = MappingProxyType({})
+) -> list[Problem]:
+    """Everything that is wrong with what should be a ``root``; all that a value could have been instead is one problem.
+
+    ``removed``: keys of earlier versions ("transport.example") with the version of their end and the reason.
+    """
     found: dict[tuple[Location, str], list[ErrorDetails]] = {}
     for detail in error.errors(include_url=False):
         context = detail.get("ctx", {})
@@ -74,15 +80,20 @@ def problems(error: ValidationError, root: type[BaseModel]) -> list[Problem]:
         if kind == _PLACED:
             result += [Problem(location, "", detail["ctx"]["text"], names_key=True) for detail in details]
         else:
-            result.append(_problem(location, details, root))
+            result.append(_problem(location, details, root, removed))
     return result
 
 
-def _problem(location: Location, details: list[ErrorDetails], root: type[BaseModel]) -> Problem:
+def _problem(
+    location: Location, details: list[ErrorDetails], root: type[BaseModel], removed: Mapping[str, str]
+) -> Problem:
     first = details[0]
     if first["type"] == "missing":
         return Problem(location, "", "is missing")
     if first["type"] == "extra_forbidden":
+        reason = removed.get(".".join(part for part in location if isinstance(part, str)))
+        if reason is not None:
+            return Problem(location, "", f"was removed in {reason}")
         model = _model_at(location[:-1], root)
         known = list(model.model_fields) if model else []
         hint = did_you_mean(str(location[-1]), known)

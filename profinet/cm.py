@@ -14,7 +14,6 @@ from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet.alarms.diagnosis import AlarmSource, Diagnosis
 from pdgw.profinet.blocks.connect import (
     ADVANCED_STARTUP,
-    AR_NUMBERS,
     LT_RT,
     AlarmCrBlockRes,
     ArBlockRes,
@@ -31,11 +30,9 @@ from pdgw.profinet.connection.connect import (
     WRONG_STATE,
     ConnectPlan,
     ConnectRefused,
-    pairs,
     plan,
     refuse_call,
 )
-from pdgw.profinet.connection.redundancy import ArSet
 from pdgw.profinet.model import DeviceModel
 from pdgw.profinet.records.device_records import Access, DeviceRecords, LogItem
 from pdgw.profinet.rpc import dcerpc, epm
@@ -99,10 +96,7 @@ class ContextManager:
         """Relationships by ARUUID."""
         self.records = DeviceRecords(model, station, diagnosis, application, self.relations.values)
         self.io: ApplicationRelation | None = None
-        """That of the IO controller; of two, the one that leads or led last."""
-        self.controllers: list[ApplicationRelation] = []
-        """All with cyclic data: two at most, where they are a set of system redundancy."""
-        self.set: ArSet[ApplicationRelation] = ArSet()
+        """That of the IO controller."""
         self.server: RpcServer[Address] = RpcServer(
             {
                 (dcerpc.DEVICE_INTERFACE, dcerpc.INTERFACE_VERSION): self._execute,
@@ -182,26 +176,9 @@ class ContextManager:
             self._forget(replaced, now)
         self.relations[granted.ar.ar_uuid] = relation
         if relation.provider is not None:
-            self.controllers.append(relation)
+            self.io = relation
             relation.provider.set_problem(self._diagnosis.has_fault)
-            if granted.redundancy is not None:
-                self.set.join(relation, granted.redundancy.hold_ns)
-            self.lead()
         return answer
-
-    def lead(self) -> None:
-        """Another relationship may lead."""
-        members = self.set.members
-        for member in members:
-            member.backup = member is not self.set.primary
-            redundancy = member.plan.redundancy
-            if member.provider is not None and redundancy is not None:
-                valid = not (member.backup and redundancy.invalid_on_backup)
-                member.provider.set_role(self.set.status(member), valid=valid)
-        if self.set.primary is not None:
-            self.io = self.set.primary
-        elif self.io not in self.controllers:
-            self.io = self.controllers[0] if self.controllers else None
 
     def _check_free(self, granted: ConnectPlan, source: Address) -> ApplicationRelation | None:
         """The relationship that the new one takes the place of: that of the same controller before it restarted."""
@@ -214,15 +191,12 @@ class ContextManager:
                     NO_AR_FREE, "device access relationship", len(access) + 1, f"at most {ACCESS_RELATIONS}"
                 )
             return None
-        replaced = None
-        for present in self.controllers:
-            if source[0] == present.source[0] and granted.ar.initiator_mac == present.plan.ar.initiator_mac:
-                replaced = present
-            elif not pairs(granted, present.plan):
-                raise refuse_call(NO_AR_FREE, "IO controller", source[0], f"{present.source[0]}, which is connected")
-        if replaced is None and len(self.controllers) >= len(AR_NUMBERS):
-            raise refuse_call(NO_AR_FREE, "IO controller", source[0], "two of a set at most")
-        return replaced
+        present = self.io
+        if present is not None and (
+            source[0] != present.source[0] or granted.ar.initiator_mac != present.plan.ar.initiator_mac
+        ):
+            raise refuse_call(NO_AR_FREE, "IO controller", source[0], f"{present.source[0]}, which is connected")
+        return present
 
     def _new(self, granted: ConnectPlan, source: Address, now: int) -> ApplicationRelation:
         self._made += 1
@@ -328,11 +302,8 @@ class ContextManager:
     def _forget(self, relation: ApplicationRelation, now: int) -> None:
         ar_uuid = relation.plan.ar.ar_uuid
         del self.relations[ar_uuid]
-        if relation in self.controllers:
-            self.controllers.remove(relation)
-            if relation in self.set.members:
-                self.set.leave(relation, now)
-            self.lead()
+        if relation is self.io:
+            self.io = None
         code = relation.ended.code if relation.ended is not None else AbortCode.REQUESTED
         self.records.log.append(LogItem(now, ar_uuid, code.status.value))
         self._ended.append(relation)

@@ -2,8 +2,7 @@
 
 Source: IEC 61158-5-10/-6-10. ``on_frame``, ``on_datagram`` and ``poll`` take what happens, ``outgoing`` hands out what is to be
 sent, ``events`` what the application should know. Input data is set at any time; output data is asked for after ``on_frame`` said
-that there is new data. One IO controller is served, or two with a set of relationships (system redundancy): one of these leads,
-and only its output data counts. Another one is refused meanwhile.
+that there is new data. One IO controller is served; another one is refused meanwhile.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ _CALLS: Final = frozenset({PacketType.REQUEST, PacketType.PING})
 
 @dataclass(frozen=True, slots=True)
 class Connected:
-    """A relationship exchanges data and leads; of a set perhaps instead of another one that did before."""
+    """A relationship exchanges data."""
 
     relation: ApplicationRelation
 
@@ -95,7 +94,7 @@ class ProfinetDevice:
         self._octets = self.cm.records.octets
         self._port_faults: set[PortFault] = set()
         station.link_since_ns = now
-        self.dcp = DcpResponder(station, lambda: bool(self.cm.controllers), give_ip)
+        self.dcp = DcpResponder(station, lambda: self.cm.io is not None, give_ip)
         self._lldp_due = now
         self._reported: ApplicationRelation | None = None
         self._next: int | None = now
@@ -108,16 +107,13 @@ class ProfinetDevice:
 
     def on_frame(self, data: bytes, now: int) -> bool:
         """An Ethernet frame; True when there is new output data."""
-        controllers = self.cm.controllers
-        for io in controllers:
-            if data[:_CYCLIC_HEAD] == io.head:
-                return self._cyclic(io, data, ethernet.HEADER_SIZE, now)
+        io = self.cm.io
+        if io is not None and data[:_CYCLIC_HEAD] == io.head:
+            return self._cyclic(io, data, ethernet.HEADER_SIZE, now)
         ethertype, start = ethernet.payload_of(data)
         if ethertype == ethernet.ETHERTYPE_PROFINET and len(data) >= start + _FRAME_ID.size:
             (frame_id,) = _FRAME_ID.unpack_from(data, start)
-            for io in controllers if data[:6] == self.station.identity.mac else ():
-                if data[6:12] != io.plan.ar.initiator_mac:
-                    continue
+            if io is not None and data[6:12] == io.plan.ar.initiator_mac and data[:6] == self.station.identity.mac:
                 if io.consumer is not None and frame_id == io.consumer.frame_id:
                     return self._cyclic(io, data, start, now)
                 if frame_id in _ALARM_IDS:
@@ -138,11 +134,6 @@ class ProfinetDevice:
     def _cyclic(self, relation: ApplicationRelation, data: bytes, start: int, now: int) -> bool:
         self._octets[0] += len(data)
         fresh = relation.receive(data, start, now)
-        if relation.plan.redundancy is not None and relation.connected and relation.consumer is not None:
-            if self.cm.set.ask(relation, now, primary=relation.consumer.primary):
-                self._next = now
-            self.cm.lead()
-            fresh = fresh and not relation.backup
         if relation is not self._reported:
             self._report_relations(now)
         return fresh
@@ -207,7 +198,7 @@ class ProfinetDevice:
             deadline = relation.watch_deadline
             if deadline is not None and deadline < due:
                 due = deadline
-        for other in (self.dcp.deadline, self._next, self.cm.set.deadline):
+        for other in (self.dcp.deadline, self._next):
             if other is not None and other < due:
                 due = other
         self._watch_due = due
@@ -216,11 +207,8 @@ class ProfinetDevice:
     @property
     def cyclic_deadline(self) -> int:
         """As ``next_deadline``, when nothing happened since it was asked but cyclic frames."""
-        due = self._watch_due
-        for io in self.cm.controllers:
-            if io.provider is not None and io.provider.due < due:
-                due = io.provider.due
-        return due
+        io, due = self.cm.io, self._watch_due
+        return due if io is None or io.provider is None else min(io.provider.due, due)
 
     def provide(self, now: int) -> bytearray | None:
         """The frame with input data, to be sent now; None when that is not all there is to do, or nothing: see ``poll``."""
@@ -235,10 +223,6 @@ class ProfinetDevice:
     def poll(self, now: int) -> None:
         """Send what is due and check timeouts."""
         self._next = None
-        expiry = self.cm.set.deadline
-        if expiry is not None and now >= expiry:
-            for relation in list(self.cm.set.members):
-                relation.handle(Event.NO_PRIMARY, now)
         for relation in self.cm.relations.values():
             relation.poll(now)
             relation.send_alarms(now)
@@ -278,7 +262,7 @@ class ProfinetDevice:
                 self._reported = None
             self._check_port(now)
         io = self.cm.io
-        if io is not None and io.connected and not io.backup and io is not self._reported:
+        if io is not None and io.connected and io is not self._reported:
             self._reported = io
             self._events.append(Connected(io))
 
@@ -314,7 +298,7 @@ class ProfinetDevice:
 
     def replug(self, model: DeviceModel) -> None:
         """Other modules are plugged; ProfidriveError while a controller has a relationship with the present ones."""
-        if self.cm.controllers:
+        if self.cm.io is not None:
             raise ProfidriveError("modules", "changed", "a change while no controller is connected")
         self.model = model
         self.cm.replug(model)
@@ -323,33 +307,13 @@ class ProfinetDevice:
 
     @property
     def relation(self) -> ApplicationRelation | None:
-        """The IO controller's relationship; of a set the one that leads or led last."""
+        """The IO controller's relationship."""
         return self.cm.io
-
-    @property
-    def relations(self) -> Sequence[ApplicationRelation]:
-        """Relationships of all IO controllers; each gets the input data."""
-        return self.cm.controllers
-
-    def successor(self, now: int) -> ApplicationRelation | None:
-        """In a redundant set, the relationship that may lead next: it exchanges data, and its controller sends."""
-        for relation in self.cm.set.members:
-            consumer = relation.consumer
-            if not relation.backup or not relation.connected or consumer is None or consumer.last_ns is None:
-                continue
-            if now - consumer.last_ns < consumer.hold_ns:
-                return relation
-        return None
-
-    @property
-    def redundancy_hold_ns(self) -> int:
-        """Time within which a successor may take the lead."""
-        return self.cm.set.hold_ns
 
     @property
     def connected(self) -> bool:
         """A controller exchanges data."""
-        return self.cm.io is not None and self.cm.io.connected and not self.cm.io.backup
+        return self.cm.io is not None and self.cm.io.connected
 
     @property
     def running(self) -> bool:
@@ -360,15 +324,15 @@ class ProfinetDevice:
     def output(self, place: Subslot) -> bytes | None:
         """Output data of a submodule; None unless a controller in RUN says it is GOOD and projects this submodule."""
         relation = self.cm.io
-        if relation is None or not self.connected or relation.consumer is None or place not in relation.plan.proper:
+        if relation is None or not relation.connected or relation.consumer is None or place not in relation.plan.proper:
             return None
         return relation.consumer.output(place)
 
     def set_input(self, place: Subslot, data: bytes, *, good: bool) -> None:
         """Input data of a submodule; not good: IOPS BAD."""
-        for relation in self.cm.controllers:
-            if relation.provider is not None:
-                relation.provider.set(place, data, good=good)
+        relation = self.cm.io
+        if relation is not None and relation.provider is not None:
+            relation.provider.set(place, data, good=good)
 
     def set_diagnosis(
         self, place: Subslot, error_type: int, subtype: int = NO_SUBTYPE, *, severity: Severity = Severity.FAULT
@@ -383,10 +347,10 @@ class ProfinetDevice:
         self._diagnosis_changed()
 
     def _diagnosis_changed(self) -> None:
-        for relation in self.cm.controllers:
-            if relation.provider is not None:
-                relation.provider.set_problem(self.diagnosis.has_fault)
-                self._next = 0
+        relation = self.cm.io
+        if relation is not None and relation.provider is not None:
+            relation.provider.set_problem(self.diagnosis.has_fault)
+            self._next = 0
 
     def returned(self, place: Subslot) -> None:
         """A lost submodule has valid data again: report it to its controller."""

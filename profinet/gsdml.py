@@ -18,7 +18,6 @@ from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import ApplicationMode, Direction, Telegram, TelegramHalf
 from pdgw.profinet import model
 from pdgw.profinet.blocks.alarm import MESSAGE_CLASS_TEXTS, MessageClass
-from pdgw.profinet.blocks.connect import AR_NUMBERS
 from pdgw.profinet.station import MAU_100BASE_TX_FULL, MAU_1000BASE_T_FULL, Identity
 
 _NAMESPACE = "http://www.profibus.com/GSDML/2003/11/DeviceProfile"
@@ -26,8 +25,6 @@ _SCHEMA = "http://www.w3.org/2001/XMLSchema-instance"
 VERSION = "V2.4"
 _RATIOS = "1 2 4 8 16 32 64 128 256 512"
 _DATA_MAX = 1440
-_SWITCHOVER_MS = 10
-"""The frame that asks for the primary role is the first that counts; this is what its way through the process may take."""
 _HEADER = (
     ("ProfileIdentification", "PROFINET Device Profile"),
     ("ProfileRevision", "1.00"),
@@ -91,8 +88,7 @@ class Snmp(enum.Enum):
 class GsdmlWriter:
     """Write the file of a device with these kinds of drive object and their telegrams.
 
-    ``redundant``: two controllers (S2). ``snmp``: writable SNMP is what conformance class B adds. ``min_device_interval``:
-    shortest cycle in 31.25 us.
+    ``snmp``: writable SNMP is what conformance class B adds. ``min_device_interval``: shortest cycle in 31.25 us.
     """
 
     def __init__(
@@ -101,11 +97,9 @@ class GsdmlWriter:
         vendor: str,
         telegrams: Mapping[model.ObjectKind, Sequence[Telegram]],
         *,
-        redundant: bool = False,
         snmp: Snmp = Snmp.NONE,
         min_device_interval: int = model.SEND_CLOCKS[-1],
     ) -> None:
-        self._redundant = redundant
         self._snmp = snmp
         self._min_device_interval = min_device_interval
         self._identity = identity
@@ -211,17 +205,6 @@ class GsdmlWriter:
         SubElement(point, "IOData")
         self._info(point, identity.product, "The device itself")
         self._interface(SubElement(item, "SystemDefinedSubmoduleList"))
-        if self._redundant:
-            SubElement(
-                item,
-                "SystemRedundancy",
-                DeviceType="S2",
-                MaxSwitchOverTime=str(_SWITCHOVER_MS),
-                RT_InputOnBackupAR_Supported="true",
-                DataInvalidOnBackupAR_Supported="true",
-                NumberOfAR_Sets="1",
-                S2MaxInputOnBackupDelay=str(_SWITCHOVER_MS),
-            )
 
     def _interface(self, parent: Element) -> None:
         interface = SubElement(
@@ -239,8 +222,6 @@ class GsdmlWriter:
             DCP_BoundarySupported="true",
         )
         relations = SubElement(interface, "ApplicationRelations", StartupMode="Legacy;Advanced")
-        if self._redundant:
-            relations.set("NumberOfAR", str(len(AR_NUMBERS)))
         clocks = " ".join(str(clock) for clock in model.SEND_CLOCKS if clock >= self._min_device_interval)
         SubElement(relations, "TimingProperties", SendClock=clocks, ReductionRatio=_RATIOS)
         port = SubElement(

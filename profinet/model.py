@@ -103,8 +103,6 @@ class DeviceModel:
     modules: Mapping[int, Module]
     min_device_interval: int = SEND_CLOCKS[-1]
     """Shortest cycle in 31.25 us, one of ``SEND_CLOCKS``."""
-    redundancy_hold_max: int = 0
-    """Longest redundancy data hold time in ms; 0: no system redundancy."""
 
     def submodule(self, slot: int, subslot: int) -> Submodule | None:
         """The submodule in this place."""
@@ -115,11 +113,10 @@ class DeviceModel:
 def drive_model(
     identity: Identity,
     objects: list[tuple[ObjectKind, Telegram]],
-    redundancy_hold_max: int = 0,
     min_device_interval: int = SEND_CLOCKS[-1],
 ) -> DeviceModel:
     """A device with these drive objects from slot 1 on."""
     modules = {DAP_SLOT: access_module()}
     for slot, (kind, telegram) in enumerate(objects, start=1):
         modules[slot] = object_module(kind, telegram)
-    return DeviceModel(identity, modules, min_device_interval, redundancy_hold_max)
+    return DeviceModel(identity, modules, min_device_interval)

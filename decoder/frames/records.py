@@ -163,8 +163,6 @@ class FrameLayout:
     direction: Direction | None
     axes: tuple[tuple[int, int, ProcessDataLayout, int, int, int], ...] = ()
     note: str = ""
-    controller: bytes = b""
-    """MAC address of the controller whose relationship this is; empty where no Connect says it."""
 
 
 @dataclass(slots=True)

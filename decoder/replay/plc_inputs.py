@@ -18,7 +18,7 @@ from pdgw.gateway.links.udp import Address
 from pdgw.profidrive.telegrams import Telegram
 
 SENDER: Final[Address] = ("", 0)
-"""Sender of every frame over UDP."""
+"""Sender of every frame."""
 _NEVER: Final = (1 << 63) - 1
 """Later than every time."""
 _NO_FRAME: Final = _NEVER
@@ -33,10 +33,6 @@ class Frame(NamedTuple):
     time_ns: int
     data: bytes
     received_ns: int
-    source: Address = SENDER
-    """Over PROFINET the MAC address of the controller, where a Connect says it."""
-    counts: bool = True
-    """False: another controller leads."""
 
 
 class Relation(NamedTuple):
@@ -196,7 +192,7 @@ class _Receiver:
     def take(self, frame: Frame) -> None:
         """A frame."""
         now = frame.time_ns
-        verdict = self._endpoint.receive(frame.data, frame.source, now, frame.received_ns)
+        verdict = self._endpoint.receive(frame.data, SENDER, now, frame.received_ns)
         self._inputs.received.append(Received(now, verdict))
         if not self._endpoint.connected and self._endpoint.poll(now):
             # The gateway was paused: it detects the loss when it reads this frame, although further frames are queued.
@@ -253,6 +249,6 @@ def receive_profinet(happened: Iterable[Frame | Relation], endpoint: ProfinetEnd
         if isinstance(item, Frame):
             receiver.take(item)
         else:
-            endpoint.relate(item.change, item.connection, item.time_ns)
+            endpoint.relate(item.change, item.connection)
             receiver.note(item.time_ns)
     return receiver.end(endpoint.watchdog_ns)

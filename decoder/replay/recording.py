@@ -90,7 +90,7 @@ class Collector:
         self._nodes = [_Node(axis) for axis in self.axes]
         self._happened: list[Frame | Relation] = []
         self._link: ProfinetEndpoint | None = None
-        """Over PROFINET: which relationship counts, and whether it is confirmed."""
+        """Over PROFINET: whether the relationship is confirmed."""
         self._valid: set[int] = set()
         """Drive objects with valid data in the present relationship: before, nothing is in the frame yet."""
         self._answers: dict[int, list[Answer]] = {axis.do_id: [] for axis in self.axes}
@@ -105,7 +105,7 @@ class Collector:
             if self._begin_ns is None:
                 self._begin_ns = record.time_ns
             if record.direction is Direction.SETPOINT:
-                self._happened.append(self._frame(record, received_ns))
+                self._happened.append(Frame(record.time_ns, record.data, received_ns))
             elif record.direction is Direction.ACTUAL:
                 self._actual(record)
         elif isinstance(record, RelationRecord):
@@ -124,21 +124,12 @@ class Collector:
     def _relate(self, time_ns: int, change: Change, connection: Connection) -> None:
         if self._link is None:
             self._link = ProfinetEndpoint(self.axes, WATCHDOG_FACTOR)
-        self._link.relate(change, connection, time_ns)
-        if self._link.follows(connection.controller_mac):
-            self._valid.clear()
+        self._link.relate(change, connection)
+        self._valid.clear()
         self._happened.append(Relation(time_ns, change, connection))
 
-    def _frame(self, record: CyclicRecord, received_ns: int) -> Frame:
-        if self._link is None:
-            return Frame(record.time_ns, record.data, received_ns)
-        controller = record.layout.controller
-        source = (controller.hex(), 0)
-        self._link.receive(record.data, source, record.time_ns)
-        return Frame(record.time_ns, record.data, received_ns, source, self._link.follows(controller))
-
     def _actual(self, record: CyclicRecord) -> None:
-        if self._link is not None and not (self._link.ready and self._link.follows(record.layout.controller)):
+        if self._link is not None and not self._link.ready:
             return
         for unit in record.units:
             good = bool((unit.iops or 0) & IOPS_GOOD)
@@ -154,7 +145,7 @@ class Collector:
 
     @property
     def _frame_times(self) -> list[int]:
-        return [item.time_ns for item in self._happened if isinstance(item, Frame) and item.counts]
+        return [item.time_ns for item in self._happened if isinstance(item, Frame)]
 
     @cached_property
     def measured_cycle_ns(self) -> int:

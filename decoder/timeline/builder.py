@@ -274,8 +274,8 @@ class _Exchange:
         if not isinstance(endpoint, ProfinetEndpoint):
             axes = [item.axis for item in self._order]
             endpoint = self._endpoint = ProfinetEndpoint(axes, self._factor or WATCHDOG_FACTOR)
-        endpoint.relate(change, connection, now)
-        if change is Change.GRANTED and endpoint.follows(connection.controller_mac):
+        endpoint.relate(change, connection)
+        if change is Change.GRANTED:
             self._restart_counters()
         who = " and ".join(name for name in (connection.controller, connection.station) if name)
         self._put(Event(now, 0, "PLC", f"relationship of {who} {change.value}"))
@@ -290,7 +290,7 @@ class _Exchange:
         self.seen.add(direction)
         if direction is Direction.SETPOINT:
             self._frame(record)
-        elif self._follows(record):
+        else:
             self._count(record, direction)
             self._answer(record)
 
@@ -303,35 +303,16 @@ class _Exchange:
         for counter in self._counters.values():
             counter.restart()
 
-    def _follows(self, record: CyclicRecord) -> bool:
-        """Whether the frame is of the controller that counts: of two redundant ones the one that leads."""
-        endpoint = self._endpoint
-        return not isinstance(endpoint, ProfinetEndpoint) or endpoint.follows(record.layout.controller)
-
-    def _receive(self, record: CyclicRecord) -> Verdict:
-        """Take a frame of the PLC. With it another of two redundant controllers may become the primary one."""
-        now, endpoint, source = record.time_ns, self._endpoint, (record.layout.controller.hex(), 0)
-        if not isinstance(endpoint, ProfinetEndpoint):
-            return endpoint.receive(record.data, source, now, now)
-        before = endpoint.leads
-        verdict = endpoint.receive(record.data, source, now)
-        if endpoint.leads not in {"", before}:
-            self._restart_counters()
-            self._put(Event(now, 0, "PLC", f"controller {endpoint.leads} leads"))
-        return verdict
-
     def _frame(self, record: CyclicRecord) -> None:
         now, endpoint = record.time_ns, self._endpoint
         if not self._answered:
             self._watch(now)
-        verdict = self._receive(record)
-        if not self._follows(record):
-            return
+        verdict = endpoint.receive(record.data, SENDER, now, now)
         self._count(record, Direction.SETPOINT)
         if verdict is Verdict.UNCONFIRMED and isinstance(endpoint, ProfinetEndpoint):
             if not endpoint.connected:
                 self._last_frame = now
-            # frames do not count before ApplicationReady is confirmed, after PrmBegin, or from a backup controller
+            # frames do not count before ApplicationReady is confirmed or after PrmBegin
             return
         if verdict is Verdict.STALE or (verdict is not Verdict.ACCEPTED and verdict is not self._last_verdict):
             kind = _VERDICTS.get(verdict, AnomalyKind.DROPPED)

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from fractions import Fraction
 from os import PathLike
 from pathlib import Path
-from typing import TypeVar
+from types import MappingProxyType
+from typing import Final, TypeVar
 
 from pydantic import BaseModel
 
@@ -41,6 +42,12 @@ SECTIONS: dict[str, type[BaseModel]] = {
     "encoder": EncoderConfig,
 }
 """The models of the file's tables."""
+REMOVED: Final = MappingProxyType(
+    {
+        "transport.switchover_ms": "0.9.0: system redundancy (S2) is not supported; delete the key, connect one controller",
+    }
+)
+"""Keys of earlier versions: the version without them and the reason."""
 _PERCENT = "standstill_window_percent"
 
 
@@ -83,7 +90,7 @@ def _files_resolved(section: FileSection, path: Path) -> FileSection:
 
 def parse_config(text: str, name: str = "configuration") -> GatewayConfig:
     """Validate configuration text; see ``load_config``."""
-    return parse_toml(GatewayConfig, SECTIONS, text, name)
+    return parse_toml(GatewayConfig, SECTIONS, text, name, REMOVED)
 
 
 def config_text(config: GatewayConfig) -> str:

@@ -8,6 +8,7 @@ import re
 import tomllib
 from collections.abc import Collection, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
@@ -42,10 +43,12 @@ def read_text(path: Path) -> str:
         ) from error
 
 
-def parse_toml(root: type[Root], sections: Sections, text: str, name: str) -> Root:
+def parse_toml(
+    root: type[Root], sections: Sections, text: str, name: str, removed: Mapping[str, str] = MappingProxyType({})
+) -> Root:
     """Validate TOML text by the model of the whole file; GatewayError has one line for each thing that is wrong.
 
-    ``sections``: the models of the file's tables, by their name.
+    ``sections``: the models of the file's tables, by their name. ``removed``: see ``problems``.
     """
     try:
         document = tomllib.loads(text.removeprefix("\ufeff"))
@@ -55,7 +58,7 @@ def parse_toml(root: type[Root], sections: Sections, text: str, name: str) -> Ro
     try:
         return root.model_validate(document)
     except ValidationError as error:
-        lines = [problem_text(problem, text, name, sections) for problem in problems(error, root)]
+        lines = [problem_text(problem, text, name, sections) for problem in problems(error, root, removed)]
         raise GatewayError("\n".join(lines)) from error
 
 

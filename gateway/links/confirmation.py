@@ -127,11 +127,6 @@ class Orders:
                         word &= ~cleared
         return (*in_force[:power], word, *in_force[power + 1 :])
 
-    def repeats_commands(self, values: Sequence[int], before: Sequence[int]) -> bool:
-        """Whether the values of another controller repeat the commands in force, apart from additional stops."""
-        order, in_force = self.read(values), self.read(before)
-        return order == in_force or self.stopped(order, in_force, released=True) == order
-
     def power_word(self, order: tuple[int, ...]) -> int:
         """STW1 or the Controlword of an order; 0 without one."""
         return 0 if self._power is None else order[self._power]

@@ -119,8 +119,9 @@ class ProfinetRecords:
         link.serve_records(self._of)
 
     def _of(self, host: str) -> RecordHandler:
-        controllers = [IPv4Network(relation.source[0]) for relation in self._link.device.relations]
-        self._records.writers = (*controllers, *self._write_from)
+        relation = self._link.device.relation
+        controller = () if relation is None else (IPv4Network(relation.source[0]),)
+        self._records.writers = (*controller, *self._write_from)
         return self._records.of((host, 0), NIL)
 
     def start(self) -> None:

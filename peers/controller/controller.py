@@ -15,7 +15,7 @@ from uuid import UUID
 from pdgw.durations import SECOND
 from pdgw.peers.controller.project import INPUT_FRAME_ID, Project
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.frame import HEADER, IOPS_GOOD, STATUS_PRIMARY, TRAILER
+from pdgw.profidrive.frame import HEADER, IOPS_GOOD
 from pdgw.profinet import ethernet
 from pdgw.profinet.alarms import apmx
 from pdgw.profinet.alarms.apmx import PDU, PduType
@@ -101,9 +101,6 @@ class IoController:
         self.answer_alarms = True
         self.silent = False
         """Send no cyclic frames."""
-        self._primary = False
-        self.data_status = 0
-        """DataStatus of the device's newest frame."""
         self._ip = ip
         self._seed = seed
         self._starts = 0
@@ -125,10 +122,7 @@ class IoController:
     def _new_session(self) -> None:
         self._starts += 1
         base = (self._seed << 64) + (self._starts << 32)
-        redundancy = self.project.redundancy
-        self.ar_uuid = (
-            UUID(int=base + 1) if redundancy is None else redundancy.ar_uuid(self._seed, self._starts & 0xFFFF)
-        )
+        self.ar_uuid = UUID(int=base + 1)
         self.activity = UUID(int=base + 2)
         self.session = self._starts & 0xFFFF
         self.initiator = dcerpc.object_uuid(1, 1, 1)
@@ -162,15 +156,6 @@ class IoController:
     def write(self, place: tuple[int, int, int], index: int, data: bytes, done: Callable[[RecordResult], None]) -> None:
         """Write a record of (API, slot, subslot)."""
         self._waiting.append((self._records.write(*place, index, data), done))
-
-    def lead(self, *, primary: bool) -> None:
-        """Request to be primary or backup with the next frame; only in a redundant relationship."""
-        self._primary = primary
-        self._show_role()
-
-    def _show_role(self) -> None:
-        if self.provider is not None and self.project.redundancy is not None:
-            self.provider.set_role(STATUS_PRIMARY if self._primary else 0, valid=True)
 
     def set_output(self, place: Subslot, data: bytes, *, good: bool = True) -> None:
         """Set the output data of a submodule."""
@@ -289,10 +274,7 @@ class IoController:
         self.provider = Provider(outputs, self.learned.mac, self.station.identity.mac, places)
         self.provider.start(now)
         self.provider.open()
-        self.consumer = Consumer(
-            self.project.plan(IocrType.INPUT, frame_id), of_device=self.project.redundancy is not None
-        )
-        self._show_role()
+        self.consumer = Consumer(self.project.plan(IocrType.INPUT, frame_id))
         self._sequences = dict.fromkeys(Priority, (0xFFFF, 0xFFFE))
         self.phase = Phase.WRITE
         for api, slot, subslot, index, data in self.project.records:
@@ -386,7 +368,6 @@ class IoController:
         elif frame_id in _PRIORITIES:
             self._alarm(_PRIORITIES[frame_id], data, start)
         elif self.consumer is not None and frame_id == self.consumer.frame_id:
-            _, self.data_status, _ = TRAILER.unpack(data[-TRAILER.size :])
             return self.consumer.receive(data, start, now).value == "accepted"
         return False
 

@@ -39,22 +39,6 @@ def provides(submodule: Submodule, kind: connect_blocks.IocrType) -> bool:
 
 
 @dataclass(frozen=True)
-class Redundancy:
-    """One of two relationships (system redundancy S2). ``number``: 1 or 2. ``hold_ms``: redundancy data hold time."""
-
-    number: int
-    hold_ms: int = 200
-    properties: int = 0x5
-    """Valid input data for the backup as well."""
-    config: bytes = b"project1"
-
-    def ar_uuid(self, seed: int, session: int) -> UUID:
-        """ARUUID from discriminator, ConfigID and selector: ARnumber and two ARs."""
-        discriminator = (seed & 0xFFFF_FFFF).to_bytes(4, "big") + session.to_bytes(2, "big")
-        return UUID(bytes=discriminator + self.config + (0x10 | self.number).to_bytes(2, "big"))
-
-
-@dataclass(frozen=True)
 class Project:
     """``send_clock`` in 31.25 us. The cycle is ``send_clock`` x ``reduction_ratio``. ``data_hold``: number of cycles."""
 
@@ -68,7 +52,6 @@ class Project:
     activity_timeout: int = 200
     records: Sequence[tuple[int, int, int, int, bytes]] = field(default=())
     """Written before PrmEnd: API, slot, subslot, index, data."""
-    redundancy: Redundancy | None = None
 
     @property
     def submodules(self) -> dict[Subslot, Submodule]:
@@ -102,7 +85,7 @@ class Project:
 
     def ar(self, ar_uuid: UUID, session: int, mac: bytes, initiator: UUID, name: str) -> connect_blocks.ArBlockReq:
         return connect_blocks.ArBlockReq(
-            ar_type=connect_blocks.ArType.IO if self.redundancy is None else connect_blocks.ArType.REDUNDANT,
+            ar_type=connect_blocks.ArType.IO,
             ar_uuid=ar_uuid,
             session_key=session,
             initiator_mac=mac,
@@ -181,18 +164,13 @@ class Project:
 
     def blocks(self, ar: connect_blocks.ArBlockReq) -> list[Block]:
         """The blocks of a Connect request."""
-        blocks = [
+        return [
             ar,
             self.iocr(connect_blocks.IocrType.INPUT, self.layout(connect_blocks.IocrType.INPUT)),
             self.iocr(connect_blocks.IocrType.OUTPUT, self.layout(connect_blocks.IocrType.OUTPUT)),
             *self.expected(),
             self.alarm(),
         ]
-        if self.redundancy is not None:
-            blocks.append(
-                connect_blocks.SrInfoBlock(hold_factor=self.redundancy.hold_ms, properties=self.redundancy.properties)
-            )
-        return blocks
 
     def plan(self, kind: connect_blocks.IocrType, frame_id: int) -> CyclicPlan:
         """The cyclic plan of the controller's own protocol machines."""

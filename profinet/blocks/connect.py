@@ -22,8 +22,6 @@ class ArType(enum.IntEnum):
 
     IO = 0x0001
     DEVICE_ACCESS = 0x0006
-    REDUNDANT = 0x0020
-    """IOCARSR: one of two relationships with an IO controller each."""
 
 
 class IocrType(enum.IntEnum):
@@ -101,50 +99,6 @@ class ArBlockReq(Block):
     """In 100 ms."""
     rt_port: int = u16()
     station_name: str = text(between(1, 240), _NAME)
-
-
-AR_NUMBERS: Final = (1, 2)
-"""ARUUID.Selector.ARnumber of the two relationships of a set."""
-_AR_NUMBER, _AR_RESOURCE, _TWO_ARS = 0x0007, 0x0018, 0x0010
-HOLD_FACTOR_NS: Final = MS
-"""Unit of RedundancyDataHoldFactor."""
-_INPUT_ON_BACKUP, _MARK_INVALID = 0x1, 0x4
-
-
-@dataclass(frozen=True, slots=True)
-class RedundantUuid:
-    """ARUUID of a redundant relationship: discriminator (6 bytes), ConfigID (8), selector (2)."""
-
-    config: bytes
-    """The same in both relationships of a set: the project they belong to."""
-    number: int
-    resource_is_two: bool
-
-    @classmethod
-    def of(cls, ar_uuid: UUID) -> RedundantUuid:
-        selector = int.from_bytes(ar_uuid.bytes[14:], "big")
-        return cls(ar_uuid.bytes[6:14], selector & _AR_NUMBER, selector & _AR_RESOURCE == _TWO_ARS)
-
-
-@dataclass(frozen=True, kw_only=True)
-class SrInfoBlock(Block):
-    """Requests of a redundant relationship to the device."""
-
-    TYPE: ClassVar[int] = 0x010A
-    ERROR_CODE1: ClassVar[int] = 0x0A
-    hold_factor: int = u16(between(3, 0xFFFF))
-    """Redundancy data hold time in ms."""
-    properties: int = u32()
-
-    @property
-    def hold_ns(self) -> int:
-        """Time for which the device keeps the outputs without a leading relationship."""
-        return self.hold_factor * HOLD_FACTOR_NS
-
-    @property
-    def invalid_on_backup(self) -> bool:
-        """Input data of the relationship that does not lead is marked as not valid."""
-        return not self.properties & _INPUT_ON_BACKUP and bool(self.properties & _MARK_INVALID)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -399,7 +353,7 @@ class ArInfo(enum.IntEnum):
 
 
 REQUESTS: Final[dict[int, type[Block]]] = {
-    block.TYPE: block for block in (ArBlockReq, IocrBlockReq, AlarmCrBlockReq, ExpectedSubmoduleBlockReq, SrInfoBlock)
+    block.TYPE: block for block in (ArBlockReq, IocrBlockReq, AlarmCrBlockReq, ExpectedSubmoduleBlockReq)
 }
 REFUSED_BLOCKS: Final[dict[int, int]] = {0x0105: 0x05, 0x0106: 0x06}
 """PrmServer and MCR are not served: ErrorCode1 of each; ErrorCode2 is 4, its first field."""

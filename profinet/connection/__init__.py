@@ -1,1 +1,1 @@
-"""One application relationship: Connect, state machine, cyclic data, system redundancy."""
+"""One application relationship: Connect, state machine and cyclic data."""

@@ -29,7 +29,7 @@ from pdgw.profinet.rpc.dcerpc import Flags, PacketType, RpcHeader
 from pdgw.profinet.rpc.records import PnioStatus, decode_arguments, encode_arguments
 
 Address = tuple[str, int]
-_ACCEPTED, _PROVIDER_STOP, _NO_DATA = Verdict.ACCEPTED, Verdict.PROVIDER_STOP, Verdict.NO_DATA
+_ACCEPTED, _PROVIDER_STOP = Verdict.ACCEPTED, Verdict.PROVIDER_STOP
 
 ACTIVITY_UNIT_NS: Final = 100 * MS
 RTA_UNIT_NS: Final = 100 * MS
@@ -93,7 +93,6 @@ class Event(enum.Enum):
     NAME_CHANGED = "name or address has changed"
     RESET = "reset to factory"
     STOPPED = "the device ends"
-    NO_PRIMARY = "no controller, or more than one, was primary for the redundancy data hold time"
 
 
 class Action(enum.Enum):
@@ -120,7 +119,6 @@ ABORTS: Final = {
     Event.NAME_CHANGED: AbortCode.NAME_CHANGED,
     Event.RESET: AbortCode.RESET,
     Event.STOPPED: AbortCode.REQUESTED,
-    Event.NO_PRIMARY: AbortCode.DATA_HOLD,
     Event.RELEASE: AbortCode.RELEASED,
     Event.PEER_ERROR: AbortCode.REQUESTED,
 }
@@ -207,8 +205,6 @@ class ApplicationRelation:
         """Reference of the alarm relationship on this side."""
         self.ended: Ended | None = None
         self.has_data = ar.ar_type != ArType.DEVICE_ACCESS
-        self.backup = plan.redundancy is not None
-        """Another relationship of its set leads, or none."""
         self.state = State.PARAMETERISING if self.has_data else State.ACCESS
         self.stored: dict[tuple[Subslot, int], bytes] = {}
         """Records written to interface and port, by place and index."""
@@ -353,8 +349,6 @@ class ApplicationRelation:
         if self.consumer is None or self.state is State.CLOSED:
             return False
         verdict = self.consumer.receive(frame, start, now)
-        if verdict is _NO_DATA and self.plan.redundancy is not None and self.state is State.AWAITING_DATA:
-            self.handle(Event.DATA_RECEIVED, now)
         if verdict is _ACCEPTED or verdict is _PROVIDER_STOP:
             if self.state is _DATA:
                 return True
@@ -377,8 +371,8 @@ class ApplicationRelation:
         machine.frames.clear()
 
     def send_alarms(self, now: int) -> None:
-        """Send changes, one notification at a time; in a redundant set the leading relationship sends them."""
-        if not self.alarms.pending or self.backup:
+        """Send changes, one notification at a time."""
+        if not self.alarms.pending:
             return
         machine = self.machines.get(Priority.LOW)
         if machine is None or self.state not in {State.AWAITING_DATA, State.DATA} or not machine.idle:

@@ -12,7 +12,6 @@ from typing import TypeVar
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet.blocks.connect import (
     AR_INFO_SHIFT,
-    AR_NUMBERS,
     BEST_EFFORT,
     CYCLIC_FRAME_IDS,
     DEVICE_ACCESS,
@@ -41,8 +40,6 @@ from pdgw.profinet.blocks.connect import (
     ModuleDiffBlock,
     ModuleState,
     Place,
-    RedundantUuid,
-    SrInfoBlock,
     SubmoduleDirection,
 )
 from pdgw.profinet.model import DeviceModel, Subslot
@@ -108,13 +105,11 @@ class ConnectPlan:
     proper: frozenset[Subslot]
     """Submodules that are as the project has them."""
     diff: ModuleDiffBlock | None
-    redundancy: SrInfoBlock | None = None
-    """Block of a relationship with system redundancy."""
 
 
 def plan(arguments: bytes, model: DeviceModel) -> ConnectPlan:
     """Read and check a request; ConnectRefused with the status to answer."""
-    blocks = _decode(arguments, redundant=model.redundancy_hold_max > 0)
+    blocks = _decode(arguments)
     ar = _only(ArBlockReq, blocks)
     if ar.properties & DEVICE_ACCESS and ar.ar_type != ArType.DEVICE_ACCESS:
         raise refuse(ArBlockReq, "properties", f"{ar.properties:08X}h", "device access requires ARType 6")
@@ -122,7 +117,6 @@ def plan(arguments: bytes, model: DeviceModel) -> ConnectPlan:
         if len(blocks) > 1:
             raise refuse_call(BLOCK_COUNT, "blocks of a device access AR", len(blocks), "the AR block alone")
         return ConnectPlan(ar, None, None, None, (), frozenset(), None)
-    redundancy = _redundancy(ar, blocks, model)
     relations = [block for block in blocks if isinstance(block, IocrBlockReq)]
     by_type = {block.iocr_type: block for block in relations}
     if len(by_type) < _IOCR_COUNT:
@@ -138,34 +132,10 @@ def plan(arguments: bytes, model: DeviceModel) -> ConnectPlan:
     outputs = _cyclic(by_type[IocrType.OUTPUT], expected, model)
     _check_complete(expected, inputs, outputs)
     diff, proper = compare(slots, model)
-    return ConnectPlan(ar, inputs, outputs, alarm, slots, proper, diff, redundancy)
+    return ConnectPlan(ar, inputs, outputs, alarm, slots, proper, diff)
 
 
-def _redundancy(ar: ArBlockReq, blocks: list[Block], model: DeviceModel) -> SrInfoBlock | None:
-    if ar.ar_type != ArType.REDUNDANT:
-        if any(isinstance(block, SrInfoBlock) for block in blocks):
-            raise refuse_call(BLOCK_COUNT, "SrInfoBlock", 1, "only with ARType 20h")
-        return None
-    uuid = RedundantUuid.of(ar.ar_uuid)
-    if uuid.number not in AR_NUMBERS or not uuid.resource_is_two:
-        raise refuse(ArBlockReq, "ar_uuid", str(ar.ar_uuid), "ARnumber 1 or 2 of a set of two")
-    block = _only(SrInfoBlock, blocks)
-    if block.hold_factor > model.redundancy_hold_max:
-        allowed = f"at most {model.redundancy_hold_max} ms, by switchover_ms"
-        raise refuse(SrInfoBlock, "hold_factor", block.hold_factor, allowed)
-    return block
-
-
-def pairs(one: ConnectPlan, other: ConnectPlan) -> bool:
-    """Whether two relationships are the two of one set."""
-    if one.redundancy is None or other.redundancy is None:
-        return False
-    first, second = RedundantUuid.of(one.ar.ar_uuid), RedundantUuid.of(other.ar.ar_uuid)
-    same = first.config == second.config and one.redundancy.hold_factor == other.redundancy.hold_factor
-    return same and first.number != second.number
-
-
-def _decode(arguments: bytes, *, redundant: bool) -> list[Block]:
+def _decode(arguments: bytes) -> list[Block]:
     parts: list[tuple[int, bytes]] = []
     broken: ConnectRefused | None = None
     try:
@@ -181,16 +151,13 @@ def _decode(arguments: bytes, *, redundant: bool) -> list[Block]:
         if kind in IGNORED_BLOCKS:
             continue
         block = REQUESTS.get(kind)
-        if block is None or (block is SrInfoBlock and not redundant):
+        if block is None:
             raise refuse_call(UNKNOWN_BLOCK, "BlockType", f"{kind:04X}h", "a block of the Connect service")
         try:
-            decoded = block.decode(data)
+            blocks.append(block.decode(data))
         except WireError as error:
             code1 = block.ERROR_CODE1
             raise ConnectRefused(code1, error.number, error.field, error.value, error.allowed) from error
-        if isinstance(decoded, ArBlockReq) and decoded.ar_type == ArType.REDUNDANT and not redundant:
-            raise refuse(ArBlockReq, "ar_type", "0020h", "1 or 6; 20h with switchover_ms in the configuration")
-        blocks.append(decoded)
     if broken is not None:
         raise broken
     return blocks

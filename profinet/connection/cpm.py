@@ -43,16 +43,12 @@ _ACCEPTED = Verdict.ACCEPTED
 class Consumer:
     """Receive one cyclic relationship. The caller has checked sender and FrameID.
 
-    ``counters``: counters to continue. ``of_device``: input frames of system redundancy. Frames of a backup have data too, and
-    frames with invalid data keep the relationship.
+    ``counters``: counters to continue.
     """
 
-    def __init__(
-        self, plan: CyclicPlan, counters: dict[Verdict, int] | None = None, *, of_device: bool = False
-    ) -> None:
+    def __init__(self, plan: CyclicPlan, counters: dict[Verdict, int] | None = None) -> None:
         block = plan.block
         self.plan = plan
-        self._of_device = of_device
         self.trailer = HEADER.size + block.data_length
         """Places of CycleCounter and status, from the FrameID on."""
         self.size = self.trailer + TRAILER.size
@@ -73,8 +69,6 @@ class Consumer:
         """When the last frame was accepted; None: none yet."""
         self.data_ns: int | None = None
         """When the last one with data was."""
-        self.primary = False
-        """The controller asks to lead (DataStatus.State)."""
         self.counters = dict.fromkeys(Verdict, 0) if counters is None else counters
 
     @property
@@ -95,16 +89,13 @@ class Consumer:
         counter, status, transfer = TRAILER.unpack_from(frame, start + self.trailer)
         if transfer:
             return self._count(Verdict.TRANSFER_STATUS)
-        if not status & STATUS_DATA_VALID and not self._of_device:
+        if not status & STATUS_DATA_VALID:
             return self._count(Verdict.NOT_VALID)
         if self.counter is not None and not is_newer(counter, self.counter):
             return self._count(Verdict.STALE)
         self.counter = counter
         self.last_ns = now
-        if status & STATUS_IGNORE:
-            return self._count(Verdict.NO_DATA)
-        self.primary = status & STATUS_PRIMARY != 0
-        if not (status & STATUS_DATA_VALID if self._of_device else self.primary):
+        if status & STATUS_IGNORE or not status & STATUS_PRIMARY:
             return self._count(Verdict.NO_DATA)
         self.data_ns = now
         self.payload = frame[start:]

@@ -12,20 +12,16 @@ from pdgw.profidrive.frame import (
     HEADER,
     IOPS_BAD,
     IOPS_GOOD,
-    STATUS_DATA_VALID,
     STATUS_NO_PROBLEM,
     STATUS_NORMAL,
-    STATUS_PRIMARY,
     TRAILER,
 )
 from pdgw.profinet import ethernet
 from pdgw.profinet.connection.connect import CyclicPlan
-from pdgw.profinet.connection.redundancy import STATUS_REDUNDANCY
 from pdgw.profinet.model import Subslot
 
 NEVER: Final = 1 << 61
 _COUNTER_MASK = 0xFFFF
-_ROLE = STATUS_PRIMARY | STATUS_REDUNDANCY | STATUS_DATA_VALID
 
 
 class Provider:
@@ -136,10 +132,6 @@ class Provider:
     def set_problem(self, present: bool) -> None:
         """Whether a fault diagnosis is present."""
         self.data_status = self.data_status & ~STATUS_NO_PROBLEM | (0 if present else STATUS_NO_PROBLEM)
-
-    def set_role(self, status: int, *, valid: bool) -> None:
-        """State and Redundancy of a relationship of system redundancy, and whether its data is valid."""
-        self.data_status = self.data_status & ~_ROLE | status | (STATUS_DATA_VALID if valid else 0)
 
     def poll(self, now: int) -> bytearray | None:
         """The frame when it is due. The buffer is reused; cycles that are over are counted and not made up for."""

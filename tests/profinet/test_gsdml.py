@@ -263,7 +263,7 @@ ORDER = {
     "ApplicationProcess": "DeviceAccessPointList ModuleList SubmoduleList ChannelDiagList ExternalTextList",
     "DeviceAccessPointList": "DeviceAccessPointItem",
     "DeviceAccessPointItem": "ModuleInfo CertificationInfo IOConfigData UseableModules VirtualSubmoduleList "
-    "SystemDefinedSubmoduleList SystemRedundancy",
+    "SystemDefinedSubmoduleList",
     "ModuleInfo": "Name InfoText VendorName OrderNumber HardwareRelease SoftwareRelease",
     "UseableModules": "ModuleItemRef",
     "VirtualSubmoduleList": "VirtualSubmoduleItem",
@@ -290,34 +290,12 @@ ORDER = {
 """Children of an element in the order of the schema: tools reject a file with another order."""
 
 
-REDUNDANT = ElementTree.fromstring(GsdmlWriter(IDENTITY, "pdgw", KINDS, redundant=True).write().encode())
-
-
-@pytest.mark.parametrize("root", [ROOT, REDUNDANT], ids=["one controller", "two"])
-def test_elements_have_the_order_of_the_schema(root: ElementTree.Element) -> None:
-    for item in root.iter():
+def test_elements_have_the_order_of_the_schema() -> None:
+    for item in ROOT.iter():
         name = item.tag.removeprefix(NS)
         allowed = ORDER.get(name, "").split()
         ranks = [allowed.index(child.tag.removeprefix(NS)) for child in item]
         assert ranks == sorted(ranks), name
-
-
-def test_system_redundancy_is_declared_only_where_it_is_configured(tmp_path: Path) -> None:
-    assert not every("SystemRedundancy")
-    (relations,) = every("ApplicationRelations")
-    assert "NumberOfAR" not in relations.attrib
-    config = tmp_path / "gateway.toml"
-    config.write_text(
-        '[can]\ninterface = "virtual"\nchannel = "x"\n[transport]\ntype = "profinet"\ninterface = "eth1"\nswitchover_ms = 300\n'
-        "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\nsimulate = true\n"
-    )
-    assert CliRunner().invoke(app, ["map", str(config), "--gsdml", str(tmp_path)]).exit_code == 0
-    (file,) = tmp_path.glob("GSDML*.xml")
-    root = ElementTree.fromstring(file.read_text(encoding="utf-8"))
-    (redundancy,) = root.iter(NS + "SystemRedundancy")
-    assert (redundancy.attrib["DeviceType"], redundancy.attrib["NumberOfAR_Sets"]) == ("S2", "1")
-    (relations,) = root.iter(NS + "ApplicationRelations")
-    assert relations.attrib["NumberOfAR"] == "2"
 
 
 @pytest.mark.parametrize(
@@ -367,14 +345,13 @@ def test_the_longest_frames_of_a_project_fit_what_the_file_allows() -> None:
 
 
 @pytest.mark.skipif("PDGW_GSDML_SCHEMA" not in os.environ, reason="PDGW_GSDML_SCHEMA names no folder with PI's schema")
-@pytest.mark.parametrize("redundant", [False, True])
 @pytest.mark.parametrize("snmp", Snmp)
-def test_gsdml_schema_of_pi_accepts_the_file(redundant: bool, snmp: Snmp) -> None:
+def test_gsdml_schema_of_pi_accepts_the_file(snmp: Snmp) -> None:
     """PI's ``GSDML-DeviceProfile-v2.*.xsd`` may not be copied here: docs/profinet.md says where to find it."""
     etree = pytest.importorskip("lxml.etree", reason="lxml is not installed")
     (newest, *_) = sorted(Path(os.environ["PDGW_GSDML_SCHEMA"]).glob("GSDML-DeviceProfile-v*.xsd"), reverse=True)
     schema = etree.XMLSchema(etree.parse(str(newest)))
-    document = etree.fromstring(GsdmlWriter(IDENTITY, "pdgw", KINDS, redundant=redundant, snmp=snmp).write().encode())
+    document = etree.fromstring(GsdmlWriter(IDENTITY, "pdgw", KINDS, snmp=snmp).write().encode())
     schema.assertValid(document)
     # The schema is read, not just any: it refuses what is none.
     document.find(f".//{NS}DeviceAccessPointItem").set("MinDeviceInterval", "soon")

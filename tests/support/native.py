@@ -93,10 +93,10 @@ class NativeEthernet(FakeEthernet):
 
         self._due = self.loop.call_at(engine.due, send)
 
-    def arrive(self, address: tuple[str, int] | None, data: bytes, host: str = "") -> None:
+    def arrive(self, address: tuple[str, int] | None, data: bytes) -> None:
         engine = self.given
         if address is not None or engine is None or int.from_bytes(data[14:16], "big") >= 0xFEFC:
-            super().arrive(address, data, *([host] if host else []))
+            super().arrive(address, data)
             return
         engine.offer(data, self.loop.now())
         self.wake()

@@ -28,9 +28,8 @@ def write_gsdml(transport: TransportConfig, folder: Path, option: str) -> Path:
     snmp = Snmp.NONE if transport.snmp_community is None else Snmp.READ
     if transport.snmp_write_community is not None:
         snmp = Snmp.WRITE
-    redundant = transport.switchover_ms is not None
     device, interval = profinet_identity(transport, _NO_MAC), min_device_interval(transport)
-    text = GsdmlWriter(device, VENDOR_NAME, kinds, redundant=redundant, snmp=snmp, min_device_interval=interval).write()
+    text = GsdmlWriter(device, VENDOR_NAME, kinds, snmp=snmp, min_device_interval=interval).write()
     path = folder / file_name(VENDOR_NAME, PRODUCT, RELEASED)
     try:
         path.write_text(text, encoding="utf-8")

@@ -111,8 +111,6 @@ def _station(station: dict[str, Any]) -> str:
     if station["controller"]:
         cycle = "" if station["cycle_ms"] is None else f", cycle {station['cycle_ms']:g} ms"
         parts.append(f"controller {station['controller']}: {station['relationship']}{cycle}")
-        if station.get("backup"):
-            parts.append(f"backup controller {station['backup']}")
     else:
         parts.append("no relationship")
     if station["flashing"]:

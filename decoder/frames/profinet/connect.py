@@ -21,7 +21,6 @@ from pdgw.profinet.blocks.connect import (
     IocrBlockReq,
     IocrBlockRes,
     IocrType,
-    SrInfoBlock,
 )
 from pdgw.profinet.connection.connect import CyclicPlan, DataObject
 from pdgw.profinet.model import API_PROFIDRIVE
@@ -58,8 +57,6 @@ class Connection:
     device_mac: bytes | None = None
     station: str = ""
     """The device's name, if known."""
-    redundancy_hold_ns: int = 0
-    """Redundancy data hold time of a relationship of system redundancy; 0: of any other."""
 
     def answered(self, response: Response) -> Connection:
         """With what the device's answer says."""
@@ -73,11 +70,6 @@ class Connection:
     def controller(self) -> str:
         """The controller's name; empty where it is not known."""
         return "" if self.ar is None else self.ar.station_name
-
-    @property
-    def controller_mac(self) -> bytes:
-        """The controller's MAC address; empty where it is not known."""
-        return b"" if self.ar is None else self.ar.initiator_mac
 
     @property
     def places(self) -> list[Place]:
@@ -127,12 +119,9 @@ def read_request(arguments: bytes) -> Connection:
     idents: dict[Place, int] = {}
     profidrive: set[Place] = set()
     ar = None
-    hold_ns = 0
     for kind, data in split(arguments):
         if kind == ArBlockReq.TYPE:
             ar = ArBlockReq.understand(data)
-        elif kind == SrInfoBlock.TYPE:
-            hold_ns = SrInfoBlock.understand(data).hold_ns
         elif kind == IocrBlockReq.TYPE:
             relation = _relation(IocrBlockReq.understand(data))
             if relation is not None:
@@ -142,7 +131,7 @@ def read_request(arguments: bytes) -> Connection:
                 _submodules(slot, lengths, idents)
                 if slot.api == API_PROFIDRIVE:
                     profidrive |= {(slot.slot, item.subslot) for item in slot.submodules}
-    return Connection(tuple(relations), lengths, idents, frozenset(profidrive), ar, redundancy_hold_ns=hold_ns)
+    return Connection(tuple(relations), lengths, idents, frozenset(profidrive), ar)
 
 
 def read_response(arguments: bytes) -> Response:

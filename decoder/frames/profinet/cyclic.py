@@ -285,9 +285,7 @@ class CyclicDecoder:
                 begin = HEADER.size + relation.data[place]
                 placements.append(Placement(axis, begin, begin + size, HEADER.size + relation.iocs[place]))
         layout = placed_layout(placements, relation.direction, length)
-        if layout is None:
-            return _plain_layout(length, relation.direction, "length differs from the length in its Connect")
-        return replace(layout, controller=connection.controller_mac)
+        return layout or _plain_layout(length, relation.direction, "length differs from the length in its Connect")
 
     def observe(self, do_id: int, number: int) -> None:
         """P922 of a DO was seen. An unknown telegram is reported and ignored."""

@@ -115,8 +115,6 @@ class TransportConfig(Section):
     """Community of the SNMP agent (``profinet``), usually "public"; None: no agent."""
     snmp_write_community: Annotated[str, Field(min_length=1, max_length=32, pattern=r"^[!-~]+$")] | None = None
     """Community that may write sysContact, sysName and sysLocation; None: none."""
-    switchover_ms: Annotated[Integer, Field(ge=3, le=2000)] | None = None
-    """System redundancy S2: longest time (ms) with the last setpoints and without a leader. None: one controller."""
     vendor_id: DeviceNumber = identity.VENDOR_ID
     device_id: DeviceNumber = identity.DEVICE_ID
     listen: IPv4Address = IPv4Address("127.0.0.1")
@@ -161,7 +159,7 @@ class TransportConfig(Section):
         if self.type != "profinet":
             if self.station_name != DEFAULT_STATION_NAME:
                 raise misplaced('station_name: allowed only with type = "profinet"', "station_name")
-            for key in ("interface", "ip", "router", "snmp_community", "snmp_write_community", "switchover_ms"):
+            for key in ("interface", "ip", "router", "snmp_community", "snmp_write_community"):
                 if getattr(self, key) is not None:
                     raise misplaced(f'{key}: allowed only with type = "profinet"', key)
         elif self.router is not None and (self.ip is None or self.router not in self.ip.network):

@@ -49,4 +49,4 @@ def profinet_model(
     kinds = [ObjectKind.AXIS if isinstance(item, AxisConfig) else ObjectKind.ENCODER for item in objects]
     identified = list(zip(kinds, telegrams, strict=True))
     device = profinet_identity(transport, mac)
-    return drive_model(device, identified, transport.switchover_ms or 0, min_device_interval(transport))
+    return drive_model(device, identified, min_device_interval(transport))

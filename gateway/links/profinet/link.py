@@ -3,10 +3,6 @@
 New output data of the controller steps the drive objects; input data is sent with the timing of the device. Name and address from
 DCP are in the store. The axes do not wait for the data hold time of the relationship (up to 1.92 s): ``watchdog_factor`` cycles
 without data are a loss of the PLC.
-
-Of two redundant controllers one leads. While none leads and the other one is connected, the axes keep the last setpoints for the
-redundancy data hold time. With a new leader that sends the same control words, or a stop, an axis continues. Anything else is a
-loss of the PLC for the axis.
 """
 
 from __future__ import annotations
@@ -23,7 +19,6 @@ from pdgw.ds301.loop.loop import Loop, Mailbox, Task, Timer
 from pdgw.durations import MS
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.links.confirmation import Orders
 from pdgw.gateway.links.link import silence
 from pdgw.gateway.links.profinet.diagnosis import Diagnosed, present_classes
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
@@ -101,12 +96,9 @@ class ProfinetLink:
         self._timer: Timer | None = None
         self._timer_due = 0
         self._consumer: Consumer | None = None
-        """Data of the leading controller, or of the last one while another may take over."""
+        """Data of the connected controller."""
         self._order_mask = self._ordered = 0
         """All bits of a frame that are orders, and the orders of the newest one."""
-        self._switched_over = False
-        """Another controller leads: compare its orders with those in force."""
-        self.switchovers = 0
         self._pairing: Pairing | None = None
         """None: the relationship has two cycles or a long one, or there is none."""
         self._engine: Engine | None = None
@@ -136,7 +128,9 @@ class ProfinetLink:
         self._reported: list[set[MessageClass]] = [set() for _ in objects]
         self._newest: tuple[Sequence[Sequence[int]], Sequence[bool]] | None = None
         """Actual values of the last step and whether they are valid: what a new relationship begins with."""
-        self._places: dict[ApplicationRelation, _Places] = {}
+        self._placed_for: ApplicationRelation | None = None
+        self._places: _Places | None = None
+        """Places in the frames of this relationship."""
         self._outputs: list[tuple[int, Callable[[bytes, int], tuple[int, ...]], int, int]] = []
         """Drive objects with output data: number, codec, places of data and IOPS in the consumer's frame."""
         self.setpoints: list[Sequence[int] | None] = [None] * len(objects)
@@ -170,7 +164,6 @@ class ProfinetLink:
             add(verdict.name.lower(), "frames", verdict.value, partial(self._count_of, verdict))
         add("foreign", "frames", "unknown relationship", lambda: device.foreign)
         add("watchdog_expiries", "times", "no frame in time while connected", lambda: self.watchdog_expiries)
-        add("switchovers", "times", "for the other redundant controller", lambda: self.switchovers)
         add("connects_refused", "times", "Connect refused", lambda: device.cm.refusals)
         add("dcp_refused", "blocks", "DCP Set rejected", lambda: device.dcp.refused)
         add("errors", "frames", "send or receive failed", lambda: self.port.errors)
@@ -248,7 +241,7 @@ class ProfinetLink:
             if device.on_frame(frame, now):
                 fresh = True
                 if self._is_changed():
-                    # The axes process a changed order, a STOP, or another leader before the frames after it, which wake the loop.
+                    # The axes process a changed order or a STOP before the frames after it, which wake the loop.
                     if self._pairing is not None:
                         self._pairing.end()
                     break
@@ -270,7 +263,7 @@ class ProfinetLink:
             self._tell(_HELD_UP)
 
     def _is_changed(self) -> bool:
-        """Whether orders of the newest frame differ from those of the frame before it, or another controller sent it."""
+        """Whether orders of the newest frame differ from those of the frame before it, or its relationship is new."""
         relation, consumer = self.device.relation, self._consumer
         if relation is None or consumer is None or relation.consumer is not consumer:
             return True
@@ -315,24 +308,10 @@ class ProfinetLink:
             self._ordered = _NOT_IN_FORCE
             return
         payload = consumer.payload
-        before, self._switched_over = list(setpoints) if self._switched_over else None, False
         for index, unpack_from, offset, iops in self._outputs:
             good = consumer.running and payload[iops] & IOPS_GOOD
             setpoints[index] = unpack_from(payload, offset) if good else None
         self._receivable = True
-        if before is not None:
-            self._compare(before)
-
-    def _compare(self, before: Sequence[Sequence[int] | None]) -> None:
-        """A new leader that orders something else than is in force, and no stop, is a loss of the PLC for that axis."""
-        served = {index for index, *_ in self._outputs}
-        for index, (telegram, old) in enumerate(zip(self._telegrams, before, strict=True)):
-            new = self.setpoints[index] if index in served else None
-            self.setpoints[index] = new
-            if old is not None and new is not None and not Orders(telegram.setpoints).repeats_commands(new, old):
-                self.setpoints[index] = None
-                self._ordered = _NOT_IN_FORCE
-                log.error("drive object %d: the new controller commands something else, stopped", index + 1)
 
     def poll(self, now: int) -> bool:
         if not self._receivable:
@@ -346,14 +325,10 @@ class ProfinetLink:
             self.loss = _ORDERS_LOST
             self.watchdog_expiries += 1
         else:
-            silent = now - consumer.data_ns
-            if silent <= self._limit_ns or silent <= (hold_ns := self._hold_ns(now)):
+            if now - consumer.data_ns <= self._limit_ns:
                 return False
-            nobody = f"no controller has been primary for {hold_ns / MS:g} ms" if hold_ns else ""
-            self.loss = self._end or nobody or silence(self._config.transport.watchdog_factor)
+            self.loss = silence(self._config.transport.watchdog_factor)
             self.watchdog_expiries += 1
-            if self._end:
-                self._release()
         self._receivable = self._orders_lost = False
         self.lose_setpoints()
         return True
@@ -363,10 +338,6 @@ class ProfinetLink:
         if self._receivable:
             self._untold = loss
 
-    def _hold_ns(self, now: int) -> int:
-        """Time for which the axes continue without a leading controller: 0 if no other one can take over."""
-        return 0 if self.device.successor(now) is None else self.device.redundancy_hold_ns
-
     def lose_setpoints(self) -> None:
         for index in range(len(self.setpoints)):
             self.setpoints[index] = None
@@ -374,10 +345,10 @@ class ProfinetLink:
     def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], released: Sequence[bool]) -> None:
         # ``released`` is for links that may deliver an old order late. Ethernet frames are not delayed that long.
         self._newest = (actuals, good)
-        for relation in self.device.relations:
-            if relation.provider is not None:
-                # Filled from the Connect on: the data must be valid at ApplicationReady.
-                self._fill(relation, relation.provider, actuals, good)
+        relation = self.device.relation
+        if relation is not None and relation.provider is not None:
+            # Filled from the Connect on: the data must be valid at ApplicationReady.
+            self._fill(relation, relation.provider, actuals, good)
         if self._engine is not None:
             self._stepped = self._loop.now()
             self._publish()
@@ -396,9 +367,10 @@ class ProfinetLink:
         actuals: Sequence[Sequence[int]],
         good: Sequence[bool],
     ) -> None:
-        places = self._places.get(relation)
-        if places is None:
-            places = self._places[relation] = _Places(provider, len(self._telegrams))
+        places = self._places
+        if places is None or relation is not self._placed_for:
+            self._placed_for = relation
+            places = self._places = _Places(provider, len(self._telegrams))
         statuses = places.good
         for index, telegram in enumerate(self._telegrams):
             place = places.data[index]
@@ -422,7 +394,7 @@ class ProfinetLink:
         relation = self.device.relation
         offsets = {index: offset for index, _, offset, _ in self._outputs}
         setpoints = tuple(offsets.get(index) for index in range(len(self._telegrams)))
-        places = None if relation is None else self._places.get(relation)
+        places = self._places
         data = [None] * len(self._telegrams) if places is None else places.data
         actuals = tuple(None if place is None else place[0] for place in data)
         if relation is None or relation.consumer is None or relation.provider is None:
@@ -459,16 +431,10 @@ class ProfinetLink:
                 "link_up": station.link_up,
                 "relationship": relation.state.value if relation else "none",
                 "controller": relation.plan.ar.station_name if relation else "",
-                "backup": self._backup(),
                 "cycle_ms": relation.provider.cycle_ns / MS if relation and relation.provider else None,
                 "flashing": self._keeper.flashing,
             },
         }
-
-    def _backup(self) -> str:
-        """The name of a redundant controller that does not lead."""
-        relation = self.device.successor(self._loop.now())
-        return "" if relation is None else relation.plan.ar.station_name
 
     def close(self) -> None:
         self._closed = True
@@ -524,7 +490,7 @@ class ProfinetLink:
                 if relation is not None and relation.consumer is self._consumer and not relation.connected:
                     # Setpoints of the controller do not count until the parameters are complete.
                     self._tell("the controller sends its parameters again (PrmBegin)")
-                if self._newest is not None and any(item not in self._places for item in self.device.relations):
+                if self._newest is not None and relation is not None and relation is not self._placed_for:
                     self.send(*self._newest, ())
                 self._pump()
             except Exception as error:  # an error of one call: serve the next one
@@ -591,9 +557,6 @@ class ProfinetLink:
                 provider, consumer = relation.provider, relation.consumer
                 if provider is None or consumer is None:
                     return
-                if self._consumer is not None:
-                    self._switched_over = True
-                    self.switchovers += 1
                 self._release()
                 for index, telegram in enumerate(self._telegrams):
                     place = (index + 1, TELEGRAM_SUBSLOT)
@@ -604,9 +567,8 @@ class ProfinetLink:
                 self._order_mask = int.from_bytes(order_mask(consumer, self._telegrams), "big")
                 self._ordered = int.from_bytes(consumer.payload, "big") & self._order_mask
                 self._end = ""
-                # In a redundant set each frame wakes the loop: the other controller may take over with it.
-                alone = relation.plan.redundancy is None and not self._engage(relation, consumer, provider)
-                if alone and consumer.cycle_ns == provider.cycle_ns <= LONGEST_NS:
+                engaged = self._engage(relation, consumer, provider)
+                if not engaged and consumer.cycle_ns == provider.cycle_ns <= LONGEST_NS:
                     self._pairing = Pairing(self.port, provider)
                 transport = self._config.transport
                 self._limit_ns = transport.watchdog_factor * consumer.cycle_ns
@@ -614,8 +576,7 @@ class ProfinetLink:
                 self._held_up_ns = cycles * max(int(transport.cycle_time_ms * MS), consumer.cycle_ns)
                 self.layout_token = object()
                 cycle = provider.cycle_ns / MS
-                what = "took over" if self._switched_over else "connected"
-                log.info("controller %s %s, cycle %g ms", self.peer, what, cycle)
+                log.info("controller %s connected, cycle %g ms", self.peer, cycle)
                 if cycle < transport.cycle_time_ms:
                     log.warning(
                         "the controller's cycle time is shorter than cycle_time_ms = %g", transport.cycle_time_ms
@@ -623,15 +584,13 @@ class ProfinetLink:
                 if relation.plan.diff is not None:
                     log.warning("the controller's project differs from the configuration: see ModuleDiff")
             case Disconnected(relation, ended):
-                self._places.pop(relation, None)
+                if relation is self._placed_for:
+                    self._placed_for = self._places = None
                 log.error("controller %s disconnected: %s", relation.plan.ar.station_name, ended.text)
-                if self._consumer is not None and relation.consumer is not self._consumer and not self._end:
-                    return  # it was the backup, and the leader is still there
                 self._end = f"the relationship has ended: {ended.text}"
-                if not self._hold_ns(self._loop.now()):
-                    self._release()
-                    self.lose_setpoints()
-                    self._tell(self._end)
+                self._release()
+                self.lose_setpoints()
+                self._tell(self._end)
             case _:
                 self._keeper.on_event(event, self.station.name)
 
@@ -648,7 +607,7 @@ class ProfinetLink:
         return engine is not None
 
     def _release(self) -> None:
-        """Nothing is taken of the relationship that led any more."""
+        """Nothing is taken of the relationship any more."""
         self._outputs.clear()
         self._consumer = None
         if self._engine is not None:

@@ -152,6 +152,11 @@ can = "left"
         ("node_id = 3", "node_id = 300", ["x.toml:17", "node_id = 300", "126"]),
         ('on_plc_loss = "ramp"', 'on_plc_loss = "wait"', ["x.toml:19", "'wait'", "'ramp', 'quick-stop' or 'coast'"]),
         ("cycle_time_ms = 4", "cycle_tim_ms = 4", ["x.toml:11", "cycle_tim_ms", "did you mean cycle_time_ms"]),
+        (
+            "cycle_time_ms = 4",
+            "switchover_ms = 300",
+            ["x.toml:11: [transport] switchover_ms: was removed in 0.9.0: system redundancy"],
+        ),
         ("cycle_time_ms = 4", "cycle_time_ms = 0.01", ["x.toml:11", "cycle_time_ms = 0.01", "0.25"]),
         ('listen = "127.0.0.1"', 'listen = "here"', ["x.toml:8", "'here'", "IPv4"]),
         ("do_id = 1\n", "", ["do_id", "is missing"]),

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 from uuid import UUID
 
 import pytest
@@ -19,7 +19,7 @@ from pdgw.profinet.blocks.connect import (
     Place,
 )
 from pdgw.profinet.rpc.records import PnioStatus
-from pdgw.profinet.wire import Block
+from pdgw.profinet.wire import Block, u16, u32
 from tests.support.wire.connect import Caller, Change, blocks, change
 from tests.support.wire.profinet import Wire
 
@@ -110,8 +110,23 @@ def also(which: str, kind: IocrType, place: Place, times: int = 1) -> Change:
     return apply
 
 
+@dataclass(frozen=True, kw_only=True)
+class Redundancy(Block):
+    """SRInfoBlock, which a device without system redundancy does not know."""
+
+    TYPE: ClassVar[int] = 0x010A
+    hold: int = u16()
+    properties: int = u32()
+
+
 CASES: list[tuple[int, int, str, Change]] = [
     (0x01, 0x04, "AR type unknown", change(ArBlockReq, ar_type=0x0010)),
+    (
+        0x01,
+        0x04,
+        "AR of system redundancy",
+        lambda items: [Redundancy(hold=200, properties=5), *change(ArBlockReq, ar_type=0x0020)(items)],
+    ),
     (0x01, 0x05, "ARUUID null", change(ArBlockReq, ar_uuid=UUID(int=0))),
     (0x01, 0x07, "group MAC of the initiator", change(ArBlockReq, initiator_mac=bytes.fromhex("010000000001"))),
     (0x01, 0x08, "object UUID of the initiator", change(ArBlockReq, initiator_object=UUID(int=5))),

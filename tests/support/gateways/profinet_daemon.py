@@ -66,10 +66,6 @@ class Plant:
             Project("press-1", modules, data_hold=data_hold),
             DEVICE_IP,
         )
-        self.plcs = {PLC_IP: self.plc}
-        """By IP address: the one, and perhaps a second one of system redundancy."""
-        self.dead: set[IoController] = set()
-        """These do nothing any more."""
         self.others: dict[Address, deque[bytes]] = {}
         """Datagrams to other clients of the device."""
         self.killed = False
@@ -84,22 +80,22 @@ class Plant:
 
     def _turn(self) -> None:
         now = self.loop.now()
-        alive = {} if self.killed else {host: plc for host, plc in self.plcs.items() if plc not in self.dead}
-        for host, plc in alive.items():
-            plc.poll(now)
-            for address, data in plc.outgoing():
-                self._keep(data, (host, ACYCLIC_PORT), address, plc.station.identity.mac)
-                self.port.arrive(address, bytes(data), host)
+        if not self.killed:
+            self.plc.poll(now)
+            for address, data in self.plc.outgoing():
+                self._keep(data, (PLC_IP, ACYCLIC_PORT), address, PLC_MAC, DEVICE_MAC)
+                self.port.arrive(address, bytes(data))
         while self.port.sent:
             address, sent = self.port.sent.popleft()
-            to = self.plc if address is None else self.plcs.get(address[0], self.plc)
-            self._keep(sent, (str(DEVICE_IP.address), ACYCLIC_PORT), address, DEVICE_MAC, to.station.identity.mac)
+            self._keep(sent, (str(DEVICE_IP.address), ACYCLIC_PORT), address, DEVICE_MAC, PLC_MAC)
             if address in self.others:
                 self.others[address].append(bytes(sent))
-            elif address is not None and to in alive.values():
-                to.on_datagram(sent, (str(DEVICE_IP.address), ACYCLIC_PORT), now)
-            for plc in alive.values() if address is None else ():
-                plc.on_frame(sent, now)
+            elif self.killed:
+                continue
+            elif address is None:
+                self.plc.on_frame(sent, now)
+            else:
+                self.plc.on_datagram(sent, (str(DEVICE_IP.address), ACYCLIC_PORT), now)
         self.loop.call_later(_TURN_NS, self._turn)
 
     def _keep(
@@ -108,7 +104,7 @@ class Plant:
         source: tuple[str, int],
         address: tuple[str, int] | None,
         from_mac: bytes,
-        to_mac: bytes = DEVICE_MAC,
+        to_mac: bytes,
     ) -> None:
         frame = bytes(data) if address is None else datagram(bytes(data), source, address, from_mac, to_mac)
         self.frames.append((self.loop.now(), frame))

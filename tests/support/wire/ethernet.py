@@ -81,9 +81,9 @@ class FakeEthernet:
     def close(self) -> None:
         self.closed = True
 
-    def arrive(self, address: Address | None, data: bytes, host: str = PLC_IP) -> None:
+    def arrive(self, address: Address | None, data: bytes) -> None:
         if address is not None:
-            self.datagrams.append((data, (host, ACYCLIC_PORT)))
+            self.datagrams.append((data, (PLC_IP, ACYCLIC_PORT)))
             self.on_other()
         elif 0xFEFC <= int.from_bytes(data[14:16], "big") <= 0xFEFF or data[12:14] == b"\x88\xcc":
             self.other.append(data)

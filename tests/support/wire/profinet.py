@@ -24,8 +24,6 @@ DEVICE_MAC = bytes.fromhex("020000000002")
 PLC_MAC = bytes.fromhex("020000000001")
 DEVICE_IP = IpSuite(IPv4Address("192.168.0.2"), IPv4Address("255.255.255.0"))
 PLC_IP = "192.168.0.1"
-BACKUP_MAC = bytes.fromhex("020000000003")
-BACKUP_IP = "192.168.0.3"
 OBJECTS = [(ObjectKind.AXIS, telegram(1)), (ObjectKind.AXIS, telegram(9)), (ObjectKind.ENCODER, telegram(83))]
 IDENTITY = Identity(DEVICE_MAC, 0xFFFF, 0x0402, "profidrive-gateway", "PDGW", "4711")
 
@@ -64,8 +62,8 @@ class Application:
         self.records[block.slot, block.subslot, block.index] = data
 
 
-def model(hold_max: int = 0) -> DeviceModel:
-    return drive_model(IDENTITY, OBJECTS, hold_max)
+def model() -> DeviceModel:
+    return drive_model(IDENTITY, OBJECTS)
 
 
 def project(modules: Mapping[int, Module] | None = None, **settings: Any) -> Project:
@@ -75,28 +73,14 @@ def project(modules: Mapping[int, Module] | None = None, **settings: Any) -> Pro
 class Wire:
     """Carries everything at once; ``to_device`` and ``to_plc`` may be cut. Time only passes in ``run``."""
 
-    def __init__(
-        self,
-        *,
-        of_project: Project | None = None,
-        now: int = 0,
-        named: bool = True,
-        seed: int = 1,
-        hold_max: int = 0,
-    ) -> None:
+    def __init__(self, *, of_project: Project | None = None, now: int = 0, named: bool = True, seed: int = 1) -> None:
         self.now = now
         self.application = Application()
         self.station = Station(IDENTITY, "gateway" if named else "", DEVICE_IP)
-        self.device = ProfinetDevice(
-            model(hold_max), self.station, lambda host: self.application, seed=UUID(int=99), now=now
-        )
+        self.device = ProfinetDevice(model(), self.station, lambda host: self.application, seed=UUID(int=99), now=now)
         self.plc = IoController(
             Station(Identity(PLC_MAC, 1, 1, "plc", "PLC"), "plc-1"), of_project or project(), DEVICE_IP, seed=seed
         )
-        self.plcs = {PLC_IP: self.plc}
-        """By IP address: the one, and perhaps a second one of system redundancy."""
-        self.dead: set[IoController] = set()
-        """Nothing of these goes over the wire."""
         self.to_device = True
         self.to_plc = True
         self.frames: list[bytes] = []
@@ -122,30 +106,25 @@ class Wire:
     def carry(self) -> None:
         """Until nothing is under way."""
         while True:
-            down = [(plc, host, *sent) for host, plc in self.plcs.items() for sent in plc.outgoing()]
-            up = self.device.outgoing()
+            down, up = self.plc.outgoing(), self.device.outgoing()
             if not down and not up:
                 break
-            for plc, host, address, data in down:
-                if plc in self.dead:
-                    continue
-                self._keep(data, (host, ACYCLIC_PORT), address, plc.station.identity.mac)
+            for address, data in down:
+                self._keep(data, (PLC_IP, ACYCLIC_PORT), address, PLC_MAC, DEVICE_MAC)
                 if not self.to_device:
                     continue
                 if address is None:
                     self.fresh += self.device.on_frame(bytes(data), self.now)
                 else:
-                    self.device.on_datagram(bytes(data), (host, ACYCLIC_PORT), self.now)
+                    self.device.on_datagram(bytes(data), (PLC_IP, ACYCLIC_PORT), self.now)
             for address, data in up:
-                plc = self.plc if address is None else self.plcs.get(address[0], self.plc)
-                self._keep(data, (str(DEVICE_IP.address), ACYCLIC_PORT), address, DEVICE_MAC, plc.station.identity.mac)
+                self._keep(data, (str(DEVICE_IP.address), ACYCLIC_PORT), address, DEVICE_MAC, PLC_MAC)
                 if not self.to_plc:
                     continue
-                if address is not None and plc not in self.dead:
-                    plc.on_datagram(bytes(data), (str(DEVICE_IP.address), ACYCLIC_PORT), self.now)
-                for other in self.plcs.values() if address is None else ():
-                    if other not in self.dead:
-                        other.on_frame(bytes(data), self.now)
+                if address is None:
+                    self.plc.on_frame(bytes(data), self.now)
+                else:
+                    self.plc.on_datagram(bytes(data), (str(DEVICE_IP.address), ACYCLIC_PORT), self.now)
         self.events += self.device.events()
 
     def _keep(
@@ -153,8 +132,8 @@ class Wire:
         data: bytes | bytearray,
         source: tuple[str, int],
         address: tuple[str, int] | None,
-        from_mac: bytes = PLC_MAC,
-        to_mac: bytes = DEVICE_MAC,
+        from_mac: bytes,
+        to_mac: bytes,
     ) -> None:
         frame = bytes(data) if address is None else datagram(bytes(data), source, address, from_mac, to_mac)
         self.frames.append(frame)
@@ -165,15 +144,14 @@ class Wire:
         end = self.now + ns
         self.carry()
         while not until():
-            due = [self.device.next_deadline()]
-            due += [other for plc in self.plcs.values() if (other := plc.next_deadline()) is not None]
-            when = max(self.now, min(due))
+            due = self.device.next_deadline()
+            other = self.plc.next_deadline()
+            when = max(self.now, due if other is None else min(due, other))
             if when > end:
                 self.now = end
                 break
             self.now = when
-            for plc in self.plcs.values():
-                plc.poll(self.now)
+            self.plc.poll(self.now)
             self.device.poll(self.now)
             self.on_cycle()
             self.carry()

@@ -165,10 +165,9 @@ def test_python_sees_each_order_in_turn_and_ends_with_the_same_image(frames: lis
             behind.counter = None  # as the link does: the engine has compared it
             assert behind.receive(frame, start, heard) in VERDICTS[:3]
             seen.append(twin.order(frame[start:]))
-        assert (behind.payload, behind.running, behind.primary, behind.counter) == (
+        assert (behind.payload, behind.running, behind.counter) == (
             reference.payload,
             reference.running,
-            reference.primary,
             reference.counter,
         )
         assert behind.last_ns == reference.last_ns
@@ -480,7 +479,7 @@ def test_orders_that_were_lost_while_the_plc_is_lost_are_no_second_loss(
     with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=400, native=True) as site:
         site.connect()
         site.enable(1, SPEED)
-        site.dead.add(site.plc)
+        site.killed = True
         site.run(100 * MS)
         assert site.link.watchdog_expiries == 1
         lose_orders(site)
@@ -526,7 +525,7 @@ def words_of_steps(folder: Path, seed: int, *, native: bool) -> list[int | None]
         port, item = site.port, site.daemon.axes[0]
         site.connect()
         site.enable(1, SPEED)
-        site.dead.add(site.plc)
+        site.killed = True
         consumer, provider, step = site.link._consumer, site.plc.provider, item.step
         assert consumer is not None
         assert provider is not None

@@ -57,7 +57,7 @@ def stop(site: Plant) -> None:
 
 
 def become_backup(site: Plant) -> None:
-    """Become backup in a relationship without redundancy: no data counts then."""
+    """Become backup: no data counts then."""
     assert site.plc.provider is not None
     site.plc.provider.data_status &= ~STATUS_PRIMARY
 
