@@ -107,8 +107,6 @@ NOT_TYPED = {
     ),
     "python -m pdgw.workshop soak --planted --seed 1": (_MINUTES, "tests/workshop/test_soak_planted.py"),
     "python -m pdgw.workshop soak --seed 7 --axes 2 --until 49.001 --trace": (_MINUTES, "tests/workshop/test_soak.py"),
-    "pdgw status --fleet": (_PART, "tests/tools/test_fleet.py"),
-    "pdgw status --fleet hosts.yml": ("the pages of gateways", "tests/tools/test_fleet.py"),
 }
 """Why a command is not typed, and where what it does is tested."""
 

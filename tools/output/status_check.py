@@ -27,8 +27,6 @@ class Finding(NamedTuple):
     """A problem and its severity."""
 
     health: Health
-    cause: str
-    """Name for programs: the reason in lower case, or ``no_plc``, ``bus_lost``, ``fault``."""
     text: str
 
 
@@ -36,20 +34,16 @@ def findings(document: dict[str, Any]) -> list[Finding]:
     """All problems in a status document, the worst first."""
     found: list[Finding] = []
     if not document["plc"]["connected"]:
-        found.append(Finding(Health.CRITICAL, "no_plc", "no PLC"))
-    found += [
-        Finding(Health.CRITICAL, "bus_lost", f"bus {bus['name']} lost")
-        for bus in document["buses"]
-        if not bus["healthy"]
-    ]
+        found.append(Finding(Health.CRITICAL, "no PLC"))
+    found += [Finding(Health.CRITICAL, f"bus {bus['name']} lost") for bus in document["buses"] if not bus["healthy"]]
     stopped: set[int] = set()
     for cause in document["causes"]:
         health = Health.CRITICAL if cause["state_id"] in _BAD else Health.WARNING
-        found.append(Finding(health, cause["reason_id"].lower(), cause_sentence(cause)))
+        found.append(Finding(health, cause_sentence(cause)))
         stopped.update(cause["objects"])
     for item in (*document["axes"], *document["encoders"]):
         if item["do_id"] not in stopped and any(fault["active"] for fault in item["faults"]):
-            found.append(Finding(Health.WARNING, "fault", f"{item['label']}: {item['faults'][0]['text']}"))
+            found.append(Finding(Health.WARNING, f"{item['label']}: {item['faults'][0]['text']}"))
     return sorted(found, key=lambda finding: -finding.health)
 
 

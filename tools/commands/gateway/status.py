@@ -6,7 +6,6 @@ import json
 import shutil
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -26,14 +25,6 @@ def status(
     counters: Annotated[bool, typer.Option("--counters", help="Show all counters with their meanings.")] = False,
     faults: Annotated[bool, typer.Option("--faults", help="Show all stored faults, not only the newest.")] = False,
     watch: Annotated[bool, typer.Option("--watch", help="Repeat every second until Ctrl-C.")] = False,
-    fleet: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="INVENTORY",
-            help="Show one table by cause for all gateways of this Ansible inventory (YAML); exit status as with --check.",
-            show_default=False,
-        ),
-    ] = None,
     check: Annotated[
         bool,
         typer.Option(
@@ -42,22 +33,16 @@ def status(
     ] = False,
 ) -> None:
     """Show why axes are not in operation and one line for each axis; with an axis number, all details of that axis."""
-    if check or fleet is not None:
+    if check:
         others = {
             "AXIS": do_id is not None,
-            "--json": as_json and check,
+            "--json": as_json,
             "--counters": counters,
             "--faults": faults,
             "--watch": watch,
-            "--check": check and fleet is not None,
-            "--port": port != STATUS_PORT and fleet is not None,
         }
         if given := [option for option, value in others.items() if value]:
-            option, printed = ("--check", "line") if fleet is None else ("--fleet", "table")
-            raise typer.BadParameter(f"prints one {printed}, not allowed with {', '.join(given)}", param_hint=option)
-    if fleet is not None:
-        _fleet(fleet, as_json=as_json)
-    elif check:
+            raise typer.BadParameter(f"prints one line, not allowed with {', '.join(given)}", param_hint="--check")
         _check(port)
     elif watch:
         _watch(port, do_id, as_json=as_json, counters=counters, faults=faults)
@@ -102,23 +87,6 @@ def _check(port: int) -> None:
         health, line = Health.UNKNOWN, f"{Health.UNKNOWN.name} - {error}"
     typer.echo(line)
     raise typer.Exit(health)
-
-
-def _fleet(inventory: Path, *, as_json: bool) -> None:
-    # Imported here: only this form of the command needs YAML and threads.
-    from pdgw.tools.output.fleet_table import lines, rows, worst
-    from pdgw.tools.service.fleet import ask_all, places
-
-    answers = ask_all(places(inventory))
-    table = rows(
-        {answer.name: answer.document for answer in answers}, {answer.name: answer.error for answer in answers}
-    )
-    if as_json:
-        typer.echo(json.dumps([row._asdict() | {"health": row.health.name} for row in table], indent=2))
-    else:
-        for line in lines(table, [answer.name for answer in answers], shutil.get_terminal_size().columns):
-            typer.echo(line)
-    raise typer.Exit(worst(table))
 
 
 def _watch(port: int, do_id: int | None, *, as_json: bool, counters: bool, faults: bool) -> None:
