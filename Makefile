@@ -138,8 +138,8 @@ docs: $(STAMP)
 	$(BIN)/python -m pdgw.workshop.documents.tables
 	$(BIN)/python -m pdgw.workshop.documents.commands
 	$(BIN)/python -m pdgw.workshop.documents.measured
-	$(BIN)/python -m pdgw.workshop.documents.plc_blocks
-	$(BIN)/python -m pdgw.workshop.documents.plc_timing
+	$(BIN)/python -m tests.support.documents.plc_blocks
+	$(BIN)/python -m tests.support.documents.plc_timing
 	$(BIN)/python -c "from tests.support.documents import statements; statements.write()"
 	$(BIN)/python -c "from tests.support.documents import situations; situations.write()"
 	$(BIN)/python -m pdgw.peers.drive.eds

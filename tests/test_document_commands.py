@@ -97,9 +97,8 @@ NOT_TYPED = {
         "tests/endtoend/test_profinet.py",
     ),
     "pdgw sim plc tools/scenarios/positioner.yaml": (_SOURCES, "tests/peers/test_plc_positioner.py"),
-    "pdgw map examples/axis_sequence.toml --format st --out pdgw.st": (_SOURCES, "tests/tools/test_sim_plc_program.py"),
-    "pdgw run examples/axis_sequence.toml": (_SOURCES, "tests/tools/test_sim_plc_program.py"),
-    "pdgw sim plc --st pdgw.st --st examples/axis_sequence.st": (_SOURCES, "tests/tools/test_plc_motion.py"),
+    "pdgw map examples/axis_sequence.toml --format st --out pdgw.st": (_SOURCES, "tests/tools/test_plc_motion.py"),
+    "pdgw run examples/axis_sequence.toml": (_SOURCES, "tests/tools/test_plc_motion.py"),
     "python -m pdgw.workshop soak --hours 24 --seed 7": (_MINUTES, "tests/workshop/test_soak.py"),
     "python -m pdgw.workshop soak --calm --hours 24 --telegrams 111 --seed 7": (
         _MINUTES,

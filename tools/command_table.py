@@ -150,7 +150,7 @@ COMMANDS: Mapping[str, Entry] = {
 SIM_COMMANDS: Mapping[str, Entry] = {
     "plc": Entry(
         "simulation.plc:plc",
-        "Simulate a PLC with a scenario (exit status 1 if an expectation fails), the keyboard, or a Structured Text program.",
+        "Simulate a PLC with a scenario (exit status 1 if an expectation fails) or the keyboard.",
     ),
     "drive": Entry(
         "simulation.drive:drive",

@@ -16,7 +16,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import writing
 from pdgw.gateway.links.udp import Address
 from pdgw.peers.plc.engine import Engine
-from pdgw.peers.plc.exchange.endpoint import Exchange
+from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.exchange.parameters import ParameterAccess, ParameterWorker
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profidrive.signals import SignalQuantity
@@ -33,7 +33,7 @@ _TRACE_NS = 10 * MS
 class PlcRunner(abc.ABC):
     """Runs an engine with a gateway on any link."""
 
-    def __init__(self, endpoint: Exchange, cycle_ns: int) -> None:
+    def __init__(self, endpoint: PlcEndpoint, cycle_ns: int) -> None:
         self.endpoint = endpoint
         self.cycle_ns = cycle_ns
         self.trace: list[tuple[Any, ...]] = []
@@ -133,7 +133,7 @@ class PlcClient(PlcRunner):
     def __init__(
         self,
         gateway: Address,
-        endpoint: Exchange,
+        endpoint: PlcEndpoint,
         cycle_ns: int,
         pcap: Path | None = None,
         acyclic_port: int = ACYCLIC_PORT,

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from pdgw.durations import MS
-from pdgw.peers.plc.structured_text.compiler import Compiler
-from pdgw.peers.plc.structured_text.controller import Controller
-from pdgw.peers.plc.structured_text.tokens import StructuredTextError
+from pdgw.tools.plc.tokens import StructuredTextError
+from tests.support.structured_text.compiler import Compiler
+from tests.support.structured_text.controller import Controller
 
 FRAMES = "VAR_INPUT received : ARRAY[0..1] OF BYTE; END_VAR VAR_OUTPUT sent : ARRAY[0..1] OF BYTE; END_VAR"
 
@@ -144,11 +144,11 @@ END_FUNCTION_BLOCK""",
         assert (values["N"], values["K"], values["M"]) == (6, 3, -7)
 
 
-def test_error_in_a_block_is_reported_with_its_file_and_line() -> None:
+def test_error_in_a_block_is_reported_with_its_line() -> None:
     inner = "FUNCTION Half : INT VAR_INPUT of : INT; END_VAR\n\nHalf := 100 /\n of;\nEND_FUNCTION"
     outer = "FUNCTION_BLOCK Trial VAR x : INT; END_VAR\nx := Half(0);\nEND_FUNCTION_BLOCK"
-    unit = Compiler(lambda: 0, inner, outer, files=("inner.st", "outer.st")).units["TRIAL"]
-    with pytest.raises(StructuredTextError, match=r"^inner.st line 3: "):
+    unit = Compiler(lambda: 0, inner, outer).units["TRIAL"]
+    with pytest.raises(StructuredTextError, match=r"^line 3: "):
         unit.body(unit.initial)
 
 

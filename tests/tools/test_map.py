@@ -14,11 +14,11 @@ from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
-from pdgw.peers.plc.structured_text.compiler import Compiler
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.commands.commissioning.map import Format, map_
 from pdgw.tools.plc.code import siemens_scl, structured_text
 from pdgw.tools.plc.frames import LOST_AFTER, identifier
+from tests.support.structured_text.compiler import Compiler
 
 CONFIG = """
 [can]

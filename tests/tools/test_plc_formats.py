@@ -7,12 +7,12 @@ from importlib.resources import files
 
 import pytest
 
-from pdgw.peers.plc.structured_text.compiler import Compiler
 from pdgw.profidrive.telegrams import TELEGRAMS
 from pdgw.tools.plc.code import siemens_types, structured_text
 from pdgw.tools.plc.declarations import declarations
 from pdgw.tools.plc.plcopen import plcopen_xml
 from tests.support.plc.structured_text import config_of
+from tests.support.structured_text.compiler import Compiler
 
 SPACE = {"p": "http://www.plcopen.org/xml/tc6_0201", "x": "http://www.w3.org/1999/xhtml"}
 

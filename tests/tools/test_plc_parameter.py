@@ -9,11 +9,11 @@ import pytest
 from pdgw.client.udp import ParameterClient
 from pdgw.gateway.daemon import Daemon
 from pdgw.peers.drive.family import DRIVE_FAULTS
-from pdgw.peers.plc.structured_text.compiler import Compiler
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber
 from pdgw.tools.plc.library import template
 from tests.support.gateways.daemon import client, drive_of, record_server, running
 from tests.support.plc.structured_text import TextPlc, config_of, program
+from tests.support.structured_text.compiler import Compiler
 
 BLOCKS = Compiler(lambda: 0, template("parameter")).units
 

@@ -81,8 +81,8 @@ def test_an_unreachable_can_interface_ends_with_one_line_and_status_1(tmp_path: 
         (("run", "--simulate", "--log-file", "/nowhere/log"), "--log-file /nowhere/log: cannot be written"),
         (("run", "--simulate", "--can-log", "/nowhere/can.log"), "--can-log /nowhere/can.log: cannot be written"),
         (("status", "--port", "1"), "no gateway answers"),
-        (("sim", "plc"), "give either a scenario file, --interactive or --st"),
-        (("sim", "plc", "turn.yaml", "--interactive"), "give either a scenario file, --interactive or --st"),
+        (("sim", "plc"), "give either a scenario file or --interactive"),
+        (("sim", "plc", "turn.yaml", "--interactive"), "give either a scenario file or --interactive"),
         (("sim", "plc", "turn.yaml", "--telegram", "9"), "--telegram: only with --interactive"),
         (("sim", "plc", "--interactive", "--html", "turn.html"), "--html: only with a scenario"),
         (

@@ -6,8 +6,6 @@ from pathlib import Path
 
 from pdgw.gateway.reasons import Reason
 from pdgw.workshop.documents.commands import COMMANDS_PATH, generate_commands
-from pdgw.workshop.documents.plc_blocks import BLOCKS_PATH, generate_blocks
-from pdgw.workshop.documents.plc_timing import FOLDER, PICTURES, pictures
 from pdgw.workshop.documents.screenshots import Scene, configuration
 from pdgw.workshop.documents.tables import (
     MISBEHAVIOUR_PATH,
@@ -19,6 +17,8 @@ from pdgw.workshop.documents.tables import (
     generate_power_table,
     generate_words,
 )
+from tests.support.documents.plc_blocks import BLOCKS_PATH, generate_blocks
+from tests.support.documents.plc_timing import FOLDER, PICTURES, pictures
 
 DOCS = Path(__file__).parents[2] / "docs"
 """Of the project, also where the package that is tested is installed elsewhere."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from pdgw.peers.plc.structured_text.tokens import Token, pieces
+from pdgw.tools.plc.tokens import Token, pieces
 
 _UNITS = ("TYPE", "FUNCTION_BLOCK", "FUNCTION")
 _VERSION = "\nVERSION : 0.1"

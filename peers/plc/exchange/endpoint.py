@@ -31,34 +31,15 @@ _UNUSABLE = ("foreign", "malformed", "not valid", "not primary")
 """Counters of rejected datagrams."""
 
 
-class Exchange:
-    """The endpoint's interface for a runner: frames out, frames in, and display."""
+class PlcEndpoint:
+    """Encodes setpoints of any number of axes, decodes actual values. Times are monotonic nanoseconds."""
 
-    def __init__(self, telegrams: Sequence[Telegram]) -> None:
+    def __init__(self, telegrams: Sequence[Telegram], cycle_ns: int) -> None:
         self.telegrams = tuple(telegrams)
         self.setpoints: list[dict[str, int]] = [dict.fromkeys(t.setpoints.names, 0) for t in telegrams]
         self.actuals: list[dict[str, int] | None] = [None] * len(self.telegrams)
         """None until a valid frame arrives, while the gateway marks the values BAD (IOPS), and after its loss."""
         self.counters: Counter[str] = Counter()
-
-    def build(self, now: int | None = None) -> bytearray:
-        """The next frame to the gateway."""
-        raise NotImplementedError
-
-    def receive(self, data: bytes, now: int = 0) -> bool:
-        """Process a frame of the gateway; False when it is rejected."""
-        raise NotImplementedError
-
-    def poll(self, now: int) -> bool:
-        """Check the watchdog; True when it expires in this call."""
-        raise NotImplementedError
-
-
-class PlcEndpoint(Exchange):
-    """Encodes setpoints of any number of axes, decodes actual values. Times are monotonic nanoseconds."""
-
-    def __init__(self, telegrams: Sequence[Telegram], cycle_ns: int) -> None:
-        super().__init__(telegrams)
         self._consumer = CSduLayout(telegrams, Direction.ACTUAL)
         self._provider = CSduLayout(telegrams, Direction.SETPOINT)
         self._frame = self._provider.new_frame(FRAME_ID_TO_DEVICE)

@@ -9,11 +9,11 @@ from typing import Any
 from pdgw.gateway.configuration.byte_map import frame_maps
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon
-from pdgw.peers.plc.structured_text.controller import Controller
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 from pdgw.tools.plc.code import structured_text
 from pdgw.tools.plc.library import block_name
 from tests.support.gateways.daemon import PATIENCE, POSITIONER, axis, configuration, world_of
+from tests.support.structured_text.controller import Controller
 
 DSC = 'simulate = true\nfollowing_window = 4096\ndsc = "speed"'
 SPEED_RPM = 3000

@@ -30,7 +30,6 @@ from pdgw.tools.termination import end_as_by_ctrl_c
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from pdgw.gateway.links.udp import Address
     from pdgw.peers.plc.client import PlcRunner
     from pdgw.peers.plc.engine import Engine, Result
     from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
@@ -108,15 +107,6 @@ def plc(
     drive_port: Annotated[
         int | None, typer.Option(min=1, max=65535, help="--control-port of the drive simulator.")
     ] = None,
-    st: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--st",
-            metavar="FILE",
-            help="Run the program of these files (Structured Text); pdgw map --format st writes its blocks.",
-            show_default=False,
-        ),
-    ] = None,
     profinet: Annotated[
         str | None, typer.Option(metavar="IFACE", help="PROFINET on this Ethernet interface instead of UDP.")
     ] = None,
@@ -130,7 +120,7 @@ def plc(
         typer.Option("--snapshots", help="With --progress: also the actual values of the PLC, ten times a second."),
     ] = False,
 ) -> None:
-    """Simulate a PLC with a scenario (exit status 1 if an expectation fails), the keyboard, or a Structured Text program."""
+    """Simulate a PLC with a scenario (exit status 1 if an expectation fails) or the keyboard."""
     from rich.console import Console
 
     from pdgw.peers.plc.client import PlcClient
@@ -141,14 +131,8 @@ def plc(
     from pdgw.tools.plc_window import watch
 
     address = parse_address(gateway, CYCLIC_PORT)
-    if interactive + (scenario is not None) + bool(st) != 1:
-        raise GatewayError("give either a scenario file, --interactive or --st")
-    if st:
-        only_with("--interactive", {"--telegram": telegram, "--axes": axes})
-        only_with("a scenario", {"--json": as_json, "--junit": junit, "--html": html, "--drive-port": drive_port})
-        only_with("a scenario or --interactive", {"--profinet": profinet, "--trace": trace})
-        _run_program(st, address, int(cycle_ms * MS), pcap)
-        return
+    if interactive == (scenario is not None):
+        raise GatewayError("give either a scenario file or --interactive")
     if scenario is not None:
         only_with("--interactive", {"--telegram": telegram, "--axes": axes})
     else:
@@ -195,38 +179,6 @@ def plc(
     finally:
         if unwritten is not None:
             raise unwritten
-
-
-def _run_program(files: list[Path], address: Address, cycle_ns: int, pcap: Path | None) -> None:
-    """Run a program until its output ``finished`` is true. Print each change of an output."""
-    from pdgw.gateway.configuration.toml_file import read_text
-    from pdgw.peers.plc.client import PlcClient
-    from pdgw.peers.plc.structured_text.controller import Controller
-    from pdgw.peers.plc.structured_text.endpoint import ProgramEndpoint
-
-    controller = Controller(*(read_text(file) for file in files), files=[file.name for file in files])
-    client = PlcClient(address, ProgramEndpoint(controller), cycle_ns, pcap)
-    begin = time.monotonic_ns()
-    shown: dict[str, Any] = {}
-
-    def cycle() -> None:
-        for name, value in controller.outputs().items():
-            if shown.get(name) != value:
-                shown[name] = value
-                print(f"{(time.monotonic_ns() - begin) / SECOND:7.3f} s  {name.lower()} = {value}", flush=True)
-        if controller.finished:
-            client.stop()
-
-    client.on_cycle = cycle
-    end_as_by_ctrl_c()
-    try:
-        client.run(None)
-    except KeyboardInterrupt:
-        raise typer.Exit(130) from None
-    finally:
-        client.close()
-    if not client.endpoint.counters["received"]:
-        raise GatewayError("no frame from a gateway")
 
 
 def _close(client: PlcRunner, trace: Path | None) -> GatewayError | None:

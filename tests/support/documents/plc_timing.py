@@ -12,14 +12,14 @@ from pdgw.gateway.configuration.byte_map import frame_maps
 from pdgw.gateway.configuration.example import simulated
 from pdgw.gateway.parameters.acyclic import AcyclicServer
 from pdgw.peers.drive import SimulatedDrive
-from pdgw.peers.plc.structured_text.controller import Controller
 from pdgw.peers.world import World, WorldChannel
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 from pdgw.tools.plc.code import structured_text
 from pdgw.tools.plc.library import block_name
+from tests.support.structured_text.controller import Controller
 
 FOLDER = "plc-timing"
-_DOCS = Path(__file__).parents[2] / "docs"
+_DOCS = Path(__file__).parents[3] / "docs"
 PICTURES = {
     "PDGW_Speed": "enabling, 600 rpm, OFF1",
     "PDGW_Axis": "Disabled 0, Standstill 1, Homing 4, DiscreteMotion 2, ContinuousMotion 3, Stopping 5, ErrorStop 6",

@@ -10,15 +10,15 @@ from __future__ import annotations
 import math
 import re
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from itertools import count, zip_longest
+from itertools import count
 from typing import Any, Final, NamedTuple
 
 from pdgw.durations import MS, SECOND
-from pdgw.peers.plc.structured_text import types
-from pdgw.peers.plc.structured_text.functions import FUNCTIONS, blocks, conversion
-from pdgw.peers.plc.structured_text.tokens import StructuredTextError, Token, tokens
+from pdgw.tools.plc.tokens import StructuredTextError, Token, pieces
+from tests.support.structured_text import types
+from tests.support.structured_text.functions import FUNCTIONS, blocks, conversion
 
 SECTIONS = ("VAR_INPUT", "VAR_OUTPUT", "VAR_IN_OUT", "VAR", "VAR_TEMP")
 _UNITS = ("PROGRAM", "FUNCTION_BLOCK", "FUNCTION")
@@ -88,11 +88,11 @@ def duration(text: str) -> int:
 class Compiler:
     """``units`` and ``structures``: compiled ones by name in upper case. StructuredTextError names the line."""
 
-    def __init__(self, now: Callable[[], int], *texts: str, files: Sequence[str] = ()) -> None:
-        """``texts`` are compiled in order. ``files``: their names, for messages."""
+    def __init__(self, now: Callable[[], int], *texts: str) -> None:
+        """``texts`` are compiled in order."""
         self.structures: dict[str, types.Structure] = {}
         self.units: dict[str, types.Unit] = blocks(now)
-        self._tokens = [token for text, file in zip_longest(texts, files, fillvalue="") for token in tokens(text, file)]
+        self._tokens = [token for text in texts for token in pieces(text) if token.kind not in {"space", "comment"}]
         self._tokens.append(Token("end", "", self._tokens[-1].line if self._tokens else "line 1"))
         self._at = 0
         self._unit = types.Unit("", "", {})

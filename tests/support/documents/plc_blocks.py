@@ -10,9 +10,9 @@ from pdgw.tools.plc.declarations import Declared, declarations
 from pdgw.tools.plc.library import axis_block, block_name, telegram_block, template
 from pdgw.tools.plc.motion import has_axis, motion_blocks
 from pdgw.workshop.documents.markdown import table
-from pdgw.workshop.documents.plc_timing import FOLDER, PICTURES
+from tests.support.documents.plc_timing import FOLDER, PICTURES
 
-_DOCS = Path(__file__).parents[2] / "docs"
+_DOCS = Path(__file__).parents[3] / "docs"
 BLOCKS_PATH = _DOCS / "plc-blocks.md"
 _SECTIONS = {"VAR_INPUT": "in", "VAR_OUTPUT": "out", "VAR_IN_OUT": "in and out"}
 _INTRODUCTION = """\

@@ -1,4 +1,4 @@
-"""Split Structured Text into tokens, also for the converter to another dialect.
+"""Split Structured Text into tokens.
 
 Source: IEC 61131-3 second edition, annex B. Comments are ``(* ... *)``. ``//`` is of the third edition and rejected.
 """
@@ -35,7 +35,7 @@ class Token(NamedTuple):
     kind: str
     text: str
     line: str
-    """Line for messages, with its file if there is one."""
+    """Line for messages."""
 
     @property
     def key(self) -> str:
@@ -43,9 +43,8 @@ class Token(NamedTuple):
         return self.text.upper()
 
 
-def pieces(text: str, file: str = "") -> Iterator[Token]:
+def pieces(text: str) -> Iterator[Token]:
     """All tokens including spaces and comments; joined they are the text."""
-    where = f"{file} line" if file else "line"
     position, line = 0, 1
     while position < len(text):
         found = _PATTERN.match(text, position)
@@ -53,16 +52,11 @@ def pieces(text: str, file: str = "") -> Iterator[Token]:
         if found is None or found.lastgroup is None:
             shown = text[position : position + 20].partition("\n")[0]
             raise StructuredTextError(
-                f"{where} {line}: {shown!r} is not in the supported Structured Text (no //, no AT %)"
+                f"line {line}: {shown!r} is not in the supported Structured Text (no //, no AT %)"
             )
         kind, piece = found.lastgroup, found[0]
         if kind == "integer" and piece.startswith("-"):
             kind, piece = "sign", "-"
-        yield Token(kind, piece, f"{where} {line}")
+        yield Token(kind, piece, f"line {line}")
         line += piece.count("\n")
         position += len(piece)
-
-
-def tokens(text: str, file: str = "") -> list[Token]:
-    """The tokens for the compiler, without spaces and comments."""
-    return [token for token in pieces(text, file) if token.kind not in {"space", "comment"}]

@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from pdgw.peers.plc.structured_text.types import BOOL, ELEMENTARY, TIME, Elementary, Kind, Unit, Variable, Variables
+from tests.support.structured_text.types import BOOL, ELEMENTARY, TIME, Elementary, Kind, Unit, Variable, Variables
 
 _NUMBERS = {Kind.SIGNED, Kind.UNSIGNED, Kind.REAL}
 _WHOLE = {Kind.BITS, Kind.SIGNED, Kind.UNSIGNED, Kind.BOOL}

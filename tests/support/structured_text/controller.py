@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-from pdgw.peers.plc.structured_text.compiler import Compiler
-from pdgw.peers.plc.structured_text.tokens import StructuredTextError
-from pdgw.peers.plc.structured_text.types import Array, Unit, Value, Variable
+from pdgw.tools.plc.tokens import StructuredTextError
+from tests.support.structured_text.compiler import Compiler
+from tests.support.structured_text.types import Array, Unit, Value, Variable
 
 RECEIVED, SENT, FINISHED = "RECEIVED", "SENT", "FINISHED"
 """Variables of the program: newest frame from the gateway, frame to the gateway, and whether it has finished."""
@@ -15,10 +13,9 @@ RECEIVED, SENT, FINISHED = "RECEIVED", "SENT", "FINISHED"
 class Controller:
     """Runs the only PROGRAM of a text. ``variables``: those of the program, by name in upper case."""
 
-    def __init__(self, *texts: str, files: Sequence[str] = ()) -> None:
-        """Arguments as for ``Compiler``."""
+    def __init__(self, *texts: str) -> None:
         self.now = 0
-        compiler = Compiler(lambda: self.now, *texts, files=files)
+        compiler = Compiler(lambda: self.now, *texts)
         programs = [unit for unit in compiler.units.values() if unit.kind == "PROGRAM"]
         if len(programs) != 1:
             raise StructuredTextError(f"the text has {len(programs)} PROGRAMs, expected 1")
