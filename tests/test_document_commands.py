@@ -34,7 +34,7 @@ HERE = {
     "pdgw config check gateway.toml": "gateway.toml: ok, 1 axis",
     "pdgw config example": "[[axis]]",
     'pdgw decode plant.pcap --filter \'kind == "alarm" or kind == "dcp"\'': "",
-    "pdgw decode plant.pcap --station press-1 --signal NSOLL_A,NIST_A --plot speed.png": "",
+    "pdgw timeline plant.pcap --station press-1 --html plant.html": "",
     "pdgw decode plc.pcap --filter 'stw1.on == 0 and axis == 1'": "STW1 047Eh",
     "pdgw drives": "epos4",
     "pdgw drives my.eds": "engel",
@@ -167,6 +167,6 @@ def test_document_command_gives_the_documented_output(command: str, folder: Path
     done = pdgw(*words)
     assert done.returncode == 0, done.stderr
     assert ({**HERE, **PROFINET})[command] in done.stdout + done.stderr
-    for option in ("--out", "--plot"):
+    for option in ("--out", "--html"):
         if option in words:
             assert (folder / words[words.index(option) + 1]).stat().st_size

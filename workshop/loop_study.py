@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pdgw.decoder.export.plot import pyplot_for, save
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.config import GatewayConfig
@@ -24,6 +23,7 @@ from pdgw.peers.plc.exchange.position_loop import PositionLoop
 from pdgw.peers.world import World
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram
+from pdgw.tools.demo.trace import pyplot_for, save
 
 FORMS = {"without DSC": None, "DSC, speed": "speed", "DSC, position": "position"}
 """The forms of the loop, and the key ``dsc`` of each."""

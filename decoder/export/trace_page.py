@@ -7,17 +7,26 @@ mark.
 from __future__ import annotations
 
 import json
+from array import array
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from pdgw.decoder.export.plot import Curve, States, quantity_of
-from pdgw.decoder.frames.fields import Document
-from pdgw.decoder.frames.records import CyclicRecord, Record
+from pdgw.decoder.frames.fields import Document, Field
+from pdgw.decoder.frames.records import CyclicRecord, ProcessData, ProcessDataLayout, Record
 from pdgw.decoder.timeline.entries import Anomaly, Edge, Entry
 from pdgw.decoder.timeline.text import entry_lines
+from pdgw.dsp402.states import STATE_OF_STATUS, State
 from pdgw.durations import SECOND
+from pdgw.gateway.axis.supervision.drive_events import FAULTY
 from pdgw.gateway.errors import writing
+from pdgw.profidrive.signals import CATALOGUE
 
+_QUANTITIES: Final = {item.identifier: item.quantity.value for item in CATALOGUE if item.quantity is not None}
+"""Set and actual values of one quantity share a panel if they have one unit. Objects of a drive have names of telegram 100."""
+_STATUS_NAMES: Final = ("statusword", "zsw1", "zsw2_enc")
+OPERATION, FAULT, OFF = "operation", "fault", "off"
+"""States of an axis, shown as the background of its curves."""
 _TEMPLATE: Final = Path(__file__).parent / "trace_page.html"
 _PLACE: Final = "/*DATA*/"
 MAX_POINTS: Final = 50_000
@@ -25,15 +34,77 @@ MAX_POINTS: Final = 50_000
 MAX_ENTRIES: Final = 50_000
 
 
-class _Changes(Curve):
-    """Values over time without repetitions."""
+def _state_of(layout: ProcessDataLayout) -> Callable[[Sequence[Any]], str] | None:
+    """A function that reads the state of an axis from a unit; None without a status word."""
+    for name in _STATUS_NAMES:
+        position = layout.positions.get(name)
+        if position is not None:
+            return _reader(layout.fields[position], position)
+    return None
+
+
+def _reader(field: Field, position: int) -> Callable[[Sequence[Any]], str]:
+    if field.explain is not None:
+
+        def of_statusword(values: Sequence[Any]) -> str:
+            state = STATE_OF_STATUS[values[position] & 0x7F]
+            return FAULT if state in FAULTY else OPERATION if state is State.OPERATION_ENABLED else OFF
+
+        return of_statusword
+    fault, operation = (bit.mask if (bit := field.bit(name)) else 0 for name in ("fault", "operation_enabled"))
+
+    def of_word(values: Sequence[Any]) -> str:
+        word = values[position]
+        return FAULT if word & fault else OPERATION if word & operation else OFF
+
+    return of_word
+
+
+class States:
+    """When an axis was in operation, in fault, or off: (begin, end, state) in seconds."""
 
     def __init__(self) -> None:
-        super().__init__(MAX_POINTS)
+        self.spans: dict[str, list[tuple[float, float, str]]] = {}
+        self._readers: dict[ProcessDataLayout, Callable[[Sequence[Any]], str] | None] = {}
+
+    def add(self, whose: str, seconds: float, unit: ProcessData) -> None:
+        layout = unit.layout
+        if layout not in self._readers:
+            self._readers[layout] = _state_of(layout)
+        reader = self._readers[layout]
+        if reader is None:
+            return
+        state = reader(unit.values)
+        spans = self.spans.setdefault(whose, [])
+        if spans and spans[-1][2] == state:
+            spans[-1] = (spans[-1][0], seconds, state)
+        else:
+            if spans:
+                spans[-1] = (spans[-1][0], seconds, spans[-1][2])
+            spans.append((seconds, seconds, state))
+
+
+class _Changes:
+    """Values over time without repetitions; beyond ``MAX_POINTS`` every second one is dropped, repeatedly."""
+
+    def __init__(self) -> None:
+        self.times = array("d")
+        self.values = array("d")
+        self._stride = 1
+        self._skipped = 0
 
     def add(self, seconds: float, value: float) -> None:
-        if not self.values or self.values[-1] != value:
-            super().add(seconds, value)
+        if self.values and self.values[-1] == value:
+            return
+        self._skipped += 1
+        if self._skipped < self._stride:
+            return
+        self._skipped = 0
+        self.times.append(seconds)
+        self.values.append(value)
+        if len(self.times) >= MAX_POINTS:
+            self.times, self.values = self.times[::2], self.values[::2]
+            self._stride *= 2
 
     def document(self) -> Document:
         return {"times": [round(t, 6) for t in self.times], "values": [round(v, 4) for v in self.values]}
@@ -72,7 +143,7 @@ class TracePage:
         for unit in record.units:
             self._states.add(str(unit.axis), seconds, unit)
             for field, raw in unit.items():
-                quantity = quantity_of(field.identifier)
+                quantity = _QUANTITIES.get(field.identifier)
                 value = field.value(raw)
                 if quantity and not isinstance(value, bytes):
                     curves = self._curves.setdefault((unit.axis, quantity, field.unit), {})

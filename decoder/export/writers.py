@@ -1,6 +1,6 @@
 """Outputs of decoded packets: text, JSON lines, CSV, Parquet, statistics.
 
-Every writer gets the packets one by one and stores none (``plot`` thins its curves out).
+Every writer gets the packets one by one and stores none.
 """
 
 from __future__ import annotations

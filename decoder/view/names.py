@@ -96,7 +96,6 @@ RECORD_NAMES: Final[dict[str, Getter]] = {
     "text": lambda record, _: record.summary or None,
 }
 """Fields of packets; the others come from telegrams and objects."""
-_UNITS: Final = {"time": "s", "length": "bytes", "latency_ms": "ms"}
 _TEXTS: Final = frozenset(("bus", "channel", "kind", "direction", "pdo", "step", "object", "text"))
 
 
@@ -120,7 +119,6 @@ class Names:
 
     def __init__(self, dictionaries: Iterable[ObjectNames] = ()) -> None:
         self._parts: dict[str, set[str]] = {}
-        self._units: dict[str, str] = {}
         for telegram in TELEGRAMS.values():
             for direction in Direction:
                 for field in half_fields(telegram.half(direction)):
@@ -131,7 +129,6 @@ class Names:
 
     def _add(self, field: Field) -> None:
         parts = self._parts.setdefault(field.identifier, set())
-        self._units.setdefault(field.identifier, field.unit)
         parts.update(bit.name.lower() for bit in field.bits)
         if field.explain:
             parts.add(TEXT_PART)
@@ -149,11 +146,6 @@ class Names:
             return None if position is None else part_value(unit.layout.fields[position], unit.values[position], part)
 
         return get
-
-    def unit(self, text: str) -> str:
-        """The unit of a name's values; empty for raw values, bits and texts."""
-        name, part = self.split(text)
-        return "" if part else _UNITS.get(name, self._units.get(name, ""))
 
     def is_text(self, text: str) -> bool:
         """Whether the values of a name are texts."""

@@ -82,7 +82,7 @@ REPORTS = [
     (name, option.opts[0])
     for name, command in EVERY
     for option in command.params
-    if option.opts[0] in {"--plot", "--html", "--junit", "--pcap"}
+    if option.opts[0] in {"--html", "--junit", "--pcap"}
 ]
 
 

@@ -14,9 +14,8 @@ import pytest
 
 from pdgw.decoder.capture.errors import CaptureError
 from pdgw.decoder.capture.source import open_source
-from pdgw.decoder.export.plot import States, panels_of
+from pdgw.decoder.export.trace_page import States
 from pdgw.decoder.frames.engine import Decoder, Settings, given_axes
-from pdgw.decoder.view.names import Names
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.commands.capture.decode import DirectionOption, decode
@@ -179,29 +178,6 @@ def test_statistics(capture: str, capsys: pytest.CaptureFixture[str]) -> None:
     text = lines(capsys)
     assert text[0] == "23 packets in 0.022000 s"
     assert any(line.startswith("bus load if227:") for line in text)
-
-
-def test_plot_draws_the_signals(capture: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("matplotlib")
-    picture = tmp_path / "out.png"
-    decode([capture], telegram=[1], plot=picture, signal=["NSOLL_A", "Statusword"])
-    assert picture.read_bytes().startswith(b"\x89PNG")
-    assert not lines(capsys)
-    with pytest.raises(GatewayError, match="name the signals"):
-        decode([capture], plot=picture)
-    with pytest.raises(GatewayError, match=r"--plot .*out.xyz: cannot be written"):
-        decode([capture], plot=tmp_path / "out.xyz", signal=["NSOLL_A"])
-    with pytest.raises(GatewayError, match=r"--plot .*none.png: nothing to draw: no chosen packet has NSOLL_A"):
-        decode([capture], telegram=[1], plot=tmp_path / "none.png", signal=["NSOLL_A"], filter_text="axis == 7")
-    assert not (tmp_path / "none.png").exists()
-
-
-def test_set_and_actual_values_share_a_panel_with_its_unit() -> None:
-    names = Names()
-    titles = ["NSOLL_A", "NIST_A", "STW1", "XIST_A", "Target Velocity", "Velocity Actual Value", "statusword.fault"]
-    panels = panels_of(titles, names)
-    assert [panels.index(panel) for panel in panels] == [0, 0, 2, 3, 4, 4, 6]
-    assert [panel.unit for panel in panels] == ["%", "%", "", "%", "velocity units", "velocity units", ""]
 
 
 def test_the_states_of_an_axis_are_spans(capture: str) -> None:

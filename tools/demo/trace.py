@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from pdgw.decoder.capture.source import open_source
-from pdgw.decoder.export.plot import States, pyplot_for, save, shade
+from pdgw.decoder.export.trace_page import FAULT, OFF, OPERATION, States
 from pdgw.decoder.frames.engine import Decoder
 from pdgw.decoder.frames.records import ProcessData
 from pdgw.durations import MS, SECOND
+from pdgw.extras import missing
+from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.telegrams import Direction
 from pdgw.recording.recordings import known_from
@@ -23,6 +25,8 @@ _SEEN_S = 0.08
 """Shortest drawn fault, in seconds: one that is acknowledged at once stays visible."""
 _COLOURS = {True: ("#f58518", "#b279a2"), False: ("#4c78a8", "#54a24b")}
 """Colours of setpoints (True) and of actual values (False)."""
+_STATE_COLOURS = {OPERATION: ("#72b7b2", 0.16), FAULT: ("#e45756", 0.35)}
+"""Colour and opacity of the background."""
 _OF_EVERY_AXIS = "PLC"
 """Prefix of a note that belongs to all panels."""
 _TEXT_BELOW = 0.62
@@ -63,6 +67,30 @@ def _seen(capture: Path, config: Path, begin_s: float) -> Mapping[int, _Seen]:
     return found
 
 
+def pyplot_for(what: str) -> Any:
+    """matplotlib's pyplot, without a screen; GatewayError names the extra that ``what`` needs."""
+    try:
+        import matplotlib as mpl  # noqa: PLC0415
+
+        mpl.use("Agg")
+        from matplotlib import pyplot  # noqa: PLC0415
+    except ImportError as error:
+        raise GatewayError(missing("matplotlib", what)) from error
+    return pyplot
+
+
+def save(figure: Any, path: Path, what: str, *, dpi: int = 100) -> None:
+    """Write a figure in the format of the file's ending, and close it; GatewayError says that ``what`` cannot be written."""
+    try:
+        # Without a file extension matplotlib would add one and write another file.
+        figure.savefig(path, format=path.suffix[1:] or "png", dpi=dpi)
+    except (OSError, ValueError) as error:  # ValueError: the file extension names an unknown picture format
+        reason = getattr(error, "strerror", None) or error
+        raise GatewayError(f"{what} {path}: cannot be written ({reason})") from error
+    finally:
+        pyplot_for(what).close(figure)
+
+
 def plot(
     chapter: Chapter, capture: Path, config: Path, begin_s: float, notes: list[tuple[float, str]], picture: Path
 ) -> None:
@@ -94,13 +122,25 @@ def _belonging(panel: Panel, notes: list[tuple[float, str]]) -> list[tuple[float
     return sorted((when, note.removeprefix(begin)) for when, note in notes if note.startswith((begin, _OF_EVERY_AXIS)))
 
 
+def _shade(place: Any, spans: Sequence[tuple[float, float, str]]) -> None:
+    """The states of an axis in the background of its curves, each at least ``_SEEN_S`` long."""
+    labels = {OPERATION, FAULT}
+    for begin, end, state in spans:
+        if state != OFF:
+            colour, opacity = _STATE_COLOURS[state]
+            label = state if state in labels else ""
+            labels.discard(state)
+            last = max(end, begin + _SEEN_S)
+            place.axvspan(begin, last, color=colour, alpha=opacity, lw=0, label=label)
+
+
 def _draw(place: Any, panel: Panel, seen: _Seen) -> None:
     drawn = {True: 0, False: 0}
     for curve in panel.curves:
         colours = _COLOURS[curve.wanted]
         _draw_curve(place, curve, seen, colours[drawn[curve.wanted] % len(colours)])
         drawn[curve.wanted] += 1
-    shade(place, seen.states.spans.get("", ()), _SEEN_S)
+    _shade(place, seen.states.spans.get("", ()))
     place.set_title(panel.title, loc="left", fontsize=11, fontweight="bold", pad=24)
     place.set_ylabel(panel.unit)
     place.grid(alpha=0.3)

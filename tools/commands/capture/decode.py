@@ -20,7 +20,6 @@ from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.phrases import counted
 from pdgw.tools.commands.capture.options import Station
-from pdgw.tools.output.files import to_be_written
 
 if TYPE_CHECKING:
     from pdgw.decoder.capture.source import Source
@@ -79,7 +78,6 @@ def decode(
             "--jobs", "-j", min=1, help="Number of files at the same time, with --parquet FOLDER (default: cores)."
         ),
     ] = None,
-    plot: Annotated[Path | None, typer.Option(callback=to_be_written, help="Picture of --signal over time.")] = None,
     stats: Annotated[
         bool, typer.Option("--stats", help="Show rates, jitter, counter gaps and bus load instead.")
     ] = False,
@@ -107,7 +105,6 @@ def decode(
     from pdgw.decoder.capture.knowledge import known_beforehand, look_ahead
     from pdgw.decoder.capture.pcapng_file import configuration_in
     from pdgw.decoder.export.archive import ArchiveOptions, is_data_set
-    from pdgw.decoder.export.plot import PlotWriter
     from pdgw.decoder.export.writers import CsvWriter, JsonWriter, ParquetWriter, StatsWriter, TextWriter
     from pdgw.decoder.frames.engine import Decoder
     from pdgw.decoder.view.changes import Changes
@@ -129,7 +126,6 @@ def decode(
         )
         refused = {
             "--csv": csv,
-            "--plot": plot,
             "--stats": stats,
             "--json": as_json,
             "--from": begin,
@@ -159,8 +155,6 @@ def decode(
     writers: list[Writer] = []
     if parquet is not None:
         writers.append(ParquetWriter(parquet, signals, known.names))
-    if plot is not None:
-        writers.append(PlotWriter(plot, signals, known.names))
     if csv is not None:
         writers.append(CsvWriter(sys.stdout, [name.strip() for name in csv.split(",")], known.names))
     elif stats:
@@ -284,7 +278,6 @@ def _loop(
     zero_ns: int | None,
 ) -> None:
     from pdgw.decoder.capture.moments import moment
-    from pdgw.decoder.export.plot import PlotWriter
     from pdgw.decoder.export.writers import TextWriter
 
     first = next(packets, None)
@@ -297,7 +290,7 @@ def _loop(
     stop_ns = None if selection.end_ns is None else selection.end_ns + _LATE_NS
     everything = selection.everything
     for writer in writers:
-        if isinstance(writer, TextWriter | PlotWriter):
+        if isinstance(writer, TextWriter):
             writer.zero_ns = zero_ns
     takes = [writer.take for writer in writers]
     decode_one = decoder.decode
