@@ -121,7 +121,6 @@ SENTENCES = (
     ("transport.md", f"normally 0x{STATUS_NORMAL:02X}"),
     ("parameter-channel.md", f"may have {MAX_BLOCK} bytes"),
     ("parameter-channel.md", f"(`parameter_timeout_ms`, {TransportConfig().parameter_timeout_ms / MS_PER_SECOND:g} s)"),
-    ("parameter-channel.md", f"`sdo_interval_ms` ({AxisConfig(do_id=1, node_id=1, telegram=1).sdo_interval_ms} ms)"),
     ("parameter-channel.md", f"{SITUATIONS} situations of {FAULTS_PER_SITUATION} faults"),
     ("status.md", f"`status_port`, {STATUS_PORT} unless"),
     ("status.md", f"`schema` ({SCHEMA})"),

@@ -42,8 +42,15 @@ SECTIONS: dict[str, type[BaseModel]] = {
     "encoder": EncoderConfig,
 }
 """The models of the file's tables."""
+_SDO_INTERVAL: Final = "0.9.0: the plan of the bus leaves room for SDOs; delete the key"
+_KEEP: Final = "0.9.0: 20 files of 10 s before and 5 s after an event are kept; pdgw trace watch has options for others"
 REMOVED: Final = MappingProxyType(
     {
+        "axis.sdo_interval_ms": _SDO_INTERVAL,
+        "encoder.sdo_interval_ms": _SDO_INTERVAL,
+        "trace.keep_before_s": _KEEP,
+        "trace.keep_after_s": _KEEP,
+        "trace.keep_files": _KEEP,
         "transport.switchover_ms": "0.9.0: system redundancy (S2) is not supported; delete the key, connect one controller",
     }
 )

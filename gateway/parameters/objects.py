@@ -21,7 +21,6 @@ from pdgw.ds301.communication import RESTORE_PARAMETERS
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.objects import CanType
-from pdgw.durations import MS
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.parameters.guarded import Check, guard_of
 from pdgw.profidrive.datatypes import DataType
@@ -109,8 +108,6 @@ class ObjectAccess:
     def __init__(self, owner: DriveObject) -> None:
         self.owner = owner
         self._loop = owner.network.loop
-        self._interval = owner.config.sdo_interval_ms * MS
-        self._next = 0
 
     def run(self, job: Callable[[NodeClient[Any]], T], what: str, deadline: int | None) -> T:
         """A job in the task of the drive's node; ParameterRefused with the error number of whatever went wrong."""
@@ -118,10 +115,6 @@ class ObjectAccess:
         if deadline is not None and loop.now() >= deadline:
             log.warning("DO %d: %s: the time of this request is over", self.owner.do_id, what)
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE)
-        # A parameter access alone uses neither the bus nor the cyclic exchange.
-        pause = self._next - loop.now()
-        if pause > 0:
-            loop.sleep(pause)
         future = self.owner.client.submit(job)
         try:
             return loop.result(future, None if deadline is None else max(0, deadline - loop.now()))
@@ -139,8 +132,6 @@ class ObjectAccess:
         except (SdoCommunicationError, CanopenError, struct.error, ValueError) as error:
             log.warning("DO %d: %s: %s", self.owner.do_id, what, error)
             raise ParameterRefused(Number.NOT_EXECUTABLE_IN_STATE) from error
-        finally:
-            self._next = loop.now() + self._interval
 
     def read(self, index: int, subindex: int, context: RequestContext) -> bytes:
         """SDO upload."""

@@ -101,7 +101,6 @@ def trace_keeper(trace: TraceConfig) -> Iterator[Callable[[Path], None]]:
         yield lambda path: None
         return
     options = [f"--on={item}" for item in trace.keep]
-    options += [f"--before={trace.keep_before_s}", f"--after={trace.keep_after_s}", f"--files={trace.keep_files}"]
     if trace.keep_directory is not None:
         options.append(f"--to={trace.keep_directory}")
     process = subprocess.Popen(

@@ -61,8 +61,6 @@ class DriveObjectSection(Section):
     eds: Path | None = None
     heartbeat_ms: Annotated[Integer, Field(ge=10, le=10_000)] = _NODE.heartbeat_ms
     sdo_timeout_ms: Annotated[Integer, Field(ge=10, le=60_000)] = _NODE.sdo_timeout_ms
-    sdo_interval_ms: Annotated[Integer, Field(ge=0, le=1000)] = 0
-    """Pause of the parameter channel between two SDOs, beside what the plan of the bus leaves room for."""
 
 
 class CanConfig(BaseModel):
@@ -210,10 +208,6 @@ class TraceConfig(Section):
     """Events with the seconds before and after them saved to a file."""
     keep_directory: Path | None = None
     """Where; None: ``traces`` in the state directory."""
-    keep_before_s: Annotated[Integer, Field(ge=0, le=3600)] = 10
-    keep_after_s: Annotated[Integer, Field(ge=0, le=3600)] = 5
-    keep_files: Annotated[Integer, Field(ge=1, le=10_000)] = 20
-    """The oldest go when there are more."""
 
 
 class RealtimeConfig(Section):

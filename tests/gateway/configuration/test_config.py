@@ -157,6 +157,11 @@ can = "left"
             "switchover_ms = 300",
             ["x.toml:11: [transport] switchover_ms: was removed in 0.9.0: system redundancy"],
         ),
+        (
+            "node_id = 3",
+            "node_id = 3\nsdo_interval_ms = 5",
+            ["x.toml:18: [[axis]] number 1 sdo_interval_ms: was removed in 0.9.0"],
+        ),
         ("cycle_time_ms = 4", "cycle_time_ms = 0.01", ["x.toml:11", "cycle_time_ms = 0.01", "0.25"]),
         ('listen = "127.0.0.1"', 'listen = "here"', ["x.toml:8", "'here'", "IPv4"]),
         ("do_id = 1\n", "", ["do_id", "is missing"]),

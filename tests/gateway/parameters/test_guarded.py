@@ -100,7 +100,6 @@ def stub(*, powered_later: bool = False) -> tuple[ObjectAccess, Client]:
     owner = SimpleNamespace(
         do_id=1,
         network=SimpleNamespace(loop=VirtualLoop()),
-        config=SimpleNamespace(sdo_interval_ms=0),
         powered=False,
         owns=lambda *_: False,
         is_reference=lambda *_: False,
