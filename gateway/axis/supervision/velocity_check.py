@@ -70,7 +70,7 @@ class VelocityCheck:
         "_over_since",
         "_position",
         "_position_ns",
-        "_signed",
+        "_compares_signs",
         "_span",
         "_steps",
         "_stop_time",
@@ -88,7 +88,7 @@ class VelocityCheck:
         self._counts = 0.0
         self._full = self._floor = 0
         self._span = POSITIONS
-        self._signed = True
+        self._compares_signs = True
         """6064h and 606Ch have the same sign in the same direction."""
         self._restart()
 
@@ -101,7 +101,7 @@ class VelocityCheck:
             self._counts = float(counts)
             self._counts_per_unit = float(counts / per_rpm / SECONDS_PER_MINUTE)
         self._span = scaling.position_span
-        self._signed = scaling.same_signs
+        self._compares_signs = scaling.same_signs
         self._full = int(scaling.reference(Quantity.SPEED))
         self._floor = window
         self._restart()
@@ -200,7 +200,7 @@ class VelocityCheck:
             return None
         moves, shown = (median(map(abs, values)) for values in zip(*self._steps, strict=True))
         # A position that arrives later than the speed moves in the old direction for a step after a reversal.
-        backwards = self._signed and all(step < 0 for step, _ in self._steps)
+        backwards = self._compares_signs and all(step < 0 for step, _ in self._steps)
         return self._judge(-moves if backwards else moves, shown)
 
     def _judge(self, seen: float, shown: float) -> tuple[FaultNumber, str] | None:
