@@ -1,9 +1,10 @@
-"""Which package may import which: one row for each."""
+"""Which package may import which, and how large it may be: one row for each."""
 
 from __future__ import annotations
 
 import ast
 import re
+import tokenize
 import tomllib
 from collections.abc import Iterator
 from functools import cache
@@ -135,6 +136,106 @@ ROWS = {
 }
 """What each package may import beside itself and its sub-packages: other packages with theirs, or single modules."""
 
+_CODE = {tokenize.NAME, tokenize.OP, tokenize.NUMBER}
+BUDGET = {
+    "pdgw": 2091,
+    "profidrive": 12190,
+    "profidrive.parameters": 6409,
+    "profinet": 11668,
+    "profinet.rpc": 7252,
+    "profinet.blocks": 5445,
+    "profinet.alarms": 2954,
+    "profinet.connection": 7841,
+    "profinet.discovery": 7075,
+    "profinet.records": 4444,
+    "ds301": 4632,
+    "ds301.loop": 4517,
+    "ds301.bus": 7503,
+    "ds301.eds": 10330,
+    "ds301.node": 9772,
+    "dsp402": 4826,
+    "dsp402.units": 6292,
+    "dsp402.pdo": 4686,
+    "dsp402.identification": 5981,
+    "dsp402.drive": 9221,
+    "dsp406": 5905,
+    "gateway": 8747,
+    "gateway.motion": 14184,
+    "gateway.axis": 16616,
+    "gateway.axis.adapters": 6605,
+    "gateway.axis.executors": 6502,
+    "gateway.axis.executors.positions": 9940,
+    "gateway.axis.supervision": 4531,
+    "gateway.configuration": 8973,
+    "gateway.configuration.tables": 3462,
+    "gateway.objects": 9708,
+    "gateway.trace": 6094,
+    "gateway.links": 9433,
+    "gateway.links.profinet": 10788,
+    "gateway.parameters": 11614,
+    "gateway.service": 5145,
+    "gateway.commissioning": 2731,
+    "decoder": 0,
+    "decoder.frames": 6693,
+    "decoder.frames.canopen": 8026,
+    "decoder.frames.profinet": 12956,
+    "decoder.view": 7428,
+    "decoder.capture": 7027,
+    "decoder.replay": 12944,
+    "decoder.timeline": 12159,
+    "decoder.export": 5982,
+    "client": 7013,
+    "web": 9068,
+    "web.status": 2679,
+    "web.server": 2826,
+    "recording": 8488,
+    "peers": 59,
+    "peers.node": 10112,
+    "peers.drive": 4622,
+    "peers.drive.model": 11298,
+    "peers.encoder": 3974,
+    "peers.bus": 2139,
+    "peers.plc.exchange": 6307,
+    "peers.plc": 12218,
+    "peers.controller": 6974,
+    "peers.plc.structured_text": 7601,
+    "peers.simulation": 4502,
+    "peers.world": 4605,
+    "tools": 2911,
+    "tools.commands": 0,
+    "tools.commands.capture": 3812,
+    "tools.commands.commissioning": 5386,
+    "tools.commands.gateway": 6938,
+    "tools.commands.simulation": 4821,
+    "tools.commissioning": 3740,
+    "tools.demo": 4999,
+    "tools.output": 4351,
+    "tools.plc": 5527,
+    "tools.service": 4227,
+    "workshop": 5997,
+    "workshop.bench": 8727,
+    "workshop.bench.decoding": 1724,
+    "workshop.bench.measuring": 2872,
+    "workshop.bench.processes": 2994,
+    "workshop.bench.profinet": 3230,
+    "workshop.commands": 6727,
+    "workshop.counts": 3094,
+    "workshop.conformance": 13265,
+    "workshop.debian": 2963,
+    "workshop.documents": 9262,
+    "workshop.soak": 12233,
+    "workshop.walk": 8841,
+    "beside": 2288,
+    "tests": 567143,
+    "*.c": 579,
+    "*.js": 944,
+    "*.toml": 1021,
+}
+"""The code tokens that each package may have, without its sub-packages; the lines that C, JavaScript and TOML may have.
+
+``python -m tests.test_package_imports`` prints the present numbers. A commit that raises one says what it bought.
+"""
+
 
 @cache
 def imports(file: Path) -> frozenset[str]:
@@ -155,6 +256,51 @@ def _imports(file: Path) -> Iterator[str]:
 
 def test_every_package_has_its_row() -> None:
     assert set(ROWS) == {name.removeprefix("pdgw.") for name in _PACKAGES} - {"pdgw"}
+
+
+def code_tokens(file: Path) -> int:
+    """Names, operators and numbers. Comments, docstrings and line breaks cost nothing, and a string is no code."""
+    found = depth = 0
+    with tokenize.open(file) as source:
+        for token in tokenize.generate_tokens(source.readline):
+            name = tokenize.tok_name[token.type]  # Python 3.12 reads the code within an f-string too
+            depth += name.endswith("STRING_START")
+            depth -= name.endswith("STRING_END")
+            found += not depth and token.type in _CODE
+    return found
+
+
+def sizes() -> dict[str, int]:
+    """The present figure of each row of ``BUDGET``."""
+    tests = list((ROOT / "tests").rglob("*.py"))
+    files = {package: list((ROOT / package.replace(".", "/")).glob("*.py")) for package in ("pdgw", *ROWS)}
+    beside = [
+        ROOT / "setup.py",
+        *(file for room in ("deploy", "docs", "examples") for file in (ROOT / room).rglob("*.py")),
+    ]
+    made = {name: sum(map(code_tokens, found)) for name, found in {**files, "beside": beside, "tests": tests}.items()}
+    rooms = sorted({ROOT / package.partition(".")[0] for package in ROWS})
+    for suffix in ("c", "js", "toml"):
+        files_of = (file for room in rooms for file in room.rglob(f"*.{suffix}") if "vendor" not in file.parts)
+        made[f"*.{suffix}"] = sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files_of)
+    return made
+
+
+def test_no_package_is_larger_than_its_budget() -> None:
+    present = sizes()
+    assert present.keys() == BUDGET.keys()
+    over = {name: size for name, size in present.items() if size > BUDGET[name]}
+    assert not over, f"larger than BUDGET allows; make it smaller, or paste:\n{written(over)}"
+
+
+def written(present: dict[str, int]) -> str:
+    """The rows of ``BUDGET``."""
+    return "\n".join(f'    "{name}": {size},' for name, size in present.items())
+
+
+def test_comments_strings_and_line_breaks_cost_no_tokens(tmp_path: Path) -> None:
+    (tmp_path / "a.py").write_text('"""Text."""\nx = f(\n    1,\n)  # why\ny = f"{x + 1}"\n')
+    assert code_tokens(tmp_path / "a.py") == len(["x", "=", "f", "(", "1", ",", ")", "y", "="])
 
 
 @pytest.mark.parametrize("package", ROWS)
@@ -259,3 +405,7 @@ def test_units_of_time_are_declared_once() -> None:
         if spelled_out.search(line)
     ]
     assert found == []
+
+
+if __name__ == "__main__":
+    print(written(sizes()))
