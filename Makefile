@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web client recording peers tools workshop
 
-.PHONY: demo demo-profinet test test-paused tour test-can test-plc lint format bench counts measured fuzz limit-cycles soak calm planted walk walk-all docs screenshots site compiled test-compiled bench-compiled pins wheels wheels-docker release deb test-deb clean
+.PHONY: demo demo-profinet test test-paused tour test-can test-plc lint format bench counts measured fuzz limit-cycles soak calm planted walk walk-all docs screenshots site compiled test-compiled bench-compiled pins wheels wheels-docker release clean
 
 demo: $(STAMP)
 	$(BIN)/pdgw demo
@@ -195,16 +195,6 @@ release: $(STAMP) $(WHEELS)
 	rm -rf build/release
 	$(BIN)/python -m pdgw.workshop.release --wheels $(WHEELS) build/release
 	$(BIN)/python -m pdgw.workshop.installation build/release
-
-# The Debian package of the release, for this machine's kind of processor and Debian's Python; then its check, on a copy of this
-# machine's file system (root, or user namespaces).
-DEB := build/deb
-deb: $(STAMP)
-	rm -rf $(DEB)
-	$(BIN)/python -m pdgw.workshop.debian.build build/release $(DEB)
-
-test-deb: $(STAMP)
-	$(BIN)/python -m pdgw.workshop.debian.check $(DEB)/*.deb
 
 clean:
 	rm -rf $(VENV) .can-vm demo-out build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -9,6 +9,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+import yaml
 
 from pdgw.tools.command_table import COMMANDS
 from pdgw.workshop.release import PINS, SUMS
@@ -126,3 +127,17 @@ def test_the_image_is_built_from_a_digest_and_from_pins_with_hashes() -> None:
     # Its context is the folder of a release, with that release's pins.
     assert re.findall(r"--require-hashes -r (\S+)", text) == [PINS]
     assert "sha256sum --check --quiet " + SUMS in text
+
+
+def test_the_role_installs_what_a_release_has_and_refuses_a_running_gateway() -> None:
+    tasks = yaml.safe_load((ROOT / "deploy/ansible/roles/gateway/tasks/install.yml").read_text(encoding="utf-8"))
+    first, *others = tasks
+    assert first["ansible.builtin.command"]["argv"][:2] == ["systemctl", "list-units"]
+    assert "running.stdout | length > 0" in first["failed_when"]
+    assert "systemctl" not in str(others)
+    assert "ansible.builtin.systemd_service" not in {key for task in tasks for key in task}
+    text = str(others)
+    assert f"/var/cache/pdgw/{PINS}" in text
+    assert f"/opt/pdgw/{SUMS}" in text
+    units = [item["name"] for task in others for item in task.get("loop", []) if isinstance(item, dict)]
+    assert set(units) == {"pdgw.conf", *SERVICES}
