@@ -170,16 +170,26 @@ $(STAMP): pyproject.toml constraints.txt gateway/links/profinet/engine.c
 PIN := $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
 	--custom-compile-command "make pins" --constraints constraints.txt pyproject.toml
 pins: $(STAMP)
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[pins]'
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[release]'
 	$(PIN) --extra web --extra mqtt --output-file pins/runtime.txt
 	$(PIN) $(addprefix --extra ,web mqtt plot dev archive controller browser) --output-file pins/development.txt
+
+# The files of the last commit, and the time of its build.
+TREE := build/tree
+EPOCH = SOURCE_DATE_EPOCH=$$(git log -1 --format=%ct) PIP_CONSTRAINT=$(CURDIR)/constraints.txt
+define CHECKOUT
+	rm -rf $(TREE)
+	mkdir -p $(TREE)
+	git -c tar.umask=0022 archive HEAD | tar -x -C $(TREE)
+endef
 
 # Compiled wheels of the last commit for the Pythons at hand; with cibuildwheel (docker) for 3.11 to 3.14, with old C libraries.
 WHEELS := build/wheels
 wheels: $(STAMP)
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[wheels]'
 	rm -rf $(WHEELS)
-	$(BIN)/python -m pdgw.workshop.wheels $(WHEELS)
+	$(CHECKOUT)
+	.ci/wheels $(WHEELS) $(TREE)
 
 wheels-docker: $(STAMP)
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[wheels]'
@@ -190,11 +200,23 @@ wheels-docker: $(STAMP)
 $(WHEELS):
 	$(MAKE) wheels
 
-# Source distribution, wheels, bill of materials, pins and checksums of the last commit, built twice and compared, then installed.
+# Source distribution, wheels, pins, bill of materials and checksums of the last commit. The wheel of the source distribution must
+# equal that of the commit; both are installed with the pins.
+RELEASE := build/release
 release: $(STAMP) $(WHEELS)
-	rm -rf build/release
-	$(BIN)/python -m pdgw.workshop.release --wheels $(WHEELS) build/release
-	$(BIN)/python -m pdgw.workshop.installation build/release
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[release]'
+	rm -rf $(RELEASE) build/again build/installed
+	$(CHECKOUT)
+	$(EPOCH) $(BIN)/python -m build --outdir $(RELEASE) $(TREE)
+	$(EPOCH) $(BIN)/python -m build --wheel --outdir build/again $(TREE)
+	cmp build/again/*.whl $(RELEASE)/*.whl
+	cp $(WHEELS)/*.whl $(TREE)/CHANGELOG.md $(RELEASE)
+	cp $(TREE)/pins/runtime.txt $(RELEASE)/requirements.txt
+	.ci/install build/installed $(BIN)/python --find-links $(RELEASE) profidrive-gateway
+	$(BIN)/cyclonedx-py environment --pyproject $(TREE)/pyproject.toml --output-reproducible --spec-version 1.6 \
+		-o $(RELEASE)/profidrive-gateway.cdx.json build/installed/bin/python
+	$(BIN)/python -m pdgw.workshop.release $(RELEASE)
+	cd $(RELEASE) && sha256sum * > SHA256SUMS && cat SHA256SUMS
 
 clean:
 	rm -rf $(VENV) .can-vm demo-out build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

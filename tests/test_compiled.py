@@ -12,14 +12,14 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.workshop.wheels import compiled_modules
+from pdgw.workshop.release import modules
 from tests.support.documents.sources import statements
 
 ROOT = Path(__file__).parents[1]
 OTHER_LIBRARIES = {"can", "canopen", "greenlet", "scapy", "pydantic", "typer", "rich"}
 
 
-MODULES = compiled_modules()
+MODULES = modules()
 
 
 @pytest.mark.parametrize("name", MODULES)

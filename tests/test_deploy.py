@@ -12,10 +12,11 @@ import pytest
 import yaml
 
 from pdgw.tools.command_table import COMMANDS
-from pdgw.workshop.release import PINS, SUMS
 from tests.support.buses import PATIENCE_S
 
 ROOT = Path(__file__).parent.parent
+PINS, SUMS = "requirements.txt", "SHA256SUMS"
+"""Files of a release."""
 UNITS = ROOT / "deploy" / "systemd"
 SERVICES = ("pdgw@.service", "pdgw-web@.service")
 DROP_INS = ("realtime.conf", "raw-sockets.conf")

@@ -1,4 +1,4 @@
-"""Dependencies: each optional import names its extra when it is missing, and the page about dependencies lists them all."""
+"""Dependencies: each optional import names its extra when it is missing."""
 
 from __future__ import annotations
 
@@ -12,8 +12,6 @@ import pytest
 from packaging.requirements import Requirement
 
 from pdgw.extras import EXTRA_OF, missing
-from pdgw.web.support import PACKAGE, licence
-from pdgw.workshop.sbom import closure
 from tests.test_package import PROJECT, ROOMS, ROOT
 
 CORE = {"can", "canopen", "greenlet", "pydantic", "pydantic_core", "typer", "click", "rich", "yaml", "pdgw"}
@@ -24,7 +22,6 @@ NOT_OPTIONAL = CORE | WITH_ANOTHER | sys.stdlib_module_names
 BY_WEB_COMMAND = "web"
 """The package that ``pdgw web`` imports in a ``try``, and nothing else does."""
 EXTRAS = PROJECT["project"]["optional-dependencies"]
-TEXT = (ROOT / "docs" / "dependencies.md").read_text(encoding="utf-8")
 
 
 def imports(path: Path) -> Iterator[tuple[str, bool]]:
@@ -73,30 +70,3 @@ def test_scapy_layers_without_scapy_name_the_extra(monkeypatch: pytest.MonkeyPat
     monkeypatch.setitem(sys.modules, "scapy.contrib.pnio", None)
     with pytest.raises(ImportError, match=re.escape("this needs scapy: pip install 'profidrive-gateway[scapy]'")):
         __import__(name)
-
-
-# -- the page ---------------------------------------------------------------------------------------------------------
-
-
-def rows(heading: str) -> dict[str, list[str]]:
-    """The cells of the table below a heading, by the package in the first one."""
-    part = TEXT.partition(f"## {heading}\n")[2].partition("\n## ")[0]
-    lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in part.splitlines() if line[:1] == "|"]
-    return {cells[0].strip("`"): cells[1:] for cells in lines[2:]}
-
-
-def test_the_page_lists_every_dependency_of_a_plain_installation_with_its_licence() -> None:
-    needed = closure()
-    direct, others = rows("Required packages"), rows("Packages that these need")
-    assert sorted(direct) == needed[PACKAGE]
-    assert direct.keys() | others.keys() == needed.keys() - {PACKAGE}
-    assert not direct.keys() & others.keys()
-    for name, cells in (direct | others).items():
-        assert cells[0] == licence(name)["licence"], name
-
-
-def test_the_page_lists_every_package_of_the_extras() -> None:
-    listed = {(name, cells[0].strip("`")) for name, cells in rows("Packages of extras").items()}
-    (everything,) = (Requirement(text).extras for text in EXTRAS["all"])
-    asked = {(Requirement(text).name, extra) for extra in everything for text in EXTRAS[extra]}
-    assert listed == {item for item in asked if item != ("pyarrow", "archive")}  # one row for both of its extras

@@ -1,123 +1,107 @@
-"""A release: source distributions that do not depend on the machine, and a whole bill of materials."""
+"""What a release checks: the compiled wheels, and the bill of materials. `make release` and `make wheels` build them."""
 
 from __future__ import annotations
 
-import gzip
-import hashlib
-import io
 import json
-import os
-import re
-import tarfile
+import subprocess
+import sys
+import zipfile
+from collections.abc import Mapping
+from fnmatch import fnmatch
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from pdgw.workshop import release
-from pdgw.workshop.installation import verify
-from pdgw.workshop.release import ReleaseError, source_distribution, sources, unpack
-from pdgw.workshop.sbom import PACKAGE, document
-from tests.support.documents.written_tables import ROOT
+from pdgw.workshop.release import ReleaseError, check, main, modules, patterns
+from tests.test_forge import PYTHONS, workflow
+from tests.test_package import PROJECT, ROOT
 
-EPOCH = 1_800_000_000
-
-
-def tree(folder: Path, umask: int, time: int) -> Path:
-    before = os.umask(umask)
-    try:
-        (folder / "sub").mkdir(parents=True)
-        for name in ("b.py", "a.py", "sub/c.txt"):
-            (folder / name).write_text(name)
-            os.utime(folder / name, (time, time))
-        (folder / "b.py").chmod(0o777 & ~umask)
-    finally:
-        os.umask(before)
-    return folder
+SETTINGS = PROJECT["tool"]["cibuildwheel"]
+NAME = "profidrive_gateway-0.9.0-cp311-cp311-manylinux_2_28_x86_64.whl"
+ENGINE = "pdgw/gateway/links/profinet/engine.abi3.so"
+PURE = {"pdgw/a.py": b"a = 1\n", "pdgw/b.py": b"b = 1\n", "pdgw-0.9.0.dist-info/WHEEL": b"Tag: py3-none-any\n"}
+COMPILED = PURE | {
+    "pdgw/a.cpython-311-x86_64-linux-gnu.so": b"machine code",
+    ENGINE: b"machine code",
+    "pdgw-0.9.0.dist-info/WHEEL": b"Tag: cp311\n",
+}
 
 
-def test_a_source_distribution_depends_on_names_contents_and_execute_bits_alone(tmp_path: Path) -> None:
-    first, second = tree(tmp_path / "one", 0o022, 1), tree(tmp_path / "two" / "deeper", 0o077, 99_999)
-    made = [source_distribution(sources(folder), "p-1.0", EPOCH) for folder in (first, second)]
-    assert made[0] == made[1]
-    (first / "a.py").write_text("other")
-    assert source_distribution(sources(first), "p-1.0", EPOCH) != made[0]
+def written(path: Path, files: Mapping[str, bytes]) -> Path:
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, data in files.items():
+            archive.writestr(name, data)
+    return path
 
 
-def test_a_source_distribution_unpacks_to_what_it_was_made_from(tmp_path: Path) -> None:
-    folder = tree(tmp_path / "one", 0o077, 1)
-    data = source_distribution(sources(folder), "p-1.0", EPOCH)
-    unpack(gzip.decompress(data), tmp_path / "back")
-    assert sources(tmp_path / "back" / "p-1.0") == sources(folder)
-    with tarfile.open(fileobj=io.BytesIO(data)) as archive:
-        assert {(item.uid, item.gid, item.uname, item.mtime) for item in archive} == {(0, 0, "", EPOCH)}
+def test_each_supported_python_has_a_compiled_wheel_for_linux_on_both_processors() -> None:
+    known = [
+        f"cp{python.replace('.', '')}-{system}_{machine}"
+        for python in ("3.10", *PYTHONS, "3.14t", "3.15")
+        for system in ("manylinux", "musllinux", "macosx")
+        for machine in ("x86_64", "aarch64")
+    ]
+    built = {name for name in known if any(fnmatch(name, pattern) for pattern in SETTINGS["build"])}
+    assert built == {
+        f"cp{python.replace('.', '')}-manylinux_{machine}" for python in PYTHONS for machine in ("x86_64", "aarch64")
+    }
+    assert SETTINGS["environment"]["PDGW_COMPILED"] == "1"
+    assert workflow()["jobs"]["wheels"]["strategy"]["matrix"]["machine"] == ["ubuntu-24.04", "ubuntu-24.04-arm"]
 
 
-class Builds:
-    """Replaces pip: the wheel of each build has the next content."""
-
-    def __init__(self, *contents: bytes) -> None:
-        self.contents = list(contents)
-
-    def __call__(self, tree: Path, folder: Path, epoch: int) -> list[Path]:
-        folder.mkdir()
-        sdist, wheel = folder / "p-1.0.tar.gz", folder / "p-1.0-py3-none-any.whl"
-        sdist.write_bytes(source_distribution({"a.py": (b"", 0o644)}, "p-1.0", epoch))
-        wheel.write_bytes(self.contents.pop(0))
-        return [sdist, wheel]
+def test_every_pattern_of_compiled_modules_names_a_module_once() -> None:
+    found = [*modules(), *modules("SOAK")]
+    assert "gateway/links/cyclic.py" in modules()
+    assert {"peers/drive/model/model.py", "workshop/soak/watch.py"} <= set(modules("SOAK"))
+    assert len(found) == len(set(found))
+    assert [pattern for name in ("COMPILED", "SOAK") for pattern in patterns(name) if not any(ROOT.glob(pattern))] == []
 
 
-def test_a_release_whose_builds_differ_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("SOURCE_DATE_EPOCH", str(EPOCH))
-    monkeypatch.setattr(release, "_built", Builds(b"one", b"two"))
-    with pytest.raises(ReleaseError, match=r"p-1.0-py3-none-any.whl: the second build differs"):
-        release.release(tmp_path / "out")
-    assert not (tmp_path / "out").exists()
+@pytest.mark.parametrize(
+    ("name", "files", "message"),
+    [
+        (NAME.replace("manylinux_2_28", "linux"), COMPILED, "expected a tag manylinux"),
+        (NAME, PURE, "engine is not compiled"),
+        (NAME, PURE | {ENGINE: b""}, "pdgw/a is not compiled"),
+        (NAME, COMPILED | {ENGINE: bytes(ROOT)}, "engine contains a path of this machine"),
+        (NAME, COMPILED | {"pdgw/b.py": b"b = 2\n"}, "pdgw/b.py is not that of the commit, build the wheels again"),
+        (NAME, {path: data for path, data in COMPILED.items() if path != "pdgw/b.py"}, "pdgw/b.py is not that of"),
+    ],
+)
+def test_a_stale_or_incomplete_or_not_portable_wheel_is_rejected(
+    name: str, files: Mapping[str, bytes], message: str, tmp_path: Path
+) -> None:
+    pure = written(tmp_path / "pure.whl", PURE)
+    check(written(tmp_path / NAME, COMPILED), pure, ["a.py"])
+    with pytest.raises(ReleaseError, match=message):
+        check(written(tmp_path / name, files), pure, ["a.py"])
 
 
-def test_a_release_has_checksums_of_all_its_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("SOURCE_DATE_EPOCH", str(EPOCH))
-    monkeypatch.setattr(release, "_built", Builds(b"one", b"one"))
-    release.release(tmp_path)
-    listed = dict(reversed(line.split("  ")) for line in (tmp_path / "SHA256SUMS").read_text().splitlines())
-    assert listed.keys() == {path.name for path in tmp_path.iterdir()} - {"SHA256SUMS"}
-    assert release.PINS in listed
-    verify(tmp_path)
-    for name, told in listed.items():
-        assert hashlib.sha256((tmp_path / name).read_bytes()).hexdigest() == told
-    with pytest.raises(ReleaseError, match="has files"):
-        release.release(tmp_path)
+def test_the_bill_of_materials_gets_the_files_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    written(tmp_path / "p-1.0-py3-none-any.whl", PURE)
+    bill = tmp_path / "p.cdx.json"
+    bill.write_text('{"components": [{"name": "canopen"}]}')
+    monkeypatch.setattr(sys, "argv", ["release", str(tmp_path)])
+    assert main() == 0
+    assert {item["name"] for item in json.loads(bill.read_text())["components"]} == {"canopen", "lit-html", "uplot"}
 
 
-@pytest.fixture(scope="module")
-def bill() -> dict[str, Any]:
-    return document("0.9.0", EPOCH)
+def test_a_bad_wheel_is_one_error_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    written(tmp_path / "p-1.0-py3-none-any.whl", PURE)
+    written(tmp_path / NAME, PURE)
+    (tmp_path / "p.cdx.json").write_text('{"components": []}')
+    monkeypatch.setattr(sys, "argv", ["release", str(tmp_path)])
+    assert main() == 1
+    assert capsys.readouterr().err == f"error: {NAME}: pdgw/gateway/links/profinet/engine is not compiled\n"
 
 
-def test_the_bill_of_materials_is_the_same_each_time(bill: dict[str, Any]) -> None:
-    assert json.dumps(document("0.9.0", EPOCH)) == json.dumps(bill)
-    assert (bill["bomFormat"], bill["specVersion"], bill["version"]) == ("CycloneDX", "1.6", 1)
-    assert re.fullmatch(r"urn:uuid:[0-9a-f-]{36}", bill["serialNumber"])
-    assert bill["metadata"]["timestamp"] == "2027-01-15T08:00:00+00:00"
-    assert bill["metadata"]["component"]["bom-ref"] == f"pkg:pypi/{PACKAGE}@0.9.0"
-
-
-def test_the_bill_of_materials_has_each_dependency_with_pin_and_licence(bill: dict[str, Any]) -> None:
-    pins = dict(line.split("==") for line in (ROOT / "constraints.txt").read_text().splitlines())
-    pins = {re.sub(r"[-_.]+", "-", name).lower(): version for name, version in pins.items()}
-    found = {item["name"]: item for item in bill["components"]}
-    assert {"canopen", "python-can", "pydantic-core", "starlette", "paho-mqtt", "uplot", "lit-html"} <= found.keys()
-    assert not {"pytest", "mypy", "ruff", "scapy"} & found.keys()
-    for name, item in found.items():
-        assert item["licenses"], name
-        if item["purl"].startswith("pkg:pypi/"):
-            assert item["version"] == pins[name], name
-    assert {found["canopen"]["scope"], found["starlette"]["scope"]} == {"required", "optional"}
-    assert found["canopen"]["scope"] == "required"
-
-
-def test_the_bill_of_materials_refers_to_its_own_components(bill: dict[str, Any]) -> None:
-    references = [bill["metadata"]["component"]["bom-ref"], *(item["bom-ref"] for item in bill["components"])]
-    assert len(references) == len(set(references))
-    for item in bill["dependencies"]:
-        assert {item["ref"], *item["dependsOn"]} <= set(references)
+def test_the_source_distribution_has_every_folder_and_file_of_a_commit() -> None:
+    lines = [line.split() for line in (ROOT / "MANIFEST.in").read_text(encoding="utf-8").splitlines()]
+    grafted = {name for word, *names in lines if word == "graft" for name in names}
+    included = {name for word, *names in lines if word == "include" for name in names}
+    by_setuptools = {"LICENSE", "MANIFEST.in", "README.md", "pyproject.toml"}
+    packages = PROJECT["tool"]["setuptools"]["package-dir"].values()
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    assert {path.partition("/")[0] for path in listed.split()} == {*grafted, *included, *by_setuptools, *packages}
