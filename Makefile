@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web client recording peers tools workshop
 
-.PHONY: demo demo-profinet test test-paused tour test-can test-plc lint format bench counts measured fuzz limit-cycles soak calm planted walk walk-all docs screenshots site compiled test-compiled bench-compiled pins wheels wheels-docker release clean
+.PHONY: demo demo-profinet test test-paused tour test-can test-plc lint format bench counts fuzz limit-cycles soak calm planted walk walk-all docs screenshots site compiled test-compiled bench-compiled pins wheels wheels-docker release clean
 
 demo: $(STAMP)
 	$(BIN)/pdgw demo
@@ -66,22 +66,6 @@ bench: $(STAMP)
 counts: $(STAMP)
 	$(BIN)/python -m pdgw.workshop.counts.instructions
 
-# The figures that the documents quote, on a quiet machine: as the benchmarks print them, with date and machine.
-MEASURED := docs/measured
-measured: compiled
-	mkdir -p $(MEASURED)
-	COLUMNS=120 $(BIN)/python -m pdgw.workshop bench --seconds 10 > $(MEASURED)/exchange.txt
-	COLUMNS=120 $(BIN)/python -m pdgw.workshop bench --seconds 10 --realtime > $(MEASURED)/exchange-realtime.txt
-	COLUMNS=120 $(WITH_COMPILED) $(BIN)/python -m pdgw.workshop bench --seconds 10 --realtime > $(MEASURED)/exchange-compiled-realtime.txt
-	COLUMNS=120 $(BIN)/python -m pdgw.workshop bench decode > $(MEASURED)/decode.txt
-	COLUMNS=120 $(BIN)/python -m pdgw.workshop bench timeline > $(MEASURED)/timeline.txt
-	COLUMNS=120 $(BIN)/python -m pdgw.workshop bench stops --markdown > $(MEASURED)/stops.txt
-	@# Needs network namespaces; real-time priority inside one needs root.
-	if unshare --net true || unshare --user --map-root-user --net true; then \
-		COLUMNS=120 $(BIN)/python -m pdgw.workshop bench profinet > $(MEASURED)/profinet.txt; \
-		COLUMNS=120 $(WITH_COMPILED) $(BIN)/python -m pdgw.workshop bench profinet > $(MEASURED)/profinet-compiled.txt; fi
-	if unshare --net true; then COLUMNS=120 $(BIN)/python -m pdgw.workshop bench profinet --realtime >> $(MEASURED)/profinet.txt; fi
-
 # The same sources with the cyclic path compiled by mypyc (a C compiler is needed): into build/compiled, beside the editable install.
 COMPILED := build/compiled
 BUILD := 1
@@ -137,7 +121,6 @@ docs: $(STAMP)
 	$(BIN)/python -m pdgw.workshop.walk --short --figures docs/walk.txt
 	$(BIN)/python -m pdgw.workshop.documents.tables
 	$(BIN)/python -m pdgw.workshop.documents.commands
-	$(BIN)/python -m pdgw.workshop.documents.measured
 	$(BIN)/python -m tests.support.documents.plc_blocks
 	$(BIN)/python -m tests.support.documents.plc_timing
 	$(BIN)/python -c "from tests.support.documents import statements; statements.write()"

@@ -1,8 +1,7 @@
-"""Every command of a document is run by a test, or is listed below with the reason why it cannot be run.
+"""Commands of the documents, run in this process on files made for them.
 
-``make tour`` runs those of the tutorials, README and ``tests/tour/other-documents.md``, each in processes of its own. This module
-runs the commands of ``HERE`` in this process, on files made for them. Names of commands in a sentence and synopses
-(`pdgw map CONFIG`) are not run; ``test_documents`` checks that they exist, with their options.
+``make tour`` runs those of the tutorials, README and ``tests/tour/other-documents.md``, each in processes of its own.
+``test_documents`` checks that the others exist, with their options.
 """
 
 from __future__ import annotations
@@ -20,12 +19,8 @@ from tests.decoder.replay.test_replay import speed
 from tests.support.axis.rig import NODE
 from tests.support.cli import pdgw
 from tests.support.readers import captures
-from tests.test_documents import BLOCK, DOCUMENTS, INLINE, ROOT, command_in
-from tests.tour.console import Command, steps
+from tests.test_documents import DOCUMENTS, ROOT, commands
 
-REST = ROOT / "tests" / "tour" / "other-documents.md"
-_PLACEHOLDER = re.compile(r"\[|\.\.\.|(?<![\w,.])(?!NSOLL)[A-Z]+(?![\w.])|YOUR")
-_NAMES = re.compile(r"(python -m pdgw\.workshop|pdgw)( [a-z][a-z-]*)+")
 _ALIKE = re.compile(r"\bpress\.toml\b")
 
 HERE = {
@@ -59,87 +54,10 @@ PROFINET = {
 }
 """As ``HERE``, with ``type = "profinet"`` in the configuration."""
 
-_TERMINAL = "asks at a terminal"
-_CAN = "a CAN interface of this machine"
-_ETHERNET = "a PROFINET device on Ethernet, root"
-_MINUTES = "minutes of CPU"
-_PART = "a part of a command: needs a configuration or a file"
-_SOURCES = "a folder of the sources"
-NOT_TYPED = {
-    "pdgw --install-completion": ("changes the start-up file of a user's shell", "tests/tools/test_command_line.py"),
-    "pdgw axis test 1": (_TERMINAL, "tests/tools/test_axis_test.py"),
-    "pdgw axis test 1 gateway.toml": (_TERMINAL, "tests/tools/test_axis_test.py"),
-    "pdgw axis test 1 plant.toml --percent 1 --turns 1 --backward": (_TERMINAL, "tests/tools/test_axis_test.py"),
-    "python -m pdgw.workshop bench cycle --axes 8 --cycle-time-ms 1": (_MINUTES, "tests/workshop/test_bench.py"),
-    "pdgw bus scan": (_CAN, "tests/can/test_commissioning.py"),
-    "pdgw bus scan --channel can1 --eds sheets/": (_CAN, "tests/can/test_commissioning.py"),
-    "pdgw config check --bus": (_PART, "tests/tour/other-documents.md"),
-    "pdgw decode --json": (_PART, "tests/tools/test_decode_command.py"),
-    "pdgw decode /plant/captures --parquet /plant/data --signal NSOLL_A,NIST_A,ZSW1.FAULT -j 8": (
-        "a folder of captures, an extra",
-        "tests/tools/test_archive.py",
-    ),
-    "pdgw demo --chapter positioner": ("three processes for half a minute", "tests/endtoend/test_demo.py"),
-    "pdgw demo --profinet": ("network namespaces", "tests/endtoend/test_profinet.py"),
-    "pdgw param --profinet identify --gateway 192.168.0.2": (_ETHERNET, "tests/tools/test_param_profinet.py"),
-    "pdgw param --profinet read P965 P922 6041h --gateway 192.168.0.2 --do 1": (
-        _ETHERNET,
-        "tests/tools/test_param_profinet.py",
-    ),
-    "pdgw run --record": (_PART, "tests/tour/other-documents.md"),
-    "pdgw run --web": (_PART, "tests/tour/other-documents.md"),
-    "python -m pdgw.workshop loop --plot docs/loop.png": (_MINUTES, "tests/workshop/test_loop_study.py"),
-    "pdgw sim plc --interactive": (_TERMINAL, "tests/tools/test_plc_keyboard.py"),
-    "pdgw sim plc --interactive --telegram 1": (_TERMINAL, "tests/tools/test_plc_keyboard.py"),
-    "pdgw sim plc --interactive --telegram 111": (_TERMINAL, "tests/tools/test_plc_keyboard.py"),
-    "pdgw sim plc scenario.yaml --profinet eth0 --name press-1 --device-ip 192.168.0.2/24": (
-        _ETHERNET,
-        "tests/endtoend/test_profinet.py",
-    ),
-    "pdgw sim plc tools/scenarios/positioner.yaml": (_SOURCES, "tests/peers/test_plc_positioner.py"),
-    "pdgw map examples/axis_sequence.toml --format st --out pdgw.st": (_SOURCES, "tests/tools/test_plc_motion.py"),
-    "pdgw run examples/axis_sequence.toml": (_SOURCES, "tests/tools/test_plc_motion.py"),
-    "python -m pdgw.workshop soak --hours 24 --seed 7": (_MINUTES, "tests/workshop/test_soak.py"),
-    "python -m pdgw.workshop soak --calm --hours 24 --telegrams 111 --seed 7": (
-        _MINUTES,
-        "tests/workshop/test_soak_calm.py",
-    ),
-    "python -m pdgw.workshop soak --planted --seed 1": (_MINUTES, "tests/workshop/test_soak_planted.py"),
-    "python -m pdgw.workshop soak --seed 7 --axes 2 --until 49.001 --trace": (_MINUTES, "tests/workshop/test_soak.py"),
-}
-"""Why a command is not typed, and where what it does is tested."""
 
-
-def to_be_typed() -> set[str]:
-    """The commands of the documents; that a tutorial's configuration is called like its machine makes no difference."""
-    found = set()
-    for path in DOCUMENTS:
-        text = path.read_text(encoding="utf-8")
-        for pattern in (BLOCK, INLINE):
-            for match in pattern.finditer(text):
-                command = _ALIKE.sub("gateway.toml", command_in(match))
-                name = pattern is INLINE and _NAMES.fullmatch(command)
-                if not name and not _PLACEHOLDER.search(re.sub(r"'[^']*'|\"[^\"]*\"", "", command)):
-                    found.add(command)
-    return found
-
-
-def typed() -> set[str]:
-    """What ``make tour`` types."""
-    played = [step.text for path in (*DOCUMENTS, REST) for step in steps(path.read_text()) if isinstance(step, Command)]
-    parts = [part.strip() for text in played for part in re.split(r"[;&|>]+", text)]
-    return {_ALIKE.sub("gateway.toml", part) for part in parts}
-
-
-def test_every_document_command_is_run_or_has_a_reason() -> None:
-    unaccounted = to_be_typed() - typed() - HERE.keys() - PROFINET.keys() - NOT_TYPED.keys()
-    assert not unaccounted, f"neither in {REST.name} nor in this file: {sorted(unaccounted)}"
-
-
-def test_every_reason_belongs_to_a_document_command_that_is_not_run() -> None:
-    assert not NOT_TYPED.keys() & (typed() | HERE.keys() | PROFINET.keys())
-    assert not (NOT_TYPED.keys() | HERE.keys() | PROFINET.keys()) - to_be_typed()
-    assert [where for _, where in NOT_TYPED.values() if not (ROOT / where).exists()] == []
+def test_the_commands_typed_here_are_in_the_documents() -> None:
+    found = {_ALIKE.sub("gateway.toml", text) for path in DOCUMENTS for text in commands(path.read_text("utf-8"))}
+    assert HERE.keys() | PROFINET.keys() <= found
 
 
 @pytest.fixture

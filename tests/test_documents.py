@@ -29,12 +29,7 @@ def commands(text: str) -> Iterator[str]:
     """The commands without comments; a command may continue in the next line of prose."""
     for pattern in (INLINE, BLOCK):
         for match in pattern.finditer(text):
-            yield command_in(match)
-
-
-def command_in(match: re.Match[str]) -> str:
-    """What is to be typed of a match of ``INLINE`` or ``BLOCK``."""
-    return " ".join(re.split(r"  #| # | > | &(?:$| )", match[1])[0].split())
+            yield " ".join(re.split(r"  #| # | > | &(?:$| )", match[1])[0].split())
 
 
 def resolve(program: str, words: list[str]) -> tuple[Any, list[str]]:

@@ -1,4 +1,4 @@
-"""``python -m pdgw.workshop``: benchmarks, conformance tests, soak and loop study of the gateway."""
+"""``python -m pdgw.workshop``: benchmarks, conformance tests and soak of the gateway."""
 
 from __future__ import annotations
 
@@ -17,16 +17,10 @@ COMMANDS: Mapping[str, Entry] = {
         "soak:soak",
         "Run a day of random PLC words and faults in virtual time; exit status 1 if a rule is violated.",
     ),
-    "loop": _Entry(
-        "loop:loop",
-        "Close a position loop in a simulated PLC, with DSC and without: following error and stability, in virtual time.",
-    ),
 }
 """The commands of the workshop in the order of its help."""
 
-app = command_line(
-    "python -m pdgw.workshop", COMMANDS, "Benchmarks, conformance tests, soak and loop study of the gateway."
-)
+app = command_line("python -m pdgw.workshop", COMMANDS, "Benchmarks, conformance tests and soak of the gateway.")
 
 
 if __name__ == "__main__":

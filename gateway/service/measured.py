@@ -1,6 +1,6 @@
 """The numbers of axes and cycle times that each build was measured with, and whether a configuration is beyond them.
 
-The figures are in ``measured.toml``, which ``make docs`` writes from the measurements of ``docs/measured``.
+The figures are in ``measured.toml``, from the measurements of ``docs/measured``.
 """
 
 from __future__ import annotations

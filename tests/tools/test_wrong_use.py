@@ -16,7 +16,7 @@ from pdgw.gateway.configuration.file import config_text
 from pdgw.tools.cli import main
 from pdgw.tools.service import run_log
 from pdgw.tools.service.log_format import LogFormat, LogLevel
-from tests.support.cli import pdgw, workshop
+from tests.support.cli import pdgw
 from tests.support.processes import free_udp_port
 
 
@@ -179,14 +179,6 @@ def test_unfinished_recording_is_reported_after_the_results(option: str, tmp_pat
     assert "FAIL" in result.stdout
     assert results.exists()
     assert result.stderr == f"error: {option} /dev/full: cannot be written (No space left on device)\n"
-
-
-def test_undrawable_picture_is_reported_before_the_work(tmp_path: Path) -> None:
-    (tmp_path / "full").symlink_to("/dev/full")  # without an ending: matplotlib would write full.png
-    for name in ("nowhere/loop.png", "loop.rubbish", "full"):
-        result = workshop("loop", "--plot", str(tmp_path / name))
-        assert result.returncode == 1
-        assert "cannot be written" in result.stderr
 
 
 def test_ctrl_c_while_a_command_loads_prints_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

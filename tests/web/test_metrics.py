@@ -17,7 +17,6 @@ from pdgw.gateway.reasons import AxisState, FaultNumber, Reason
 from pdgw.profidrive.parameters.codec import ParameterAddress
 from pdgw.web.metrics import exposition
 from pdgw.web.status.watch import Watch
-from tests.support.documents.written_tables import named, rows
 from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, running, serving
 from tests.support.page import ShownGateway, look
 
@@ -189,21 +188,6 @@ def test_alerts_and_dashboard_use_existing_metrics(text: str) -> None:
     asked |= names_in(iter([(DEPLOY / "prometheus" / "alerts.yml").read_text()]))
     assert len(asked) > 10
     assert asked <= {name for name, _ in samples(text)}
-
-
-def test_the_metrics_in_the_documents_are_those_there_are_with_their_labels(text: str) -> None:
-    told = {
-        name: labels for row in rows("web.md", "part | metrics") for name, labels in map(with_labels, named(row[1]))
-    }
-    assert set(told) == set(re.findall(r"^# TYPE (\w+) ", text, re.MULTILINE))
-    shown = {name: {label for label, _ in labels} for name, labels in samples(text)}
-    for name in set(told) & set(shown):
-        assert told[name] == shown[name], name
-
-
-def with_labels(text: str) -> tuple[str, set[str]]:
-    name, _, labels = text.rstrip("}").partition("{")
-    return name, {*filter(None, labels.split(","))}
 
 
 @needs_promtool

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import re
 import socket
 import zipfile
 from collections.abc import Iterator
@@ -13,22 +12,19 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
-from starlette.routing import Route
 
 from pdgw.decoder.capture.pcap import read_capture
 from pdgw.decoder.frames.records import LinkType
 from pdgw.gateway.reasons import Reason
 from pdgw.gateway.trace.recorder import FlightRecorder
-from pdgw.web.app import READS_PER_S, Allowance, Interface
+from pdgw.web.app import READS_PER_S, Allowance
 from pdgw.web.server.guard import HEADERS
-from pdgw.web.server.places import CONNECTIONS_MAX, Places
+from pdgw.web.server.places import CONNECTIONS_MAX
 from pdgw.web.status.events import KEPT, EventLog
-from pdgw.web.status.watch import Watch
 from pdgw.web.stream import STREAMS_MAX
 from tests.support.buses import PATIENCE_S
-from tests.support.documents.written_tables import ROOT, named, rows
 from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, running
-from tests.support.page import TOKEN, Page, ShownGateway, ShownParameters, events_of, page, until
+from tests.support.page import TOKEN, Page, ShownGateway, events_of, page, until
 
 ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 83\nsimulate = true\n"
 
@@ -121,19 +117,6 @@ def test_health_is_of_the_page_and_readiness_of_the_axes(turning: Turning) -> No
     turning.gateway.failure = "hangs"
     served.heard()
     assert [served.get(path).status for path in ("/healthz", "/readyz")] == [503, 503]
-
-
-def test_the_interface_in_the_documents_is_the_one_there_is() -> None:
-    watch = Watch(configuration(axis(1)), ShownGateway())
-    there = {
-        re.sub(r"\{do_id:int\}", "DO", re.sub(r"\{number:int\}", "NUMBER", route.path))
-        for route in Interface(watch, ShownParameters(), lambda *_: b"", Places()).routes
-        if isinstance(route, Route)
-    }
-    told = {path.partition("?")[0] for row in rows("web.md", "GET | answers") for path in named(row[0])}
-    assert told == there - {"/"}
-    text = (ROOT / "docs/web.md").read_text(encoding="utf-8")
-    assert f"At most {STREAMS_MAX} pages are open and {CONNECTIONS_MAX} connections" in text
 
 
 def test_every_answer_has_the_headers_that_keep_the_page_to_itself(still: Page) -> None:

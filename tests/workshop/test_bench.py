@@ -44,7 +44,6 @@ from pdgw.workshop.bench.rows import ROWS, Refused, Row, setpoints_to_can
 from pdgw.workshop.bench.translation import axis_cycle
 from pdgw.workshop.commands import bench
 from pdgw.workshop.commands.bench import app
-from pdgw.workshop.documents.measured import rows as rows_of
 from tests.fuzz.test_parameters import Memory
 from tests.support.cli import workshop
 
@@ -299,8 +298,6 @@ def test_rejected_row_has_its_reason_and_the_others_are_measured(monkeypatch: py
     printed = console.export_text()
     assert "refused: benchmark: the axes do not turn" in printed
     assert re.search(r"│ 1 +│ 1 ms +│ echo in C +│ 100 us +│ >= 1000 us", printed)
-    assert rows_of(printed) == [], "10 % of the cycles missed: nothing that a gateway is measured for"
-    assert rows_of(printed.replace("10.00 %", "0.10 %")) != [], "`make docs` reads what is printed"
     assert "3000/s, 7 lost" in printed, "cycles flat out whose RPDO did not come"
 
 

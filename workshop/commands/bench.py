@@ -30,7 +30,6 @@ from pdgw.workshop.bench.processes.drives import buses
 from pdgw.workshop.bench.profinet import profinet
 from pdgw.workshop.bench.recording import RecordingCost
 from pdgw.workshop.bench.rows import ROWS, Refused, Row, endure, idle, measure
-from pdgw.workshop.bench.stops import Stop
 from pdgw.workshop.bench.translation import TranslationCost
 
 app = typer.Typer(help="Benchmarks.", invoke_without_command=True)
@@ -352,7 +351,6 @@ def stops_command(
     trials: Annotated[int, typer.Option(min=1, max=10_000, help="Losses of each kind in virtual time.")] = 100,
     kills: Annotated[int, typer.Option(min=0, max=1_000, help="Gateway processes killed and stopped; 0: none.")] = 20,
     as_json: AsJson = False,
-    markdown: Annotated[bool, typer.Option("--markdown", help="Print the text of docs/measured/stops.txt.")] = False,
     junit: JUnitFile = None,
     html: HtmlFile = None,
 ) -> None:
@@ -366,9 +364,6 @@ def stops_command(
     Report("python -m pdgw.workshop bench stops", measured=figures(told)).write(junit, html)
     if as_json:
         typer.echo(json.dumps(told, indent=2))
-    elif markdown:
-        _print_machine(Console(), realtime=False)
-        typer.echo("\n".join(_stops_markdown(rows)))
     else:
         _print_machine(console := Console(), realtime=False)
         table = Table("", "from ... to", "p50", "p99", "max", "bound", "clock", "samples")
@@ -379,15 +374,6 @@ def stops_command(
         console.print(table)
     if not all(row.kept for row in rows):
         raise typer.Exit(1)
-
-
-def _stops_markdown(rows: list[Stop]) -> Iterator[str]:
-    yield "| what is lost | from ... to | p50 | p99 | max | bound | clock, losses |"
-    yield "| --- | --- | --- | --- | --- | --- | --- |"
-    for row in rows:
-        times = " | ".join(f"{row.milliseconds(share):.1f} ms" for share in _STOP_SHARES)
-        bound = f"{row.bound_ms:g} ms: {row.bound}"
-        yield f"| {row.cause} | {row.measured} | {times} | {bound} | {row.clock}, {len(row.times_ns)} |"
 
 
 @contextmanager

@@ -16,7 +16,6 @@ from pdgw.gateway.service.build import build_text
 from pdgw.gateway.service.cycle_times import Histogram
 from pdgw.gateway.service.status import answered, axis_status, encoder_status, snapshot
 from pdgw.tools.output.status_text import status_lines
-from tests.support.documents.written_tables import named, rows
 from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, running, until, world_of
 
 ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 83\nsimulate = true\n"
@@ -114,24 +113,6 @@ def test_what_is_sent_in_parts_is_the_snapshot() -> None:
         assert (document["schema"], document["simulated"], document["name"]) == (1, True, "pdgw")
         assert [item["do_id"] for item in document["axes"]] == [1, 3]
         assert f"{document['version']}, {document['build']}, {document['python']}" == build_text()
-
-
-def test_every_key_of_the_document_is_told() -> None:
-    """Keys of only an axis or only an encoder are in its row, before their description."""
-    with running(configuration(axis(1) + ENCODER)) as daemon:
-        document = snapshot(daemon)
-    top = {name.removesuffix("[]") for row in rows("status.md", "key | is") for name in named(row[0])}
-    assert top == set(document)
-    plc = next(row[1] for row in rows("status.md", "key | is") if row[0] == "`plc`")
-    assert set(named(plc)) - {"station"} == set(document["plc"])
-    common, own = set[str](), {}
-    for row in rows("status.md", "key of a drive object"):
-        if row[0].startswith("of "):
-            own[row[0].removeprefix("of ")] = set(named(row[1]))
-        else:
-            common |= {name.removesuffix("[]") for name in named(row[0])}
-    for kind in ("axes", "encoders"):
-        assert common | own[kind] == set(document[kind][0]), kind
 
 
 @pytest.mark.parametrize(
