@@ -22,6 +22,10 @@ OTHER_LIBRARIES = {"can", "canopen", "greenlet", "scapy", "pydantic", "typer", "
 MODULES = modules()
 
 
+C_KEYWORDS = {"_asm", "_const", "_inline", "_signed", "_volatile"}
+"""Attributes that a compiled class cannot have."""
+
+
 @pytest.mark.parametrize("name", MODULES)
 def test_compiled_modules_exist_and_avoid_known_pitfalls(name: str) -> None:
     tree = ast.parse((ROOT / name).read_text(encoding="utf-8"))
@@ -33,6 +37,10 @@ def test_compiled_modules_exist_and_avoid_known_pitfalls(name: str) -> None:
         if (getattr(item, "module", None) or alias.name).partition(".")[0] in OTHER_LIBRARIES
     }
     for item in ast.walk(tree):
+        if isinstance(item, ast.Attribute):
+            assert item.attr not in C_KEYWORDS, (
+                f"{item.attr}: mypyc writes another _ before it, and that is a keyword of C"
+            )
         if isinstance(item, ast.AnnAssign) and isinstance(item.value, ast.Tuple):
             floats = [isinstance(part, ast.Constant) and isinstance(part.value, float) for part in item.value.elts]
             assert not (floats and all(floats)), (

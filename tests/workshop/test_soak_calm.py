@@ -36,8 +36,8 @@ def test_short_calm_day_of_each_telegram_finds_nothing(number: int) -> None:
 
 
 @pytest.mark.planted
-def test_calm_day_finds_a_value_that_is_never_believed() -> None:
-    found = search("value-never-believed", 1)
+def test_calm_day_finds_a_value_that_is_never_trusted() -> None:
+    found = search("value-never-trusted", 1)
     assert found.time_ns is not None
     assert found.time_ns < 60 * SECOND
     assert "but does not send it" in found.message

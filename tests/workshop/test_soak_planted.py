@@ -121,9 +121,10 @@ def test_emcy_with_its_entry_is_told(entered_ms: int) -> None:
     assert not waiting.due(2000 * MS)
 
 
-def test_entry_of_an_older_emcy_does_not_count() -> None:
+def test_entry_of_an_older_emcy_counts_only_while_it_is_not_acknowledged() -> None:
+    pending(5000).read(5400 * MS, 0, [0x8130, *NOTHING[1:]], [1000, *NOTHING[1:]])
     with pytest.raises(ViolationError):
-        pending(5000).read(5400 * MS, 0, [0x8130, *NOTHING[1:]], [1000, *NOTHING[1:]])
+        pending(5000).read(5400 * MS, 0, [*NOTHING[:8], 0x8130, *NOTHING[9:]], [*NOTHING[:8], 1000, *NOTHING[9:]])
 
 
 def test_emcy_waits_for_its_bound_and_without_error_register_is_a_warning() -> None:

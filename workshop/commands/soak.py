@@ -61,7 +61,7 @@ def soak(
     elif until is not None:
         _play_until(console, seed, int(until * SECOND), axes, numbers, frames=trace, calm=calm)
     elif calm:
-        _play_calm(console, seed, int(hours * _HOUR_NS), numbers or CALM_TELEGRAMS)
+        _run_calm(console, seed, int(hours * _HOUR_NS), numbers or CALM_TELEGRAMS)
     else:
         _play(console, seed, int(hours * _HOUR_NS), axes, numbers)
 
@@ -101,7 +101,7 @@ def _play(console: Console, seed: int, end: int, axes: int, numbers: Sequence[in
     )
 
 
-def _play_calm(console: Console, seed: int, end: int, numbers: Sequence[int]) -> None:
+def _run_calm(console: Console, seed: int, end: int, numbers: Sequence[int]) -> None:
     """Print the table of calm days; exit status 1 at the first violation."""
     typer.echo(table(("telegram", "virtual hours", "tasks", "violations", "virtual s per CPU s"), ()), nl=False)
     for number in numbers:

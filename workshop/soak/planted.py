@@ -141,7 +141,7 @@ def _unguarded(plant: Plant) -> Plant:
 
 
 @contextmanager
-def _never_believed() -> Iterator[None]:
+def _never_trusted() -> Iterator[None]:
     """An object that was sent with every motion is compared again, and the first difference counts."""
     with (
         patch.object(tpdo_check.Place, "confirmed", property(lambda self: False)),
@@ -203,7 +203,7 @@ DEFECTS: Final[Mapping[str, Defect]] = {
         _unguarded(_replaced(interlock, "_LEAVING", Drive.OPERATING)),
     ),
     "quick-stop-coasts": Defect("Quick Stop is sent as Shutdown", _replaced(interlock, "CELLS", _QUICK_STOP_COASTS)),
-    "value-never-believed": Defect("a TPDO that shows every motion counts as not sent", _never_believed, calm=111),
+    "value-never-trusted": Defect("a TPDO that shows every motion counts as not sent", _never_trusted, calm=111),
 }
 """The defects by name."""
 
