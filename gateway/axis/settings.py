@@ -72,6 +72,8 @@ class AxisSettings:
     """Time from 100 % speed to standstill with the drive's own ramps."""
     enter_ns: int = 10 * SECOND
     """Longest time from Enable Operation to Operation Enabled: a brake and the search of the commutation angle take less."""
+    stall_ns: int = 2 * SECOND
+    """An axis that expects the end of its motion and makes no way for this time has stalled."""
     sign_of_life_failures: int = MONITORING_OFF
     """P925: tolerated failures of the PLC's sign of life in succession; 65535: not watched, only answered."""
     jog_speeds_rpm: tuple[Fraction, Fraction] | None = None

@@ -155,6 +155,7 @@ class Case:
             control_lost=ControlLost.HOLD if self.hold else ControlLost.STOP,
             stop_time_ns=STOP_TIME_NS,
             enter_ns=self.tick_ns,
+            stall_ns=self.tick_ns,
             sign_of_life_failures=MONITORING_OFF if self.life is None else self.life,
             cycle_ns=self.tick_ns,
             dsc=DscChoices(DscForm.SPEED, following_window=4096),

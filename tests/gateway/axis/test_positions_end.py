@@ -6,7 +6,7 @@ import pytest
 
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State, StatusBit
-from pdgw.gateway.axis.executors.positions.stall import STALL_NS
+from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.reasons import FaultNumber, Reason
 from tests.gateway.axis.test_halt_continues import (
     ACTIVATE,
@@ -24,7 +24,7 @@ from tests.gateway.axis.test_halt_continues import (
 from tests.support.axis.hand import OFF, ON, OPERATING, Hand
 
 SW_REACHED, SW_TAKEN, FOLLOWING = StatusBit.TARGET_REACHED, StatusBit.MODE_12, StatusBit.MODE_13
-STALLED = STALL_NS // 4_000_000 + 3
+STALLED = AxisSettings().stall_ns // 4_000_000 + 3
 ACKNOWLEDGED, HOME_SET = 0x1000, 0x800
 MDI = {"9": {"SATZANW": 0x8000 | 17}, "111": {}}
 DESELECTED = {"SATZANW": 17}

@@ -74,7 +74,7 @@ class Homing:
         """The end of the homing, in answer to the start."""
         self._turned_ended = False
         """The axis turned while the drive showed that the homing has ended: its bits may be stuck."""
-        self._stall = Stall()
+        self._stall = Stall(executor.settings.stall_ns)
 
     def require_method(self, method: int | None) -> bool:
         """Whether the method exists. One that does not, or None, starts nothing and raises the warning."""

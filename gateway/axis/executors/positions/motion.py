@@ -66,7 +66,7 @@ class MotionExecutor(Executor):
         """Target reached, in answer to the setpoint that the drive executes."""
         self._blocked = False
         """A setpoint waits for the drive to clear its last acknowledge."""
-        self._stall = Stall()
+        self._stall = Stall(self.settings.stall_ns)
         self._stalled: Reason | None = None
         self._halted = False
         """Halt has stopped a setpoint, and none came since: the drive may continue it when Halt falls."""

@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar, Final
-
-from pdgw.durations import SECOND
-
-STALL_NS: Final = 2 * SECOND
-"""An axis that expects the end of its motion and makes no way for this time has stalled."""
 
 
 class Stall:
     """Call ``step`` once per cycle. Way counts, not speed: a slow task is always inside the standstill window."""
 
-    INSTANTS: ClassVar[Mapping[str, int]] = {"_since": STALL_NS}
+    __slots__ = ("_highest", "_lowest", "_since", "_time")
 
-    __slots__ = ("_highest", "_lowest", "_since")
-
-    def __init__(self) -> None:
+    def __init__(self, time_ns: int) -> None:
+        self._time = time_ns
         self._since = -1
         """When the axis made way last, monotonic ns; -1: nothing is expected."""
         self._lowest = self._highest = 0
         """Positions since: encoder noise stays between them."""
+
+    @property
+    def INSTANTS(self) -> Mapping[str, int]:  # noqa: N802 (as in classes with the same ages for every axis)
+        """See ``gateway.axis.checkpoint``."""
+        return {"_since": self._time}
 
     def step(self, expects: bool, position: int, now: int) -> bool:
         """One cycle; True for a stalled axis. ``expects``: the axis is at standstill, and its motion has not ended."""
@@ -33,4 +31,4 @@ class Stall:
         elif not self._lowest <= position <= self._highest:
             self._since = now
             self._lowest, self._highest = min(position, self._lowest), max(position, self._highest)
-        return self._since >= 0 and now - self._since >= STALL_NS
+        return self._since >= 0 and now - self._since >= self._time
