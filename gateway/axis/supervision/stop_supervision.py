@@ -43,6 +43,7 @@ class StopWatch:
     __slots__ = (
         "_began",
         "_braked",
+        "_ignored",
         "_ignored_since",
         "_nmt_stopped",
         "_nmt_tried",
@@ -70,8 +71,9 @@ class StopWatch:
         """When the stop was commanded first, or the speed of a drive without power fell last."""
         self._speed = 0
         """The speed from which the drive brakes."""
+        self._ignored: State | None = None
         self._ignored_since = -1
-        """Since when the drive shows a state that must end; -1 while it does not."""
+        """Since when the drive shows this state, which must end; -1 while it does not."""
         self._braked = 0
         self._nmt_stopped = False
         """The node has reported NMT Stopped. The next bring-up ends this state."""
@@ -126,8 +128,8 @@ class StopWatch:
         disobeys = limit in _BRAKES and speed > max(window, self._allowed(now))
         if state not in _MUST_END.get(limit, ()):
             self._ignored_since = -1
-        elif self._ignored_since < 0:
-            self._ignored_since = now
+        elif self._ignored_since < 0 or state is not self._ignored:
+            self._ignored, self._ignored_since = state, now
         elif now - self._ignored_since > self._reaction:
             disobeys = True
         if disobeys:

@@ -292,3 +292,13 @@ def test_shaft_that_does_not_slow_down_without_power_is_a_warning(state: State, 
             feedback.velocity_actual = int(0.99 * feedback.velocity_actual)
     assert numbers(bench).count(FaultNumber.TURNS_OFF) == (not slows)
     assert bench.stepper.machine.outputs.brake is Brake.NONE
+
+
+def test_each_state_that_must_end_has_its_own_time() -> None:
+    """A drive that has left operation is not stopped by NMT for the time that it needed for that."""
+    watch = StopWatch(REACTION, AxisSettings().stop_time_ns)
+    assert not watch.step(Limit.STOP, State.OPERATION_ENABLED, *(True, False, 0, 10, 0))
+    assert not watch.step(Limit.STOP, State.OPERATION_ENABLED, *(True, False, 0, 10, REACTION))
+    assert not watch.step(Limit.OFF, State.QUICK_STOP_ACTIVE, *(True, False, 0, 10, REACTION + 1))
+    assert not watch.step(Limit.OFF, State.QUICK_STOP_ACTIVE, *(True, False, 0, 10, 2 * REACTION))
+    assert watch.step(Limit.OFF, State.QUICK_STOP_ACTIVE, *(True, False, 0, 10, 2 * REACTION + 2))
