@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web client recording peers tools workshop
+ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web client recording peers tools
 
 .PHONY: demo demo-profinet test test-paused tour test-can test-plc lint format bench counts fuzz limit-cycles soak calm planted walk walk-all docs screenshots site compiled test-compiled bench-compiled pins wheels wheels-docker release clean
 
@@ -60,11 +60,11 @@ format: $(STAMP)
 	$(BIN)/ruff format .
 
 bench: $(STAMP)
-	$(BIN)/python -m pdgw.workshop bench
+	$(BIN)/python -m tests.long bench
 
 # Processor instructions of an axis cycle, compared with the golden ones of this Python; `make test` compares bytecodes and system calls.
 counts: $(STAMP)
-	$(BIN)/python -m pdgw.workshop.counts.instructions
+	$(BIN)/python -m tests.long.counts.instructions
 
 # The same sources with the cyclic path compiled by mypyc (a C compiler is needed): into build/compiled, beside the editable install.
 COMPILED := build/compiled
@@ -80,7 +80,7 @@ test-compiled: compiled
 	$(WITH_COMPILED) $(BIN)/pytest $(TOGETHER) --import-mode=append
 
 bench-compiled: compiled
-	$(WITH_COMPILED) $(BIN)/python -m pdgw.workshop bench
+	$(WITH_COMPILED) $(BIN)/python -m tests.long bench
 
 # 10,500,000 damaged inputs (so many to each of seven tests), and 20,000 of hypothesis to each of the others.
 INPUTS ?= 1500000
@@ -97,30 +97,30 @@ limit-cycles: $(STAMP)
 soak: BUILD := soak
 soak: COMPILED := build/soak
 soak: compiled
-	$(WITH_COMPILED) $(BIN)/python -m pdgw.workshop soak --hours 24 --axes 2
+	$(WITH_COMPILED) $(BIN)/python -m tests.long soak --hours 24 --axes 2
 
 calm: BUILD := soak
 calm: COMPILED := build/soak
 calm: compiled
-	$(WITH_COMPILED) $(BIN)/python -m pdgw.workshop soak --calm --hours 24
+	$(WITH_COMPILED) $(BIN)/python -m tests.long soak --calm --hours 24
 
 # Each planted defect and the virtual time until the soak finds it.
 planted: $(STAMP)
-	sed -i '/^| what is broken/,$$d' tests/workshop/planted-defects.md
-	$(BIN)/python -m pdgw.workshop soak --planted --seed 1 >> tests/workshop/planted-defects.md
+	sed -i '/^| what is broken/,$$d' tests/long/planted-defects.md
+	$(BIN)/python -m tests.long soak --planted --seed 1 >> tests/long/planted-defects.md
 
 # Every state that a PLC, a loss and a lying drive can bring an axis to, and the handshakes of a positioner: every telegram and
 # every setting in some minutes; all settings with all telegrams, homing, jog and every kind of drive in some hours.
 walk: $(STAMP)
-	$(BIN)/python -m pdgw.workshop.walk
+	$(BIN)/python -m tests.long.walk
 
 walk-all: $(STAMP)
-	$(BIN)/python -m pdgw.workshop.walk --all
+	$(BIN)/python -m tests.long.walk --all
 
 docs: $(STAMP)
-	$(BIN)/python -m pdgw.workshop.walk --short --figures docs/walk.txt
-	$(BIN)/python -m pdgw.workshop.documents.tables
-	$(BIN)/python -m pdgw.workshop.documents.commands
+	$(BIN)/python -m tests.long.walk --short --figures docs/walk.txt
+	$(BIN)/python -m tests.long.documents.tables
+	$(BIN)/python -m tests.long.documents.commands
 	$(BIN)/python -m tests.support.documents.plc_blocks
 	$(BIN)/python -m tests.support.documents.plc_timing
 	$(BIN)/python -c "from tests.support.documents import statements; statements.write()"
@@ -131,7 +131,7 @@ docs: $(STAMP)
 # The pictures of the page in docs/: needs Debian's chromium.
 screenshots: $(STAMP)
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[browser]'
-	$(BIN)/python -m pdgw.workshop.documents.screenshots docs/page
+	$(BIN)/python -m tests.long.documents.screenshots docs/page
 
 # The documents and the API reference as a web site in build/site.
 site: $(STAMP)
@@ -198,7 +198,7 @@ release: $(STAMP) $(WHEELS)
 	.ci/install build/installed $(BIN)/python --find-links $(RELEASE) profidrive-gateway
 	$(BIN)/cyclonedx-py environment --pyproject $(TREE)/pyproject.toml --output-reproducible --spec-version 1.6 \
 		-o $(RELEASE)/profidrive-gateway.cdx.json build/installed/bin/python
-	$(BIN)/python -m pdgw.workshop.release $(RELEASE)
+	$(BIN)/python -m tests.long.release $(RELEASE)
 	cd $(RELEASE) && sha256sum * > SHA256SUMS && cat SHA256SUMS
 
 clean:

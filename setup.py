@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 from setuptools import Extension, setup
-from setuptools.command.build_py import build_py
 
 COMPILED = (
     "ds301/bus/can_frame.py",
@@ -89,10 +88,6 @@ SOAK = (
     "peers/world/udp.py",
     "profidrive/encoder.py",
     "profidrive/measuring.py",
-    "workshop/soak/emcy_check.py",
-    "workshop/soak/soak_run.py",
-    "workshop/soak/watch.py",
-    "workshop/soak/words.py",
 )
 """Patterns of what else a soak runs in every cycle. ``PDGW_COMPILED=soak`` compiles it too, for no wheel of a release."""
 TREE = Path("build/mypyc")
@@ -148,18 +143,7 @@ def extensions() -> list[Any]:
     return made
 
 
-class BuildProduct(build_py):
-    """A wheel without the workshop, which an editable installation and the build for a soak have."""
-
-    def run(self) -> None:
-        """Leaves out its packages."""
-        if not self.editable_mode and BUILD != "soak":
-            self.packages = [name for name in self.packages or () if not name.startswith("pdgw.workshop")]
-        super().run()
-
-
 setup(
-    cmdclass={"build_py": BuildProduct},
     setup_requires=["mypy>=1.13"] if WANTED else [],
     ext_modules=[*(extensions() if WANTED else []), *([ENGINE] if NATIVE else [])],
     options={"bdist_wheel": {"py_limited_api": "cp311"}} if NATIVE and not WANTED else {},

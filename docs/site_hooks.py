@@ -18,8 +18,8 @@ import pdgw
 
 _ROOT = Path(__file__).parent.parent
 _SETUPTOOLS = tomllib.loads((_ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
-_ROOMS = [folder for folder in _SETUPTOOLS["package-dir"].values() if folder not in ("pdgw", "workshop")]
-"""Packages with a page of the API reference; the workshop is not installed, so it is no part of it."""
+_ROOMS = [folder for folder in _SETUPTOOLS["package-dir"].values() if folder != "pdgw"]
+"""Packages with a page of the API reference."""
 _FOLDERS = {"examples": "python", "tools/scenarios": "yaml", "docs/measured": "text"}
 """Folders the documents link to, each a page with its files."""
 _BESIDE = ("CHANGELOG.md", "CONTRIBUTING.md")

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.workshop.release import modules
+from tests.long.release import modules
 from tests.support.documents.sources import statements
 
 ROOT = Path(__file__).parents[1]

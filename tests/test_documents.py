@@ -12,11 +12,11 @@ import pytest
 from typer.main import get_command
 
 from pdgw.tools.cli import app
-from pdgw.workshop.__main__ import app as workshop
+from tests.long.__main__ import app as workshop
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
-PROGRAMS = {"pdgw": app, "python -m pdgw.workshop": workshop}
+PROGRAMS = {"pdgw": app, "python -m tests.long": workshop}
 _PROGRAM = "|".join(map(re.escape, PROGRAMS))
 INLINE = re.compile(rf"`((?:{_PROGRAM}) [^`]+)`")
 BLOCK = re.compile(rf"^(?: {{4,}}| *\$ )((?:{_PROGRAM}) .+)$", re.MULTILINE)

@@ -44,7 +44,7 @@ def optional() -> set[tuple[str, str, bool]]:
     """Each import of a package that a plain installation does not have: file, package, whether in a ``try``."""
     return {
         (path.relative_to(ROOT).as_posix(), package, tried)
-        for room in set(ROOMS) - {"workshop"}
+        for room in ROOMS
         for path in (ROOT / room).rglob("*.py")
         for package, tried in imports(path)
         if package not in NOT_OPTIONAL

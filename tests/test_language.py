@@ -29,7 +29,7 @@ OLD_NAMES: Final[list[str]] = _DATA["names"]["old"]
 """Names with a word of the list, to be renamed with the next change of their module. No name is added."""
 PACKAGES: Final = (
     *("client", "decoder", "ds301", "dsp402", "dsp406", "gateway", "pdgw"),
-    *("peers", "profidrive", "profinet", "recording", "tools", "web", "workshop"),
+    *("peers", "profidrive", "profinet", "recording", "tools", "web", "tests/long"),
 )
 _WORDS: Final = 3
 """A literal with fewer words is a name or a key."""
@@ -115,11 +115,16 @@ def test_the_help_has_no_word_of_the_list(name: str) -> None:
 
 
 @cache
+def sources_of(package: str) -> list[Path]:
+    """The modules of a package without its tests."""
+    return sorted(path for path in (ROOT / package).rglob("*.py") if not path.name.startswith("test_"))
+
+
 def messages(package: str) -> list[tuple[str, str]]:
     """The texts of a package, each with its place."""
     return [
         (f"{path.relative_to(ROOT)}:{line}", text)
-        for path in sorted((ROOT / package).rglob("*.py"))
+        for path in sources_of(package)
         for line, text in literals(path.read_text("utf-8"))
     ]
 
@@ -146,7 +151,7 @@ def notes(package: str) -> list[tuple[str, str]]:
     """The docstrings and comments of a package, each with its place."""
     return [
         (f"{path.relative_to(ROOT)}:{line}", text)
-        for path in sorted((ROOT / package).rglob("*.py"))
+        for path in sources_of(package)
         for read in (docstrings, comments)
         for line, text in read(path.read_text("utf-8"))
     ]
@@ -178,7 +183,7 @@ def test_names_have_no_word_of_the_list() -> None:
     found = {
         name: wrong
         for package in PACKAGES
-        for path in (ROOT / package).rglob("*.py")
+        for path in sources_of(package)
         for name in names(path)
         if (wrong := found_in(name))
     }

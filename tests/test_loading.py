@@ -94,7 +94,7 @@ _OF_COMMANDS = (
         "pdgw.peers",
         "pdgw.profinet.device",
         "pdgw.web",
-        "pdgw.workshop",
+        "tests.long",
     ),
 )
 _WORDS_OF_HELP = {"pdgw.peers", "pdgw.peers.option_values"}

@@ -19,7 +19,7 @@ import pdgw
 from pdgw.ds301.errors import CanopenError
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.workshop.bench.decoding.captures import write_capture
+from tests.long.bench.decoding.captures import write_capture
 from tests.support.gateways.daemon import axis, configuration, reached, serving
 
 ROOT = Path(__file__).parents[1]
@@ -146,7 +146,7 @@ def test_public_names_are_the_original_objects() -> None:
     assert pdgw.telegram(1).setpoints.names == ("STW1", "NSOLL_A")
     assert (pdgw.GatewayError, pdgw.CanopenError, pdgw.ProfidriveError) == (GatewayError, CanopenError, ProfidriveError)
     with pytest.raises(AttributeError, match="Unknown"):
-        pdgw.Unknown  # type: ignore[attr-defined]  # noqa: B018
+        pdgw.Unknown  # noqa: B018
 
 
 # -- examples ---------------------------------------------------------------------------------------------------------

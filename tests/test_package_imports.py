@@ -120,18 +120,6 @@ ROWS = {
     "tools.output": f"{_FIELD} gateway",
     "tools.plc": f"{_FIELD} gateway",
     "tools.service": f"{_FIELD} gateway decoder recording peers",
-    "workshop": _ALL,
-    "workshop.bench": _ALL,
-    "workshop.bench.decoding": _ALL,
-    "workshop.bench.measuring": f"{_FIELD} gateway peers",
-    "workshop.bench.processes": _ALL,
-    "workshop.bench.profinet": f"{_ALL} workshop.bench.measuring workshop.bench.processes",
-    "workshop.commands": f"{_ALL} workshop",
-    "workshop.counts": f"{_FIELD} gateway peers workshop.bench workshop.bench.processes",
-    "workshop.conformance": f"{_FIELD} gateway peers",
-    "workshop.documents": f"{_ALL} workshop.conformance",
-    "workshop.soak": f"{_FIELD} gateway client peers",
-    "workshop.walk": f"{_FIELD} gateway peers",
 }
 """What each package may import beside itself and its sub-packages: other packages with theirs, or single modules."""
 
@@ -210,23 +198,12 @@ BUDGET = {
     "tools.output": 3790,
     "tools.plc": 5726,
     "tools.service": 3294,
-    "workshop": 762,
-    "workshop.bench": 8727,
-    "workshop.bench.decoding": 1724,
-    "workshop.bench.measuring": 2872,
-    "workshop.bench.processes": 2994,
-    "workshop.bench.profinet": 3230,
-    "workshop.commands": 6589,
-    "workshop.counts": 3094,
-    "workshop.conformance": 13265,
-    "workshop.documents": 5381,
-    "workshop.soak": 18501,
-    "workshop.walk": 15237,
-    "beside": 2288,
-    "tests": 561952,
-    "*.c": 579,
+    "beside": 2212,
+    "tests/long": 99749,
+    "tests": 544602,
+    "*.c": 554,
     "*.js": 944,
-    "*.toml": 1033,
+    "*.toml": 476,
 }
 """The code tokens that each package may have, without its sub-packages; the lines that C, JavaScript and TOML may have.
 
@@ -269,13 +246,17 @@ def code_tokens(file: Path) -> int:
 
 def sizes() -> dict[str, int]:
     """The present figure of each row of ``BUDGET``."""
-    tests = list((ROOT / "tests").rglob("*.py"))
+    long = set((ROOT / "tests/long").rglob("*.py"))
+    tests = set((ROOT / "tests").rglob("*.py")) - long
     files = {package: list((ROOT / package.replace(".", "/")).glob("*.py")) for package in ("pdgw", *ROWS)}
     beside = [
         ROOT / "setup.py",
         *(file for room in ("deploy", "docs", "examples") for file in (ROOT / room).rglob("*.py")),
     ]
-    made = {name: sum(map(code_tokens, found)) for name, found in {**files, "beside": beside, "tests": tests}.items()}
+    made = {
+        name: sum(map(code_tokens, found))
+        for name, found in {**files, "beside": beside, "tests/long": long, "tests": tests}.items()
+    }
     rooms = sorted({ROOT / package.partition(".")[0] for package in ROWS})
     for suffix in ("c", "js", "toml"):
         files_of = (file for room in rooms for file in room.rglob(f"*.{suffix}") if "vendor" not in file.parts)
@@ -343,13 +324,15 @@ def test_gateway_decoder_and_peers_use_no_library_of_the_page() -> None:
 
 
 def test_walk_monitor_imports_neither_power_table_nor_interlock() -> None:
-    known = imports(ROOT / "workshop" / "walk" / "monitor.py")
+    known = imports(ROOT / "tests" / "long" / "walk" / "monitor.py")
     assert not [name for name in known if name.endswith(("power_table", "interlock"))]
 
 
 def test_test_support_imports_no_tests() -> None:
     shared = {name for file in (ROOT / "tests" / "support").rglob("*.py") for name in imports(file)}
-    of_tests = {name for name in shared if name.startswith("tests.") and not name.startswith("tests.support")}
+    of_tests = {
+        name for name in shared if name.startswith("tests.") and not name.startswith(("tests.support", "tests.long"))
+    }
     assert of_tests <= {"tests.conftest"}
 
 

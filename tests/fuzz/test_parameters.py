@@ -120,7 +120,7 @@ class Memory:
 
 @given(st.binary(max_size=3000), st.data())
 def test_mutated_rpc_packets_are_answered_with_rpc_packets_or_not_at_all(content: bytes, data: st.DataObject) -> None:
-    server = RecordServer(Memory(), 2048)
+    server = RecordServer[object](Memory(), 2048)
     caller = RecordCaller(UUID(int=7), dcerpc.object_uuid(1, 2, 3))
     calls = [caller.write(0, 1, 1, 0xB02F, content), caller.read(0, 1, 1, 0xB02F)]
     for call in calls:

@@ -17,7 +17,7 @@ from pdgw.peers.plc.scenario_file import parse_step, scenario_of
 from pdgw.peers.plc.vocabulary import words_of
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, telegram
-from pdgw.workshop.conformance.telegrams import Case, run_case
+from tests.long.conformance.telegrams import Case, run_case
 
 CYCLE = 4_000_000
 FLOATS = ("mdi_tarpos_f", "mdi_velocity_f", "mdi_acc_f", "mdi_dec_f", "ref_coordinate")

@@ -1,4 +1,4 @@
-"""Commands of ``pdgw`` and of the workshop in this process: what they print, and their exit status."""
+"""Commands of ``pdgw`` and of ``python -m tests.long`` in this process: what they print, and their exit status."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from subprocess import CompletedProcess
 from unittest.mock import patch
 
 from pdgw.tools.cli import main
-from pdgw.workshop.__main__ import app
+from tests.long.__main__ import app
 
 
 def pdgw(*arguments: str, text: str | None = None) -> CompletedProcess[str]:
@@ -20,7 +20,7 @@ def pdgw(*arguments: str, text: str | None = None) -> CompletedProcess[str]:
 
 
 def workshop(*arguments: str) -> CompletedProcess[str]:
-    """Run a command of ``python -m pdgw.workshop`` to its end."""
+    """Run a command of ``python -m tests.long`` to its end."""
     return _run(partial(main, app), arguments, None)
 
 

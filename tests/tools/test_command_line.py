@@ -23,9 +23,9 @@ from pdgw.phrases import counted
 from pdgw.tools import commands
 from pdgw.tools.cli import app
 from pdgw.tools.command_table import COMMANDS, EXAMPLES, SIM_COMMANDS, Command, Entry, Group
-from pdgw.workshop import commands as workshop_commands
-from pdgw.workshop.__main__ import COMMANDS as WORKSHOP_COMMANDS
-from pdgw.workshop.__main__ import app as workshop
+from tests.long import commands as workshop_commands
+from tests.long.__main__ import COMMANDS as WORKSHOP_COMMANDS
+from tests.long.__main__ import app as workshop
 
 ENTRIES = [*COMMANDS.items(), *SIM_COMMANDS.items(), *WORKSHOP_COMMANDS.items()]
 _HELPERS = {"__init__", "options"}
@@ -55,7 +55,7 @@ EVERY = [
 
 
 def invoke(name: str, *arguments: str) -> Result:
-    """Call a command of ``pdgw`` or of the workshop by its name in ``EVERY``."""
+    """Call a command of ``pdgw`` or of the long tests by its name in ``EVERY``."""
     program = workshop if name.partition(" ")[0] in WORKSHOP_COMMANDS else app
     return CliRunner().invoke(program, [*name.split(), *arguments])
 

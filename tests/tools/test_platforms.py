@@ -19,8 +19,8 @@ from typer.main import get_command
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status_client import fetch
-from pdgw.workshop.commands import bench
 from tests.decoder.replay.test_replay import speed
+from tests.long.commands import bench
 from tests.support.axis.rig import NODE
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.processes import PATIENT, free_tcp_port, free_udp_port, running
@@ -70,14 +70,14 @@ run()
 _RUN_EACH = """
 from pdgw.__main__ import run
 from pdgw.tools.cli import main
-from pdgw.workshop.__main__ import app
+from tests.long.__main__ import app
 for line in sys.stdin:
     sys.argv = ["pdgw", *line.rstrip("\\n").split("\\t")]
     print("\\0", end="")
     sys.stderr.write("\\0")
     status = 0
     try:
-        if sys.argv[1] == "workshop":
+        if sys.argv[1] == "long":
             del sys.argv[1]
             main(app)
         else:
@@ -141,8 +141,8 @@ def test_files_are_decoded_and_unsupported_functions_are_reported(
         ("sim", "bus", "--example"),
         ("map", "--gsdml", str(tmp_path)),
         ("drives", "epos4"),
-        ("workshop", "conformance", "faults", "deaf"),
-        ("workshop", "soak", "--hours", "0.001"),
+        ("long", "conformance", "faults", "deaf"),
+        ("long", "soak", "--hours", "0.001"),
         ("trace", "list"),
     )
     profinet = tmp_path / "profinet.toml"

@@ -19,7 +19,7 @@ from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.commands.simulation.plc import Output
 from pdgw.tools.output.reports import Check, Report, figures
-from pdgw.workshop.commands.conformance import faults
+from tests.long.commands.conformance import faults
 from tests.support.cli import pdgw
 
 CHECKS = (

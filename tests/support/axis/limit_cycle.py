@@ -20,7 +20,7 @@ from pdgw.peers.drive import Latency, SimulatedDrive
 from pdgw.peers.plc.exchange.cycling import CyclingPlc
 from pdgw.peers.world import World
 from pdgw.profidrive.telegrams import telegram
-from pdgw.workshop.soak.plan import POSITIONER
+from tests.long.soak.plan import POSITIONER
 
 TRANSPARENT = 100
 WATCHED_NS = 900 * MS

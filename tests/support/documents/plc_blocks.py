@@ -9,7 +9,7 @@ from pdgw.profidrive.telegrams import TELEGRAMS
 from pdgw.tools.plc.declarations import Declared, declarations
 from pdgw.tools.plc.library import axis_block, block_name, telegram_block, template
 from pdgw.tools.plc.motion import has_axis, motion_blocks
-from pdgw.workshop.documents.markdown import table
+from tests.long.documents.markdown import table
 from tests.support.documents.plc_timing import FOLDER, PICTURES
 
 _DOCS = Path(__file__).parents[3] / "docs"

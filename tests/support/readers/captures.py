@@ -18,7 +18,7 @@ from pdgw.profinet.rpc.client import RecordCaller
 from pdgw.profinet.rpc.dcerpc import object_uuid
 from pdgw.profinet.rpc.records import RECORD_GLOBAL
 from pdgw.profinet.rpc.server import RecordServer
-from pdgw.workshop.bench.decoding.captures import block
+from tests.long.bench.decoding.captures import block
 
 BEGIN_NS = 1_700_000_000_123_456_000
 ETHERNET, SOCKETCAN = 1, 227
@@ -61,7 +61,7 @@ class _Answer:
 
 def parameter_packets(exchanges: Sequence[tuple[bytes, bytes]]) -> list[bytes]:
     """Ethernet frames that write each parameter request and read its response."""
-    server = RecordServer(_Answer([answer for _, answer in exchanges]), 4096)
+    server = RecordServer[object](_Answer([answer for _, answer in exchanges]), 4096)
     # With the nil UUID tshark 4.0 expects a target AR in the write block too and calls the packet malformed.
     caller = RecordCaller(UUID(int=7), object_uuid(1, 1, 0x400), UUID(int=1))
     packets = []

@@ -1,0 +1,206 @@
+"""Ideal drives in a separate process: they answer each RPDO of telegram 1 at once with a prepared TPDO.
+
+They report each new NMT state at once. ``python -m tests.long.bench.processes.drives AXES [INTERFACE ...]`` prints the
+channels of its buses with up to three drives each: CAN interfaces of the kernel, without them loopback buses. Commands on
+standard input: ``mark`` starts counting, ``report`` prints the counts as JSON; the end of the input ends the process.
+Simulated drives handle everything but RPDOs. An SDO upload that one of them answered in one frame before is answered from
+memory.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import selectors
+import socket
+import struct
+import sys
+import time
+from collections.abc import Callable, Sequence
+
+from pdgw.ds301.bus.can_frame import CAN_FRAME, pack_frame, unpack_frame
+from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE
+from pdgw.ds301.pdo import Pdo
+from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
+from pdgw.dsp402.indices import POSITION_ACTUAL
+from pdgw.durations import MS, SECOND
+from pdgw.peers.bus import Hub
+from pdgw.peers.drive import SimulatedDriveNode
+from pdgw.peers.drive.model.motion import increments_per_second
+
+PER_BUS = 3
+"""Axes on a 1 Mbit/s bus at 1 kHz: 70 % load."""
+_STATUS_OF_COMMAND = {0x06: 0x0231, 0x07: 0x0233, 0x0F: 0x0637}
+_SWITCH_ON_DISABLED = 0x0250
+_COMMAND = 0xFF
+_ENABLE_OPERATION = 0x0F
+_SERVICE, _NODE = 0x780, 0x7F
+_TPDO, _RPDO = 0x180, 0x200
+_UPLOAD, _EXPEDITED_MASK, _EXPEDITED_UPLOAD = 0x40, 0xE2, 0x42
+_POLL_NS = 20 * MS
+_POSITION_QUERY, _POSITION_ANSWER = struct.Struct("<BHB"), struct.Struct("<BHBi")
+_POSITION_REQUEST = _POSITION_QUERY.pack(_UPLOAD, POSITION_ACTUAL, 0)
+_POSITION_RESPONSE = 0x43
+_UNITS_PER_RPM = 2
+"""Units of 60FFh per rpm."""
+
+
+def buses(axes: int) -> list[int]:
+    """Number of drives on each bus."""
+    return [min(PER_BUS, axes - first) for first in range(0, axes, PER_BUS)]
+
+
+class KernelBus:
+    """A CAN interface of the kernel while ``readers`` are served. OSError if there is no interface with this name."""
+
+    def __init__(self, readers: selectors.BaseSelector, channel: str) -> None:
+        self.channel = channel
+        self._socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+        self._socket.bind((channel,))
+        self._readers = readers
+
+    def attach(self, receive: Callable[[bytes], None]) -> Callable[[bytes], object]:
+        self._readers.register(self._socket, selectors.EVENT_READ, lambda: receive(self._socket.recv(CAN_FRAME.size)))
+        return self._socket.send
+
+
+class IdealDrives:
+    """The drives of one bus, node-IDs 1 to ``count``. ``rpdos``: number of RPDOs received by each.
+
+    ``log``: (monotonic nanoseconds, target velocity) of every RPDO of the last drive, which is served last in a cycle.
+    """
+
+    def __init__(self, bus: Hub | KernelBus, count: int) -> None:
+        self._send = bus.attach(self._receive)
+        self._nodes = [SimulatedDriveNode(node, self._from_node) for node in range(1, count + 1)]
+        self._ideal: dict[int, tuple[Pdo, Pdo]] = {}
+        """RPDO and TPDO by node-ID, of drives that answer. The other drives send their first TPDO by themselves."""
+        self._command, self._feedback = DriveCommand(), DriveFeedback()
+        self._uploads: dict[int, dict[bytes, bytes]] = {node.node_id: {} for node in self._nodes}
+        """Answers to uploads by node-ID, until a write."""
+        self._shafts = [(0, 0.0, 0.0)] * (count + 1)
+        """By node-ID: a time, the position at this time and the speed since then, in increments."""
+        self._asked: bytes | None = None
+        self.rpdos = [0] * count
+        self.log: list[tuple[int, int]] = []
+        self._last = count
+        for node in self._nodes:
+            node.start(time.monotonic_ns())
+
+    def mark(self) -> None:
+        """Start counting."""
+        self.rpdos = [0] * len(self.rpdos)
+        self.log = []
+
+    def poll(self, now: int) -> None:
+        """Send the heartbeats that are due."""
+        for node in self._nodes:
+            node.poll(now)
+
+    def _from_node(self, can_id: int, data: bytes) -> None:
+        frame = pack_frame(can_id, data)
+        if (
+            self._asked is not None
+            and can_id & _SERVICE == SDO_RESPONSE
+            and data[0] & _EXPEDITED_MASK == _EXPEDITED_UPLOAD
+        ):
+            self._uploads[can_id & _NODE][self._asked] = frame
+        if can_id & _SERVICE != _TPDO or can_id & _NODE not in self._ideal:
+            self._send(frame)
+
+    def _receive(self, frame: bytes) -> None:
+        can_id, _, data = CAN_FRAME.unpack(frame)
+        if can_id & _SERVICE == _RPDO:
+            now = time.monotonic_ns()
+            node, command, feedback = can_id & _NODE, self._command, self._feedback
+            rpdo, tpdo = self._ideal.get(node) or self._begin(node)
+            rpdo.unpack_into(data, command)
+            word, velocity = command.controlword & _COMMAND, command.target_velocity
+            feedback.statusword = _STATUS_OF_COMMAND.get(word, _SWITCH_ON_DISABLED)
+            feedback.velocity_actual = velocity if word == _ENABLE_OPERATION else 0
+            self._send(CAN_FRAME.pack(_TPDO + node, tpdo.size, tpdo.pack(feedback)))
+            speed = increments_per_second(feedback.velocity_actual / _UNITS_PER_RPM)
+            self._shafts[node] = now, self._position(node, now), speed
+            self.rpdos[node - 1] += 1
+            if node == self._last:
+                self.log.append((now, velocity))
+            return
+        if can_id & _SERVICE == SDO_REQUEST and (answers := self._uploads.get(can_id & _NODE)) is not None:
+            if data[0] != _UPLOAD:
+                answers.clear()
+            elif data[: _POSITION_QUERY.size] == _POSITION_REQUEST and can_id & _NODE in self._ideal:
+                position = round(self._position(can_id & _NODE, time.monotonic_ns()))
+                said = _POSITION_ANSWER.pack(_POSITION_RESPONSE, POSITION_ACTUAL, 0, position)
+                self._send(pack_frame(SDO_RESPONSE + (can_id & _NODE), said))
+                return
+            elif (known := answers.get(frame)) is not None:
+                self._send(known)
+                return
+        if can_id == NMT:
+            self._ideal.pop(data[1], None)
+        self._asked = frame if can_id & _SERVICE == SDO_REQUEST and data[0] == _UPLOAD else None
+        identifier, content = unpack_frame(frame)
+        for drive in self._nodes:
+            drive.receive(identifier, content, time.monotonic_ns())
+            if can_id == NMT:
+                # Without this the next heartbeat would report it, and the measured start time would depend on the
+                # heartbeat's phase.
+                self._send(pack_frame(ERROR_CONTROL + drive.node_id, bytes([drive.state])))
+        self._asked = None
+
+    def _position(self, node: int, now: int) -> float:
+        """Position of the shaft. It turns with the speed of 606Ch, because the gateway compares both."""
+        since, position, speed = self._shafts[node]
+        return position + speed * (now - since) / SECOND
+
+    def _begin(self, node: int) -> tuple[Pdo, Pdo]:
+        """From now on the drive is ideal, with the PDOs it was configured with."""
+        drive = self._nodes[node - 1]
+        rpdo, tpdo = drive.pdo(_RPDO + node), drive.pdo(_TPDO + node)
+        assert rpdo is not None, "the gateway sends what it mapped"
+        assert tpdo is not None, "the gateway waited for it"
+        self._ideal[node] = rpdo, tpdo
+        return rpdo, tpdo
+
+
+def _serve(selector: selectors.BaseSelector, drives: Sequence[IdealDrives]) -> None:
+    selector.register(sys.stdin.fileno(), selectors.EVENT_READ)
+    step = _POLL_NS // len(drives)
+    due, turn = time.monotonic_ns(), 0
+    while True:
+        for key, _ in selector.select(max(0, due - time.monotonic_ns()) / SECOND):
+            if key.data is not None:
+                key.data()
+                continue
+            text = os.read(sys.stdin.fileno(), 4096).decode()
+            if not text:
+                return
+            for command in text.split():
+                if command == "mark":
+                    for item in drives:
+                        item.mark()
+                    print("marked", flush=True)
+                else:
+                    report = {"rpdos": [count for item in drives for count in item.rpdos], "log": drives[-1].log}
+                    print(json.dumps(report), flush=True)
+        now = time.monotonic_ns()
+        if now >= due:
+            drives[turn].poll(now)
+            turn = (turn + 1) % len(drives)
+            due = max(due + step, now)
+
+
+def main() -> None:
+    """Serve the buses."""
+    selector = selectors.DefaultSelector()
+    counts, interfaces = buses(int(sys.argv[1])), sys.argv[2:]
+    on: Sequence[Hub | KernelBus] = [KernelBus(selector, name) for name in interfaces] or [
+        Hub(selector) for _ in counts
+    ]
+    drives = [IdealDrives(bus, count) for bus, count in zip(on, counts, strict=True)]
+    print(*(bus.channel for bus in on), flush=True)
+    _serve(selector, drives)
+
+
+if __name__ == "__main__":
+    main()

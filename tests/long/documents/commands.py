@@ -1,0 +1,83 @@
+"""Generate ``docs/commands.md``: every command with the first line of its help."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from pdgw.tools.command_table import COMMANDS
+from tests.long.documents.markdown import table
+
+COMMANDS_PATH: Final = Path(__file__).parents[3] / "docs" / "commands.md"
+_GUIDES: Final[Mapping[str, str]] = {
+    "run": "service.md",
+    "bus": "commissioning.md",
+    "axis": "commissioning.md",
+    "map": "plc.md",
+    "status": "axis-does-not-move.md",
+    "explain": "axis-does-not-move.md",
+    "trace": "flight-recorder.md",
+    "web": "web.md",
+    "param": "parameter-channel.md",
+    "decode": "decoder-schema.md",
+    "timeline": "timeline.md",
+    "replay": "timeline.md",
+    "drives": "drives.md",
+    "sim plc": "plc-simulator.md",
+    "sim bus": "simulated-buses.md",
+    "sim inject": "misbehaviour.md",
+    "demo": "demo.md",
+}
+"""The document of a command or of its group."""
+_INTRODUCTION: Final = """\
+# Commands
+
+Generated from the commands by `make docs`; do not edit.
+
+`pdgw COMMAND --help` (or `-h`) describes the options of a command. `pdgw --install-completion` adds completion to
+your shell. Examples:
+
+    pdgw --version
+    pdgw config example > gateway.toml      # a commented configuration
+    pdgw param read P922 6041h 0x1018.3
+    pdgw decode plc.pcap --filter 'stw1.on == 0 and axis == 1'
+    pdgw timeline plc.pcap can.log
+    pdgw replay plc.pcap can.log
+
+`pdgw run --web` also starts the [page](web.md), `pdgw run --record FOLDER` a recording of both buses.
+
+"""
+_WORKSHOP: Final = """\
+
+## Workshop
+
+`python -m tests.long COMMAND` needs a checkout of the repository with `pip install -e .`; the wheel does not contain it.
+Commands: `bench` ([benchmarks](benchmarks.md)), `soak` ([soak](soak.md)), `conformance` ([faults](misbehaviour.md), [simulated
+drives](drives.md#simulated-drives), telegrams) and `loop` ([loop closed by the PLC](motion.md#a-loop-closed-by-the-plc)).
+"""
+
+
+def _commands(command: Any, name: str) -> Iterator[tuple[str, str]]:
+    """Each command with the first line of its help. A group yields its commands."""
+    below = getattr(command, "commands", {})
+    if not below:
+        yield name, (command.help or "").strip().partition("\n")[0]
+    for word, item in below.items():
+        yield from _commands(item, f"{name} {word}")
+
+
+def _guide(name: str) -> str:
+    document = _GUIDES.get(name) or _GUIDES.get(name.partition(" ")[0], "")
+    return f"[{document}]({document})" if document else ""
+
+
+def generate_commands() -> str:
+    """Generate the document."""
+    commands = (found for name, entry in COMMANDS.items() for found in _commands(entry.load(name), name))
+    rows = ((f"`pdgw {name}`", text, _guide(name)) for name, text in commands)
+    return _INTRODUCTION + table(("command", "purpose", "document"), rows) + _WORKSHOP
+
+
+if __name__ == "__main__":
+    COMMANDS_PATH.write_text(generate_commands(), encoding="utf-8")

@@ -1,0 +1,514 @@
+"""Documents generated from the declarations: tables, faults of devices, power table, words of the PLC simulator.
+
+``python -m tools.doctables`` (``make docs``) writes the files. A test fails when one is out of date.
+"""
+
+from __future__ import annotations
+
+import ast
+import enum
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from pdgw.ds301.aborts import ABORT_TEXTS, abort_text
+from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.pdo.layouts import LAYOUTS, with_objects
+from pdgw.dsp402.states import COMMAND_TRANSITIONS, STATUS_PATTERNS
+from pdgw.dsp406.faults import ENCODER_EMCY
+from pdgw.dsp406.kinds import EncoderType
+from pdgw.dsp406.objects import PROFILE, ProfileObject
+from pdgw.dsp406.registers import Alarm, AreaState, Operating, Warnings
+from pdgw.gateway.axis.demand_report import PowerWish
+from pdgw.gateway.axis.power_states import CONTROLWORDS, LIMIT_TEXTS, Action, Drive, Limit, Phase
+from pdgw.gateway.axis.power_table import ANY_DRIVE, ANY_PHASE, ANY_WISH, LIMITS, ROWS
+from pdgw.gateway.links.profinet.diagnosis import MESSAGE_CLASSES
+from pdgw.gateway.motion.states import MDI_TRANSITIONS, Event, State, Transition
+from pdgw.gateway.motion.states import TRANSITIONS as POSITIONER_TRANSITIONS
+from pdgw.gateway.parameters.guarded import GUARDED
+from pdgw.gateway.parameters.objects import error_of_abort
+from pdgw.gateway.reasons import GATEWAY_FAULTS, Reason
+from pdgw.peers.drive.device import OBJECTS
+from pdgw.peers.drive.family import DRIVE_FAULTS, FAMILY, FAMILY_MODES, HOMING_METHODS
+from pdgw.peers.drive.model.shapes import SHAPES
+from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
+from pdgw.peers.node.misbehaviour import Misbehaviour
+from pdgw.peers.simulation.devices import DEVICE_TYPES
+from pdgw.profidrive.datatypes import UNVERIFIED, DataType
+from pdgw.profidrive.encoder import SENSOR_STATUS, TRANSITIONS, SensorError
+from pdgw.profidrive.parameters.catalogue import PARAMETERS
+from pdgw.profidrive.parameters.errors import ERROR_TEXTS
+from pdgw.profidrive.signals import CATALOGUE, POSITIONER_FORMS, Signal
+from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationClass, Telegram, TelegramHalf, word_positions
+from pdgw.profidrive.words import Bit, Confidence
+from pdgw.profinet.blocks.alarm import MESSAGE_CLASS_TEXTS
+from pdgw.profinet.model import TELEGRAM_IDENT, TELEGRAM_SUBSLOT
+from tests.long.conformance.faults import CASES, Case, Device
+from tests.long.documents.markdown import table
+from tests.long.documents.simulator_words import generate_words
+
+_ROOT = Path(__file__).parents[3]
+_DOCS = _ROOT / "docs"
+PATH = _DOCS / "tables.md"
+MISBEHAVIOUR_PATH = _DOCS / "misbehaviour.md"
+POWER_PATH = _DOCS / "power-table.md"
+_WALK_PATH = _DOCS / "walk.txt"
+"""Result of the walk of ``make docs``."""
+WORDS_PATH = _DOCS / "plc-simulator.md"
+
+
+def _half(half: TelegramHalf) -> str:
+    parts = []
+    for signal, word in zip(half.signals, word_positions(half), strict=True):
+        last = word + signal.words - 1
+        parts.append(f"{word}{f'-{last}' if last > word else ''} {signal.name}")
+    return ", ".join(parts)
+
+
+def _bytes(half: TelegramHalf) -> str:
+    """Offset of each signal in the data of a submodule, and the total length."""
+    offset, parts = 0, []
+    for signal in half.signals:
+        parts.append(f"{offset} {signal.name}")
+        offset += signal.type.size
+    return f"{', '.join(parts)}; {offset} in all"
+
+
+def _marked(text: str, confidence: Confidence) -> str:
+    """Mark a text that fewer than two public sources confirm."""
+    return f"{text} ({confidence.text})" if confidence.text else text
+
+
+def _meaning(bit: Bit) -> str:
+    return _marked(bit.meaning, bit.confidence)
+
+
+def _classes(telegram: Telegram) -> str:
+    return ", ".join(str(item.value) for item in telegram.classes)
+
+
+def _signal_row(signal: Signal) -> Sequence[object]:
+    description = _marked(signal.description, signal.confidence)
+    return signal.name, signal.number or "", signal.type.name, signal.unit, description
+
+
+def _bits(signal: Signal) -> str:
+    rows = []
+    positioning = {bit.position: bit for bit in signal.positioning_bits}
+    for bit in signal.bits:
+        other = positioning.get(bit.position)
+        span = f"{bit.position}-{bit.position + bit.width - 1}" if bit.width > 1 else f"{bit.position}"
+        rows.append((span, bit.name, _meaning(bit), other.name if other else "", _meaning(other) if other else ""))
+    if positioning:
+        return table(("bit", "name", "meaning of 1", "positioning", "meaning of 1 in positioning"), rows)
+    return table(("bit", "name", "meaning of 1"), (row[:3] for row in rows))
+
+
+def _pattern(mask: int, value: int) -> str:
+    bits = "".join("x" if not mask >> n & 1 else str(value >> n & 1) for n in range(7, -1, -1))
+    return f"xxxx xxxx {bits[:4]} {bits[4:]}"
+
+
+def _encoder_types(row: ProfileObject) -> str:
+    if len(row.types) == len(EncoderType):
+        return "all types"
+    types = ", ".join(str(type_.value) for type_ in sorted(row.types))
+    return f"types {types}" + (f", others {row.elsewhere.value}" if row.elsewhere.value else "")
+
+
+def _positioner_telegrams(signal: Signal | None = None) -> str:
+    """The telegrams with a signal in the positioner's form; without a signal, all of these telegrams."""
+    wanted = set(POSITIONER_FORMS.values()) if signal is None else {signal}
+    numbers = [n for n, t in TELEGRAMS.items() if wanted & {*t.setpoints.signals, *t.actuals.signals}]
+    return ", ".join(map(str, numbers))
+
+
+_SIGNAL_HEADER = ("signal", "number", "type", "unit", "meaning")
+_CLASSES = ", ".join(f"{item.value} {item.name.lower()}" for item in ApplicationClass)
+_CONFIDENCE = f"""\
+Class: application class of the profile ({_CLASSES}). Telegrams, signals and bits marked "{Confidence.ONE_SOURCE.text}" rest on
+a single public source; "{Confidence.UNVERIFIED.text}" ones are a choice of this project, for which no public source was
+found. The others have two sources, or are the manufacturer's.
+"""
+
+
+_POSITIONER = """\
+One row of the state that runs is taken in a step: the first whose event is there. Edges of STW1.6 are latched with the data of
+their frame; see docs/motion.md.
+"""
+
+
+_MDI = """\
+Telegram 9 has MDI tasks and homing alone. Homing interrupts a task, and lasts until STW1.11 = 0.
+"""
+
+
+def _positioner(transitions: Mapping[State, Sequence[Transition]]) -> str:
+    """The states of a positioner as a table and a Mermaid diagram, without the end of operation, which leaves every state."""
+    rows = [(state, row) for state, rows in transitions.items() for row in rows]
+    names = {state: state.name.title().replace("_", "") for state in transitions}
+    lines = ["```mermaid", "stateDiagram-v2"]
+    lines += [f"    {name}: {state.value}" for state, name in names.items()]
+    lines += [
+        f"    {names[state]} --> {names[row.target]}: {row.event.value.replace(':', ',')}"
+        for state, row in rows
+        if row.event is not Event.NOT_OPERATING and row.target is not state
+    ]
+    cells = ((state.value, row.event.value, row.target.value, row.action.value) for state, row in rows)
+    return table(("state", "event", "next state", "what is done"), cells) + "\n" + "\n".join([*lines, "```"]) + "\n"
+
+
+def _packages() -> Iterable[Sequence[object]]:
+    """Each package with the first line of its docstring."""
+    project = tomllib.loads((_ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    folders = project["tool"]["setuptools"]["package-dir"].values()
+    for path in sorted(path.parent for folder in folders for path in (_ROOT / folder).rglob("__init__.py")):
+        text = ast.get_docstring(ast.parse((path / "__init__.py").read_text(encoding="utf-8"))) or ""
+        yield f"`{path.relative_to(_ROOT).as_posix()}/`", text.partition("\n")[0].replace("``", "`")
+
+
+def generate() -> str:
+    """Generate the document of the tables."""
+    out = [
+        "# Reference tables\n",
+        "Generated from the declarations by `make docs`; do not edit.\n",
+        "## Telegrams\n",
+        table(
+            ("telegram", "mode", "class", "setpoints (word, signal)", "actual values (word, signal)"),
+            (
+                (
+                    _marked(f"{t.number}", t.confidence),
+                    t.mode.value,
+                    _classes(t),
+                    _half(t.setpoints),
+                    _half(t.actuals),
+                )
+                for t in TELEGRAMS.values()
+            ),
+        ),
+        _CONFIDENCE,
+        "## PROFINET submodules\n",
+        f"Byte offsets in the data of subslot {TELEGRAM_SUBSLOT} of a drive object's slot, big-endian. "
+        "IOPS follows, it is the driver's business.\n",
+        table(
+            ("telegram", "identification", "output (to the drive)", "input (from the drive)"),
+            ((n, f"{TELEGRAM_IDENT + n:08X}h", _bytes(t.setpoints), _bytes(t.actuals)) for n, t in TELEGRAMS.items()),
+        ),
+        "## Signals\n",
+        table(_SIGNAL_HEADER, map(_signal_row, CATALOGUE)),
+        f"In telegrams {_positioner_telegrams()} instead:\n",
+        table(_SIGNAL_HEADER, map(_signal_row, POSITIONER_FORMS.values())),
+    ]
+    for signal in CATALOGUE:
+        if signal.bits:
+            out += [f"### {signal.name}\n", _bits(signal)]
+    for signal in POSITIONER_FORMS.values():
+        if signal.bits:
+            out += [f"### {signal.name} of telegrams {_positioner_telegrams(signal)}\n", _bits(signal)]
+    out += [
+        "## Positioner\n",
+        _POSITIONER,
+        _positioner(POSITIONER_TRANSITIONS),
+        "### Telegram 9\n",
+        _MDI,
+        _positioner(MDI_TRANSITIONS),
+        "## Drive states\n",
+        table(("state", "Statusword"), ((p.state.value, f"`{_pattern(p.mask, p.value)}`") for p in STATUS_PATTERNS)),
+        "## Commands of the Controlword\n",
+        table(
+            ("transition", "from", "command", "to"),
+            ((t.number, t.source.value, t.command.name, t.target.value) for t in COMMAND_TRANSITIONS),
+        ),
+        "## Sensor interface: G1_STW and G1_ZSW\n",
+        table(("state", "event", "next state"), ((s.value, e.value, n.value) for (s, e), n in TRANSITIONS.items())),
+        table(("state", "G1_ZSW"), ((state.value, f"{bits:04X}h") for state, bits in SENSOR_STATUS.items())),
+        "### Error codes in G1_XIST2\n",
+        table(("code", "error"), ((f"{error.value:04X}h", error.name) for error in SensorError)),
+        "## Modes of operation\n",
+        table(("6060h", "mode"), (*FAMILY_MODES.items(), *((mode.value, mode.name) for mode in Mode))),
+        "## Homing methods\n",
+        table(("6098h", "method"), HOMING_METHODS.items()),
+        "## PDO layouts\n",
+        table(
+            ("operation", "PDO", "objects", "bytes"),
+            (
+                (operation.value, pdo, ", ".join(str(entry) for entry in pdo.entries), pdo.size)
+                for operation, needs in LAYOUTS.items()
+                for layout in (with_objects(needs, FAMILY.entries),)
+                for pdo in (*layout.rpdos, *layout.tpdos)
+            ),
+        ),
+        "## Objects a telegram can do without\n",
+        table(
+            ("operation", "object", "without it"),
+            (
+                (operation.value, DRIVE_OBJECTS.attribute(attribute), text)
+                for operation, needs in LAYOUTS.items()
+                for attribute, text in needs.optional.items()
+            ),
+        ),
+        "## Drive objects\n",
+        table(
+            ("index", "sub", "name", "type", "access", "PDO", "unit"),
+            (
+                (f"{e.index:04X}h", e.subindex, e.name, e.type.name, e.access.value, "yes" if e.pdo else "", e.unit)
+                for e in OBJECTS.entries
+            ),
+        ),
+        "## Encoder types\n",
+        table(
+            ("1000h, high word", "type"), ((item.value, item.name.lower().replace("_", " ")) for item in EncoderType)
+        ),
+        "## Encoder objects\n",
+        table(
+            ("index", "name", "type", "access", "PDO", "C1", "C2", "for", "unit"),
+            (
+                (
+                    f"{row.index:04X}h",
+                    row.name,
+                    f"{row.type.name}{' per channel' if row.per_channel else f' x {len(row.fields)}' if row.fields else ''}",
+                    row.access.value,
+                    "yes" if row.pdo else "",
+                    row.c1.value,
+                    row.c2.value,
+                    _encoder_types(row),
+                    row.unit,
+                )
+                for row in PROFILE
+            ),
+        ),
+        "## Bits of the encoder's registers\n",
+        table(
+            ("object", "bit", "meaning"),
+            (
+                (title, bit.value.bit_length() - 1, (bit.name or "").lower().replace("_", " "))
+                for title, bits in (
+                    ("6000h operating parameters", Operating),
+                    ("6400h area state", AreaState),
+                    ("6503h alarms", Alarm),
+                    ("6505h warnings", Warnings),
+                )
+                for bit in bits
+            ),
+        ),
+        "## EMCY error codes of encoders\n",
+        table(("code", "meaning"), ((f"{code:04X}h", text) for code, text in ENCODER_EMCY.items())),
+        "## Fault numbers of the drive (200Ch, P947)\n",
+        table(
+            ("number", "fault", "EMCY code", "channel error"),
+            ((f.number, f.name, f"{f.error_code:04X}h", f.channel_error.text) for f in DRIVE_FAULTS.values()),
+        ),
+        "## Fault numbers of the gateway (P947)\n",
+        table(
+            ("number", "fault", "P945", "kind"),
+            (
+                (f.number, f.name, f"{f.code:04X}h", "warning" if f.is_warning else "fault")
+                for f in GATEWAY_FAULTS.values()
+            ),
+        ),
+        "## Message classes of the diagnosis\n",
+        "By the leading digits of the error code (EMCY, 603Fh); the longest match counts.\n",
+        table(
+            ("error code", "class", "text"),
+            (
+                (digits.ljust(4, "x"), f"{kind:04X}h", MESSAGE_CLASS_TEXTS[kind])
+                for digits, kind in MESSAGE_CLASSES.items()
+            ),
+        ),
+        "## Parameters of the profile\n",
+        table(
+            ("PNU", "name", "type", "access", "of", "unit", "meaning", "elements"),
+            (
+                (
+                    spec.pnu,
+                    spec.name,
+                    spec.type.name + (" array" if spec.array else ""),
+                    "rw" if spec.writable else "r",
+                    spec.scope.value,
+                    spec.unit,
+                    spec.meaning,
+                    ", ".join(spec.elements),
+                )
+                for spec in PARAMETERS.values()
+            ),
+        ),
+        "## Data types of the parameter channel\n",
+        table(
+            ("code", "type", "bytes"),
+            (
+                (
+                    _marked(f"{t.code:02X}h", Confidence.UNVERIFIED if t in UNVERIFIED else Confidence.CONFIRMED),
+                    t.name,
+                    t.size,
+                )
+                for t in sorted(DataType, key=lambda item: item.code)
+            ),
+        ),
+        "## Error numbers of the parameter channel\n",
+        table(("number", "meaning"), ((f"{number:02X}h", text) for number, text in ERROR_TEXTS.items())),
+        "## SDO abort codes and error numbers\n",
+        table(
+            ("abort code", "meaning", "error number"),
+            ((*abort_text(code).split(": ", 1), f"{error_of_abort(code):02X}h") for code in ABORT_TEXTS),
+        ),
+        "## Objects that a powered axis keeps\n",
+        table(
+            ("objects", "why", "after a write while it is off"),
+            (
+                (
+                    f"{item.first:04X}h" if item.first == item.last else f"{item.first:04X}h-{item.last:04X}h",
+                    item.reason,
+                    item.check.value,
+                )
+                for item in GUARDED
+            ),
+        ),
+        "## Simulated drives\n",
+        table(("name", "drive"), ((f"`{name}`", shape.text) for name, shape in SHAPES.items())),
+        "## Packages\n",
+        table(("package", "contents"), _packages()),
+        "## Why it does not move\n",
+        table(
+            ("reason", "text", "state", "first broken link", "what to do"),
+            ((item.name, item.value, item.state.value, item.enable.value, item.remedy) for item in Reason),
+        ),
+    ]
+    return "\n".join(out)
+
+
+def _names(members: Sequence[enum.IntEnum], everything: Sequence[enum.IntEnum]) -> str:
+    return "any" if len(members) == len(everything) else ", ".join(_name(member) for member in members)
+
+
+def _name(member: enum.IntEnum) -> str:
+    return member.name.lower().replace("_", " ")
+
+
+def generate_power_table() -> str:
+    """Generate the document of the power table."""
+    rows = (
+        (
+            number,
+            _names(row.phases, ANY_PHASE),
+            _names(row.drives, ANY_DRIVE),
+            _names(row.wishes, ANY_WISH),
+            "stays" if row.phase is None else _name(row.phase),
+            _name(row.action),
+            row.reason.name if row.reason else "",
+            row.why,
+        )
+        for number, row in enumerate(ROWS, 1)
+    )
+    limits = ((_names(d, ANY_DRIVE), _names(a, tuple(Action)), _name(limit)) for d, a, limit in LIMITS)
+    words = ("of the telegram" if a is Action.PASS else f"{CONTROLWORDS[a]:04X}h" for a in Action)
+    return "\n".join(
+        (
+            "# The power table\n",
+            "Generated from `gateway/axis/power_table.py`; change it there and run `make docs`.\n",
+            "In each cycle and for every telegram, the first matching row decides what the gateway does with the power",
+            "stage of a drive. After any uncertain state, the drive stops and needs an OFF and then an ON. `pdgw status`",
+            "shows the reason; without a PLC it shows that instead.\n",
+            table(("row", "phase", "drive shows", "requested", "next phase", "command", "reason", "why"), rows),
+            f"Phases: {', '.join(map(_name, Phase))}. Drive states: {', '.join(map(_name, Drive))}.",
+            f"Requests: {', '.join(map(_name, PowerWish))}.\n",
+            table(("command", "Controlword bits 0-3"), zip(map(_name, Action), words, strict=True)),
+            "## Limits of time\n",
+            "What the drive shows must end in time under a command. The first matching row counts.\n",
+            table(("drive shows", "command", "limit"), limits),
+            table(("limit", "meaning"), ((_name(limit), LIMIT_TEXTS[limit]) for limit in Limit)),
+            "## Proof\n",
+            "The tests run the axis machine with this table through every reachable state: every class of control word,",
+            "every drive state at any moment, loss and restart of the drive. A monitor that does not use the table checks",
+            "each step. From every state the axis must return to operation, also with a slow drive. `make walk` runs every",
+            "telegram, every setting once, the sign of life and the guarding. `make walk-all` runs all settings with all",
+            "telegrams, homing and jog, in some hours.\n",
+            "A second walk has a drive with a shaft: setpoint acknowledge, Halt, homing, mode change, jog and touch probe of",
+            "telegrams 7, 9, 110, 111 and 112. Words are up to three cycles late in each direction, and the drive may report",
+            "SW.10, SW.12, SW.13 or 6061h wrongly. Its rules check the shaft: it moves only after an edge, every stop order",
+            "stops it, ZSW1.10, ZSW1.11 and ZSW1.12 are true, and every order is carried out or has a reason.\n",
+            "```text",
+            _WALK_PATH.read_text(encoding="utf-8") + "```\n",
+        )
+    )
+
+
+_DEVICES = {"drive": (Device.DRIVE,), "encoder": (Device.ENCODER, Device.SENSOR)}
+"""Possible devices in a case of each device type."""
+
+
+def _faults(title: str, kinds: Iterable[type[Misbehaviour]], types: Sequence[str]) -> str:
+    rows = []
+    for kind in kinds:
+        parameters = "; ".join(
+            f"`{p.name}` = {p.text(p.default)} ({p.text(p.low)} to {p.text(p.high)}): {p.meaning}"
+            for p in kind.parameters()
+        )
+        reactions = [
+            "; ".join(
+                dict.fromkeys(
+                    _reaction(case, kind) for case in CASES if case.fault == kind.name and case.device in devices
+                )
+            )
+            for devices in map(_DEVICES.__getitem__, types)
+        ]
+        rows.append((f"`{kind.name}`", kind.description(), parameters, *reactions))
+    header = (
+        "fault",
+        "what the device does",
+        "parameters",
+        *(f"what the gateway does with the {name}" for name in types),
+    )
+    return f"## {title}\n\n" + table(header, rows)
+
+
+def _reaction(case: Case, kind: type[Misbehaviour]) -> str:
+    text = {item.name: item.text for item in kind.parameters()}
+    chosen = [f"{key} = {text[key](value)}" for key, value in case.values.items()]
+    chosen += [f"beside `{name}`" for name in case.beside]
+    situation = ", ".join([case.activity.value, *chosen])
+    if case.device is Device.SENSOR:
+        situation = f"as G1 of a drive, {situation}"
+    told = ", ".join(map(str, case.numbers))
+    return f"{situation}: {case.reaction.value}" + (f" (fault {told})" if told else "")
+
+
+def generate_misbehaviour() -> str:
+    """Generate the document of the faults of simulated devices."""
+    out = [
+        "# Faults of simulated devices\n",
+        "Generated from the declarations by `make docs`; do not edit.\n",
+        _MISBEHAVIOUR_INTRODUCTION,
+        _faults("Any CANopen node", NODE_MISBEHAVIOURS.values(), list(_DEVICES)),
+    ]
+    for name, kind in DEVICE_TYPES.items():
+        own = [fault for fault in kind.node.catalogue.values() if fault.name not in NODE_MISBEHAVIOURS]
+        if own:
+            out.append(_faults(f"Device type `{name}`", own, [name]))
+    return "\n".join(out)
+
+
+_MISBEHAVIOUR_INTRODUCTION = """\
+You give a simulated device a fault by its name, with parameters (integers):
+
+* From power-on: `[[device.fault]]` tables with `name` and parameters in the file of `pdgw sim bus FILE` (`pdgw sim bus
+  --example` prints one).
+* While it runs: `pdgw sim inject --port P [@NODE] fault NAME parameter=value ...`, with the port of `--control-port` or
+  `[control] port`. Other commands are `clear [NAME]`, `faults`, `status` and `probe 1|2 on|off` (touch probe of a drive). A
+  program sends the same commands, one in a line, to this TCP port on 127.0.0.1. The simulator answers each with one line.
+
+The latency of a simulated drive, 0 to 100 ms in each direction, is not a fault. `command_latency_ms` of a `[[device]]` is the
+time from an RPDO until its values apply, `status_latency_ms` the time from a change of the drive until the Statusword shows
+it. Positions and speeds are up to date.
+
+`python -m tests.long conformance faults` runs every fault with a simulated drive and a simulated encoder. The last columns
+are the required reaction of the gateway, with its fault numbers ([tables.md](tables.md)). In all cases, no drive starts again
+before a new OFF and ON, and no position older than its time-out is valid.
+"""
+
+
+if __name__ == "__main__":
+    PATH.write_text(generate(), encoding="utf-8")
+    MISBEHAVIOUR_PATH.write_text(generate_misbehaviour(), encoding="utf-8")
+    POWER_PATH.write_text(generate_power_table(), encoding="utf-8")
+    WORDS_PATH.write_text(generate_words(), encoding="utf-8")

@@ -1,0 +1,170 @@
+"""Calm days: lives without any disturbance, in which every fault, warning, refusal, stop or missing end of a task is a violation.
+
+The rules of ``watch`` apply too. Each rule here is one function with its sentence. ``calm_tasks`` has the PLC's program.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from random import Random
+from typing import Final
+
+from pdgw.dsp402.states import State
+from pdgw.durations import SECOND
+from pdgw.gateway.axis.settings import ControlLost, PlcLossReaction
+from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS, TASK_TELEGRAM_NUMBERS
+from pdgw.gateway.objects.drive_object import DriveObject
+from pdgw.gateway.reasons import Reason
+from pdgw.peers.drive import ROTARY_AXIS, Latency
+from pdgw.peers.drive.model.motion import INCREMENTS_PER_REVOLUTION
+from tests.long.soak.calm_tasks import program
+from tests.long.soak.plan import CYCLES_MS, AxisPlan, Part, Plan, shapes_of
+from tests.long.soak.soak_run import CHANNEL, SoakRun
+from tests.long.soak.watch import ViolationError
+
+CALM_TELEGRAMS: Final = (1, 3, 5, 7, 9, 100, 110, 111, 112, 83)
+LATENCY_MAX_MS: Final = 20
+SDO_MAX_MS: Final = 10
+"""Longest time of a healthy drive until it answers SDO. Motion that begins meanwhile is usual."""
+_NOT_HEALTHY: Final = frozenset({"frozen", "two-edges"})
+"""Drive variants with a defect that the gateway has to report: an object that is never sent, a fault at power-on."""
+_NO_POSITIONING: Final = frozenset({"csp"})
+"""Drive variants that position only with targets for each SYNC."""
+_MDI: Final = 9
+_COUNTS_KEYS: Final = 'acceleration_unit = "inc/s2"\n'
+_RPM_KEYS: Final = f'counts_per_revolution = {INCREMENTS_PER_REVOLUTION}\nacceleration_unit = "rpm/s"\n'
+_MOTION_KEYS: Final = """\
+homing_method = 35
+[[axis.block]]
+number = 3
+position = 5000
+velocity = 12000
+next = "continue-with-stop"
+[[axis.block]]
+number = 4
+position = -5000
+velocity = 20000
+"""
+_PASSING_NS: Final = 2 * SECOND
+"""A reason of a handshake with the drive ends within this time."""
+_PASSING: Final = frozenset(
+    {
+        Reason.MODE_NOT_CONFIRMED,
+        Reason.HOMING_SETUP,
+        Reason.NOT_OPERATING,
+        Reason.SENSOR_PRESETTING,
+        Reason.SENSOR_PARKED,
+    }
+)
+"""Reasons of a handshake; the PLC parks a sensor for a shorter time."""
+_ASKED_NS: Final = SECOND // 2
+"""What the PLC asks for is over within this time after it, besides the latency of the drive."""
+_CAUSED: Final = {
+    Reason.REJECTED: 0x0010,
+    Reason.INTERMEDIATE_STOP: 0x0020,
+    Reason.SETPOINT_DISABLED: 0x0070,
+    Reason.HOMING_STOPPED: 0x0800,
+}
+"""Reasons that the PLC asks for by a 0 in these bits of STW1."""
+_JOG: Final = 0x0300
+Rule = Callable[["CalmRun", DriveObject], str]
+
+
+def no_fault_and_no_warning(_: CalmRun, item: DriveObject) -> str:
+    """The gateway enters no fault and no warning."""
+    return item.fault_log.history[-1].text if item.fault_log.history else ""
+
+
+def nothing_logged(run: CalmRun, _: DriveObject) -> str:
+    """The gateway logs no warning and no error."""
+    return run.trace.alarms[-1] if run.trace.alarms else ""
+
+
+def online_once(run: CalmRun, item: DriveObject) -> str:
+    """A device that is online stays online."""
+    return item.client.status_text if item.client.generation > 1 or (run.working and not item.good) else ""
+
+
+def no_stop(run: CalmRun, item: DriveObject) -> str:
+    """A drive with ON stays in operation."""
+    index = item.do_id - 1
+    stopped = run.working and run.axes and run.axes[index].drive.model.state is not State.OPERATION_ENABLED
+    return f"drive in {run.axes[index].drive.model.state.value}" if stopped else ""
+
+
+def no_refusal(run: CalmRun, item: DriveObject) -> str:
+    """The gateway gives no reason, except for what the PLC asks and, for a short time, for a handshake with the drive."""
+    reason = item.reason if run.working else None
+    if reason is None or reason is not run.reason:
+        run.reason, run.reason_since = reason, run.loop.now()
+    now, word = run.loop.now(), run.axes[0].words.word if run.axes else 0
+    run.asked |= {item: now for item, bits in _CAUSED.items() if bits & ~word}
+    if word & _JOG and not run.plan.direct:
+        run.asked[Reason.INTERMEDIATE_STOP] = now  # the end of a jog is one until more frames confirm it
+    if reason in _PASSING:
+        allowed = now - run.reason_since <= _PASSING_NS + 2 * run.late_ns
+    else:
+        allowed = now - run.asked.get(reason, 0) <= _ASKED_NS + 2 * run.late_ns
+    return "" if reason is None or allowed else reason.value
+
+
+RULES: Final[Sequence[Rule]] = (no_fault_and_no_warning, nothing_logged, online_once, no_stop, no_refusal)
+
+
+def calm_shapes(number: int) -> tuple[str, ...]:
+    """Healthy drive variants of a telegram; a positioner has the keys of units that a variant does not report."""
+    positions = number in TASK_TELEGRAM_NUMBERS
+    unfit = _NOT_HEALTHY | _NO_POSITIONING if positions else _NOT_HEALTHY
+    return tuple(name for name in shapes_of(_MDI if positions else number) if name not in unfit)
+
+
+def draw_calm(chance: Random, _: int, telegrams: Sequence[int]) -> Plan:
+    """Draw a part with one axis, or one encoder."""
+    number, cycle_ms, direct = telegrams[0], chance.choice(CYCLES_MS), chance.random() < 0.5
+    if number in ENCODER_TELEGRAM_NUMBERS:
+        return Plan(cycle_ms, (), number, direct)
+    latency = Latency(*(chance.choice((0, chance.randint(1, LATENCY_MAX_MS))) for _ in range(2)))
+    sdo_ms = chance.choice((0, chance.randint(1, SDO_MAX_MS)))
+    name = chance.choice(calm_shapes(number))
+    keys = "" if name in shapes_of(number) else _COUNTS_KEYS if name == "counts" else _RPM_KEYS
+    axis = AxisPlan(number, name, latency, PlcLossReaction.RAMP, ControlLost.STOP, sdo_ms, keys)
+    return Plan(cycle_ms, (axis,), 0, direct, _MOTION_KEYS)
+
+
+class CalmRun(SoakRun):
+    """Runs one part of a calm day with the PLC's program of its telegram."""
+
+    linear = ROTARY_AXIS  # a healthy machine does not reach its limit switches
+
+    def __init__(self, part: Part, *, frames: bool = False) -> None:
+        super().__init__(part, keep_telegrams=True, frames=frames)
+        self.working = False
+        """The PLC has switched on, and the drive has shown operation."""
+        self.reason: Reason | None = None
+        self.reason_since = self.begin
+        self.asked: dict[Reason | None, int] = {}
+        """When the PLC asked last for a reason."""
+        self.late_ns = max((axis.late_ns for axis in self.axes), default=0) + 4 * self.cycle_ns
+        self.encoder = self.world.encoder(CHANNEL, 1) if self.plan.encoder else None
+        self.program = program(self)
+
+    @property
+    def tasks(self) -> int:
+        """Number of tasks that have ended as they must."""
+        return self.program.done
+
+    def _phases(self) -> None:
+        try:
+            self.program.run()
+        except ViolationError as violation:
+            self._violation = violation
+
+    def _use_parameters(self) -> None:
+        """The parameter channel is used by the program alone."""
+
+    def _check(self) -> None:
+        super()._check()
+        for item in (*self.daemon.axes, *self.daemon.encoders):
+            for rule in RULES:
+                if found := rule(self, item):
+                    raise ViolationError(f"{item.label}: {self.program.task}: {found} ({rule.__name__})")

@@ -1,0 +1,62 @@
+"""Required entries of the fault buffer (P945, P948): each EMCY with an error, as the drive sent it on the bus."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from pdgw.durations import MS, SECOND
+from tests.long.soak.watch import ViolationError
+
+STORED_NS: Final = 300 * MS
+"""An EMCY is in the fault buffer within this time, at any cycle time."""
+_SAME_NS: Final = SECOND + 50 * MS
+"""Repetitions of an EMCY within this time are one entry."""
+_LISTENS_NS: Final = 500 * MS
+"""After its start a gateway first listens for other masters only."""
+_SITUATION: Final = 8
+"""Places of a fault situation. When it is full, further faults are not stored."""
+
+
+@dataclass(frozen=True, slots=True)
+class Emergency:
+    """An EMCY on the bus, with the time of its last bit."""
+
+    time: int
+    code: int
+
+
+class PendingEmcys:
+    """The EMCYs of one drive that were not found in the fault buffer yet."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.waiting: list[Emergency] = []
+
+    def sent(self, now: int, data: bytes) -> None:
+        """An EMCY has reached the gateway's controller."""
+        code, register = int.from_bytes(data[:2], "little"), data[2]
+        if code and register:
+            self.waiting.append(Emergency(now, code))
+
+    def due(self, now: int) -> bool:
+        """Whether an EMCY must be in the buffer now."""
+        return bool(self.waiting) and now - self.waiting[0].time >= STORED_NS
+
+    def read(self, asked_at: int, origin: int, codes: Sequence[int], times_ms: Sequence[int]) -> None:
+        """Compare with the fault buffer, read at some time after ``asked_at``. Its times count from ``origin``."""
+        due = [item for item in self.waiting if asked_at - item.time >= STORED_NS]
+        self.waiting = self.waiting[len(due) :]
+        entries = [(code, origin + time_ms * MS) for code, time_ms in zip(codes, times_ms, strict=True) if code]
+        full = any(all(codes[at : at + _SITUATION]) for at in range(0, len(codes), _SITUATION))
+        oldest = min((time for _, time in entries), default=0) if all(codes[::_SITUATION]) else 0
+        for item in due:
+            # An equal fault that is not acknowledged is one entry.
+            shown = item.code in codes[:_SITUATION] or any(
+                code == item.code and -_SAME_NS <= time - item.time <= STORED_NS for code, time in entries
+            )
+            if not shown and not full and item.time >= origin + _LISTENS_NS and item.time > oldest:
+                raise ViolationError(
+                    f"{self.name}: EMCY {item.code:04X}h is not in the fault buffer {(asked_at - item.time) / MS:.0f} ms later"
+                )

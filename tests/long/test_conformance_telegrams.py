@@ -1,0 +1,86 @@
+"""``conformance telegrams``: every case as it must be, and no bit of the positioner's control words forgotten."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+from typer.testing import CliRunner
+
+from pdgw.profidrive.signals import signal
+from pdgw.profidrive.telegrams import ApplicationMode, telegram
+from tests.long.commands.conformance import app
+from tests.long.conformance.shared import NUMBERS, walk
+from tests.long.conformance.telegrams import CASES, Case, run_case, run_walk
+
+NOT_EVALUATED = {"REFERENCE_CAM", "HOMING_NEGATIVE", "PROBE_2", "PROBE_FALLING_EDGE", "HARDWARE_LIMITS"}
+"""Bits without an effect that a simulated drive could show (docs/motion.md)."""
+WITHOUT_CASE = {
+    "bits of the device": {f"{word}.DEVICE_{place}" for word in ("STW1", "ZSW1") for place in range(11, 16)},
+    "no function here: 0, or ignored": {
+        *(f"{word}.{bit}" for word in ("POS_STW", "POS_STW2") for bit in NOT_EVALUATED),
+        *("STW1.OPEN_BRAKE", "ZSW1.ACCELERATES", "ZSW1.DECELERATES", "POS_ZSW2.CAM_1", "POS_ZSW2.CAM_2"),
+        *("G1_STW.PRESET_RELATIVE", "G1_ZSW.PRESET_DONE", "G1_ZSW.PROBE_1", "G1_ZSW.PROBE_2"),
+    },
+    "needs blocks with outputs, a stop or switches that the simulated axis does not have; tests of their own": {
+        *(f"POS_ZSW2.{bit}" for bit in ("OUTPUT_1", "OUTPUT_2", "FIXED_STOP_REACHED", "CLAMPING_TORQUE_REACHED")),
+        *("POS_ZSW2.TO_FIXED_STOP", "STW2.TO_FIXED_STOP", "ZSW2.TO_FIXED_STOP"),
+        *("POS_ZSW1.NEGATIVE_HARDWARE_LIMIT", "POS_ZSW1.POSITIVE_HARDWARE_LIMIT"),
+    },
+    "of a motion under way, seen by other cases": {
+        *("ZSW1.WITHIN_TOLERANCE", "ZSW1.TARGET_REACHED", "MELDW.RAMP_COMPLETED", "AKTSATZ.MDI_ACTIVE"),
+        *("STW1.DO_NOT_REJECT", "STW1.NO_INTERMEDIATE_STOP"),
+        *(f"MDI_MOD.{bit}" for bit in ("ABSOLUTE", "POSITIVE_DIRECTION", "NEGATIVE_DIRECTION")),
+    },
+}
+"""Bits no case is about, in one telegram or all, by the reason."""
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.title)
+def test_each_command_bit_is_visible_on_both_sides(case: Case) -> None:
+    assert run_case(case).failures == ()
+
+
+@pytest.mark.parametrize("word", ["POS_STW1", "POS_STW2"])
+def test_every_bit_of_the_positioner_has_a_case(word: str) -> None:
+    asked = {case.bit.split(" ")[0] for case in CASES if case.word == word}
+    assert {bit.name for bit in signal(word).bits} <= asked | NOT_EVALUATED
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_shared_bits_are_visible_in_each_telegram(number: int) -> None:
+    outcomes = run_walk(walk(number))
+    assert [(outcome.case.title, outcome.failures) for outcome in outcomes if not outcome.passed] == []
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_every_bit_of_every_word_has_a_case_or_a_reason_why_not(number: int) -> None:
+    chosen = telegram(number)
+    positioning = chosen.setpoints.mode is ApplicationMode.POSITIONING
+    bits = {
+        f"{item.name}.{bit.name}"
+        for half in (chosen.setpoints, chosen.actuals)
+        for item in half.signals
+        for bit in item.fields(positioning=positioning)
+    }
+    asked: set[str] = set()
+    for case in (*(case for case in CASES if case.telegram == number), *walk(number)):
+        asked.add(f"{case.word}.{case.bit.split(' ')[0]}")
+        for step in case.steps:
+            asked |= {*step.get("set", ()), *step.get("expect", ())}
+    assert bits - asked <= set().union(*WITHOUT_CASE.values())
+
+
+def test_a_case_that_sees_something_else_fails() -> None:
+    case = next(case for case in CASES if case.on_can)
+    outcome = run_case(replace(case, on_can={"607Ah": 1}))
+    assert not outcome.passed
+    assert "607Ah" in outcome.failures[0]
+
+
+def test_the_command_prints_json_and_refuses_a_telegram_without_cases() -> None:
+    found = CliRunner().invoke(app, ["telegrams", "7", "--json"])
+    assert found.exit_code == 0
+    assert json.loads(found.stdout)["failed"] == 0
+    assert CliRunner().invoke(app, ["telegrams", "1"]).exit_code != 0

@@ -1,0 +1,233 @@
+"""Defects planted in the gateway: the walk finds each of them, and prints after how many steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from pdgw.dsp402.states import State
+from pdgw.gateway.axis import interlock, power_table
+from pdgw.gateway.axis.demand_report import OFFS, PowerWish
+from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS, MotionExecutor
+from pdgw.gateway.axis.executors.speed import SpeedExecutor
+from pdgw.gateway.axis.interlock import Interlock
+from pdgw.gateway.axis.machine import AxisMachine
+from pdgw.gateway.axis.power_states import Action, Drive, Limit, Phase
+from pdgw.gateway.axis.power_table import (
+    CELLS,
+    ENABLES,
+    IN_OPERATION,
+    RAMPS,
+    ROWS,
+    RUNNING,
+    SHOWS_OPERATION,
+    UNPOWERED,
+    Cell,
+    Row,
+)
+from pdgw.gateway.axis.settings import PlcLossReaction
+from pdgw.gateway.axis.supervision.stop_supervision import StopWatch
+from pdgw.gateway.motion.mdi import MdiPositioner
+from pdgw.gateway.motion.positioner import Positioner
+from pdgw.gateway.motion.requests import Motion
+from pdgw.gateway.motion.states import Event
+from pdgw.gateway.reasons import Reason
+from pdgw.profidrive.sign_of_life import SignOfLife
+from tests.long.walk.cases import Case
+from tests.long.walk.values import Plc, Shown
+
+Patch = pytest.MonkeyPatch
+DEFAULT = Case(1)
+RAMP = Case(1, PlcLossReaction.RAMP)
+GUARDING = Case(1, guarding=True)
+_FOLLOW = (Phase.FOLLOW,)
+_QUICK_STOP = (PowerWish.QUICK_STOP,)
+
+
+UNPOWERED_STATES = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON)
+
+
+class Narrow(Case):
+    """Only what the way to a defect needs: the walk of everything takes a minute."""
+
+    def _frames(self) -> list[Plc]:
+        motion = ("homing", "jog") if self.homing or self.jog else ("task",)
+        kept = ("OFF1", "OFF1 ack", "ON+enable", *motion)
+        return [item for item in super()._frames() if item.name.rpartition(" ")[0] in kept]
+
+    def _shown(self) -> list[Shown]:
+        kept = (*(state.value for state in UNPOWERED_STATES), "Operation Enabled")
+        return [item for item in super()._shown() if item.name.startswith(kept)]
+
+
+def cells(patch: Patch, changed: tuple[Cell, ...]) -> None:
+    patch.setattr(interlock, "CELLS", changed)
+
+
+def row(
+    phases: tuple[Phase, ...],
+    drives: tuple[Drive, ...],
+    wishes: tuple[PowerWish, ...],
+    phase: Phase | None,
+    action: Action,
+) -> Callable[[Patch], None]:
+    """A row before all others."""
+
+    def plant(patch: Patch) -> None:
+        wrong = Row(phases, drives, wishes, phase, action, Reason.NOT_OPERATING, "planted")
+        patch.setattr(power_table, "ROWS", (wrong, *ROWS))
+        cells(patch, power_table._compile())
+
+    return plant
+
+
+def each_cell(change: Callable[[Cell], Cell]) -> Callable[[Patch], None]:
+    return lambda patch: cells(patch, tuple(change(cell) for cell in CELLS))
+
+
+def speed_stands_in_a_stop(patch: Patch) -> None:
+    step = SpeedExecutor.step
+
+    def wrong(self: SpeedExecutor) -> Reason | None:
+        reason = step(self)
+        self.command.target_velocity = self._value
+        return reason
+
+    patch.setattr(SpeedExecutor, "step", wrong)
+
+
+def standing_task_bit_starts(patch: Patch) -> None:
+    find = MdiPositioner._find_edges
+
+    def wrong(self: MdiPositioner) -> None:
+        find(self)
+        self._activated = self._edges = self._asked.activate
+
+    patch.setattr(MdiPositioner, "_find_edges", wrong)
+
+
+def brake_ends_with_the_drive(patch: Patch) -> None:
+    step = StopWatch.step
+
+    def wrong(self: StopWatch, limit: Limit, state: State | None, seen: bool, *rest: Any) -> bool:
+        if not seen:
+            self.over()
+        return step(self, limit, state, seen, *rest)
+
+    patch.setattr(StopWatch, "step", wrong)
+
+
+def standing_homing_bit_starts(patch: Patch) -> None:
+    asked = MdiPositioner._take_homing
+
+    def wrong(self: MdiPositioner) -> bool:
+        self._homing_edge = self._asked.homing
+        return asked(self)
+
+    patch.setattr(MdiPositioner, "_take_homing", wrong)
+
+
+def standing_homing_bit_of_a_positioner_starts(patch: Patch) -> None:
+    events = Positioner._events
+    patch.setattr(Positioner, "_events", lambda self: {**events(self), Event.HOMING: lambda: self._asked.homing})
+
+
+def homing_goes_on_without_its_bit(patch: Patch) -> None:
+    patch.setattr(MdiPositioner, "_homes", lambda _: True)
+    events = MdiPositioner._events
+    never = {Event.HOMING_WITHDRAWN: lambda: False}
+    patch.setattr(MdiPositioner, "_events", lambda self: {**events(self), **never})
+
+
+def handshake_waits_without_a_reason(patch: Patch) -> None:
+    patch.setattr(MotionExecutor, "_await_acknowledge", lambda _: None)
+
+
+def setpoint_is_repeated(patch: Patch) -> None:
+    def wrong(self: MotionExecutor, motion: Motion, given: int) -> bool:
+        overdue = self.inputs.now - self._set_at >= ACKNOWLEDGE_NS
+        if overdue:
+            self._seen.given = 0
+        return overdue
+
+    patch.setattr(MotionExecutor, "_replaces", wrong)
+
+
+PLANTED: dict[str, tuple[Case, Callable[[Patch], None]]] = {
+    "forgotten OFF": (
+        DEFAULT,
+        row((Phase.LOCKED,), UNPOWERED, ENABLES, Phase.FOLLOW, Action.SHUTDOWN),
+    ),
+    "OFF2 not latched": (
+        DEFAULT,
+        row(_FOLLOW, UNPOWERED, (PowerWish.COAST,), None, Action.DISABLE_VOLTAGE),
+    ),
+    "OFF3 not latched": (DEFAULT, row(_FOLLOW, UNPOWERED, _QUICK_STOP, None, Action.QUICK_STOP)),
+    "fault not locking": (DEFAULT, row(_FOLLOW, (Drive.FAULT,), tuple(PowerWish), None, Action.SHUTDOWN)),
+    "lost drive followed": (DEFAULT, row(_FOLLOW, (Drive.LOST,), ENABLES, None, Action.ENABLE_OPERATION)),
+    "quick stop sent as Shutdown": (
+        DEFAULT,
+        row(tuple(Phase), SHOWS_OPERATION, _QUICK_STOP, Phase.QUICK_STOP, Action.SHUTDOWN),
+    ),
+    "stale Statusword trusted": (
+        DEFAULT,
+        row(_FOLLOW, (Drive.LEAVING,), OFFS, Phase.RAMP_STOP, Action.RAMP),
+    ),
+    "ramp with power after Disable Operation": (
+        RAMP,
+        row(_FOLLOW, (Drive.LEAVING,), RAMPS, Phase.RAMP_STOP, Action.RAMP),
+    ),
+    "resume without OFF": (
+        RAMP,
+        row((Phase.RAMP_STOP,), IN_OPERATION, (PowerWish.ENABLE,), Phase.FOLLOW, Action.ENABLE_OPERATION),
+    ),
+    "loss of the PLC ignored": (
+        DEFAULT,
+        row(RUNNING, IN_OPERATION, (PowerWish.NO_PLC_QUICK_STOP,), None, Action.ENABLE_OPERATION),
+    ),
+    "restart forgotten": (DEFAULT, lambda patch: patch.setattr(Interlock, "restarted", lambda _: None)),
+    "speed stands in a stop": (DEFAULT, speed_stands_in_a_stop),
+    "operation shown in a stop": (DEFAULT, each_cell(lambda cell: replace(cell, operating=True))),
+    "OFF2 and OFF3 after a loss ignored": (
+        RAMP,
+        lambda patch: patch.setattr(AxisMachine, "_stop_without_plc", lambda _: None),
+    ),
+    "loss of the sign of life ignored": (
+        Case(2, life=1),
+        lambda patch: patch.setattr(SignOfLife, "failed", False),
+    ),
+    "drive that does not stop left alone": (GUARDING, lambda patch: patch.setattr(StopWatch, "step", lambda *_: False)),
+    "brake released when the drive is lost": (GUARDING, brake_ends_with_the_drive),
+    "standing task bit starts": (Case(9), standing_task_bit_starts),
+    "standing homing bit starts": (Narrow(9, homing=True), standing_homing_bit_starts),
+    "homing goes on without its bit": (Narrow(9, homing=True), homing_goes_on_without_its_bit),
+    "standing homing bit of a positioner starts": (
+        Narrow(110, homing=True),
+        standing_homing_bit_of_a_positioner_starts,
+    ),
+    "standing jog bit starts": (
+        Narrow(110, jog=True),
+        lambda patch: patch.setattr(Positioner, "_jog_asked", lambda self: self._jog_bit() > 0),
+    ),
+    "jog goes on without its bit": (
+        Narrow(110, jog=True),
+        lambda patch: patch.setattr(Positioner, "_jog_bit", lambda self: self._jog or 1),
+    ),
+    "handshake waits without a reason": (Narrow(9), handshake_waits_without_a_reason),
+    "setpoint is repeated": (Narrow(7), setpoint_is_repeated),
+    "refusal without reason": (DEFAULT, each_cell(lambda cell: replace(cell, reason=None))),
+}
+
+
+@pytest.mark.planted
+@pytest.mark.parametrize("name", PLANTED)
+def test_the_walk_finds_a_planted_defect(name: str, monkeypatch: Patch) -> None:
+    case, plant = PLANTED[name]
+    plant(monkeypatch)
+    result = case.run(first_only=True)
+    assert result.violations
+    rules = ", ".join(rule.name for rule in result.violations)
+    print(f"{name}: {rules} after {result.transitions} steps")

@@ -1,0 +1,136 @@
+"""Gateways with defects: the soak finds each, and its rules find what no gateway shows."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from pdgw.dsp402.states import State
+from pdgw.durations import MS, SECOND
+from pdgw.gateway.axis.settings import PlcLossReaction
+from tests.long.soak.emcy_check import PendingEmcys
+from tests.long.soak.plan import parts
+from tests.long.soak.planted import DEFECTS, LIMIT_NS, search
+from tests.long.soak.soak_run import SoakRun
+from tests.long.soak.watch import SoakAxis, ViolationError
+from tests.long.soak.words import Words
+
+FOUND_SOON = {
+    "off-forgotten": "Enable Operation|started without OFF and ON",
+}
+"""What is found within seconds of virtual time, and by which rule; ``soak --planted`` searches for all."""
+
+
+@pytest.mark.planted
+@pytest.mark.parametrize("name", FOUND_SOON)
+def test_soak_finds_planted_defect(name: str) -> None:
+    found = search(name, 1)
+    assert found.time_ns is not None
+    assert found.time_ns < LIMIT_NS
+    assert re.search(FOUND_SOON[name], found.message)
+
+
+def test_document_has_each_of_sixteen_defects_found_within_two_hours() -> None:
+    document = Path(__file__).with_name("planted-defects.md").read_text(encoding="utf-8")
+    found = dict(re.findall(r"^\| (.+?) \| (\d+) s \| .+ \|$", document, re.MULTILINE))
+    assert list(found) == [defect.text for defect in DEFECTS.values()], "run: make planted"
+    assert len(found) == 16
+    assert all(int(seconds) * SECOND < LIMIT_NS for seconds in found.values())
+
+
+@pytest.mark.planted
+def test_task_that_the_plc_did_not_give_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Words, "set_word", lambda self, word: self.values.update({self.name: word}))
+    with pytest.raises(ViolationError, match="tasks begun, 0 given by the PLC"):
+        SoakRun(next(parts(1, 1, [9])), keep_telegrams=True).play(300 * SECOND)
+
+
+def test_zsw1_that_shows_another_state_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(SoakRun, "_shown", lambda self, axis: 0x0007)
+    with pytest.raises(ViolationError, match=r"ZSW1 0007h shows (operation|no fault), the drive is in"):
+        SoakRun(next(parts(1, 1, [1])), keep_telegrams=True).play(300 * SECOND)
+
+
+def asked_axis(word: int) -> SoakAxis:
+    """An axis of telegram 1 with its drive at standstill, commanded to full speed with this STW1 for a long time."""
+    soak_run = SoakRun(next(parts(7, 1, [1])), keep_telegrams=True)
+    soak_run.play(SECOND)
+    (axis,) = soak_run.axes
+    axis.asked(SECOND, word.to_bytes(2, "big") + b"\x40\x00", certain=True)
+    return axis
+
+
+def test_speed_reached_is_compared_only_after_shaft_had_time() -> None:
+    """A limit switch may just have begun to stop it."""
+    axis = asked_axis(0x047F)
+    axis.drive.model.state = State.OPERATION_ENABLED
+    axis.check(11 * SECOND, reached=True, zsw1=0x0707)
+    with pytest.raises(ViolationError, match="shows speed reached, asked 3000 rpm, turns 0 rpm"):
+        axis.check(12 * SECOND, reached=True, zsw1=0x0707)
+
+
+def test_stop_has_its_time_after_drive_is_reached_again() -> None:
+    axis = asked_axis(0x047D)
+    axis.commanded(SECOND, 0x0002)
+    axis.check(10 * SECOND, reached=False, zsw1=None)
+    axis.check(10 * SECOND + 100 * MS, reached=True, zsw1=None)
+    with pytest.raises(ViolationError, match="bits 0 to 3 are 2h 10000 ms after OFF2"):
+        axis.check(11 * SECOND, reached=True, zsw1=None)
+
+
+def test_quick_stop_is_no_answer_to_off2_unless_the_gateway_may_have_lost_the_plc() -> None:
+    axis = asked_axis(0x047D)
+    axis.plan = replace(axis.plan, on_plc_loss=PlcLossReaction.QUICK_STOP)
+    axis.commanded(SECOND, 0x0002)
+    axis.asked(10 * SECOND, b"\x04\x7d\x40\x00", certain=False)
+    axis.check(10 * SECOND + 400 * MS, reached=True, zsw1=None)
+    with pytest.raises(ViolationError, match="bits 0 to 3 are 2h 9500 ms after OFF2"):
+        axis.check(10 * SECOND + 500 * MS, reached=True, zsw1=None)
+    axis.plan = replace(axis.plan, on_plc_loss=PlcLossReaction.COAST)
+    axis.asked(11 * SECOND, b"\x04\x7d\x40\x00", certain=False)
+    with pytest.raises(ViolationError, match="bits 0 to 3 are 2h 10000 ms after OFF2"):
+        axis.check(11 * SECOND, reached=True, zsw1=None)
+
+
+# -- EMCYs in the fault buffer ------------------------------------------------------------------------------------------------
+
+EMCY = bytes.fromhex("30 81 11 00 00 00 00 00")
+NOTHING = [0] * 64
+
+
+def pending(*sent_ms: int) -> PendingEmcys:
+    pending = PendingEmcys("axis 1")
+    for moment in sent_ms:
+        pending.sent(moment * MS, EMCY)
+    return pending
+
+
+def test_emcy_without_an_entry_is_found() -> None:
+    with pytest.raises(ViolationError, match="EMCY 8130h is not in the fault buffer 400 ms later"):
+        pending(1000).read(1400 * MS, 0, NOTHING, NOTHING)
+
+
+@pytest.mark.parametrize("entered_ms", [1000, 1100, 200])
+def test_emcy_with_its_entry_is_told(entered_ms: int) -> None:
+    """The same EMCY is entered once in a second."""
+    waiting = pending(1000)
+    waiting.read(1400 * MS, 0, [0x8130, *NOTHING[1:]], [entered_ms, *NOTHING[1:]])
+    assert not waiting.due(2000 * MS)
+
+
+def test_entry_of_an_older_emcy_counts_only_while_it_is_not_acknowledged() -> None:
+    pending(5000).read(5400 * MS, 0, [0x8130, *NOTHING[1:]], [1000, *NOTHING[1:]])
+    with pytest.raises(ViolationError):
+        pending(5000).read(5400 * MS, 0, [*NOTHING[:8], 0x8130, *NOTHING[9:]], [*NOTHING[:8], 1000, *NOTHING[9:]])
+
+
+def test_emcy_waits_for_its_bound_and_without_error_register_is_a_warning() -> None:
+    waiting = pending(1000)
+    assert not waiting.due(1200 * MS)
+    assert waiting.due(1300 * MS)
+    warning = PendingEmcys("axis 1")
+    warning.sent(0, bytes.fromhex("30 81 00 00 00 00 00 00"))
+    assert not warning.due(SECOND)

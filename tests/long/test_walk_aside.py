@@ -1,0 +1,94 @@
+"""What the walk leaves out of a state's identity (``ASIDE``) has no influence: states that differ only in it continue alike.
+
+The walk counts two states as one if they differ only in such attributes. Each pair of such states that differs in another
+attribute than the pairs before is stepped with every input here: words, commands and following states have to be the same.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from pdgw.gateway.axis.checkpoint import Checkpoint
+from pdgw.gateway.axis.settings import PlcLossReaction
+from tests.long.walk.cases import Case
+from tests.long.walk.machine import Transducer
+
+PAIRS = 1
+"""Least number of pairs for each attribute."""
+Attribute = tuple[str, str]
+"""Class and name."""
+WALKED = [
+    Case(1, PlcLossReaction.RAMP, resume=True, hold=True),
+    Case(9),
+    Case(100),
+]
+STATES = 500
+"""Number of tested states of each case."""
+
+
+def difference(one: Checkpoint, other: Checkpoint) -> set[Attribute]:
+    """The attributes in which two states differ, but for times."""
+    assert len(one.parts) == len(other.parts)
+    return {
+        (type(part.item).__name__, name)
+        for part, a, b in zip(one.parts, one.values, other.values, strict=True)
+        if a is not b
+        for place, name in enumerate(part.names)
+        if a[place] != b[place] and name != "now" and place not in {i for i, _ in part.instants}
+    }
+
+
+class Twins(Transducer):
+    """Keeps pairs of states that the walk takes for one."""
+
+    seen: Counter[Attribute]
+    pairs: list[tuple[Checkpoint, Checkpoint, set[Attribute]]]
+
+    def _number(self) -> int:
+        if not hasattr(self, "seen"):
+            self.seen, self.pairs = Counter(), []
+        before = len(self)
+        number = super()._number()
+        if number < before:
+            twin = self._checkpoints.save()
+            found = difference(self._states[number], twin)
+            if any(self.seen[item] < PAIRS for item in found):
+                self.seen.update(found)
+                self.pairs.append((self._states[number], twin, found))
+        return number
+
+    def goes_on(self, state: Checkpoint, number: int) -> tuple[object, ...]:
+        """Result of one step from a state, and the next state."""
+        self._checkpoints.restore(state)
+        output = self._step(*self.inputs[number])
+        return output, self._checkpoints.fingerprint()
+
+
+DIFFER: set[Attribute] = {
+    ("Demand", "power"),
+    ("DriveCommand", "profile_velocity"),
+    ("DriveCommand", "target_position"),
+    ("DriveWatch", "fault_began"),
+    ("Interlock", "_steady"),
+    ("Outputs", "actuals"),
+    ("RawExecutor", "_last"),
+    ("StopWatch", "runs"),
+}
+"""Among those in which pairs differ."""
+
+
+def test_states_that_differ_only_aside_go_on_alike() -> None:
+    stepped = set[Attribute]()
+    for case in WALKED:
+        machine = case.machine(Twins)
+        numbers = range(len(machine.inputs))
+        state = 0
+        while state < min(len(machine), STATES):
+            for number in numbers:
+                machine.step(state, number)
+            state += 1
+        for one, other, found in machine.pairs:
+            for number in numbers:
+                assert machine.goes_on(one, number) == machine.goes_on(other, number), (found, machine.inputs[number])
+        stepped |= set(machine.seen)
+    assert stepped >= DIFFER

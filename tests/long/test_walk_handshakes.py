@@ -1,0 +1,109 @@
+"""The walk of the handshakes, and defects planted in the gateway that it finds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from pdgw.dsp402.states import StatusBit
+from pdgw.gateway.axis.executors.positions.homing import Homing, Progress
+from pdgw.gateway.axis.executors.positions.motion import MotionExecutor
+from pdgw.gateway.axis.executors.positions.positioner import PositionerExecutor
+from pdgw.gateway.motion.positioner import Positioner
+from pdgw.gateway.motion.travel import Course
+from tests.long.walk.handshakes import Handshakes, Orders, every, short
+from tests.long.walk.promises import Rule
+from tests.long.walk.shaft import Character, Signal, Wrong
+
+Patch = pytest.MonkeyPatch
+FIGURES = Path(__file__).parents[2] / "docs" / "walk.txt"
+
+
+@pytest.mark.parametrize("case", list(short()), ids=lambda case: case.name)
+def test_no_reachable_handshake_breaks_a_rule(case: Handshakes) -> None:
+    result = case.run()
+    print(f"{case.name}: {result}")
+    assert not result.violations, "\n".join(map(str, result.violations.values()))
+    assert f"{case.name}: {result}\n" in FIGURES.read_text(encoding="utf-8"), "run: make docs"
+
+
+def test_each_handshake_has_another_name() -> None:
+    names = [case.name for case in every()]
+    assert len(set(names)) == len(names)
+
+
+def homing_ends_at_once(patch: Patch) -> None:
+    patch.setattr(Homing, "run", lambda _: Progress.ATTAINED)
+
+
+def probe_counts_when_armed(patch: Patch) -> None:
+    step = Positioner._home_on_the_fly
+
+    def wrong(self: Positioner) -> None:
+        step(self)
+        self.outcome.home_set = self.outcome.home_set or self.outcome.probe
+
+    patch.setattr(Positioner, "_home_on_the_fly", wrong)
+
+
+def standing_task_bit_starts(patch: Patch) -> None:
+    find = Positioner._find_edges
+
+    def wrong(self: Positioner) -> None:
+        find(self)
+        self._activated = self._asked.activate
+
+    patch.setattr(Positioner, "_find_edges", wrong)
+
+
+def reached_by_the_statusword(patch: Patch) -> None:
+    state = PositionerExecutor._read_state
+
+    def wrong(self: Course) -> bool:
+        return self.goal is not None and self.sent > 0 and self._seen.reached
+
+    def read(self: PositionerExecutor) -> None:
+        state(self)
+        self._seen.reached = self.feedback.statusword & StatusBit.TARGET_REACHED != 0
+
+    patch.setattr(PositionerExecutor, "_read_state", read)
+    patch.setattr(Course, "arrived", wrong)
+
+
+PLANTED: dict[str, tuple[Handshakes, Rule, Callable[[Patch], None]]] = {
+    "reached by the Statusword alone": (
+        Handshakes(110, Orders.TASKS, Character(wrong=Wrong.EARLY)),
+        Rule.REACHED,
+        reached_by_the_statusword,
+    ),
+    "a drive that goes on is not held": (
+        Handshakes(110, Orders.TASKS, Character(keeps=True)),
+        Rule.STOPS,
+        lambda patch: patch.setattr(MotionExecutor, "_stays_halted", lambda _: False),
+    ),
+    "intermediate stop ignored": (
+        Handshakes(110, Orders.TASKS),
+        Rule.STOPS,
+        lambda patch: patch.setattr(Course, "_hold", lambda *_: None),
+    ),
+    "no reason without an acknowledge": (
+        Handshakes(110, Orders.TASKS, Character(signal=Signal.ANSWER, wrong=Wrong.NEVER)),
+        Rule.WAITS,
+        lambda patch: patch.setattr(MotionExecutor, "_await_acknowledge", lambda _: None),
+    ),
+    "homing ends at once": (Handshakes(9, Orders.HOMING), Rule.HOMED, homing_ends_at_once),
+    "probe counts when it is armed": (Handshakes(111, Orders.PROBE), Rule.HOMED, probe_counts_when_armed),
+    "standing task bit starts": (Handshakes(7, Orders.TASKS), Rule.STARTS, standing_task_bit_starts),
+}
+
+
+@pytest.mark.planted
+@pytest.mark.parametrize("name", PLANTED)
+def test_the_walk_of_handshakes_finds_a_planted_defect(name: str, monkeypatch: Patch) -> None:
+    case, rule, plant = PLANTED[name]
+    plant(monkeypatch)
+    result = case.run(until=rule)
+    assert rule in result.violations
+    print(result.violations[rule])

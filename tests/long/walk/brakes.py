@@ -1,0 +1,92 @@
+"""Safety rules of the stops beside the Controlword: NMT Stop, and the withheld heartbeat of the gateway.
+
+Source: docs/safety.md, "A drive that does not stop"; CiA 301, node guarding and heartbeat. Imports only the names of these
+stops from the supervision.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import NamedTuple
+
+from pdgw.dsp402.states import STATE_OF_STATUS, State
+from pdgw.gateway.axis.supervision.stop_supervision import Brake
+from tests.long.walk.plc import ENABLE
+from tests.long.walk.values import Output, Plc, Shown
+
+_STOPS, _QUICK_STOP = 0x6, 0x2
+_REACTION = 4
+"""Steps until the reaction time (400 ms) and the braking time from full speed are over."""
+_NMT_REACTION = 2
+"""Steps after NMT Stop until its reaction time is over."""
+_UNPOWERED = (
+    State.NOT_READY_TO_SWITCH_ON,
+    State.SWITCH_ON_DISABLED,
+    State.READY_TO_SWITCH_ON,
+    State.SWITCHED_ON,
+    State.FAULT,
+)
+
+
+class BrakeRule(enum.Enum):
+    """The rules."""
+
+    LATE = "a drive that does not stop within its reaction time is stopped by NMT"
+    NEEDLESS = "a drive that stops is not stopped by NMT"
+    WITHHELD = "a drive that NMT Stop does not stop loses the gateway's heartbeat"
+    RELEASED = "a brake is released only when the drive is seen without power, or when its node has executed NMT Stop"
+
+
+class BrakeMemory(NamedTuple):
+    """State of the rules between steps."""
+
+    brake: Brake = Brake.NONE
+    ramp: bool = False
+    """Enable Operation stays set for a ramp."""
+    operates: int = 0
+    """Steps in which the drive reported operation although power off or a quick stop was commanded."""
+    turns: int = 0
+    """Steps in which it turned although it was braking under power."""
+    waits: int = 0
+    """Steps since NMT Stop was commanded."""
+    obeyed: bool = False
+    """The node has reported Stopped since then."""
+    tried: bool = False
+    """NMT Stop was executed and the drive was not off."""
+
+
+class BrakeMonitor:
+    """Checks the steps in order."""
+
+    first = BrakeMemory()
+
+    def step(self, before: BrakeMemory, plc: Plc, shown: Shown, output: Output) -> tuple[BrakeMemory, list[BrakeRule]]:
+        """The state of the rules after the step, and the violated rules."""
+        brake, cw = output.brake, output.controlword
+        state = STATE_OF_STATUS[shown.statusword & 0x7F] if shown.ok else None
+        off = shown.found_off or state in _UNPOWERED
+        operates, turns, tried = before.operates, before.turns, before.tried
+        braking = before.brake is Brake.NMT_STOP
+        obeyed = braking and (before.obeyed or shown.stopped)
+        there_again = obeyed and shown.ok
+        if there_again or off:
+            operates = turns = 0
+            tried = not off
+        enabled = cw & ENABLE == ENABLE
+        ramp = enabled and (before.ramp or plc.word & ENABLE != ENABLE)
+        if shown.ok:
+            with_power = ramp or cw & _STOPS == _QUICK_STOP
+            operates = min(operates + 1, _REACTION) if not enabled and state is State.OPERATION_ENABLED else 0
+            turns = min(turns + 1, _REACTION) if with_power and shown.velocity else 0
+        waits = min(before.waits + 1, _NMT_REACTION) if braking else 0
+        broken: list[BrakeRule] = []
+        if brake is Brake.NONE and _REACTION in {operates, turns}:
+            broken.append(BrakeRule.LATE)
+        if before.brake is Brake.NONE and brake is not Brake.NONE and not (operates or turns):
+            broken.append(BrakeRule.NEEDLESS)
+        if brake is Brake.NMT_STOP and (tried or (waits == _NMT_REACTION and not obeyed)):
+            broken.append(BrakeRule.WITHHELD)
+        if brake < before.brake and not off and not there_again:
+            broken.append(BrakeRule.RELEASED)
+        still = brake is Brake.NMT_STOP
+        return BrakeMemory(brake, ramp, operates, turns, waits if still else 0, obeyed and still, tried), broken

@@ -1,0 +1,128 @@
+"""The axis machine as a transducer: states, inputs and outputs have numbers; each transition is computed once and stored."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable, Sequence
+
+from pdgw.dsp402.drive.images import DriveFeedback
+from pdgw.dsp402.drive_type import DriveType
+from pdgw.durations import SECOND
+from pdgw.gateway.axis.checkpoint import Checkpoint, Checkpoints
+from pdgw.gateway.axis.machine import AxisMachine
+from pdgw.gateway.axis.settings import AxisSettings
+from pdgw.gateway.axis.supervision.stop_supervision import Brake
+from pdgw.gateway.axis.values import Configured, NodeNotice, Notice, SdoAnswer
+from pdgw.gateway.reasons import FaultNumber, UnconfirmedOrder
+from pdgw.profidrive.sign_of_life import following
+from pdgw.profidrive.signals import signal
+from tests.long.walk.plc import HOMING_METHOD
+from tests.long.walk.values import Life, Output, Plc, Shown
+
+_START = 1000 * SECOND
+"""Time of the first step, late enough for every age."""
+_LIFE = signal("STW2").bit("SIGN_OF_LIFE").position
+
+
+class Transducer:
+    """One axis with one drive. State 0 is a newly configured machine that has seen no PLC."""
+
+    def __init__(
+        self,
+        number: int,
+        settings: AxisSettings,
+        drive: DriveType,
+        tick_ns: int,
+        inputs: Iterable[tuple[Plc, Shown]] = (),
+        *,
+        guarding: bool = False,
+    ) -> None:
+        self._machine = AxisMachine(number, settings, DriveFeedback())
+        self._drive = drive
+        self._tick = tick_ns
+        self._checkpoints = Checkpoints(self._machine, any_counter=True, stops=guarding, data=False)
+        self._guarding = guarding
+        self._states: list[Checkpoint] = []
+        self._number_of: dict[Hashable, int] = {}
+        self._rows: list[dict[int, tuple[int, int]]] = []
+        self._number_of_input: dict[tuple[Plc, Shown], int] = {}
+        self.inputs: list[tuple[Plc, Shown]] = []
+        self._number_of_output: dict[Output, int] = {}
+        self.outputs: list[Output] = []
+        for plc, shown in inputs:
+            self.number_of(plc, shown)
+        self._machine.inputs.now = _START
+        self._step(Plc("", None), Shown("", 0, restarted=True))
+        self._number()
+
+    def __len__(self) -> int:
+        return len(self._states)
+
+    def number_of(self, plc: Plc, shown: Shown) -> int:
+        """The number of an input; a new input gets a new number."""
+        number = self._number_of_input.setdefault((plc, shown), len(self.inputs))
+        if number == len(self.inputs):
+            self.inputs.append((plc, shown))
+        return number
+
+    def step(self, state: int, number: int) -> tuple[int, int]:
+        """One cycle from a state with an input: the next state, and the number of the output."""
+        row = self._rows[state]
+        found = row.get(number)
+        if found is None:
+            self._checkpoints.restore(self._states[state])
+            output = self._step(*self.inputs[number])
+            place = self._number_of_output.setdefault(output, len(self.outputs))
+            if place == len(self.outputs):
+                self.outputs.append(output)
+            found = row[number] = self._number(), place
+        return found
+
+    def _number(self) -> int:
+        key = self._checkpoints.fingerprint()
+        number = self._number_of.setdefault(key, len(self._states))
+        if number == len(self._states):
+            self._states.append(self._checkpoints.save())
+            self._rows.append({})
+        return number
+
+    def _setpoints(self, plc: Plc) -> Sequence[int] | None:
+        """The setpoints with the next or an unchanged sign of life."""
+        life = self._machine.life
+        if plc.setpoints is None or plc.life is Life.NONE or life is None:
+            return plc.setpoints
+        last = life.counters.received
+        counter = following(last) if plc.life is Life.COUNTS else last
+        place = self._machine.telegram.setpoints.index("STW2")
+        return *plc.setpoints[:place], plc.setpoints[place] | counter << _LIFE, *plc.setpoints[place + 1 :]
+
+    def _step(self, plc: Plc, shown: Shown) -> Output:
+        inputs = self._machine.inputs
+        inputs.now += self._tick if shown.after_ns is None else shown.after_ns
+        inputs.setpoints, inputs.fresh = self._setpoints(plc), plc.fresh
+        inputs.unconfirmed = UnconfirmedOrder.WAITS if plc.waits else UnconfirmedOrder.NONE
+        inputs.drive_ok, inputs.node_stopped = shown.ok, shown.stopped
+        feedback = inputs.feedback
+        feedback.statusword, feedback.velocity_actual = shown.statusword, shown.velocity
+        feedback.modes_of_operation_display, feedback.position_actual = shown.mode, shown.position
+        if shown.restarted:
+            inputs.news.append(Configured(self._drive, HOMING_METHOD))
+        if shown.found_off:
+            inputs.news.append(NodeNotice(Notice.OFF, "", inputs.now))
+        writes = self._machine.outputs.writes
+        if shown.answer is not None and writes is not None:
+            inputs.news.append(SdoAnswer(writes, shown.answer or None))
+        self._checkpoints.step()
+        return self._output()
+
+    def _output(self) -> Output:
+        outputs = self._machine.outputs
+        command = outputs.command
+        return Output(
+            command.controlword,
+            command.target_velocity,
+            command.modes_of_operation,
+            outputs.actuals[0],
+            "" if outputs.reason is None else outputs.reason.name,
+            any(fault.number == FaultNumber.ENABLE_UNASKED for fault in outputs.faults),
+            outputs.brake if self._guarding else Brake.NONE,
+        )
