@@ -209,6 +209,7 @@ class Interlock:
             if shown is not None and drive is not shown:
                 drive = self._changed(drive, shown, now)
             if drive is _OPERATING:
+                self._standing_since = -1
                 if not self._enabling:
                     drive = _LEAVING
                 elif standstill:

@@ -261,6 +261,14 @@ def test_quick_stop_ends_after_the_standstill_time_and_not_at_a_zero_crossing() 
     assert stopping(True, began + 5 * half) == DISABLE_VOLTAGE
 
 
+def test_standstill_of_a_quick_stop_begins_again_after_operation() -> None:
+    control, began = power(State.OPERATION_ENABLED, after_off=True), 10**10
+    stopping = State.QUICK_STOP_ACTIVE
+    for part, state in enumerate((stopping, stopping, State.OPERATION_ENABLED, stopping)):
+        control.step(PowerWish.QUICK_STOP, False, None, STATUS_OF[state], True, began + part * QUICK_STOP_STANDING_NS)
+        assert control.controlword == QUICK_STOP
+
+
 def raw(control: Interlock, wish: PowerWish, state: State, now: int) -> int:
     control.step(wish, False, None, STATUS_OF[state], False, now)
     return control.controlword

@@ -15,8 +15,11 @@ from tests.long.walk.plc import ENABLE
 from tests.long.walk.values import Output, Plc, Shown
 
 _STOPS, _QUICK_STOP = 0x6, 0x2
+_MUST_END = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
 _REACTION = 4
 """Steps until the reaction time (400 ms) and the braking time from full speed are over."""
+_LEAVE = 5
+"""The same after Disable Operation: the drive may brake with half of the ramp that the braking time is derived from."""
 _NMT_REACTION = 2
 """Steps after NMT Stop until its reaction time is over."""
 _UNPOWERED = (
@@ -31,7 +34,7 @@ _UNPOWERED = (
 class BrakeRule(enum.Enum):
     """The rules."""
 
-    LATE = "a drive that does not stop within its reaction time is stopped by NMT"
+    LATE = "a drive that does not stop within its reaction time is stopped by NMT; after Disable Operation, by Quick Stop first"
     NEEDLESS = "a drive that stops is not stopped by NMT"
     WITHHELD = "a drive that NMT Stop does not stop loses the gateway's heartbeat"
     RELEASED = "a brake is released only when the drive is seen without power, or when its node has executed NMT Stop"
@@ -43,8 +46,12 @@ class BrakeMemory(NamedTuple):
     brake: Brake = Brake.NONE
     ramp: bool = False
     """Enable Operation stays set for a ramp."""
-    operates: int = 0
-    """Steps in which the drive reported operation although power off or a quick stop was commanded."""
+    stop: bool = False
+    """Quick Stop or Disable Voltage was commanded, not only Disable Operation: then the drive has its time again."""
+    ignores: int = 0
+    """Steps in which the drive reported a state that the command ends: operation, and with Disable Voltage the quick stop."""
+    state: State | None = None
+    """The last of these states."""
     turns: int = 0
     """Steps in which it turned although it was braking under power."""
     waits: int = 0
@@ -65,28 +72,47 @@ class BrakeMonitor:
         brake, cw = output.brake, output.controlword
         state = STATE_OF_STATUS[shown.statusword & 0x7F] if shown.ok else None
         off = shown.found_off or state in _UNPOWERED
-        operates, turns, tried = before.operates, before.turns, before.tried
+        ignores, ignored, turns, tried = before.ignores, before.state, before.turns, before.tried
         braking = before.brake is Brake.NMT_STOP
         obeyed = braking and (before.obeyed or shown.stopped)
         there_again = obeyed and shown.ok
         if there_again or off:
-            operates = turns = 0
+            ignores = turns = 0
             tried = not off
         enabled = cw & ENABLE == ENABLE
         ramp = enabled and (before.ramp or plc.word & ENABLE != ENABLE)
+        stop = cw & _STOPS != _STOPS
         if shown.ok:
             with_power = ramp or cw & _STOPS == _QUICK_STOP
-            operates = min(operates + 1, _REACTION) if not enabled and state is State.OPERATION_ENABLED else 0
+            ends = _MUST_END if stop and not cw & _QUICK_STOP else _MUST_END[:1]
+            if enabled or state not in ends:
+                ignores = 0
+            elif state is ignored and stop is before.stop:
+                ignores = min(ignores + 1, _LEAVE)
+            else:
+                ignores, ignored = 1, state
             turns = min(turns + 1, _REACTION) if with_power and shown.velocity else 0
+        elif stop is not before.stop:
+            ignores = 0
         waits = min(before.waits + 1, _NMT_REACTION) if braking else 0
         broken: list[BrakeRule] = []
-        if brake is Brake.NONE and _REACTION in {operates, turns}:
+        if brake is Brake.NONE and (ignores >= (_REACTION if stop else _LEAVE) or turns == _REACTION):
             broken.append(BrakeRule.LATE)
-        if before.brake is Brake.NONE and brake is not Brake.NONE and not (operates or turns):
+        if before.brake is Brake.NONE and brake is not Brake.NONE and not (ignores or turns):
             broken.append(BrakeRule.NEEDLESS)
         if brake is Brake.NMT_STOP and (tried or (waits == _NMT_REACTION and not obeyed)):
             broken.append(BrakeRule.WITHHELD)
         if brake < before.brake and not off and not there_again:
             broken.append(BrakeRule.RELEASED)
         still = brake is Brake.NMT_STOP
-        return BrakeMemory(brake, ramp, operates, turns, waits if still else 0, obeyed and still, tried), broken
+        return BrakeMemory(
+            brake,
+            ramp,
+            stop,
+            ignores,
+            ignored if ignores else None,
+            turns,
+            waits if still else 0,
+            obeyed and still,
+            tried,
+        ), broken
