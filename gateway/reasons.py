@@ -587,3 +587,8 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
     }
 )
 """Every fault and warning of the gateway by its number."""
+
+
+def warning_bits(*numbers: FaultNumber) -> int:
+    """The bits of these warnings in P953."""
+    return sum(GATEWAY_FAULTS[number].warning_mask for number in numbers)

@@ -26,7 +26,7 @@ from pdgw.gateway.axis.values import (
     gateway_fault,
 )
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.reasons import FaultNumber, Reason, UnconfirmedOrder
+from pdgw.gateway.reasons import FaultNumber, Reason, UnconfirmedOrder, warning_bits
 from pdgw.profidrive.encoder import (
     EncoderControl,
     PresetRequest,
@@ -184,7 +184,9 @@ class EncoderMachine:
         if self._acknowledgement.step(control.acknowledged, ok, cause, now):
             outputs.acknowledged = outputs.eventful = True
         outputs.reason = self._reason(ok)
-        outputs.warning = self.in_error
+        if not self.in_error:
+            outputs.warned = 0
+        outputs.warning = outputs.warned
         return outputs
 
     def _process_news(self) -> None:
@@ -205,7 +207,7 @@ class EncoderMachine:
         if answer.error is None:
             self.channel.sensor.preset_done()
         else:
-            outputs.fault(gateway_fault(FaultNumber.PRESET, answer.error, self.inputs.now))
+            self._preset_failed(answer.error)
             self.channel.sensor.preset_failed()
 
     def _report_preset(self) -> None:
@@ -215,8 +217,12 @@ class EncoderMachine:
             text = (
                 f"confirmed, but the position did not become {ineffective.position} within {sensor.settle_ns // MS} ms"
             )
-            self.outputs.fault(gateway_fault(FaultNumber.PRESET, text, self.inputs.now))
+            self._preset_failed(text)
         self._ineffective = ineffective
+
+    def _preset_failed(self, text: str) -> None:
+        self.outputs.warned = warning_bits(FaultNumber.PRESET)
+        self.outputs.fault(gateway_fault(FaultNumber.PRESET, text, self.inputs.now))
 
     def _sign_of_life_error(self) -> SensorError | None:
         failed = self.control.sign_of_life.failed

@@ -67,7 +67,7 @@ from pdgw.gateway.axis.values import (
     gateway_fault,
 )
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.reasons import FaultNumber, Reason, UnconfirmedOrder
+from pdgw.gateway.reasons import FaultNumber, Reason, UnconfirmedOrder, warning_bits
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.telegrams import telegram
@@ -78,6 +78,9 @@ _DROPPED: Final = UnconfirmedOrder.DROPPED
 _WAITS: Final = UnconfirmedOrder.WAITS
 _LOCKS: Final = (*LOCKS, Phase.UNCONFIRMED, Phase.COAST)
 _WITHOUT_BRAKE: Final = (Limit.NONE, *QUICK_STOPS)
+_AT_LIMIT: Final = warning_bits(FaultNumber.INTERNAL_LIMIT)
+_SET_POINT: Final = warning_bits(FaultNumber.SET_POINT)
+_WITHOUT_CONTROL: Final = warning_bits(FaultNumber.CONTROL_LOST)
 _INTERNAL_LIMIT: Final = StatusBit.INTERNAL_LIMIT
 _FOLLOW: Final = Phase.FOLLOW
 _PASS: Final = Phase.PASS
@@ -290,7 +293,13 @@ class AxisMachine:
         if reason is None and inputs.unconfirmed is _DROPPED:
             reason = Reason.ORDER_DROPPED
         outputs.reason = reason
-        outputs.warning = outputs.warned or limited or refused or self._control_lost
+        outputs.warning = outputs.warned
+        if limited:
+            outputs.warning |= _AT_LIMIT
+        if refused:
+            outputs.warning |= _SET_POINT
+        if self._control_lost:
+            outputs.warning |= _WITHOUT_CONTROL
         if outputs.found:
             self._report_found()
         return outputs

@@ -13,7 +13,7 @@ from typing import ClassVar, Protocol
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
-from pdgw.gateway.reasons import GATEWAY_FAULTS, FaultNumber, Reason, UnconfirmedOrder
+from pdgw.gateway.reasons import GATEWAY_FAULTS, FaultNumber, Reason, UnconfirmedOrder, warning_bits
 
 
 @dataclass(frozen=True, slots=True)
@@ -312,10 +312,10 @@ class Outputs:
         """The interlock is released: an OFF does nothing but stop. What has no interlock starts nothing either."""
         self.reason = reason
         """Why the axis does not do what the PLC asks; None: it does."""
-        self.warning = False
-        """A warning of the gateway is active."""
-        self.warned = False
-        """A warning of the executor is active: a part of ``warning``."""
+        self.warning = 0
+        """The active warnings of the gateway: bits of P953."""
+        self.warned = 0
+        """Those of the executor: a part of ``warning``."""
         self.eventful = False
         """The step has something in ``faults``, ``log_lines``, ``acknowledged``, ``emergency_over`` or ``read_fault``."""
         self.faults: list[FaultRecord] = []
@@ -352,6 +352,17 @@ class Outputs:
         """A new fault or warning."""
         self.faults.append(record)
         self.eventful = True
+
+    def warn(self, number: FaultNumber, detail: str) -> None:
+        """A warning of the executor is active from now on; it is reported when it begins."""
+        bit = warning_bits(number)
+        if not self.warned & bit:
+            self.warned |= bit
+            self.found.append((number, detail))
+
+    def end_warnings(self, bits: int) -> None:
+        """These warnings are not active any more."""
+        self.warned &= ~bits
 
     def no_drive_error(self) -> None:
         """The drive has left its fault, or says that it has none."""

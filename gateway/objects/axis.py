@@ -135,7 +135,7 @@ class Axis(DriveObject):
             if not machine.report.flags & SHOWN_FAULT:
                 self._sound_until = now
             inputs.fault_code = self.fault_log.fault_code(self._sound_until - EMERGENCY_PATIENCE_NS)
-            inputs.warning_code = self.fault_log.warning_code(present=machine.outputs.warning)
+            inputs.warning_code = self.fault_log.warning_code(machine.outputs.warning)
         inputs.node_stopped = drive.nmt_stopped
         inputs.position_ns = drive.units.position_ns
         if drive.generation != self._generation:

@@ -191,8 +191,8 @@ class DriveObject(abc.ABC):
         return self.outputs.reason
 
     @property
-    def warning(self) -> bool:
-        """A warning of the gateway is active."""
+    def warning(self) -> int:
+        """The active warnings of the gateway: bits of P953."""
         return self.outputs.warning
 
     @property

@@ -53,7 +53,6 @@ class FaultLog:
         self._buffer = FaultBuffer()
         self._active: dict[tuple[int, int], ReportedFault] = {}
         """Faults that are not acknowledged, the oldest first. Equal ones count once, so that none hides another."""
-        self._warnings = 0
         self._emergency = 0
         self._entered = 0
         self.count = 0
@@ -70,9 +69,7 @@ class FaultLog:
                 time_ms = max(0, record.time_ns - self._origin) // MS
                 fault = Fault(record.number, record.code, record.value, time_ms & 0xFFFFFFFF)
                 self._buffer.enter(fault, FAULTS_PER_SITUATION if record.of_device else _OWN_PLACES)
-        elif record.number in GATEWAY_FAULTS:
-            self._warnings |= _warning_mask(record)
-        else:
+        elif record.number not in GATEWAY_FAULTS:
             self._emergency = _warning_mask(record)
 
     @property
@@ -95,11 +92,11 @@ class FaultLog:
         self._buffer.clear()
         self._active.clear()
 
-    def reported(self, *, present: bool, newest: int | None = None) -> list[ReportedFault]:
+    def reported(self, *, present: int, newest: int | None = None) -> list[ReportedFault]:
         """The history with its ids, newest first, then older faults that are not acknowledged; ``newest``: maximum number.
         ``present`` as in ``warnings``.
         """
-        warnings = self.warnings(present=present)
+        warnings = self.warnings(present)
         seen: set[int] = set()
         result: list[ReportedFault] = []
         for back, record in enumerate(reversed(self.history)):
@@ -149,24 +146,20 @@ class FaultLog:
 
     def _unacknowledged(self) -> list[ReportedFault]:
         """The oldest first, also equal ones."""
-        reported = reversed(self.reported(present=True))  # `present` False would end the warnings
+        reported = reversed(self.reported(present=0))
         return [item for item in reported if item.active and not item.record.is_warning]
 
-    def warning_code(self, *, present: bool) -> int:
+    def warning_code(self, present: int) -> int:
         """The lowest number among the warnings of P953, 0 for none."""
-        word = self.warnings(present=present)
+        word = self.warnings(present)
         return FIRST_WARNING + (word & -word).bit_length() - 1 if word else 0
 
     def unacknowledged(self) -> list[FaultRecord]:
         """The unacknowledged faults, each once, also those without a place in situation 0."""
         return [item.record for item in self._active.values()]
 
-    def warnings(self, *, present: bool) -> int:
-        """P953 without the drive's own bit.
-
-        The gateway's warnings end with the standing one of the machine (``present`` False), that of an EMCY with the device's
-        "no error" or an acknowledge.
+    def warnings(self, present: int) -> int:
+        """P953 without the drive's own bit: the warnings of the gateway that are ``present`` (``Outputs.warning``), and that of
+        an EMCY, which ends with the device's "no error" or an acknowledge.
         """
-        if not present:
-            self._warnings = 0
-        return self._warnings | self._emergency
+        return present | self._emergency

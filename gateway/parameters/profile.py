@@ -311,7 +311,7 @@ class NodeObject(BoundObject):
         self.owner.fault_log.clear()
 
     def _warnings(self) -> int:
-        return self.owner.fault_log.warnings(present=self.owner.warning)
+        return self.owner.fault_log.warnings(self.owner.warning)
 
     def require_power_off(self) -> None:
         """ParameterRefused while something may move."""

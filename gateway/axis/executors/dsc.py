@@ -21,10 +21,11 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.dsc import Dsc, DscChoices, DscForm, DscSettings, wrapped
 from pdgw.gateway.motion.messages import SPEED_WITHIN_TOLERANCE, MessageWord, reduced_torque
 from pdgw.gateway.motion.units import round_half_away
-from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 from pdgw.profidrive.datatypes import DataType, n4
 from pdgw.profidrive.normalisation import Normalisation
 
+_GAIN = warning_bits(FaultNumber.DSC_GAIN)
 _ENABLE_OPERATION, _RAMP = Action.ENABLE_OPERATION, Action.RAMP
 _BY_SPEED = DscForm.SPEED
 _FREEZE = SpeedWish.FREEZE
@@ -125,7 +126,7 @@ class DscExecutor(Executor):
         demand, position = self.demand, self.feedback.position_actual
         if self._is_out_of_date(dsc):
             self._ramp()
-            self.outputs.warned = True
+            self.outputs.warned = _GAIN
             return Reason.DSC_OUT_OF_DATE
         if demand.speed_wish is _FREEZE:
             self._freeze(dsc)
@@ -188,7 +189,7 @@ class DscExecutor(Executor):
         if clamped and not self._was_clamped:
             text = f"KPC is limited to {dsc.gain_limit / 1000:.1f} 1/s (dead time {dsc.dead_time_ns / MS:.1f} ms)"
             self.outputs.found.append((FaultNumber.DSC_GAIN, text))
-        self._was_clamped = self.outputs.warned = clamped
+        self._was_clamped, self.outputs.warned = clamped, _GAIN if clamped else 0
 
     def _travel(self, velocity: int) -> None:
         """The setpoint of one cycle further on at a speed, without losing fractions."""
@@ -220,4 +221,4 @@ class DscExecutor(Executor):
         command.target_position = feedback.position_actual
         self._velocity = feedback.velocity_actual
         self._rest = 0
-        self._was_clamped = self.outputs.warned = False
+        self._was_clamped, self.outputs.warned = False, 0

@@ -15,10 +15,11 @@ from pdgw.gateway.axis.demand_report import Flag, SpeedWish
 from pdgw.gateway.axis.executors.base import AxisRecords, Executor, LimitWatch, demanded_speed, known
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.motion.messages import TOLERANCE_PERCENT
-from pdgw.gateway.reasons import Reason
+from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 from pdgw.profidrive.datatypes import n4
 from pdgw.profidrive.normalisation import Normalisation
 
+_AT_LIMIT: Final = warning_bits(FaultNumber.INTERNAL_LIMIT)
 _ENABLE_OPERATION: Final = Action.ENABLE_OPERATION
 _RAMP: Final = Action.RAMP
 _FOLLOW: Final = SpeedWish.FOLLOW
@@ -84,7 +85,7 @@ class SpeedExecutor(Executor):
             self._jog_speeds = first, second
 
     def refuse(self) -> None:
-        self.outputs.warned = False
+        self.outputs.warned = 0
         self.command.controlword, self.command.target_velocity = self.interlock.controlword, 0
         self.report.speed = 0
 
@@ -178,9 +179,9 @@ class SpeedExecutor(Executor):
         if target * self._stopped > 0:
             return 0
         self._stopped = 0
-        self.outputs.warned = False
+        self.outputs.warned = 0
         if self._limit.step(target != 0, self):
             self._stopped = target
-            self.outputs.warned = True
+            self.outputs.warned = _AT_LIMIT
             return 0
         return target

@@ -11,7 +11,7 @@ from pdgw.durations import MS
 from pdgw.gateway.axis.values import gateway_fault
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.objects.fault_buffer import FaultLog
-from pdgw.gateway.reasons import AxisState, FaultNumber, Reason
+from pdgw.gateway.reasons import AxisState, FaultNumber, Reason, warning_bits
 from pdgw.gateway.service.build import build_text
 from pdgw.gateway.service.cycle_times import Histogram
 from pdgw.gateway.service.status import answered, axis_status, encoder_status, snapshot
@@ -125,17 +125,24 @@ def test_a_request_nobody_knows_is_refused_with_what_is_allowed(request_: bytes,
         assert "allowed" in answer["error"]
 
 
+_HOMING = warning_bits(FaultNumber.HOMING)
+
+
 def test_a_warning_is_active_while_it_stands_and_only_its_newest_telling() -> None:
     log = FaultLog(0)
     for number in (FaultNumber.HOMING, FaultNumber.PLC_LOST, FaultNumber.HOMING):
         log.enter(gateway_fault(number, "told", 1))
-    assert [(logged.id, logged.active) for logged in log.reported(present=True)] == [(3, True), (2, True), (1, False)]
-    assert [logged.id for logged in log.reported(present=True, newest=2)] == [3, 2]
+    assert [(logged.id, logged.active) for logged in log.reported(present=_HOMING)] == [
+        (3, True),
+        (2, True),
+        (1, False),
+    ]
+    assert [logged.id for logged in log.reported(present=_HOMING, newest=2)] == [3, 2]
     assert (log.count, log.active) == (1, True)
     # The gateway's warnings end with the standing one of the machine, a fault with its acknowledge or P952 := 0.
-    assert [logged.active for logged in log.reported(present=False)] == [False, True, False]
+    assert [logged.active for logged in log.reported(present=0)] == [False, True, False]
     log.clear()
-    assert not any(logged.active for logged in log.reported(present=True))
+    assert not any(logged.active for logged in log.reported(present=0))
     assert (log.count, log.active) == (1, False)
 
 
@@ -143,11 +150,11 @@ def test_ids_go_on_when_old_faults_are_forgotten() -> None:
     log = FaultLog(0)
     for number in range(100):
         log.enter(gateway_fault(FaultNumber.PLC_LOST, str(number), number))
-    ids = [logged.id for logged in log.reported(present=False)]
+    ids = [logged.id for logged in log.reported(present=0)]
     assert (ids[0], ids[-2], len(ids)) == (100, 37, 65)
     assert ids[-1] == 1, "the first one is not acknowledged"
     log.acknowledge()
-    assert len(log.reported(present=False)) == 64
+    assert len(log.reported(present=0)) == 64
 
 
 def test_durations_are_counted_by_class_an_upper_end_belongs_to_its_own() -> None:

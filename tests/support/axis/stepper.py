@@ -125,7 +125,7 @@ class Stepper(_Device):
     @property
     def warning(self) -> bool:
         """That of the executor; the drive's limit has its own."""
-        return self.machine.outputs.warned
+        return self.machine.outputs.warned != 0
 
     @property
     def saturations(self) -> int:

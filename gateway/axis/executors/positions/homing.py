@@ -7,6 +7,7 @@ may begin is the positioning executor's.
 from __future__ import annotations
 
 import enum
+from collections.abc import Mapping
 from typing import Final
 
 from pdgw.dsp402.indices import HOMING_SPEEDS
@@ -14,12 +15,11 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import HOMING_METHOD
 from pdgw.dsp402.states import StatusBit
 from pdgw.durations import MS
-from pdgw.gateway.axis.answer import Answer
 from pdgw.gateway.axis.executors.base import Executor
 from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.executors.positions.stall import Stall
 from pdgw.gateway.axis.values import SdoWrite
-from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 
 _START_NS: Final = 50 * MS
 """The start and the answer to it also have to reach their ends."""
@@ -30,6 +30,14 @@ _SPEEDS = (1, 2)
 _ATTAINED, _REACHED = StatusBit.MODE_12, StatusBit.TARGET_REACHED
 _ENDED = _ATTAINED | _REACHED
 _ERROR = StatusBit.MODE_13
+TASK_WARNINGS: Final = warning_bits(
+    FaultNumber.HOMING_METHOD,
+    FaultNumber.HOMING_PARAMETERS,
+    FaultNumber.HOMING,
+    FaultNumber.POSITIONER,
+    FaultNumber.NOT_ACKNOWLEDGED,
+)
+"""Warnings of one task: the next one ends them."""
 
 
 class Progress(enum.Enum):
@@ -47,11 +55,12 @@ class Homing:
     __slots__ = (
         "_answer",
         "_busy",
-        "_end",
         "_executor",
+        "_latency",
         "_mode",
         "_outputs",
         "_stall",
+        "_started",
         "_turned_ended",
         "_writes",
         "method",
@@ -70,24 +79,30 @@ class Homing:
         self._busy = False
         self._answer: str | None = None
         """State of the writes: None: not requested, empty: running, "done", or the error."""
-        self._end = Answer(executor.settings.latency_ns + _START_NS)
-        """The end of the homing, in answer to the start."""
+        self._started = 0
+        """When the drive could start, monotonic ns."""
+        self._latency = executor.settings.latency_ns + _START_NS
+        """From the start until its answer: the bits of an earlier homing."""
         self._turned_ended = False
         """The axis turned while the drive showed that the homing has ended: its bits may be stuck."""
         self._stall = Stall(executor.settings.stall_ns)
 
+    @property
+    def INSTANTS(self) -> Mapping[str, int]:  # noqa: N802 (as in classes with the same ages for every axis)
+        """See ``gateway.axis.checkpoint``."""
+        return {"_started": self._latency}
+
     def require_method(self, method: int | None) -> bool:
         """Whether the method exists. One that does not, or None, starts nothing and raises the warning."""
         outputs = self._outputs
+        outputs.end_warnings(TASK_WARNINGS)
         if method is not None and self._offered(method) in self.methods:
-            outputs.warned = False
             return True
-        outputs.warned = True
         outputs.reason = Reason.HOMING_METHOD
         allowed = (
             ", ".join(str(number) for number in sorted(self.methods)) or "none: the drive has no homing (6502h, 60E3h)"
         )
-        outputs.found.append((FaultNumber.HOMING_METHOD, f"homing method {method}, allowed {allowed}"))
+        outputs.warn(FaultNumber.HOMING_METHOD, f"homing method {method}, allowed {allowed}")
         return False
 
     def _offered(self, method: int) -> int:
@@ -133,14 +148,13 @@ class Homing:
             outputs.reason = Reason.HOMING_SETUP
             return Progress.WAITS
         if self._answer != "done":
-            outputs.found.append((FaultNumber.HOMING_PARAMETERS, self._answer))
-            outputs.warned = True
+            outputs.warn(FaultNumber.HOMING_PARAMETERS, self._answer)
             outputs.reason = Reason.HOMING_ERROR
             return Progress.FAILED
         self.method = self._writes[0].value
         if not self._mode.request(Mode.HOMING):
             return Progress.WAITS
-        self._end.command(self._executor.inputs.now)
+        self._started = self._executor.inputs.now
         self._turned_ended = False
         return Progress.READY
 
@@ -156,7 +170,7 @@ class Homing:
             self._turned_ended = False
         elif not inputs.standstill:
             self._turned_ended = True
-        if not self._end.due(inputs.now):
+        if inputs.now - self._started < self._latency:
             return Progress.WAITS
         if statusword & _ERROR:
             return self._failed("homing error", statusword)
@@ -173,7 +187,6 @@ class Homing:
 
     def _failed(self, what: str, statusword: int) -> Progress:
         outputs = self._outputs
-        outputs.warned = True
-        outputs.found.append((FaultNumber.HOMING, f"method {self.method}, {what}, Statusword {statusword:04X}h"))
+        outputs.warn(FaultNumber.HOMING, f"method {self.method}, {what}, Statusword {statusword:04X}h")
         outputs.reason = Reason.HOMING_ERROR
         return Progress.FAILED

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, Final
 
 from pdgw.dsp402.modes import MODE_CONFIRM_NS
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.answer import Answer
 from pdgw.gateway.axis.executors.base import Executor
-from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
+
+_NOT_CONFIRMED: Final = warning_bits(FaultNumber.MODE_NOT_CONFIRMED)
 
 
 class ModeSwitch:
@@ -32,8 +34,7 @@ class ModeSwitch:
         self.asked = False
         """A mode was requested in this cycle."""
         self.since = -1
-        """Start of the request that the drive has not confirmed, monotonic ns; -1: none. A cycle without a request ends it, and
-        one with a warning starts it again."""
+        """Start of the request that the drive has not confirmed, monotonic ns; -1: none."""
 
     def rebase(self, base: int) -> None:
         """Another mode of tasks, of another drive."""
@@ -43,9 +44,14 @@ class ModeSwitch:
 
     def abandon(self) -> None:
         """Back to the base mode; nothing is waited for."""
-        self.since = -1
+        self.cease()
         if not self.halted and self.mode != self.base:
             self._change(self.base)
+
+    def cease(self) -> None:
+        """No mode is waited for."""
+        self.since = -1
+        self._executor.outputs.end_warnings(_NOT_CONFIRMED)
 
     def shows_base(self) -> bool:
         """The drive is in the mode of tasks."""
@@ -69,16 +75,14 @@ class ModeSwitch:
             self._change(mode)
             self.since = now
         if self.mode == mode and self._answer.given and not self.halted:
-            self.since = -1
+            self.cease()
             return True
         outputs = executor.outputs
         outputs.reason = Reason.MODE_NOT_CONFIRMED
-        if self.since < 0 or outputs.warned:
+        if self.since < 0:
             self.since = now
         elif now - self.since >= MODE_CONFIRM_NS:
-            outputs.warned = True
             shown = executor.feedback.modes_of_operation_display
-            outputs.found.append(
-                (FaultNumber.MODE_NOT_CONFIRMED, f"6060h = {mode}, 6061h = {shown} for {MODE_CONFIRM_NS / SECOND:g} s")
-            )
+            detail = f"6060h = {mode}, 6061h = {shown} for {MODE_CONFIRM_NS / SECOND:g} s"
+            outputs.warn(FaultNumber.MODE_NOT_CONFIRMED, detail)
         return False

@@ -23,7 +23,7 @@ from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.motion.positioner import Positioner
 from pdgw.gateway.motion.requests import Asked, HomingResult, Motion, Outcome, Seen
 from pdgw.gateway.motion.states import State
-from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 
 HALT = ControlBit.HALT
 NEW_SETPOINT = ControlBit.NEW_SETPOINT
@@ -36,6 +36,9 @@ CiA 402 has no limit. A drive that is free for a setpoint acknowledges it within
 setpoint may have to be written by SDO. A drive whose buffer is full is given no setpoint.
 """
 _RAMPS = (Action.RAMP, Action.RAMP_END)
+_STALLED: Final = warning_bits(FaultNumber.STALLED)
+_MOVES: Final = warning_bits(FaultNumber.MOVES_UNASKED)
+_NOT_ACKNOWLEDGED: Final = warning_bits(FaultNumber.NOT_ACKNOWLEDGED)
 
 
 class MotionExecutor(Executor):
@@ -72,8 +75,6 @@ class MotionExecutor(Executor):
         """Halt has stopped a setpoint, and none came since: the drive may continue it when Halt falls."""
         self._continued = False
         """It turned again, or does not show that it has ended its ramp: Halt stays."""
-        self._moved = False
-        """The axis also left the standstill window: a warning."""
         self._bits = 0
         """Controlword bits of the setpoint given last, beside CW.4."""
         self._homing_begun = 0
@@ -107,6 +108,11 @@ class MotionExecutor(Executor):
         self.homing.answered(error)
 
     @property
+    def _moved(self) -> bool:
+        """The axis also left the standstill window."""
+        return self.outputs.warned & _MOVES != 0
+
+    @property
     def stopped(self) -> bool:
         """The axis is at standstill, and the drive has ended its ramp."""
         feedback = self.feedback
@@ -137,7 +143,7 @@ class MotionExecutor(Executor):
             mode.asked = False
             extra = self._execute(outcome.motion)
             if not mode.asked:
-                mode.since = -1
+                mode.cease()
             mode.halted = extra & HALT != 0
             self._report_stall()
         else:
@@ -185,17 +191,15 @@ class MotionExecutor(Executor):
             self._end_stall()
             return
         if self._stalled is None:
-            outputs.warned = True
             detail = f"{reason.value}, 6064h = {self.feedback.position_actual}, 607Ah = {self.command.target_position}"
-            outputs.found.append((FaultNumber.STALLED, detail))
+            outputs.warn(FaultNumber.STALLED, detail)
         self._stalled = reason
         if outputs.reason is None:
             outputs.reason = reason
 
     def _end_stall(self) -> None:
-        if self._stalled is not None:
-            self._stalled = None
-            self.outputs.warned = False
+        self._stalled = None
+        self.outputs.end_warnings(_STALLED)
 
     def _stand(self) -> int:
         """Without a function: Halt while the axis turns, and until the next function if it turns again when Halt falls."""
@@ -246,23 +250,21 @@ class MotionExecutor(Executor):
         outcome = self.positioner.outcome
         if outcome.warning is Reason.NOT_ACKNOWLEDGED:
             outcome.warning = None
-            self.outputs.warned = False
+            self.outputs.end_warnings(_NOT_ACKNOWLEDGED)
 
     def _settle(self) -> None:
         """The drive has no stopped setpoint any more."""
-        if self._moved:
-            self.outputs.warned = False
-        self._halted = self._continued = self._moved = False
+        self._halted = self._continued = False
+        self.outputs.end_warnings(_MOVES)
 
     def _stays_halted(self) -> bool:
         """Without a function and after the fall of Halt: whether the drive continues what Halt has stopped."""
-        outcome = self.positioner.outcome
+        outcome, outputs = self.positioner.outcome, self.outputs
         if self._halted and not self._mode.halted and not self.stopped and self._mode.shows_base():
             self._continued = True
         if self._continued and not self._moved and not self.inputs.standstill:
-            self._moved = self.outputs.warned = True
             outcome.warning = None
-            self.outputs.found.append((FaultNumber.MOVES_UNASKED, f"speed {self.feedback.velocity_actual}"))
+            outputs.warn(FaultNumber.MOVES_UNASKED, f"speed {self.feedback.velocity_actual}")
         if self._moved and outcome.warning is None:
             outcome.warning = Reason.MOVES_UNASKED
         return self._continued
@@ -285,10 +287,9 @@ class MotionExecutor(Executor):
             and not inputs.set_point_refused
         ):
             outcome.warning = Reason.NOT_ACKNOWLEDGED
-            self.outputs.warned = True
             detail = f"607Ah = {self.command.target_position}, Statusword {statusword:04X}h, "
             detail += f"6061h = {self.feedback.modes_of_operation_display} after {ACKNOWLEDGE_NS / SECOND:g} s"
-            self.outputs.found.append((FaultNumber.NOT_ACKNOWLEDGED, detail))
+            self.outputs.warn(FaultNumber.NOT_ACKNOWLEDGED, detail)
 
     def _replaces(self, motion: Motion, given: int) -> bool:
         """Another task than that of the setpoint ``given`` waits, and the drive does not take this setpoint any more.

@@ -18,6 +18,7 @@ from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.gateway.axis.demand_report import Flag
 from pdgw.gateway.axis.executors.base import AxisRecords, highest, known
+from pdgw.gateway.axis.executors.positions.homing import TASK_WARNINGS
 from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGED, HALT, NEW_SETPOINT, MotionExecutor
 from pdgw.gateway.axis.executors.positions.task_scaling import position_mode
 from pdgw.gateway.axis.executors.positions.torque_limit import TorqueLimit
@@ -217,11 +218,10 @@ class PositionerExecutor(MotionExecutor):
 
     def _warn(self, warning: Reason | None) -> None:
         """Report another warning of the positioner once; it is shown while it is active."""
-        if warning is None:
-            self.outputs.warned = False
-        elif warning not in _REPORTED:
-            self.outputs.warned = True
-            self.outputs.found.append((FaultNumber.POSITIONER, warning.value))
+        if warning not in _REPORTED:
+            self.outputs.end_warnings(TASK_WARNINGS)
+            if warning is not None:
+                self.outputs.warn(FaultNumber.POSITIONER, warning.value)
         self._warned = warning
 
     def _flags(self, outcome: Outcome) -> int:

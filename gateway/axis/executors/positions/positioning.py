@@ -11,6 +11,7 @@ from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.gateway.axis.demand_report import Flag
 from pdgw.gateway.axis.executors.base import AxisRecords
+from pdgw.gateway.axis.executors.positions.homing import TASK_WARNINGS
 from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGED, HALT, NEW_SETPOINT, MotionExecutor
 from pdgw.gateway.axis.executors.positions.task_scaling import TaskScaling, base_mode
 from pdgw.gateway.axis.power_states import Action
@@ -97,10 +98,10 @@ class PositioningExecutor(MotionExecutor):
         asked, outputs = self.demand.motion or self._nothing, self.outputs
         if not asked.homing:
             if self.positioner.outcome.state is _IDLE:
-                outputs.warned = self._moved
+                outputs.end_warnings(TASK_WARNINGS)
         elif edge:
             return self.homing.require_method(asked.homing_method)
-        elif outputs.warned:
+        elif outputs.warned & TASK_WARNINGS:
             outputs.reason = Reason.HOMING_METHOD
         return False
 
@@ -156,7 +157,7 @@ class PositioningExecutor(MotionExecutor):
             return HALT
         if before is _HOMING:
             if self._seen.homing is not HomingResult.RUNNING:
-                outputs.warned = False
+                outputs.end_warnings(TASK_WARNINGS)
             self._end_set_point()
             mode.abandon()
         if state is _IDLE and before is _IDLE and self._stand():
@@ -199,7 +200,7 @@ class PositioningExecutor(MotionExecutor):
                 self._set_at = -1
             elif self._replaces(motion, self._seen.given):
                 self._set_at = -1
-                self.outputs.warned = False
+                self.outputs.end_warnings(TASK_WARNINGS)
         elif goal is not None and self._mdi.waits:
             acknowledged = statusword & ACKNOWLEDGED and mode.shows_base()
             self._blocked = acknowledged != 0

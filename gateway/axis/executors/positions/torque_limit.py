@@ -74,7 +74,6 @@ class TorqueLimit:
         else:
             outputs = self._outputs
             self._refused = writes[0].value
-            outputs.warned = True
             outputs.reason = Reason.TORQUE_LIMIT
-            outputs.found.append((FaultNumber.POSITIONER, f"torque limit 6072h = {writes[0].value}: {error}"))
+            outputs.warn(FaultNumber.POSITIONER, f"torque limit 6072h = {writes[0].value}: {error}")
         return True
