@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from pdgw.client.address import parse_target
 from pdgw.client.session import Element
 from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
-from pdgw.peers.plc.compiler import Access, Compiler, Expectation, Primitive
+from pdgw.peers.plc.actions import Access, Order, Set, Wait
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
-from pdgw.peers.plc.exchange.following import Following
+from pdgw.peers.plc.exchange.following import Follow, Following, can_follow
 from pdgw.peers.plc.exchange.parameters import ParameterAccess
-from pdgw.peers.plc.notation import parse_time
-from pdgw.peers.plc.scenario import Scenario, Step
+from pdgw.peers.plc.notation import Scalar, comparison, expected, integer, parse_time, raw_value, written
+from pdgw.peers.plc.scenario import ACTIONS, Scenario, Step
+from pdgw.peers.plc.vocabulary import Word, find
 from pdgw.profidrive.errors import ProfidriveError
 
-_ENVIRONMENT = frozenset({"mute", "run", "drive", "hold"})
-"""Actions that do not depend on the axis' telegram."""
+Run = Callable[[int], bool]
+"""One part of a step: called each cycle with the time, until it returns True."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,10 +52,12 @@ class Engine:
         self.muted = False
         self.finished = False
         self._start = -1
+        self._since = -1
+        """Start of the active part; -1 before its first cycle."""
         self._position = 0
-        self._queue: list[Primitive] = []
-        self._hold_until = -1
-        self._compiler = Compiler(scenario.references, endpoint)
+        self._queue: list[Run] = []
+        self._following: tuple[int, Mapping[str, int]] | None = None
+        """Axis of the active closed position loop, and the setpoints at its end."""
         self._programs = [self._compile(number, step) for number, step in enumerate(scenario.steps, 1)]
 
     @property
@@ -65,8 +70,12 @@ class Engine:
         """The present step, for a display."""
         if self._position == 0:
             return ""
-        step = self.scenario.steps[min(self._position, len(self.scenario.steps)) - 1]
+        step = self._step
         return step.note or f"{step.action} axis {step.axis}"
+
+    @property
+    def _step(self) -> Step:
+        return self.scenario.steps[self._position - 1]
 
     def step(self, now: int) -> None:
         """Run the steps that are possible at this time with the actual values of the endpoint."""
@@ -78,126 +87,175 @@ class Engine:
                     self.finished = True
                     return
                 self._queue = list(self._programs[self._position])
-                note = self.scenario.steps[self._position].note
-                if note:
-                    self.notes.append(((now - self._start) / SECOND, note))
                 self._position += 1
-            item = self._queue[0]
-            if isinstance(item, Expectation):
-                if not self._wait(item, now):
-                    return
-                if not self.results[-1].passed and self.scenario.steps[self._position - 1].action == "enable":
-                    self._queue = []  # a drive that is not ready must not get ON later
-                    continue
-            elif isinstance(item, Access):
-                if not self._parameters(item, now):
-                    return
-            elif isinstance(item, Following):
-                if not self._follow(item, now):
-                    return
-            elif isinstance(item, int):
-                if self._hold_until < 0:
-                    self._hold_until = now + item
-                if now < self._hold_until:
-                    return
-                self._hold_until = -1
-            else:
-                item()
+                if self._step.note:
+                    self.notes.append(((now - self._start) / SECOND, self._step.note))
+            if self._since < 0:
+                self._since = now
+            if not self._queue[0](now):
+                return
+            self._since = -1
             self._queue.pop(0)
-
-    def _wait(self, wait: Expectation, now: int) -> bool:
-        if wait.since < 0:
-            wait.since = now
-        actuals = self.endpoint.actuals[wait.axis]
-        met = actuals is not None and all(c.holds(c.value(actuals)) for c in wait.conditions)
-        if not met and now - wait.since < wait.within:
-            return False
-        if actuals is None:
-            measured = f"no valid actual values: {self.endpoint.why_no_values(wait.axis)}"
-        else:
-            measured = ", ".join(c.measured(actuals) for c in wait.conditions)
-        self._result(wait, wait.name, met, measured, now)
-        return True
-
-    def _follow(self, item: Following, now: int) -> bool:
-        wanted = item.step(now, self.endpoint.actuals[item.axis])
-        self.endpoint.set(item.axis, item.rest if wanted is None else wanted)
-        if wanted is None:
-            self._result(item, item.name, item.passed, item.measured, now)
-        return wanted is None
+            if self._step.action == "enable" and any(r.step == self._position and not r.passed for r in self.results):
+                self._queue = []  # a drive that is not ready must not get ON later
 
     def abort(self) -> None:
         """End the active step. A closed position loop leaves no setpoints."""
-        if self._queue and isinstance(self._queue[0], Following):
-            self.endpoint.set(self._queue[0].axis, self._queue[0].rest)
+        if self._following is not None:
+            self.endpoint.set(*self._following)
         self._queue = []
         self.finished = True
 
-    def _parameters(self, item: Access, now: int) -> bool:
-        if item.since < 0:
-            item.since = now
-        expired = now - item.since >= item.within
-        if item.access is None:
-            item.access = ParameterAccess(item.axis + 1, item.targets, item.values)
-            self.accesses.append(item.access)
-        access = item.access
-        if not access.done and not expired:
-            return False
-        answers = access.answers if access.done else ()
-        met = [check.holds(answer) for check, answer in zip(item.checks, answers, strict=False)]
-        if not access.error and access.done and not all(met) and not item.values and not expired:
-            item.access = None
-            return False
-        for place, check in enumerate(item.checks):
-            if place < len(answers):
-                self._result(item, check.name, met[place], _shown(answers[place]), now)
-            else:
-                self._result(item, check.name, False, access.error or "no answer in time", now)
-        return True
+    def _report(self, axis: int, name: str, passed: bool, measured: str, now: int) -> None:
+        began, waited = round((now - self._start) / SECOND, 3), round((now - self._since) / SECOND, 3)
+        self.results.append(Result(self._position, axis + 1, name, passed, measured, began, waited))
 
-    def _result(self, item: Expectation | Access | Following, name: str, passed: bool, measured: str, now: int) -> None:
-        began, waited = now - self._start, now - item.since
-        self.results.append(
-            Result(
-                self._position,
-                item.axis + 1,
-                name,
-                passed,
-                measured,
-                round(began / SECOND, 3),
-                round(waited / SECOND, 3),
-            )
-        )
+    # -- translation of the steps -------------------------------------------------------------------------------------
 
-    def _compile(self, number: int, step: Step) -> list[Primitive]:
+    def _compile(self, number: int, step: Step) -> list[Run]:
         try:
+            chosen = self.endpoint.telegrams[step.axis - 1]
             within = parse_time(step.within or self.scenario.within)
-            if step.action in _ENVIRONMENT:
-                return [self._environment(step)]
-            return self._compiler.compile(step, within)
+            program = ACTIONS[step.action](chosen, getattr(step, step.action))
+            return [self._part(part, step, step.axis - 1, within) for part in program]
         except (GatewayError, ProfidriveError) as error:
             raise GatewayError(f"step {number} ({step.action}): {error}") from error
 
-    def _environment(self, step: Step) -> Primitive:
-        if step.hold is not None:
-            return parse_time(step.hold)
-        if step.drive is not None:
-            command = step.drive
-            return lambda: self.drive_commands.append(command)
-        if step.mute is not None:
-            muted = step.mute
+    def _part(self, part: Set | Wait | Access | Follow | Order | int, step: Step, axis: int, within: int) -> Run:
+        match part:
+            case int():
+                return lambda now: now - self._since >= part
+            case Set():
+                return self._setter(part, axis)
+            case Wait():
+                return self._expectation(part.values, part.name or step.note, axis, within)
+            case Access():
+                return self._access(part, step, axis, within)
+            case Follow():
+                return self._follow(part, axis, within)
 
-            def mute() -> None:
-                self.muted = muted
+        def run(_: int) -> bool:
+            part(self, axis)
+            return True
 
-            return mute
-        running = bool(step.run)
+        return run
 
-        def run() -> None:
-            self.endpoint.run = running
+    def _setter(self, part: Set, axis: int) -> Run:
+        changes = [self._change(axis, name, value) for name, value in part.values.items()]
+        if_zero = [self._change(axis, name, value) for name, value in part.if_zero.items()]
+
+        def run(_: int) -> bool:
+            current = self.endpoint.setpoints[axis]
+            new: dict[str, int] = {}
+            for name, mask, raw in (*changes, *(change for change in if_zero if not current[change[0]])):
+                new[name] = new.get(name, current[name]) & ~mask | raw if mask else raw
+            self.endpoint.set(axis, new)
+            return True
+
+        return run
+
+    def _change(self, axis: int, name: str, value: Scalar) -> tuple[str, int, int]:
+        """Signal, mask (0: all bits) and shifted bits."""
+        half = self.endpoint.telegrams[axis].setpoints
+        word = find(name, half)
+        item, bit = word.signal, word.bit
+        raw = raw_value(self.scenario.references, item, value)
+        if bit is None:
+            half.encode(half.from_dict({item.name: raw}))
+            return item.name, 0, raw
+        highest = bit.mask >> bit.position
+        lowest = -(highest // 2) - 1 if bit.signed else 0
+        if not lowest <= raw <= highest:
+            raise GatewayError(f"{name} = {value!r}: expected {lowest}..{highest}")
+        return item.name, bit.mask, (raw & highest) << bit.position
+
+    def _expectation(self, values: Mapping[str, Scalar], name: str, axis: int, within: int) -> Run:
+        references = self.scenario.references
+        half = self.endpoint.telegrams[axis].actuals
+        conditions: list[tuple[Word, str, Callable[[int], bool]]] = []
+        for key, wanted in values.items():
+            word = find(key, half)
+            conditions.append((word, str(wanted), expected(references, word.signal, wanted)))
+        text = ", ".join(f"{word.name} {wanted}" for word, wanted, _ in conditions)
+
+        def run(now: int) -> bool:
+            actuals = self.endpoint.actuals[axis]
+            met = actuals is not None and all(holds(word.of(actuals)) for word, _, holds in conditions)
+            if not met and now - self._since < within:
+                return False
+            if actuals is None:
+                measured = f"no valid actual values: {self.endpoint.why_no_values(axis)}"
+            else:
+                measured = ", ".join(
+                    f"{word.name} = {written(references, word.signal, wanted, word.of(actuals))}"
+                    for word, wanted, _ in conditions
+                )
+            self._report(axis, f"{name}: {text}" if name else text, met, measured, now)
+            return True
+
+        return run
+
+    def _follow(self, wish: Follow, axis: int, within: int) -> Run:
+        known = self.scenario.references
+        dsc = can_follow(self.endpoint.telegrams[axis], dsc=True)
+        item = Following(wish, within, increments=known.increments, rpm=known.speed_rpm, dsc=dsc)
+
+        def run(now: int) -> bool:
+            self._following = axis, item.rest
+            wanted = item.step(now, self.endpoint.actuals[axis])
+            self.endpoint.set(axis, item.rest if wanted is None else wanted)
+            if wanted is not None:
+                return False
+            self._following = None
+            self._report(axis, item.name, item.passed, item.measured, now)
+            return True
+
+        return run
+
+    def _access(self, part: Access, step: Step, axis: int, within: int) -> Run:
+        """An access to the parameter channel. A read is repeated until it has the required values."""
+        targets = tuple(parse_target(name) for name in part.values)
+        for name, target in zip(part.values, targets, strict=True):
+            if target.elements is not None and len(target.elements) > 1:
+                raise GatewayError(f"parameter {name!r}: expected one element; each element has its own value")
+        checks = [_check(step, name, value, write=part.write) for name, value in part.values.items()]
+        values = tuple(map(str, part.values.values())) if part.write else ()
+        access: ParameterAccess | None = None
+
+        def run(now: int) -> bool:
+            nonlocal access
+            expired = now - self._since >= within
+            if access is None:
+                access = ParameterAccess(axis + 1, targets, values)
+                self.accesses.append(access)
+            if not access.done and not expired:
+                return False
+            answers = access.answers if access.done else ()
+            met = [holds(answer) for (_, holds), answer in zip(checks, answers, strict=False)]
+            if not access.error and access.done and not all(met) and not part.write and not expired:
+                access = None
+                return False
+            for place, (name, _) in enumerate(checks):
+                if place < len(answers):
+                    answer = answers[place]
+                    measured = answer.error_text if answer.failed else str(answer.value)
+                    self._report(axis, name, met[place], measured, now)
+                else:
+                    self._report(axis, name, False, access.error or "no answer in time", now)
+            return True
 
         return run
 
 
-def _shown(element: Element) -> str:
-    return element.error_text if element.failed else str(element.value)
+def _check(step: Step, name: str, wanted: Scalar, *, write: bool) -> tuple[str, Callable[[Element], bool]]:
+    """The name of a result, and whether an answer has the required value, or is the required result of a write."""
+    text = f"{step.note}: {name}" if step.note else name
+    if write:
+        if step.refused is None:
+            return f"{text} := {wanted}", lambda element: not element.failed
+        return f"{text} := {wanted} refused, error {step.refused:02X}h", lambda element: element.error == step.refused
+    try:
+        holds = comparison(wanted, lambda value: integer(name, value))
+    except GatewayError:
+        return f"{text} {wanted}", lambda element: element.value == wanted  # a name or octets
+    return f"{text} {wanted}", lambda element: isinstance(element.value, int | float) and holds(element.value)

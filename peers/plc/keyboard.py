@@ -228,8 +228,7 @@ class Keyboard:
 
     def _value(self, axis: int, name: str) -> int:
         word = words_of(self._numbers[axis - 1])[name]
-        raw = self.endpoint.setpoints[axis - 1][word.signal.name]
-        return raw if word.bit is None else word.bit.of(raw)
+        return word.of(self.endpoint.setpoints[axis - 1])
 
     def _list(self) -> None:
         for number in dict.fromkeys(self._numbers[axis - 1] for axis in self._chosen):

@@ -10,14 +10,18 @@ import re
 from collections.abc import Callable
 from fractions import Fraction
 from functools import partial
+from typing import TYPE_CHECKING
 
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
-from pdgw.peers.plc.scenario import References, Scalar
 from pdgw.profidrive.datatypes import DataType, n2, n4
 from pdgw.profidrive.normalisation import Normalisation
 from pdgw.profidrive.signals import Signal, float_of, float_pattern
 
+if TYPE_CHECKING:
+    from pdgw.peers.plc.scenario import References
+
+Scalar = int | float | str
 _DECIMALS = 1_000_000_000
 _TENTHS = 10
 _LARGEST = 2

@@ -1,41 +1,36 @@
 """Scenarios: PLC programs as data.
 
-A scenario is a list of steps. Each has one action, an optional ``axis`` (from 1) and ``note``. The actions are declared here
-with a description and an example for docs and keyboard. In addition every value and bit of the telegram is a word
-(``vocabulary``). ``read`` and ``write`` use the parameter channel of the drive object whose DO-ID is the number of the axis.
-A scenario file is YAML (``scenario_file``), its values are in the notation of ``notation``, and ``engine`` runs it. For
-examples see ``tools/scenarios``.
+A scenario is a list of steps. Each has one action, an optional ``axis`` (from 1) and ``note``. ``Step`` declares the actions
+for scenarios, keyboard and docs: value, program (``actions``), examples and description. In addition every value and bit of
+the telegram is a word (``vocabulary``). ``read`` and ``write`` use the parameter channel of the drive object whose DO-ID is
+the number of the axis. A scenario file is YAML (``scenario_file``), its values are in the notation of ``notation``, and
+``engine`` runs it. For examples see ``tools/scenarios``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from pdgw.explain import misplaced
+from pdgw.peers.plc import actions
+from pdgw.peers.plc.actions import Action, Home, Mdi, Measuring, Model, Move, Reading, SettingUp
 from pdgw.peers.plc.exchange.following import Follow
-from pdgw.peers.plc.exchange.positioner import Mdi, SettingUp
-from pdgw.peers.plc.exchange.sensor import Measuring, Reading
+from pdgw.peers.plc.notation import Scalar
 from pdgw.peers.plc.vocabulary import telegrams_of
 from pdgw.phrases import did_you_mean
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.codec import MAX_PARAMETERS
 from pdgw.profidrive.telegrams import telegram
 
-Scalar = int | float | str
-
-
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
 _Flag = Literal[True] | None
 _Parameters = Annotated[dict[str, Scalar], Field(min_length=1, max_length=MAX_PARAMETERS)] | None
 _Values = Annotated[dict[str, Scalar], Field(min_length=1)] | None
 
 
-class References(_Model):
+class References(Model):
     """100 % of the quantities, for values in physical units."""
 
     speed_rpm: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 3000
@@ -44,26 +39,7 @@ class References(_Model):
     """Increments of G1_XIST1 per revolution, with its fine resolution."""
 
 
-class Move(_Model):
-    """A traversing task of telegram 9."""
-
-    to: Scalar
-    velocity: Scalar = "50 %"
-    acc: Scalar = "50 %"
-    dec: Scalar = "50 %"
-    relative: bool = False
-
-
-class Home(_Model):
-    """A homing procedure. ``method`` and ``velocity`` are of telegram 9, ``passive`` and ``negative`` of telegram 111."""
-
-    method: int = 35
-    velocity: Scalar = "20 %"
-    passive: bool = False
-    negative: bool = False
-
-
-class Step(_Model):
+class Step(Model):
     """One step with exactly one action. Words of the telegram are a ``set``."""
 
     model_config = ConfigDict(use_attribute_docstrings=True)
@@ -73,75 +49,79 @@ class Step(_Model):
     within: str | None = None
     """Timeout of the step; default: that of the scenario."""
     refused: Annotated[int, Field(ge=0, le=0xFFFF)] | None = None
-    enable: _Flag = None
+    enable: Annotated[_Flag, actions.enable] = None
     """OFF, then ON when the drive is ready"""
-    off1: _Flag = None
+    off1: Annotated[_Flag, actions.off1] = None
     """OFF1: ramp down, power off"""
-    quick_stop: _Flag = None
+    quick_stop: Annotated[_Flag, actions.quick_stop] = None
     """OFF3: quick stop"""
-    coast: _Flag = None
+    coast: Annotated[_Flag, actions.coast] = None
     """OFF2: coast"""
-    ack: _Flag = None
+    ack: Annotated[_Flag, actions.ack] = None
     """acknowledge faults, also those of an encoder"""
-    speed: Annotated[Scalar | None, Field(examples=["1500 rpm"])] = None
+    speed: Annotated[Scalar | None, actions.speed, Field(examples=["1500 rpm"])] = None
     """speed setpoint"""
-    move: Annotated[Move | None, Field(examples=[{"to": "60000 inc", "velocity": "80 %"}])] = None
+    move: Annotated[Move | None, actions.move, Field(examples=[{"to": "60000 inc", "velocity": "80 %"}])] = None
     """task of telegram 9"""
-    mdi: Annotated[Mdi | None, Field(examples=[{"to": 50000, "velocity": 12000}, {"to": 0, "update": True}])] = None
+    mdi: Annotated[
+        Mdi | None, actions.mdi, Field(examples=[{"to": 50000, "velocity": 12000}, {"to": 0, "update": True}])
+    ] = None
     """task in LU, of 112 in its unit of length; with ``update`` STW1.6 stays 1, and further ``mdi`` steps change the task"""
-    setting_up: Annotated[SettingUp | None, Field(examples=[{"velocity": -3000}])] = None
+    setting_up: Annotated[SettingUp | None, actions.setting_up, Field(examples=[{"velocity": -3000}])] = None
     """move with a signed velocity until ``reject``"""
-    block: Annotated[int | None, Field(examples=[5])] = None
+    block: Annotated[int | None, actions.block, Field(examples=[5])] = None
     """a traversing block, or the chain that starts with it"""
-    next_block: _Flag = None
+    next_block: Annotated[_Flag, actions.next_block] = None
     """external block change: the edge of STW1.13"""
-    jog: Annotated[Literal[0, 1, 2] | None, Field(examples=[1, 0])] = None
+    jog: Annotated[Literal[0, 1, 2] | None, actions.jog, Field(examples=[1, 0])] = None
     """jog 1 or 2; 0 ends it. With a speed telegram STW1.4-6 are 0 during the jog"""
-    jog_distance: Annotated[Literal[1, 2] | None, Field(examples=[1])] = None
+    jog_distance: Annotated[Literal[1, 2] | None, actions.jog_distance, Field(examples=[1])] = None
     """incremental jog 1 or 2"""
-    home: Annotated[Home | None, Field(examples=[{}, {"passive": True}])] = None
+    home: Annotated[Home | None, actions.home, Field(examples=[{}, {"passive": True}])] = None
     """homing; STW1.11 stays 1 until ``home_end``"""
-    home_end: _Flag = None
+    home_end: Annotated[_Flag, actions.home_end] = None
     """end of a homing, also of a waiting passive one"""
-    set_reference: _Flag = None
+    set_reference: Annotated[_Flag, actions.set_reference] = None
     """set the reference point at the current position"""
-    reject: _Flag = None
+    reject: Annotated[_Flag, actions.reject] = None
     """reject the task: ramp"""
-    intermediate_stop: _Flag = None
+    intermediate_stop: Annotated[_Flag, actions.intermediate_stop] = None
     """intermediate stop; the drive keeps the task"""
-    resume: _Flag = None
+    resume: Annotated[_Flag, actions.resume] = None
     """end of the intermediate stop"""
     follow: Annotated[
-        Follow | None, Field(examples=[{"by": 4096, "error": 200}, {"by": 4096, "error": 900, "dsc": False}])
+        Follow | None,
+        actions.follow,
+        Field(examples=[{"by": 4096, "error": 200}, {"by": 4096, "error": 900, "dsc": False}]),
     ] = None
     """the PLC closes the position loop and follows a sine for one period within ``error``; with ``dsc`` by XERR and KPC"""
-    reference_mark: Annotated[Literal[1, 2] | None, Field(examples=[1])] = None
+    reference_mark: Annotated[Literal[1, 2] | None, actions.reference_mark, Field(examples=[1])] = None
     """sensor 1 or 2 searches its reference mark"""
-    measure: Annotated[Measuring | None, Field(examples=[{"function": 1}])] = None
+    measure: Annotated[Measuring | None, actions.measure, Field(examples=[{"function": 1}])] = None
     """measurement on the fly: functions 1, 2 are probe 1 rising, falling, 3, 4 probe 2"""
-    read_value: Annotated[Reading | None, Field(examples=[{"function": 1}])] = None
+    read_value: Annotated[Reading | None, actions.read_value, Field(examples=[{"function": 1}])] = None
     """wait for the value of a function and show it in Gn_XIST2, until the next word for this sensor"""
-    stop_measuring: Annotated[Literal[1, 2] | None, Field(examples=[1])] = None
+    stop_measuring: Annotated[Literal[1, 2] | None, actions.stop_measuring, Field(examples=[1])] = None
     """abort the search or measurement of sensor 1 or 2"""
-    sign_of_life: Annotated[bool | None, Field(examples=[True])] = None
+    sign_of_life: Annotated[bool | None, actions.sign_of_life, Field(examples=[True])] = None
     """the sign of life in STW2 counts with each frame (true) or stops (false)"""
-    preset: Annotated[Literal["absolute", "relative"] | None, Field(examples=["absolute"])] = None
+    preset: Annotated[Literal["absolute", "relative"] | None, actions.preset, Field(examples=["absolute"])] = None
     """preset of an encoder; the value is parameter 65000"""
-    read: Annotated[_Parameters, Field(examples=[{"P947.0": 0}])] = None
+    read: Annotated[_Parameters, actions.read, Field(examples=[{"P947.0": 0}])] = None
     """expected values of parameters, as in ``expect``; repeated until they match"""
-    write: Annotated[_Parameters, Field(examples=[{"6083h": 250}])] = None
+    write: Annotated[_Parameters, actions.write, Field(examples=[{"6083h": 250}])] = None
     """write parameters; ``refused`` is the expected error number"""
-    set: Annotated[_Values, Field(examples=[{"STW1.ON": 0}])] = None
+    set: Annotated[_Values, actions.set_, Field(examples=[{"STW1.ON": 0}])] = None
     """set setpoints and bits, by signal or by name"""
-    expect: Annotated[_Values, Field(examples=[{"NIST_A": "1500 rpm +- 10 rpm"}])] = None
+    expect: Annotated[_Values, actions.expect, Field(examples=[{"NIST_A": "1500 rpm +- 10 rpm"}])] = None
     """expected actual values; the step waits for them (``within``)"""
-    hold: Annotated[str | None, Field(examples=["500 ms"])] = None
+    hold: Annotated[str | None, actions.hold, Field(examples=["500 ms"])] = None
     """a pause"""
-    mute: Annotated[bool | None, Field(examples=[True])] = None
+    mute: Annotated[bool | None, actions.mute, Field(examples=[True])] = None
     """send nothing, as an unplugged PLC"""
-    run: Annotated[bool | None, Field(examples=[False])] = None
+    run: Annotated[bool | None, actions.run, Field(examples=[False])] = None
     """provider state RUN or STOP"""
-    drive: Annotated[str | None, Field(examples=["@1 fault 7"])] = None
+    drive: Annotated[str | None, actions.drive, Field(examples=["@1 fault 7"])] = None
     """a command for the simulated devices, as for `pdgw sim inject`"""
 
     @model_validator(mode="before")
@@ -172,11 +152,14 @@ class Step(_Model):
     @property
     def action(self) -> str:
         """The name of the action."""
-        return next(name for name in ACTIONS if getattr(self, name) is not None)
+        return self._given()[0]
+
+    def _given(self) -> list[str]:
+        return [name for name in ACTIONS if getattr(self, name) is not None]
 
     @model_validator(mode="after")
     def _one_action(self) -> Step:
-        given = [name for name in ACTIONS if getattr(self, name) is not None]
+        given = self._given()
         if len(given) != 1:
             raise ValueError(
                 f"{len(given)} actions ({', '.join(given) or 'none'}), allowed exactly one of {', '.join(ACTIONS)}"
@@ -186,7 +169,10 @@ class Step(_Model):
         return self
 
 
-ACTIONS: Final = tuple(name for name in Step.model_fields if name not in {"axis", "note", "within", "refused"})
+ACTIONS: Final[Mapping[str, Action]] = {
+    name: program for name, field in Step.model_fields.items() for program in field.metadata if callable(program)
+}
+"""The actions with their programs."""
 
 
 def examples(action: str) -> list[dict[str, Any]]:
@@ -194,13 +180,13 @@ def examples(action: str) -> list[dict[str, Any]]:
     return [{action: example} for example in Step.model_fields[action].examples or [True]]
 
 
-class Scenario(_Model):
+class Scenario(Model):
     """A scenario file."""
 
     name: str = "scenario"
     within: str = "3 s"
     """Timeout of the steps without their own."""
-    telegrams: Annotated[list[int], Field(min_length=1)] = [1]
+    telegrams: list[int] = Field([1], min_length=1)
     references: References = References()
     steps: Annotated[list[Step], Field(min_length=1)]
 

@@ -14,7 +14,7 @@ from types import MappingProxyType
 from pdgw.gateway.errors import GatewayError
 from pdgw.phrases import did_you_mean
 from pdgw.profidrive.signals import Signal
-from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, telegram
+from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, Direction, TelegramHalf, telegram
 from pdgw.profidrive.words import Bit
 
 _WITHOUT_FUNCTION = ("DEVICE_", "RESERVED")
@@ -24,7 +24,7 @@ _SENSORS = ("G1", "G2")
 
 @dataclass(frozen=True, slots=True)
 class Word:
-    """A setpoint, or one field of it."""
+    """A value of a telegram, or one field of it."""
 
     name: str
     signal: Signal
@@ -39,6 +39,11 @@ class Word:
     def meaning(self) -> str:
         """Meaning of the value, or of 1."""
         return self.signal.description if self.bit is None else self.bit.meaning
+
+    def of(self, values: Mapping[str, int]) -> int:
+        """Its value, unsigned if it is a field."""
+        raw = values[self.signal.name]
+        return raw if self.bit is None else (raw & self.bit.mask) >> self.bit.position
 
     @property
     def switch(self) -> bool:
@@ -72,8 +77,25 @@ def telegrams_of() -> Mapping[str, tuple[int, ...]]:
     return MappingProxyType(found)
 
 
-def word(name: str, number: int) -> Word:
-    """A word of a telegram. GatewayError names the telegrams that have it, or similar words."""
+def find(key: str, half: TelegramHalf) -> Word:
+    """A word of the telegram, or a ``SIGNAL`` or ``SIGNAL.BIT`` of either half. GatewayError names what is allowed."""
+    if half.direction is Direction.SETPOINT and key.islower():
+        return _word(key, half.telegram)
+    signal_name, _, bit_name = key.partition(".")
+    if signal_name not in half.names:
+        hint = did_you_mean(signal_name, half.names)
+        raise GatewayError(f"signal {signal_name!r} is not in the telegram{hint} (allowed: {', '.join(half.names)})")
+    item = half.signal(signal_name)
+    if not bit_name:
+        return Word(key, item)
+    bits = {bit.name: bit for bit in item.fields(positioning=half.mode is ApplicationMode.POSITIONING)}
+    if bit_name not in bits:
+        hint = did_you_mean(bit_name, bits)
+        raise GatewayError(f"{key}: not a bit of {signal_name}{hint} (allowed: {', '.join(bits)})")
+    return Word(key, item, bits[bit_name])
+
+
+def _word(name: str, number: int) -> Word:
     words = words_of(number)
     if name in words:
         return words[name]

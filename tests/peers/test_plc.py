@@ -409,7 +409,7 @@ def test_the_scenarios_of_the_package_are_valid(path: Path) -> None:
         ("steps: [{write: {'P947[0..7]': 1}}]", ["step 1 (write)", "P947[0..7]", "one element"]),
         ("steps: [{enable: true, refused: 11}]", ["step 1", "refused", "allowed only with a write"]),
         ("steps: [{preset: absolute}]", ["step 1 (preset)", "'G1_STW' is not in the telegram"]),
-        ("telegrams: [81]\nsteps: [{off1: true}]", ["step 1 (off1)", "not possible with the telegram of an encoder"]),
+        ("telegrams: [81]\nsteps: [{off1: true}]", ["step 1 (off1)", "not possible with telegram 81, only with 1, 2"]),
         ("steps: [{expect: {NIST_A: .nan}}]", ["step 1 (expect)", "NIST_A = 'nan'"]),
         ("when: 2001-99-99", ["not valid YAML", "month"]),
         ("[" * 3000, ["nested too deeply"]),

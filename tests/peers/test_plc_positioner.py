@@ -106,10 +106,10 @@ def test_bits_with_a_counting_edge_stay_set_for_many_cycles() -> None:
     ("number", "step", "message"),
     [
         (9, {"mdi": {"to": 1}}, "not possible with telegram 9, only with 7, 110, 111"),
-        (7, {"mdi": {"to": 1}}, "mdi is not possible with telegram 7: it has no MDI_TARPOS"),
+        (7, {"mdi": {"to": 1}}, "not possible with telegram 7: it has no MDI_TARPOS or MDI_TARPOS_F"),
         (110, {"mdi": {"to": 1, "update": True}}, "update is not possible with telegram 110"),
-        (110, {"setting_up": {"velocity": 1}}, "setting_up is not possible with telegram 110"),
-        (7, {"set_reference": True}, "set_reference is not possible with telegram 7"),
+        (110, {"setting_up": {"velocity": 1}}, "not possible with telegram 110: it has no POS_STW1"),
+        (7, {"set_reference": True}, "not possible with telegram 7: it has no POS_STW2 or POS_STW"),
         (111, {"block": 128}, "block = 128 is not allowed, expected 0..127"),
         (7, {"block": 64}, "SATZANW.BLOCK = 64: expected 0..63"),
     ],

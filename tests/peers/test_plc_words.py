@@ -85,8 +85,8 @@ def test_yaml_key_on_is_the_bit_on() -> None:
         (9, {"homing_method": -129}, r"homing_method = -129: expected -128\.\.255"),
         (9, {"jog": 1}, "not possible with telegram 9, only with 1, 2, 3, 4, 7, 20, 102, 103, 110, 111"),
         (105, {"jog": 1}, "not possible with telegram 105"),
-        (9, {"home": {"passive": True}}, "passive and negative are not possible with telegram 9"),
-        (110, {"home": {"passive": True}}, "home: passive and negative is not possible with telegram 110"),
+        (9, {"home": {"passive": True}}, "passive and negative are not possible with telegram 9: it has no POS_STW2"),
+        (110, {"home": {"passive": True}}, "passive and negative are not possible with telegram 110"),
         (111, {"home": {"method": 35}}, "home.method is allowed only with telegram 9"),
         (1, {"reference_mark": 1}, "not possible with telegram 1: it has no G1_STW"),
         (102, {"measure": {"sensor": 2}}, "not possible with telegram 102: it has no G2_STW"),
@@ -215,7 +215,7 @@ def test_an_axis_follows_a_sine(number: int, wish: dict[str, Any]) -> None:
 
 def test_follow_restarts_at_the_position_of_a_stopped_axis() -> None:
     """The axis was stopped far away, for example by DSC without new frames: its next period begins at its position."""
-    following = Following(Follow(by=4096, error=400), 1, 60 * SECOND, increments=4096, rpm=3000, dsc=True)
+    following = Following(Follow(by=4096, error=400), 60 * SECOND, increments=4096, rpm=3000, dsc=True)
     errors = []
     for cycle in range(1001):
         wanted = following.step(cycle * 4 * MS, {"G1_XIST1": 30_000 if cycle else 0})

@@ -44,13 +44,12 @@ def can_follow(telegram: Telegram, *, dsc: bool) -> bool:
 
 
 class Following:
-    """One ``follow`` of an axis. ``within`` and ``since``, its start, in nanoseconds."""
+    """One ``follow`` of an axis. ``within``: nanoseconds from its first step."""
 
-    def __init__(self, wish: Follow, axis: int, within: int, *, increments: int, rpm: float, dsc: bool) -> None:
+    def __init__(self, wish: Follow, within: int, *, increments: int, rpm: float, dsc: bool) -> None:
         """``increments``: per revolution. ``rpm``: 100 %. ``dsc``: the telegram has XERR and KPC."""
-        self.axis = axis
-        self.within = within
-        self.since = -1
+        self._end = within
+        self._begun = False
         form = f"gain {wish.gain:g}/s, {'DSC' if wish.dsc else 'no DSC'}"
         self.name = f"follows a sine of {wish.by} increments at {wish.frequency:g} Hz within {wish.error} ({form})"
         self.rest: dict[str, int] = {"NSOLL_B": 0, **({"XERR": 0, "KPC": 0} if dsc else {})}
@@ -79,10 +78,12 @@ class Following:
 
     def step(self, now: int, actuals: Mapping[str, int] | None) -> dict[str, int] | None:
         """The setpoints of one cycle; None at the end or after the timeout."""
-        if self.since < 0:
-            self.since = self._before = now
+        if not self._begun:
+            self._begun = True
+            self._before = now
+            self._end += now
         if actuals is None:
-            return None if now - self.since >= self.within else dict(self.rest)
+            return None if now >= self._end else dict(self.rest)
         if self._base is None:
             self._base = actuals[POSITION]
         self._turn += min(now - self._before, _LONGEST_STEP_NS) / SECOND * self._wish.frequency
@@ -95,7 +96,7 @@ class Following:
             self._worst = 0.0
             if self.passed:
                 return None
-        if now - self.since >= self.within:
+        if now >= self._end:
             return None
         angle = 2 * math.pi * self._turn
         target = self._base + self._wish.by / 2 * (1 - math.cos(angle))
