@@ -1,4 +1,9 @@
-"""A PLC's parameter access over UDP: write the request, read until the response is there."""
+"""Parameter access over UDP: write the request, read until the response is there.
+
+A PROFINET station gives access within an application relationship: that of its controller, or a device access relationship
+(IEC 61158-6-10, ARType 6; the endpoint mapper has the device's object UUID). Such a relationship may read; what it may write the
+station decides ([parameters] write_from of a gateway).
+"""
 
 from __future__ import annotations
 
@@ -8,10 +13,10 @@ import socket
 import time
 import uuid
 from collections.abc import Callable
+from dataclasses import replace
 from types import TracebackType
-from typing import Protocol, Self, TypeVar
+from typing import Final, Protocol, Self, TypeVar
 
-from pdgw.client.station import StationAccess
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.codec import (
@@ -25,17 +30,25 @@ from pdgw.profidrive.parameters.codec import (
     decode_response,
     encode_request,
 )
-from pdgw.profinet.rpc.client import RecordCaller
-from pdgw.profinet.rpc.dcerpc import object_uuid
+from pdgw.profinet.blocks.connect import ACTIVE_BY_INITIATOR, DEVICE_ACCESS, LT_RT, ArBlockReq, ArType
+from pdgw.profinet.blocks.control import ControlCommand, ReleaseReq
+from pdgw.profinet.rpc import epm
+from pdgw.profinet.rpc.client import RecordCaller, RpcCall
+from pdgw.profinet.rpc.dcerpc import OBJECT_PREFIX, object_uuid
 from pdgw.profinet.rpc.identification import PROFILE_ID
-from pdgw.profinet.rpc.records import NIL, RECORD_GLOBAL, RECORD_LOCAL, AccessError
+from pdgw.profinet.rpc.records import NIL, RECORD_GLOBAL, RECORD_LOCAL, AccessError, Operation
 
 _ATTEMPTS = 5
 _REPEAT_S = 0.4
 _POLL_S = 0.002
 _LONGEST_POLL_S = 0.008
 _DATAGRAM = 2048
-
+_NAME: Final = "pdgw-param"
+_SESSION: Final = 1
+_ACTIVITY_TIMEOUT: Final = 1000
+"""In 100 ms: the person may think about what to write next."""
+_ENTRIES_MAX: Final = 16
+_GROUP_BIT: Final = 1 << 40
 
 R = TypeVar("R")
 R_co = TypeVar("R_co", covariant=True)
@@ -133,7 +146,7 @@ class ParameterClient:
         self._index = RECORD_LOCAL if local else RECORD_GLOBAL
         self._timeout_s = timeout_s
         self._caller = RecordCaller(activity or uuid.uuid4(), device or object_uuid(1, 0, 0), ar_uuid)
-        self._station: StationAccess | None = None
+        self._connected = False
         self._references = itertools.cycle(range(1, 256))
         self._channel: Channel = UdpChannel(address) if channel is None else channel
         self.tap: Callable[[bool, bytes], None] = lambda sent, data: None
@@ -148,17 +161,46 @@ class ParameterClient:
         self.close()
 
     def close(self) -> None:
-        if self._station is not None:
+        if self._connected:
+            block = ReleaseReq(ar_uuid=self._caller.ar_uuid, session_key=_SESSION, command=ControlCommand.RELEASE)
             with contextlib.suppress(GatewayError):  # a station that does not answer ends the relationship by itself
-                self._station.close()
+                self.call(self._caller.service(Operation.RELEASE, block.encode()))
         self._channel.close()
 
     def connect(self) -> None:
         """Be a device access relationship of a PROFINET station from now on; GatewayError when it refuses."""
-        station = StationAccess(self.call, self._name)
-        station.open()
-        self._station = station
-        self._caller = RecordCaller(uuid.uuid4(), station.device, station.ar_uuid)
+        caller = RecordCaller(uuid.uuid4(), NIL, uuid.uuid4())
+        caller.device = self._station(caller)
+        block = ArBlockReq(
+            ar_type=ArType.DEVICE_ACCESS,
+            ar_uuid=caller.ar_uuid,
+            session_key=_SESSION,
+            initiator_mac=(uuid.getnode() & ~_GROUP_BIT).to_bytes(6, "big"),
+            initiator_object=object_uuid(1, 1, 1),
+            properties=ACTIVE_BY_INITIATOR | DEVICE_ACCESS,
+            activity_timeout=_ACTIVITY_TIMEOUT,
+            rt_port=LT_RT,
+            station_name=_NAME,
+        )
+        result = self.call(caller.service(Operation.CONNECT, block.encode()))
+        if result.status.value:
+            raise GatewayError(f"{self._name}: the device rejects device access: {result.status.text}")
+        self._caller, self._connected = caller, True
+
+    def _station(self, caller: RecordCaller) -> uuid.UUID:
+        """The object UUID of the device, from the endpoint mapper."""
+        request = epm.lookup_request()
+        interface, version = epm.INTERFACE
+        for _ in range(_ENTRIES_MAX):
+            asked = replace(caller.header(epm.LOOKUP), interface=interface, interface_version=version)
+            header, body = self.call(RpcCall(asked, request, caller.max_record))
+            handle, found = epm.lookup_answer(body, little=header.little_endian)
+            if found is None:
+                break
+            if found.bytes[: len(OBJECT_PREFIX)] == OBJECT_PREFIX:
+                return found
+            request = epm.lookup_request(handle)
+        raise GatewayError(f"{self._name}: the endpoint mapper lists no PROFINET device")
 
     @property
     def local_address(self) -> tuple[str, int]:

@@ -10,6 +10,7 @@ import enum
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 from uuid import UUID
 
 from pdgw.durations import SECOND
@@ -34,8 +35,8 @@ from pdgw.profinet.connection.ppm import Provider
 from pdgw.profinet.discovery import dcp
 from pdgw.profinet.model import Subslot
 from pdgw.profinet.rpc import dcerpc
-from pdgw.profinet.rpc.client import RecordCall, RecordCaller, RecordResult
-from pdgw.profinet.rpc.dcerpc import Flags, PacketType, RpcHeader
+from pdgw.profinet.rpc.client import RecordCall, RecordCaller, RecordResult, ServiceCall, ServiceResult
+from pdgw.profinet.rpc.dcerpc import PacketType, RpcHeader
 from pdgw.profinet.rpc.records import Operation, PnioStatus, decode_arguments, encode_arguments
 from pdgw.profinet.rpc.server import RpcServer
 from pdgw.profinet.station import IpSuite, Station
@@ -64,13 +65,12 @@ class Phase(enum.Enum):
 
 @dataclass
 class _Call:
-    """The active call."""
+    """A call, sent again while no answer comes. ``done`` gets the answer and the time."""
 
-    header: RpcHeader
-    packets: list[bytes]
-    done: Callable[[int, bytes, int], None]
-    due: int
-    attempts: int = 1
+    call: ServiceCall | RecordCall
+    done: Callable[[Any, int], None]
+    due: int = 0
+    attempts: int = 0
 
 
 @dataclass
@@ -104,12 +104,9 @@ class IoController:
         self._ip = ip
         self._seed = seed
         self._starts = 0
-        self._sequence = 0
-        self._call: _Call | None = None
-        self._record: tuple[RecordCall, Callable[[RecordResult], None]] | None = None
-        self._record_due = 0
-        self._record_attempts = 0
-        self._waiting: deque[tuple[RecordCall, Callable[[RecordResult], None]]] = deque()
+        self._active: list[_Call] = []
+        """At most one service and one record."""
+        self._waiting: deque[_Call] = deque()
         self._due: int | None = None
         self._attempts = 0
         self._outgoing: list[tuple[Address | None, bytes | bytearray]] = []
@@ -123,11 +120,11 @@ class IoController:
         self._starts += 1
         base = (self._seed << 64) + (self._starts << 32)
         self.ar_uuid = UUID(int=base + 1)
-        self.activity = UUID(int=base + 2)
         self.session = self._starts & 0xFFFF
         self.initiator = dcerpc.object_uuid(1, 1, 1)
         identity = self.station.identity
         self.device_object = dcerpc.object_uuid(identity.instance, identity.device_id, identity.vendor_id)
+        self._services = RecordCaller(UUID(int=base + 2), self.device_object, self.ar_uuid, _ARGS_MAX)
         self._records = RecordCaller(UUID(int=base + 3), self.device_object, self.ar_uuid)
 
     # -- requests -----------------------------------------------------------------------------------------------------
@@ -151,11 +148,13 @@ class IoController:
         self, place: tuple[int, int, int], index: int, done: Callable[[RecordResult], None], *, implicit: bool = False
     ) -> None:
         """Read a record of (API, slot, subslot)."""
-        self._waiting.append((self._records.read(*place, index, implicit=implicit), done))
+        self._waiting.append(
+            _Call(self._records.read(*place, index, implicit=implicit), lambda result, _: done(result))
+        )
 
     def write(self, place: tuple[int, int, int], index: int, data: bytes, done: Callable[[RecordResult], None]) -> None:
         """Write a record of (API, slot, subslot)."""
-        self._waiting.append((self._records.write(*place, index, data), done))
+        self._waiting.append(_Call(self._records.write(*place, index, data), lambda result, _: done(result)))
 
     def set_output(self, place: Subslot, data: bytes, *, good: bool = True) -> None:
         """Set the output data of a submodule."""
@@ -201,7 +200,7 @@ class IoController:
             ids = blocks[dcp.Option.DEVICE_ID.value][2:]
             vendor, device = int.from_bytes(ids[:2], "big"), int.from_bytes(ids[2:], "big")
             self.device_object = dcerpc.object_uuid(1, device, vendor)
-            self._records.device = self.device_object
+            self._services.device = self._records.device = self.device_object
             if self.learned.ip == self._ip:
                 self._connect(now)
             else:
@@ -228,15 +227,11 @@ class IoController:
         return str(self.learned.ip.address), dcerpc.ACYCLIC_PORT
 
     def _send_call(
-        self, operation: Operation, arguments: bytes, done: Callable[[int, bytes, int], None], now: int
+        self, operation: Operation, arguments: bytes, done: Callable[[ServiceResult, int], None], now: int
     ) -> None:
-        header = RpcHeader(
-            PacketType.REQUEST, self.device_object, self.activity, self._sequence, operation, flags=Flags.IDEMPOTENT
-        )
-        self._sequence += 1
-        ndr = encode_arguments(_ARGS_MAX, arguments, _ARGS_MAX, little=header.little_endian)
-        self._call = _Call(header, dcerpc.encode_fragments(header, ndr), done, now + _REPEAT_NS)
-        self._datagrams(self._call.packets)
+        records = [active for active in self._active if isinstance(active.call, RecordCall)]
+        self._active = [_Call(self._services.service(operation, arguments), done), *records]
+        self._poll_calls(now)
 
     def _datagrams(self, packets: list[bytes]) -> None:
         self._outgoing += [(self.device_address, packet) for packet in packets]
@@ -250,13 +245,13 @@ class IoController:
         arguments = b"".join(block.encode() for block in self.project.blocks(ar))
         self._send_call(Operation.CONNECT, arguments, self._connected, now)
 
-    def _connected(self, status: int, arguments: bytes, now: int) -> None:
-        if status:
-            self._refused("Connect", status)
+    def _connected(self, result: ServiceResult, now: int) -> None:
+        if result.status.value:
+            self._refused("Connect", result.status)
             return
         frame_id = INPUT_FRAME_ID
         output_id = 0
-        for kind, data in split(arguments):
+        for kind, data in split(result.arguments):
             if kind == ArBlockRes.TYPE:
                 ArBlockRes.decode(data)
             elif kind == IocrBlockRes.TYPE:
@@ -279,8 +274,7 @@ class IoController:
         self.phase = Phase.WRITE
         for api, slot, subslot, index, data in self.project.records:
             self.write((api, slot, subslot), index, data, self._written)
-        if not self.project.records:
-            self._prm_end(now)
+        self._poll_calls(now)
 
     def _written(self, result: RecordResult) -> None:
         if result.status.value:
@@ -291,24 +285,25 @@ class IoController:
         block = PrmEndReq(ar_uuid=self.ar_uuid, session_key=self.session, command=ControlCommand.PRM_END)
         self._send_call(Operation.CONTROL, block.encode(), self._ended_parameters, now)
 
-    def _ended_parameters(self, status: int, arguments: bytes, now: int) -> None:
-        if status:
-            self._refused("PrmEnd", status)
+    def _ended_parameters(self, result: ServiceResult, _: int) -> None:
+        if result.status.value:
+            self._refused("PrmEnd", result.status)
         elif self.phase is Phase.PRM_END:
             self.phase = Phase.READY
 
-    def _released(self, status: int, arguments: bytes, now: int) -> None:
-        self._end("released" if not status else f"Release refused: {PnioStatus.of(status).text}")
+    def _released(self, result: ServiceResult, _: int) -> None:
+        self._end("released" if not result.status.value else f"Release refused: {result.status.text}")
 
-    def _refused(self, what: str, status: int) -> None:
-        self.learned.status = PnioStatus.of(status)
+    def _refused(self, what: str, status: PnioStatus) -> None:
+        self.learned.status = status
         self._end(f"{what} refused: {self.learned.status.text}")
 
     def _end(self, why: str) -> None:
         self.phase = Phase.ENDED
         self.learned.ended = why
         self.provider = self.consumer = None
-        self._call = self._record = self._due = None
+        self._due = None
+        self._active.clear()
         self._waiting.clear()
 
     def _serve(self, header: RpcHeader, body: bytes, source: Address, now: int) -> bytes | dcerpc.RejectStatus:
@@ -337,23 +332,18 @@ class IoController:
             for answer in self._server.serve(header, body, address, now):
                 self._outgoing.append((address, answer))
             return
-        call = self._call
-        if call is not None and (header.activity, header.sequence) == (call.header.activity, call.header.sequence):
-            if header.packet_type is PacketType.RESPONSE:
-                self._call = None
-                status, arguments = decode_arguments(body, little=header.little_endian)
-                call.done(status, arguments, now)
-            elif header.packet_type in {PacketType.REJECT, PacketType.FAULT}:
-                self._end(f"call rejected: {dcerpc.decode_status(body, little=header.little_endian):08X}h")
-            return
-        if self._record is not None:
-            record, done = self._record
-            result = record.receive(data)
-            if isinstance(result, RecordResult):
-                self._record = None
-                done(result)
-            elif result:
+        for active in list(self._active):
+            try:
+                result = active.call.receive(data)
+            except ProfidriveError as error:
+                self._end(f"call rejected: {error}")
+                return
+            if isinstance(result, list):
                 self._datagrams(result)
+            elif result is not None:
+                self._active.remove(active)
+                active.done(result, now)
+                return
 
     def on_frame(self, data: bytes, now: int) -> bool:
         """Process an Ethernet frame; True when it has new input data."""
@@ -411,9 +401,9 @@ class IoController:
 
     def next_deadline(self) -> int | None:
         """Next time at which ``poll`` must be called."""
-        if self._waiting and self._record is None:
+        if self._waiting and not self._recording:
             return 0
-        due = [self._due, self._call.due if self._call else None, self._record_due if self._record else None]
+        due = [self._due, *(active.due for active in self._active)]
         if self.provider is not None and self.consumer is not None:
             due += [self.provider.due, self.consumer.deadline]
         return min((when for when in due if when is not None), default=None)
@@ -425,15 +415,7 @@ class IoController:
                 self._end(f"no device has the name {self.project.station_name}")
             else:
                 self._identify(now)
-        call = self._call
-        if call is not None and now >= call.due:
-            if call.attempts >= _ATTEMPTS:
-                self._end("the device does not answer")
-            else:
-                call.attempts += 1
-                call.due = now + _REPEAT_NS
-                self._datagrams(call.packets)
-        self._poll_records(now)
+        self._poll_calls(now)
         if self.provider is not None and self.consumer is not None:
             deadline = self.consumer.deadline
             if deadline is not None and now >= deadline:
@@ -443,20 +425,23 @@ class IoController:
             if frame is not None and not self.silent:
                 self._frame(frame)
 
-    def _poll_records(self, now: int) -> None:
-        if self._record is None and self._waiting:
-            self._record = self._waiting.popleft()
-            self._record_attempts = 0
-            self._record_due = now
-        elif self._record is None and self.phase is Phase.WRITE:
+    @property
+    def _recording(self) -> bool:
+        return any(isinstance(active.call, RecordCall) for active in self._active)
+
+    def _poll_calls(self, now: int) -> None:
+        if not self._recording and self._waiting:
+            self._active.append(self._waiting.popleft())
+        elif not self._active and self.phase is Phase.WRITE:
             self._prm_end(now)
-        if self._record is not None and now >= self._record_due:
-            self._record_attempts += 1
-            if self._record_attempts > _ATTEMPTS:
-                self._end("the device does not answer a record call")
-                return
-            self._record_due = now + _REPEAT_NS
-            self._datagrams(self._record[0].packets)
+        for active in self._active:
+            if now >= active.due:
+                if active.attempts >= _ATTEMPTS:
+                    self._end("the device does not answer")
+                    return
+                active.attempts += 1
+                active.due = now + _REPEAT_NS
+                self._datagrams(active.call.packets)
 
     def _frame(self, data: bytes | bytearray) -> None:
         self._outgoing.append((None, data))

@@ -116,13 +116,19 @@ class RecordCaller:
         self.max_record = max_record
         self._sequence = 0
 
-    def _call(self, operation: Operation, block: RecordBlock, data: bytes = b"") -> RecordCall:
+    def header(self, operation: int) -> RpcHeader:
+        """The header of the next call."""
         # PROFINET devices expect the idempotent flag; the server executes a call only once nevertheless.
-        header = RpcHeader(
-            PacketType.REQUEST, self.device, self.activity, self._sequence, operation, flags=Flags.IDEMPOTENT
-        )
+        sequence = self._sequence
         self._sequence += 1
-        return RecordCall(header, encode_block(block) + data, self.max_record)
+        return RpcHeader(PacketType.REQUEST, self.device, self.activity, sequence, operation, flags=Flags.IDEMPOTENT)
+
+    def service(self, operation: Operation, arguments: bytes) -> ServiceCall:
+        """Connect, Control or Release with their blocks."""
+        return ServiceCall(self.header(operation), arguments, self.max_record)
+
+    def _call(self, operation: Operation, block: RecordBlock, data: bytes = b"") -> RecordCall:
+        return RecordCall(self.header(operation), encode_block(block) + data, self.max_record)
 
     def write(self, api: int, slot: int, subslot: int, index: int, data: bytes) -> RecordCall:
         """IODWrite of a record."""

@@ -173,7 +173,7 @@ def parameterise_anew(site: Plant) -> None:
     """The controller keeps sending, but its data does not count until it has finished."""
     plc = site.plc
     block = PrmBeginReq(ar_uuid=plc.ar_uuid, session_key=plc.session, command=ControlCommand.PRM_BEGIN)
-    plc._send_call(Operation.CONTROL, block.encode(), lambda status, arguments, now: None, site.loop.now())
+    plc._send_call(Operation.CONTROL, block.encode(), lambda *_: None, site.loop.now())
 
 
 class PlantChannel:

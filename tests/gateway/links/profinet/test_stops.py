@@ -159,7 +159,7 @@ def parameterise_at_once(site: Plant) -> None:
     site.run(2 * MS)
     plc = site.plc
     block = PrmEndReq(ar_uuid=plc.ar_uuid, session_key=plc.session, command=ControlCommand.PRM_END)
-    plc._send_call(Operation.CONTROL, block.encode(), lambda status, arguments, now: None, site.loop.now())
+    plc._send_call(Operation.CONTROL, block.encode(), lambda *_: None, site.loop.now())
 
 
 @pytest.mark.parametrize("native", [False, True], ids=["Python", "native"])
