@@ -15,6 +15,7 @@ _ADDRESS = re.compile(
           |\[(?P<sub2>[0-9]+)(?:(?:\.\.|-)(?P<last2>[0-9]+))?\])?""",
     re.VERBOSE,
 )
+_INTEGER = re.compile(r"(-?)(?:0[xX]([0-9a-fA-F]{1,16})|([0-9a-fA-F]{1,16})[hH]|([0-9]{1,20}))")
 _EXAMPLES = "P922, 965, 6041h, 0x1018.3, 1018h.1-4 or P947[0..7]"
 
 
@@ -41,7 +42,7 @@ def parse_target(text: str) -> Target:
     match = _ADDRESS.fullmatch(text.strip())
     if match is None:
         raise GatewayError(f"parameter {text!r}: not understood, expected for example {_EXAMPLES}")
-    pnu = _integer(match["number"])
+    pnu = parse_integer(match["number"])
     sub, last = match["sub"] or match["sub2"], match["last"] or match["last2"]
     target = Target(pnu, int(sub) if sub else None, int(last) if last else None)
     if not 1 <= pnu <= 0xFFFF:
@@ -51,11 +52,13 @@ def parse_target(text: str) -> Target:
     return target
 
 
-def _integer(text: str) -> int:
-    lowered = text.lower()
-    if lowered.startswith("0x"):
-        return int(lowered, 16)
-    return int(lowered[:-1], 16) if lowered.endswith("h") else int(lowered)
+def parse_integer(text: str) -> int:
+    """``1234``, ``0x4D2`` or ``2000h``, also negative; ValueError for anything else."""
+    match = _INTEGER.fullmatch(text)
+    if match is None:
+        raise ValueError(text)
+    sign, prefixed, suffixed, decimal = match.groups()
+    return int(sign + (decimal or prefixed or suffixed), 10 if decimal else 16)
 
 
 TYPE_NAMES: dict[str, DataType] = {
@@ -96,7 +99,7 @@ def parse_value(text: str, data_type: DataType) -> Values:
     numbers: list[int | float] = []
     for part in text.split(","):
         try:
-            numbers.append(float(part) if data_type.is_float else _signed(part.strip()))
+            numbers.append(float(part) if data_type.is_float else parse_integer(part.strip()))
         except ValueError as error:
             raise GatewayError(f"value {part!r}: expected a number for {data_type.name}") from error
         if not data_type.is_float:
@@ -104,7 +107,3 @@ def parse_value(text: str, data_type: DataType) -> Values:
             if not low <= numbers[-1] <= high:
                 raise GatewayError(f"value {part}: expected {low} to {high} for {data_type.name}")
     return Values(data_type, tuple(numbers))
-
-
-def _signed(text: str) -> int:
-    return -_integer(text[1:]) if text.startswith("-") else _integer(text)

@@ -174,16 +174,8 @@ def difference(session: Session, dump: Dump, progress: Progress | None = None) -
         )
     if present and all(found.failed for found in present):
         raise GatewayError(f"DO {session.client.do_id} has none of the settings in the file: {present[0].error_text}")
-    pairs = [
-        (wanted, found)
-        for wanted, found in zip(settings, present, strict=True)
-        if found.failed or not _same(wanted, found)
-    ]
+    pairs = [pair for pair in zip(settings, present, strict=True) if pair[1].failed or pair[0].value != pair[1].value]
     return sorted(pairs, key=lambda pair: _LAST.index(pair[0].pnu) + 1 if pair[0].pnu in _LAST else 0)
-
-
-def _same(wanted: DumpedElement, found: Element) -> bool:
-    return wanted.value == found.value
 
 
 def other_telegram(pairs: Sequence[Pair]) -> tuple[int, int] | None:
@@ -213,25 +205,16 @@ def restore(
     """Write settings, all or none: after a failure the old values are written back, unless ``partial``."""
     written: list[Element] = []
     failed: list[Element] = []
-    old: list[Element] = []
+    old: list[tuple[Target, Values]] = []
     # Parameters that must be written last wait until all others are accepted.
     parts = [[pair for pair in pairs if pair[0].pnu not in _LAST], *([pair] for pair in pairs if pair[0].pnu in _LAST)]
     for part in parts:
         results = session.write([(wanted.target, wanted.values()) for wanted, _ in part], progress)
-        for result, (_, found) in zip(results, part, strict=True):
+        for result, (wanted, found) in zip(results, part, strict=True):
             (failed if result.failed else written).append(result)
-            if not result.failed and not found.failed:
-                old.append(found)
+            if not result.failed and found.format is not None:
+                old.append((wanted.target, parse_value(str(found.value), found.format)))
         if failed and not partial:
-            back = session.write([(_target(item, pairs), _values_of(item)) for item in reversed(old)])
+            back = session.write(old[::-1])
             return Restored(written, failed, True, tuple(item for item in back if item.failed))
     return Restored(written, failed)
-
-
-def _target(element: Element, pairs: Sequence[Pair]) -> Target:
-    return next(wanted.target for wanted, found in pairs if found is element)
-
-
-def _values_of(element: Element) -> Values:
-    assert element.format is not None
-    return parse_value(str(element.value), element.format)

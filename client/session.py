@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cache
 
-from pdgw.client.address import Target
+from pdgw.client.address import Target, parse_value
 from pdgw.client.udp import ParameterClient
 from pdgw.ds301.communication import IDENTITY
 from pdgw.ds301.objects import Entry
@@ -136,16 +136,27 @@ class Session:
         field = row.fields[subindex - 1] if 0 < subindex <= len(row.fields) else ""
         return f"{row.name} {field}".strip(), row.unit
 
+    def _request(
+        self,
+        addresses: Sequence[ParameterAddress],
+        values: Sequence[Values] | None = None,
+        progress: Progress | None = None,
+    ) -> list[Values]:
+        """The answers of as many requests as are necessary."""
+        answers: list[Values] = []
+        for start in range(0, len(addresses), MAX_PARAMETERS):
+            part = slice(start, start + MAX_PARAMETERS)
+            answers += self.client.request(list(addresses[part]), None if values is None else list(values[part]))
+            if progress is not None:
+                progress(len(answers), len(addresses))
+        return answers
+
     def describe(self, pnus: Iterable[int], progress: Progress | None = None) -> dict[int, Description | None]:
         """The descriptions the device gives; None for a parameter that has none (or is not there)."""
         missing = [pnu for pnu in dict.fromkeys(pnus) if pnu not in self._descriptions]
-        for start in range(0, len(missing), MAX_PARAMETERS):
-            chunk = missing[start : start + MAX_PARAMETERS]
-            answers = self.client.request([ParameterAddress(pnu, 0, 0, Attribute.DESCRIPTION) for pnu in chunk])
-            for pnu, answer in zip(chunk, answers, strict=True):
-                self._descriptions[pnu] = _description(answer)
-            if progress is not None:
-                progress(start + len(chunk), len(missing))
+        addresses = [ParameterAddress(pnu, 0, 0, Attribute.DESCRIPTION) for pnu in missing]
+        answers = self._request(addresses, progress=progress)
+        self._descriptions |= zip(missing, map(_description, answers), strict=True)
         return self._descriptions
 
     def texts(self, pnu: int) -> list[str]:
@@ -162,45 +173,42 @@ class Session:
         whole = [target.pnu for target in targets if target.first is None]
         descriptions = self.describe(whole)
         addresses = [address for target in targets for address in _addresses(target, descriptions.get(target.pnu))]
-        elements: list[Element] = []
-        for start in range(0, len(addresses), MAX_PARAMETERS):
-            chunk = addresses[start : start + MAX_PARAMETERS]
-            for address, answer in zip(chunk, self.client.request(chunk), strict=True):
-                elements += elements_of(address, answer)
-            if progress is not None:
-                progress(start + len(chunk), len(addresses))
-        return elements
+        answers = self._request(addresses, progress=progress)
+        return [item for pair in zip(addresses, answers, strict=True) for item in elements_of(*pair)]
 
-    def type_of(self, target: Target) -> DataType:
-        """The type an element is written with: of the present value, else of the description."""
-        subindex = target.first or 0
-        array = target.first is not None
-        (present,) = self.client.request([ParameterAddress(target.pnu, subindex, 1 if array else 0)])
-        if not present.failed:
+    def read_first(self, targets: Sequence[Target]) -> list[Element]:
+        """One element of each target."""
+        addresses = [ParameterAddress(item.pnu, item.first or 0, int(item.first is not None)) for item in targets]
+        return [elements_of(*pair)[0] for pair in zip(addresses, self._request(addresses), strict=True)]
+
+    def write(self, writes: Sequence[tuple[Target, Values]], progress: Progress | None = None) -> list[Element]:
+        """Write values; an element for each write, with its error where it failed."""
+        addresses = [_write_address(target, values) for target, values in writes]
+        values = [values for _, values in writes]
+        results: list[Element] = []
+        for address, answer, value in zip(addresses, self._request(addresses, values, progress), values, strict=True):
+            results += elements_of(address, answer if answer.failed else value)
+        return results
+
+    def write_texts(self, writes: Sequence[tuple[Target, str]], given: DataType | None = None) -> list[Element]:
+        """Write values with the type ``given``; without it, with those that the device reports."""
+        targets = [target for target, _ in writes]
+        types = map(self._type_of, targets, self.read_first(targets)) if given is None else [given] * len(targets)
+        return self.write(
+            [(target, parse_value(text, data_type)) for (target, text), data_type in zip(writes, types, strict=True)]
+        )
+
+    def _type_of(self, target: Target, present: Element) -> DataType:
+        """The type of the present value, else of the description."""
+        if present.format is not None:
             return present.format
         description = self.describe([target.pnu])[target.pnu]
         if description is not None:
             return description.type
         raise GatewayError(
             f"{address_text(target.pnu, target.first)}: the device does not report the data type "
-            f"({elements_of(ParameterAddress(target.pnu), present)[0].error_text}); set it with --type"
+            f"({present.error_text}); set it with --type"
         )
-
-    def write(self, writes: Sequence[tuple[Target, Values]], progress: Progress | None = None) -> list[Element]:
-        """Write values; an element for each write, with its error where it failed."""
-        results: list[Element] = []
-        for start in range(0, len(writes), MAX_PARAMETERS):
-            chunk = writes[start : start + MAX_PARAMETERS]
-            addresses = [_write_address(target, values) for target, values in chunk]
-            answers = self.client.request(addresses, [values for _, values in chunk])
-            for address, answer, (_, values) in zip(addresses, answers, chunk, strict=True):
-                if answer.failed:
-                    results += elements_of(address, answer)
-                else:
-                    results += elements_of(address, values)
-            if progress is not None:
-                progress(start + len(chunk), len(writes))
-        return results
 
     def pnus(self) -> list[int]:
         """All parameters the device lists in P980 ff."""

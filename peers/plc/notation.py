@@ -12,6 +12,7 @@ from fractions import Fraction
 from functools import partial
 from typing import TYPE_CHECKING
 
+from pdgw.client.address import parse_integer
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.datatypes import DataType, n2, n4
@@ -115,11 +116,10 @@ def integer(name: str, value: Scalar, others: str = "") -> int:
     if isinstance(value, int):
         return int(value)
     text = str(value).strip()
-    match = re.fullmatch(r"(-?)(?:0x([0-9a-fA-F]{1,16})|([0-9a-fA-F]{1,16})h|(\d{1,20}))", text)
-    if match is None:
-        raise GatewayError(f"{name} = {text[:40]!r}: expected 1234, 0x4D2, 2000h{others}")
-    magnitude = int(match[2] or match[3] or match[4], 16 if match[2] or match[3] else 10)
-    return -magnitude if match[1] else magnitude
+    try:
+        return parse_integer(text)
+    except ValueError:
+        raise GatewayError(f"{name} = {text[:40]!r}: expected 1234, 0x4D2, 2000h{others}") from None
 
 
 def _normalisation(item: Signal, reference: Fraction | int) -> Normalisation:

@@ -9,12 +9,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from uuid import UUID
 
-from pdgw.client.address import Target, parse_value
-from pdgw.client.session import Element, Session, elements_of
+from pdgw.client.address import Target
+from pdgw.client.session import Element, Session
 from pdgw.client.udp import ParameterClient
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.udp import Address
-from pdgw.profidrive.parameters.codec import ParameterAddress
 from pdgw.profinet.rpc.records import NIL
 
 log = logging.getLogger("peers")
@@ -37,34 +36,16 @@ class ParameterAccess:
     def serve(self, client: ParameterClient) -> None:
         """Send the request; a failure is stored in ``error``."""
         client.do_id = self.do_id
+        session = Session(client)
         try:
-            self.answers = tuple(self._write(client) if self.values else self._read(client))
+            writes = list(zip(self.targets, self.values, strict=False))
+            self.answers = tuple(session.write_texts(writes) if writes else session.read_first(self.targets))
         except GatewayError as error:
             self.error = str(error)
         except Exception as error:  # an error of this access only: serve the next one
             log.exception("a parameter access failed")
             self.error = repr(error)
         self.done = True
-
-    @property
-    def _addresses(self) -> list[ParameterAddress]:
-        return [
-            ParameterAddress(t.pnu) if t.first is None else ParameterAddress(t.pnu, t.first, 1) for t in self.targets
-        ]
-
-    def _read(self, client: ParameterClient) -> list[Element]:
-        addresses = self._addresses
-        answers = client.request(addresses)
-        return [elements_of(address, answer)[0] for address, answer in zip(addresses, answers, strict=True)]
-
-    def _write(self, client: ParameterClient) -> list[Element]:
-        """Write with the types of the present values, which are read first."""
-        session = Session(client)
-        writes = []
-        for target, present, text in zip(self.targets, client.request(self._addresses), self.values, strict=True):
-            data_type = session.type_of(target) if present.failed else present.format
-            writes.append((target, parse_value(text, data_type)))
-        return session.write(writes)
 
 
 class ParameterWorker:

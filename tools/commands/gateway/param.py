@@ -6,9 +6,8 @@ import json
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 from uuid import UUID
 
 import typer
@@ -22,29 +21,17 @@ from pdgw.tools.address import parse_address
 
 if TYPE_CHECKING:
     from pdgw.client.session import Element, Progress, Session
-    from pdgw.client.udp import ParameterClient
+    from pdgw.profidrive.parameters.description import Description
 
 app = typer.Typer(help="Parameters of a gateway or of another PROFIdrive device.", no_args_is_help=True)
 
-GATEWAY = typer.Option("--gateway", help="HOST:PORT of the record channel.")
-DO = typer.Option("--do", min=0, max=254, help="DO-ID; 0 is the device.")
-JSON = typer.Option("--json", help="Print JSON.")
-
-
-@dataclass
-class _Place:
-    """Options shared by the commands of the group."""
-
-    slot: int = 1
-    subslot: int = 1
-    api: int = PROFILE_ID
-    local: bool = False
-    ar_uuid: UUID = NIL
-    station: bool = False
-
-
-_place = _Place()
 _DEFAULT = f"127.0.0.1:{ACYCLIC_PORT}"
+Parameters = Annotated[list[str], typer.Argument(help="Parameters.", show_default=False)]
+Gateway = Annotated[str, typer.Option("--gateway", help="HOST:PORT of the record channel.")]
+DoId = Annotated[int, typer.Option("--do", min=0, max=254, help="DO-ID; 0 is the device.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+_place: dict[str, Any] = {}
+"""The access point, from the options of the group."""
 
 
 @app.callback()
@@ -59,34 +46,19 @@ def options(
     ] = False,
 ) -> None:
     """Parameters are written P922, 965, 6041h, 0x1018.3, 1018h.1-4 or P947[0..7]."""
-    global _place  # noqa: PLW0603 (typer hands the options of a group over no other way that is shorter)
-    _place = _Place(slot, subslot, api, local, ar_uuid, profinet)
-
-
-@contextmanager
-def _client(gateway: str, do_id: int) -> Iterator[ParameterClient]:
-    from pdgw.client.udp import ParameterClient
-
-    place = _place
-    with ParameterClient(
-        parse_address(gateway, ACYCLIC_PORT),
-        do_id,
-        slot=place.slot,
-        subslot=place.subslot,
-        api=place.api,
-        local=place.local,
-        ar_uuid=place.ar_uuid,
-    ) as client:
-        if place.station:
-            client.connect()
-        yield client
+    _place.update(slot=slot, subslot=subslot, api=api, local=local, ar_uuid=ar_uuid, profinet=profinet)
 
 
 @contextmanager
 def _session(gateway: str, do_id: int) -> Iterator[Session]:
     from pdgw.client.session import Session
+    from pdgw.client.udp import ParameterClient
 
-    with _client(gateway, do_id) as client:
+    place = dict(_place)
+    profinet = place.pop("profinet", False)
+    with ParameterClient(parse_address(gateway, ACYCLIC_PORT), do_id, **place) as client:
+        if profinet:
+            client.connect()
         yield Session(client)
 
 
@@ -132,12 +104,7 @@ def _show(session: Session, elements: list[Element], *, as_json: bool) -> None:
 
 
 @app.command()
-def read(
-    parameters: Annotated[list[str], typer.Argument(help="Parameters to read.", show_default=False)],
-    gateway: Annotated[str, GATEWAY] = _DEFAULT,
-    do_id: Annotated[int, DO] = 1,
-    as_json: Annotated[bool, JSON] = False,
-) -> None:
+def read(parameters: Parameters, gateway: Gateway = _DEFAULT, do_id: DoId = 1, as_json: AsJson = False) -> None:
     """Read parameters; without a subindex, all elements of an array."""
     from pdgw.client.address import parse_target
 
@@ -154,104 +121,82 @@ def write(
         list[str],
         typer.Argument(help="PARAMETER VALUE pairs; several values of an array: 1,2,3", show_default=False),
     ],
-    gateway: Annotated[str, GATEWAY] = _DEFAULT,
-    do_id: Annotated[int, DO] = 1,
+    gateway: Gateway = _DEFAULT,
+    do_id: DoId = 1,
     type_name: Annotated[
         str | None, typer.Option("--type", help="Data type (default: the type that the device reports).")
     ] = None,
-    as_json: Annotated[bool, JSON] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Write parameters; as many as possible in one request."""
-    from pdgw.client.address import parse_target, parse_type, parse_value
+    from pdgw.client.address import parse_target, parse_type
 
     if len(assignments) % 2:
         raise GatewayError(f"{assignments[-1]!r}: a value is missing; expected PARAMETER VALUE pairs")
     pairs = [(parse_target(name), value) for name, value in zip(assignments[::2], assignments[1::2], strict=True)]
     given = parse_type(type_name) if type_name is not None else None
     with _session(gateway, do_id) as session:
-        writes = [
-            (target, parse_value(value, given if given is not None else session.type_of(target)))
-            for target, value in pairs
-        ]
-        elements = session.write(writes)
-        _show(session, elements, as_json=as_json)
+        _show(session, session.write_texts(pairs, given), as_json=as_json)
+
+
+def _described(pnu: int, item: Description | None) -> dict[str, Any]:
+    from pdgw.client.names import full_name
+
+    return {
+        "pnu": pnu,
+        "name": full_name(pnu, item.name) if item else None,
+        "format": item.type.name if item else None,
+        "elements": item.count if item and item.array else None,
+        "writable": item.writable if item else None,
+    }
 
 
 @app.command("list")
-def list_(
-    gateway: Annotated[str, GATEWAY] = _DEFAULT,
-    do_id: Annotated[int, DO] = 1,
-    as_json: Annotated[bool, JSON] = False,
-) -> None:
+def list_(gateway: Gateway = _DEFAULT, do_id: DoId = 1, as_json: AsJson = False) -> None:
     """List all parameters of the device (P980 ff)."""
     from rich.console import Console
 
-    from pdgw.client.names import full_name
     from pdgw.client.session import address_text
     from pdgw.tools.output.tables import plain_table
 
     with _session(gateway, do_id) as session, _progress("reading descriptions") as progress:
         pnus = session.pnus()
         descriptions = session.describe(pnus, progress)
+    rows = [_described(pnu, descriptions[pnu]) for pnu in pnus]
     if as_json:
-        rows = []
-        for pnu in pnus:
-            item = descriptions[pnu]
-            details = {
-                "name": full_name(pnu, item.name) if item else None,
-                "format": item.type.name if item else None,
-                "elements": item.count if item and item.array else None,
-                "writable": item.writable if item else None,
-            }
-            rows.append({"pnu": pnu, **details})
         typer.echo(json.dumps(rows, indent=2))
         return
     table = plain_table("parameter", "name", "format", "elements", "access")
-    for pnu in pnus:
-        item = descriptions[pnu]
-        table.add_row(
-            address_text(pnu),
-            full_name(pnu, item.name) if item else "",
-            item.type.name if item else "",
-            str(item.count) if item and item.array else "",
-            ("rw" if item.writable else "r") if item else "",
-        )
+    for row in rows:
+        access = {None: "", True: "rw", False: "r"}[row["writable"]]
+        table.add_row(address_text(row["pnu"]), row["name"], row["format"], str(row["elements"] or ""), access)
     Console().print(table)
 
 
 @app.command()
-def describe(
-    parameters: Annotated[list[str], typer.Argument(help="Parameters.", show_default=False)],
-    gateway: Annotated[str, GATEWAY] = _DEFAULT,
-    do_id: Annotated[int, DO] = 1,
-    as_json: Annotated[bool, JSON] = False,
-) -> None:
+def describe(parameters: Parameters, gateway: Gateway = _DEFAULT, do_id: DoId = 1, as_json: AsJson = False) -> None:
     """Show description, limits and texts of parameters."""
     from rich.console import Console
 
     from pdgw.client.address import parse_target
-    from pdgw.client.names import full_name
     from pdgw.client.session import address_text
 
-    targets = [parse_target(text) for text in parameters]
-    documents: list[dict[str, object]] = []
+    pnus = [parse_target(text).pnu for text in parameters]
+    documents: list[dict[str, Any]] = []
     with _session(gateway, do_id) as session:
-        descriptions = session.describe([target.pnu for target in targets])
-        for target in targets:
-            item = descriptions[target.pnu]
+        descriptions = session.describe(pnus)
+        for pnu in pnus:
+            item = descriptions[pnu]
             if item is None:
-                documents.append({"pnu": target.pnu, "name": None})
+                documents.append({"pnu": pnu, "name": None})
                 continue
+            limited = item.low or item.high
             documents.append(
                 {
-                    "pnu": target.pnu,
-                    "name": full_name(target.pnu, item.name),
-                    "format": item.type.name,
-                    "elements": item.count if item.array else None,
-                    "writable": item.writable,
-                    "low": item.low if item.low or item.high else None,
-                    "high": item.high if item.low or item.high else None,
-                    "texts": session.texts(target.pnu) if item.has_texts else [],
+                    **_described(pnu, item),
+                    "low": item.low if limited else None,
+                    "high": item.high if limited else None,
+                    "texts": session.texts(pnu) if item.has_texts else [],
                 }
             )
     if as_json:
@@ -259,19 +204,17 @@ def describe(
     else:
         console = Console()
         for document in documents:
-            console.print(f"[bold]{address_text(int(str(document['pnu'])))}[/bold]")
+            console.print(f"[bold]{address_text(document['pnu'])}[/bold]")
             for key, value in list(document.items())[1:]:
                 if value is not None and value != []:
                     console.print(f"  {key}: {value}", highlight=False, markup=False)
-    if any(document["name"] is None for document in documents):
-        raise GatewayError(
-            "no description of "
-            + ", ".join(address_text(int(str(item["pnu"]))) for item in documents if item["name"] is None)
-        )
+    missing = [address_text(document["pnu"]) for document in documents if document["name"] is None]
+    if missing:
+        raise GatewayError(f"no description of {', '.join(missing)}")
 
 
 @app.command()
-def identify(gateway: Annotated[str, GATEWAY] = _DEFAULT, as_json: Annotated[bool, JSON] = False) -> None:
+def identify(gateway: Gateway = _DEFAULT, as_json: AsJson = False) -> None:
     """Show vendor, order number, serial number, revisions and tags of the device (I&M0 to I&M4)."""
     from rich.console import Console
     from rich.text import Text
@@ -279,8 +222,8 @@ def identify(gateway: Annotated[str, GATEWAY] = _DEFAULT, as_json: Annotated[boo
     from pdgw.client.identify import read_identification
     from pdgw.tools.output.tables import plain_table
 
-    with _client(gateway, 0) as client:
-        fields = read_identification(client)
+    with _session(gateway, 0) as session:
+        fields = read_identification(session.client)
     if as_json:
         typer.echo(json.dumps(fields, indent=2))
         return
@@ -293,8 +236,8 @@ def identify(gateway: Annotated[str, GATEWAY] = _DEFAULT, as_json: Annotated[boo
 @app.command()
 def dump(
     file: Annotated[Path, typer.Argument(help="Where to.", show_default=False)],
-    gateway: Annotated[str, GATEWAY] = _DEFAULT,
-    do_id: Annotated[int, DO] = 1,
+    gateway: Gateway = _DEFAULT,
+    do_id: DoId = 1,
 ) -> None:
     """Save all parameters of a drive object."""
     from rich.console import Console
@@ -318,8 +261,8 @@ def dump(
 @app.command("restore")
 def restore_(
     file: Annotated[Path, typer.Argument(help="A file of `pdgw param dump`.", show_default=False)],
-    gateway: Annotated[str, GATEWAY] = _DEFAULT,
-    do_id: Annotated[int, DO] = 1,
+    gateway: Gateway = _DEFAULT,
+    do_id: DoId = 1,
     yes: Annotated[bool, typer.Option("--yes", help="Write without asking.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show the differences.")] = False,
     change_telegram: Annotated[
