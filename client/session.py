@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 from pdgw.client.address import Target, parse_value
 from pdgw.client.udp import ParameterClient
@@ -19,7 +20,7 @@ from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.parameters.catalogue import ENCODER_IDENTIFICATION, LIST_PNUS, OBJECT_PNUS, PARAMETERS
 from pdgw.profidrive.parameters.codec import MAX_ELEMENTS, MAX_PARAMETERS, Attribute, ParameterAddress, Values
-from pdgw.profidrive.parameters.description import Description
+from pdgw.profidrive.parameters.description import NAME_LENGTH, Description
 from pdgw.profidrive.parameters.errors import ParameterErrorNumber, error_text
 from pdgw.profidrive.parameters.pnu import Pnu
 from pdgw.profidrive.signals import SIGNALS
@@ -30,13 +31,22 @@ Progress = Callable[[int, int], None]
 
 
 @cache
-def _known_indices() -> Set[int]:
-    """Every object with a name, of the profiles and of all families of drives."""
-    return (
-        {spec.index for spec in known_objects()}
-        | {index for index, _ in entries_of(all_families())}
-        | _ENCODER_OBJECTS.keys()
-    )
+def _known_names() -> Mapping[int, Set[str]]:
+    """The names of every object of the profiles and of all families of drives."""
+    found: dict[int, set[str]] = {}
+    items: tuple[Any, ...] = (*known_objects(), *entries_of(all_families()).values(), *PROFILE)
+    for item in items:
+        found.setdefault(item.index, set()).add(item.name)
+    return found
+
+
+def full_name(pnu: int, described: str) -> str:
+    """The complete name of an object: a description has only sixteen characters for it (PROFIdrive 6.2.1.4).
+
+    The described name itself if no name, or several names, start with it.
+    """
+    fitting = [name for name in _known_names().get(pnu, ()) if name[:NAME_LENGTH].rstrip() == described]
+    return fitting[0] if len(fitting) == 1 else described
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +78,7 @@ class Element:
 def meant(element: Element) -> str:
     """The address that was meant by a decimal number that is none of a parameter but looks like an object: 6041."""
     digits = str(element.pnu)
-    if element.error not in NOT_THERE or not digits.isdecimal() or int(digits, 16) not in _known_indices():
+    if element.error not in NOT_THERE or not digits.isdecimal() or int(digits, 16) not in _known_names():
         return ""
     return f"did you mean {digits}h?"
 

@@ -140,7 +140,7 @@ def write(
 
 
 def _described(pnu: int, item: Description | None) -> dict[str, Any]:
-    from pdgw.client.names import full_name
+    from pdgw.client.session import full_name
 
     return {
         "pnu": pnu,
