@@ -20,7 +20,7 @@ from rich.text import Text
 from pdgw.gateway.configuration.tables.defaults import STATUS_PORT
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status_client import fetch
-from pdgw.peers.plc.exchange.view import tables
+from pdgw.peers.plc.exchange.view import line_of, tables
 from pdgw.tools.keys import read_keys, single_keys
 
 _MESSAGES_MAX = 5
@@ -40,17 +40,11 @@ class Window:
 
     def take(self, document: dict[str, Any]) -> None:
         """Add a line of output from the PLC process."""
-        if "snapshot" in document:
-            self._snapshot = document["snapshot"]
-        elif "told" in document:
-            self._messages.append(document["told"])
-        elif "note" in document:
-            self._messages.append(f"{document['time_s']:7.3f} s  {document['note']}")
-        elif "result" in document:
-            result = document["result"]
-            self.results.append(result)
-            if not result["passed"]:
-                self._messages.append(f"{result['time_s']:7.3f} s  FAILED {result['name']}: {result['measured']}")
+        self._snapshot = document.get("snapshot", self._snapshot)
+        if "result" in document:
+            self.results.append(document["result"])
+        if text := line_of(document):
+            self._messages.append(text)
 
     def drawing(self) -> RenderableType:
         """The messages come first: a small terminal cuts off the last words of a telegram instead."""

@@ -13,7 +13,7 @@ from pdgw.peers.controller.project import Project
 from pdgw.peers.controller.running import RunningController
 from pdgw.peers.plc.client import PlcRunner
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
-from pdgw.peers.plc.exchange.parameters import ParameterAccess, ParameterWorker
+from pdgw.peers.plc.exchange.parameters import ParameterWorker
 from pdgw.profidrive.frame import STATUS_NORMAL, STATUS_STOP
 from pdgw.profidrive.telegrams import ApplicationMode, Telegram
 from pdgw.profinet.blocks.connect import TICK_NS
@@ -62,7 +62,6 @@ class ProfinetPlc(PlcRunner):
         self._retry = 0
         self._why = ""
         """Reason of the last failed attempt."""
-        self._parameters: ParameterWorker | None = None
 
     def connect(self) -> None:
         """Connect and wait for data. GatewayError with the reason after a timeout."""
@@ -94,10 +93,10 @@ class ProfinetPlc(PlcRunner):
             actuals.append(None if data is None else telegram.actuals.decode(data))
         self.endpoint.accept(actuals, [controller.uses(place) for place in self._places], now)
 
-    def _send(self) -> None:
+    def _send(self, *, muted: bool = False) -> None:
         controller = self._controller
-        controller.silent = False
-        if controller.provider is None:
+        controller.silent = muted
+        if muted or controller.provider is None:
             return
         controller.provider.data_status = STATUS_NORMAL if self.endpoint.run else STATUS_STOP
         self.endpoint.count_sign_of_life()
@@ -105,20 +104,12 @@ class ProfinetPlc(PlcRunner):
             controller.set_output(place, telegram.setpoints.encode(tuple(values.values())))
         self.endpoint.counters["sent"] += 1
 
-    def _mute(self) -> None:
-        self._controller.silent = True
-
-    def _serve(self, access: ParameterAccess) -> None:
+    def _worker(self) -> ParameterWorker:
         controller = self._controller
-        if self._parameters is None:
-            self._parameters = ParameterWorker(
-                controller.device_address, ar_uuid=controller.ar_uuid, device=controller.device_object
-            )
-        self._parameters.submit(access)
+        return ParameterWorker(controller.device_address, ar_uuid=controller.ar_uuid, device=controller.device_object)
 
     def close(self) -> None:
-        if self._parameters is not None:
-            self._parameters.close()
+        super().close()
         if self._controller.phase is Phase.DATA:
             self._controller.release(time.monotonic_ns())
             self._running.run(1, lambda: self._controller.phase is Phase.ENDED)

@@ -17,7 +17,7 @@ from pdgw.gateway.errors import writing
 from pdgw.gateway.links.udp import Address
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
-from pdgw.peers.plc.exchange.parameters import ParameterAccess, ParameterWorker
+from pdgw.peers.plc.exchange.parameters import ParameterWorker
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profidrive.signals import SignalQuantity
 from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf
@@ -38,6 +38,7 @@ class PlcRunner(abc.ABC):
         self.cycle_ns = cycle_ns
         self.trace: list[tuple[Any, ...]] = []
         self.on_cycle: Callable[[], None] = lambda: None
+        self._parameters: ParameterWorker | None = None
         self._stopping = threading.Event()
         self._trace_due = 0
         self._start = 0
@@ -47,20 +48,17 @@ class PlcRunner(abc.ABC):
         """Receive for this time."""
 
     @abc.abstractmethod
-    def _send(self) -> None:
-        """Send the setpoints."""
+    def _send(self, *, muted: bool = False) -> None:
+        """Send the setpoints, or with ``muted`` nothing in this cycle."""
 
     @abc.abstractmethod
-    def _serve(self, access: ParameterAccess) -> None:
-        """Read or write parameters beside the cycle."""
+    def _worker(self) -> ParameterWorker:
+        """Open the parameter channel."""
 
-    @abc.abstractmethod
     def close(self) -> None:
         """Release the link."""
-
-    @abc.abstractmethod
-    def _mute(self) -> None:
-        """Send nothing in this cycle, as the scenario requests."""
+        if self._parameters is not None:
+            self._parameters.close()
 
     def stop(self) -> None:
         """End ``run`` after the present cycle."""
@@ -78,21 +76,18 @@ class PlcRunner(abc.ABC):
                 self._wait(due - now)
                 continue
             due = max(due + self.cycle_ns, now)
-            muted = False
             self.endpoint.poll(now)
             if engine is not None:
                 engine.step(now)
                 if not engine.passed and not self.endpoint.counters["received"]:
                     engine.abort()
-                muted = engine.muted
                 while engine.drive_commands:
                     drive(engine.drive_commands.pop(0))
                 while engine.accesses:
-                    self._serve(engine.accesses.pop(0))
-            if muted:
-                self._mute()
-            else:
-                self._send()
+                    if self._parameters is None:
+                        self._parameters = self._worker()
+                    self._parameters.submit(engine.accesses.pop(0))
+            self._send(muted=engine is not None and engine.muted)
             self._sample(now)
             self.on_cycle()
 
@@ -152,32 +147,27 @@ class PlcClient(PlcRunner):
             self._capture = Capture(pcap)
             self._record = self._capture.conversation(self._socket.getsockname(), (gateway[0], CYCLIC_PORT))
         self._acyclic_port = acyclic_port
-        self._parameters: ParameterWorker | None = None
 
     def _wait(self, ns: int) -> None:
         select.select((self._socket,), (), (), ns / SECOND)
         self._receive()
 
-    def _mute(self) -> None:
-        """Send nothing in this cycle."""
-
     def close(self) -> None:
-        if self._parameters is not None:
-            self._parameters.close()
+        super().close()
         self._socket.close()
         if self._capture is not None:
             self._capture.close()
 
-    def _serve(self, access: ParameterAccess) -> None:
-        if self._parameters is None:
-            capture, host = self._capture, self.gateway[0]
-            self._parameters = ParameterWorker(
-                (host, self._acyclic_port),
-                None if capture is None else lambda local: capture.conversation(local, (host, ACYCLIC_PORT)),
-            )
-        self._parameters.submit(access)
+    def _worker(self) -> ParameterWorker:
+        capture, host = self._capture, self.gateway[0]
+        return ParameterWorker(
+            (host, self._acyclic_port),
+            None if capture is None else lambda local: capture.conversation(local, (host, ACYCLIC_PORT)),
+        )
 
-    def _send(self) -> None:
+    def _send(self, *, muted: bool = False) -> None:
+        if muted:
+            return
         frame = self.endpoint.build(time.monotonic_ns())
         try:
             self._socket.sendto(frame, self.gateway)

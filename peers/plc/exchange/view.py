@@ -31,6 +31,16 @@ def snapshot(endpoint: PlcEndpoint, title: str) -> dict[str, Any]:
     }
 
 
+def line_of(document: Mapping[str, Any]) -> str:
+    """A document of the progress as a line for a person; empty if it needs none."""
+    if "told" in document:
+        return str(document["told"])
+    if "note" in document:
+        return f"{document['time_s']:7.3f} s  {document['note']}"
+    result = document.get("result", {"passed": True})
+    return "" if result["passed"] else f"{result['time_s']:7.3f} s  FAILED {result['name']}: {result['measured']}"
+
+
 def _rows(half: TelegramHalf, values: Mapping[str, int]) -> list[tuple[str, str]]:
     positioning = half.mode is ApplicationMode.POSITIONING
     return [(name, _value(half.signal(name), value, positioning)) for name, value in values.items()]

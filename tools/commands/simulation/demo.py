@@ -35,21 +35,18 @@ class _StepPrinter:
         self.live: Live | None = None
 
     def show(self, document: dict[str, Any]) -> None:
-        if "told" in document:  # for example: no gateway answers yet
-            self.console.print(document["told"], highlight=False)
-            return
+        from pdgw.peers.plc.exchange.view import line_of
+
         if "note" in document:
             self.lines.append((document["note"], 0, 0))
-        else:
+        elif "result" in document:
             text, passed, failed = self.lines[-1] if self.lines else ("", 0, 0)
             good = document["result"]["passed"]
             self.lines[-1:] = [(text, passed + good, failed + (not good))]
-        if self.live is not None:
+        if self.live is not None and "told" not in document:  # a message, for example: no gateway answers yet
             self.live.update(self.table())
-        elif "note" in document:
-            self.console.print(f"{document['time_s']:7.2f} s  {document['note']}", highlight=False)
-        elif not document["result"]["passed"]:
-            self.console.print(f"           FAILED {document['result']['name']}: {document['result']['measured']}")
+        elif line := line_of(document):
+            self.console.print(line, highlight=False)
 
     def table(self) -> Table:
         from rich.table import Table

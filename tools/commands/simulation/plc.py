@@ -286,32 +286,29 @@ class Output:
 
         if engine is not None:
             for when, note in engine.notes[self._notes :]:
-                self._notes += 1
-                self._print({"note": note, "time_s": when}, f"{when:7.3f} s  {note}")
+                self._print({"note": note, "time_s": when})
             for item in engine.results[self._results :]:
-                self._results += 1
-                failed = "" if item.passed else f"{item.time_s:7.3f} s  FAILED {item.name}: {item.measured}"
-                self._print({"result": asdict(item)}, failed)
+                self._print({"result": asdict(item)})
+            self._notes, self._results = len(engine.notes), len(engine.results)
         if self._patience is not None and self._endpoint.counters["sent"] >= self._patience:
             self._patience = None
             if not self._endpoint.counters["received"] and not self.draws:  # snapshots show it
                 self.message(self._endpoint.why_no_values(0))
         if self.draws and time.monotonic_ns() >= self._due:
             self._due = time.monotonic_ns() + _SNAPSHOT_NS
-            self._print({"snapshot": snapshot(self._endpoint, title)}, "")
+            self._print({"snapshot": snapshot(self._endpoint, title)})
 
     def message(self, text: str) -> None:
         """Print a message for the user."""
-        if self._as_lines:
-            print(json.dumps({"told": text}), flush=True)
-        else:
-            print(text, file=sys.stderr, flush=True)
+        self._print({"told": text})
 
-    def _print(self, document: dict[str, Any], text: str) -> None:
+    def _print(self, document: dict[str, Any]) -> None:
+        from pdgw.peers.plc.exchange.view import line_of
+
         if self._as_lines:
             print(json.dumps(document), flush=True)
-        elif text:
-            print(text, flush=True)
+        elif line := line_of(document):
+            print(line, file=sys.stderr if "told" in document else sys.stdout, flush=True)
 
 
 def _run_keys(client: PlcRunner, endpoint: PlcEndpoint, output: Output) -> None:
