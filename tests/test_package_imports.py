@@ -117,7 +117,7 @@ ROWS = {
     "tools.commands.simulation": f"{_FIELD} gateway peers {_COMMAND_LINE}",
     "tools.commissioning": f"{_FIELD} gateway peers",
     "tools.demo": f"{_FIELD} gateway decoder recording peers",
-    "tools.output": f"{_FIELD} gateway",
+    "tools.output": f"{_FIELD} gateway decoder.capture",
     "tools.plc": f"{_FIELD} gateway",
     "tools.service": f"{_FIELD} gateway decoder recording peers",
 }

@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import writing
@@ -22,9 +22,6 @@ from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profidrive.signals import SignalQuantity
 from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
-
-if TYPE_CHECKING:
-    from pdgw.peers.plc.exchange.capture import Capture
 
 TRACE_COLUMNS = ("time_s", "axis", "telegram", "control", "status", "setpoint", "actual")
 _TRACE_NS = 10 * MS
@@ -123,14 +120,17 @@ class PlcRunner(abc.ABC):
 
 
 class PlcClient(PlcRunner):
-    """A PLC on UDP. ``acyclic_port``: the gateway's port for parameters."""
+    """A PLC on UDP. ``acyclic_port``: the gateway's port for parameters.
+
+    ``capture`` gets the addresses of a conversation and returns a function for its datagrams (sent, data).
+    """
 
     def __init__(
         self,
         gateway: Address,
         endpoint: PlcEndpoint,
         cycle_ns: int,
-        pcap: Path | None = None,
+        capture: Callable[[Address, Address], Callable[[bool, bytes], None]] | None = None,
         acyclic_port: int = ACYCLIC_PORT,
     ) -> None:
         super().__init__(endpoint, cycle_ns)
@@ -138,14 +138,11 @@ class PlcClient(PlcRunner):
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1" if gateway[0].startswith("127.") else "0.0.0.0", 0))
         self._socket.setblocking(False)
-        # The capture uses PROFINET's ports for the gateway, so that every reader dissects it without settings.
-        self._capture: Capture | None = None
-        self._record: Callable[[bool, bytes], None] | None = None
-        if pcap is not None:
-            from pdgw.peers.plc.exchange.capture import Capture  # noqa: PLC0415 (scapy starts slowly)
-
-            self._capture = Capture(pcap)
-            self._record = self._capture.conversation(self._socket.getsockname(), (gateway[0], CYCLIC_PORT))
+        self._capture = capture
+        self._record: Callable[[bool, bytes], None] = lambda sent, data: None
+        if capture is not None:
+            # With PROFINET's ports for the gateway every reader dissects the capture without settings.
+            self._record = capture(self._socket.getsockname(), (gateway[0], CYCLIC_PORT))
         self._acyclic_port = acyclic_port
 
     def _wait(self, ns: int) -> None:
@@ -155,14 +152,12 @@ class PlcClient(PlcRunner):
     def close(self) -> None:
         super().close()
         self._socket.close()
-        if self._capture is not None:
-            self._capture.close()
 
     def _worker(self) -> ParameterWorker:
         capture, host = self._capture, self.gateway[0]
         return ParameterWorker(
             (host, self._acyclic_port),
-            None if capture is None else lambda local: capture.conversation(local, (host, ACYCLIC_PORT)),
+            None if capture is None else lambda local: capture(local, (host, ACYCLIC_PORT)),
         )
 
     def _send(self, *, muted: bool = False) -> None:
@@ -174,8 +169,7 @@ class PlcClient(PlcRunner):
         except OSError:
             self.endpoint.counters["send errors"] += 1
             return
-        if self._record is not None:
-            self._record(True, bytes(frame))
+        self._record(True, bytes(frame))
 
     def _receive(self) -> None:
         while True:
@@ -190,8 +184,7 @@ class PlcClient(PlcRunner):
                 self.endpoint.counters["foreign"] += 1
                 continue
             self.endpoint.receive(data, time.monotonic_ns())
-            if self._record is not None:
-                self._record(False, data)
+            self._record(False, data)
 
 
 _MAIN_QUANTITIES = {

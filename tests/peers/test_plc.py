@@ -22,7 +22,6 @@ from pdgw.gateway.links.sequence import SEQUENCE_FRAMES
 from pdgw.peers.controller.plc import ProfinetPlc
 from pdgw.peers.plc.client import PlcClient
 from pdgw.peers.plc.engine import Engine
-from pdgw.peers.plc.exchange.capture import Capture
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.exchange.parameters import ParameterAccess, ParameterWorker
 from pdgw.peers.plc.notation import parse_time
@@ -33,6 +32,7 @@ from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import RtFrame
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import Direction, Telegram, telegram
+from pdgw.tools.output.plc_capture import Capture
 from tests.support.axis.strategies import axes_values
 from tests.support.gateways.daemon import record_server
 from tests.support.gateways.machine import configuration, running
@@ -362,13 +362,14 @@ def test_a_plc_reads_and_writes_parameters_beside_its_cyclic_exchange_and_captur
     with running(configuration()) as daemon:
         endpoint = PlcEndpoint([telegram(1)], daemon.cycle_ns)
         engine = Engine(Scenario.model_validate({"within": "120 s", "steps": steps}), endpoint)
-        client = PlcClient(
-            daemon.address, endpoint, daemon.cycle_ns, tmp_path / "plc.pcap", record_server(daemon).address[1]
-        )
+        capture = Capture(tmp_path / "plc.pcap")
+        port = record_server(daemon).address[1]
+        client = PlcClient(daemon.address, endpoint, daemon.cycle_ns, capture.conversation, port)
         try:
             client.run(engine)
         finally:
             client.close()
+            capture.close()
     assert engine.passed, [item for item in engine.results if not item.passed]
     assert len(engine.results) == 9
     ports = {(packet[UDP].sport, packet[UDP].dport) for packet in rdpcap(str(tmp_path / "plc.pcap"))}

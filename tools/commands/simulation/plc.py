@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from pdgw.peers.plc.client import PlcRunner
     from pdgw.peers.plc.engine import Engine, Result
     from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
+    from pdgw.tools.output.plc_capture import Capture
     from pdgw.tools.output.reports import Report
 
 _SNAPSHOT_NS = 100 * MS
@@ -128,6 +129,7 @@ def plc(
     from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
     from pdgw.peers.plc.scenario_file import load_scenario
     from pdgw.profidrive.telegrams import telegram as telegram_of
+    from pdgw.tools.output.plc_capture import Capture
     from pdgw.tools.plc_window import watch
 
     address = parse_address(gateway, CYCLIC_PORT)
@@ -148,8 +150,12 @@ def plc(
     cycle_ns = int(cycle_ms * MS)
     endpoint = PlcEndpoint([telegram_of(number) for number in numbers], cycle_ns)
     client: PlcRunner
+    capture: Capture | None = None
     if profinet is None:
-        client = PlcClient(address, endpoint, cycle_ns, pcap, acyclic_port)
+        capture = Capture(pcap) if pcap is not None else None
+        capture = Capture(pcap) if pcap is not None else None
+        record = capture.conversation if capture is not None else None
+        client = PlcClient(address, endpoint, cycle_ns, record, acyclic_port)
     else:
         if pcap is not None:
             raise GatewayError("--pcap: not allowed with --profinet; record the interface instead (dumpcap, tcpdump)")
@@ -169,7 +175,7 @@ def plc(
     except KeyboardInterrupt:
         ended = 130
     finally:
-        unwritten = _close(client, trace)
+        unwritten = _close(client, capture, trace)
     try:
         if ended:
             raise typer.Exit(ended)
@@ -181,11 +187,13 @@ def plc(
             raise unwritten
 
 
-def _close(client: PlcRunner, trace: Path | None) -> GatewayError | None:
+def _close(client: PlcRunner, capture: Capture | None, trace: Path | None) -> GatewayError | None:
     """Close the link. Return the error of an incomplete capture or trace, to be printed after the results."""
     try:
+        client.close()
         try:
-            client.close()
+            if capture is not None:
+                capture.close()
         finally:
             if trace is not None:
                 client.write_trace(trace)

@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import queue
-import socket
 import struct
 import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
 
+from pdgw.decoder.capture.pcapng_file import udp_packet
 from pdgw.durations import SECOND, US
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.udp import Address
 
-_MACS = (bytes.fromhex("020000000001"), bytes.fromhex("020000000002"))
 _FILE = struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1)
 """Header of a pcap file: microseconds, version 2.4, UTC, whole packets, Ethernet."""
 _PACKET = struct.Struct("<IIII")
-_ETHERNET = struct.Struct(">6s6sH")
-_IP = struct.Struct(">BBHHHBBH4s4s")
-_UDP = struct.Struct(">HHHH")
 
 
 class Capture:
@@ -42,11 +38,10 @@ class Capture:
 
     def conversation(self, local: Address, remote: Address) -> Callable[[bool, bytes], None]:
         """A function that records the datagrams (sent, data) between two addresses; callable from any thread."""
-        macs = _MACS[::-1]
 
         def take(sent: bool, data: bytes) -> None:
-            packet = _packet(data, local, remote, _MACS) if sent else _packet(data, remote, local, macs)
-            self._frames.put((time.time_ns(), packet))
+            ends = (local, remote) if sent else (remote, local)
+            self._frames.put((time.time_ns(), udp_packet(*ends, data)))
 
         return take
 
@@ -78,14 +73,3 @@ class Capture:
             when, packet = item
             seconds, rest = divmod(when, SECOND)
             self._file.write(_PACKET.pack(seconds, rest // US, len(packet), len(packet)) + packet)
-
-
-def _packet(data: bytes, source: Address, target: Address, macs: tuple[bytes, bytes]) -> bytes:
-    """A datagram with its headers: IPv4, and UDP without a checksum, which IPv4 permits."""
-    udp = _UDP.pack(source[1], target[1], _UDP.size + len(data), 0)
-    addresses = socket.inet_aton(source[0]), socket.inet_aton(target[0])
-    fields = (0x45, 0, _IP.size + len(udp) + len(data), 1, 0, 64, socket.IPPROTO_UDP)
-    total = sum(struct.unpack(">10H", _IP.pack(*fields, 0, *addresses)))
-    total = (total & 0xFFFF) + (total >> 16)
-    checksum = ~((total & 0xFFFF) + (total >> 16)) & 0xFFFF
-    return _ETHERNET.pack(macs[1], macs[0], 0x0800) + _IP.pack(*fields, checksum, *addresses) + udp + data
