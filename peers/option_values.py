@@ -35,8 +35,8 @@ MOTIONS: Final = (
 )
 """Motions that ``parse_motion`` of simulated encoders accepts."""
 CONSOLE_COMMANDS: Final = (
-    "fault N (1-12), fault NAME [PARAMETER=VALUE ...], clear [NAME], di1 on|off, probe 1|2 on|off, motion MOTION [CHANNEL], "
-    "faults, status, quit"
+    "fault N (1-12), fault NAME [PARAMETER=VALUE ...], clear [NAME], probe 1|2 on|off, motion MOTION [CHANNEL], faults, status, "
+    "quit"
 )
 """Commands of the console of simulated devices."""
 BUS_PORT: Final = 34966

@@ -57,7 +57,7 @@ class Console:
     def _one(self, node: int, words: list[str]) -> str:
         simulation = self._simulation
         match words:
-            case ["fault", number] | [number] if _NUMBER.fullmatch(number):
+            case ["fault", number] if _NUMBER.fullmatch(number):
                 if int(number) not in DRIVE_FAULTS:
                     raise CanopenError("fault number", int(number), f"one of {list(DRIVE_FAULTS)}")
                 simulation.misbehave(node, "drive-fault", {"number": int(number)})
@@ -71,12 +71,6 @@ class Console:
                 return "ok"
             case ["clear", name]:
                 simulation.behave(node, name)
-                return "ok"
-            case ["di1", "off"]:
-                simulation.misbehave(node, "enable-input-dropped", {})
-                return "ok"
-            case ["di1", "on"]:
-                simulation.behave(node, "enable-input-dropped")
                 return "ok"
             case ["probe", "1" | "2" as probe, "on" | "off" as level]:
                 simulation.deflect(node, int(probe), level == "on")

@@ -194,8 +194,8 @@ def test_quick_stop_by_605ah_ends_in_switch_on_disabled(option: int) -> None:
         "fault " + "9" * 5000,
         "fault -1",
         "fault",
-        "di1",
-        "di1 maybe",
+        "7",
+        "probe 1 maybe",
         "\udce9",
     ],
 )
@@ -210,7 +210,7 @@ def test_the_console_addresses_one_of_several_drives() -> None:
     quit_ = threading.Event()
     with simulated(3, 4) as simulation:
         console = Console(simulation, quit_)
-        assert console.execute("@4 7") == "ok: fault 7, over-current"
+        assert console.execute("@4 fault 7") == "ok: fault 7, over-current"
         assert [simulation.status(node)["fault"] for node in (3, 4)] == [0, 7]
         assert console.execute("status").count("node ") == 2
         assert console.execute("quit") == "ok"

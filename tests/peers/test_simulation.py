@@ -161,12 +161,12 @@ def test_a_wrong_fault_is_answered_with_what_is_allowed(simulation: Simulation, 
         raise CanopenError(answer, "", "")
 
 
-def test_di1_and_the_numbered_faults_are_faults_of_the_catalogue(simulation: Simulation) -> None:
+def test_numbered_faults_are_faults_of_the_catalogue(simulation: Simulation) -> None:
     console = Console(simulation, threading.Event())
-    for line in ("@3 fault 7", "@3 di1 off"):
+    for line in ("@3 fault 7", "@3 fault enable-input-dropped"):
         assert console.execute(line).startswith("ok")
     assert set(simulation.device(3).node.misbehaviours) == {"drive-fault", "enable-input-dropped"}
-    assert console.execute("@3 di1 on") == "ok"
+    assert console.execute("@3 clear enable-input-dropped") == "ok"
     assert console.execute("@3 clear") == "ok"
     assert not simulation.device(3).node.misbehaviours
 

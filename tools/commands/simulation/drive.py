@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import socket
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,7 +13,7 @@ import typer
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.option_values import BUS_PORT, CONSOLE_COMMANDS, ENGEL, SHAPES
-from pdgw.tools.commands.simulation.options import ControlPort
+from pdgw.tools.commands.simulation.options import ControlPort, send_command
 
 if TYPE_CHECKING:
     from pdgw.peers.bus import ServedBus
@@ -91,12 +90,4 @@ def inject(
     port: Annotated[int, typer.Option(min=1, max=65535, help="The simulator's --control-port.")],
 ) -> None:
     """Send a command to running simulated devices, for example a fault."""
-    try:
-        with socket.create_connection(("127.0.0.1", port), timeout=5) as connection:
-            connection.sendall(" ".join(command).encode() + b"\n")
-            answer = connection.makefile().readline().strip()
-    except OSError as error:
-        raise GatewayError(f"no simulator answers on 127.0.0.1 port {port} ({error.strerror or error})") from error
-    if answer.startswith("error: "):
-        raise GatewayError(answer.removeprefix("error: "))
-    typer.echo(answer)
+    typer.echo(send_command(port, " ".join(command)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Mapping, Sequence
 from typing import Annotated
 
@@ -29,3 +30,16 @@ def only_with(what: str, given: Mapping[str, object]) -> None:
     for option, value in given.items():
         if value is not None:
             raise GatewayError(f"{option}: only with {what}")
+
+
+def send_command(port: int, command: str) -> str:
+    """Send a line to the control port of simulated devices. Return the answer; GatewayError for a rejected command."""
+    try:
+        with socket.create_connection(("127.0.0.1", port), timeout=5) as connection:
+            connection.sendall(command.encode() + b"\n")
+            answer = connection.makefile().readline().strip()
+    except OSError as error:
+        raise GatewayError(f"no simulator answers on 127.0.0.1 port {port} ({error.strerror or error})") from error
+    if answer.startswith("error: "):
+        raise GatewayError(answer.removeprefix("error: "))
+    return answer

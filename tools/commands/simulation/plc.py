@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import socket
 import sys
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from ipaddress import IPv4Interface
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -21,7 +21,7 @@ from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import CYCLIC_PORT
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.tools.address import parse_address
-from pdgw.tools.commands.simulation.options import only_with, telegrams_of_axes
+from pdgw.tools.commands.simulation.options import only_with, send_command, telegrams_of_axes
 from pdgw.tools.keys import read_keys
 from pdgw.tools.output.files import to_be_written
 from pdgw.tools.output.reports import HtmlFile, JUnitFile
@@ -52,28 +52,13 @@ def results_table(results: list[Result]) -> Table:
     return grid
 
 
-class _DriveLink:
-    """Sends the scenario's device commands to `pdgw sim drive --control-port`."""
-
-    def __init__(self, port: int | None) -> None:
-        self._port = port
-
-    def __call__(self, command: str) -> None:
-        if self._port is None:
-            raise GatewayError(
-                f"the scenario sends the drive the command {command!r}: give --drive-port, the "
-                "--control-port of the simulator"
-            )
-        try:
-            with socket.create_connection(("127.0.0.1", self._port), timeout=5) as connection:
-                connection.sendall(command.encode() + b"\n")
-                answer = connection.makefile().readline().strip()
-        except OSError as error:
-            raise GatewayError(
-                f"no drive simulator on 127.0.0.1 port {self._port} ({error.strerror or error})"
-            ) from error
-        if answer.startswith("error"):
-            raise GatewayError(f"drive simulator: {answer}")
+def _drive(port: int | None, command: str) -> None:
+    """Send a command of the scenario to `pdgw sim drive --control-port`."""
+    if port is None:
+        raise GatewayError(
+            f"the scenario sends the drive the command {command!r}: give --drive-port, the --control-port of the simulator"
+        )
+    send_command(port, command)
 
 
 def plc(
@@ -170,7 +155,7 @@ def plc(
             _run_keys(client, endpoint, output)
         else:
             client.on_cycle = lambda: output.show(engine, engine.current)
-            client.run(engine, _DriveLink(drive_port))
+            client.run(engine, partial(_drive, drive_port))
             output.show(engine, engine.current)
     except KeyboardInterrupt:
         ended = 130
