@@ -55,7 +55,7 @@ def check_load(name: str, frames: Sequence[CyclicFrames], bitrate: int, limit: f
         raise CanopenError(
             f"worst-case load of bus {name}",
             f"{load:.0%} ({rate:.0f} frames/s at {bitrate} bit/s)",
-            f"at most {limit:.0%}: raise cycle_time_ms or tpdo_inhibit_us, use fewer axes per bus or sync",
+            f"at most {limit:.0%}: raise cycle_time_ms, use fewer axes per bus or sync",
         )
     return load
 

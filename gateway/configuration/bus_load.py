@@ -126,5 +126,5 @@ def check_cycle(name: str, found: Sequence[Latest]) -> None:
             f"bus {name}: worst-case response time of {len(late)} of {len(found)} frames is too long; "
             f"{worst.frame.name} is the latest",
             "no bound" if worst.response is None else f"{worst.response / MS:.2f} ms",
-            f"at most {worst.deadline / MS:g} ms: raise cycle_time_ms, tpdo_inhibit_us or bitrate, or use fewer axes per bus",
+            f"at most {worst.deadline / MS:g} ms: raise cycle_time_ms or bitrate, or use fewer axes per bus",
         )

@@ -24,7 +24,7 @@ from pdgw.dsp402.identification.overlay import overlay
 from pdgw.dsp402.pdo.layouts import PdoLayout
 from pdgw.dsp402.units.mechanics import unit_object
 from pdgw.dsp402.units.unit_keys import UnitKeys, check_unit_keys
-from pdgw.durations import MS, US, US_PER_MS
+from pdgw.durations import MS, US_PER_MS
 from pdgw.explain import misplaced
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost, PlcLossReaction, SecondSensor, SetpointEnable
 from pdgw.gateway.axis.telegrams import (
@@ -58,13 +58,11 @@ from pdgw.gateway.configuration.tables.telegram import TelegramConfig
 from pdgw.gateway.configuration.tables.web import MqttConfig, WebConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.format_version import at_most
-from pdgw.gateway.motion.dsc import DELAY_CYCLES_MAX, FOLLOWING_WINDOW_MAX, JITTER_NS_MAX, DscChoices, DscForm, XerrSign
+from pdgw.gateway.motion.dsc import DELAY_CYCLES_MAX, FOLLOWING_WINDOW_MAX, DscChoices, DscForm
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import CSduLayout
 from pdgw.profidrive.telegrams import Direction, telegram
 
-_MAXIMUM_INHIBIT_US = 6_553_500
-"""An UNSIGNED16 in units of 100 us."""
 _AXIS: Final = AxisSettings()
 _NODE: Final = DriveSettings(node_id=1)
 _DSC: Final = DscChoices(DscForm.SPEED, following_window=1)
@@ -113,8 +111,6 @@ class AxisConfig(DriveObjectSection):
         _AXIS.standstill_window
     )
     tpdo_event_ms: Annotated[Integer, Field(ge=1, le=10_000)] = _NODE.tpdo_event_ms
-    tpdo_inhibit_us: Annotated[Integer, Field(ge=0, le=_MAXIMUM_INHIBIT_US)] | None = None
-    """None: one TPDO for each cycle of the PLC, more would only load the bus."""
     sync: Boolean = False
     allow_unguarded: Boolean = _NODE.allow_unguarded
     g1: Annotated[Integer, Field(ge=1, le=254)] | None = None
@@ -132,17 +128,13 @@ class AxisConfig(DriveObjectSection):
     rated_acceleration_rpm_s: Ratio | None = None
     ignored_unit_objects: tuple[UnitObject, ...] | None = None
     """Objects of the drive that say something wrong about its units."""
-    jog_1_speed_rpm: SignedRatio | None = None
-    """Speed telegrams, signed: STW1.8 with .4 to .6 = 0; needs jog_2_speed_rpm."""
-    jog_2_speed_rpm: SignedRatio | None = None
+    jog_speeds_rpm: tuple[SignedRatio, SignedRatio] | None = None
+    """Speed telegrams, signed: those of STW1.8 and STW1.9 with .4 to .6 = 0."""
     dsc: DscForm | None = None
     """Telegrams 5, 6, 105 and 106: where the position loop is closed."""
     following_window: Annotated[Integer, Field(ge=1, le=FOLLOWING_WINDOW_MAX)] | None = None
     """Position units within which DSC may start."""
     dsc_delay_cycles: Annotated[Integer, Field(ge=0, le=DELAY_CYCLES_MAX)] = _DSC.delay_cycles
-    xerr_sign: XerrSign = _DSC.xerr_sign
-    sync_jitter_us: Annotated[Integer, Field(ge=0, le=JITTER_NS_MAX // US)] = _DSC.jitter_ns // US
-    """Jitter in us, as shown by ``pdgw status``; it is added to the dead time that limits KPC."""
     positioner: PositionerConfig | None = None
     block: Annotated[tuple[BlockConfig, ...], BeforeValidator(as_list)] = ()
 
@@ -185,12 +177,6 @@ class AxisConfig(DriveObjectSection):
         return self
 
     @model_validator(mode="after")
-    def _jog_is_complete(self) -> AxisConfig:
-        if (self.jog_1_speed_rpm is None) != (self.jog_2_speed_rpm is None):
-            raise ValueError("jog_1_speed_rpm and jog_2_speed_rpm: only one is set; set both or none")
-        return self
-
-    @model_validator(mode="after")
     def _positioner_is_complete(self) -> AxisConfig:
         if self.positioner is None:
             if self.telegram in POSITIONER_TELEGRAM_NUMBERS:
@@ -206,23 +192,12 @@ class AxisConfig(DriveObjectSection):
             raise ValueError(str(error)) from error
         return self
 
-    @model_validator(mode="after")
-    def _silence_is_a_loss(self) -> AxisConfig:
-        if self.tpdo_inhibit_us is not None and self.tpdo_inhibit_us > self.tpdo_event_ms * US_PER_MS:
-            raise misplaced(
-                f"tpdo_inhibit_us = {self.tpdo_inhibit_us} is longer than tpdo_event_ms = {self.tpdo_event_ms}: "
-                f"the gateway would report the drive as lost; allowed: 0 to {self.tpdo_event_ms * US_PER_MS}",
-                "tpdo_inhibit_us",
-            )
-        return self
-
     def settings_at(self, cycle_time_ms: float) -> AxisSettings:
         """The user's choices, with those that the cycle of the PLC belongs to."""
         cycle_ns = round(cycle_time_ms * MS)
         dsc: DscChoices | None = None
         if self.dsc is not None and self.following_window is not None:
-            jitter_ns = self.sync_jitter_us * US
-            dsc = DscChoices(self.dsc, self.following_window, self.dsc_delay_cycles, self.xerr_sign, jitter_ns)
+            dsc = DscChoices(self.dsc, self.following_window, self.dsc_delay_cycles)
         return AxisSettings(
             self.on_plc_loss,
             self.setpoint_enable,
@@ -231,7 +206,7 @@ class AxisConfig(DriveObjectSection):
             self.standstill_window_percent,
             self.control_lost,
             stop_time_ns=self.stop_time_ms * MS,
-            jog_speeds_rpm=self._jog_speeds,
+            jog_speeds_rpm=self.jog_speeds_rpm,
             g1_is_encoder=self.g1 is not None,
             second_sensor=self._second_sensor,
             cycle_ns=cycle_ns,
@@ -251,11 +226,6 @@ class AxisConfig(DriveObjectSection):
         return drive_layout(number, self.dsc_form, self._second_sensor, g1_is_encoder=self.g1 is not None)
 
     @property
-    def _jog_speeds(self) -> tuple[Fraction, Fraction] | None:
-        first, second = self.jog_1_speed_rpm, self.jog_2_speed_rpm
-        return None if first is None or second is None else (first, second)
-
-    @property
     def telegrams(self) -> tuple[int, ...]:
         """Telegrams that P922 can select: those whose keys are set and compatible with ``g1``."""
         missing = {
@@ -271,9 +241,7 @@ class AxisConfig(DriveObjectSection):
         return self.dsc or DscForm.SPEED
 
     def inhibit_us(self, cycle_time_ms: float) -> int:
-        """The inhibit time in force; an event-driven TPDO is not sent more often than this."""
-        if self.tpdo_inhibit_us is not None:
-            return self.tpdo_inhibit_us
+        """The inhibit time: one event-driven TPDO for each cycle of the PLC, more would only load the bus."""
         return int(min(cycle_time_ms, self.tpdo_event_ms) * US_PER_MS)
 
     def drive_settings(self, number: int, cycle_time_ms: float) -> DriveSettings:
@@ -301,6 +269,7 @@ class AxisConfig(DriveObjectSection):
 
 
 FORMAT_VERSION: Final = 1
+_PARAMETER_TIMEOUT_MS: Final = 2000
 
 
 class GatewayConfig(Section):
@@ -324,6 +293,14 @@ class GatewayConfig(Section):
     mqtt: MqttConfig | None = None
     store: Path | None = None
     """File of the non-volatile gateway parameters; ``load_config`` puts one in the state directory where none is given."""
+
+    @property
+    def parameter_timeout_ms(self) -> int:
+        """A parameter request is answered within this time; what the device has not answered by then fails.
+
+        The slowest device may use its whole ``sdo_timeout_ms``.
+        """
+        return max([_PARAMETER_TIMEOUT_MS, *(item.sdo_timeout_ms for item in self.objects)])
 
     @property
     def objects(self) -> tuple[AxisConfig | EncoderConfig, ...]:

@@ -30,7 +30,7 @@ SIMULATED_WATCHDOG_FACTOR = 250
 _SIMULATED_TIMES = {"heartbeat_ms": 2000, "sdo_timeout_ms": 5000}
 """For the same reason: a device that has not got the processor for seconds is not lost. A start waits for a heartbeat."""
 
-_SIMULATED_JOG = {"jog_1_speed_rpm": -150, "jog_2_speed_rpm": 150}
+_SIMULATED_JOG = {"jog_speeds_rpm": (-150, 150)}
 
 
 def simulated(

@@ -43,14 +43,24 @@ SECTIONS: dict[str, type[BaseModel]] = {
 }
 """The models of the file's tables."""
 _SDO_INTERVAL: Final = "0.9.0: the plan of the bus leaves room for SDOs; delete the key"
+_JOG: Final = "0.9.0: jog_speeds_rpm = [-100, 100] has both speeds"
 _KEEP: Final = "0.9.0: 20 files of 10 s before and 5 s after an event are kept; pdgw trace watch has options for others"
 REMOVED: Final = MappingProxyType(
     {
+        "axis.jog_1_speed_rpm": _JOG,
+        "axis.jog_2_speed_rpm": _JOG,
+        "axis.positioner.modulo_correction": "0.9.0: modulo_range alone makes a rotary axis; delete both for a linear axis",
         "axis.sdo_interval_ms": _SDO_INTERVAL,
+        "axis.sync_jitter_us": "0.9.0: jitter of SYNC does not change the limit of KPC; delete the key",
+        "axis.xerr_sign": "0.9.0: a positive XERR moves forward; delete the key, the PLC sends -XERR where it was -1",
+        "axis.tpdo_inhibit_us": "0.9.0: a drive sends one TPDO in each cycle of the PLC; delete the key",
         "encoder.sdo_interval_ms": _SDO_INTERVAL,
+        "realtime.cpu": "0.9.0: set CPUAffinity= in the systemd unit (realtime.conf), or start the gateway with taskset",
+        "realtime.lock_memory": "0.9.0: set MemorySwapMax=0 in the systemd unit (realtime.conf), or switch the swap off",
         "trace.keep_before_s": _KEEP,
         "trace.keep_after_s": _KEEP,
         "trace.keep_files": _KEEP,
+        "transport.parameter_timeout_ms": "0.9.0: it is 2 s, or the longest sdo_timeout_ms above it; delete the key",
         "transport.switchover_ms": "0.9.0: system redundancy (S2) is not supported; delete the key, connect one controller",
     }
 )

@@ -4,7 +4,7 @@ setpoint.
 Source: the rule of public technology manuals: speed = NSOLL_B + KPC x (XERR - (newest position - position the controller
 used)). Exact integer arithmetic. KPC = 0 is DSC off, NSOLL_B alone is the speed. Only for a purely proportional position loop
 in the PLC. Not here: the SYNC and the modes 8 and 9 it needs (executors), torque. Choices without a public source: KPC in
-0.001/s, +XERR moves forward (``xerr_sign`` reverses it).
+0.001/s, +XERR moves forward.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ import enum
 from collections import deque
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Final, Literal, get_args
+from typing import Final
 
-from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
+from pdgw.durations import SECOND, SECONDS_PER_MINUTE
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.units import round_half_away
 from pdgw.gateway.reasons import Reason
@@ -33,17 +33,11 @@ _LOWEST, _HIGHEST = DataType.INTEGER32.integer_range
 _TURN = 1 << 32
 DELAY_CYCLES_MAX: Final = 8
 FOLLOWING_WINDOW_MAX = _HIGHEST
-JITTER_NS_MAX: Final = 100 * MS
-XerrSign = Literal[1, -1]
-"""-1: a positive XERR moves backward."""
 
 
-def dead_time_ns(sync_period_ns: int, jitter_ns: int) -> int:
+def dead_time_ns(sync_period_ns: int) -> int:
     """Time from measuring a position to the effect of the speed calculated from it."""
-    return (
-        round_half_away(sync_period_ns * SYNC_PERIODS_TO_EFFECT.numerator, SYNC_PERIODS_TO_EFFECT.denominator)
-        + jitter_ns
-    )
+    return round_half_away(sync_period_ns * SYNC_PERIODS_TO_EFFECT.numerator, SYNC_PERIODS_TO_EFFECT.denominator)
 
 
 def highest_gain(dead_time: int) -> int:
@@ -88,16 +82,10 @@ class DscChoices:
     """Increments within which the setpoint must be of the actual position when DSC starts."""
     delay_cycles: int = 1
     """Age of the position the PLC used, in cycles."""
-    xerr_sign: XerrSign = 1
-    jitter_ns: int = 0
-    """Jitter of SYNC, added to the dead time."""
 
     def __post_init__(self) -> None:
         _check("following_window", self.following_window, 1, FOLLOWING_WINDOW_MAX)
         _check("dsc_delay_cycles", self.delay_cycles, 0, DELAY_CYCLES_MAX)
-        _check("jitter", self.jitter_ns, 0, JITTER_NS_MAX)
-        if self.xerr_sign not in get_args(XerrSign):
-            raise GatewayError(f"xerr_sign: {self.xerr_sign} is not allowed, expected 1 or -1")
 
 
 def _check(name: str, value: int, low: int, high: int) -> None:
@@ -167,7 +155,7 @@ class Dsc:
         self.settings = settings
         self.choices = settings.choices
         self.setpoint = DscSetpoint()
-        self.dead_time_ns = dead_time_ns(settings.sync_period_ns, settings.choices.jitter_ns)
+        self.dead_time_ns = dead_time_ns(settings.sync_period_ns)
         self.gain_limit = highest_gain(self.dead_time_ns)
         self.hold_ns = longest_hold_ns(self.dead_time_ns)
         """So old may XERR and KPC be; who steps this stops the axis then."""
@@ -225,7 +213,7 @@ class Dsc:
 
     def _position(self, feed_forward: int, xerr: int, position: int) -> None:
         result, settings = self.setpoint, self.settings
-        way = round_half_away(self.choices.xerr_sign * xerr, 1 << settings.fine_resolution)
+        way = round_half_away(xerr, 1 << settings.fine_resolution)
         target = wrapped(result.sent[0] + way)
         if not self._starts_near(difference(target, position)):
             result.target = None
@@ -237,7 +225,7 @@ class Dsc:
     def _velocity(self, feed_forward: int, xerr: int, kpc: int, position: int) -> None:
         result, settings = self.setpoint, self.settings
         moved = difference(position, result.sent[0], settings.position_span) << settings.fine_resolution
-        error = self.choices.xerr_sign * xerr - moved
+        error = xerr - moved
         if not self._starts_near(error >> settings.fine_resolution):
             return
         if kpc > self.gain_limit:

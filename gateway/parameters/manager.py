@@ -37,7 +37,7 @@ class ParameterManager:
         self._objects[0] = DeviceObject(daemon, nodes)
         self.slots: tuple[int, ...] = (0, *(node.do_id for node in nodes))
         """The DO of each slot."""
-        timeout = daemon.config.transport.parameter_timeout_ms * MS
+        timeout = daemon.config.parameter_timeout_ms * MS
         self._workers = {do_id: _Worker(daemon.loop, do_id, timeout) for do_id in self._objects}
 
     def submit(self, data: bytes, slot_do: int | None = None, host: str | None = None) -> Future[bytes | None]:

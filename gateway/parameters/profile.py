@@ -448,7 +448,7 @@ class DeviceObject(BoundObject):
             self.bind(Pnu.DEVICE_NAME, identity.ORDER_ID.encode)
         self.bind(Pnu.DRIVE_UNIT, lambda: (*_unit(daemon), len(axes)))
         self.bind(Pnu.PROFILE, lambda: PROFILE_IDENTIFICATION)
-        latency = int(config.transport.parameter_timeout_ms / 10)
+        latency = int(config.parameter_timeout_ms / 10)
         self.bind(Pnu.PARAMETER_ACCESS, lambda: (MAX_BLOCK, MAX_PARAMETERS, latency))
         self.bind(Pnu.DRIVE_OBJECT, lambda: (*_unit(daemon), 0, 0, 0))
         self.bind_action(Pnu.LOAD_DEVICE, self._load_all)

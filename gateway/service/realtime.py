@@ -1,16 +1,13 @@
 """Real-time scheduling of the gateway's process, if the operating system grants it.
 
-The exchange runs with a real-time priority (SCHED_FIFO), on chosen processors, with locked memory: ``[realtime]`` in the
-configuration. The priority is requested by default, the rest if configured. A refusal is logged, and the gateway runs without.
-Linux only; elsewhere the log says that it is not available.
+The exchange runs with a real-time priority (SCHED_FIFO), by default or by ``[realtime]`` of the configuration. A refusal is
+logged, and the gateway runs without. Linux only; elsewhere the log says that it is not available.
 """
 
 from __future__ import annotations
 
-import ctypes
 import logging
 import os
-from collections.abc import Callable
 from typing import Final
 
 from pdgw.gateway.configuration.tables.environment import RealtimeConfig
@@ -19,31 +16,20 @@ DEFAULT_PRIORITY: Final = 40
 """Below the threads of the kernel that serve network and CAN (50)."""
 NEEDED_BELOW_MS: Final = 8
 """Shorter cycles are missed at usual scheduling when other processes need the processor."""
-_MCL_CURRENT, _MCL_FUTURE = 1, 2
-"""linux/mman.h"""
-_SETCAP = "root, CAP_SYS_NICE and CAP_IPC_LOCK (systemd: AmbientCapabilities), or LimitRTPRIO and LimitMEMLOCK"
 
 Line = tuple[int, str]
 """A log level and line."""
 
 
 def apply(config: RealtimeConfig, cycle_time_ms: float) -> list[Line]:
-    """Request the priority and everything configured; returns a line for the priority and for each refusal.
+    """Request the priority; returns a line unless the configured one is granted.
 
     Call it before the first thread starts: threads inherit it, and a thread without the priority that holds the interpreter would
     delay the exchange.
     """
-    lines: list[Line] = []
-    if config.cpu:
-        lines += _try("cpu", list(config.cpu), lambda: os.sched_setaffinity(0, config.cpu))
     if config.priority is None:
-        lines.append(_by_default(cycle_time_ms))
-    elif config.priority:
-        wanted = config.priority
-        lines += _try("priority", wanted, lambda: _set_priority(wanted))
-    if config.lock_memory:
-        lines += _try("lock_memory", "true", _lock_memory)
-    return lines
+        return [_by_default(cycle_time_ms)]
+    return _configured(config.priority) if config.priority else []
 
 
 def _by_default(cycle_time_ms: float) -> Line:
@@ -70,23 +56,17 @@ def usual(pid: int) -> None:
         os.sched_setscheduler(pid, os.SCHED_OTHER, os.sched_param(0))
 
 
-def _try(key: str, value: object, action: Callable[[], None]) -> list[Line]:
+def _configured(priority: int) -> list[Line]:
     try:
-        action()
+        _set_priority(priority)
     except AttributeError:
-        return [(logging.WARNING, f"[realtime] {key} = {value}: not available on this operating system, ignored")]
+        why = "not available on this operating system, ignored"
     except OSError as error:
-        why = f"{error.strerror or error}, ignored; it needs {_SETCAP}"
-        return [(logging.WARNING, f"[realtime] {key} = {value}: {why}")]
-    return []
+        why = f"{error.strerror or error}, ignored; it needs root, CAP_SYS_NICE (systemd: AmbientCapabilities) or LimitRTPRIO"
+    else:
+        return []
+    return [(logging.WARNING, f"[realtime] priority = {priority}: {why}")]
 
 
 def _set_priority(priority: int) -> None:
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-
-
-def _lock_memory() -> None:
-    lock = ctypes.CDLL(None, use_errno=True).mlockall
-    if lock(_MCL_CURRENT | _MCL_FUTURE):
-        number = ctypes.get_errno()
-        raise OSError(number, os.strerror(number))

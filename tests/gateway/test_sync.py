@@ -23,7 +23,7 @@ from pdgw.peers.drive.model.shapes import SYNCHRONOUS, Shape
 from pdgw.tools.output.status_text import status_lines
 from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, exchanging, running, until, world_of
 
-MORE = 'simulate = true\nfollowing_window = 4096\nsync_jitter_us = 500\ndsc = "speed"'
+MORE = 'simulate = true\nfollowing_window = 4096\ndsc = "speed"'
 CYCLE_MS = 4
 
 
@@ -211,11 +211,11 @@ def test_jitter_and_dead_time_are_measured_and_shown() -> None:
         (item,) = sync["axes"]
         # The position at the last SYNC is in the next setpoint, which applies for one period.
         assert 6 <= item["dead_time_p99_ms"] <= item["dead_time_worst_ms"] <= 6.6
-        assert item["dead_time_calculated_ms"] == 2.5 * CYCLE_MS + 0.5
-        assert item["highest_gain"] == pytest.approx(1000 / (2.718281828 * 10.5), abs=0.01)
+        assert item["dead_time_calculated_ms"] == 2.5 * CYCLE_MS
+        assert item["highest_gain"] == pytest.approx(1000 / (2.718281828 * 10), abs=0.01)
         text = "\n".join(status_lines(snapshot(daemon), 200))
         assert "SYNC every 4 ms, jitter p99" in text
-        assert "for 10.5 ms KPC is at most 35.0 1/s" in text
+        assert "for 10 ms KPC is at most 36.8 1/s" in text
 
 
 def test_a_telegram_with_dsc_that_is_chosen_later_gets_its_sync() -> None:

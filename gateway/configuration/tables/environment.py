@@ -125,8 +125,6 @@ class TransportConfig(Section):
     """Only cables and switches are between PLC and ``udp``: no frame is late. Loopback always is direct."""
     status_port: Port = STATUS_PORT
     """``pdgw status`` on loopback."""
-    parameter_timeout_ms: Annotated[Integer, Field(ge=100, le=60_000)] = 2000
-    """A parameter request is answered within this time; what the drive has not answered by then fails."""
     ar_uuid: UUID = NIL
     """ARUUID of the static application relationship."""
     station_name: Annotated[str, AfterValidator(_is_station_name)] = DEFAULT_STATION_NAME
@@ -215,9 +213,5 @@ class RealtimeConfig(Section):
 
     priority: Annotated[Integer, Field(ge=0, le=99)] | None = None
     """Priority of SCHED_FIFO. 0: normal scheduling; None: 40 if the system permits it."""
-    cpu: tuple[Annotated[Integer, Field(ge=0, le=1023)], ...] = ()
-    """Processors to run on; empty: all."""
-    lock_memory: Boolean = False
-    """Nothing of the process is swapped out."""
     native: Boolean = False
     """PROFINET: the native engine exchanges the cyclic frames, where it was built."""

@@ -100,19 +100,15 @@ class PositionerConfig(BaseModel):
     velocity_per: Literal["second", "minute"] | None = None
     """Telegram 112: the time of velocities."""
     modulo_range: _Distance = 0
-    """LU after which the positions of a rotary axis wrap."""
-    modulo_correction: Annotated[bool, Strict()] = False
-    """Positions are 0 to ``modulo_range`` - 1."""
+    """LU after which the positions of a rotary axis wrap: they are 0 to this value - 1. 0: a linear axis."""
 
     @model_validator(mode="after")
     def _modulo_is_complete(self) -> PositionerConfig:
-        if self.modulo_correction and not self.modulo_range:
-            raise ValueError("modulo_correction = true: needs modulo_range above 0")
-        if self.modulo_correction and self.software_limits is not None:
-            raise ValueError("software_limits: not allowed with modulo_correction, because such an axis has no end")
-        if self.modulo_correction and not 0 <= self.reference_coordinate < self.modulo_range:
+        if self.modulo_range and self.software_limits is not None:
+            raise ValueError("software_limits: not allowed with modulo_range, because such an axis has no end")
+        if self.modulo_range and not 0 <= self.reference_coordinate < self.modulo_range:
             text = f"reference_coordinate = {self.reference_coordinate}: allowed 0 to {self.modulo_range - 1}"
-            raise ValueError(f"{text} with modulo_correction")
+            raise ValueError(f"{text} with modulo_range")
         return self
 
     @model_validator(mode="after")
@@ -139,7 +135,7 @@ class PositionerConfig(BaseModel):
             self.set_of_setpoints,
             table,
             self.clamping_torque,
-            self.modulo_range if self.modulo_correction else 0,
+            self.modulo_range,
             self.lu_per_unit or 0,
             self.velocity_per == "second",
         )

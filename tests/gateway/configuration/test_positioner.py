@@ -44,14 +44,9 @@ def test_all_keys_reach_the_axis() -> None:
     assert choices.blocks[0] == Block(1, 5000, 300, next=BlockNext.CONTINUE_WITH_STOP)
     assert len(choices.blocks) == 2
     assert choices.modulo == 0
-
-
-@pytest.mark.parametrize(("correction", "expected"), [("true", 360), ("false", 0)])
-def test_the_modulo_range_counts_with_the_correction_alone(correction: str, expected: int) -> None:
-    text = BASE.replace("software_limits = [-5, 9]", f"modulo_correction = {correction}\nmodulo_range = 360")
-    choices = parse_config(text).axis[0].settings_at(4).positioner
-    assert choices is not None
-    assert choices.modulo == expected
+    rotary = parse_config(BASE.replace("software_limits = [-5, 9]", "modulo_range = 360")).axis[0].settings_at(4)
+    assert rotary.positioner is not None
+    assert rotary.positioner.modulo == 360
 
 
 @pytest.mark.parametrize(
@@ -67,18 +62,18 @@ def test_the_modulo_range_counts_with_the_correction_alone(correction: str, expe
         ("value = 10", "value = -1", ["value = -1"]),
         (
             "software_limits = [-5, 9]",
-            "modulo_correction = true",
-            ["modulo_correction = true: needs modulo_range above 0"],
+            "software_limits = [-5, 9]\nmodulo_range = 360",
+            ["software_limits: not allowed with modulo_range"],
         ),
         (
             "software_limits = [-5, 9]",
-            "software_limits = [-5, 9]\nmodulo_correction = true\nmodulo_range = 360",
-            ["software_limits: not allowed with modulo_correction"],
-        ),
-        (
-            "software_limits = [-5, 9]",
-            "reference_coordinate = 360\nmodulo_correction = true\nmodulo_range = 360",
+            "reference_coordinate = 360\nmodulo_range = 360",
             ["reference_coordinate = 360: allowed 0 to 359"],
+        ),
+        (
+            "homing_method = 35",
+            "modulo_correction = true",
+            ["positioner.modulo_correction: was removed in 0.9.0: modulo_range"],
         ),
         ("5000\nvelocity = 300", "5000\nvelocity = 0", ["block 1: velocity = 0 is not allowed"]),
         (

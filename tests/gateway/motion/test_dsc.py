@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.dsc import (
-    JITTER_NS_MAX,
     Dsc,
     DscChoices,
     DscForm,
@@ -63,11 +62,6 @@ def test_the_speed_counts_what_the_axis_moved_across_the_wrap_of_the_drive() -> 
     assert dsc.step(0, 100, 50_000, 4).velocity == 0, "100 increments, over the end at 4095"
 
 
-def test_the_sign_of_xerr_can_be_turned() -> None:
-    assert Dsc(chosen(SPEED, xerr_sign=-1)).step(0, 2048, 50_000, 0).velocity == -3000
-    assert Dsc(chosen(POSITION, xerr_sign=-1)).step(0, 2048, 50_000, 0).position == -2048
-
-
 def test_the_gain_is_clamped_where_it_does_not_overshoot() -> None:
     dsc = Dsc(SPEED)
     assert dsc.dead_time_ns == 5 * MS
@@ -79,18 +73,18 @@ def test_the_gain_is_clamped_where_it_does_not_overshoot() -> None:
     assert (beyond.velocity, beyond.gain_clamped) == (velocity, True)
 
 
-@given(period=st.integers(250_000, 100 * MS), jitter=st.integers(0, 10 * MS))
-def test_the_highest_gain_is_1_over_e_times_the_dead_time_and_below_oscillation(period: int, jitter: int) -> None:
-    dead_time = dead_time_ns(period, jitter)
+@given(period=st.integers(250_000, 100 * MS))
+def test_the_highest_gain_is_1_over_e_times_the_dead_time_and_below_oscillation(period: int) -> None:
+    dead_time = dead_time_ns(period)
     gain = highest_gain(dead_time) / 1000
     seconds = dead_time / 1e9
     assert gain <= 1 / (e * seconds) < gain + 0.0011
     assert gain < pi / (2 * seconds)
 
 
-@given(period=st.integers(250_000, 100 * MS), jitter=st.integers(0, 10 * MS))
-def test_a_setpoint_is_held_no_longer_than_the_loop_with_the_highest_gain_is_stable(period: int, jitter: int) -> None:
-    dead_time = dead_time_ns(period, jitter)
+@given(period=st.integers(250_000, 100 * MS))
+def test_a_setpoint_is_held_no_longer_than_the_loop_with_the_highest_gain_is_stable(period: int) -> None:
+    dead_time = dead_time_ns(period)
     gain = 1 / (e * dead_time)
     oscillates_from = pi / (2 * (dead_time + longest_hold_ns(dead_time)))
     assert gain == pytest.approx(oscillates_from, rel=1e-5)
@@ -163,8 +157,6 @@ def test_values_that_make_no_sense_are_refused(changes: dict[str, object], messa
     [
         ({"following_window": 0}, "following_window: 0"),
         ({"delay_cycles": 9}, r"dsc_delay_cycles: 9 is not allowed, expected 0\.\.8"),
-        ({"xerr_sign": 0}, "xerr_sign: 0 is not allowed, expected 1 or -1"),
-        ({"jitter_ns": JITTER_NS_MAX + 1}, "jitter: 100000001 is not allowed"),
     ],
 )
 def test_choices_that_make_no_sense_are_refused(changes: dict[str, int], message: str) -> None:

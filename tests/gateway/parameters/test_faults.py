@@ -67,7 +67,7 @@ def test_a_fault_that_only_the_statusword_shows_is_read_from_the_drive(monkeypat
 
 
 def test_a_lost_drive_is_told_and_delays_no_answer_of_another_axis() -> None:
-    with gateway(axis(1) + axis(2), transport="parameter_timeout_ms = 500") as (daemon, client):
+    with gateway(axis(1) + axis(2)) as (daemon, client):
         drive_of(daemon).stop()
         until(daemon, lambda: [fault.number for fault in daemon.axes[0].faults][-1:] == [101], "lost")
         assert value(client, 947, 0, 1).values == (101,)
@@ -82,7 +82,7 @@ def test_a_lost_drive_is_told_and_delays_no_answer_of_another_axis() -> None:
 def test_a_drive_that_does_not_answer_in_time_is_error_11_and_a_second_request_meanwhile_a_state_conflict(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    with gateway(axis(1) + axis(2), transport="parameter_timeout_ms = 300") as (daemon, client):
+    with gateway(axis(1) + axis(2)) as (daemon, client):
         release, entered = Event(daemon.loop), Event(daemon.loop)
 
         def slow(*_: object) -> bytes:

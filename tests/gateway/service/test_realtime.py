@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-import threading
 
 import pytest
 
@@ -84,10 +83,10 @@ def test_a_configured_priority_that_is_refused_is_logged_with_the_right_it_needs
 
 
 def test_a_system_without_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("sched_setaffinity", "sched_getscheduler"):
+    for name in ("sched_setscheduler", "sched_getscheduler"):
         monkeypatch.delattr(os, name, raising=False)
-    assert [line for _, line in realtime.apply(RealtimeConfig(cpu=(0,)), 8)] == [
-        "[realtime] cpu = [0]: not available on this operating system, ignored",
+    assert [realtime.apply(RealtimeConfig(priority=priority), 8)[0][1] for priority in (50, None)] == [
+        "[realtime] priority = 50: not available on this operating system, ignored",
         "normal scheduling: SCHED_FIFO is not available on this operating system",
     ]
 
@@ -112,18 +111,3 @@ def test_no_test_changes_the_scheduling_of_its_process() -> None:
     ((level, text),) = realtime.apply(RealtimeConfig(), 4)
     assert os.sched_getscheduler(0) == before
     assert before or (level == logging.WARNING and "stays as it is" in text)
-
-
-@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="the operating system has no processor affinity")
-def test_the_gateway_runs_where_it_is_asked_to() -> None:
-    """Linux keeps the affinity of each thread: this one ends with the test."""
-    wanted = min(os.sched_getaffinity(0))
-    found: list[object] = []
-
-    def run() -> None:
-        found.extend((realtime.apply(RealtimeConfig(cpu=(wanted,), priority=0), 8), os.sched_getaffinity(0)))
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    thread.join()
-    assert found == [[], {wanted}]

@@ -16,7 +16,7 @@ SETTINGS: Mapping[str, str] = MappingProxyType(
         AS_SHIPPED: "",
         "without flight recorder": "[trace]\nenabled = false\n",
         "usual scheduling": USUAL_SCHEDULING,
-        "[realtime]": "[realtime]\npriority = 50\nlock_memory = true\n",
+        "[realtime]": "[realtime]\npriority = 50\n",
     }
 )
 """Further tables of the gateway's configuration."""

@@ -52,8 +52,7 @@ position_window = 20
 _TABLES: Final = f"""\
 dsc = "speed"
 following_window = 100000
-jog_1_speed_rpm = -150
-jog_2_speed_rpm = 150
+jog_speeds_rpm = [-150, 150]
 {POSITIONER}"""
 _BLOCKS: Final = """\
 [[axis.block]]

@@ -75,7 +75,7 @@ telegram = 1
 simulate = true
 """
 _PRIORITY: Final = 40
-_REALTIME: Final = f"\n[realtime]\npriority = {_PRIORITY}\nlock_memory = true\n"
+_REALTIME: Final = f"\n[realtime]\npriority = {_PRIORITY}\n"
 _NATIVE: Final = "native = {}\n"
 _BESIDE: Final = Path(__file__).parent
 """Folder of the floor processes. They are run as files, because the modules that a process loads affect its figures."""
