@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import struct
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 from uuid import UUID
 
 from pdgw.decoder.frames.fields import Document
@@ -37,6 +37,7 @@ from pdgw.profinet.rpc.identification import TEXT_FIELDS
 from pdgw.profinet.rpc.records import PNIO, PnioStatus
 from pdgw.profinet.wire import HEADER, VERSION_SIZE, Block, Cursor, Structure, WireError
 
+Known = TypeVar("Known", bound=Block)
 _MODULES = (alarm, connect, control, records, port, io_data)
 BLOCKS: Final[dict[int, type[Block]]] = {
     cls.TYPE: cls
@@ -72,6 +73,11 @@ def split(data: bytes) -> Iterator[tuple[int, bytes]]:
             raise WireError(f"BlockLength at offset {at}", length, f"{VERSION_SIZE}..{len(data) - at - 4}", number=1)
         yield kind, data[at:end]
         at = end
+
+
+def read_blocks(data: bytes, cls: type[Known]) -> list[Known]:
+    """The blocks of one type; WireError at a damaged one."""
+    return [cls.understand(block) for kind, block in split(data) if kind == cls.TYPE]
 
 
 def name_of(kind: int) -> str:

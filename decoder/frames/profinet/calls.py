@@ -12,8 +12,8 @@ from uuid import UUID
 
 from pdgw.decoder.frames.bounded_dict import BoundedDict
 from pdgw.decoder.frames.fields import Document
-from pdgw.decoder.frames.profinet.blocks import documents, named, split
-from pdgw.decoder.frames.profinet.connect import Connection, read_request, read_response
+from pdgw.decoder.frames.profinet.blocks import documents, named, read_blocks
+from pdgw.decoder.frames.profinet.connect import Connection, read_request
 from pdgw.decoder.frames.profinet.records import Change, RelationRecord
 from pdgw.decoder.frames.profinet.stations import StationNames
 from pdgw.decoder.frames.records import AcyclicRecord
@@ -23,10 +23,10 @@ from pdgw.profinet.rpc.dcerpc import RpcHeader
 from pdgw.profinet.rpc.records import Operation
 
 OPERATIONS: Final = frozenset({Operation.CONNECT, Operation.RELEASE, Operation.CONTROL})
-_CHANGES: Final[dict[int, tuple[type[ControlBlock], Change]]] = {
-    ApplicationReadyRes.TYPE: (ApplicationReadyRes, Change.READY),
-    PrmBeginRes.TYPE: (PrmBeginRes, Change.PAUSED),
-    ReleaseRes.TYPE: (ReleaseRes, Change.ENDED),
+_CHANGES: Final[dict[type[ControlBlock], Change]] = {
+    ApplicationReadyRes: Change.READY,
+    PrmBeginRes: Change.PAUSED,
+    ReleaseRes: Change.ENDED,
 }
 """Answers that change a relationship."""
 Base = tuple[int, int, str, bytes]
@@ -68,10 +68,9 @@ class RelationCalls:
             return self._answered(base, head, self._asked.pop(key), arguments, fields, latency)
         text = f"{head}: {named(blocks)}"
         if not is_request:
-            for kind, data in split(arguments):
-                if kind in _CHANGES:
-                    cls, change = _CHANGES[kind]
-                    uuid = cls.understand(data).ar_uuid
+            for cls, change in _CHANGES.items():
+                for block in read_blocks(arguments, cls):
+                    uuid = block.ar_uuid
                     known = self._granted.pop(uuid) if change is Change.ENDED else self._granted.get(uuid)
                     if known is not None:
                         return RelationRecord(*base, text, fields, latency, change=change, connection=known)
@@ -88,12 +87,11 @@ class RelationCalls:
     ) -> AcyclicRecord:
         if asked is None:
             return AcyclicRecord(*base, f"{head}: request missing", fields, latency)
-        response = read_response(arguments)
-        connection = asked.answered(response)
-        if response.mac is not None:
-            if response.station:
-                self._names.learn(response.mac, response.station)
-            connection = replace(connection, station=self._names.of(response.mac) or connection.station)
+        connection = asked.answered(arguments)
+        if connection.device_mac is not None:
+            if connection.station:
+                self._names.learn(connection.device_mac, connection.station)
+            connection = replace(connection, station=self._names.of(connection.device_mac))
         if connection.ar is not None:
             self._names.learn(connection.ar.initiator_mac, connection.controller)
         text = f"{head}: {_asked_text(connection, fields)}"
@@ -106,14 +104,14 @@ class RelationCalls:
 def _asked_text(connection: Connection, fields: Document) -> str:
     """The request or response in one line; ``fields`` gets the relationships."""
     fields["relations"] = [
-        {"direction": relation.direction.value, "frame_id": relation.frame_id, "submodules": len(relation.data)}
-        for relation in connection.relations
+        {"direction": direction.value, "frame_id": plan.frame_id, "submodules": len(plan.data)}
+        for direction, plan in connection.relations
     ]
-    parts = [f"{item.direction.value}s FrameID {item.frame_id:04X}h" for item in connection.relations]
+    parts = [f"{direction.value}s FrameID {plan.frame_id:04X}h" for direction, plan in connection.relations]
     if not parts:
         parts.append("no cyclic relationship")
     else:
-        block = connection.relations[0].block
+        block = connection.relations[0][1].block
         parts.append(f"cycle {block.cycle_ns / MS:g} ms, data hold {block.hold_ns / MS:g} ms")
     if connection.controller:
         parts.append(f"controller {connection.controller}")

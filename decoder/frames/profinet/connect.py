@@ -9,62 +9,53 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Final
 
-from pdgw.decoder.frames.profinet.blocks import split
+from pdgw.decoder.frames.profinet.blocks import read_blocks
 from pdgw.profidrive.telegrams import Direction
 from pdgw.profinet.blocks.connect import (
     ArBlockReq,
     ArBlockRes,
     ArServerBlockRes,
-    ExpectedSlot,
+    ExpectedSubmodule,
     ExpectedSubmoduleBlockReq,
     IocrBlockReq,
     IocrBlockRes,
     IocrType,
 )
 from pdgw.profinet.connection.connect import CyclicPlan, DataObject
-from pdgw.profinet.model import API_PROFIDRIVE
+from pdgw.profinet.model import API_PROFIDRIVE, Subslot
 
-Place = tuple[int, int]
-"""Slot and subslot."""
-_DIRECTIONS = {IocrType.INPUT: Direction.ACTUAL, IocrType.OUTPUT: Direction.SETPOINT}
+_TYPES: Final = {Direction.ACTUAL: IocrType.INPUT, Direction.SETPOINT: IocrType.OUTPUT}
 """Input and output relationship, seen from the controller."""
 
 
 @dataclass(frozen=True)
-class CyclicRelation:
-    """One communication relationship. Offsets count from the first byte of the C_SDU."""
-
-    direction: Direction
-    frame_id: int
-    block: IocrBlockReq
-    data: Mapping[Place, int]
-    """Offset of the data of each submodule; its IOPS follows."""
-    iocs: Mapping[Place, int]
-
-
-@dataclass(frozen=True)
 class Connection:
-    """A Connect: its relationships, the data lengths of the submodules by direction, and both stations."""
+    """A Connect: its relationships with the data of the submodules, and both stations."""
 
-    relations: tuple[CyclicRelation, ...]
-    lengths: Mapping[tuple[Place, Direction], int] = field(default_factory=dict)
-    idents: Mapping[Place, int] = field(default_factory=dict)
-    """SubmoduleIdentNumber of each submodule."""
-    profidrive: frozenset[Place] = frozenset()
+    relations: tuple[tuple[Direction, CyclicPlan], ...]
+    submodules: Mapping[Subslot, ExpectedSubmodule] = field(default_factory=dict)
+    profidrive: frozenset[Subslot] = frozenset()
     """The submodules of PROFIdrive's API."""
     ar: ArBlockReq | None = None
     device_mac: bytes | None = None
     station: str = ""
     """The device's name, if known."""
 
-    def answered(self, response: Response) -> Connection:
-        """With what the device's answer says."""
+    def answered(self, arguments: bytes) -> Connection:
+        """With the device's answer: FrameIDs, its MAC address and, in an advanced start-up, its name.
+
+        ProfidriveError when a block is damaged.
+        """
+        frame_ids = {block.reference: block.frame_id for block in read_blocks(arguments, IocrBlockRes)}
+        mac = next((block.responder_mac for block in read_blocks(arguments, ArBlockRes)), None)
+        station = next((block.station_name for block in read_blocks(arguments, ArServerBlockRes)), self.station)
         relations = tuple(
-            replace(item, frame_id=response.frame_ids.get(item.block.reference, item.frame_id))
-            for item in self.relations
+            (direction, replace(plan, frame_id=frame_ids.get(plan.block.reference, plan.frame_id)))
+            for direction, plan in self.relations
         )
-        return replace(self, relations=relations, device_mac=response.mac, station=response.station or self.station)
+        return replace(self, relations=relations, device_mac=mac, station=station)
 
     @property
     def controller(self) -> str:
@@ -72,13 +63,17 @@ class Connection:
         return "" if self.ar is None else self.ar.station_name
 
     @property
-    def places(self) -> list[Place]:
+    def places(self) -> list[Subslot]:
         """The submodules with data in either direction, by slot."""
-        return sorted({place for (place, _), length in self.lengths.items() if length})
+        return sorted(place for place in self.submodules if any(self.sizes(place)))
 
-    def relation(self, direction: Direction) -> CyclicRelation | None:
-        """The relationship of a direction."""
-        return next((item for item in self.relations if item.direction is direction), None)
+    def sizes(self, place: Subslot) -> list[int]:
+        """Bytes of data of a submodule in each direction."""
+        return [self.submodules[place].length(_TYPES[direction]) for direction in Direction]
+
+    def plan(self, direction: Direction) -> CyclicPlan | None:
+        """The relationship of a direction, for a protocol machine of this end."""
+        return next((plan for found, plan in self.relations if found is direction), None)
 
     def addresses(self, direction: Direction) -> bytes | None:
         """Destination and source of the frames of a direction; None where one of them is not known."""
@@ -91,77 +86,28 @@ class Connection:
         """Whether frames with this destination and source belong to it."""
         return any(self.addresses(direction) == addresses for direction in Direction)
 
-    def plan(self, direction: Direction) -> CyclicPlan | None:
-        """The cyclic plan for a protocol machine of this end; None without a relationship of this direction."""
-        relation = self.relation(direction)
-        if relation is None:
-            return None
-        data = {
-            place: DataObject(offset, self.lengths.get((place, direction), 0))
-            for place, offset in relation.data.items()
-        }
-        return CyclicPlan(relation.block, relation.frame_id, data, relation.iocs)
-
-
-@dataclass(frozen=True)
-class Response:
-    """The values granted by a device: FrameIDs by IOCRReference, its MAC address and, in an advanced start-up, its name."""
-
-    frame_ids: Mapping[int, int]
-    mac: bytes | None = None
-    station: str = ""
-
 
 def read_request(arguments: bytes) -> Connection:
     """The relationships of a Connect request; ProfidriveError when a block is damaged."""
-    relations = []
-    lengths: dict[tuple[Place, Direction], int] = {}
-    idents: dict[Place, int] = {}
-    profidrive: set[Place] = set()
-    ar = None
-    for kind, data in split(arguments):
-        if kind == ArBlockReq.TYPE:
-            ar = ArBlockReq.understand(data)
-        elif kind == IocrBlockReq.TYPE:
-            relation = _relation(IocrBlockReq.understand(data))
-            if relation is not None:
-                relations.append(relation)
-        elif kind == ExpectedSubmoduleBlockReq.TYPE:
-            for slot in ExpectedSubmoduleBlockReq.understand(data).slots:
-                _submodules(slot, lengths, idents)
-                if slot.api == API_PROFIDRIVE:
-                    profidrive |= {(slot.slot, item.subslot) for item in slot.submodules}
-    return Connection(tuple(relations), lengths, idents, frozenset(profidrive), ar)
+    ar = next(iter(read_blocks(arguments, ArBlockReq)), None)
+    slots = [slot for block in read_blocks(arguments, ExpectedSubmoduleBlockReq) for slot in block.slots]
+    submodules = {(slot.slot, item.subslot): item for slot in slots for item in slot.submodules}
+    profidrive = {(slot.slot, item.subslot) for slot in slots if slot.api == API_PROFIDRIVE for item in slot.submodules}
+    relations = [
+        (direction, _plan(block, submodules))
+        for block in read_blocks(arguments, IocrBlockReq)
+        for direction, kind in _TYPES.items()
+        if block.iocr_type == kind
+    ]
+    return Connection(tuple(relations), submodules, frozenset(profidrive), ar)
 
 
-def read_response(arguments: bytes) -> Response:
-    """Decode a Connect response; ProfidriveError when a block is damaged."""
-    frame_ids = {}
-    mac, station = None, ""
-    for kind, data in split(arguments):
-        if kind == IocrBlockRes.TYPE:
-            block = IocrBlockRes.understand(data)
-            frame_ids[block.reference] = block.frame_id
-        elif kind == ArBlockRes.TYPE:
-            mac = ArBlockRes.understand(data).responder_mac
-        elif kind == ArServerBlockRes.TYPE:
-            station = ArServerBlockRes.understand(data).station_name
-    return Response(frame_ids, mac, station)
-
-
-def _relation(block: IocrBlockReq) -> CyclicRelation | None:
-    if block.iocr_type not in set(IocrType):
-        return None
-    data = {(item.slot, item.subslot): item.offset for api in block.apis for item in api.data}
+def _plan(block: IocrBlockReq, submodules: Mapping[Subslot, ExpectedSubmodule]) -> CyclicPlan:
+    """The relationship with the data of the submodules that were asked for."""
+    data = {}
+    for item in (item for api in block.apis for item in api.data):
+        submodule = submodules.get((item.slot, item.subslot))
+        length = 0 if submodule is None else submodule.length(IocrType(block.iocr_type))
+        data[item.slot, item.subslot] = DataObject(item.offset, length)
     iocs = {(item.slot, item.subslot): item.offset for api in block.apis for item in api.iocs}
-    return CyclicRelation(_DIRECTIONS[IocrType(block.iocr_type)], block.frame_id, block, data, iocs)
-
-
-def _submodules(slot: ExpectedSlot, lengths: dict[tuple[Place, Direction], int], idents: dict[Place, int]) -> None:
-    for item in slot.submodules:
-        place = (slot.slot, item.subslot)
-        idents[place] = item.ident
-        for kind, direction in _DIRECTIONS.items():
-            length = item.length(kind)
-            if length:
-                lengths[place, direction] = length
+    return CyclicPlan(block, block.frame_id, data, iocs)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 from pdgw.decoder.frames.fields import half_fields
-from pdgw.decoder.frames.profinet.connect import Connection, CyclicRelation, Place
+from pdgw.decoder.frames.profinet.connect import Connection
 from pdgw.decoder.frames.profinet.frames import named_frame
 from pdgw.decoder.frames.records import CyclicRecord, FrameLayout, OtherRecord, ProcessDataLayout, Record
 from pdgw.profidrive.errors import ProfidriveError
@@ -30,7 +30,8 @@ from pdgw.profidrive.frame import (
     CSduLayout,
 )
 from pdgw.profidrive.telegrams import TELEGRAMS, Direction, likeliest, telegram
-from pdgw.profinet.model import TELEGRAM_IDENT
+from pdgw.profinet.connection.connect import CyclicPlan
+from pdgw.profinet.model import TELEGRAM_IDENT, Subslot
 
 _CYCLIC_FIRST = 0x8000
 _CYCLIC_LAST = 0xFBFF
@@ -180,7 +181,7 @@ class CyclicDecoder:
         self._layouts: dict[_Kind, FrameLayout] = {}
         self._plain: dict[_Kind, tuple[int, FrameLayout]] = {}
         """Frames with unknown telegrams: their number, and the layout without signals."""
-        self._relations: dict[tuple[int, bytes], tuple[CyclicRelation, Connection]] = {}
+        self._relations: dict[tuple[int, bytes], tuple[Direction, CyclicPlan, Connection]] = {}
         """By FrameID, destination and source of the frames; empty where these are unknown."""
         self._connection: Connection | None = None
         """The last Connect that has telegrams."""
@@ -215,12 +216,12 @@ class CyclicDecoder:
     def connect(self, connection: Connection) -> bool:
         """Use the FrameIDs of a new Connect. False if it is not from the chosen station."""
         self._layouts.clear()
-        for relation in connection.relations:
+        for direction, plan in connection.relations:
             if len(self._relations) >= _MAX_KINDS:
                 self._relations.clear()
-            key = (relation.frame_id, connection.addresses(relation.direction) or b"")
+            key = (plan.frame_id, connection.addresses(direction) or b"")
             self._relations.pop(key, None)
-            self._relations[key] = (relation, connection)
+            self._relations[key] = (direction, plan, connection)
         found = [f"axis {axis.do_id} telegram {axis.telegram}" for axis, _ in self._connected(connection)]
         if not found:
             return False
@@ -244,7 +245,7 @@ class CyclicDecoder:
             or (first.device_mac == connection.device_mac)
         )
 
-    def _connected(self, connection: Connection) -> list[tuple[Axis, Place]]:
+    def _connected(self, connection: Connection) -> list[tuple[Axis, Subslot]]:
         """The submodules of drive objects whose lengths are those of a telegram. The n-th drive object is in slot n.
 
         Outside the API of PROFIdrive (gateways with plain modules), only those in the slots of given axes.
@@ -252,40 +253,42 @@ class CyclicDecoder:
         known = {axis.slot or place: axis for place, axis in enumerate(self.axes, 1)}
         return self._fitting(connection, known)
 
-    def _fitting(self, connection: Connection, known: Mapping[int, Axis]) -> list[tuple[Axis, Place]]:
+    def _fitting(self, connection: Connection, known: Mapping[int, Axis]) -> list[tuple[Axis, Subslot]]:
         found = []
         for place in connection.places:
             if place not in connection.profidrive and not (self._given and place[0] in known):
                 continue
-            sizes = [connection.lengths.get((place, direction), 0) for direction in Direction]
+            sizes = connection.sizes(place)
             fitting = [n for n, t in TELEGRAMS.items() if [t.half(direction).size for direction in Direction] == sizes]
             axis = known.get(place[0]) or Axis(place[0], 0, slot=place[0])
             # The gateway's own submodules name their telegram; others have only a length.
-            named = connection.idents.get(place, 0) - TELEGRAM_IDENT
+            named = connection.submodules[place].ident - TELEGRAM_IDENT
             number = named if named in fitting else self._observed.get(axis.do_id, axis.telegram)
             if fitting:
                 number = number if number in fitting else likeliest(fitting)
                 found.append((replace(axis, telegram=number), place))
         return found
 
-    def _relation(self, frame_id: int, addresses: bytes) -> tuple[CyclicRelation, Connection] | None:
+    def _relation(self, frame_id: int, addresses: bytes) -> tuple[Direction, CyclicPlan, Connection] | None:
         """The relationship of a frame; the newest one if its addresses are ambiguous."""
         if addresses:
             return self._relations.get((frame_id, addresses)) or self._relations.get((frame_id, b""))
         found = (item for (known, _), item in reversed(self._relations.items()) if known == frame_id)
         return next(found, None)
 
-    def _connected_layout(self, relation: CyclicRelation, connection: Connection, length: int) -> FrameLayout:
+    def _connected_layout(
+        self, direction: Direction, plan: CyclicPlan, connection: Connection, length: int
+    ) -> FrameLayout:
         if not self._chosen(connection):
             return _plain_layout(length, None, f"belongs to another station, {connection.station}".rstrip())
         placements = []
         for axis, place in self._connected(connection):
-            size = telegram(axis.telegram).half(relation.direction).size
-            if place in relation.data and place in relation.iocs:
-                begin = HEADER.size + relation.data[place]
-                placements.append(Placement(axis, begin, begin + size, HEADER.size + relation.iocs[place]))
-        layout = placed_layout(placements, relation.direction, length)
-        return layout or _plain_layout(length, relation.direction, "length differs from the length in its Connect")
+            if place in plan.data and place in plan.iocs:
+                data = plan.data[place]
+                begin, iops = HEADER.size + data.offset, HEADER.size + data.iops
+                placements.append(Placement(axis, begin, iops, HEADER.size + plan.iocs[place]))
+        layout = placed_layout(placements, direction, length)
+        return layout or _plain_layout(length, direction, "length differs from the length in its Connect")
 
     def observe(self, do_id: int, number: int) -> None:
         """P922 of a DO was seen. An unknown telegram is reported and ignored."""

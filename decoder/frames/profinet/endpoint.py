@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from pdgw.decoder.frames.profinet.connect import Connection, Place
+from pdgw.decoder.frames.profinet.connect import Connection
 from pdgw.decoder.frames.profinet.cyclic import Axis
 from pdgw.decoder.frames.profinet.records import Change
 from pdgw.gateway.links.cyclic import Verdict
@@ -18,6 +18,7 @@ from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.telegrams import Direction, telegram
 from pdgw.profinet.connection import cpm
 from pdgw.profinet.connection.cpm import Consumer
+from pdgw.profinet.model import Subslot
 
 _VERDICTS: Final = {
     cpm.Verdict.ACCEPTED: Verdict.ACCEPTED,
@@ -112,7 +113,7 @@ class ProfinetEndpoint:
             self.setpoints[index] = None
 
 
-def _places(connection: Connection, axis: Axis, index: int) -> list[Place]:
+def _places(connection: Connection, axis: Axis, index: int) -> list[Subslot]:
     """The submodules of the slot an axis is in."""
     slot = axis.slot or index + 1
     return [place for place in connection.places if place[0] == slot]
