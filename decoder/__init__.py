@@ -3,7 +3,7 @@
 * ``engine.Decoder`` turns the packets of a capture into ``records.Record`` objects (``can_records``: those of the CAN side), one
   for each packet, in order; it learns telegrams and PDO mappings on the way. Their documents are plain data with a stable schema
   (docs/decoder-schema.md).
-* ``recognise`` identifies a single piece of data, with the reason.
+* ``recognise`` makes a packet of a single piece of data.
 * ``selection``, ``filter``, ``changes`` choose among records; ``columns`` makes rows of them, ``statistics`` rates and loads,
   ``render`` text.
 * ``lookahead`` finds the offset of two clocks (``clocks``) in the first part of both captures, ``following`` makes a timeline of

@@ -4,8 +4,7 @@ import pdgw
 
 FRAME = bytes.fromhex("C001 047F 2000 80 80" + "00" * 34 + "0020 35 00")
 
-document = pdgw.recognise(FRAME, pdgw.telegram(1))
-print(document["why"])
-for name, signal in document["signals"].items():
-    bits = [bit for bit, value in signal["bits"].items() if value]
-    print(f"{name} = {signal['value']} {signal['unit']}".rstrip(), *bits)
+record = pdgw.recognise(FRAME, [1])
+print(record.kind, record.summary)
+for unit in record.units:
+    print(*(field.text(raw) for field, raw in unit.items()), sep="\n")

@@ -41,11 +41,10 @@ def known_beforehand(
     telegrams: Sequence[int],
     config: Path | None,
     eds: Sequence[str],
-    ports: Sequence[int],
     station: str = "",
     embedded: str = "",
 ) -> Knowledge:
-    """From ``--telegram``, ``--config``, ``--eds``, ``--port`` and ``--station``; GatewayError or ProfidriveError for what cannot
+    """From ``--telegram``, ``--config``, ``--eds`` and ``--station``; GatewayError or ProfidriveError for what cannot
     be used.
     ``embedded``: the text of a configuration the capture has in it, used without ``config``.
     """
@@ -53,7 +52,7 @@ def known_beforehand(
     origin = "--telegram, with the axis number as node-ID"
     files, default = _eds_files(eds)
     settings = Settings()
-    cyclic, acyclic = settings.cyclic_ports | set(ports), settings.acyclic_ports
+    cyclic, acyclic = settings.cyclic_ports, settings.acyclic_ports
     bitrate = None
     if config is not None or embedded:
         from pdgw.gateway.configuration.file import load_config, parse_config  # noqa: PLC0415 (loads the whole gateway)

@@ -42,13 +42,12 @@ class ArchiveOptions:
     telegrams: tuple[int, ...] = ()
     config: Path | None = None
     eds: tuple[str, ...] = ()
-    ports: tuple[int, ...] = ()
     filter_text: str | None = None
 
     def knowledge(self, embedded: str = "") -> Knowledge:
         """Known facts, with the configuration ``embedded`` in a capture; GatewayError or ProfidriveError if something cannot
         be used."""
-        known = known_beforehand(self.telegrams, self.config, self.eds, self.ports, embedded=embedded)
+        known = known_beforehand(self.telegrams, self.config, self.eds, embedded=embedded)
         if not self.signals:
             raise GatewayError("--parquet: name the signals of the table, like --signal NSOLL_A --signal NIST_A")
         for name in self.signals:

@@ -1,4 +1,4 @@
-"""Documents and records as text: one line, or the full tree."""
+"""Records as text: one line, or the full tree."""
 
 from __future__ import annotations
 
@@ -6,55 +6,11 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from pdgw.decoder.frames.canopen.records import CanRecord, PdoRecord
-from pdgw.decoder.frames.fields import Document, parameter_text
 from pdgw.decoder.frames.profinet.records import StationRecord
 from pdgw.decoder.frames.records import AcyclicRecord, CyclicRecord, ProcessData, Record
 from pdgw.durations import SECOND
 from pdgw.profidrive.frame import IOPS_GOOD
-from pdgw.profidrive.signals import SIGNALS
 from pdgw.profidrive.telegrams import Direction
-
-
-def _signal_text(name: str, item: Document) -> str:
-    width = 2 * SIGNALS[name].type.size
-    if item["unit"] == "%":
-        return f"{name} {item['value']:.3f} %"
-    if isinstance(item["value"], float):
-        return f"{name} {item['value']:g} {item['unit']}"
-    if item["bits"]:
-        return f"{name} {item['raw']:0{width}X}h"
-    return f"{name} {item['raw']}" + (f" {item['unit']}" if item["unit"] else "")
-
-
-def one_line(document: Document) -> str:
-    """The whole document in one line."""
-    parts = [document["kind"]]
-    if "frame_id" in document:
-        parts.append(f"FrameID {document['frame_id']:04X}h counter {document['cycle_counter']}")
-    if "telegram" in document:
-        parts.append(f"telegram {document['telegram']} {document['direction']}")
-    if "service" in document:
-        parts.append(f"{document['service']} ref {document['reference']} DO {document['do_id']}")
-    parts += [_signal_text(name, item) for name, item in document["signals"].items()]
-    parts += [parameter_text(item) for item in document.get("parameters", ())]
-    return " | ".join(parts)
-
-
-def tree(document: Document) -> Iterator[str]:
-    """Every field on a line of its own; of the bits, all with their values."""
-    yield f"{document['kind']}: {document['why']}"
-    for key, value in document.items():
-        if key not in {"kind", "why", "signals", "parameters"}:
-            yield f"  {key}: {value}"
-    for name, item in document["signals"].items():
-        yield f"  {_signal_text(name, item)}  ({SIGNALS[name].description})"
-        for bit, value in item["bits"].items():
-            yield f"    {bit} = {value}"
-    for item in document.get("parameters", ()):
-        yield f"  {parameter_text(item)}"
-
-
-# -- records ----------------------------------------------------------------------------------------------------------
 
 
 def unit_head(unit: ProcessData) -> str:

@@ -15,13 +15,12 @@ from pdgw.decoder.view.names import RECORD_NAMES
 class Selection:
     """All criteria together; a packet is shown when it meets each of them.
 
-    Times are nanoseconds of the capture's clock, both ends included. ``nodes`` are CANopen node-IDs; ``signals`` are
+    Times are nanoseconds of the capture's clock, both ends included. ``signals`` are
     identifiers of signals, objects or fields of packets (``Names.split``), of which a packet has to have one.
     """
 
     begin_ns: int | None = None
     end_ns: int | None = None
-    nodes: frozenset[int] = frozenset()
     signals: Sequence[str] = ()
     filter: Filter | None = None
     changes: Changes | None = None
@@ -29,14 +28,7 @@ class Selection:
     @property
     def everything(self) -> bool:
         """Whether nothing is left out."""
-        return not (
-            self.begin_ns is not None
-            or self.end_ns is not None
-            or self.nodes
-            or self.signals
-            or self.filter
-            or self.changes
-        )
+        return not (self.begin_ns is not None or self.end_ns is not None or self.signals or self.filter or self.changes)
 
     def select(self, record: Record) -> tuple[ProcessData, ...] | None:
         """The units of a packet to show (empty for a packet without units); None to leave the packet out."""
@@ -45,10 +37,6 @@ class Selection:
         if self.end_ns is not None and record.time_ns > self.end_ns:
             return None
         units: tuple[ProcessData, ...] | None = self.filter.select(record) if self.filter else record.units
-        if units and self.nodes:
-            units = tuple(unit for unit in units if unit.node in self.nodes) or None
-        elif units is not None and self.nodes and getattr(record, "node", None) not in self.nodes:
-            units = None
         if units is not None and self.signals:
             units = self._with_signals(record, units)
         if units is not None and self.changes is not None:

@@ -121,7 +121,7 @@ def test_csv_has_the_chosen_names(capture: str, capsys: pytest.CaptureFixture[st
         ({"begin": "0.020"}, [21, 22, 23]),
         ({"begin": "0.004", "end": "0.005"}, [5, 6]),
         ({"begin": "2023-11-14T22:13:20.143456+00:00"}, [21, 22, 23]),
-        ({"node": [2]}, [17, 18]),
+        ({"filter_text": "node == 2"}, [17, 18]),
         ({"signal": ["NSOLL_A,Target Velocity"]}, [1, 3, 5, 7, 23]),
         ({"count": 2}, [1, 2]),
         ({"signal": ["abort", "latency_ms"]}, [14, 16, 18, 20]),
@@ -236,11 +236,11 @@ def test_bad_eds_is_reported_before_the_first_packet(
     assert not lines(capsys)
 
 
-def test_hex_takes_one_telegram(capsys: pytest.CaptureFixture[str]) -> None:
-    decode(hex_text="0637 2000", telegram=[1], direction=DirectionOption.ACTUAL)
-    assert lines(capsys) == ["telegram | telegram 1 actual | ZSW1 0637h | NIST_A 50.000 %"]
-    with pytest.raises(GatewayError, match="give --telegram once"):
-        decode(hex_text="0637 2000", telegram=[1, 9])
+def test_hex_is_a_packet_with_the_options_of_a_capture(capsys: pytest.CaptureFixture[str]) -> None:
+    decode(hex_text="0637 2000", telegram=[1], direction=DirectionOption.ACTUAL, csv="zsw1,nist_a")
+    assert lines(capsys)[1:] == ["0.000000000,1,1,1591,50.0"]
+    decode(hex_text="0637 2000", telegram=[1], direction=DirectionOption.ACTUAL, filter_text="zsw1.fault == 1")
+    assert not lines(capsys)
 
 
 def test_damage_ends_with_status_1_after_everything_before(tmp_path: Path) -> None:

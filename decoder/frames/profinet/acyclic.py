@@ -17,7 +17,6 @@ from pdgw.decoder.frames.profinet.blocks import IM_INDEXES, documents, named, pl
 from pdgw.decoder.frames.profinet.calls import OPERATIONS, RelationCalls
 from pdgw.decoder.frames.profinet.connect import Connection
 from pdgw.decoder.frames.profinet.stations import StationNames
-from pdgw.decoder.frames.recognise import request_document, response_document
 from pdgw.decoder.frames.records import (
     AcyclicRecord,
     OtherRecord,
@@ -195,8 +194,7 @@ class AcyclicDecoder:
     ) -> Record:
         request = decode_request(record)
         self._requests.put((peers, request.do_id, request.reference), (base[1], request))
-        fields["parameter"] = document = request_document(request)
-        del document["signals"]
+        fields["parameter"] = document = _request_document(request)
         return ParameterRequestRecord(*base, f"{head}: {_parameters(document)}", fields, request=request)
 
     def _response(
@@ -231,13 +229,51 @@ def _first(value: Values | None) -> int | None:
     return int(value.values[0])
 
 
+def _values_document(item: Values) -> Document:
+    values = item.values.hex() if isinstance(item.values, bytes) else list(item.values)
+    return {"format": item.format.name, "values": values, "text": item.text, "failed": item.failed}
+
+
+def _request_document(request: Request) -> Document:
+    parameters = []
+    for position, address in enumerate(request.addresses):
+        entry: Document = {
+            "pnu": address.pnu,
+            "subindex": address.subindex,
+            "elements": address.elements,
+            "attribute": _attribute_name(address.attribute),
+        }
+        if request.values:
+            entry |= _values_document(request.values[position])
+        parameters.append(entry)
+    return {
+        "reference": request.reference,
+        "service": _service_name(request.request_id),
+        "do_id": request.do_id,
+        "parameters": parameters,
+    }
+
+
+def _service_name(request_id: RequestId) -> str:
+    return "request parameter" if request_id is RequestId.REQUEST else "change parameter"
+
+
+def _attribute_name(attribute: int) -> str:
+    return Attribute(attribute).name.lower() if attribute in set(Attribute) else f"{attribute:02X}h"
+
+
 def _answer_document(request: Request | None, response: Response) -> Document:
     """The response, with the addresses of the request it answers."""
-    document = response_document(response)
-    del document["signals"]
+    document: Document = {
+        "reference": response.reference,
+        "service": _service_name(response.request_id),
+        "do_id": response.do_id,
+        "negative": response.negative,
+        "parameters": [_values_document(item) for item in response.values],
+    }
     if request is None or len(response.values) not in {0, len(request.addresses)}:
         return document
-    asked = request_document(request)["parameters"]
+    asked = _request_document(request)["parameters"]
     address_keys = ("pnu", "subindex", "elements", "attribute")
     addresses = [{key: item[key] for key in address_keys} for item in asked]
     answers = document["parameters"] or [{"text": "written"} for _ in addresses]

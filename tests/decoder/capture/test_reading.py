@@ -209,7 +209,7 @@ def test_selection_by_time_node_and_signal() -> None:
     records = [one(setpoint(1, 2, time_ns=10)), one(can(0x181, bytes(6), 20)), one(can(0x702, b"\x05", 30))]
     selections = {
         "time": Selection(begin_ns=15, end_ns=25),
-        "node": Selection(nodes=frozenset({2})),
+        "node": Selection(filter=Filter("node == 2", Names())),
         "signal": Selection(signals=["nsoll_a", "statusword"]),
     }
     shown = {name: [s.select(record) for record in records] for name, s in selections.items()}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import json
 import os
 import sys
 import time
@@ -59,7 +58,6 @@ def decode(
     ] = None,
     config: Annotated[Path | None, typer.Option(help="The gateway's configuration: axes, nodes, ports, EDS.")] = None,
     eds: Annotated[list[str] | None, typer.Option(help="EDS or DCF of the nodes, or NODE=FILE.")] = None,
-    port: Annotated[list[int] | None, typer.Option(help="Further UDP port of cyclic frames.")] = None,
     station: Station = "",
     direction: Annotated[
         DirectionOption | None, typer.Option(help="With --hex. Default: from the FrameID, else setpoint.")
@@ -93,7 +91,6 @@ def decode(
         str | None, typer.Option("--from", help="Seconds since the first cyclic frame, or an ISO time.")
     ] = None,
     end: Annotated[str | None, typer.Option("--to", help="As --from.")] = None,
-    node: Annotated[list[int] | None, typer.Option(help="Only this CANopen node.")] = None,
     signal: Annotated[
         list[str] | None, typer.Option(help="Only these signals, objects or fields, comma separated.")
     ] = None,
@@ -107,23 +104,25 @@ def decode(
     from pdgw.decoder.export.archive import ArchiveOptions, is_data_set
     from pdgw.decoder.export.writers import CsvWriter, JsonWriter, ParquetWriter, StatsWriter, TextWriter
     from pdgw.decoder.frames.engine import Decoder
+    from pdgw.decoder.frames.recognise import packet_of, parse_hex
     from pdgw.decoder.view.changes import Changes
     from pdgw.decoder.view.filter import Filter
     from pdgw.decoder.view.selection import Selection
     from pdgw.ds301.bus.load import DEFAULT_BITRATE
+    from pdgw.profidrive.telegrams import Direction
 
     if sum(source is not None for source in (files or None, hex_text, interface, can)) != 1:
         raise GatewayError("give one of: files (or -), --hex, --interface, --can")
+    packet = None
     if hex_text is not None:
-        _decode_hex(hex_text, telegram or [], direction, as_json=as_json, verbose=verbose)
-        return
-    if direction is not None:
+        data = parse_hex(sys.stdin.read() if hex_text == "-" else hex_text)
+        packet, telegrams = packet_of(data, telegram or [], Direction(direction.value) if direction else None)
+        telegram = list(telegrams)
+    elif direction is not None:
         raise GatewayError("--direction: allowed only with --hex; a capture contains the direction in its FrameIDs")
     signals = [name.strip() for text in signal or [] for name in text.split(",")]
     if files and parquet is not None and is_data_set(parquet):
-        options = ArchiveOptions(
-            tuple(signals), tuple(telegram or ()), config, tuple(eds or ()), tuple(port or ()), filter_text
-        )
+        options = ArchiveOptions(tuple(signals), tuple(telegram or ()), config, tuple(eds or ()), filter_text)
         refused = {
             "--csv": csv,
             "--stats": stats,
@@ -145,9 +144,8 @@ def decode(
     embedded = configuration_in(Path(file)) if file is not None and config is None and not telegram else ""
     if embedded:
         _print_notices([f"the configuration of the gateway is read from {file}"])
-    known = known_beforehand(telegram or [], config, eds or [], port or [], station, embedded)
+    known = known_beforehand(telegram or [], config, eds or [], station, embedded)
     selection = Selection(
-        nodes=frozenset(node or ()),
         signals=[known.names.split(name)[0] for name in signals],
         filter=Filter(filter_text, known.names) if filter_text is not None else None,
         changes=Changes() if changes_only else None,
@@ -168,7 +166,7 @@ def decode(
         settings, zero_ns, inference = look_ahead(str(file), settings)
         if inference:
             _print_notices([inference])
-    with _open(file, interface, can) as source:
+    with _open(file, interface, can, packet) as source:
         if source.size is None:
             _line_buffered()
         _run(source, Decoder(settings), selection, writers, (begin, end), count, zero_ns)
@@ -198,32 +196,12 @@ def _write_data_set(files: Sequence[str], root: Path, options: ArchiveOptions, j
         raise typer.Exit(1)
 
 
-def _decode_hex(
-    text: str, telegrams: Sequence[int], direction: DirectionOption | None, *, as_json: bool, verbose: bool
-) -> None:
-    from pdgw.decoder.frames.recognise import parse_hex, recognise
-    from pdgw.decoder.view.render import one_line, tree
-    from pdgw.profidrive.telegrams import Direction
-    from pdgw.profidrive.telegrams import telegram as telegram_of
-
-    if len(telegrams) > 1:
-        raise GatewayError("--hex: the data belongs to one axis; give --telegram once")
-    chosen = telegram_of(telegrams[0]) if telegrams else None
-    data = parse_hex(sys.stdin.read() if text == "-" else text)
-    document = recognise(data, chosen, Direction(direction.value) if direction else None)
-    if as_json:
-        typer.echo(json.dumps(document))
-    elif verbose:
-        for line in tree(document):
-            typer.echo(line)
-    else:
-        typer.echo(one_line(document))
-
-
-def _open(file: str | None, interface: str | None, can: str | None) -> Source:
+def _open(file: str | None, interface: str | None, can: str | None, packet: Packet | None) -> Source:
     from pdgw.decoder.capture import live
-    from pdgw.decoder.capture.source import open_source
+    from pdgw.decoder.capture.source import Source, open_source
 
+    if packet is not None:
+        return Source("--hex", iter([packet]))
     if interface is not None:
         return live.open_interface(interface)
     if can is not None:
