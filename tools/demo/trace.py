@@ -67,35 +67,20 @@ def _seen(capture: Path, config: Path, begin_s: float) -> Mapping[int, _Seen]:
     return found
 
 
-def pyplot_for(what: str) -> Any:
-    """matplotlib's pyplot, without a screen; GatewayError names the extra that ``what`` needs."""
-    try:
-        import matplotlib as mpl  # noqa: PLC0415
-
-        mpl.use("Agg")
-        from matplotlib import pyplot  # noqa: PLC0415
-    except ImportError as error:
-        raise GatewayError(missing("matplotlib", what)) from error
-    return pyplot
-
-
-def save(figure: Any, path: Path, what: str, *, dpi: int = 100) -> None:
-    """Write a figure in the format of the file's ending, and close it; GatewayError says that ``what`` cannot be written."""
-    try:
-        # Without a file extension matplotlib would add one and write another file.
-        figure.savefig(path, format=path.suffix[1:] or "png", dpi=dpi)
-    except (OSError, ValueError) as error:  # ValueError: the file extension names an unknown picture format
-        reason = getattr(error, "strerror", None) or error
-        raise GatewayError(f"{what} {path}: cannot be written ({reason})") from error
-    finally:
-        pyplot_for(what).close(figure)
-
-
 def plot(
     chapter: Chapter, capture: Path, config: Path, begin_s: float, notes: list[tuple[float, str]], picture: Path
 ) -> None:
-    """Plot a chapter. ``begin_s``: start of its scenario. GatewayError when matplotlib is not installed."""
-    pyplot = pyplot_for("the picture")
+    """Plot a chapter as PNG. ``begin_s``: start of its scenario.
+
+    GatewayError when matplotlib is not installed or the picture cannot be written.
+    """
+    try:
+        import matplotlib as mpl  # noqa: PLC0415
+
+        mpl.use("Agg")  # without a screen
+        from matplotlib import pyplot  # noqa: PLC0415
+    except ImportError as error:
+        raise GatewayError(missing("matplotlib", "the picture")) from error
     seen = _seen(capture, config, begin_s)
     figure, places = pyplot.subplots(
         len(chapter.panels),
@@ -113,7 +98,12 @@ def plot(
     places[-1, 0].set_xlabel("time in s")
     places[-1, 0].margins(x=0.01)
     figure.suptitle(f"PLC -> gateway -> CANopen: {chapter.about}", fontsize=13)
-    save(figure, picture, "the picture", dpi=90)
+    try:
+        figure.savefig(picture, format="png", dpi=90)
+    except OSError as error:
+        raise GatewayError(f"the picture {picture}: cannot be written ({error.strerror or error})") from error
+    finally:
+        pyplot.close(figure)
 
 
 def _belonging(panel: Panel, notes: list[tuple[float, str]]) -> list[tuple[float, str]]:
