@@ -1,34 +1,14 @@
 """Values of command line options for simulated devices, for help texts without loading a simulator."""
 
+import tomllib
+from pathlib import Path
 from typing import Final
 
 ENGEL: Final = "engel"
 """The default variant of a simulated drive."""
 SYNCHRONOUS: Final = "synchronous"
-SHAPES: Final = (
-    ENGEL,
-    SYNCHRONOUS,
-    "rpm",
-    "counts",
-    "si",
-    "fixed-pdo",
-    "no-event-timer",
-    "vl",
-    "csv",
-    "csp",
-    "node-guarding",
-    "rpdo-timeout",
-    "unguarded",
-    "no-abort-option",
-    "mode-late",
-    "frozen",
-    "two-edges",
-    "stays-stopped",
-    "slow-sdo",
-    "four-pdo",
-    "no-range",
-    "slow-boot",
-)
+SHAPES_FILE: Final = Path(__file__).parent / "drive" / "model" / "shapes.toml"
+SHAPES: Final = tuple(tomllib.loads(SHAPES_FILE.read_text(encoding="utf-8")))
 """The names of ``peers.drive.SHAPES`` in the same order."""
 MOTIONS: Final = (
     "still[=POSITION], speed=PER_SECOND, sine=AMPLITUDE,SECONDS, csv=FILE, follow=COB_ID,BYTE,INCREMENTS, shaft=NODE_ID"

@@ -12,7 +12,6 @@ import sys
 import pytest
 
 from pdgw.gateway import axis, motion
-from pdgw.peers import drive, option_values
 from pdgw.tools.command_table import COMMANDS, EXAMPLES
 
 _IMPURE = (
@@ -139,7 +138,3 @@ def test_package_and_commands_import_only_what_they_need() -> None:
     assert not daemon & ({"scapy", "matplotlib"} | other)
     # Axis machine and motion are there where no bus, socket, clock, thread or log exists.
     python(f"import sys; sys.modules.update(dict.fromkeys({_IMPURE!r})); import {', '.join(_PURE)}")
-
-
-def test_the_help_names_the_shapes_that_simulated_drives_have() -> None:
-    assert tuple(drive.SHAPES) == option_values.SHAPES

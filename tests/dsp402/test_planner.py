@@ -114,8 +114,8 @@ def test_predefined_pdos_that_are_fixed_are_adopted_and_the_rest_goes_by_sdo() -
         "its own COB-ID",
         "TPDO3 381h: Position Actual Value 6064h; on change and by event timer; its own mapping; its own COB-ID",
         "TPDO4 481h: Velocity Actual Value 606Ch; on change and by event timer; its own mapping; its own COB-ID",
-        "written by SDO when they change: Modes of Operation 6060h, Profile velocity 6081h, Profile acceleration 6083h, "
-        "Profile deceleration 6084h",
+        "written by SDO when they change: Modes of Operation 6060h, Profile Velocity 6081h, Profile Acceleration 6083h, "
+        "Profile Deceleration 6084h",
     )
     # TPDO 3 brings the Statusword too; it is taken from one PDO alone.
     assert [item.pdo.attributes for item in found.tpdos][1] == ("position_actual",)

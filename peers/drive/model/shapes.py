@@ -1,52 +1,62 @@
 """Variants of simulated drives: the ENGEL-like drive with other objects, units, modes, PDOs and behaviour.
 
-Each variant is one difference between drives on the market, which CiA 402 permits. The motor is always the same, with 4096
-increments a revolution. The meaning of a value depends on the variant.
+They are declared in ``shapes.toml``. The motor is always the same, with 4096 increments a revolution. The meaning of a value
+depends on the variant.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import tomllib
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from types import MappingProxyType
+from typing import Any, Final
 
-from pdgw.ds301.communication import (
-    CONSUMER_HEARTBEAT,
-    GUARD_TIME,
-    LIFE_TIME_FACTOR,
-    PRODUCER_HEARTBEAT,
-    SYNC_PERIOD,
-    communication_objects,
-    pdo_objects,
-)
+from pydantic import TypeAdapter
+
+from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR, SYNC_PERIOD, communication_objects, pdo_objects
 from pdgw.ds301.eds.writer import DeviceInfo
 from pdgw.ds301.errors import CanopenError
-from pdgw.ds301.objects import Access, CanType, Entry, ObjectSpec, array, var
+from pdgw.ds301.objects import Access, CanType, ObjectAddress, ObjectSpec, var
 from pdgw.ds301.pdo import Pdo, PdoDirection
 from pdgw.dsp402.drive import touch_probe
-from pdgw.dsp402.modes import Mode
+from pdgw.dsp402.identification.overlay import Address
+from pdgw.dsp402.indices import SI_UNIT_VELOCITY, SUPPORTED_DRIVE_MODES
+from pdgw.dsp402.modes import SUPPORTED_MODES, Mode
+from pdgw.dsp402.objects import DRIVE_OBJECTS
+from pdgw.dsp402.optional_objects import FURTHER_OBJECTS
 from pdgw.dsp402.pdo.layouts import pdo
-from pdgw.durations import SECONDS_PER_MINUTE
 from pdgw.peers import option_values
 from pdgw.peers.drive.device import DRIVE_TYPE, INFO, OBJECTS, REVISION, drive_objects
 from pdgw.peers.drive.family import FAMILY, FAMILY_MODES
-from pdgw.peers.drive.model.motion import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.drive.model.probe import POSITIONS
 
-_I16, _I32, _U8, _U16, _U32 = CanType.I16, CanType.I32, CanType.U8, CanType.U16, CanType.U32
+_I32, _U8, _U16, _U32 = CanType.I32, CanType.U8, CanType.U16, CanType.U32
 _RO, _RW = Access.RO, Access.RW
 _VENDOR_ID = 0x0000_0FFF
 """An unused vendor ID: no overlay matches the device."""
 _MANUFACTURER = frozenset({0x6094, *(entry.index for entry in FAMILY.entries.values())})
-_PROFILE_MODES = 1 << 0 | 1 << 2 | 1 << 5
-"""6502h: profile position, profile velocity, homing."""
 _RATED_RPM = 3000
 _MAX_RPM_S = 10_000
 _PROFILE_RPM_S = 3000
-_SLOW_BOOT_MS = 15_000
-_SLOW_SDO_MS = 500
 _ENGEL_MODES = frozenset({*FAMILY_MODES, Mode.POSITION, Mode.VELOCITY, Mode.TORQUE, Mode.HOMING})
+_RPM_MODES = frozenset({Mode.POSITION.value, Mode.VELOCITY.value, Mode.HOMING.value})
+_RPM: Final = 0x00B4_4700
+_CATALOGUE: Final = (
+    var(SYNC_PERIOD, "Communication cycle period", _U32, _RW, unit="us"),
+    var(GUARD_TIME, "Guard time", _U16, _RW, unit="ms"),
+    var(LIFE_TIME_FACTOR, "Life time factor", _U8, _RW),
+    *DRIVE_OBJECTS.objects,
+    *FURTHER_OBJECTS,
+    var(touch_probe.FUNCTION, "Touch probe function", _U16, _RW, pdo=True, attribute="touch_probe_function"),
+    var(touch_probe.STATUS, "Touch probe status", _U16, _RO, pdo=True, attribute="touch_probe_status"),
+    *(
+        var(index, f"Touch probe position {edge}", _I32, _RO, pdo=True, attribute=attribute)
+        for edge, (index, attribute) in enumerate(zip(touch_probe.POSITIONS, POSITIONS, strict=True), 1)
+    ),
+)
+"""The objects that a variant may have."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +101,7 @@ class Shape:
     def objects(self, serial_number: int = 1, pdos: int | None = None) -> tuple[ObjectSpec, ...]:
         """Every object of the drive. ``pdos``: number of RPDOs and TPDOs, if it differs from the variant's."""
         number = self.pdos if pdos is None else pdos
-        if self.name == ENGEL.name:
+        if self.name == option_values.ENGEL:
             return drive_objects(serial_number, number)
         info = self.info
         identity = (info.vendor_id, info.product_code, info.revision, serial_number)
@@ -118,78 +128,6 @@ def _fixed(spec: ObjectSpec) -> ObjectSpec:
     return replace(spec, entries=entries)
 
 
-def _ratio(index: int, name: str, numerator: int, denominator: int) -> ObjectSpec:
-    return array(
-        index,
-        name,
-        Entry(index, 1, "Numerator", _U32, _RW, default=numerator),
-        Entry(index, 2, "Denominator", _U32, _RW, default=denominator),
-    )
-
-
-def _kinematics(velocity: Fraction, acceleration: Fraction, *, limits: bool = True) -> tuple[ObjectSpec, ...]:
-    """The objects with velocities and accelerations, in these units per rpm and per rpm/s."""
-    speed = int(_RATED_RPM * velocity)
-    fast, slow = int(200 * velocity), int(50 * velocity)
-    rate, most = int(_PROFILE_RPM_S * acceleration), int(_MAX_RPM_S * acceleration)
-    objects = (
-        var(0x6081, "Profile velocity", _U32, _RW, pdo=True, default=speed // 3, attribute="profile_velocity"),
-        var(0x6083, "Profile acceleration", _U32, _RW, pdo=True, default=rate, attribute="profile_acceleration"),
-        var(0x6084, "Profile deceleration", _U32, _RW, pdo=True, default=rate, attribute="profile_deceleration"),
-        var(0x6085, "Quick stop deceleration", _U32, _RW, default=most),
-        array(
-            0x6099,
-            "Homing speeds",
-            Entry(0x6099, 1, "Speed during search for switch", _U32, _RW, default=fast),
-            Entry(0x6099, 2, "Speed during search for zero", _U32, _RW, default=slow),
-        ),
-        var(0x609A, "Homing acceleration", _U32, _RW, default=rate),
-        var(0x60FF, "Target velocity", _I32, _RW, pdo=True, default=0, attribute="target_velocity"),
-    )
-    if not limits:
-        return objects
-    return (
-        *objects,
-        var(0x607F, "Max profile velocity", _U32, _RW, default=speed),
-        var(0x60C5, "Max acceleration", _U32, _RW, default=most),
-        var(0x60C6, "Max deceleration", _U32, _RW, default=most),
-    )
-
-
-_PER_SECOND = Fraction(INCREMENTS_PER_REVOLUTION, SECONDS_PER_MINUTE)
-"""Increments per second of one rpm."""
-_RPM_OBJECTS = (
-    *_kinematics(Fraction(1), Fraction(1)),
-    var(0x60A9, "SI unit velocity", _U32, _RW, default=0x00B4_4700),
-    var(0x6502, "Supported drive modes", _U32, _RO, default=_PROFILE_MODES),
-)
-_RPM_MODES = frozenset({Mode.POSITION.value, Mode.VELOCITY.value, Mode.HOMING.value})
-
-
-def _info(name: str, product_code: int) -> DeviceInfo:
-    return DeviceInfo("Nobody", f"Simulated drive {name}", _VENDOR_ID, product_code, REVISION)
-
-
-def _rpm(name: str, text: str, product_code: int) -> Shape:
-    """A plain drive in rpm; other variants differ from it in one property."""
-    return Shape(
-        name,
-        text,
-        velocity_per_rpm=Fraction(1),
-        acceleration_per_rpm_s=Fraction(1),
-        modes=_RPM_MODES,
-        lacks=_MANUFACTURER,
-        has=_RPM_OBJECTS,
-        info=_info(name, product_code),
-    )
-
-
-def _with(shape: Shape, *objects: ObjectSpec) -> tuple[ObjectSpec, ...]:
-    """The variant's objects with others added or replaced."""
-    own = {spec.index for spec in objects}
-    return (*(spec for spec in shape.has if spec.index not in own), *objects)
-
-
 _R, _T = PdoDirection.RPDO, PdoDirection.TPDO
 _PREDEFINED = (
     pdo(_R, 1, "controlword"),
@@ -202,166 +140,72 @@ _PREDEFINED = (
     pdo(_T, 4, "statusword", "velocity_actual"),
 )
 """The PDOs that CiA 402 predefines."""
-_VL_LACKS = frozenset(
-    {0x606B, 0x606C, 0x606D, 0x606F, 0x607A, 0x607B, 0x607C, 0x607F, 0x6081, 0x6083, 0x6084, 0x6085, 0x6086}
-    | {0x6098, 0x6099, 0x609A, 0x60C5, 0x60C6, 0x60FF}
-)
-_PROFILES = frozenset({0x6081, 0x6083, 0x6084, 0x6086, 0x60FF})
-"""Objects that only profile position and profile velocity use."""
-_VL_OBJECTS = (
-    var(0x6042, "vl target velocity", _I16, _RW, pdo=True, default=0, attribute="target_velocity"),
-    var(0x6043, "vl velocity demand", _I16, _RO, pdo=True, default=0, attribute="velocity_demand"),
-    var(0x6044, "vl velocity actual value", _I16, _RO, pdo=True, default=0, attribute="velocity_actual"),
-    _ratio(0x6046, "vl velocity min max amount", 0, _RATED_RPM),
-    _ratio(0x6048, "vl velocity acceleration", _PROFILE_RPM_S, 1),
-    _ratio(0x6049, "vl velocity deceleration", _PROFILE_RPM_S, 1),
-    var(0x6502, "Supported drive modes", _U32, _RO, default=1 << 1),
-)
 
-ENGEL = Shape(option_values.ENGEL, "the ENGEL-like drive: half rpm by 6094h, five PDOs, modes -5 to 6")
-_TOUCH_PROBE = (
-    var(touch_probe.FUNCTION, "Touch probe function", _U16, _RW, pdo=True, default=0, attribute="touch_probe_function"),
-    var(touch_probe.STATUS, "Touch probe status", _U16, _RO, pdo=True, default=0, attribute="touch_probe_status"),
-    *(
-        var(index, f"Touch probe position {edge}", _I32, _RO, pdo=True, default=0, attribute=attribute)
-        for edge, (index, attribute) in enumerate(zip(touch_probe.POSITIONS, POSITIONS, strict=True), 1)
-    ),
-)
-SYNCHRONOUS = Shape(
-    option_values.SYNCHRONOUS,
-    "the ENGEL-like drive with cyclic synchronous position, velocity and torque, and a touch probe",
-    modes=_ENGEL_MODES | {Mode.CYCLIC_POSITION.value, Mode.CYCLIC_VELOCITY.value, Mode.CYCLIC_TORQUE.value},
-    has=(
-        *_TOUCH_PROBE,
-        var(SYNC_PERIOD, "Communication cycle period", _U32, _RW, default=0, unit="us"),
-        var(0x6502, "Supported drive modes", _U32, _RO, default=_PROFILE_MODES | 1 << 7 | 1 << 8 | 1 << 9),
-    ),
-)
-_PLAIN = _rpm("rpm", "rpm by 60A9h", 1)
-_COUNTS = _rpm("counts", "increments per second by 608Fh", 2)
 
-SHAPES = MappingProxyType(
-    {
-        shape.name: shape
-        for shape in (
-            ENGEL,
-            SYNCHRONOUS,
-            _PLAIN,
-            replace(
-                _COUNTS,
-                velocity_per_rpm=_PER_SECOND,
-                acceleration_per_rpm_s=_PER_SECOND,
-                has=(
-                    *_kinematics(_PER_SECOND, _PER_SECOND),
-                    _ratio(0x608F, "Position encoder resolution", INCREMENTS_PER_REVOLUTION, 1),
-                    var(0x6502, "Supported drive modes", _U32, _RO, default=_PROFILE_MODES),
-                ),
-            ),
-            replace(
-                _rpm("si", "0.1 rpm by 60A9h, increments by 60A8h and 608Fh", 3),
-                velocity_per_rpm=Fraction(10),
-                has=(
-                    *_kinematics(Fraction(10), Fraction(1)),
-                    var(0x60A8, "SI unit position", _U32, _RW, default=0x00B5_0000),
-                    var(0x60A9, "SI unit velocity", _U32, _RW, default=0xFFB4_4700),
-                    _ratio(0x608F, "Position encoder resolution", INCREMENTS_PER_REVOLUTION, 1),
-                    var(0x6502, "Supported drive modes", _U32, _RO, default=_PROFILE_MODES),
-                ),
-            ),
-            replace(
-                _rpm("fixed-pdo", "rpm; the predefined PDOs of CiA 402, which cannot be mapped", 4),
-                pdos=4,
-                fixed_pdos=_PREDEFINED,
-            ),
-            replace(_rpm("no-event-timer", "rpm; TPDOs without event timer (1800h/5)", 5), event_timer=False),
-            replace(
-                _rpm("vl", "velocity mode only (6042h, rpm), like frequency converters", 6),
-                modes=frozenset({Mode.VL_VELOCITY.value}),
-                lacks=_MANUFACTURER | _VL_LACKS,
-                has=_VL_OBJECTS,
-            ),
-            replace(
-                _rpm("csv", "cyclic synchronous velocity and homing only, increments per second", 7),
-                velocity_per_rpm=_PER_SECOND,
-                acceleration_per_rpm_s=_PER_SECOND,
-                modes=frozenset({Mode.CYCLIC_VELOCITY.value, Mode.HOMING.value}),
-                has=(
-                    *_kinematics(_PER_SECOND, _PER_SECOND),
-                    _ratio(0x608F, "Position encoder resolution", INCREMENTS_PER_REVOLUTION, 1),
-                    var(0x6502, "Supported drive modes", _U32, _RO, default=1 << 8 | 1 << 5),
-                ),
-            ),
-            replace(
-                _rpm("csp", "cyclic synchronous position and homing only, increments per second", 20),
-                velocity_per_rpm=_PER_SECOND,
-                acceleration_per_rpm_s=_PER_SECOND,
-                modes=frozenset({Mode.CYCLIC_POSITION.value, Mode.HOMING.value}),
-                lacks=_MANUFACTURER | _PROFILES,
-                has=(
-                    *(spec for spec in _kinematics(_PER_SECOND, _PER_SECOND) if spec.index not in _PROFILES),
-                    _ratio(0x608F, "Position encoder resolution", INCREMENTS_PER_REVOLUTION, 1),
-                    var(0x60AA, "SI unit acceleration", _U32, _RW, default=0x00B5_0303),
-                    var(SYNC_PERIOD, "Communication cycle period", _U32, _RW, default=0, unit="us"),
-                    var(0x6502, "Supported drive modes", _U32, _RO, default=1 << 7 | 1 << 5),
-                ),
-            ),
-            replace(
-                _rpm("node-guarding", "rpm; node and life guarding (100Ch, 100Dh), no heartbeats", 8),
-                lacks=_MANUFACTURER | {CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT},
-                has=(
-                    *_RPM_OBJECTS,
-                    var(GUARD_TIME, "Guard time", _U16, _RW, default=0, unit="ms"),
-                    var(LIFE_TIME_FACTOR, "Life time factor", _U8, _RW, default=0),
-                ),
-                node_guarding=True,
-            ),
-            replace(
-                _rpm("rpdo-timeout", "rpm; monitors its master only by the timeout of its RPDOs (1400h/5)", 12),
-                lacks=_MANUFACTURER | {CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT},
-                time_out=True,
-            ),
-            replace(
-                _rpm("unguarded", "rpm; does not monitor its master", 13),
-                lacks=_MANUFACTURER | {CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT},
-            ),
-            replace(
-                _rpm("no-abort-option", "rpm; heartbeats without 6007h: a lost master is a malfunction", 14),
-                lacks=_MANUFACTURER | {0x6007},
-            ),
-            replace(_rpm("mode-late", "rpm; 6061h shows the mode only in operation", 15), mode_in_operation_only=True),
-            replace(
-                _rpm("frozen", "rpm; accepts 606Ch in a TPDO but sends 0", 16),
-                frozen=frozenset({"velocity_actual"}),
-            ),
-            replace(
-                _rpm("two-edges", "rpm; powers up in Fault, which two edges of Controlword 7 reset", 18),
-                starts_in_fault=True,
-                fault_reset_edges=2,
-            ),
-            replace(
-                _rpm("stays-stopped", "rpm; stays in Quick Stop Active at standstill (605Ah = 6)", 19),
-                has=(*_RPM_OBJECTS, var(0x605A, "Quick stop option code", _I16, _RW, default=6)),
-            ),
-            replace(_rpm("slow-sdo", "rpm; answers SDO after half a second", 17), sdo_ms=_SLOW_SDO_MS),
-            replace(_rpm("four-pdo", "rpm; four PDOs of each direction", 9), pdos=4),
-            replace(
-                _rpm("no-range", "rpm; 607Bh is 0/0, 60C5h and 60C6h are missing", 10),
-                lacks=_MANUFACTURER | {0x60C5, 0x60C6},
-                has=_with(
-                    replace(_PLAIN, has=(*_kinematics(Fraction(1), Fraction(1), limits=False), *_RPM_OBJECTS[-2:])),
-                    array(
-                        0x607B,
-                        "Position range limit",
-                        Entry(0x607B, 1, "Minimum", _I32, _RW, default=0),
-                        Entry(0x607B, 2, "Maximum", _I32, _RW, default=0),
-                    ),
-                ),
-            ),
-            replace(_rpm("slow-boot", "rpm; boots 15 s after power-on", 11), boot_ms=_SLOW_BOOT_MS),
+def objects_with(values: Mapping[ObjectAddress, int], lacks: frozenset[int] = frozenset()) -> tuple[ObjectSpec, ...]:
+    """The objects of the profile that have values after power-on, without those that ``lacks`` lists."""
+    indices = {index for index, _ in values} - lacks
+    return tuple(
+        replace(
+            spec, entries=tuple(replace(item, default=values.get(item.address, item.default)) for item in spec.entries)
         )
+        for spec in _CATALOGUE
+        if spec.index in indices
+    )
+
+
+def _values(velocity: Fraction, acceleration: Fraction, modes: frozenset[int]) -> dict[ObjectAddress, int]:
+    """Speeds and ramps in these units per rpm and per rpm/s, and the supported modes."""
+    speed = int(_RATED_RPM * velocity)
+    rate, most = int(_PROFILE_RPM_S * acceleration), int(_MAX_RPM_S * acceleration)
+    return {
+        (0x6081, 0): speed // 3,
+        (0x6083, 0): rate,
+        (0x6084, 0): rate,
+        (0x6085, 0): most,
+        (0x6099, 1): int(200 * velocity),
+        (0x6099, 2): int(50 * velocity),
+        (0x609A, 0): rate,
+        (0x60FF, 0): 0,
+        (0x607F, 0): speed,
+        (0x60C5, 0): most,
+        (0x60C6, 0): most,
+        (SUPPORTED_DRIVE_MODES, 0): sum(1 << bit for bit, mode in SUPPORTED_MODES.items() if mode in modes),
     }
-)
+
+
+_addresses = TypeAdapter(dict[Address, int]).validate_python
+_indices = TypeAdapter(frozenset[Address]).validate_python
+
+
+def _shape(name: str, keys: dict[str, Any]) -> Shape:
+    """A table of ``shapes.toml``."""
+    values = _addresses(keys.pop("values", {}))
+    lacks = frozenset(index for index, _ in _indices(keys.pop("lacks", ())))
+    for key in keys.keys() & {"velocity_per_rpm", "acceleration_per_rpm_s"}:
+        keys[key] = Fraction(keys[key])
+    for key in keys.keys() & {"modes", "frozen"}:
+        keys[key] = frozenset(keys[key])
+    if keys.pop("fixed_pdos", False):
+        keys["fixed_pdos"] = _PREDEFINED
+    product_code = keys.pop("rpm", None)
+    if product_code is not None:
+        if "velocity_per_rpm" not in keys:
+            values = {(SI_UNIT_VELOCITY, 0): _RPM} | values
+        in_rpm = {"velocity_per_rpm": Fraction(1), "acceleration_per_rpm_s": Fraction(1), "modes": _RPM_MODES}
+        keys = {**in_rpm, **keys}
+        units = keys["velocity_per_rpm"], keys["acceleration_per_rpm_s"]
+        values = _values(*units, keys["modes"]) | values
+        keys["info"] = DeviceInfo("Nobody", f"Simulated drive {name}", _VENDOR_ID, product_code, REVISION)
+        lacks |= _MANUFACTURER
+    return Shape(name, has=objects_with(values, lacks), lacks=lacks, **keys)
+
+
+_TABLES = tomllib.loads(option_values.SHAPES_FILE.read_text(encoding="utf-8"))
+SHAPES: Mapping[str, Shape] = MappingProxyType({name: _shape(name, keys) for name, keys in _TABLES.items()})
 """Every variant by name."""
+ENGEL = SHAPES[option_values.ENGEL]
+SYNCHRONOUS = SHAPES[option_values.SYNCHRONOUS]
 
 
 def shape(name: str) -> Shape:
