@@ -318,13 +318,13 @@ def _selection(chosen: Telegram) -> str:
     return _one_of(chosen, "POS_STW1", "SATZANW")
 
 
-def _mdi_mode(chosen: Telegram, *, absolute: bool, positive: bool, negative: bool) -> dict[str, Scalar]:
+def _mdi_mode(chosen: Telegram, direction: str | None, *, absolute: bool) -> dict[str, Scalar]:
     word = _selection(chosen)
     mode = word if word == "POS_STW1" else "MDI_MOD"
     return {
         f"{mode}.ABSOLUTE": int(absolute),
-        f"{mode}.POSITIVE_DIRECTION": int(positive),
-        f"{mode}.NEGATIVE_DIRECTION": int(negative),
+        f"{mode}.POSITIVE_DIRECTION": int(direction == "positive"),
+        f"{mode}.NEGATIVE_DIRECTION": int(direction == "negative"),
         f"{word}.MDI": 1,
     }
 
@@ -336,12 +336,7 @@ def _mdi(chosen: Telegram, task: Mdi) -> Program:
             f"mdi.velocity is missing: telegram {chosen.number} needs it in the gateway's unit of length"
         )
     values: dict[str, Scalar] = {
-        **_mdi_mode(
-            chosen,
-            absolute=not task.relative,
-            positive=task.direction == "positive",
-            negative=task.direction == "negative",
-        ),
+        **_mdi_mode(chosen, task.direction, absolute=not task.relative),
         f"MDI_TARPOS{form}": task.to,
         f"MDI_VELOCITY{form}": _DEFAULT_VELOCITY if task.velocity is None else task.velocity,
         f"MDI_ACC{form}": task.acceleration,
@@ -357,9 +352,8 @@ def _mdi(chosen: Telegram, task: Mdi) -> Program:
 def _setting_up(chosen: Telegram, wish: SettingUp) -> Program:
     form = "_F" if "MDI_TARPOS_F" in chosen.setpoints.names else ""
     _one_of(chosen, "POS_STW1")
-    forward = wish.velocity > 0
     values: dict[str, Scalar] = {
-        **_mdi_mode(chosen, absolute=False, positive=forward, negative=not forward),
+        **_mdi_mode(chosen, "positive" if wish.velocity > 0 else "negative", absolute=False),
         f"MDI_VELOCITY{form}": abs(wish.velocity),
         f"MDI_ACC{form}": _FULL,
         f"MDI_DEC{form}": _FULL,

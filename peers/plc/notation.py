@@ -15,19 +15,16 @@ from typing import TYPE_CHECKING
 from pdgw.client.address import parse_integer
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.errors import GatewayError
-from pdgw.profidrive.datatypes import DataType, n2, n4
-from pdgw.profidrive.normalisation import Normalisation
+from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
 from pdgw.profidrive.signals import Signal, float_of, float_pattern
 
 if TYPE_CHECKING:
     from pdgw.peers.plc.scenario import References
 
 Scalar = int | float | str
-_DECIMALS = 1_000_000_000
-_TENTHS = 10
+_FULL_SCALE = {DataType.N2: N2_100_PERCENT, DataType.N4: N4_100_PERCENT}
 _LARGEST = 2
 """Range of N2 and N4: up to 200 %."""
-_I64 = (-(1 << 62), 1 << 62)
 
 
 def parse_time(text: str) -> int:
@@ -81,11 +78,13 @@ def raw_value(references: References, item: Signal, value: Scalar) -> int:
         number = Fraction(match[1])
         if item.is_float and match[2] == item.unit[:1]:
             return float_pattern(float(number))
-        reference = _reference(references, match[2])
-        if abs(number) > _LARGEST * reference:
-            most = f"{float(_LARGEST * reference):g} {match[2]}"
-            raise GatewayError(f"{item.name} = {text}: the maximum is {most} in either direction (200 %)")
-        return _to_wire(item, number, reference)
+        most = _LARGEST * _reference(references, match[2])
+        if abs(number) > most:
+            raise GatewayError(
+                f"{item.name} = {text}: the maximum is {float(most):g} {match[2]} in either direction (200 %)"
+            )
+        low, high = item.type.integer_range
+        return max(low, min(int(number * _scale(references, item, match[2])), high))
     if item.is_float and re.fullmatch(r"-?\d{1,15}(?:\.\d{1,9})?", text):
         return float_pattern(float(text))
     return integer(item.name, value, ", 50 %, 1500 rpm or 2000 inc")
@@ -97,18 +96,23 @@ def written(references: References, item: Signal, wanted: str, value: int) -> st
         return f"{float_of(value):g}"
     unit = re.search(r"%|rpm|inc", wanted)
     if unit is not None:
-        tenths = _normalisation(item, _reference(references, unit[0]) * _TENTHS).to_value(value)
-        return f"{tenths / _TENTHS:.1f} {unit[0]}"
+        return f"{float(round(value / _scale(references, item, unit[0]), 1)):.1f} {unit[0]}"
     if re.search(r"0x[0-9a-fA-F]|[0-9a-fA-F]h\b", wanted):
         digits = item.type.size * 2
         return f"{value & (1 << 4 * digits) - 1:0{digits}X}h"
     return str(value)
 
 
-def _reference(references: References, unit: str) -> Fraction | int:
+def _reference(references: References, unit: str) -> Fraction:
     """100 % in this unit."""
-    full: dict[str, Fraction | int] = {"%": 100, "rpm": Fraction(references.speed_rpm), "inc": references.position}
-    return full[unit]
+    return Fraction({"%": 100, "rpm": references.speed_rpm, "inc": references.position}[unit])
+
+
+def _scale(references: References, item: Signal, unit: str) -> Fraction:
+    """The raw value of one unit."""
+    if item.type not in _FULL_SCALE:
+        raise GatewayError(f"{item.name}: %, rpm and inc are allowed only for normalised signals")
+    return _FULL_SCALE[item.type] / _reference(references, unit)
 
 
 def integer(name: str, value: Scalar, others: str = "") -> int:
@@ -120,16 +124,3 @@ def integer(name: str, value: Scalar, others: str = "") -> int:
         return parse_integer(text)
     except ValueError:
         raise GatewayError(f"{name} = {text[:40]!r}: expected 1234, 0x4D2, 2000h{others}") from None
-
-
-def _normalisation(item: Signal, reference: Fraction | int) -> Normalisation:
-    if item.type is DataType.N2:
-        return n2(reference, _I64)
-    if item.type is DataType.N4:
-        return n4(reference, _I64)
-    raise GatewayError(f"{item.name}: %, rpm and inc are allowed only for normalised signals")
-
-
-def _to_wire(item: Signal, number: Fraction, full: Fraction | int) -> int:
-    """The raw value of a number with up to nine decimals, where ``full`` is 100 %."""
-    return _normalisation(item, full * _DECIMALS).to_wire(int(number * _DECIMALS))
