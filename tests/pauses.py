@@ -1,4 +1,4 @@
-"""``make test-paused``: run a command and repeatedly pause (SIGSTOP) one or several of its processes.
+"""``make long LONG=paused``: run a command and repeatedly pause (SIGSTOP) one or several of its processes.
 
 A busy machine does the same, only more seldom: a test that fails here without a defect will fail there one day. The exit
 status is the command's. Linux only. ``tests.thread_pauses`` pauses threads.

@@ -1,6 +1,6 @@
 """What the compiled build compiles: the modules of the cyclic path, and none that mypyc cannot take.
 
-The tests of these modules run on whichever build is installed (`make test-compiled` runs all on the compiled one).
+The tests of these modules run on whichever build is installed (`make test COMPILED=1` runs all on the compiled one).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The second half of ``make test-paused``: in a test with threads, pause one thread after the other for up to a second.
+"""The second half of ``make long LONG=paused``: in a test with threads, pause one thread after the other for up to a second.
 
 A busy machine does the same, only more seldom. This pytest plugin (``python -m pytest -p tests.thread_pauses``) does nothing
 until a test has a second thread. Then every thread pauses after random numbers of lines: just after its start, between two
@@ -24,7 +24,7 @@ from typing import Any
 import pytest
 
 LONGEST_S = float(os.environ.get("PDGW_LONGEST_PAUSE", "1"))
-"""``make test-paused LONGEST=3``: three of them."""
+"""``make long LONG=paused LONGEST=3``: three of them."""
 SHORT_S = 0.02
 """Two of three pauses are no longer: enough for every other thread to run, and many find room in a test."""
 IN_A_TEST_S = 4 * LONGEST_S

@@ -1,6 +1,6 @@
 """No OFF switches a drive on: a standing stop, a Statusword that is late, every telegram.
 
-A selection is part of the suite; ``make limit-cycles`` runs every delay from 0 to 100 ms.
+A selection is part of the suite; ``make long LONG=limit-cycles`` runs every delay from 0 to 100 ms.
 """
 
 from __future__ import annotations

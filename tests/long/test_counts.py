@@ -1,4 +1,4 @@
-"""What a cycle costs, in counts that are the same on a busy machine; `make counts` counts the instructions, too.
+"""What a cycle costs, in counts that are the same on a busy machine; `make long LONG=counts` counts the instructions, too.
 
 After a change that is worth what it costs: ``python -m tests.long.counts.write``.
 """

@@ -1,4 +1,4 @@
-"""The exhaustive walk of an axis in its short alphabet; ``make walk`` walks all choices and telegrams."""
+"""The exhaustive walk of an axis in its short alphabet; ``make long LONG=walk`` walks all choices and telegrams."""
 
 from __future__ import annotations
 

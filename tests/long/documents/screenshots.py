@@ -1,4 +1,4 @@
-"""``python -m tests.long.documents.screenshots FOLDER`` (make screenshots): screenshots of the page for the documents.
+"""``python -m tests.long.documents.screenshots FOLDER``: screenshots of the page for the documents.
 
 A simulated gateway runs in virtual time, a thread serves its page, and Chromium opens it: light and dark, desktop and phone.
 Needs the extras ``web`` and ``browser``, and Debian's chromium.

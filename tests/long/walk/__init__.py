@@ -1,6 +1,6 @@
 """The exhaustive walk of one axis: all states that any PLC, loss or drive can bring the axis machine to.
 
-``python -m tests.long.walk`` prints states, transitions and violations; ``make walk`` does it for all settings.
+``python -m tests.long.walk`` prints states, transitions and violations; ``make long LONG=walk`` does it for all settings.
 
 | module | contents |
 | --- | --- |
