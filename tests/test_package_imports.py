@@ -323,8 +323,9 @@ def test_gateway_decoder_and_peers_use_no_library_of_the_page() -> None:
         assert not names & {"starlette", "uvicorn", "prometheus_client", "paho"}, room
 
 
-def test_walk_monitor_imports_neither_power_table_nor_interlock() -> None:
-    known = imports(ROOT / "tests" / "long" / "walk" / "monitor.py")
+@pytest.mark.parametrize("name", ["rules", "walk/monitor"])
+def test_safety_rules_import_neither_power_table_nor_interlock(name: str) -> None:
+    known = imports(ROOT / "tests" / "long" / f"{name}.py")
     assert not [name for name in known if name.endswith(("power_table", "interlock"))]
 
 

@@ -36,6 +36,7 @@ from pdgw.gateway.motion.requests import Motion
 from pdgw.gateway.motion.states import Event
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.sign_of_life import SignOfLife
+from tests.long.rules import Rule
 from tests.long.walk.cases import Case
 from tests.long.walk.values import Plc, Shown
 
@@ -227,7 +228,7 @@ PLANTED: dict[str, tuple[Case, Callable[[Patch], None]]] = {
 def test_the_walk_finds_a_planted_defect(name: str, monkeypatch: Patch) -> None:
     case, plant = PLANTED[name]
     plant(monkeypatch)
-    result = case.run(first_only=True)
+    result = case.run(until=list(Rule))
     assert result.violations
     rules = ", ".join(rule.name for rule in result.violations)
     print(f"{name}: {rules} after {result.transitions} steps")

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
 from tests.long.commands.soak import soak
+from tests.long.rules import Rule
 from tests.long.soak.calm import CALM_TELEGRAMS, LATENCY_MAX_MS, CalmRun, calm_shapes, draw_calm
 from tests.long.soak.calm_tasks import SpeedProgram, TaskProgram
 from tests.long.soak.plan import parts
@@ -58,9 +59,9 @@ def _lost(run: CalmRun) -> None:
 @pytest.mark.parametrize(
     ("happens", "said"),
     [
-        (_fault, r"no_fault_and_no_warning|no_stop"),
-        (_refusal, r"OVERRIDE is 0: the task waits \(no_refusal\)"),
-        (_lost, r"no_fault_and_no_warning|no_stop"),
+        (_fault, f"{Rule.CALM.sentence}|{Rule.RUNS.sentence}"),
+        (_refusal, f"{Rule.ALLOWED.sentence}.*OVERRIDE is 0: the task waits"),
+        (_lost, f"{Rule.CALM.sentence}|{Rule.RUNS.sentence}"),
     ],
 )
 def test_whatever_is_not_calm_is_a_violation(happens: Callable[[CalmRun], None], said: str) -> None:

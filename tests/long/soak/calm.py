@@ -1,11 +1,11 @@
 """Calm days: lives without any disturbance, in which every fault, warning, refusal, stop or missing end of a task is a violation.
 
-The rules of ``watch`` apply too. Each rule here is one function with its sentence. ``calm_tasks`` has the PLC's program.
+All rules apply, and those that only healthy devices keep. ``calm_tasks`` has the PLC's program.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from random import Random
 from typing import Final
 
@@ -17,10 +17,11 @@ from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.reasons import Reason
 from pdgw.peers.drive import ROTARY_AXIS, Latency
 from pdgw.peers.drive.model.motion import INCREMENTS_PER_REVOLUTION
+from tests.long.rules import Seen
 from tests.long.soak.calm_tasks import program
 from tests.long.soak.plan import CYCLES_MS, AxisPlan, Part, Plan, shapes_of
 from tests.long.soak.soak_run import CHANNEL, SoakRun
-from tests.long.soak.watch import ViolationError
+from tests.long.soak.watch import ViolationError, require
 
 CALM_TELEGRAMS: Final = (1, 3, 5, 7, 9, 100, 110, 111, 112, 83)
 LATENCY_MAX_MS: Final = 20
@@ -67,48 +68,6 @@ _CAUSED: Final = {
 }
 """Reasons that the PLC asks for by a 0 in these bits of STW1."""
 _JOG: Final = 0x0300
-Rule = Callable[["CalmRun", DriveObject], str]
-
-
-def no_fault_and_no_warning(_: CalmRun, item: DriveObject) -> str:
-    """The gateway enters no fault and no warning."""
-    return item.fault_log.history[-1].text if item.fault_log.history else ""
-
-
-def nothing_logged(run: CalmRun, _: DriveObject) -> str:
-    """The gateway logs no warning and no error."""
-    return run.trace.alarms[-1] if run.trace.alarms else ""
-
-
-def online_once(run: CalmRun, item: DriveObject) -> str:
-    """A device that is online stays online."""
-    return item.client.status_text if item.client.generation > 1 or (run.working and not item.good) else ""
-
-
-def no_stop(run: CalmRun, item: DriveObject) -> str:
-    """A drive with ON stays in operation."""
-    index = item.do_id - 1
-    stopped = run.working and run.axes and run.axes[index].drive.model.state is not State.OPERATION_ENABLED
-    return f"drive in {run.axes[index].drive.model.state.value}" if stopped else ""
-
-
-def no_refusal(run: CalmRun, item: DriveObject) -> str:
-    """The gateway gives no reason, except for what the PLC asks and, for a short time, for a handshake with the drive."""
-    reason = item.reason if run.working else None
-    if reason is None or reason is not run.reason:
-        run.reason, run.reason_since = reason, run.loop.now()
-    now, word = run.loop.now(), run.axes[0].words.word if run.axes else 0
-    run.asked |= {item: now for item, bits in _CAUSED.items() if bits & ~word}
-    if word & _JOG and not run.plan.direct:
-        run.asked[Reason.INTERMEDIATE_STOP] = now  # the end of a jog is one until more frames confirm it
-    if reason in _PASSING:
-        allowed = now - run.reason_since <= _PASSING_NS + 2 * run.late_ns
-    else:
-        allowed = now - run.asked.get(reason, 0) <= _ASKED_NS + 2 * run.late_ns
-    return "" if reason is None or allowed else reason.value
-
-
-RULES: Final[Sequence[Rule]] = (no_fault_and_no_warning, nothing_logged, online_once, no_stop, no_refusal)
 
 
 def calm_shapes(number: int) -> tuple[str, ...]:
@@ -140,10 +99,10 @@ class CalmRun(SoakRun):
         super().__init__(part, keep_telegrams=True, frames=frames)
         self.working = False
         """The PLC has switched on, and the drive has shown operation."""
-        self.reason: Reason | None = None
-        self.reason_since = self.begin
-        self.asked: dict[Reason | None, int] = {}
-        """When the PLC asked last for a reason."""
+        self._reason: Reason | None = None
+        self._reason_since = self.begin
+        self._caused: dict[Reason | None, int] = {}
+        """When the PLC caused a reason last."""
         self.late_ns = max((axis.late_ns for axis in self.axes), default=0) + 4 * self.cycle_ns
         self.encoder = self.world.encoder(CHANNEL, 1) if self.plan.encoder else None
         self.program = program(self)
@@ -165,6 +124,27 @@ class CalmRun(SoakRun):
     def _check(self) -> None:
         super()._check()
         for item in (*self.daemon.axes, *self.daemon.encoders):
-            for rule in RULES:
-                if found := rule(self, item):
-                    raise ViolationError(f"{item.label}: {self.program.task}: {found} ({rule.__name__})")
+            lost = item.client.generation > 1 or (self.working and not item.good)
+            alarms = [*(fault.text for fault in list(item.fault_log.history)[-1:]), *self.trace.alarms[-1:]]
+            alarms += [item.client.status_text] if lost else []
+            states = [axis.drive.model.state for axis in self.axes]
+            seen = Seen(
+                reported=bool(alarms),
+                stopped=self.working and bool(states) and states[item.do_id - 1] is not State.OPERATION_ENABLED,
+                denied=self._denied(item),
+            )
+            require(item.label, seen, "; ".join([self.program.task, *alarms, self.describe()]))
+
+    def _denied(self, item: DriveObject) -> bool:
+        """Whether the gateway gives a reason that the PLC does not cause, or for longer than it may."""
+        now, word = self.loop.now(), self.axes[0].words.word if self.axes else 0
+        reason = item.reason if self.working else None
+        if reason is None or reason is not self._reason:
+            self._reason, self._reason_since = reason, now
+        self._caused |= {item: now for item, bits in _CAUSED.items() if bits & ~word}
+        if word & _JOG and not self.plan.direct:
+            self._caused[Reason.INTERMEDIATE_STOP] = now  # the end of a jog is one until more frames confirm it
+        passing = reason in _PASSING
+        since = self._reason_since if passing else self._caused.get(reason, 0)
+        limit = _PASSING_NS if passing else _ASKED_NS
+        return reason is not None and now - since > limit + 2 * self.late_ns

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from pdgw.durations import MS, SECOND
-from tests.long.soak.watch import ViolationError
+from tests.long.rules import Seen
+from tests.long.soak.watch import require
 
 STORED_NS: Final = 300 * MS
 """An EMCY is in the fault buffer within this time, at any cycle time."""
@@ -56,7 +57,6 @@ class PendingEmcys:
             shown = item.code in codes[:_SITUATION] or any(
                 code == item.code and -_SAME_NS <= time - item.time <= STORED_NS for code, time in entries
             )
-            if not shown and not full and item.time >= origin + _LISTENS_NS and item.time > oldest:
-                raise ViolationError(
-                    f"{self.name}: EMCY {item.code:04X}h is not in the fault buffer {(asked_at - item.time) / MS:.0f} ms later"
-                )
+            unstored = not shown and not full and item.time >= origin + _LISTENS_NS and item.time > oldest
+            details = f"EMCY {item.code:04X}h was sent {(asked_at - item.time) / MS:.0f} ms before"
+            require(self.name, Seen(unstored=unstored), details)

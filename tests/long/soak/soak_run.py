@@ -30,13 +30,14 @@ from pdgw.peers.plc.exchange.cycling import CyclingPlc
 from pdgw.peers.world import Conditions, Member, SimulatedCan, World
 from pdgw.profidrive.frame import IOPS_GOOD, STATUS_RUN, CSduLayout
 from pdgw.profidrive.telegrams import Direction, telegram
+from tests.long.rules import Seen
 from tests.long.soak.disturbances import DISTURBANCES, PLC_HOST, UNPLUGGED, Disturbance, Undo
 from tests.long.soak.emcy_check import PendingEmcys
 from tests.long.soak.engineer import HOST as ENGINEER_HOST
 from tests.long.soak.engineer import Engineer
 from tests.long.soak.plan import AxisPlan, Part, Plan, shapes_of
 from tests.long.soak.trace import Trace
-from tests.long.soak.watch import RATED_RPM, REACHED_RPM, SETTLED_NS, SoakAxis, ViolationError
+from tests.long.soak.watch import RATED_RPM, REACHED_RPM, SETTLED_NS, SoakAxis, ViolationError, require
 from tests.long.soak.words import ACKNOWLEDGE, Words, asked_share, shown_share
 
 CHANNEL: Final = "soak"
@@ -211,10 +212,7 @@ class SoakRun:
             while not all(self.ready(axis) for axis in self.axes):
                 self._send_word(lambda axis: axis.words.off | ACKNOWLEDGE)
                 self._send_word(lambda axis: axis.words.off)
-                if self.loop.now() > deadline:
-                    raise ViolationError(
-                        f"not in operation {_BACK_NS // SECOND} s after the last disturbance: {self.describe()}"
-                    )
+                require("calm", Seen(stuck=self.loop.now() > deadline), self.describe())
             self._send_word(lambda axis: axis.words.off | 0x07)
             self._send_word(lambda axis: axis.words.on)
             if all(axis.drive.model.state is State.OPERATION_ENABLED for axis in self.axes):
@@ -234,13 +232,11 @@ class SoakRun:
                 again = False
                 self._all_back()
                 deadline = self.loop.now() + _FOLLOW_NS
-            if self.loop.now() > deadline:
-                axis = turning[0]
-                asked = (asked_share(axis.words.values) or 0.0) * RATED_RPM
-                raise ViolationError(
-                    f"{axis.name}: asked {asked:.0f} rpm, turns {axis.drive.model.ramp.speed:.0f} rpm, "
-                    f"shown {self.plc.endpoint.actuals[axis.index]}"
-                )
+            axis = turning[0]
+            asked = (asked_share(axis.words.values) or 0.0) * RATED_RPM
+            details = f"asked {asked:.0f} rpm, turns {axis.drive.model.ramp.speed:.0f} rpm"
+            shown = f"{details}, shown {self.plc.endpoint.actuals[axis.index]}"
+            require(axis.name, Seen(apart=self.loop.now() > deadline), shown)
             self.loop.sleep(_FOLLOW_WORD_NS)
 
     def follows(self, axis: SoakAxis) -> bool:

@@ -1,12 +1,6 @@
-"""Safety rules of one axis, checked on the wires and at the shaft, never with data of the gateway.
+"""What the soak sees of one axis on the wires and at the shaft, for the safety rules; never with data of the gateway.
 
-* Enable Operation is sent only while the PLC commands ON. No drive starts without an OFF and then an ON after the last loss
-or fault.
-* After the loss of the PLC or of the drive, the axis is at standstill or without power within a bound; coasting takes
-longer.
-* No more tasks start than the PLC has commanded.
-* In a steady state ZSW1 shows operation, fault and "speed reached" only if the drive agrees.
-* OFF2 and OFF3 reach the drive within a bound.
+Every bound has the latency of the drive and of the network in addition.
 """
 
 from __future__ import annotations
@@ -21,6 +15,7 @@ from pdgw.gateway.axis.supervision.drive_events import POWERED
 from pdgw.gateway.axis.telegrams import POSITIONER_TELEGRAM_NUMBERS
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.world import Member
+from tests.long.rules import ENABLE, FAULTY, ZSW1_OPERATION, Seen, broken
 from tests.long.soak.plan import AxisPlan
 from tests.long.soak.words import Words, asked_share, is_off, is_on
 
@@ -38,22 +33,21 @@ RATED_RPM: Final = 3000
 """100 % of a speed: 6080h of the simulated motor."""
 REACHED_RPM: Final = 90
 """Tolerance of "speed reached"."""
-_STANDS_RPM: Final = 1.0
-_OPERATION: Final = 0x0004
-_FAULT: Final = 0x0008
-_REACHED: Final = 0x0400
-_ENABLE: Final = 0x000F
+_STANDSTILL_RPM: Final = 1.0
 _MOVES: Final = 0x047F
 """STW1 bits that enable the setpoint, with control by the PLC."""
 _NO_OFF2: Final = 0x0002
 _NO_OFF3: Final = 0x0004
-_AFTER_OFF2: Final = frozenset({0x0})
-_AFTER_OFF3: Final = frozenset({0x0, 0x2})
-"""Controlword bits 0 to 3: Disable Voltage, Quick Stop."""
 
 
 class ViolationError(Exception):
     """A safety rule is violated."""
+
+
+def require(name: str, seen: Seen, details: str) -> None:
+    """ViolationError if what was seen breaks a rule."""
+    for rule in broken(seen):
+        raise ViolationError(f"{name}: {rule.sentence}: {details}")
 
 
 class SoakAxis:
@@ -86,13 +80,14 @@ class SoakAxis:
         self._share: float | None = None
         """The speed setpoint that reached the gateway, as a share of 100 %."""
         self._asked_since = now
-        self._stop_asked: tuple[int, int] | None = None
-        """Start of an active OFF2 or OFF3, and which one (the bits of STW1 that are 0)."""
+        self._stop_since: int | None = None
+        """Start of an active OFF2 or OFF3,"""
+        self._stops = 0
+        """and which one (the bits of STW1 that are 0)."""
         self._uncertain = -SETTLED_NS
         """When the last frame came that the gateway may not use."""
         self._commanded = 0
         """Bits 0 to 3 of the last Controlword."""
-        self._commanded_at = -1
         self._enabled = -1
         """When Enable Operation was sent last."""
         self._start_sent = -1
@@ -156,13 +151,13 @@ class SoakAxis:
             if self._off >= self._new_off_since[0] - self.in_force_ns and self._off >= 0:
                 self._armed = now
         stops = ~word & (_NO_OFF2 | _NO_OFF3)
-        if not stops:
-            self._stop_asked = None
-        elif not raw:
+        if raw or not stops:
+            self._stop_since = None
+        else:
             if certain:
                 self.require_new_off("OFF2 or OFF3")
-            if self._stop_asked is None or self._stop_asked[1] != stops:
-                self._stop_asked = now, stops
+            if self._stop_since is None or self._stops != stops:
+                self._stop_since, self._stops = now, stops
 
     def controlword_in(self, can_id: int, data: bytes) -> int | None:
         """The Controlword in an RPDO, by the drive's mapping. None without one, or while the drive accepts no RPDOs."""
@@ -180,16 +175,16 @@ class SoakAxis:
 
     def commanded(self, now: int, controlword: int) -> None:
         """The gateway sent a Controlword for the drive to its controller."""
-        word = controlword & _ENABLE
-        before, self._commanded, self._commanded_at = self._commanded, word, now
-        if word != _ENABLE:
+        word = controlword & ENABLE
+        before, self._commanded = self._commanded, word
+        if word != ENABLE:
             return
         self._enabled = now
-        if before != _ENABLE or self._is_late(self._left):
+        if before != ENABLE or self._is_late(self._left):
             self._start_sent = now
-        if before != _ENABLE and now - self._on > self.in_force_ns:
-            since = "never asked" if self._on < 0 else f"asked {(now - self._on) / MS:.0f} ms ago"
-            raise ViolationError(f"{self.name}: Enable Operation is sent while the PLC does not ask for ON ({since})")
+        if before != ENABLE:
+            asked = self._on >= 0 and now - self._on <= self.in_force_ns
+            self._require(Seen(energizes=True, on=asked))
 
     def restarted(self) -> None:
         """Another gateway, without knowledge of the past, has started."""
@@ -201,13 +196,10 @@ class SoakAxis:
         if state is State.OPERATION_ENABLED and self._previous is not State.OPERATION_ENABLED:
             self.starts += 1
             self._began = now
-            since, why = self._new_off_since
-            if self._armed < 0 and (self._start_sent > max(since, self._left) or self._still_enabled(since)):
-                raise ViolationError(
-                    f"{self.name}: started without OFF and ON after a loss or fault ({why}, {(now - since) / MS:.0f} ms ago; "
-                    f"OFF {self._ago(self._off)}, ON {self._ago(self._on)})"
-                )
-        elif state in {State.FAULT_REACTION_ACTIVE, State.FAULT}:
+            since = self._new_off_since[0]
+            energizes = self._start_sent > max(since, self._left) or self._still_enabled(since)
+            self._require(Seen(energizes=energizes, released=self._armed >= 0))
+        elif state in FAULTY:
             self.require_new_off("fault of the drive")
         if self._previous is State.OPERATION_ENABLED and state is not State.OPERATION_ENABLED:
             self._left = now
@@ -221,79 +213,75 @@ class SoakAxis:
         controller that was disconnected held the frame and the stop after it.
         """
         since = max(since, self._left, self._reached_since, self._disturbed_until)
-        return self._is_late(since) and self._lost_since is None and self._commanded == _ENABLE
+        return self._is_late(since) and self._lost_since is None and self._commanded == ENABLE
 
     def _is_late(self, since: int) -> bool:
         """Whether the gateway can have reacted to an event of the drive at that time."""
         return self.drive.loop.now() - since > self.reaction_ns + self.late_ns
 
-    def _ago(self, when: int) -> str:
-        return "never" if when < 0 else f"{(self.drive.loop.now() - when) / MS:.0f} ms ago"
+    def _require(self, seen: Seen) -> None:
+        """ViolationError if a rule is broken, with what is known of the axis."""
+        since, why = self._new_off_since
+        times = {"OFF": self._off, "ON": self._on, why: since, "loss": self._lost_since, "stop": self._stop_since}
+        now, model = self.drive.loop.now(), self.drive.model
+        ago = (f"{name} {(now - at) / MS:.0f} ms ago" for name, at in times.items() if at is not None and at >= 0)
+        asked = "" if self._share is None else f" of {self._share * RATED_RPM:.0f}"
+        require(
+            self.name,
+            seen,
+            f"drive in {model.state.value} with {model.ramp.speed:.0f}{asked} rpm, Controlword {self._commanded:X}h, "
+            f"ZSW1 {seen.zsw1:04X}h, {model.started} motions for {self.words.commands} orders, {', '.join(ago)}",
+        )
 
-    # -- rules --------------------------------------------------------------------------------------------------------
+    # -- what is seen -------------------------------------------------------------------------------------------------
 
     def check(self, now: int, *, reached: bool, zsw1: int | None) -> None:
         """Check all rules. ``reached``: PLC, gateway and drive are connected. ``zsw1``: what the PLC sees, None while it may
         change.
         """
         self.drive.node.catch_up(now)
-        self._check_standstill(now, reached)
         self._measure(now)
-        model = self.drive.model
+        model, settled = self.drive.model, SETTLED_NS + self.late_ns
+        seen = Seen(self._commanded)
         # A positioner starts blocks by itself, and jogs.
-        if self.words.telegram.number not in POSITIONER_TELEGRAM_NUMBERS and model.started > self.words.commands:
-            raise ViolationError(f"{self.name}: {model.started} tasks begun, {self.words.commands} given by the PLC")
+        seen.moves = self.words.telegram.number not in POSITIONER_TELEGRAM_NUMBERS
+        seen.ordered = model.started <= self.words.commands
         if not reached:
             self._reached_since = now
-            return
-        self._check_stop(now)
-        if zsw1 is not None and now - max(self._changed, self._disturbed_until) > SETTLED_NS + self.late_ns:
-            self._check_shown(model.state, zsw1)
-            if now - self._asked_since > SETTLED_NS + self.late_ns:
-                self._check_reached(now, zsw1)
-
-    def _check_standstill(self, now: int, reached: bool) -> None:
-        if reached:
+            self._see_loss(now, seen)
+        else:
             self._lost_since = None
-            return
+            self._see_stop(now, seen)
+            if zsw1 is not None and now - max(self._changed, self._disturbed_until) > settled:
+                seen.state, seen.zsw1 = model.state, zsw1
+                seen.operates = model.state is State.OPERATION_ENABLED
+                seen.follows = now - self._asked_since <= settled or self._follows(now, zsw1)
+        self._require(seen)
+
+    def _see_loss(self, now: int, seen: Seen) -> None:
+        """A drive that turns under power."""
         if self._lost_since is None:
             self._lost_since = now
-        since = max(self._lost_since, self._disturbed_until)
-        bound = RAMP_BOUND_NS if self.plan.on_plc_loss is PlcLossReaction.RAMP else STOP_BOUND_NS
         model = self.drive.model
-        turns = model.state in POWERED and abs(model.ramp.speed) > _STANDS_RPM
-        if turns and now - since > bound + 2 * self.late_ns and not self._started_by_held_frame(now, self._lost_since):
-            raise ViolationError(
-                f"{self.name}: turns with {model.ramp.speed:.0f} rpm under power {(now - since) / MS:.0f} ms after a loss"
-            )
+        # By an Enable Operation that was sent before the gateway noticed the loss.
+        held = now - self._began <= HELD_NS and self._enabled < self._lost_since + SETTLED_NS
+        if model.state in POWERED and abs(model.ramp.speed) > _STANDSTILL_RPM and not held:
+            seen.age = now - max(self._lost_since, self._disturbed_until)
+        ramp = self.plan.on_plc_loss is PlcLossReaction.RAMP
+        seen.bound = (RAMP_BOUND_NS if ramp else STOP_BOUND_NS) + 2 * self.late_ns
 
-    def _started_by_held_frame(self, now: int, lost_since: int) -> bool:
-        """Whether the drive has just started, by an Enable Operation that was sent before the gateway noticed the loss."""
-        return now - self._began <= HELD_NS and self._enabled < lost_since + SETTLED_NS
-
-    def _check_stop(self, now: int) -> None:
+    def _see_stop(self, now: int, seen: Seen) -> None:
         """OFF2 and OFF3 are on the bus within the time in which a command is valid.
 
         A gateway that uses none of the frames has lost the PLC, and may stop a drive by ``on_plc_loss = "quick-stop"``.
         """
-        if self._stop_asked is None:
+        if self._stop_since is None:
             return
-        since, stops = self._stop_asked
-        if now - max(since, self._disturbed_until, self._reached_since) <= self.in_force_ns + SETTLED_NS:
-            return
-        brakes = self.plan.on_plc_loss is PlcLossReaction.QUICK_STOP and now - self._uncertain <= SETTLED_NS
-        allowed = _AFTER_OFF2 if stops & _NO_OFF2 and not brakes else _AFTER_OFF3
-        if self._commanded not in allowed:
-            name = "OFF2" if stops & _NO_OFF2 else "OFF3"
-            raise ViolationError(
-                f"{self.name}: Controlword bits 0 to 3 are {self._commanded:X}h {(now - since) / MS:.0f} ms after {name}"
-            )
-
-    def _check_shown(self, state: State, zsw1: int) -> None:
-        if zsw1 & _OPERATION and state is not State.OPERATION_ENABLED:
-            raise ViolationError(f"{self.name}: ZSW1 {zsw1:04X}h shows operation, the drive is in {state.value}")
-        if state is State.FAULT and not zsw1 & _FAULT:
-            raise ViolationError(f"{self.name}: ZSW1 {zsw1:04X}h shows no fault, the drive is in {state.value}")
+        since = max(self._stop_since, self._disturbed_until, self._reached_since)
+        if now - since > self.in_force_ns + SETTLED_NS:
+            brakes = self.plan.on_plc_loss is PlcLossReaction.QUICK_STOP and now - self._uncertain <= SETTLED_NS
+            seen.off2 = self._stops & _NO_OFF2 != 0 and not brakes
+            seen.off3 = not seen.off2
 
     def _measure(self, now: int) -> None:
         """Compare the shaft with the speed setpoint that reached the gateway."""
@@ -303,14 +291,9 @@ class SoakAxis:
         elif self._apart_since is None:
             self._apart_since = now
 
-    def _check_reached(self, now: int, zsw1: int) -> None:
+    def _follows(self, now: int, zsw1: int) -> bool:
         """Compare setpoint and shaft. A limit switch may just have stopped it."""
-        share, apart = self._share, self._apart_since
-        word = int.from_bytes(self._asked[:2], "big")
-        if not zsw1 & _REACHED or share is None or word & _MOVES != _MOVES or not zsw1 & _OPERATION:
-            return
-        rpm = self.drive.model.ramp.speed
-        if apart is not None and now - apart > SETTLED_NS + self.late_ns:
-            raise ViolationError(
-                f"{self.name}: ZSW1 {zsw1:04X}h shows speed reached, asked {share * RATED_RPM:.0f} rpm, turns {rpm:.0f} rpm"
-            )
+        word, apart = int.from_bytes(self._asked[:2], "big"), self._apart_since
+        if apart is None or word & _MOVES != _MOVES or not zsw1 & ZSW1_OPERATION:
+            return True
+        return now - apart <= SETTLED_NS + self.late_ns

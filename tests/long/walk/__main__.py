@@ -35,11 +35,8 @@ def main() -> int:
     figures = []
     with ProcessPoolExecutor() as pool:
         for case, (result, seconds) in zip(walks, pool.map(_run, walks), strict=True):
-            for violation in result.violations.values():
-                print(violation)
-            if result.stuck is not None:
-                print(f"does not come to {result.stuck.wanted}: {result.stuck.drive}, {result.stuck.output}")
-            broken = broken or bool(result.violations) or result.stuck is not None
+            print(*result.traces(), sep="\n", end="")
+            broken = broken or bool(result.violations)
             figures.append(f"{case.name}: {result}\n")
             print(f"{figures[-1].strip()}, {seconds:.0f} s of CPU", flush=True)
     if options.figures is not None:

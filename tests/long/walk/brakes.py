@@ -1,4 +1,4 @@
-"""Safety rules of the stops beside the Controlword: NMT Stop, and the withheld heartbeat of the gateway.
+"""What the walk of the guarding sees of NMT Stop and of the withheld heartbeat of the gateway, for the safety rules.
 
 Source: docs/safety.md, "A drive that does not stop"; CiA 301, node guarding and heartbeat. Imports only the names of these
 stops from the supervision.
@@ -6,11 +6,11 @@ stops from the supervision.
 
 from __future__ import annotations
 
-import enum
 from typing import NamedTuple
 
 from pdgw.dsp402.states import STATE_OF_STATUS, State
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
+from tests.long.rules import UNPOWERED, Rule, Seen, broken
 from tests.long.walk.plc import ENABLE
 from tests.long.walk.values import Output, Plc, Shown
 
@@ -22,22 +22,6 @@ _LEAVE = 5
 """The same after Disable Operation: the drive may brake with half of the ramp that the braking time is derived from."""
 _NMT_REACTION = 2
 """Steps after NMT Stop until its reaction time is over."""
-_UNPOWERED = (
-    State.NOT_READY_TO_SWITCH_ON,
-    State.SWITCH_ON_DISABLED,
-    State.READY_TO_SWITCH_ON,
-    State.SWITCHED_ON,
-    State.FAULT,
-)
-
-
-class BrakeRule(enum.Enum):
-    """The rules."""
-
-    LATE = "a drive that does not stop within its reaction time is stopped by NMT; after Disable Operation, by Quick Stop first"
-    NEEDLESS = "a drive that stops is not stopped by NMT"
-    WITHHELD = "a drive that NMT Stop does not stop loses the gateway's heartbeat"
-    RELEASED = "a brake is released only when the drive is seen without power, or when its node has executed NMT Stop"
 
 
 class BrakeMemory(NamedTuple):
@@ -67,11 +51,11 @@ class BrakeMonitor:
 
     first = BrakeMemory()
 
-    def step(self, before: BrakeMemory, plc: Plc, shown: Shown, output: Output) -> tuple[BrakeMemory, list[BrakeRule]]:
-        """The state of the rules after the step, and the violated rules."""
+    def step(self, before: BrakeMemory, plc: Plc, shown: Shown, output: Output) -> tuple[BrakeMemory, list[Rule]]:
+        """The state of the rules after the step, and the broken rules."""
         brake, cw = output.brake, output.controlword
         state = STATE_OF_STATUS[shown.statusword & 0x7F] if shown.ok else None
-        off = shown.found_off or state in _UNPOWERED
+        off = shown.found_off or state in {*UNPOWERED, State.FAULT}
         ignores, ignored, turns, tried = before.ignores, before.state, before.turns, before.tried
         braking = before.brake is Brake.NMT_STOP
         obeyed = braking and (before.obeyed or shown.stopped)
@@ -95,24 +79,16 @@ class BrakeMonitor:
         elif stop is not before.stop:
             ignores = 0
         waits = min(before.waits + 1, _NMT_REACTION) if braking else 0
-        broken: list[BrakeRule] = []
-        if brake is Brake.NONE and (ignores >= (_REACTION if stop else _LEAVE) or turns == _REACTION):
-            broken.append(BrakeRule.LATE)
-        if before.brake is Brake.NONE and brake is not Brake.NONE and not (ignores or turns):
-            broken.append(BrakeRule.NEEDLESS)
-        if brake is Brake.NMT_STOP and (tried or (waits == _NMT_REACTION and not obeyed)):
-            broken.append(BrakeRule.WITHHELD)
-        if brake < before.brake and not off and not there_again:
-            broken.append(BrakeRule.RELEASED)
+        seen = Seen(
+            brake=brake,
+            braked=before.brake,
+            overdue=ignores >= (_REACTION if stop else _LEAVE) or turns == _REACTION,
+            continues=ignores > 0 or turns > 0,
+            unstopped=tried or (waits == _NMT_REACTION and not obeyed),
+            off=off or there_again,
+        )
         still = brake is Brake.NMT_STOP
-        return BrakeMemory(
-            brake,
-            ramp,
-            stop,
-            ignores,
-            ignored if ignores else None,
-            turns,
-            waits if still else 0,
-            obeyed and still,
-            tried,
-        ), broken
+        waits = waits if still else 0
+        shows = ignored if ignores else None
+        memory = BrakeMemory(brake, ramp, stop, ignores, shows, turns, waits, obeyed and still, tried)
+        return memory, broken(seen)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
@@ -26,13 +26,14 @@ from pdgw.gateway.motion.dsc import DscChoices, DscForm
 from pdgw.gateway.motion.requests import PositionerChoices
 from pdgw.peers.drive import shape
 from pdgw.profidrive.sign_of_life import MONITORING_OFF
+from tests.long.rules import Rule
 from tests.long.walk.brakes import BrakeMonitor
 from tests.long.walk.drive import anything, guarded
 from tests.long.walk.machine import Transducer
 from tests.long.walk.monitor import Expected, Monitor
 from tests.long.walk.plc import HOMING_METHOD, OFF1, RAW, frames, is_central, stops, with_life
 from tests.long.walk.recovery import recovery
-from tests.long.walk.search import Result, walk
+from tests.long.walk.search import PowerWalk, Result, search
 from tests.long.walk.values import Plc, Shown
 
 Walked = TypeVar("Walked", bound=Transducer)
@@ -100,8 +101,8 @@ class Case:
             ]
         )
 
-    def run(self, *, first_only: bool = False) -> Result:
-        """Walk to the fixpoint, then bring the axis back from every state. ``first_only``: stop at the first violation."""
+    def run(self, until: Collection[Rule] = ()) -> Result:
+        """Walk to the fixpoint, then bring the axis back from every state. ``until``: end when one of these rules is broken."""
         number, machine = self.number, self.machine(Transducer)
         plc = self._frames()
         expected = Expected(
@@ -116,10 +117,11 @@ class Case:
             enter_steps=2,
         )
         monitor = BrakeMonitor() if self.guarding else Monitor(expected)
-        result = walk(machine, monitor, first_only=first_only)
+        result = search(PowerWalk(machine, monitor), machine, until)
         if not result.violations and not self.guarding:
             off, acknowledge, on = (next(item for item in plc if item.word & 0x8F == word) for word in (0xE, 0x8E, 0xF))
-            result.stuck = recovery(machine, range(len(machine)), self._mode, off, acknowledge, on)
+            if stuck := recovery(machine, range(len(machine)), self._mode, off, acknowledge, on):
+                result.violations[Rule.RETURNS] = stuck
         return result
 
     def machine(self, kind: Callable[..., Walked]) -> Walked:

@@ -8,11 +8,12 @@ inside and beyond its end, and all latencies are short against it.
 from __future__ import annotations
 
 import enum
-from collections.abc import Hashable, Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import product
 from struct import pack
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.executors.positions.motion import MotionExecutor
@@ -23,6 +24,7 @@ from pdgw.gateway.axis.values import ProbeAnswer, ProbeWish
 from pdgw.gateway.motion.blocks import Block
 from pdgw.profidrive.signals import POSITIONER_FORMS, signal
 from pdgw.profidrive.telegrams import telegram
+from tests.long.rules import Rule
 from tests.long.walk.cases import Case, drive
 from tests.long.walk.machine import Transducer
 from tests.long.walk.plc import (
@@ -43,12 +45,11 @@ from tests.long.walk.plc import (
     READY_FOR_TASKS,
     VALUES,
 )
-from tests.long.walk.promises import UNKNOWABLE, Memory, Rule, judge
-from tests.long.walk.search import Result, Violation
+from tests.long.walk.promises import UNKNOWABLE, Memory, judge
+from tests.long.walk.search import Result, search
 from tests.long.walk.shaft import HOME_POSITION, HONEST, TARGET_A, TARGET_B, Character, Event, Line, Signal, Wrong
-from tests.long.walk.values import Output, Plc, Shown
+from tests.long.walk.values import Numbered, Output, Plc, Shown
 
-Numbered = TypeVar("Numbered", bound=Hashable)
 REST_NS = SECOND
 """The long time: every age of a handshake is one or two of it."""
 _LU_PER_UNIT = 1000
@@ -154,9 +155,10 @@ class Handshakes:
             ]
         )
 
-    def run(self, *, until: Rule | None = None) -> Result:
-        """Walk to the fixpoint. ``until``: stop when this rule is broken."""
-        return _Walk(self).run(until)
+    def run(self, until: Collection[Rule] = ()) -> Result:
+        """Walk to the fixpoint. ``until``: end when one of these rules is broken."""
+        walk = _Walk(self)
+        return search(walk, walk.machine, until)
 
     def machine(self) -> Transducer:
         """The axis machine of the telegram."""
@@ -178,125 +180,87 @@ class _Move(NamedTuple):
 
     number: int
     event: Event
-    rests: bool
-    flickers: bool
+    rests: bool = False
+    flickers: bool = False
 
 
 class _Walk:
-    """The search: drives and memories have numbers as the states of the machine have."""
+    """Drives and memories have numbers as the states of the machine have."""
+
+    first = (0, 0, 0)
 
     def __init__(self, case: Handshakes) -> None:
         self._character = case.character
-        self._machine = case.machine()
+        self.machine = case.machine()
         self._replaces = case.number not in POSITIONER_TELEGRAM_NUMBERS
         self._orders = list(frames(case.number, case.orders))
-        self._lines = [Line.of(self._character)]
-        self._number_of_line = {self._lines[0]: 0}
-        self._memories = [Memory()]
-        self._number_of_memory = {self._memories[0]: 0}
-        self._moves_of: dict[int, list[tuple[list[_Move], list[_Move]]]] = {}
-        self._after: dict[tuple[int, int, Event, bool, bool], int] = {}
-        self._judged: dict[tuple[int, int, int, int, int, bool], tuple[int, list[Rule]]] = {}
+        self._lines, self._memories = Numbered[Line](), Numbered[Memory]()
+        self._lines.number(Line.of(self._character))
+        self._memories.number(Memory())
+        self._moves_of = cache(self._with_orders)
+        self._after = cache(self._moved)
+        self._judge = cache(self._checked)
 
-    def run(self, until: Rule | None) -> Result:
-        """Breadth first."""
-        result, first = Result(), (0, 0, 0)
-        came_from: dict[_Node, tuple[_Node, _Move]] = {}
-        known, front = {first}, [first]
-        while front:
-            following = []
-            for node in front:
-                bits = self._memories[node[2]].bits
-                for at_once, later in self._moves(node[1]):
-                    word = self._machine.inputs[at_once[0].number][0].word
-                    if word & ACTIVATE & ~bits and not word & NO_INTERMEDIATE_STOP:
-                        continue  # whether such an edge counts depends on what runs
-                    calm = self._go(node, at_once[0])[0] == node
-                    for move in at_once + later if calm else at_once:
-                        reached, broken = self._go(node, move)
-                        result.transitions += 1
-                        for rule in broken:
-                            if rule not in result.violations:
-                                result.violations[rule] = Violation(rule, self._trace(came_from, node, move))
-                        if reached not in known:
-                            known.add(reached)
-                            came_from[reached] = node, move
-                            following.append(reached)
-                if until in result.violations:
-                    return result
-            front = following
-        result.states, result.machine_states = len(known), len(self._machine)
-        return result
+    def moves(self, node: _Node) -> Iterator[_Move]:
+        """A long time may pass only where an equal cycle changes nothing."""
+        bits = self._memories[node[2]].bits
+        for at_once, later in self._moves_of(node[1]):
+            word = self.machine.inputs[at_once[0].number][0].word
+            if word & ACTIVATE & ~bits and not word & NO_INTERMEDIATE_STOP:
+                continue  # whether such an edge counts depends on what runs
+            yield from at_once
+            if self.go(node, at_once[0])[0] == node:
+                yield from later
 
-    def _moves(self, line: int) -> list[tuple[list[_Move], list[_Move]]]:
+    def _with_orders(self, line: int) -> list[tuple[list[_Move], list[_Move]]]:
         """For each order: the choices of a cycle, the first of them without anything else, and those after a long time."""
-        moves = self._moves_of.get(line)
-        if moves is None:
-            moves = self._moves_of[line] = [self._with_order(self._lines[line], plc) for plc in self._orders]
-        return moves
+        return [self._with_order(self._lines[line], plc) for plc in self._orders]
 
     def _with_order(self, line: Line, plc: Plc) -> tuple[list[_Move], list[_Move]]:
-        character, number_of = self._character, self._machine.number_of
+        character, number = self._character, self.machine.inputs.number
         events = [Event.NOTHING]
         if line.shaft.turns:
             events += [Event.ENDS, Event.FAILS] if character.fails else [Event.ENDS]
         shown = list(line.sees(character))
-        later = number_of(plc, shown[0]._replace(after_ns=REST_NS))
+        later = number((plc, shown[0]._replace(after_ns=REST_NS)))
         flips = (False, True) if character.wrong is Wrong.FLICKERS and character.to_gateway else (False,)
         at_once = [
-            _Move(number_of(plc, item), event, False, flip) for item in shown for event in events for flip in flips
+            _Move(number((plc, item)), event, flickers=flip) for item in shown for event in events for flip in flips
         ]
-        return at_once, [_Move(later, event, True, False) for event in events]
+        return at_once, [_Move(later, event, rests=True) for event in events]
 
-    def _go(self, node: _Node, move: _Move) -> tuple[_Node, list[Rule]]:
+    def go(self, node: _Node, move: _Move) -> tuple[_Node, list[Rule]]:
+        """The node after a cycle, and the broken rules."""
         state, place, memory = node
-        machine = self._machine
-        after, output = machine.step(state, move.number)
-        plc, shown = machine.inputs[move.number]
-        key = (place, output, move.event, move.rests, move.flickers)
-        line = self._after.get(key)
-        if line is None:
-            made = self._lines[place].after(
-                machine.outputs[output], move.event, self._character, rests=move.rests, flickers=move.flickers
-            )
-            line = self._after[key] = _number(made, self._lines, self._number_of_line)
-        said = (memory, move.number, output, place, line, move.rests)
-        judged = self._judged.get(said)
-        if judged is None:
-            lines = self._lines[place], self._lines[line]
-            words = self._memories[memory], plc, shown, machine.outputs[output]
-            remembered, broken = judge(*words, *lines, rests=move.rests, replaces=self._replaces)
-            if self._character.wrong is not None:
-                broken = [rule for rule in broken if rule not in UNKNOWABLE[self._character.signal]]
-            judged = _number(remembered, self._memories, self._number_of_memory), broken
-            self._judged[said] = judged
-        return (after, line, judged[0]), judged[1]
+        after, output = self.machine.step(state, move.number)
+        line = self._after(place, output, move._replace(number=0))
+        remembered, broken = self._judge(memory, move.number, output, place, line, move.rests)
+        return (after, line, remembered), broken
 
-    def _trace(self, came_from: dict[_Node, tuple[_Node, _Move]], node: _Node, last: _Move) -> list[str]:
-        path = [(node, last)]
-        while node in came_from:
-            node, move = came_from[node]
-            path.append((node, move))
-        return [self._line_of_trace(*step) for step in reversed(path)]
+    def _moved(self, place: int, output: int, move: _Move) -> int:
+        line, out = self._lines[place], self.machine.outputs[output]
+        after = line.after(out, move.event, self._character, rests=move.rests, flickers=move.flickers)
+        return self._lines.number(after)
 
-    def _line_of_trace(self, node: _Node, move: _Move) -> str:
-        state, machine = node[0], self._machine
-        out = machine.outputs[machine.step(state, move.number)[1]]
+    def _checked(
+        self, memory: int, number: int, output: int, place: int, line: int, rests: bool
+    ) -> tuple[int, list[Rule]]:
+        words = self._memories[memory], *self.machine.inputs[number], self.machine.outputs[output]
+        after, broken = judge(*words, self._lines[place], self._lines[line], rests=rests, replaces=self._replaces)
+        unknown = UNKNOWABLE[self._character.signal] if self._character.wrong is not None else ()
+        return self._memories.number(after), [rule for rule in broken if rule not in unknown]
+
+    def line(self, node: _Node, move: _Move) -> str:
+        """A cycle in a trace."""
+        machine = self.machine
+        out = machine.outputs[machine.step(node[0], move.number)[1]]
         plc, shown = machine.inputs[move.number]
-        shaft = self._lines[self._go(node, move)[0][1]].shaft
+        shaft = self._lines[self.go(node, move)[0][1]].shaft
         sent = (
             f"CW {out.controlword:04X} 6060h {out.mode} 60FFh {out.velocity} 607Ah {out.target:6} ZSW1 {out.zsw1:04X}"
         )
         time = "1 s    " if move.rests else "       "
         return f"{time}{plc.name:19} | {shown.name} | {sent} {out.reason:18} | {shaft} {move.event.value}"
-
-
-def _number(item: Numbered, items: list[Numbered], numbers: dict[Numbered, int]) -> int:
-    """The number of an item; a new one gets a new number."""
-    place = numbers.setdefault(item, len(items))
-    if place == len(items):
-        items.append(item)
-    return place
 
 
 _WRONG = tuple(

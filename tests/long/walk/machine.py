@@ -16,7 +16,7 @@ from pdgw.gateway.reasons import FaultNumber, UnconfirmedOrder
 from pdgw.profidrive.sign_of_life import following
 from pdgw.profidrive.signals import signal
 from tests.long.walk.plc import HOMING_METHOD
-from tests.long.walk.values import Life, Output, Plc, Shown
+from tests.long.walk.values import Life, Numbered, Output, Plc, Shown
 
 _START = 1000 * SECOND
 """Time of the first step, late enough for every age."""
@@ -41,28 +41,19 @@ class Transducer:
         self._tick = tick_ns
         self._checkpoints = Checkpoints(self._machine, any_counter=True, stops=guarding, data=False)
         self._guarding = guarding
+        self._fingerprints = Numbered[Hashable]()
         self._states: list[Checkpoint] = []
-        self._number_of: dict[Hashable, int] = {}
         self._rows: list[dict[int, tuple[int, int]]] = []
-        self._number_of_input: dict[tuple[Plc, Shown], int] = {}
-        self.inputs: list[tuple[Plc, Shown]] = []
-        self._number_of_output: dict[Output, int] = {}
-        self.outputs: list[Output] = []
-        for plc, shown in inputs:
-            self.number_of(plc, shown)
+        self.inputs = Numbered[tuple[Plc, Shown]]()
+        self.outputs = Numbered[Output]()
+        for item in inputs:
+            self.inputs.number(item)
         self._machine.inputs.now = _START
         self._step(Plc("", None), Shown("", 0, restarted=True))
         self._number()
 
     def __len__(self) -> int:
         return len(self._states)
-
-    def number_of(self, plc: Plc, shown: Shown) -> int:
-        """The number of an input; a new input gets a new number."""
-        number = self._number_of_input.setdefault((plc, shown), len(self.inputs))
-        if number == len(self.inputs):
-            self.inputs.append((plc, shown))
-        return number
 
     def step(self, state: int, number: int) -> tuple[int, int]:
         """One cycle from a state with an input: the next state, and the number of the output."""
@@ -71,15 +62,11 @@ class Transducer:
         if found is None:
             self._checkpoints.restore(self._states[state])
             output = self._step(*self.inputs[number])
-            place = self._number_of_output.setdefault(output, len(self.outputs))
-            if place == len(self.outputs):
-                self.outputs.append(output)
-            found = row[number] = self._number(), place
+            found = row[number] = self._number(), self.outputs.number(output)
         return found
 
     def _number(self) -> int:
-        key = self._checkpoints.fingerprint()
-        number = self._number_of.setdefault(key, len(self._states))
+        number = self._fingerprints.number(self._checkpoints.fingerprint())
         if number == len(self._states):
             self._states.append(self._checkpoints.save())
             self._rows.append({})

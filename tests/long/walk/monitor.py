@@ -1,18 +1,14 @@
-"""Safety rules of an axis, checked on every step, without imports from the power table or the interlock.
-
-Source: PROFIdrive profile 4.1 (state machine of the drive, OFF1 to OFF3), docs/translation.md "States", "Standard telegrams"
-and "Losses", docs/safety.md.
-"""
+"""What the walk sees of the power stage in each step, for the safety rules; without the power table and the interlock."""
 
 from __future__ import annotations
 
-import enum
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.states import STATE_OF_STATUS, State, StatusBit
+from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit, State, StatusBit
 from pdgw.gateway.axis.settings import PlcLossReaction
+from tests.long.rules import ENABLE, FAULTY, UNPOWERED, ZSW1_FAULT, Rule, Seen, broken
 from tests.long.walk.plc import (
     ACKNOWLEDGE,
     CONTROL,
@@ -25,50 +21,13 @@ from tests.long.walk.plc import (
 )
 from tests.long.walk.values import Life, Output, Plc, Shown
 
-_POWER = 0xF
-_SWITCH_ON, _ENABLE = 0x7, 0xF
-_VOLTAGE, _NO_QUICK_STOP = 0x2, 0x4
-_DISABLE = 0x8
-_STOPS = _VOLTAGE | _NO_QUICK_STOP
-_OFF, _ON = 0x6, 0x7
-"""Bits 0-2 of STW1."""
-_NEW_SETPOINT = 0x10
-_RESET = 0x80
-_OPERATION_ENABLED, _FAULT = 0x4, 0x8
-"""Bits of ZSW1."""
+_SWITCH_ON, _OFF, _ON = 0x7, 0x6, 0x7
+_VOLTAGE, _STOPS, _DISABLE = 0x2, 0x6, 0x8
+"""Bits of STW1 and of the Controlword."""
 _CERTAIN = 3
 """After this number of consecutive Enable Operation the drive has received one."""
-_UNPOWERED = (
-    State.NOT_READY_TO_SWITCH_ON,
-    State.SWITCH_ON_DISABLED,
-    State.READY_TO_SWITCH_ON,
-    State.SWITCHED_ON,
-)
-_DEAD = (State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED)
+_DEAD = (State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED, *FAULTY)
 """States without power that a delayed Enable Operation cannot leave."""
-_FAULTY = (State.FAULT, State.FAULT_REACTION_ACTIVE)
-
-
-class Rule(enum.Enum):
-    """The rules."""
-
-    ENABLE = "Enable Operation only on the PLC's ON, after an OFF in this connection and after the last loss or fault"
-    SWITCH_ON = "Switch On only on the PLC's ON, after an OFF in this connection and after the last loss or fault"
-    KEPT = "Enable Operation is kept only in operation or for a ramp"
-    MOTION = "no speed without operation, and none but 0 on a ramp"
-    TASK = "a task, a homing and a jog start only in operation, by an edge of the PLC"
-    WITHDRAWN = "homing and jog move only while their bit is 1"
-    RAMP = "OFF1 and a loss with a ramp keep the power on until standstill"
-    OFF2 = "OFF2 takes the voltage off in the same step, in every state"
-    OFF3 = "OFF3 and a loss with a quick stop brake in the same step"
-    LATCH = "a quick stop is not cut short"
-    UNKNOWN = "a lost drive, or one of no state, is sent Quick Stop (coasting goes first)"
-    OPERATES = "ZSW1.2 only with Operation Enabled commanded and shown"
-    REACHED = "ZSW1.10 only when the setpoint sent is the PLC's and the drive is in operation"
-    REASON = "every refusal has a reason"
-    UNANSWERED = "a setpoint that the drive does not acknowledge in time has a reason"
-    GUARD = "the final guard has nothing to stop"
-    RESET = "Fault Reset only with an edge of the PLC in this connection"
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,52 +99,38 @@ class Memory(NamedTuple):
 class _Asked:
     """The command of one frame, or its absence."""
 
-    __slots__ = (
-        "begins",
-        "brake",
-        "coast",
-        "connected",
-        "control",
-        "disable",
-        "enable",
-        "gone",
-        "hold",
-        "lives",
-        "missed",
-        "off",
-        "on",
-        "ramp",
-        "reset",
-        "stops",
-    )
-
     def __init__(self, expected: Expected, memory: Memory, plc: Plc) -> None:
         word, raw = plc.word, expected.raw
         there = plc.setpoints is not None
-        self.lives, self.missed = lives, missed = _life(expected, memory, plc)
-        alive = there and not (lives and expected.life is not None and missed > expected.life)
-        control = self.control = alive and (raw or word & CONTROL != 0)
-        connected = self.connected = alive and (memory.connected or control)
-        gone = self.gone = not connected
+        self.lives, self.missed = _life(expected, memory, plc)
+        alive = there and not (self.lives and expected.life is not None and self.missed > expected.life)
+        self.control = alive and (raw or word & CONTROL != 0)
+        self.connected = alive and (memory.connected or self.control)
+        self.lost = None if self.connected else expected.loss
+        """The reaction to the lost PLC."""
+        self.off = self.control and word & _ON == _OFF
+        self.on = self.control and word & _ON == _ON
+        self.enable = self.on and word & _DISABLE != 0
+        self.reset = self.control and word & ACKNOWLEDGE != 0
+        self.hold = expected.hold and self.connected and not self.control and word & _ON == _ON
         # OFF2 and OFF3 are valid in every frame, also without sign of life, or without control after a loss.
-        self.coast = (there and not word & _VOLTAGE) or (gone and expected.loss is PlcLossReaction.COAST)
-        stop = (there and word & _STOPS == _VOLTAGE) or (gone and expected.loss is PlcLossReaction.QUICK_STOP)
-        self.brake = stop and not self.coast
+        self.coast = (there and not word & _VOLTAGE) or self.lost is PlcLossReaction.COAST
+        off3 = there and word & _STOPS == _VOLTAGE
+        self.brake = (off3 or self.lost is PlcLossReaction.QUICK_STOP) and not self.coast
         self.stops = there and self.brake
         """Stopped by a frame, not by a loss."""
+
+    def stop(self, memory: Memory, plc: Plc, *, raw: bool) -> None:
+        """The ramp, and what ends a stop."""
+        word, connected = plc.word, self.connected
         self.begins = self.brake and not memory.quick_stop
         """The quick stop starts with this frame, so STW1.3 = 0 does not end it."""
         falls = memory.armed and not raw and not self.begins
         self.disable = connected and not word & _DISABLE and (falls or word & _ON == _ON)
         """Ends a ramp and a quick stop at once (S5 of the profile)."""
-        self.off = control and word & _ON == _OFF
-        self.on = control and word & _ON == _ON
-        self.enable = self.on and word & _DISABLE != 0
-        self.hold = expected.hold and connected and not control and word & _ON == _ON
-        off1 = (connected and not raw and word & _ON == _OFF) or (gone and expected.loss is PlcLossReaction.RAMP)
-        uncontrolled = connected and not control and not (self.hold or self.coast or self.brake)
-        self.ramp = (off1 and not (self.coast or self.brake)) or uncontrolled
-        self.reset = control and word & ACKNOWLEDGE != 0
+        off1 = (connected and not raw and word & _ON == _OFF) or self.lost is PlcLossReaction.RAMP
+        uncontrolled = connected and not self.control and not self.hold
+        self.ramp = (off1 or uncontrolled) and not (self.coast or self.brake)
 
 
 def _life(expected: Expected, memory: Memory, plc: Plc) -> tuple[bool, int]:
@@ -206,142 +151,143 @@ class Monitor:
         self._expected = expected
 
     def step(self, memory: Memory, plc: Plc, shown: Shown, output: Output) -> tuple[Memory, list[Rule]]:
-        """The state of the rules after the step, and the violated rules."""
-        expected, cw = self._expected, output.controlword
-        asked = _Asked(expected, memory, plc)
-        power = cw & _POWER
+        """The state of the rules after the step, and the broken rules."""
+        step = _Step(self._expected, memory, plc, shown, output)
+        step.release()
+        step.power_stage()
+        step.stop()
+        step.status()
+        after = step.following()
+        if self._expected.tasks:
+            after = after._replace(**step.task())
+        else:
+            step.speed()
+        return after, broken(step.seen)
+
+
+class _Step:
+    """One step: what was seen, and the memory after it."""
+
+    def __init__(self, expected: Expected, memory: Memory, plc: Plc, shown: Shown, output: Output) -> None:
+        self.expected, self.memory, self.plc, self.shown, self.output = expected, memory, plc, shown, output
+        self.asked = _Asked(expected, memory, plc)
+        self.asked.stop(memory, plc, raw=expected.raw)
+        self.power = output.controlword & ENABLE
         state = STATE_OF_STATUS[shown.statusword & 0x7F] if shown.ok else None
-        operates = state is State.OPERATION_ENABLED
-        off = state in _UNPOWERED or state in _FAULTY
-        dead = state in _DEAD or state in _FAULTY
-        coast, brake = asked.coast, asked.brake
+        self.uncertain = state is None or state in FAULTY
+        self.in_operation = state is State.OPERATION_ENABLED
+        self.stops = self.asked.coast or self.asked.brake or self.uncertain
+        self.seen = Seen(output.controlword, state, reason=bool(output.reason), guarded=output.guarded)
+
+    def release(self) -> None:
+        """Whether the PLC may start the drive, and why Enable Operation is sent."""
+        asked, memory, state, power = self.asked, self.memory, self.seen.state, self.power
         # Reasons that forbid a start. A restart, or a drive that left operation, precedes the frame of the same cycle.
-        fell = state in _UNPOWERED or state is State.QUICK_STOP_ACTIVE
+        fell = state in UNPOWERED or state is State.QUICK_STOP_ACTIVE
         left = memory.operated and memory.enables == _CERTAIN and fell
-        uncertain = state is None or state in _FAULTY
-        kept = power == _ENABLE and memory.enables > 0
-        goes_on = asked.hold and kept and not memory.ramp
-        released = asked.off or (memory.released and not shown.restarted and not left)
-        released = released and not (asked.gone or uncertain or coast or brake) and (asked.on or asked.off or goes_on)
-        commanded = power == _ENABLE and released and (asked.enable or goes_on)
-        ramp = power == _ENABLE and not commanded
-        broken: list[Rule] = []
-        if power == _ENABLE and not kept and not (asked.enable and released):
-            broken.append(Rule.ENABLE)
-        if power == _SWITCH_ON and not (asked.on and released):
-            broken.append(Rule.SWITCH_ON)
-        if ramp and kept and (coast or brake or uncertain or not (asked.ramp or memory.ramp)):
-            broken.append(Rule.KEPT)
-        self._check_stops(memory, asked, shown, state, output, uncertain, broken)
-        self._check_shown(asked, plc, output, operates and commanded, broken)
-        if output.guarded:
-            broken.append(Rule.GUARD)
-        if cw & _RESET and not memory.reset and not (asked.reset and (memory.idle or expected.raw)):
-            broken.append(Rule.RESET)
-        active = plc.word & FUNCTIONS if asked.connected and expected.tasks else 0
-        edge = starts = given = False
-        unanswered = 0
-        if expected.tasks:
-            starts = cw & _NEW_SETPOINT != 0 or output.velocity != 0
-            given = commanded and operates and memory.given and plc.word & DO_NOT_REJECT != 0
-            interrupted = given and not plc.word & NO_INTERMEDIATE_STOP
-            rises = active & ~memory.active != 0 and memory.connected
-            edge = commanded and operates and (memory.edge or rises or interrupted)
-            if starts and not (commanded and (memory.started or edge)):
-                broken.append(Rule.TASK)
-            homes = cw & _NEW_SETPOINT != 0 and output.mode == Mode.HOMING
-            if (homes and not active & HOME) or (output.velocity and not active & JOG):
-                broken.append(Rule.WITHDRAWN)
-            given = given or (edge and starts)
-            edge = edge and not (starts and not memory.started)
-            unanswered = self._unanswered(memory, shown, output)
-            if unanswered > expected.answer_steps and not output.reason:
-                broken.append(Rule.UNANSWERED)
-        elif output.velocity and not commanded and not (expected.own_ramp and ramp) and not expected.raw:
-            broken.append(Rule.MOTION)
-        voltage_off = not cw & _VOLTAGE
-        quick_stop = cw & _STOPS == _VOLTAGE
-        ends = asked.disable or state is State.QUICK_STOP_ACTIVE
-        armed = (asked.connected and plc.word & _DISABLE != 0) or (memory.armed and not asked.begins)
-        after = Memory(
-            asked.connected,
-            released and (expected.resume or not ramp),
-            min(memory.enables + 1, _CERTAIN) if power == _ENABLE else 0,
-            ramp,
-            (not dead or memory.enables > 0) and (coast or memory.coasts or (ends and voltage_off)),
-            not off and not coast and (brake or memory.brakes),
-            operates,
-            asked.control and (not asked.reset or memory.idle),
-            cw & _RESET != 0,
-            active,
-            edge,
-            starts,
-            given,
-            quick_stop,
-            (ramp or quick_stop) and armed,
-            asked.lives,
-            asked.missed,
-            unanswered,
-            min(memory.entering, expected.enter_steps) + 1 if memory.enables and state is State.SWITCHED_ON else 0,
-        )
-        return after, broken
+        goes_on = asked.hold and power == ENABLE and memory.enables > 0 and not memory.ramp
+        released = asked.off or (memory.released and not self.shown.restarted and not left)
+        self.released = released and asked.connected and not self.stops and (asked.on or asked.off or goes_on)
+        self.commanded = power == ENABLE and self.released and (asked.enable or goes_on)
+        self.ramp = power == ENABLE and not self.commanded
 
-    def _unanswered(self, memory: Memory, shown: Shown, output: Output) -> int:
-        if not output.controlword & _NEW_SETPOINT or output.mode == Mode.HOMING:
-            return 0
-        taken = shown.mode == Mode.POSITION and shown.statusword & StatusBit.MODE_12
-        if taken or memory.unanswered < 0:
+    def power_stage(self) -> None:
+        """Enable Operation, and what allows it."""
+        asked, memory, seen, enables = self.asked, self.memory, self.seen, self.power == ENABLE
+        kept = enables and memory.enables > 0
+        seen.energizes = self.power == _SWITCH_ON or (enables and not kept)
+        seen.on = asked.enable if enables else asked.on
+        seen.released = self.released
+        seen.held = self.ramp and kept
+        seen.may_hold = not self.stops and (asked.ramp or memory.ramp)
+        seen.resets = self.output.controlword & ControlBit.FAULT_RESET != 0 and not memory.reset
+        seen.acknowledges = asked.reset and (memory.idle or self.expected.raw)
+
+    def stop(self) -> None:
+        """The stops that the PLC asks for, or its loss."""
+        asked, memory, seen = self.asked, self.memory, self.seen
+        turns = self.shown.velocity != 0
+        stopping = self.uncertain or self.shown.restarted or memory.brakes or memory.coasts or asked.disable
+        stuck = memory.entering > self.expected.enter_steps
+        seen.ramps = asked.ramp and self.in_operation and turns and memory.enables > 0 and not (stopping or stuck)
+        seen.off2 = asked.coast
+        seen.off3 = asked.brake and (memory.connected or asked.stops)
+        seen.may_coast = asked.coast or memory.coasts or asked.disable
+        moves = self.in_operation or (seen.state is State.QUICK_STOP_ACTIVE and turns)
+        seen.quick_stops = memory.brakes and moves
+
+    def speed(self) -> None:
+        """A telegram with a speed."""
+        self.seen.moves = self.output.velocity != 0
+        self.seen.ordered = self.commanded or (self.expected.own_ramp and self.ramp) or self.expected.raw
+
+    def task(self) -> dict[str, Any]:
+        """A telegram with tasks. Returns the fields of ``Memory`` that it changes."""
+        memory, plc, seen, output = self.memory, self.plc, self.seen, self.output
+        active = plc.word & FUNCTIONS if self.asked.connected else 0
+        operates = self.commanded and self.in_operation
+        strobe = output.controlword & ControlBit.NEW_SETPOINT != 0
+        homes = strobe and output.mode == Mode.HOMING
+        starts = strobe or output.velocity != 0
+        given = operates and memory.given and plc.word & DO_NOT_REJECT != 0
+        interrupted = given and not plc.word & NO_INTERMEDIATE_STOP
+        rises = active & ~memory.active != 0 and memory.connected
+        edge = operates and (memory.edge or rises or interrupted)
+        withdrawn = (homes and not active & HOME) or (output.velocity != 0 and not active & JOG)
+        unanswered = self._unanswered() if strobe and not homes else 0
+        seen.moves = starts
+        seen.ordered = self.commanded and (memory.started or edge) and not withdrawn
+        seen.waits = unanswered > self.expected.answer_steps
+        return {
+            "active": active,
+            "edge": edge and (memory.started or not starts),
+            "started": starts,
+            "given": given or (edge and starts),
+            "unanswered": unanswered,
+        }
+
+    def _unanswered(self) -> int:
+        taken = self.shown.mode == Mode.POSITION and self.shown.statusword & StatusBit.MODE_12
+        if taken or self.memory.unanswered < 0:
             return -1
-        return min(memory.unanswered, self._expected.answer_steps) + 1
+        return min(self.memory.unanswered, self.expected.answer_steps) + 1
 
-    def _check_stops(
-        self,
-        memory: Memory,
-        asked: _Asked,
-        shown: Shown,
-        state: State | None,
-        output: Output,
-        uncertain: bool,
-        broken: list[Rule],
-    ) -> None:
-        cw, coast, brake, disable = output.controlword, asked.coast, asked.brake, asked.disable
-        operates = state is State.OPERATION_ENABLED
-        quick_stop, voltage_off = cw & _STOPS == _VOLTAGE, not cw & _VOLTAGE
-        turning = operates and shown.velocity != 0
-        stuck = memory.entering > self._expected.enter_steps
-        stopping = uncertain or shown.restarted or memory.brakes or memory.coasts or disable or stuck
-        if asked.ramp and turning and memory.enables and not stopping and cw & _POWER != _ENABLE:
-            broken.append(Rule.RAMP)
-        if coast and not voltage_off:
-            broken.append(Rule.OFF2)
-        may_coast = coast or memory.coasts or disable
-        no_power = state in _UNPOWERED or state in _FAULTY or state is State.QUICK_STOP_ACTIVE
-        if (
-            brake
-            and (memory.connected or asked.stops)
-            and not quick_stop
-            and not (voltage_off and (no_power or may_coast))
-        ):
-            broken.append(Rule.OFF3)
-        moves = operates or (state is State.QUICK_STOP_ACTIVE and shown.velocity != 0)
-        if memory.brakes and moves and not quick_stop and not (voltage_off and may_coast):
-            broken.append(Rule.LATCH)
-        if state is None and not quick_stop and not (voltage_off and may_coast):
-            broken.append(Rule.UNKNOWN)
-
-    def _check_shown(self, asked: _Asked, plc: Plc, output: Output, operates: bool, broken: list[Rule]) -> None:
-        expected, zsw1 = self._expected, output.zsw1
-        follows = operates
+    def status(self) -> None:
+        """What ZSW1 and the reason say."""
+        expected, output, seen = self.expected, self.output, self.seen
+        operates = follows = self.in_operation and self.commanded
         if not expected.tasks and not expected.raw:
-            setpoints = plc.setpoints
-            enabled = setpoints is not None and plc.word & ENABLES_SETPOINT == ENABLES_SETPOINT
-            wanted = setpoints[1] if enabled and setpoints is not None else 0
-            follows = operates and (asked.hold or (output.velocity != 0) == (wanted != 0))
-        if not expected.raw:
-            if zsw1 & _OPERATION_ENABLED and not zsw1 & _FAULT and not operates:
-                broken.append(Rule.OPERATES)
-            if zsw1 & StatusBit.TARGET_REACHED and not expected.tasks and not follows:
-                broken.append(Rule.REACHED)
-        passes = expected.raw and output.controlword == plc.word
-        if not output.reason and not follows and not passes:
-            broken.append(Rule.REASON)
+            setpoints = self.plc.setpoints
+            enabled = setpoints is not None and self.plc.word & ENABLES_SETPOINT == ENABLES_SETPOINT
+            setpoint = setpoints[1] if enabled and setpoints is not None else 0
+            follows = operates and (self.asked.hold or (output.velocity != 0) == (setpoint != 0))
+        seen.zsw1 = output.zsw1 & ZSW1_FAULT if expected.raw else output.zsw1
+        seen.operates = operates or seen.zsw1 & ZSW1_FAULT != 0
+        seen.follows = follows or expected.tasks
+        seen.refused = not follows and not (expected.raw and output.controlword == self.plc.word)
+
+    def following(self) -> Memory:
+        """The memory after the step, without that of a task."""
+        asked, memory, seen = self.asked, self.memory, self.seen
+        state, quick_stop = seen.state, seen.controlword & _STOPS == _VOLTAGE
+        off = state in UNPOWERED or state in FAULTY
+        ends = asked.disable or state is State.QUICK_STOP_ACTIVE
+        armed = (asked.connected and self.plc.word & _DISABLE != 0) or (memory.armed and not asked.begins)
+        entering = min(memory.entering, self.expected.enter_steps) + 1
+        return Memory(
+            connected=asked.connected,
+            released=self.released and (self.expected.resume or not self.ramp),
+            enables=min(memory.enables + 1, _CERTAIN) if self.power == ENABLE else 0,
+            ramp=self.ramp,
+            coasts=(state not in _DEAD or memory.enables > 0)
+            and (asked.coast or memory.coasts or (ends and not seen.voltage)),
+            brakes=not off and not asked.coast and (asked.brake or memory.brakes),
+            operated=self.in_operation,
+            idle=asked.control and (not asked.reset or memory.idle),
+            reset=seen.controlword & ControlBit.FAULT_RESET != 0,
+            quick_stop=quick_stop,
+            armed=(self.ramp or quick_stop) and armed,
+            lives=asked.lives,
+            missed=asked.missed,
+            entering=entering if memory.enables and state is State.SWITCHED_ON else 0,
+        )

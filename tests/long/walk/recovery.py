@@ -19,6 +19,7 @@ _RESET = 0x80
 _SHUTDOWN, _SWITCH_ON, _ENABLE = 0x6, 0x7, 0xF
 _VOLTAGE, _STOPS = 0x2, 0x6
 _BITS = StatusBit.VOLTAGE_ENABLED | StatusBit.REMOTE
+_POWERED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
 STEPS_OF_OFF, STEPS_OF_ACKNOWLEDGE, STEPS_OF_ON = 16, 6, 10
 """Steps within which OFF removes power and a lost sign of life returns (15 correct counters), an acknowledgement ends a fault,
 and ON leads to operation."""
@@ -70,40 +71,28 @@ class _Moment(NamedTuple):
     shown: Shown
 
 
-class Stuck(NamedTuple):
-    """The state in which an axis did not return in time."""
-
-    wanted: str
-    drive: LateDrive
-    output: Output
-
-
 def _shown(drive: LateDrive, mode: int) -> Shown:
     name = drive.state.value
     return Shown(name, STATUS_OF[drive.state] | _BITS, TURNING if drive.turns else 0, mode=mode)
 
 
-def recovery(
-    machine: Transducer, states: Iterable[int], mode: int, off: Plc, acknowledge: Plc, on: Plc
-) -> Stuck | None:
-    """Send OFF, acknowledge, OFF and ON from all these states. None when all of them reach operation."""
+def recovery(machine: Transducer, states: Iterable[int], mode: int, off: Plc, acknowledge: Plc, on: Plc) -> list[str]:
+    """Send OFF, acknowledge, OFF and ON from all these states. Drives and outputs that are not where they must be."""
     drives = [LateDrive(state, turns) for state in State for turns in (False, True)]
     moments = {_Moment(number, drive, _shown(drive, mode)) for number in states for drive in drives}
     last: set[tuple[LateDrive, Output]] = set()
-    for plc, steps in (
-        (off, STEPS_OF_OFF),
-        (acknowledge, STEPS_OF_ACKNOWLEDGE),
-        (off, STEPS_OF_OFF),
-        (on, STEPS_OF_ON),
-    ):
-        for _ in range(steps):
+    steps = (off, STEPS_OF_OFF), (acknowledge, STEPS_OF_ACKNOWLEDGE), (off, STEPS_OF_OFF), (on, STEPS_OF_ON)
+    for plc, count in steps:
+        for _ in range(count):
             moments, last = _step(machine, moments, plc, mode)
-        for late, output in last:
-            if plc is on and (late.state is not State.OPERATION_ENABLED or output.reason):
-                return Stuck("operation", late, output)
-            if plc is not on and late.state in {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE}:
-                return Stuck("power off", late, output)
-    return None
+        stuck = [
+            f"after {plc.name}: {drive}, {output}"
+            for drive, output in last
+            if (drive.state is not State.OPERATION_ENABLED or output.reason if plc is on else drive.state in _POWERED)
+        ]
+        if stuck:
+            return stuck
+    return []
 
 
 def _step(
@@ -112,7 +101,7 @@ def _step(
     following: set[_Moment] = set()
     outputs: set[tuple[LateDrive, Output]] = set()
     for number, drive, shown in moments:
-        after, place = machine.step(number, machine.number_of(plc, shown))
+        after, place = machine.step(number, machine.inputs.number((plc, shown)))
         output = machine.outputs[place]
         stopping = drive.state is State.QUICK_STOP_ACTIVE
         for late, stays in product((False, True), (False, True) if stopping else (False,)):

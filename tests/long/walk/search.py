@@ -1,18 +1,20 @@
-"""Breadth-first search to the fixpoint: each pair of machine state and monitor memory once, with every input."""
+"""Breadth-first search to the fixpoint: each state of a walk once, with every input."""
 
 from __future__ import annotations
 
-import enum
-from collections.abc import Hashable, Sequence
+from collections.abc import Collection, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from functools import cache
+from typing import Any, Protocol, TypeVar
 
+from tests.long.rules import Rule
 from tests.long.walk.machine import Transducer
-from tests.long.walk.recovery import Stuck
-from tests.long.walk.values import Output, Plc, Shown
+from tests.long.walk.values import Numbered, Output, Plc, Shown
 
-_Node = tuple[int, int]
-"""Numbers of a state and of a memory."""
+Node = TypeVar("Node", bound=Hashable)
+"""A state of machine, drive and rules."""
+Move = TypeVar("Move")
+"""The choices of one step."""
 
 
 class Checks(Protocol):
@@ -22,120 +24,105 @@ class Checks(Protocol):
     def first(self) -> Hashable:
         """The memory before the first step."""
 
-    def step(self, memory: Any, plc: Plc, shown: Shown, output: Output, /) -> tuple[Hashable, Sequence[enum.Enum]]:
-        """The memory after a step, and the violated rules."""
+    def step(self, memory: Any, plc: Plc, shown: Shown, output: Output, /) -> tuple[Hashable, Sequence[Rule]]:
+        """The memory after a step, and the broken rules."""
 
 
-@dataclass(slots=True)
-class Step:
-    """One line of a trace."""
+class Walk(Protocol[Node, Move]):
+    """What can be searched."""
 
-    plc: Plc
-    shown: Shown
-    output: Output
+    first: Node
 
-    def __str__(self) -> str:
-        out = self.output
-        sent = f"CW {out.controlword:04X} speed {out.velocity:5} ZSW1 {out.zsw1:04X} {out.reason}"
-        return f"{self.plc.name:24} | {self.shown.name:34} | {sent}"
+    def moves(self, node: Node, /) -> Iterable[Move]:
+        """All choices of a step."""
 
+    def go(self, node: Node, move: Move, /) -> tuple[Node, Sequence[Rule]]:
+        """The node after a step, and the broken rules."""
 
-@dataclass(slots=True)
-class Violation:
-    """A violated rule with the shortest trace to it."""
-
-    rule: enum.Enum
-    trace: Sequence[object]
-
-    def __str__(self) -> str:
-        lines = [f"broken: {self.rule.value}", *(f"{i:3} {step}" for i, step in enumerate(self.trace, 1))]
-        return "\n".join(lines)
+    def line(self, node: Node, move: Move, /) -> str:
+        """A step in a trace."""
 
 
 @dataclass(slots=True)
 class Result:
-    """Result of a walk."""
+    """Result of a walk. ``violations``: for each broken rule the shortest trace."""
 
     states: int = 0
     machine_states: int = 0
     transitions: int = 0
-    violations: dict[enum.Enum, Violation] = field(default_factory=dict)
-    stuck: Stuck | None = None
-    """Where the axis does not return to operation, or OFF does not remove power."""
+    violations: dict[Rule, Sequence[str]] = field(default_factory=dict)
 
     def __str__(self) -> str:
         numbers = f"{self.machine_states} states of the machine, {self.states} of machine and monitor"
-        found = len(self.violations) + (self.stuck is not None)
-        return f"{numbers}, {self.transitions} transitions, {found} violations"
+        return f"{numbers}, {self.transitions} transitions, {len(self.violations)} violations"
+
+    def traces(self) -> Iterator[str]:
+        """The violations with their traces."""
+        for rule, trace in self.violations.items():
+            yield "\n".join([f"broken: {rule.sentence}", *(f"{i:3} {step}" for i, step in enumerate(trace, 1))])
 
 
-def walk(machine: Transducer, monitor: Checks, *, first_only: bool = False) -> Result:
-    """Visit everything reachable. Each violated rule has its shortest trace; ``first_only``: only the first violation."""
+def search(walk: Walk[Node, Move], machine: Transducer, until: Collection[Rule] = ()) -> Result:
+    """Visit everything that can be reached. ``until``: end when one of these rules is broken."""
     result = Result()
-    first: _Node = (0, 0)
-    came_from: dict[_Node, tuple[_Node, int]] = {}
-    known = {first}
-    front = [first]
-    judge = _Judge(machine, monitor)
-    numbers = range(len(machine.inputs))
+    came_from: dict[Node, tuple[Node, Move] | None] = {walk.first: None}
+    front = [walk.first]
     while front:
         following = []
         for node in front:
-            state, memory = node
-            for number in numbers:
-                after, output = machine.step(state, number)
-                remembered, broken = judge(memory, number, output)
+            for move in walk.moves(node):
+                reached, broken = walk.go(node, move)
+                result.transitions += 1
                 for rule in broken:
                     if rule not in result.violations:
-                        path = _path(came_from, node, number)
-                        result.violations[rule] = Violation(rule, _trace(machine, path))
-                reached = (after, remembered)
-                if reached not in known:
-                    known.add(reached)
-                    came_from[reached] = node, number
+                        result.violations[rule] = _trace(walk, came_from, (node, move))
+                if reached not in came_from:
+                    came_from[reached] = node, move
                     following.append(reached)
-            result.transitions += len(numbers)
-            if first_only and result.violations:
+            if not result.violations.keys().isdisjoint(until):
                 return result
         front = following
-    result.states, result.machine_states = len(known), len(machine)
+    result.states, result.machine_states = len(came_from), len(machine)
     return result
 
 
-class _Judge:
-    """The monitor with numbered memories; each result is computed once and stored."""
+def _trace(
+    walk: Walk[Node, Move], came_from: dict[Node, tuple[Node, Move] | None], last: tuple[Node, Move] | None
+) -> list[str]:
+    path = []
+    while last is not None:
+        path.append(walk.line(*last))
+        last = came_from[last[0]]
+    return path[::-1]
+
+
+class PowerWalk:
+    """A walk of a machine with all its inputs, and a monitor. A node has the numbers of a state and of a memory."""
+
+    first = (0, 0)
 
     def __init__(self, machine: Transducer, monitor: Checks) -> None:
         self._machine = machine
         self._monitor = monitor
-        self._memories = [monitor.first]
-        self._number_of = {monitor.first: 0}
-        self._results: dict[tuple[int, int, int], tuple[int, Sequence[enum.Enum]]] = {}
+        self._memories = Numbered[Hashable]()
+        self._memories.number(monitor.first)
+        self._judge = cache(self._checked)
 
-    def __call__(self, memory: int, number: int, output: int) -> tuple[int, Sequence[enum.Enum]]:
-        key = (memory, number, output)
-        said = self._results.get(key)
-        if said is None:
-            plc, shown = self._machine.inputs[number]
-            after, broken = self._monitor.step(self._memories[memory], plc, shown, self._machine.outputs[output])
-            place = self._number_of.setdefault(after, len(self._memories))
-            if place == len(self._memories):
-                self._memories.append(after)
-            said = self._results[key] = place, broken
-        return said
+    def moves(self, _: tuple[int, int]) -> Iterable[int]:
+        return range(len(self._machine.inputs))
 
+    def go(self, node: tuple[int, int], move: int) -> tuple[tuple[int, int], Sequence[Rule]]:
+        after, output = self._machine.step(node[0], move)
+        memory, broken = self._judge(node[1], move, output)
+        return (after, memory), broken
 
-def _path(came_from: dict[_Node, tuple[_Node, int]], node: _Node, last: int) -> list[int]:
-    path = [last]
-    while node in came_from:
-        node, number = came_from[node]
-        path.append(number)
-    return path[::-1]
+    def _checked(self, memory: int, number: int, output: int) -> tuple[int, Sequence[Rule]]:
+        machine = self._machine
+        after, broken = self._monitor.step(self._memories[memory], *machine.inputs[number], machine.outputs[output])
+        return self._memories.number(after), broken
 
-
-def _trace(machine: Transducer, path: list[int]) -> list[Step]:
-    state, steps = 0, []
-    for number in path:
-        state, output = machine.step(state, number)
-        steps.append(Step(*machine.inputs[number], machine.outputs[output]))
-    return steps
+    def line(self, node: tuple[int, int], move: int) -> str:
+        plc, shown = self._machine.inputs[move]
+        out = self._machine.outputs[self._machine.step(node[0], move)[1]]
+        sent = f"CW {out.controlword:04X} speed {out.velocity:5} ZSW1 {out.zsw1:04X} {out.reason}"
+        return f"{plc.name:24} | {shown.name:34} | {sent}"

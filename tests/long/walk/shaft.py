@@ -101,7 +101,7 @@ class Shaft(NamedTuple):
         state = LateDrive(self.state, self.turns, had=self.word).after(cw, stays=False)
         operates, halted = state is _OPERATING, cw & ControlBit.HALT != 0
         task, taken, homes, homed, failed = self.task, self.taken, self.homes, self.homed, self.failed
-        mode, turns, position = word.mode, self.turns, self.position
+        mode, position = word.mode, self.position
         if mode != self.mode or not operates:
             homes = failed = False
             task = task if character.keeps else None
@@ -115,6 +115,22 @@ class Shaft(NamedTuple):
         homes = homes and strobe != 0
         if task == position and mode == Mode.POSITION and operates and not halted:
             task = None
+        return self._replace(
+            state=state,
+            mode=mode,
+            word=cw & (ControlBit.NEW_SETPOINT | ControlBit.FAULT_RESET),
+            task=task,
+            taken=taken,
+            homes=homes,
+            homed=homed,
+            failed=failed,
+        )._turned(event, word, character, rests=rests)
+
+    def _turned(self, event: Event, word: Word, character: Character, *, rests: bool) -> Shaft:
+        """What the shaft does in this cycle."""
+        mode, state, task, turns, position = self.mode, self.state, self.task, self.turns, self.position
+        homes, homed, failed = self.homes, self.homed, self.failed
+        operates, halted = state is _OPERATING, word.controlword & ControlBit.HALT != 0
         ways = {Mode.POSITION: task is not None, Mode.HOMING: homes, Mode.VELOCITY: word.velocity != 0}
         goes = operates and not halted and ways.get(Mode(mode), False)
         if goes and turns and event is not Event.NOTHING and mode != Mode.VELOCITY:
@@ -132,8 +148,7 @@ class Shaft(NamedTuple):
             turns = False
         if halted and not turns and not character.keeps:
             task = None
-        kept = cw & (ControlBit.NEW_SETPOINT | ControlBit.FAULT_RESET)
-        return Shaft(state, mode, kept, task, taken, homes, homed, failed, turns, position)
+        return self._replace(task=task, homes=homes, homed=homed, failed=failed, turns=turns, position=position)
 
     def shown(self, character: Character, *, flickers: bool) -> Shown:
         """What it shows. ``flickers``: the signal is wrong in this cycle."""

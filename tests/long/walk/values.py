@@ -1,11 +1,29 @@
-"""Inputs and outputs of one step of the walk: hashable values, so that each has one number."""
+"""Inputs and outputs of one step of the walk: hashable values, each with one number."""
 
 from __future__ import annotations
 
 import enum
-from typing import NamedTuple
+from collections.abc import Hashable
+from typing import NamedTuple, TypeVar
 
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
+
+Item = TypeVar("Item", bound=Hashable)
+
+
+class Numbered(list[Item]):
+    """Items in the order in which they were first seen."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._numbers: dict[Item, int] = {}
+
+    def number(self, item: Item) -> int:
+        """The number of an item; a new one gets a new number."""
+        number = self._numbers.setdefault(item, len(self))
+        if number == len(self):
+            self.append(item)
+        return number
 
 
 class Life(enum.Enum):
