@@ -94,6 +94,16 @@ class AdjustPeerToPeerBoundary(wire.Block):
 
 
 @dataclass(frozen=True, kw_only=True)
+class AdjustPreambleLength(wire.Block):
+    """Preamble of sent frames: 0 for 7 octets, which controllers also write. 1 octet is an option of IRT devices."""
+
+    TYPE: ClassVar[int] = 0x0226
+    reserved: None = wire.padding(2)
+    length: int = wire.u16(wire.between(0, 0))
+    pad: None = wire.align()
+
+
+@dataclass(frozen=True, kw_only=True)
 class AdjustDcpBoundary(wire.Block):
     """Which DCP frames are not forwarded: nothing passes through a device with one port."""
 
@@ -145,7 +155,13 @@ class PortDataAdjust(PortData):
     TYPE: ClassVar[int] = 0x0202
     PARTS: ClassVar[dict[int, type[wire.Block]]] = {
         part.TYPE: part
-        for part in (AdjustDomainBoundary, AdjustMulticastBoundary, AdjustPeerToPeerBoundary, AdjustDcpBoundary)
+        for part in (
+            AdjustDomainBoundary,
+            AdjustMulticastBoundary,
+            AdjustPeerToPeerBoundary,
+            AdjustDcpBoundary,
+            AdjustPreambleLength,
+        )
     }
 
 

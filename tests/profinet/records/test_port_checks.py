@@ -179,6 +179,15 @@ def test_tshark_reads_the_port_records_and_the_diagnosis_by_their_names(tmp_path
     assert faults == {PortFault.STATION_NAME.value, PortFault.PORT_NAME.value}
 
 
+@pytest.mark.parametrize(("length", "status"), [(0, 0), (1, 0xDF80B800)])
+def test_only_the_usual_preamble_is_accepted(length: int, status: int) -> None:
+    wire = connected()
+    part = bytes.fromhex("0226 0006 0100 0000") + length.to_bytes(2, "big")
+    head = bytes.fromhex("0100 0000 0000 8001")
+    record = bytes.fromhex("0202") + (len(head) + len(part) + 2).to_bytes(2, "big") + head + part + bytes(2)
+    assert write(wire, PORT_PLACE, 0x802F, record).status.value == status
+
+
 def test_every_part_of_a_check_or_adjustment_is_read_back_as_it_was_written() -> None:
     assert [type(part).__name__ for part in PortDataCheck.decode(PORT_CHECK).parts()] == ["CheckPeers"]
     padded = bytes.fromhex("0200 0028") + PORT_CHECK[4:] + bytes(2) + MAU_CHECK[12:]
