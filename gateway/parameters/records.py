@@ -1,6 +1,7 @@
-"""The records of the gateway: parameter access points B02Eh/B02Fh and I&M0 to I&M4, for every slot.
+"""The records of the gateway: parameter access points B02Eh, B02Fh and 2Fh, and I&M0 to I&M4, for every slot.
 
-Slot 0 is the device, slot n the n-th axis; subslot 1 is the parameter access point. Source: docs/transport.md section 3.
+Slot 0 is the device, slot n the n-th axis; subslot 1 is the parameter access point, and the telegram's submodule serves the same
+requests: function blocks address either. Source: docs/transport.md section 3.
 """
 
 from __future__ import annotations
@@ -37,13 +38,16 @@ log = logging.getLogger("gateway")
 ACCESS_POINT = 1
 """Subslot of the parameter access point."""
 _APIS = (0, identification.PROFILE_ID)
-_DEVICE_SUBSLOTS, _OBJECT_SUBSLOTS = {INTERFACE_SUBSLOT, PORT_SUBSLOT}, {TELEGRAM_SUBSLOT}
-"""Further subslots of slot 0 and of a drive object: they answer with the device's I&M0."""
+_FURTHER = {
+    True: ({INTERFACE_SUBSLOT, PORT_SUBSLOT}, {identification.INDEX}),
+    False: ({TELEGRAM_SUBSLOT}, {identification.INDEX, *PARAMETER_RECORDS}),
+}
+"""Further subslots of slot 0 (True) and of a drive object, and their records: I&M0 is the device's."""
 _REQUEST_ID_OFFSET = 1
 _OUTSTANDING = 32
 """Requests of all callers that are in work or whose answers were not fetched yet."""
-_LOGGED_MAX = 16
-"""Maximum number of unauthorised addresses that the log names."""
+_LOGGED_MAX = 64
+"""Maximum number of different refusals in the log."""
 _STORED: dict[int, tuple[str, ...]] = {
     1: ("im1_function", "im1_location"),
     2: ("im2_date",),
@@ -129,19 +133,29 @@ class Records:
             raise RecordRefused(AccessError.INVALID_SLOT)
         if block.subslot == ACCESS_POINT:
             return
-        if block.subslot not in (_DEVICE_SUBSLOTS if block.slot == DAP_SLOT else _OBJECT_SUBSLOTS):
+        subslots, indexes = _FURTHER[block.slot == DAP_SLOT]
+        if block.subslot not in subslots:
             raise RecordRefused(AccessError.INVALID_SLOT)
-        if block.index != identification.INDEX:
+        if block.index not in indexes:
             raise RecordRefused(AccessError.INVALID_INDEX)
 
     def _check_writer(self, caller: Caller) -> None:
         host = caller.address[0]
-        if self.writers is None or any(IPv4Address(host) in network for network in self.writers):
+        if self.writers is not None and not any(IPv4Address(host) in network for network in self.writers):
+            raise RecordRefused(AccessError.ACCESS_DENIED)
+
+    def log_refusal(self, caller: Caller, block: RecordBlock, refusal: RecordRefused) -> None:
+        """Each one once. A state conflict is none: the caller asks again while the answer is not there."""
+        if refusal.code1 == AccessError.STATE_CONFLICT:
             return
-        if host not in self._logged and len(self._logged) < _LOGGED_MAX:
-            self._logged.add(host)
-            log.warning("parameters: %s may not write; it is not listed in [parameters] write_from", host)
-        raise RecordRefused(AccessError.ACCESS_DENIED)
+        why = refusal.allowed
+        if refusal.code1 == AccessError.ACCESS_DENIED:
+            why += "; only [parameters] write_from may write, and nobody I&M0"
+        place = f"slot {block.slot}, subslot {block.subslot}"
+        line = f"record {block.index:04X}h of {place} for {caller.address[0]} refused: {why}"
+        if line not in self._logged and len(self._logged) < _LOGGED_MAX:
+            self._logged.add(line)
+            log.warning("%s", line)
 
     def _request(self, caller: Caller, block: RecordBlock, data: bytes) -> None:
         if len(data) > MAX_BLOCK:
@@ -233,8 +247,16 @@ class CallerRecords:
 
     def read(self, block: RecordBlock, *, implicit: bool) -> bytes:
         """RecordHandler."""
-        return self._records.read(self._caller, block, implicit=implicit)
+        try:
+            return self._records.read(self._caller, block, implicit=implicit)
+        except RecordRefused as refusal:
+            self._records.log_refusal(self._caller, block, refusal)
+            raise
 
     def write(self, block: RecordBlock, data: bytes) -> None:
         """RecordHandler."""
-        self._records.write(self._caller, block, data)
+        try:
+            self._records.write(self._caller, block, data)
+        except RecordRefused as refusal:
+            self._records.log_refusal(self._caller, block, refusal)
+            raise

@@ -17,7 +17,9 @@ RECORD_LOCAL = 0xB02E
 """Parameter access point, local: the slot chooses the axis."""
 RECORD_GLOBAL = 0xB02F
 """Parameter access point, global: the DO-ID of the request chooses the axis."""
-PARAMETER_RECORDS = frozenset({RECORD_LOCAL, RECORD_GLOBAL})
+RECORD_DRIVE = 0x2F
+"""As RECORD_GLOBAL; what SINAMICS drives also serve, and older function blocks of S7 use."""
+PARAMETER_RECORDS = frozenset({RECORD_LOCAL, RECORD_GLOBAL, RECORD_DRIVE})
 """Requests and responses of the parameter channel."""
 RECORD_MULTIPLE = 0xE040
 """Several writes in one."""

@@ -184,6 +184,29 @@ def test_im0_answers_at_every_submodule_and_im1_to_im4_at_subslot_1() -> None:
     assert refusal(lambda: ask_at(1, 2, 1)) == AccessError.INVALID_INDEX
 
 
+@pytest.mark.parametrize("subslot", [1, 2])
+@pytest.mark.parametrize("index", [0xB02E, 0xB02F, 0x2F])
+def test_every_parameter_record_is_served_at_access_point_and_telegram(subslot: int, index: int) -> None:
+    """Older function blocks use record 47 and the hardware identifier of the telegram."""
+    served, _ = records()
+    caller = served.of(HERE, NIL)
+    block = RecordBlock(BlockType.WRITE_REQUEST, 1, NIL, 0, 1, subslot, index, 10)
+    caller.write(block, bytes.fromhex("010101011001039A0000"))
+    assert refusal(lambda: caller.read(block, implicit=False)) == AccessError.STATE_CONFLICT
+
+
+def test_a_refused_record_is_in_the_log_once(caplog: pytest.LogCaptureFixture) -> None:
+    served, _ = records()
+    caller = served.of(HERE, NIL)
+    for subslot, index in ((3, 0xB02F), (3, 0xB02F), (1, 0x1234)):
+        block = RecordBlock(BlockType.READ_REQUEST, 1, NIL, 0, 1, subslot, index, 240)
+        refusal(lambda: caller.read(block, implicit=False))  # noqa: B023
+    assert [record.getMessage() for record in caplog.records] == [
+        f"record B02Fh of slot 1, subslot 3 for {HERE[0]} refused: invalid slot",
+        f"record 1234h of slot 1, subslot 1 for {HERE[0]} refused: invalid index",
+    ]
+
+
 @pytest.mark.parametrize("number", [1, 2, 3, 4])
 def test_an_im_record_of_a_wrong_length_is_refused_as_such(number: int) -> None:
     served, _ = records()
