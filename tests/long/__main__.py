@@ -1,4 +1,4 @@
-"""``python -m tests.long``: benchmarks, conformance tests and soak of the gateway."""
+"""``python -m tests.long``: benchmarks and conformance tests of the gateway."""
 
 from __future__ import annotations
 
@@ -13,14 +13,10 @@ _Entry = partial(Entry, package="tests.long.commands")
 COMMANDS: Mapping[str, Entry] = {
     "bench": _Entry("bench:app", "Benchmarks."),
     "conformance": _Entry("conformance:app", "Conformance tests of the gateway."),
-    "soak": _Entry(
-        "soak:soak",
-        "Run a day of random PLC words and faults in virtual time; exit status 1 if a rule is violated.",
-    ),
 }
 """The commands in the order of the help."""
 
-app = command_line("python -m tests.long", COMMANDS, "Benchmarks, conformance tests and soak of the gateway.")
+app = command_line("python -m tests.long", COMMANDS, "Benchmarks and conformance tests of the gateway.")
 
 
 if __name__ == "__main__":

@@ -11,8 +11,6 @@ from itertools import combinations_with_replacement, islice
 from random import Random
 
 import pytest
-from typer import Typer
-from typer.testing import CliRunner
 
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
 from pdgw.dsp402.states import State
@@ -24,8 +22,8 @@ from pdgw.peers.drive import SHAPES
 from pdgw.peers.world import Conditions
 from pdgw.profidrive.frame import CSduLayout
 from pdgw.profidrive.telegrams import Direction, telegram
-from tests.long.commands.soak import soak
 from tests.long.rules import Rule, Seen, broken
+from tests.long.soak.__main__ import main
 from tests.long.soak.disturbances import DISTURBANCES, UNPLUGGED
 from tests.long.soak.plan import CYCLES_MS, PART_CYCLES, SHORTEST_PART_NS, draw_plan, parts, shapes_of
 from tests.long.soak.planted import DEFECTS
@@ -34,8 +32,6 @@ from tests.long.soak.trace import clock
 from tests.long.soak.watch import SoakAxis, ViolationError
 from tests.long.soak.words import Words
 
-APP = Typer()
-APP.command()(soak)
 NOT_DRAWN = {"slow-sdo", "slow-boot", "unguarded", "csp"}
 """Shapes that need minutes to come online, and two that the gateway refuses."""
 
@@ -311,38 +307,28 @@ def test_control_words_stand_for_one_frame_up_to_seconds() -> None:
 # -- the command ------------------------------------------------------------------------------------------------------------
 
 
-def test_command_prints_what_was_run_and_its_speed() -> None:
-    result = CliRunner().invoke(APP, ["--hours", "0.005", "--seed", "4", "--axes", "2", "--telegrams", "1,9"])
-    assert result.exit_code == 0, result.output
-    assert "00:00:18.000000 h of seed 4" in result.output
-    assert "nothing that must not happen" in result.output
-    assert re.search(r"\d+ virtual seconds in a second of CPU", result.output)
+def test_command_prints_what_was_run_and_its_speed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--hours", "0.005", "--seed", "4", "--axes", "2", "--telegrams", "1,9"]) == 0
+    assert re.search(r"^\| 1,9 \| 0.005 \| \d+ \| 0 \| \d+ \| \d+ \|$", capsys.readouterr().out, re.MULTILINE)
 
 
 @pytest.mark.planted
-def test_failure_names_the_command_that_shows_its_moment() -> None:
+def test_failure_names_the_command_that_shows_its_moment(capsys: pytest.CaptureFixture[str]) -> None:
     with DEFECTS["speed-doubled"].plant():
-        _check_failure()
+        assert main(["--hours", "0.01", "--seed", "25", "--axes", "1", "--telegrams", "1"]) == 1
+        failed = capsys.readouterr().out
+        again = re.search(r"python -m tests.long.soak (--seed 25 --axes 1 --telegrams 1 --until [\d.]+)\n", failed)
+        assert again, failed
+        assert main(again[1].split()) == 1
+    shown = capsys.readouterr().out
+    assert "CAN gateway: 77Fh 05" in shown
+    assert re.findall(r"^\d\d:\d\d:\d\d\.\d{6} axis 1: .*", failed, re.MULTILINE)[-1] in shown
 
 
-def _check_failure() -> None:
-    failed = CliRunner().invoke(APP, ["--hours", "0.01", "--seed", "25", "--axes", "1", "--telegrams", "1"])
-    assert failed.exit_code == 1, failed.output
-    again = re.search(
-        r"python -m tests.long soak (--seed 25 --axes 1 --telegrams 1 --until ([\d.]+) --trace)", failed.output
-    )
-    assert again, failed.output
-    shown = CliRunner().invoke(APP, again[1].split())
-    assert shown.exit_code == 1
-    assert "CAN gateway: 77Fh 05" in shown.output
-    told = re.findall(r"^\d\d:\d\d:\d\d\.\d{6} axis 1: .*", failed.output, re.MULTILINE)
-    assert told
-    assert told[-1] in shown.output
-
-
-def test_wrong_telegrams_are_rejected() -> None:
-    result = CliRunner().invoke(APP, ["--telegrams", "1,x"])
-    assert "expected numbers with commas between" in str(result.exception)
+def test_wrong_telegrams_are_rejected(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--telegrams", "1,x"])
+    assert "expected numbers with commas between" in capsys.readouterr().err
 
 
 def test_nothing_of_a_part_is_left_after_it() -> None:

@@ -7,21 +7,16 @@ from collections.abc import Callable
 from random import Random
 
 import pytest
-from typer import Typer
-from typer.testing import CliRunner
 
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
-from tests.long.commands.soak import soak
 from tests.long.rules import Rule
+from tests.long.soak.__main__ import main
 from tests.long.soak.calm import CALM_TELEGRAMS, LATENCY_MAX_MS, CalmRun, calm_shapes, draw_calm
 from tests.long.soak.calm_tasks import SpeedProgram, TaskProgram
 from tests.long.soak.plan import parts
 from tests.long.soak.planted import search
 from tests.long.soak.watch import ViolationError
-
-APP = Typer()
-APP.command()(soak)
 
 
 def calm_run(number: int, seed: int = 1) -> CalmRun:
@@ -97,9 +92,7 @@ def test_calm_parts_draw_every_healthy_shape_and_latencies_up_to_20_ms(number: i
     assert (min(latencies), max(latencies)) == (0, LATENCY_MAX_MS)
 
 
-def test_command_prints_the_table_of_calm_days() -> None:
-    result = CliRunner().invoke(APP, ["--calm", "--hours", "0.001", "--telegrams", "1,83"])
-    assert result.exit_code == 0, result.output
-    assert re.search(
-        r"^\| 1 \| 0.001 \| \d+ \| 0 \| \d+ \|\n\| 83 \| 0.001 \| \d+ \| 0 \| \d+ \|$", result.output, re.MULTILINE
-    )
+def test_command_prints_the_table_of_calm_days(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--calm", "--hours", "0.001", "--telegrams", "1,83"]) == 0
+    rows = re.findall(r"^\| (\d+) \| 0.001 \| \d+ \| 0 \| \d+ \| \d+ \|$", capsys.readouterr().out, re.MULTILINE)
+    assert rows == ["1", "83"]

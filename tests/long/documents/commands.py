@@ -53,7 +53,7 @@ _WORKSHOP: Final = """\
 ## Workshop
 
 `python -m tests.long COMMAND` needs a checkout of the repository with `pip install -e .`; the wheel does not contain it.
-Commands: `bench` ([benchmarks](benchmarks.md)), `soak` ([soak](soak.md)), `conformance` ([faults](misbehaviour.md), [simulated
+Commands: `bench` ([benchmarks](benchmarks.md)), `conformance` ([faults](misbehaviour.md), [simulated
 drives](drives.md#simulated-drives), telegrams) and `loop` ([loop closed by the PLC](motion.md#a-loop-closed-by-the-plc)).
 """
 
