@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
 import re
+import signal
 import socketserver
 import sys
 import threading
@@ -23,6 +26,8 @@ _LINE_MAX = 1000
 _TOO_LONG = f"error: a command has at most {_LINE_MAX} characters"
 _IDLE_S = 3600.0
 _NO_DESCRIPTOR_PAUSE_S = 1.0
+_BACKGROUND_PAUSE_S = 0.5
+"""Between attempts to read a terminal whose foreground has another process."""
 _NUMBER = re.compile("[0-9]{1,3}")
 
 
@@ -143,6 +148,16 @@ def serve(console: Console, port: int) -> socketserver.ThreadingTCPServer:
     return server
 
 
+def _next_line() -> str:
+    while True:
+        try:
+            return sys.stdin.readline(_LINE_MAX + 1)
+        except OSError as error:
+            if error.errno != errno.EIO or not os.isatty(sys.stdin.fileno()):
+                raise
+            time.sleep(_BACKGROUND_PAUSE_S)
+
+
 def _rest_of(line: str) -> str:
     """Read to the end of a line that is too long."""
     while line and not line.endswith("\n"):
@@ -151,11 +166,16 @@ def _rest_of(line: str) -> str:
 
 
 def read_standard_input(console: Console, at_end: Callable[[], None] | None = None) -> None:
-    """Read commands from standard input on a separate thread. ``at_end`` is called at its end."""
+    """Read commands from standard input on a separate thread, on a terminal only in the foreground. ``at_end`` is called at its
+    end."""
+    if hasattr(signal, "SIGTTIN"):
+        signal.signal(
+            signal.SIGTTIN, signal.SIG_IGN
+        )  # it would stop a process in the background; reading fails instead
 
     def read() -> None:
         with contextlib.suppress(ValueError, OSError):
-            while line := sys.stdin.readline(_LINE_MAX + 1):
+            while line := _next_line():
                 print(console.execute(line) if len(line) <= _LINE_MAX else _rest_of(line), flush=True)
         if at_end is not None:
             at_end()

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import shlex
 import signal
 import socket
+import sys
 import threading
 import tomllib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -271,3 +274,37 @@ def test_sim_bus_accepts_its_own_example_and_explains_a_wrong_file(tmp_path: Pat
     result = pdgw("sim", "bus", str(path))
     assert (result.returncode, result.stderr.count("\n")) == (1, 1)
     assert "[device]: is missing" in result.stderr
+
+
+_IN_BACKGROUND = """
+import threading
+from pdgw.peers.simulation import console
+
+class Clock:
+    def sleep(self, seconds):
+        paused.set()
+        threading.Event().wait()
+
+paused, console.time = threading.Event(), Clock()
+console.read_standard_input(None)
+paused.wait()
+print("not", "stopped", flush=True)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="job control")
+def test_a_simulator_in_the_background_of_a_terminal_is_not_stopped() -> None:
+    import pty  # noqa: PLC0415 (not on Windows)
+
+    job = f"set -m; {shlex.quote(sys.executable)} -c {shlex.quote(_IN_BACKGROUND)} & wait; echo status $?"
+    child, terminal = pty.fork()
+    if not child:
+        os.execvp("bash", ["bash", "-c", job])
+    shown = b""
+    with suppress(OSError):  # Linux reports the end of a terminal as an error
+        while part := os.read(terminal, 4096):
+            shown += part
+    os.close(terminal)
+    os.waitpid(child, 0)
+    assert b"not stopped" in shown
+    assert b"status 0" in shown
