@@ -20,6 +20,7 @@ $(if $(COMPILED),test bench: compiled)
 DEMO :=
 demo: $(STAMP)
 	$(BIN)/pdgw demo $(DEMO)
+	@echo "for the command pdgw in this terminal: . $(BIN)/activate"
 
 # Three tests at a time, each worker with its third in the order of the files (what starts processes before all others), then what
 # the others have left. Three keep two cores busy: the worker with the tests that start processes waits for most of its time.

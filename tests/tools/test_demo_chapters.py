@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -18,10 +19,18 @@ from pdgw.tools.commands.simulation.demo import ChapterName, demo
 from pdgw.tools.demo.chapters import CHAPTERS
 from pdgw.tools.demo.links import OnLoopback
 from pdgw.tools.demo.run import Demo, Outcome
+from pdgw.tools.demo.trace import plot
 from tests.support.gateways.daemon import Plc, drive_of, running
 
 CAN = {"interface": "virtual", "channel": "world"}
 FREE_PORTS = "cyclic_port = 0\nacyclic_port = 0\n"
+
+
+def test_a_demo_without_matplotlib_has_no_picture(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """From a plain wheel: a chapter of half a minute is not lost at its end."""
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    plot(next(iter(CHAPTERS.values())), tmp_path / "plc.pcap", tmp_path / "gateway.toml", 0, [], tmp_path / "trace.png")
+    assert not (tmp_path / "trace.png").exists()
 
 
 @pytest.mark.parametrize("name", CHAPTERS)

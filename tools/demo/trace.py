@@ -13,7 +13,6 @@ from pdgw.decoder.export.trace_page import FAULT, OFF, OPERATION, States
 from pdgw.decoder.frames.engine import Decoder
 from pdgw.decoder.frames.records import ProcessData
 from pdgw.durations import MS, SECOND
-from pdgw.extras import missing
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.telegrams import Direction
@@ -70,17 +69,17 @@ def _seen(capture: Path, config: Path, begin_s: float) -> Mapping[int, _Seen]:
 def plot(
     chapter: Chapter, capture: Path, config: Path, begin_s: float, notes: list[tuple[float, str]], picture: Path
 ) -> None:
-    """Plot a chapter as PNG. ``begin_s``: start of its scenario.
+    """Plot a chapter as PNG, where matplotlib is installed. ``begin_s``: start of its scenario.
 
-    GatewayError when matplotlib is not installed or the picture cannot be written.
+    GatewayError when the picture cannot be written.
     """
     try:
         import matplotlib as mpl  # noqa: PLC0415
 
         mpl.use("Agg")  # without a screen
         from matplotlib import pyplot  # noqa: PLC0415
-    except ImportError as error:
-        raise GatewayError(missing("matplotlib", "the picture")) from error
+    except ImportError:
+        return
     seen = _seen(capture, config, begin_s)
     figure, places = pyplot.subplots(
         len(chapter.panels),

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sys
 from enum import StrEnum
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pdgw.extras import missing
 from pdgw.gateway.errors import GatewayError
 from pdgw.tools.demo.chapters import CHAPTERS
 from pdgw.tools.termination import end_as_by_ctrl_c
@@ -87,6 +89,8 @@ def demo(
     if profinet and not namespaces.inside():
         namespaces.enter("pdgw")
     console = Console()
+    if find_spec("matplotlib") is None:
+        console.print(f"without trace.png: {missing('matplotlib', 'it')}", highlight=False)
     end_as_by_ctrl_c()  # stop the processes when the demo is stopped
     try:
         outcomes = [_run_chapter(item, out / item.name, console, scenario, profinet=profinet) for item in chosen]
