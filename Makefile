@@ -57,9 +57,11 @@ format: $(STAMP)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-# Every telegram, every drive shape and every fault.
+# Every telegram with every drive shape and every fault, in some minutes; `make test` has a part of them.
+REPORTS := build/conformance
 conformance: $(STAMP)
-	for part in telegrams shapes faults; do $(BIN)/python -m tests.long conformance $$part || exit; done
+	PDGW_CONFORMANCE=1 $(BIN)/pytest $(TOGETHER) tests/conformance --junitxml $(REPORTS).xml \
+		--html $(REPORTS).html --self-contained-html
 
 bench: $(STAMP)
 	$(RUN)/python -m tests.long bench

@@ -1,6 +1,6 @@
 """The axis machine: one ``step`` is one cycle of one axis, from ``Inputs`` to ``Outputs``.
 
-Daemon, replay, conformance and tests drive this one machine. Source: docs/translation.md.
+Daemon, replay and tests drive this one machine. Source: docs/translation.md.
 """
 
 from __future__ import annotations

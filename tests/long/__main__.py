@@ -1,4 +1,4 @@
-"""``python -m tests.long``: benchmarks and conformance tests of the gateway."""
+"""``python -m tests.long``: benchmarks of the gateway."""
 
 from __future__ import annotations
 
@@ -12,11 +12,10 @@ _Entry = partial(Entry, package="tests.long.commands")
 
 COMMANDS: Mapping[str, Entry] = {
     "bench": _Entry("bench:app", "Benchmarks."),
-    "conformance": _Entry("conformance:app", "Conformance tests of the gateway."),
 }
 """The commands in the order of the help."""
 
-app = command_line("python -m tests.long", COMMANDS, "Benchmarks and conformance tests of the gateway.")
+app = command_line("python -m tests.long", COMMANDS, "Benchmarks of the gateway.")
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from typing import Any
 
@@ -17,7 +18,7 @@ from pdgw.peers.plc.scenario_file import parse_step, scenario_of
 from pdgw.peers.plc.vocabulary import words_of
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, telegram
-from tests.long.conformance.telegrams import Case, run_case
+from tests.conformance.telegram_bits import gateway
 
 CYCLE = 4_000_000
 FLOATS = ("mdi_tarpos_f", "mdi_velocity_f", "mdi_acc_f", "mdi_dec_f", "ref_coordinate")
@@ -37,8 +38,8 @@ def play(number: int, *steps: dict[str, Any]) -> PlcEndpoint:
 
 def on_a_gateway(number: int, *steps: dict[str, Any]) -> None:
     """Steps with a gateway and its drive, enabled; every expectation must hold."""
-    outcome = run_case(Case(number, "", "", "", (*ON, *steps)))
-    assert outcome.passed, outcome.failures
+    with gateway(number) as plc:
+        plc.run_steps((*ON, *steps))
 
 
 @pytest.mark.parametrize("number", TELEGRAMS)
@@ -176,8 +177,8 @@ def test_no_key_moves_by_length_units_with_telegram_112() -> None:
 
 @pytest.mark.parametrize("wanted", ["12.5 +- 0.01", "> 0", 1, "< -0.5"])
 def test_a_float_that_is_not_as_expected_fails(wanted: str | int) -> None:
-    outcome = run_case(Case(112, "", "", "", (*ON, {"expect": {"XIST_F": wanted}, "within": "100 ms"})))
-    assert outcome.failures == (f"XIST_F {wanted}: XIST_F = 0",)
+    with pytest.raises(AssertionError, match=re.escape(f"XIST_F {wanted}: XIST_F = 0")):
+        on_a_gateway(112, {"expect": {"XIST_F": wanted}, "within": "100 ms"})
 
 
 def test_a_value_is_measured_on_the_fly_and_read() -> None:
@@ -227,10 +228,8 @@ def test_follow_restarts_at_the_position_of_a_stopped_axis() -> None:
 
 
 def test_an_axis_that_does_not_follow_closely_enough_fails_with_its_error() -> None:
-    outcome = run_case(Case(105, "", "", "", (*ON, {"follow": {"by": 4096, "error": 1}, "within": "5 s"})))
-    assert len(outcome.failures) == 1
-    assert "follows a sine of 4096 increments at 0.5 Hz within 1" in outcome.failures[0]
-    assert "largest error" in outcome.failures[0]
+    with pytest.raises(AssertionError, match=r"follows a sine of 4096 increments at 0\.5 Hz within 1.*largest error"):
+        on_a_gateway(105, {"follow": {"by": 4096, "error": 1}, "within": "5 s"})
 
 
 @pytest.mark.parametrize("step", [{"momred": "50 %"}, {"park_axis": 1}, {"g1_park": 1}, {"g1_error_acknowledge": 1}])

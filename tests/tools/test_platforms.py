@@ -141,7 +141,6 @@ def test_files_are_decoded_and_unsupported_functions_are_reported(
         ("sim", "bus", "--example"),
         ("map", "--gsdml", str(tmp_path)),
         ("drives", "epos4"),
-        ("long", "conformance", "faults", "deaf"),
         ("long", "soak", "--hours", "0.001"),
         ("trace", "list"),
     )

@@ -1,4 +1,4 @@
-"""Reports of conformance, scenarios and bench: what CI systems and people read of a run."""
+"""Reports of scenarios and bench: what CI systems and people read of a run."""
 
 from __future__ import annotations
 
@@ -13,13 +13,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.gateway.configuration.file import parse_config
-from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.commands.simulation.plc import Output
 from pdgw.tools.output.reports import Check, Report, figures
-from tests.long.commands.conformance import faults
 from tests.support.cli import pdgw
 
 CHECKS = (
@@ -90,37 +87,6 @@ def test_figures_have_the_paths_of_the_document() -> None:
         "rows.0.p50": "12.3457",
         "idle": "None",
     }
-
-
-def test_conformance_writes_both(tmp_path: Path) -> None:
-    faults(["slow-sdo"], junit=tmp_path / "r.xml", html=tmp_path / "r.html")
-    suite = ElementTree.parse(tmp_path / "r.xml").getroot()[0]
-    assert int(suite.get("tests", "0")) >= 1
-    assert suite.get("failures") == "0"
-    (configuration,) = (item.get("value", "") for item in suite.iter("property") if item.get("name") == "configuration")
-    assert configuration in cells((tmp_path / "r.html").read_text())
-    assert "slow-sdo" in " ".join(cells((tmp_path / "r.html").read_text()))
-    seconds = [float(case.get("time", "0")) for case in suite.iter("testcase")]
-    assert sum(seconds) > 0, "a CI system sorts by what took long"
-    assert float(suite.get("time", "0")) == pytest.approx(sum(seconds), abs=(len(seconds) + 1) * 0.001)
-    assert 'eds = "engel.eds"' in configuration, "every machine has the data sheets elsewhere"
-    with pytest.raises(GatewayError, match=r"--junit .*cannot be written"):
-        REPORT.write(tmp_path / "no" / "r.xml", None)
-
-
-def test_conformance_report_has_configurations_and_devices(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    faults(["position-error"], as_json=True)
-    document = json.loads(capsys.readouterr().out)
-    assert document["version"] == version("profidrive-gateway")
-    encoder, sensor = document["configuration"].split("\n\n# ")
-    assert encoder.startswith("# simulated: rotary encoder\n")
-    assert sensor.startswith("simulated: rotary encoder, ENGEL HBI\n")
-    alone, both = parse_config(encoder), parse_config(f"# {sensor}")
-    assert [(item.do_id, item.telegram) for item in alone.objects] == [(2, 81)]
-    assert [(item.do_id, item.telegram) for item in both.objects] == [(1, 3), (2, 81)]
-    assert both.axis[0].g1 == 2
 
 
 @pytest.mark.parametrize(("answered", "draws"), [(False, False), (True, False), (False, True)])

@@ -48,13 +48,13 @@ your shell. Examples:
 `pdgw run --web` also starts the [page](web.md), `pdgw run --record FOLDER` a recording of both buses.
 
 """
-_WORKSHOP: Final = """\
+_LONG: Final = """\
 
-## Workshop
+## Long tests
 
-`python -m tests.long COMMAND` needs a checkout of the repository with `pip install -e .`; the wheel does not contain it.
-Commands: `bench` ([benchmarks](benchmarks.md)), `conformance` ([faults](misbehaviour.md), [simulated
-drives](drives.md#simulated-drives), telegrams) and `loop` ([loop closed by the PLC](motion.md#a-loop-closed-by-the-plc)).
+In a checkout of the repository: `python -m tests.long bench` ([benchmarks](benchmarks.md)), `python -m tests.long.soak`
+([soak](soak.md)), `python -m tests.long.walk`. `make conformance` tests telegrams, [simulated
+drives](drives.md#simulated-drives) and [faults](misbehaviour.md).
 """
 
 
@@ -76,7 +76,7 @@ def generate_commands() -> str:
     """Generate the document."""
     commands = (found for name, entry in COMMANDS.items() for found in _commands(entry.load(name), name))
     rows = ((f"`pdgw {name}`", text, _guide(name)) for name, text in commands)
-    return _INTRODUCTION + table(("command", "purpose", "document"), rows) + _WORKSHOP
+    return _INTRODUCTION + table(("command", "purpose", "document"), rows) + _LONG
 
 
 if __name__ == "__main__":

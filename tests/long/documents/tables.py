@@ -44,7 +44,7 @@ from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationClass, Telegram, Tel
 from pdgw.profidrive.words import Bit, Confidence
 from pdgw.profinet.blocks.alarm import MESSAGE_CLASS_TEXTS
 from pdgw.profinet.model import TELEGRAM_IDENT, TELEGRAM_SUBSLOT
-from tests.long.conformance.faults import CASES, Case, Device
+from tests.conformance.fault_cases import DRIVE_CASES, ENCODER_CASES, Case, Device
 from tests.long.documents.markdown import table
 from tests.long.documents.simulator_words import generate_words
 
@@ -447,7 +447,9 @@ def _faults(title: str, kinds: Iterable[type[Misbehaviour]], types: Sequence[str
         reactions = [
             "; ".join(
                 dict.fromkeys(
-                    _reaction(case, kind) for case in CASES if case.fault == kind.name and case.device in devices
+                    _reaction(case, kind)
+                    for case in (*DRIVE_CASES, *ENCODER_CASES)
+                    if case.fault == kind.name and case.device in devices
                 )
             )
             for devices in map(_DEVICES.__getitem__, types)
@@ -501,9 +503,9 @@ The latency of a simulated drive, 0 to 100 ms in each direction, is not a fault.
 time from an RPDO until its values apply, `status_latency_ms` the time from a change of the drive until the Statusword shows
 it. Positions and speeds are up to date.
 
-`python -m tests.long conformance faults` runs every fault with a simulated drive and a simulated encoder. The last columns
-are the required reaction of the gateway, with its fault numbers ([tables.md](tables.md)). In all cases, no drive starts again
-before a new OFF and ON, and no position older than its time-out is valid.
+`pytest tests/conformance` runs every fault with a simulated drive and a simulated encoder, and `-k deaf` one of them. The last
+columns are the required reaction of the gateway, with its fault numbers ([tables.md](tables.md)). In all cases, no drive starts
+again before a new OFF and ON, and no position older than its time-out is valid.
 """
 
 

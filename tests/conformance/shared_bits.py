@@ -11,7 +11,7 @@ from typing import Final
 from pdgw.gateway.axis.telegrams import DSC_TELEGRAM_NUMBERS, POSITIONER_TELEGRAM_NUMBERS
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import telegram
-from tests.long.conformance.telegrams import Case, Step, case_of, see
+from tests.conformance.telegram_bits import Case, Step, case_of, see
 
 NUMBERS: Final = (4, 5, 6, 7, 102, 103, 105, 106, 110, 111)
 _OFF: Step = {"set": {"STW1": 0x043E}}

@@ -1,0 +1,1 @@
+"""Conformance of the gateway: telegrams, drive shapes, and faults of simulated devices (``make conformance``)."""

@@ -1,1 +1,0 @@
-"""Conformance tests with a gateway and simulated devices in this process."""
