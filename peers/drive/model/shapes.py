@@ -174,13 +174,14 @@ def _values(velocity: Fraction, acceleration: Fraction, modes: frozenset[int]) -
     }
 
 
-_addresses = TypeAdapter(dict[Address, int]).validate_python
+addresses = TypeAdapter(dict[Address, int]).validate_python
+"""Values by objects, from keys like ``607Bh/1``."""
 _indices = TypeAdapter(frozenset[Address]).validate_python
 
 
 def _shape(name: str, keys: dict[str, Any]) -> Shape:
     """A table of ``shapes.toml``."""
-    values = _addresses(keys.pop("values", {}))
+    values = addresses(keys.pop("values", {}))
     lacks = frozenset(index for index, _ in _indices(keys.pop("lacks", ())))
     for key in keys.keys() & {"velocity_per_rpm", "acceleration_per_rpm_s"}:
         keys[key] = Fraction(keys[key])
