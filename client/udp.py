@@ -34,7 +34,7 @@ from pdgw.profinet.blocks.connect import ACTIVE_BY_INITIATOR, DEVICE_ACCESS, LT_
 from pdgw.profinet.blocks.control import ControlCommand, ReleaseReq
 from pdgw.profinet.rpc import epm
 from pdgw.profinet.rpc.client import RecordCaller, RpcCall
-from pdgw.profinet.rpc.dcerpc import OBJECT_PREFIX, object_uuid
+from pdgw.profinet.rpc.dcerpc import OBJECT_PREFIX, RpcHeader, object_uuid
 from pdgw.profinet.rpc.identification import PROFILE_ID
 from pdgw.profinet.rpc.records import NIL, RECORD_GLOBAL, RECORD_LOCAL, AccessError, Operation
 
@@ -51,18 +51,6 @@ _ENTRIES_MAX: Final = 16
 _GROUP_BIT: Final = 1 << 40
 
 R = TypeVar("R")
-R_co = TypeVar("R_co", covariant=True)
-
-
-class Call(Protocol[R_co]):
-    """A call that can be repeated, and how its answer is recognised."""
-
-    @property
-    def packets(self) -> list[bytes]:
-        """The datagrams to send."""
-
-    def receive(self, data: bytes) -> R_co | list[bytes] | None:
-        """The answer, datagrams to send back, or None for a datagram of another call."""
 
 
 class Channel(Protocol):
@@ -116,6 +104,10 @@ class UdpChannel:
             return self._socket.recv(_DATAGRAM)
         except TimeoutError:
             return None
+
+
+def _looked_up(header: RpcHeader, body: bytes) -> tuple[bytes, uuid.UUID | None]:
+    return epm.lookup_answer(body, little=header.little_endian)
 
 
 class ParameterClient:
@@ -193,8 +185,7 @@ class ParameterClient:
         interface, version = epm.INTERFACE
         for _ in range(_ENTRIES_MAX):
             asked = replace(caller.header(epm.LOOKUP), interface=interface, interface_version=version)
-            header, body = self.call(RpcCall(asked, request, caller.max_record))
-            handle, found = epm.lookup_answer(body, little=header.little_endian)
+            handle, found = self.call(RpcCall(asked, request, caller.max_record, _looked_up))
             if found is None:
                 break
             if found.bytes[: len(OBJECT_PREFIX)] == OBJECT_PREFIX:
@@ -213,7 +204,7 @@ class ParameterClient:
 
     # -- records ------------------------------------------------------------------------------------------------------
 
-    def call(self, call: Call[R]) -> R:
+    def call(self, call: RpcCall[R]) -> R:
         """Send a call, again while no answer comes."""
         for _ in range(_ATTEMPTS):
             try:
@@ -234,7 +225,7 @@ class ParameterClient:
             "this address and port"
         )
 
-    def _answer(self, call: Call[R]) -> R | None:
+    def _answer(self, call: RpcCall[R]) -> R | None:
         channel = self._channel
         deadline = channel.now() + _REPEAT_S
         while (left := deadline - channel.now()) > 0:

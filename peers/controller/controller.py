@@ -35,7 +35,7 @@ from pdgw.profinet.connection.ppm import Provider
 from pdgw.profinet.discovery import dcp
 from pdgw.profinet.model import Subslot
 from pdgw.profinet.rpc import dcerpc
-from pdgw.profinet.rpc.client import RecordCall, RecordCaller, RecordResult, ServiceCall, ServiceResult
+from pdgw.profinet.rpc.client import RecordCaller, RecordResult, RpcCall, ServiceResult
 from pdgw.profinet.rpc.dcerpc import PacketType, RpcHeader
 from pdgw.profinet.rpc.records import Operation, PnioStatus, decode_arguments, encode_arguments
 from pdgw.profinet.rpc.server import RpcServer
@@ -67,8 +67,9 @@ class Phase(enum.Enum):
 class _Call:
     """A call, sent again while no answer comes. ``done`` gets the answer and the time."""
 
-    call: ServiceCall | RecordCall
+    call: RpcCall[Any]
     done: Callable[[Any, int], None]
+    service: bool = False
     due: int = 0
     attempts: int = 0
 
@@ -229,8 +230,8 @@ class IoController:
     def _send_call(
         self, operation: Operation, arguments: bytes, done: Callable[[ServiceResult, int], None], now: int
     ) -> None:
-        records = [active for active in self._active if isinstance(active.call, RecordCall)]
-        self._active = [_Call(self._services.service(operation, arguments), done), *records]
+        records = [active for active in self._active if not active.service]
+        self._active = [_Call(self._services.service(operation, arguments), done, service=True), *records]
         self._poll_calls(now)
 
     def _datagrams(self, packets: list[bytes]) -> None:
@@ -427,7 +428,7 @@ class IoController:
 
     @property
     def _recording(self) -> bool:
-        return any(isinstance(active.call, RecordCall) for active in self._active)
+        return not all(active.service for active in self._active)
 
     def _poll_calls(self, now: int) -> None:
         if not self._recording and self._waiting:

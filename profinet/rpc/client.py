@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import Generic, TypeVar
 from uuid import UUID
 
 from pdgw.profidrive.errors import ProfidriveError
@@ -21,6 +24,8 @@ from pdgw.profinet.rpc.records import (
     encode_block,
 )
 
+T = TypeVar("T")
+
 
 @dataclass(frozen=True, slots=True)
 class RecordResult:
@@ -30,16 +35,30 @@ class RecordResult:
     data: bytes
 
 
-class RpcCall:
-    """One call: ``packets`` are sent (again, while no answer comes), ``receive`` is given what comes back."""
+@dataclass(frozen=True, slots=True)
+class ServiceResult:
+    """The answer of a service of the device: its status and its blocks."""
 
-    def __init__(self, header: RpcHeader, body: bytes, max_answer: int) -> None:
+    status: PnioStatus
+    arguments: bytes
+
+
+class RpcCall(Generic[T]):
+    """One call: ``packets`` are sent (again, while no answer comes), ``receive`` is given what comes back.
+
+    ``decode`` makes the result of the header and body of the answer.
+    """
+
+    def __init__(
+        self, header: RpcHeader, body: bytes, max_answer: int, decode: Callable[[RpcHeader, bytes], T]
+    ) -> None:
         self._header = header
+        self._decode = decode
         self.packets = dcerpc.encode_fragments(header, body)
         self._reassembly = Reassembly(max_answer)
 
-    def receive(self, data: bytes) -> tuple[RpcHeader, bytes] | list[bytes] | None:
-        """Header and body of the answer, or datagrams to send back (acknowledged fragments), or None for what is of another call.
+    def receive(self, data: bytes) -> T | list[bytes] | None:
+        """The result, or datagrams to send back (acknowledged fragments), or None for what is of another call.
 
         ProfidriveError when the device rejects the call or its answer makes no sense.
         """
@@ -55,55 +74,28 @@ class RpcCall:
         whole = self._reassembly.add(header, body)
         if whole is None:
             return [] if Flags.NO_FACK in header.flags else [dcerpc.encode_fack(header, 8)]
-        return header, whole
+        return self._decode(header, whole)
 
 
-@dataclass(frozen=True, slots=True)
-class ServiceResult:
-    """The answer of a service of the device: its status and its blocks."""
-
-    status: PnioStatus
-    arguments: bytes
+ServiceCall = RpcCall[ServiceResult]
+"""A call of the device interface whose arguments are blocks (Connect, Release ...)."""
+RecordCall = RpcCall[RecordResult]
+"""A read or write of a record."""
 
 
-class ServiceCall:
-    """A call of the device interface whose arguments are blocks (Connect, Release ...)."""
-
-    def __init__(self, header: RpcHeader, arguments: bytes, maximum: int) -> None:
-        ndr = encode_arguments(maximum, arguments, max(maximum, len(arguments)), little=header.little_endian)
-        self._call = RpcCall(header, ndr, maximum + 64)
-        self.packets = self._call.packets
-
-    def receive(self, data: bytes) -> ServiceResult | list[bytes] | None:
-        """As ``RpcCall.receive``, with the answer read."""
-        answer = self._call.receive(data)
-        if not isinstance(answer, tuple):
-            return answer
-        header, body = answer
-        status, arguments = decode_arguments(body, little=header.little_endian)
-        return ServiceResult(PnioStatus.of(status), arguments)
+def _service_result(header: RpcHeader, body: bytes) -> ServiceResult:
+    status, arguments = decode_arguments(body, little=header.little_endian)
+    return ServiceResult(PnioStatus.of(status), arguments)
 
 
-class RecordCall:
-    """A read or write of a record."""
-
-    def __init__(self, header: RpcHeader, arguments: bytes, max_record: int) -> None:
-        write = header.operation == Operation.WRITE
-        self._expected = BlockType.WRITE_RESPONSE if write else BlockType.READ_RESPONSE
-        self._call = ServiceCall(header, arguments, max_record + BLOCK_SIZE)
-        self.packets = self._call.packets
-
-    def receive(self, data: bytes) -> RecordResult | list[bytes] | None:
-        """As ``RpcCall.receive``, with the record of the answer."""
-        answer = self._call.receive(data)
-        if not isinstance(answer, ServiceResult):
-            return answer
-        if answer.status.value:
-            return RecordResult(answer.status, b"")
-        block, record = decode_block(answer.arguments)
-        if block.type is not self._expected:
-            raise ProfidriveError("BlockType of the answer", f"{block.type:04X}h", f"{self._expected:04X}h")
-        return RecordResult(block.status, record)
+def _record_result(expected: BlockType, header: RpcHeader, body: bytes) -> RecordResult:
+    answer = _service_result(header, body)
+    if answer.status.value:
+        return RecordResult(answer.status, b"")
+    block, record = decode_block(answer.arguments)
+    if block.type is not expected:
+        raise ProfidriveError("BlockType of the answer", f"{block.type:04X}h", f"{expected:04X}h")
+    return RecordResult(block.status, record)
 
 
 class RecordCaller:
@@ -123,19 +115,27 @@ class RecordCaller:
         self._sequence += 1
         return RpcHeader(PacketType.REQUEST, self.device, self.activity, sequence, operation, flags=Flags.IDEMPOTENT)
 
+    def _call(
+        self, operation: Operation, arguments: bytes, maximum: int, decode: Callable[[RpcHeader, bytes], T]
+    ) -> RpcCall[T]:
+        header = self.header(operation)
+        ndr = encode_arguments(maximum, arguments, max(maximum, len(arguments)), little=header.little_endian)
+        return RpcCall(header, ndr, maximum + 64, decode)
+
     def service(self, operation: Operation, arguments: bytes) -> ServiceCall:
         """Connect, Control or Release with their blocks."""
-        return ServiceCall(self.header(operation), arguments, self.max_record)
+        return self._call(operation, arguments, self.max_record, _service_result)
 
-    def _call(self, operation: Operation, block: RecordBlock, data: bytes = b"") -> RecordCall:
-        return RecordCall(self.header(operation), encode_block(block) + data, self.max_record)
+    def _record(self, operation: Operation, block: RecordBlock, answer: BlockType, data: bytes = b"") -> RecordCall:
+        maximum = self.max_record + BLOCK_SIZE
+        return self._call(operation, encode_block(block) + data, maximum, partial(_record_result, answer))
 
     def write(self, api: int, slot: int, subslot: int, index: int, data: bytes) -> RecordCall:
         """IODWrite of a record."""
         block = RecordBlock(
             BlockType.WRITE_REQUEST, self._sequence & 0xFFFF, self.ar_uuid, api, slot, subslot, index, len(data)
         )
-        return self._call(Operation.WRITE, block, data)
+        return self._record(Operation.WRITE, block, BlockType.WRITE_RESPONSE, data)
 
     def read(self, api: int, slot: int, subslot: int, index: int, *, implicit: bool = False) -> RecordCall:
         """IODRead, or Read Implicit, which needs no application relationship."""
@@ -149,4 +149,5 @@ class RecordCaller:
             index,
             self.max_record,
         )
-        return self._call(Operation.READ_IMPLICIT if implicit else Operation.READ, block)
+        operation = Operation.READ_IMPLICIT if implicit else Operation.READ
+        return self._record(operation, block, BlockType.READ_RESPONSE)
