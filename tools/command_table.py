@@ -103,12 +103,12 @@ COMMANDS: Mapping[str, Entry] = {
         "gateway.run:run",
         "Run the gateway until SIGINT, SIGTERM or SIGQUIT; it stops and disables the drives before it ends.",
     ),
-    "config": Entry("commissioning.config:app", "Configuration files."),
-    "bus": Entry("commissioning.bus:app", "CAN bus without a running gateway."),
-    "axis": Entry("commissioning.axis:app", "Commissioning of an axis."),
+    "config": Entry("commissioning.config:app", "Print an example configuration, or check a file."),
+    "bus": Entry("commissioning.bus:app", "List the nodes of a CAN bus, without a running gateway."),
+    "axis": Entry("commissioning.axis:app", "Turn an axis for the first time, without a PLC."),
     "map": Entry(
         "commissioning.map:map_",
-        "Print the byte map of a configuration: offset, length, signal, unit and 100 % of every value; or code for the PLC.",
+        "Print the byte map of a configuration, with unit and 100 % of every value, or code for the PLC.",
     ),
     "status": Entry(
         "gateway.status:status",
@@ -117,12 +117,14 @@ COMMANDS: Mapping[str, Entry] = {
     "explain": Entry(
         "gateway.explain:explain", "Show what happened around the last fault or stop, in at most ten lines."
     ),
-    "trace": Entry("gateway.trace:app", "The flight recorder: the last minutes of both buses."),
+    "trace": Entry(
+        "gateway.trace:app", "Save or list recordings of the flight recorder: the last minutes of both buses."
+    ),
     "web": Entry(
         "gateway.web:web",
         "Serve the status of a running gateway to browsers, Prometheus and MQTT; read-only.",
     ),
-    "param": Entry("gateway.param:app", "Parameters of a gateway or of another PROFIdrive device."),
+    "param": Entry("gateway.param:app", "Read and write parameters of a gateway or of another PROFIdrive device."),
     "decode": Entry(
         "capture.decode:decode",
         "Decode hexadecimal data (--hex), a capture of either bus, or the live frames of a bus.",
@@ -137,9 +139,9 @@ COMMANDS: Mapping[str, Entry] = {
     ),
     "drives": Entry(
         "commissioning.drives:drives",
-        "List the known drive families, show one, or check EDS and DCF files: repairs, family, and keys that telegrams need.",
+        "List the known drive families, show one, or check EDS and DCF files and list their repairs.",
     ),
-    "sim": Entry("simulation.sim:app", "Simulators: PLC, drives, encoders, a bus of devices."),
+    "sim": Entry("simulation.sim:app", "Simulate a PLC, drives, encoders or a bus of devices."),
     "demo": Entry(
         "simulation.demo:demo",
         "Run a PLC, the gateway and simulated drives in chapters; report every expectation as pass or fail.",

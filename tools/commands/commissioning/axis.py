@@ -20,14 +20,14 @@ from pdgw.tools.termination import INTERRUPTED
 if TYPE_CHECKING:
     from pdgw.ds301.loop.loop import Loop
 
-app = typer.Typer(help="Commissioning of an axis.", no_args_is_help=True)
+app = typer.Typer(help="Turn an axis for the first time, without a PLC.", no_args_is_help=True)
 
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 
 
 @app.callback()
 def group() -> None:
-    """Commissioning of an axis."""
+    """Turn an axis for the first time, without a PLC."""
 
 
 @app.command("test")

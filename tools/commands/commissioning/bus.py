@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from pdgw.gateway.commissioning.scan import Expected, FoundNode
     from pdgw.gateway.configuration.tables.environment import CanConfig
 
-app = typer.Typer(help="CAN bus without a running gateway.", no_args_is_help=True)
+app = typer.Typer(help="List the nodes of a CAN bus, without a running gateway.", no_args_is_help=True)
 
 _PROFILES = {DRIVE_PROFILE: "drive", ENCODER_PROFILE: "encoder"}
 
 
 @app.callback()
 def group() -> None:
-    """CAN bus without a running gateway."""
+    """List the nodes of a CAN bus, without a running gateway."""
 
 
 @app.command()

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
     from pdgw.gateway.configuration.tables.environment import CanConfig
 
-app = typer.Typer(help="Configuration files.", no_args_is_help=True)
+app = typer.Typer(help="Print an example configuration, or check a file.", no_args_is_help=True)
 
 
 @app.command()

@@ -34,7 +34,7 @@ def drives(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """List the known drive families, show one, or check EDS and DCF files: repairs, family, and keys that telegrams need.
+    """List the known drive families, show one, or check EDS and DCF files and list their repairs.
 
     The exit status is 1 if a file cannot be used.
     """

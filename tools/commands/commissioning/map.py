@@ -72,7 +72,7 @@ def map_(
         typer.Option(metavar="DIR", help="PROFINET: also write the device description (GSDML) to this folder."),
     ] = None,
 ) -> None:
-    """Print the byte map of a configuration: offset, length, signal, unit and 100 % of every value; or code for the PLC."""
+    """Print the byte map of a configuration, with unit and 100 % of every value, or code for the PLC."""
     from pdgw.gateway.configuration.byte_map import frame_maps
     from pdgw.gateway.configuration.file import load_config
     from pdgw.gateway.configuration.tables.environment import TransportConfig

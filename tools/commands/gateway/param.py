@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pdgw.client.session import Element, Progress, Session
     from pdgw.profidrive.parameters.description import Description
 
-app = typer.Typer(help="Parameters of a gateway or of another PROFIdrive device.", no_args_is_help=True)
+app = typer.Typer(help="Read and write parameters of a gateway or of another PROFIdrive device.", no_args_is_help=True)
 
 _DEFAULT = f"127.0.0.1:{ACYCLIC_PORT}"
 Parameters = Annotated[list[str], typer.Argument(help="Parameters.", show_default=False)]

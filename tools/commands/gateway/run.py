@@ -96,7 +96,7 @@ def run(
         typer.Option(metavar="FOLDER", help="Record both buses and the configuration here, for `pdgw timeline`."),
     ] = None,
     record_size: Annotated[int, typer.Option(min=1, help="Megabytes of a recording before another begins.")] = 256,
-    record_files: Annotated[int, typer.Option(min=1, help="Full recordings that are kept, the oldest go.")] = 20,
+    record_files: Annotated[int, typer.Option(min=1, help="Full recordings to keep; the oldest are deleted.")] = 20,
     web: Annotated[
         bool, typer.Option("--web", help="Serve the page as `pdgw web` does, in a process of its own.")
     ] = False,

@@ -21,7 +21,9 @@ from pdgw.phrases import counted
 if TYPE_CHECKING:
     from pdgw.gateway.trace.reader import RingReader
 
-app = typer.Typer(help="The flight recorder: the last minutes of both buses.", no_args_is_help=True)
+app = typer.Typer(
+    help="Save or list recordings of the flight recorder: the last minutes of both buses.", no_args_is_help=True
+)
 
 Ring = Annotated[
     str | None,
@@ -33,7 +35,7 @@ Ring = Annotated[
 
 @app.callback()
 def trace() -> None:
-    """The flight recorder: the last minutes of both buses."""
+    """Save or list recordings of the flight recorder: the last minutes of both buses."""
 
 
 @app.command("save")

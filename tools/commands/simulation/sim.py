@@ -7,10 +7,10 @@ import typer
 from pdgw.tools.command_table import SIM_COMMANDS, lazy_group
 
 app = typer.Typer(
-    cls=lazy_group(SIM_COMMANDS), help="Simulators: PLC, drives, encoders, a bus of devices.", no_args_is_help=True
+    cls=lazy_group(SIM_COMMANDS), help="Simulate a PLC, drives, encoders or a bus of devices.", no_args_is_help=True
 )
 
 
 @app.callback()
 def sim() -> None:
-    """Simulators: PLC, drives, encoders, a bus of devices."""
+    """Simulate a PLC, drives, encoders or a bus of devices."""
