@@ -69,17 +69,16 @@ run()
 """
 _RUN_EACH = """
 from pdgw.__main__ import run
-from pdgw.tools.cli import main
-from tests.long.__main__ import app
+from tests.long.soak.__main__ import main as soak
 for line in sys.stdin:
     sys.argv = ["pdgw", *line.rstrip("\\n").split("\\t")]
     print("\\0", end="")
     sys.stderr.write("\\0")
     status = 0
     try:
-        if sys.argv[1] == "long":
+        if sys.argv[1] == "soak":
             del sys.argv[1]
-            main(app)
+            status = soak()
         else:
             run()
     except SystemExit as end:
@@ -95,8 +94,8 @@ def elsewhere(*arguments: str, text: str = "") -> subprocess.CompletedProcess[st
     return subprocess.run(command, input=text, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
 
 
-def each_elsewhere(*commands: tuple[str, ...]) -> Iterator[tuple[int, str]]:
-    """Exit status and standard error of commands, one after the other in one such process."""
+def each_elsewhere(*commands: tuple[str, ...]) -> Iterator[tuple[int, str, str]]:
+    """Exit status, standard output and standard error of commands, one after the other in one such process."""
     lines = "".join("\t".join(command) + "\n" for command in commands)
     command = [sys.executable, "-c", _ELSEWHERE + _RUN_EACH]
     done = subprocess.run(command, input=lines, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
@@ -104,7 +103,8 @@ def each_elsewhere(*commands: tuple[str, ...]) -> Iterator[tuple[int, str]]:
     assert done.returncode == 0, done.stderr
     assert len(outputs) == len(errors) == len(commands)
     for output, error in zip(outputs, errors, strict=True):
-        yield int(output.rpartition("\1")[2]), error
+        printed, _, status = output.rpartition("\1")
+        yield int(status), printed, error
 
 
 @pytest.fixture
@@ -141,7 +141,7 @@ def test_files_are_decoded_and_unsupported_functions_are_reported(
         ("sim", "bus", "--example"),
         ("map", "--gsdml", str(tmp_path)),
         ("drives", "epos4"),
-        ("long", "soak", "--hours", "0.001"),
+        ("soak", "--hours", "0.001"),
         ("trace", "list"),
     )
     profinet = tmp_path / "profinet.toml"
@@ -150,11 +150,11 @@ def test_files_are_decoded_and_unsupported_functions_are_reported(
         "[[axis]]\ndo_id = 1\nnode_id = 1\ntelegram = 1\n"
     )
     *done, raw, live = each_elsewhere(*commands, ("run", str(profinet)), ("decode", "--interface", "eth0"))
-    for command, (status, error) in zip(commands, done, strict=True):
+    for command, (status, _, error) in zip(commands, done, strict=True):
         assert status == 0, (command, error[-600:])
     assert raw[0] == live[0] == 1
-    assert 'raw Ethernet needs Linux; use type = "udp" on other systems' in raw[1]
-    assert "live captures need Linux; record with dumpcap and decode the file" in live[1]
+    assert 'raw Ethernet needs Linux; use type = "udp" on other systems' in raw[2]
+    assert "live captures need Linux; record with dumpcap and decode the file" in live[2]
 
 
 @contextmanager
@@ -189,18 +189,21 @@ def test_gateway_runs_answers_and_follows_the_keyboard(tmp_path: Path) -> None:
     store = tmp_path / "store.json"
     with gateway(store) as (cyclic, acyclic, status):
         wait_for(lambda: drive_on(status) == "online", "the drive is online")
-        asked = elsewhere("status", "--port", str(status), "--json")
-        assert json.loads(asked.stdout)["axes"][0]["drive"] == "online", asked.stderr
         parameters = "--gateway", f"127.0.0.1:{acyclic}"
-        read = elsewhere("param", "read", "P922", "--json", *parameters)
-        assert json.loads(read.stdout)[0]["value"] == 1, read.stderr
-        written = elsewhere("param", "write", "P925", "7", *parameters)
-        assert written.returncode == 0, written.stdout + written.stderr
+        done = list(
+            each_elsewhere(
+                ("status", "--port", str(status), "--json"),
+                ("param", "read", "P922", "--json", *parameters),
+                ("param", "write", "P925", "7", *parameters),
+                ("param", "dump", str(tmp_path / "axis.json"), *parameters),
+            )
+        )
+        assert [command[0] for command in done] == [0] * 4, done
+        assert json.loads(done[0][1])["axes"][0]["drive"] == "online"
+        assert json.loads(done[1][1])[0]["value"] == 1
         plc = elsewhere("sim", "plc", "--interactive", "--gateway", f"127.0.0.1:{cyclic}", text="ex")
         assert plc.returncode == 0, plc.stderr
         assert "enable" in plc.stderr
-        dumped = elsewhere("param", "dump", str(tmp_path / "axis.json"), *parameters)
-        assert dumped.returncode == 0, dumped.stderr
     assert store.exists()
 
 
