@@ -56,28 +56,19 @@ class BrakeMonitor:
         brake, cw = output.brake, output.controlword
         state = STATE_OF_STATUS[shown.statusword & 0x7F] if shown.ok else None
         off = shown.found_off or state in {*UNPOWERED, State.FAULT}
-        ignores, ignored, turns, tried = before.ignores, before.state, before.turns, before.tried
         braking = before.brake is Brake.NMT_STOP
         obeyed = braking and (before.obeyed or shown.stopped)
         there_again = obeyed and shown.ok
+        tried = before.tried
         if there_again or off:
-            ignores = turns = 0
-            tried = not off
-        enabled = cw & ENABLE == ENABLE
-        ramp = enabled and (before.ramp or plc.word & ENABLE != ENABLE)
+            before, tried = before._replace(ignores=0, turns=0), not off
+        ramp = cw & ENABLE == ENABLE and (before.ramp or plc.word & ENABLE != ENABLE)
         stop = cw & _STOPS != _STOPS
+        ignores, ignored = _ignored(before, shown, state, cw)
+        turns = before.turns
         if shown.ok:
             with_power = ramp or cw & _STOPS == _QUICK_STOP
-            ends = _MUST_END if stop and not cw & _QUICK_STOP else _MUST_END[:1]
-            if enabled or state not in ends:
-                ignores = 0
-            elif state is ignored and stop is before.stop:
-                ignores = min(ignores + 1, _LEAVE)
-            else:
-                ignores, ignored = 1, state
             turns = min(turns + 1, _REACTION) if with_power and shown.velocity else 0
-        elif stop is not before.stop:
-            ignores = 0
         waits = min(before.waits + 1, _NMT_REACTION) if braking else 0
         seen = Seen(
             brake=brake,
@@ -89,6 +80,17 @@ class BrakeMonitor:
         )
         still = brake is Brake.NMT_STOP
         waits = waits if still else 0
-        shows = ignored if ignores else None
-        memory = BrakeMemory(brake, ramp, stop, ignores, shows, turns, waits, obeyed and still, tried)
+        memory = BrakeMemory(brake, ramp, stop, ignores, ignored, turns, waits, obeyed and still, tried)
         return memory, broken(seen)
+
+
+def _ignored(before: BrakeMemory, shown: Shown, state: State | None, cw: int) -> tuple[int, State | None]:
+    """Steps in which the drive ignores the command, and the state that it does not leave."""
+    stop = cw & _STOPS != _STOPS
+    repeated = stop is before.stop
+    if not shown.ok:
+        return (before.ignores, before.state) if repeated and before.ignores else (0, None)
+    ends = _MUST_END if stop and not cw & _QUICK_STOP else _MUST_END[:1]
+    if cw & ENABLE == ENABLE or state not in ends:
+        return 0, None
+    return min(before.ignores + 1, _LEAVE) if repeated and state is before.state else 1, state
