@@ -86,20 +86,12 @@ class Case:
     @property
     def name(self) -> str:
         """Name for the output."""
-        return " ".join(
-            [
-                f"telegram {self.number}",
-                self.on_plc_loss.value,
-                *(["resume"] if self.resume else []),
-                *(["hold"] if self.hold else []),
-                *(["full"] if self.full else []),
-                *(["guarding"] if self.guarding else []),
-                *([] if self.life is None else ["sign of life"]),
-                *(["homing"] if self.homing else []),
-                *(["jog"] if self.jog else []),
-                *(["waiting orders"] if self.waits else []),
-            ]
+        parts = (
+            *(f"telegram {self.number}", self.on_plc_loss.value, "resume" * self.resume, "hold" * self.hold),
+            *("full" * self.full, "guarding" * self.guarding, "sign of life" * (self.life is not None)),
+            *("homing" * self.homing, "jog" * self.jog, "waiting orders" * self.waits),
         )
+        return " ".join(filter(None, parts))
 
     def run(self, until: Collection[Rule] = ()) -> Result:
         """Walk to the fixpoint, then bring the axis back from every state. ``until``: end when one of these rules is broken."""

@@ -38,12 +38,11 @@ from tests.long.walk.plc import (
     LOST,
     MDI,
     NO_INTERMEDIATE_STOP,
-    OF_TELEGRAM,
     OFF1,
     OFF2,
     OFF3,
     READY_FOR_TASKS,
-    VALUES,
+    frame,
 )
 from tests.long.walk.promises import UNKNOWABLE, Memory, judge
 from tests.long.walk.search import Result, search
@@ -92,19 +91,18 @@ def frames(number: int, chosen: Orders) -> Iterator[Plc]:
 
 
 def _frame(number: int, name: str, word: int, target: int, *, mdi: bool, passive: bool) -> Plc:
-    chosen = VALUES | OF_TELEGRAM.get(number, {})
-    position = target << 30 if number == 9 else target
-    chosen |= {
-        "MDI_TARPOS": position // 500_000 if number == 9 else target,
+    values = {
+        "MDI_TARPOS": (target << 30) // 500_000 if number == 9 else target,
         "POS_STW2": signal("POS_STW2").bit("PASSIVE_HOMING").mask if passive else 0,
         "MDI_TARPOS_F": int.from_bytes(pack(">f", target / _LU_PER_UNIT), "big"),
     }
     if number == 7:
-        chosen["SATZANW"] = POSITIONER_FORMS["SATZANW"].bit("BLOCK").mask & (target == TARGET_B)
-    elif number in {9, 110}:
-        chosen["SATZANW"] = chosen.get("SATZANW", 0) & ~MDI | (MDI if mdi else 0)
-    values = (chosen.get(item, 0) for item in telegram(number).setpoints.names[1:])
-    return Plc(f"{name} {word:04X}", (word, *values), word, target=target, mdi=mdi, passive=passive)
+        values["SATZANW"] = POSITIONER_FORMS["SATZANW"].bit("BLOCK").mask & (target == TARGET_B)
+    elif number in {9, 110} and not mdi:
+        values["SATZANW"] = HOMING_METHOD * (number == 9)
+    elif number == 110:
+        values["SATZANW"] = MDI
+    return frame(number, name, word, **values)._replace(target=target, mdi=mdi, passive=passive)
 
 
 _PROBE = ProbeWish((0,))
@@ -145,15 +143,16 @@ class Handshakes:
     def name(self) -> str:
         """Name for the output."""
         drive = self.character
-        return " ".join(
-            [
+        parts = (
+            *(
                 f"telegram {self.number} handshakes {self.orders.name}",
-                *(["keeps tasks"] if drive.keeps else []),
-                *(["fails"] if drive.fails else []),
-                *([] if drive.wrong is None else [f"{drive.signal.value} {drive.wrong.value}"]),
-                *([f"{drive.to_drive} + {drive.to_gateway} late"] if drive.to_drive or drive.to_gateway else []),
-            ]
+                "keeps tasks" * drive.keeps,
+                "fails" * drive.fails,
+            ),
+            "" if drive.wrong is None else f"{drive.signal.value} {drive.wrong.value}",
+            f"{drive.to_drive} + {drive.to_gateway} late" if drive.to_drive or drive.to_gateway else "",
         )
+        return " ".join(filter(None, parts))
 
     def run(self, until: Collection[Rule] = ()) -> Result:
         """Walk to the fixpoint. ``until``: end when one of these rules is broken."""

@@ -72,18 +72,18 @@ RAW = 100
 LOST = Plc("no PLC", None)
 
 
+def frame(number: int, name: str, word: int, **values: int) -> Plc:
+    """A frame of a telegram with constant setpoints, or with these values."""
+    chosen = VALUES | OF_TELEGRAM.get(number, {}) | values
+    setpoints = (chosen.get(item, 0) for item in telegram(number).setpoints.names[1:])
+    return Plc(f"{name} {word:04X}", (word, *setpoints), word)
+
+
 def frames(number: int, *, homing: bool, jog: bool, full: bool) -> list[Plc]:
     """What a PLC can send in one cycle. ``homing`` and ``jog``: with these functions of telegrams with tasks.
 
     ``full``: also words that differ only by Disable Operation, or by bits without effect.
     """
-    names = telegram(number).setpoints.names
-    chosen = VALUES | OF_TELEGRAM.get(number, {})
-    values = tuple(chosen.get(name, 0) for name in names[1:])
-
-    def frame(name: str, word: int) -> Plc:
-        return Plc(f"{name} {word:04X}", (word, *values), word)
-
     tasks = number in TASK_TELEGRAM_NUMBERS
     standing = 0 if number == RAW else READY_FOR_TASKS if tasks else ENABLES_SETPOINT
     control = 0 if number == RAW else CONTROL
@@ -102,7 +102,7 @@ def frames(number: int, *, homing: bool, jog: bool, full: bool) -> list[Plc]:
         }
         for name, chosen_bit in (("homing", HOME),) * homing + (("jog", JOG),) * jog:
             words |= {name: enable | chosen_bit, f"OFF1 {name}": OFF1 | standing | control | chosen_bit}
-    made = [frame(name, word) for name, word in words.items()]
+    made = [frame(number, name, word) for name, word in words.items()]
     if number in DSC_TELEGRAM_NUMBERS:
         made.append(
             next(item for item in made if item.word & ENABLE == ENABLE)._replace(name="ON+enable, old", fresh=False)
