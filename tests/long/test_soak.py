@@ -334,7 +334,7 @@ def test_wrong_telegrams_are_rejected(capsys: pytest.CaptureFixture[str]) -> Non
 def test_nothing_of_a_part_is_left_after_it() -> None:
     """A day is many parts: what one keeps is a leak."""
     soak_run = SoakRun(next(parts(1)))
-    soak_run.play(5 * SECOND, lambda _: None)
+    soak_run.play(5 * SECOND)
     world = weakref.ref(soak_run.world)
     soak_run.close()
     del soak_run

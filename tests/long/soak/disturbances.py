@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from random import Random
 from typing import TYPE_CHECKING
 
@@ -22,7 +23,10 @@ if TYPE_CHECKING:
 UNPLUGGED = "bus: interface unplugged"
 """While it is active, no gateway can start."""
 PLC_HOST, SECOND_HOST = "192.168.0.10", "192.168.0.11"
-Undo = Callable[[], None]
+Undo = Callable[[], object]
+
+
+Begin = Callable[["SoakRun", "SoakAxis", Random], Undo]
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,50 +37,51 @@ class Disturbance:
 
     name: str
     weight: int
-    begin: Callable[[SoakRun, SoakAxis, Random], Undo]
+    begin: Begin
     drive: bool = False
 
 
-def _network(**chosen: Callable[[Random], float]) -> Callable[[SoakRun, SoakAxis, Random], Undo]:
-    """Change the conditions of the network while it lasts."""
+def _network(name: str, draw: Callable[[Random], float]) -> Begin:
+    """Change a condition of the network while it lasts."""
 
     def begin(soak_run: SoakRun, _: SoakAxis, chance: Random) -> Undo:
         network = soak_run.world.network
-        network.conditions = replace(
-            network.conditions,
-            **{name: draw(chance) for name, draw in chosen.items()},  # type: ignore[arg-type]
-        )
-        plain = Conditions()
 
-        def undo() -> None:
-            network.conditions = replace(network.conditions, **{name: getattr(plain, name) for name in chosen})
+        def change(value: float) -> None:
+            network.conditions = replace(network.conditions, **{name: value})  # type: ignore[arg-type]
 
-        return undo
+        change(draw(chance))
+        return partial(change, getattr(Conditions(), name))
 
     return begin
 
 
-def _cut_plc(soak_run: SoakRun, _: SoakAxis, __: Random) -> Undo:
-    soak_run.world.network.cut(PLC_HOST)
-    return lambda: soak_run.world.network.cut(PLC_HOST, False)
+def _switch(find: Callable[[SoakRun, SoakAxis], Callable[[bool], object]], on: bool = True) -> Begin:
+    """Call a function with ``on``, and in the end with its contrary."""
+
+    def begin(soak_run: SoakRun, axis: SoakAxis, _: Random) -> Undo:
+        switch = find(soak_run, axis)
+        switch(on)
+        return partial(switch, not on)
+
+    return begin
 
 
-def _silent(soak_run: SoakRun, _: SoakAxis, __: Random) -> Undo:
-    soak_run.plc.silent = True
+def _once(act: Callable[[SoakRun, SoakAxis, Random], None]) -> Begin:
+    """An event without an end."""
 
-    def undo() -> None:
-        soak_run.plc.silent = False
+    def begin(soak_run: SoakRun, axis: SoakAxis, chance: Random) -> Undo:
+        act(soak_run, axis, chance)
+        return lambda: None
 
-    return undo
+    return begin
 
 
-def _provider_stop(soak_run: SoakRun, _: SoakAxis, __: Random) -> Undo:
-    soak_run.plc.endpoint.run = False
-
-    def undo() -> None:
-        soak_run.plc.endpoint.run = True
-
-    return undo
+def _send(soak_run: SoakRun, can_id: int, data: bytes) -> None:
+    """Another device on the bus sends a frame."""
+    member = soak_run.bus.join("other")
+    member.send(can_id, data)
+    member.close()
 
 
 def _iops_bad(soak_run: SoakRun, axis: SoakAxis, _: Random) -> Undo:
@@ -99,55 +104,19 @@ def _second_plc(soak_run: SoakRun, _: SoakAxis, __: Random) -> Undo:
     return plc.stop
 
 
-def _other_master(soak_run: SoakRun, _: SoakAxis, __: Random) -> Undo:
-    """A second gateway on the bus sends its heartbeat once."""
-    member = soak_run.bus.join("other master")
-    member.send(ERROR_CONTROL + GATEWAY_NODE_ID, bytes([NmtState.OPERATIONAL]))
-    member.close()
-    return lambda: None
+def _other_master(soak_run: SoakRun, _: SoakAxis, __: Random) -> None:
+    """A second gateway sends its heartbeat once."""
+    _send(soak_run, ERROR_CONTROL + GATEWAY_NODE_ID, bytes([NmtState.OPERATIONAL]))
 
 
-def _foreign_nmt(soak_run: SoakRun, axis: SoakAxis, chance: Random) -> Undo:
-    """A tool on the bus sends an NMT command to the node."""
-    member = soak_run.bus.join("tool")
-    member.send(NMT, bytes((chance.choice(list(NmtCommand)), axis.index + 1)))
-    member.close()
-    return lambda: None
-
-
-def _plc_restarts(soak_run: SoakRun, _: SoakAxis, __: Random) -> Undo:
-    soak_run.restart_plc()
-    return lambda: None
+def _foreign_nmt(soak_run: SoakRun, axis: SoakAxis, chance: Random) -> None:
+    """A tool sends an NMT command to the node."""
+    _send(soak_run, NMT, bytes((chance.choice(list(NmtCommand)), axis.index + 1)))
 
 
 def _bus_errors(soak_run: SoakRun, _: SoakAxis, chance: Random) -> Undo:
     soak_run.bus.error_rate = chance.uniform(0.02, 0.7)
-
-    def undo() -> None:
-        soak_run.bus.error_rate = 0.0
-
-    return undo
-
-
-def _cut_gateway(soak_run: SoakRun, _: SoakAxis, __: Random) -> Undo:
-    port = soak_run.gateway_port
-    port.connect(False)
-    return lambda: port.connect(True)
-
-
-def _cut_drive(_: SoakRun, axis: SoakAxis, __: Random) -> Undo:
-    axis.member.connect(False)
-    return lambda: axis.member.connect(True)
-
-
-def _short(soak_run: SoakRun, _: SoakAxis, __: Random) -> Undo:
-    soak_run.bus.short(True)
-    return lambda: soak_run.bus.short(False)
-
-
-def _unplug(soak_run: SoakRun, _: SoakAxis, __: Random) -> Undo:
-    soak_run.world.unplug(soak_run.bus.name)
-    return lambda: soak_run.world.unplug(soak_run.bus.name, False)
+    return partial(setattr, soak_run.bus, "error_rate", 0.0)
 
 
 def _power_cycle(_: SoakRun, axis: SoakAxis, __: Random) -> Undo:
@@ -165,23 +134,23 @@ def _misbehaves(name: str) -> Disturbance:
 
 
 DISTURBANCES: tuple[Disturbance, ...] = (
-    Disturbance("network: loss", 5, _network(loss=lambda chance: chance.uniform(0.05, 0.9))),
-    Disturbance("network: duplicates", 3, _network(duplication=lambda chance: chance.uniform(0.05, 1.0))),
-    Disturbance("network: overtaking", 5, _network(jitter_ns=lambda chance: chance.randrange(MS, 400 * MS))),
-    Disturbance("network: delay", 3, _network(delay_ns=lambda chance: chance.randrange(MS, 300 * MS))),
-    Disturbance("network: PLC cut off", 6, _cut_plc),
-    Disturbance("PLC: silent", 5, _silent),
-    Disturbance("PLC: provider STOP", 4, _provider_stop),
-    Disturbance("PLC: restarts", 3, _plc_restarts),
+    Disturbance("network: loss", 5, _network("loss", lambda chance: chance.uniform(0.05, 0.9))),
+    Disturbance("network: duplicates", 3, _network("duplication", lambda chance: chance.uniform(0.05, 1.0))),
+    Disturbance("network: overtaking", 5, _network("jitter_ns", lambda chance: chance.randrange(MS, 400 * MS))),
+    Disturbance("network: delay", 3, _network("delay_ns", lambda chance: chance.randrange(MS, 300 * MS))),
+    Disturbance("network: PLC cut off", 6, _switch(lambda run, _: partial(run.world.network.cut, PLC_HOST))),
+    Disturbance("PLC: silent", 5, _switch(lambda run, _: partial(setattr, run.plc, "silent"))),
+    Disturbance("PLC: provider STOP", 4, _switch(lambda run, _: partial(setattr, run.plc.endpoint, "run"), on=False)),
+    Disturbance("PLC: restarts", 3, _once(lambda run, _, __: run.restart_plc())),
     Disturbance("PLC: IOPS BAD", 4, _iops_bad),
     Disturbance("network: second PLC", 3, _second_plc),
-    Disturbance("bus: other master", 1, _other_master),
-    Disturbance("bus: foreign NMT command", 2, _foreign_nmt, drive=True),
+    Disturbance("bus: other master", 1, _once(_other_master)),
+    Disturbance("bus: foreign NMT command", 2, _once(_foreign_nmt), drive=True),
     Disturbance("bus: errors", 5, _bus_errors),
-    Disturbance("bus: gateway cut off", 8, _cut_gateway),
-    Disturbance("bus: drive cut off", 5, _cut_drive),
-    Disturbance("bus: short circuit", 3, _short),
-    Disturbance(UNPLUGGED, 2, _unplug),
+    Disturbance("bus: gateway cut off", 8, _switch(lambda run, _: run.gateway_port.connect, on=False)),
+    Disturbance("bus: drive cut off", 5, _switch(lambda _, axis: axis.member.connect, on=False)),
+    Disturbance("bus: short circuit", 3, _switch(lambda run, _: run.bus.short)),
+    Disturbance(UNPLUGGED, 2, _switch(lambda run, _: partial(run.world.unplug, run.bus.name))),
     Disturbance("drive: power cycle", 3, _power_cycle, drive=True),
     *(_misbehaves(name) for name in DRIVE_MISBEHAVIOURS),
 )

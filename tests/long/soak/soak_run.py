@@ -79,7 +79,7 @@ class SoakRun:
 
     def __init__(self, part: Part, *, keep_telegrams: bool = False, frames: bool = False) -> None:
         self.begin = part.begin
-        self.world = World(part.world_seed, self.begin)
+        self.world: World = World(part.world_seed, self.begin)
         self.loop = self.world.loop
         self.trace = Trace(self.loop.now, frames=frames)
         self.calm = True
@@ -95,7 +95,7 @@ class SoakRun:
         self._watchdog_ns = self.cycle_ns * self._config.transport.watchdog_factor
         telegrams = self.plan.telegrams
         port = self.world.network.open(PLC_HOST, 0, "PLC")
-        self.plc = CyclingPlc(self.loop, port, self.daemon.address, telegrams, self.cycle_ns)
+        self.plc: CyclingPlc = CyclingPlc(self.loop, port, self.daemon.address, telegrams, self.cycle_ns)
         self._layout = CSduLayout(telegrams, Direction.SETPOINT)
         self.axes = [self._axis(index, item) for index, item in enumerate(self.plan.axes)]
         self.pending = [PendingEmcys(axis.name) for axis in self.axes]
@@ -162,7 +162,7 @@ class SoakRun:
         """End this world; otherwise its waiting tasks would keep it in memory."""
         self.loop.close()
 
-    def play(self, until: int, progress: Callable[[int], None] = lambda now: None) -> None:
+    def play(self, until: int) -> None:
         """Run until a time of the day. ViolationError when a safety rule is violated."""
         with _logging_to(self.trace):
             if self.loop.now() == self.begin:
@@ -182,7 +182,6 @@ class SoakRun:
                     raise ViolationError("a task of the gateway ended with an error")
                 if self.loop.waiting > _TIMERS_MAX:
                     raise ViolationError(f"{self.loop.waiting} timers wait: they only grow")
-                progress(self.loop.now())
 
     def _phases(self) -> None:
         chance = self.world.chance("phases")
