@@ -36,7 +36,7 @@ from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.encoder import EncoderNode, EncoderObject
 from pdgw.gateway.parameters.objects import relies_on
 from pdgw.gateway.platform import Platform, SystemPlatform
-from pdgw.gateway.reasons import FaultNumber, UnconfirmedOrder
+from pdgw.gateway.reasons import FaultNumber
 from pdgw.gateway.service.cycle_times import CycleWatch
 from pdgw.gateway.store import DeviceParameters, ParameterStore
 from pdgw.gateway.sync import SyncProducer
@@ -48,7 +48,6 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("gateway")
 
-_WAITS: Final = UnconfirmedOrder.WAITS
 _SHUTDOWN_NS: Final = 5_000 * MS
 _OFF_CYCLES = 3
 """Number of consecutive cycles without power in any drive before the nodes are stopped."""
@@ -119,12 +118,8 @@ class Daemon:
                 self.objects: list[DriveObject] = [*self.axes, *self.encoders]
                 """In the order of the frame."""
                 count = len(self.objects)
-                self._answer: tuple[list[Sequence[int]], list[bool], list[bool]] = (
-                    [()] * count,
-                    [False] * count,
-                    [False] * count,
-                )
-                """For each drive object after its last step: actual values, whether they are good, whether it is released."""
+                self._answer: tuple[list[Sequence[int]], list[bool]] = [()] * count, [False] * count
+                """For each drive object after its last step: actual values, and whether they are good."""
                 by_do = {item.do_id: item for item in self.encoders}
                 for axis in self.axes:
                     for place, source in enumerate((axis.config.g1, axis.config.g2)):
@@ -133,6 +128,8 @@ class Daemon:
                 for bus in config.can:
                     self._selected().check_load(bus)
             self.link: Link = open_link()
+            for item in self.objects:
+                item.refused_frames = lambda: self.link.refused
             opened.callback(self.link.close)
             self._opened = opened.pop_all()
         self._heartbeat_ns = min(client.settings.heartbeat_ms for client in self.clients) * MS // HEARTBEATS
@@ -209,7 +206,8 @@ class Daemon:
         opened.callback(udp.close)
         self.address = udp.address
         """Where cyclic frames are received: address and port, or the Ethernet interface."""
-        return lambda: UdpLink(udp, transport, [item.telegram for item in self.objects], self.loop.counters)
+        offset = self.platform.tick_offset()
+        return lambda: UdpLink(udp, transport, [item.telegram for item in self.objects], self.loop.counters, offset)
 
     def _axis(self, config: AxisConfig) -> Axis:
         network = self.networks[self.config.bus_of(config).name]
@@ -464,17 +462,15 @@ class Daemon:
             log.error("PLC lost: %s", link.loss, extra={"event": "plc"})
             for item in self.objects:
                 item.raise_fault(FaultNumber.PLC_LOST, link.loss, now)
-        actuals, good, released = self._answer
-        setpoints, unconfirmed_orders = link.setpoints, link.unconfirmed_orders
+        actuals, good = self._answer
+        setpoints = link.setpoints
         for index, item in enumerate(self.objects):
-            unconfirmed = item.unconfirmed = unconfirmed_orders[index]
-            item.fresh = accepted and unconfirmed is not _WAITS
+            item.fresh = accepted
             outputs = item.step(setpoints[index], now)
             if item.stops:
                 item.transmit(now)
             actuals[index] = outputs.actuals
             good[index] = outputs.good
-            released[index] = outputs.released
         if self._stopping:
             link.lose_setpoints()  # IOCS reports it
         self.cycles += 1
@@ -482,7 +478,7 @@ class Daemon:
         answered = 0
         # Answer the PLC first, which waits for it; a drive waits only for the bus.
         if accepted or self._stopping or now - self._last_sent >= 2 * cycle:
-            link.send(actuals, good, released)
+            link.send(actuals, good, now)
             self._last_sent = now
             answered = self.loop.now()
         for item in self.objects:
@@ -490,7 +486,7 @@ class Daemon:
                 item.transmit(now)
         for producer in self.sync_producers.values():
             producer.send()
-        self.watch.cycle(now, accepted, answered)
+        self.watch.cycle(now, accepted, answered, link.age_ns if accepted else None)
         self._deadline = now + (cycle + cycle // 2 if accepted else cycle)
         if self._due is not None:
             self._due.postpone(self._deadline)

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Callable
 from typing import Protocol
 
@@ -66,6 +67,9 @@ class Platform(Protocol):
     def open_udp(self, listen: str, port: int, purpose: str) -> DatagramPort:
         """A UDP port; GatewayError if it cannot be opened."""
 
+    def tick_offset(self) -> int:
+        """A random number of 32 bits, another one with each start of a gateway."""
+
 
 def open_configured_bus(config: CanConfig) -> can.BusABC:
     """The python-can bus of a [can] table; CanopenError if it cannot be opened."""
@@ -85,3 +89,6 @@ class SystemPlatform:
 
     def open_udp(self, listen: str, port: int, purpose: str) -> DatagramPort:
         return UdpSocket(self.loop, listen, port, purpose)
+
+    def tick_offset(self) -> int:
+        return secrets.randbits(32)

@@ -44,6 +44,8 @@ class Enable(enum.Enum):
 
 
 _S, _E = AxisState, Enable
+_UNUSED_CODE = 48
+"""Code of a reason that earlier versions had."""
 
 
 class Reason(enum.Enum):
@@ -62,7 +64,8 @@ class Reason(enum.Enum):
     def __new__(cls, text: str, state: AxisState, enable: Enable, remedy: str) -> Reason:
         member = object.__new__(cls)
         member._value_ = text
-        member.code = len(cls.__members__) + 1
+        number = len(cls.__members__) + 1
+        member.code = number + (number >= _UNUSED_CODE)
         member.state, member.enable, member.remedy = state, enable, remedy
         return member
 
@@ -348,17 +351,6 @@ class Reason(enum.Enum):
         _E.SENSOR,
         "wait some seconds",
     )
-    ORDER_DROPPED = (
-        "a change of a control word was sent in fewer than 3 frames and may be an old frame: the gateway "
-        "executed a stop and ignored anything else; it reports neither 'reached' nor 'acknowledged' until the "
-        "PLC repeats the change",
-        _S.WAITS,
-        _E.SETPOINT,
-        (
-            "keep every control bit until the gateway answers it, or for 3 frames; or count the sign of life in "
-            "STW2; or set direct = true if only cables and switches connect PLC and gateway (docs/plc.md)"
-        ),
-    )
     UNITS_CONTRADICTED = (
         "the speed contradicts the units of the drive (fault 128): stopped, ON is ignored until an acknowledgement",
         _S.FAULT,
@@ -473,16 +465,6 @@ class Reason(enum.Enum):
         _E.OPERATION,
         "close STO and the enable input, switch the supply on; then send OFF (STW1.0 = 0) and ON",
     )
-
-
-class UnconfirmedOrder(enum.IntEnum):
-    """Whether the PLC may have ordered something of a drive object that is not in force."""
-
-    NONE = 0
-    WAITS = 1
-    """An order waits for more frames that confirm it."""
-    DROPPED = 2
-    """An order was replaced before it was confirmed."""
 
 
 class FaultNumber(enum.IntEnum):

@@ -26,6 +26,8 @@ C_SDU_MAX: Final = 1440
 HEADER: Final = struct.Struct(">H")
 TRAILER: Final = struct.Struct(">HBB")
 """CycleCounter, DataStatus, TransferStatus."""
+TICK: Final = struct.Struct(">I")
+"""The gateway's clock in its last bytes before the trailer, which the PLC copies back (docs/transport.md)."""
 
 IOPS_GOOD: Final = 0x80
 IOPS_BAD: Final = 0x00
@@ -86,8 +88,8 @@ def is_newer(counter: int, last: int) -> bool:
 class CSduLayout:
     """The places of the data objects of several axes in one frame of a static relationship.
 
-    For each axis in order: telegram words, then its IOPS byte; after the last axis one IOCS byte per axis. Offsets count from
-    the first byte of the frame (the FrameID), so that a codec can work on the whole datagram.
+    For each axis in order: telegram words, then its IOPS byte; after the last axis one IOCS byte per axis; the tick in the last
+    four bytes. Offsets count from the first byte of the frame (the FrameID), so that a codec can work on the whole datagram.
     """
 
     def __init__(self, telegrams: Sequence[Telegram], direction: Direction) -> None:
@@ -106,9 +108,11 @@ class CSduLayout:
         self.iops = tuple(iops)
         self.iocs = tuple(range(offset, offset + len(self.halves)))
         self.used = offset + len(self.halves) - HEADER.size
-        if self.used > C_SDU_MAX:
-            raise ProfidriveError("C_SDU length", self.used, f"at most {C_SDU_MAX} bytes; use fewer axes")
-        self.trailer = HEADER.size + max(C_SDU_MIN, self.used)
+        """Bytes of the data objects, without padding and tick."""
+        if self.used + TICK.size > C_SDU_MAX:
+            raise ProfidriveError("C_SDU length", self.used + TICK.size, f"at most {C_SDU_MAX} bytes; use fewer axes")
+        self.trailer = HEADER.size + max(C_SDU_MIN, self.used + TICK.size)
+        self.tick = self.trailer - TICK.size
         self.frame_size = self.trailer + TRAILER.size
 
     def new_frame(self, frame_id: int) -> bytearray:

@@ -27,6 +27,7 @@ from pdgw.profidrive.frame import (
     FRAME_ID_TO_DEVICE,
     IOPS_GOOD,
     STATUS_NORMAL,
+    TICK,
 )
 from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import ApplicationMode, Direction, TelegramHalf, telegram
@@ -86,10 +87,17 @@ class _InDataUnit(Packet):
 
 
 class CSduPadding(_InDataUnit):
-    """The zero bytes that fill the C_SDU up to its minimum; the four bytes of the APDU status stay."""
+    """The zero bytes that fill the C_SDU up to its minimum; the bytes of the tick and of the APDU status stay."""
 
     name = "C_SDU padding"
-    fields_desc = [StrField("load", b"", remain=4)]  # noqa: RUF012 (scapy's own class protocol)
+    fields_desc = [StrField("load", b"", remain=8)]  # noqa: RUF012 (scapy's own class protocol)
+
+
+class Tick(_InDataUnit):
+    """The last bytes of the C_SDU: the gateway's clock, which the PLC copies back. On Ethernet they are padding."""
+
+    name = "Tick of the gateway"
+    fields_desc = [IntField("tick", 0)]  # noqa: RUF012
 
 
 @cache
@@ -110,8 +118,7 @@ def _layout(telegrams: Sequence[int], direction: Direction) -> list[type[Packet]
     for number in telegrams:
         layers += [telegram_layer(number, direction), PNIORealTime_IOxS]
     layers += [PNIORealTime_IOxS] * len(telegrams)
-    layers.append(CSduPadding)
-    return layers
+    return [*layers, CSduPadding, Tick]
 
 
 class ProfidriveCyclic(PNIORealTimeCyclicPDU):
@@ -132,7 +139,7 @@ class ProfidriveCyclic(PNIORealTimeCyclicPDU):
             frame_id = self.underlayer.frameID if self.underlayer is not None else 0
             direction = Direction.SETPOINT if frame_id == FRAME_ID_TO_DEVICE else Direction.ACTUAL
             telegrams = self.bound.get(frame_id)
-            self._layout = [CSduPadding] if telegrams is None else _layout(telegrams, direction)
+            self._layout = [CSduPadding, Tick] if telegrams is None else _layout(telegrams, direction)
         if len(remain) <= 4 or not self._layout:
             return None
         following: type[Packet] = self._layout.pop(0)
@@ -184,6 +191,7 @@ def cyclic_frame(
     data_status: int = STATUS_NORMAL,
     iops: int = IOPS_GOOD,
     iocs: int = IOPS_GOOD,
+    tick: int = 0,
 ) -> Packet:
     """Build a whole cyclic frame from signal values by name, one mapping for each axis."""
     if len(telegrams) != len(values):
@@ -195,8 +203,7 @@ def cyclic_frame(
         parts += [telegram_layer(number, direction)(**fields), PNIORealTime_IOxS(bytes([iops]))]
     parts += [PNIORealTime_IOxS(bytes([iocs])) for _ in telegrams]
     used = sum(len(bytes(part)) for part in parts)
-    if used < C_SDU_MIN:
-        parts.append(CSduPadding(load=bytes(C_SDU_MIN - used)))
+    parts += [CSduPadding(load=bytes(max(0, C_SDU_MIN - TICK.size - used))), Tick(tick=tick)]
     frame_id = FRAME_ID_TO_DEVICE if direction is Direction.SETPOINT else FRAME_ID_TO_CONTROLLER
     pdu = ProfidriveCyclic(data=parts, cycleCounter=counter, dataStatus=data_status)
     return ProfidriveIO(frameID=frame_id) / pdu

@@ -68,8 +68,6 @@ class Known:
     choices: dict[int, AxisSettings] = field(default_factory=dict)
     cycle_ns: int | None = None
     watchdog_factor: int | None = None
-    delays: bool = False
-    """The gateway expected frames of the PLC that come late."""
 
 
 def known_from(
@@ -118,7 +116,6 @@ def _known_of(loaded: GatewayConfig, telegrams: Sequence[int], nodes: Sequence[s
         {axis.do_id: axis.settings_at(transport.cycle_time_ms) for axis in loaded.axis},
         int(transport.cycle_time_ms * MS),
         transport.watchdog_factor,
-        transport.type == "udp" and transport.delays,
     )
 
 
@@ -258,7 +255,6 @@ def followed(opening: Opening, part: Part = Part(), *, packets: bool = False) ->
         cycle_ns=opening.cycle_ns,
         watchdog_factor=opening.known.watchdog_factor,
         one_clock=opening.clocks.exact,
-        delays=opening.known.delays,
     )
     waiting: deque[Record] = deque()
     stop_ns = None if part.end_ns is None else part.end_ns + HOLD_NS
@@ -369,9 +365,7 @@ def load(files: Sequence[str], known: Known, offset_ns: int | None, notify: Noti
     watchdog_factor = known.watchdog_factor or collector.measured_watchdog_factor(cycle_ns)
     one_clock = any(len(found) > 1 for found in buses.values())
     clocks = _clocks(offset_ns, one_clock, looking, cycle_ns)
-    recording = collector.recording(
-        clocks.offset_ns, cycle_ns=cycle_ns, watchdog_factor=watchdog_factor, delays=known.delays
-    )
+    recording = collector.recording(clocks.offset_ns, cycle_ns=cycle_ns, watchdog_factor=watchdog_factor)
     return Loaded(recording, clocks, tuple(files))
 
 

@@ -15,7 +15,7 @@ from prometheus_client.exposition import generate_latest
 from prometheus_client.registry import Collector
 
 from pdgw.durations import MS_PER_SECOND
-from pdgw.gateway.links.cyclic import Verdict
+from pdgw.gateway.links.new_frames import Verdict
 from pdgw.gateway.reasons import AxisState
 from pdgw.web.status.feed import Document
 from pdgw.web.status.watch import Watch, counter
@@ -100,9 +100,13 @@ def _plc(document: Document) -> Iterator[Metric]:
         if value is not None:
             dropped.add_metric([reason], value)
     yield dropped
+    if document["plc"].get("age_limit_ms"):
+        limit_s = document["plc"]["age_limit_ms"] / MS_PER_SECOND
+        yield _gauge("pdgw_age_limit_seconds", "Frames of the PLC that may be older do not count.", limit_s)
     for name, text in (
         ("cycle", "Time from one step of the drive objects to the next."),
         ("response", "Time from a frame of the PLC to its answer."),
+        ("age", "Greatest possible age of the PLC's frames: the round trip (UDP, not direct)."),
     ):
         yield _histogram(f"pdgw_{name}_seconds", text, document[f"{name}_times"])
 

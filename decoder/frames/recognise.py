@@ -14,6 +14,7 @@ from pdgw.decoder.frames.link import UDP_PROTOCOL
 from pdgw.decoder.frames.records import LinkType, Record
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import (
+    C_SDU_MIN,
     ETHERTYPE,
     FRAME_ID_TO_CONTROLLER,
     FRAME_ID_TO_DEVICE,
@@ -23,6 +24,7 @@ from pdgw.profidrive.frame import (
     STATUS_DATA_VALID,
     STATUS_PRIMARY,
     STATUS_RUN,
+    TICK,
     CSduLayout,
     RtFrame,
 )
@@ -102,12 +104,13 @@ def packet_of(
 
 
 def _c_sdu(data: bytes, telegrams: Sequence[int], direction: Direction) -> bytes | None:
-    """The C_SDU of the words of one axis, or of what is one already, with or without padding; None for other data."""
+    """The C_SDU of the words of one axis, or of what is one already, with or without padding and tick; None for other data."""
     layout = CSduLayout([telegram(number) for number in telegrams], direction)
     if len(data) == layout.halves[0].size and len(telegrams) == 1:
         return data + bytes((IOPS_GOOD, IOPS_GOOD))
     status = [data[at - HEADER.size] for at in (*layout.iops, *layout.iocs)] if len(data) >= layout.used else [-1]
-    return data if set(status) <= {IOPS_GOOD, IOPS_BAD} and not any(data[layout.used :]) else None
+    padding = data[layout.used : -TICK.size] if len(data) >= C_SDU_MIN else data[layout.used :]
+    return data if set(status) <= {IOPS_GOOD, IOPS_BAD} and not any(padding) else None
 
 
 def _is_frame(data: bytes) -> bool:

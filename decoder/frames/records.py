@@ -17,7 +17,7 @@ from typing import ClassVar
 
 from pdgw.decoder.frames.fields import Document, Field, Raw
 from pdgw.durations import MS
-from pdgw.profidrive.frame import STATUS_DATA_VALID, STATUS_NO_PROBLEM, STATUS_PRIMARY, STATUS_RUN
+from pdgw.profidrive.frame import STATUS_DATA_VALID, STATUS_NO_PROBLEM, STATUS_PRIMARY, STATUS_RUN, TICK
 from pdgw.profidrive.parameters.codec import Request, Response
 from pdgw.profidrive.telegrams import Direction
 
@@ -163,6 +163,8 @@ class FrameLayout:
     direction: Direction | None
     axes: tuple[tuple[int, int, ProcessDataLayout, int, int, int], ...] = ()
     note: str = ""
+    tick: int = 0
+    """Offset of the tick in the frame; 0: it has none."""
 
 
 @dataclass(slots=True)
@@ -174,6 +176,14 @@ class CyclicRecord(Record):
     layout: FrameLayout
     values: tuple[int, ...]
     """FrameID, values, IOPS and IOCS as ``layout`` says, CycleCounter, DataStatus, TransferStatus."""
+    age_ns: int | None = None
+    """Of a PLC's frame: time since the gateway's frame with the same tick. It is the round trip if captured at the gateway."""
+
+    @property
+    def tick(self) -> int:
+        """The gateway's clock (31.25 us), which the PLC copies; 0: none."""
+        place = self.layout.tick
+        return TICK.unpack_from(self.data, place)[0] if place else 0
 
     @property
     def frame_id(self) -> int:
@@ -213,6 +223,10 @@ class CyclicRecord(Record):
         wrong = [name for name, mask in DATA_STATUS_BITS.items() if not self.data_status & mask]
         if wrong:
             text += f" (not {', '.join(wrong)})"
+        if self.tick:
+            text += f" tick {self.tick}"
+        if self.age_ns is not None:
+            text += f" age {self.age_ns / MS:.1f} ms"
         if self.transfer_status:
             text += f" transfer status {self.transfer_status:02X}h"
         if not self.layout.axes and self.layout.note:
@@ -220,12 +234,14 @@ class CyclicRecord(Record):
         return text
 
     def details(self) -> Document:
+        ticks = {"tick": self.tick, "age_ns": self.age_ns} if self.tick else {}
         return {
             "frame_id": self.frame_id,
             "cycle_counter": self.cycle_counter,
             "data_status": {"raw": self.data_status}
             | {name: bool(self.data_status & mask) for name, mask in DATA_STATUS_BITS.items()},
             "transfer_status": self.transfer_status,
+            **ticks,
             "direction": self.direction.value if self.direction else None,
         }
 

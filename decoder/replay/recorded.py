@@ -18,17 +18,11 @@ _FAULT_BUFFER: Final = ("FAULT_CODE", "WARN_CODE")
 
 
 class Setpoints(NamedTuple):
-    """From the first time these raw values may be in force, from ``certain_ns`` they are; None without a valid PLC.
-
-    Between the two the gateway may have waited: a connection begins with the fourth frame, and three frames must contain an
-    order that may be old (docs/transport.md, "Which frames are new").
-    """
+    """From the first time these raw values may be in force, from ``certain_ns`` they are; None without a valid PLC."""
 
     time_ns: int
     values: tuple[int, ...] | None
     certain_ns: int
-    dropped: bool = False
-    """The gateway may have dropped an order in this connection: then it hides reached and acknowledged."""
     gateway_stops: bool = False
     """The gateway itself is being stopped: the values are in force in one step, and of them only OFF2 and OFF3 count."""
 
@@ -120,8 +114,6 @@ class AxisRecording:
 
     in_order: bool = False
     """Times are those at which the gateway dealt with each frame, in its order: a step had all that came before its answer."""
-    delays: bool = False
-    """The gateway expected frames of the PLC that come late, and may have dropped orders."""
 
     @property
     def torque_is_known(self) -> bool:

@@ -183,11 +183,8 @@ class Collector:
         before = bisect_right(frames, end_ns)
         return end_ns if before and end_ns - frames[before - 1] <= watchdog_ns else None
 
-    def recording(self, offset_ns: int, *, cycle_ns: int, watchdog_factor: int, delays: bool = False) -> Recording:
-        """Everything on the PLC's clock; ``offset_ns`` is the CAN capture's clock minus the PLC's.
-
-        ``delays``: the gateway expected frames that come late, and may have dropped orders.
-        """
+    def recording(self, offset_ns: int, *, cycle_ns: int, watchdog_factor: int) -> Recording:
+        """Everything on the PLC's clock; ``offset_ns`` is the CAN capture's clock minus the PLC's."""
         happened = sorted(self._happened, key=lambda item: item.time_ns)
         watchdog_ns = cycle_ns * watchdog_factor
         if self._link is not None:
@@ -204,7 +201,7 @@ class Collector:
             )
         used = [item.time_ns for item in plc.received if item.verdict in USED]
         axes = [
-            replace(self._axis(node, plc.setpoints[position], used, offset_ns, watchdog_ns), delays=delays)
+            self._axis(node, plc.setpoints[position], used, offset_ns, watchdog_ns)
             for position, node in enumerate(self._nodes)
         ]
         return Recording(axes, plc, cycle_ns, self._begin_ns or 0)

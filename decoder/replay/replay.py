@@ -42,7 +42,6 @@ from pdgw.durations import SECOND
 from pdgw.gateway.axis.checkpoint import Checkpoint, Checkpoints
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.values import FaultRecord, ProbeWish, SdoAnswer, SdoWrite
-from pdgw.gateway.reasons import UnconfirmedOrder
 from pdgw.profidrive.telegrams import ApplicationMode
 
 MAX_DIFFERENCES: Final = 20
@@ -269,9 +268,8 @@ class Replayer:
         for attribute, value in state.image.items():
             setattr(given.feedback, attribute, value)
         given.now, given.setpoints, given.drive_ok = now, values, state.online
-        given.unconfirmed = self._unconfirmed_order(tick, inputs.setpoints)
         before, state.frames = state.frames, bisect_right(recording.frames, now)
-        given.fresh = state.frames > before and given.unconfirmed is not UnconfirmedOrder.WAITS and not stops
+        given.fresh = state.frames > before and not stops
         self._answer_sdo(now)
         self._answer_probe(now)
         self._checkpoints.step()
@@ -290,18 +288,6 @@ class Replayer:
         if values is not None and not stops:
             self._recognise(values, tick)
         return step, difference if compare else None
-
-    def _unconfirmed_order(self, tick: Tick, taken: int) -> UnconfirmedOrder:
-        """Whether an order was not confirmed: if possible, the recorded answer hides reached and acknowledged."""
-        if not self._recording.delays:
-            return UnconfirmedOrder.NONE
-        times, answer = self._setpoint_times, tick.answer
-        waits = taken < len(times) and times[taken] <= tick.time_ns < self._certain_times[taken]
-        dropped = taken > 0 and self._recording.setpoints[taken - 1].dropped
-        hidden = answer is not None and not any(answer.actuals[place] & mask for place, mask in self._machine.claims)
-        if not hidden:
-            return UnconfirmedOrder.NONE
-        return UnconfirmedOrder.WAITS if waits else UnconfirmedOrder.DROPPED if dropped else UnconfirmedOrder.NONE
 
     def _step_result(self, tick: Tick, inputs: _Inputs, faults: tuple[FaultRecord, ...], *, compared: bool) -> Step:
         outputs = self._machine.outputs

@@ -30,7 +30,7 @@ from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import SdoAnswer, SdoWrite
 from pdgw.gateway.objects.enable_chain import asks_for_operation
-from pdgw.gateway.reasons import AxisState, Reason, UnconfirmedOrder
+from pdgw.gateway.reasons import AxisState, Reason
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
@@ -41,7 +41,6 @@ RESPONSE_NS: Final = SECOND
 AGREEMENT_NS: Final = 500 * MS
 """Time for which the recorded and the computed Controlword must agree, or differ, until it counts."""
 NOT_VALID: Final = "not evaluated: no valid frame (stale, stopped, or IOPS BAD)"
-DROPPED: Final = "not evaluated: sent in too few frames, may be an old frame"
 OVERTAKEN: Final = "not evaluated: the frame was dropped or overtaken by a newer one"
 NO_CONTROLWORD: Final = "not judged: the recording contains no Controlword for the drive up to here"
 NOT_JUDGED: Final = "not judged: the state of the gateway before the recording is unknown until the next OFF"
@@ -118,8 +117,6 @@ class AxisFollower(ObjectFollower):
         # -- what waits for its end
         self._control_edge: Edge | None = None
         self._status_edge: Edge | None = None
-        self._waiting: Edge | None = None
-        """An edge of the PLC that may be an old one."""
         self._settling: _Settling | None = None
         self._last_reason: Reason | str | None = ""
         self._command: _Command | None = None
@@ -136,13 +133,10 @@ class AxisFollower(ObjectFollower):
         self._settled()
         if setpoints is None:
             edge.note = NOT_VALID
-        elif setpoints[0] != word and self.unconfirmed is not UnconfirmedOrder.WAITS:
+        elif setpoints[0] != word:
             edge.note = OVERTAKEN
         else:
             self._control_edge = edge
-        if self.unconfirmed is UnconfirmedOrder.DROPPED and self._waiting is not None:
-            self._waiting.note = DROPPED
-        self._waiting = edge if self.unconfirmed is UnconfirmedOrder.WAITS else None
 
     def status(self, now: int, values: Sequence[int], *, good: bool) -> None:
         if not self.answered:
@@ -266,10 +260,7 @@ class AxisFollower(ObjectFollower):
         inputs, outputs = self._machine.inputs, self._machine.outputs
         inputs.now, inputs.setpoints, inputs.drive_ok = now, setpoints, self.online
         stops = inputs.gateway_stops = self.gateway_stops
-        inputs.unconfirmed, inputs.fresh = (
-            self.unconfirmed,
-            fresh and not stops and self.unconfirmed is not UnconfirmedOrder.WAITS,
-        )
+        inputs.fresh = fresh and not stops
         if self.online:
             self._configure()
         commanded = outputs.command.controlword

@@ -33,8 +33,8 @@ from pdgw.durations import MS
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.configuration.tables.defaults import WATCHDOG_FACTOR, WATCHDOG_FACTOR_MAX
-from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
-from pdgw.gateway.reasons import UnconfirmedOrder
+from pdgw.gateway.links.cyclic import CyclicEndpoint
+from pdgw.gateway.links.new_frames import Verdict
 from pdgw.profidrive.frame import COUNTER_UNIT_NS, IOPS_GOOD, is_newer
 from pdgw.profidrive.telegrams import Direction, telegram
 
@@ -56,7 +56,7 @@ class TimelineBuilder:
 
     ``axes``: in the order of the frame, with their node-IDs; ``settings``: the user's settings by DO-ID, defaults for others.
     ``watchdog_factor``: the gateway's, None if unknown. ``one_clock``: both buses were recorded with one clock, so no edge is
-    before its cause. ``delays``: the gateway expected late frames.
+    before its cause.
     """
 
     def __init__(
@@ -67,7 +67,6 @@ class TimelineBuilder:
         cycle_ns: int,
         watchdog_factor: int | None = None,
         one_clock: bool = False,
-        delays: bool = False,
     ) -> None:
         self.horizon_ns: int | None = None
         """All entries up to this time have been given out."""
@@ -81,7 +80,7 @@ class TimelineBuilder:
         self._nodes: dict[int, list[ObjectFollower]] = {}
         for item in self._objects:
             self._nodes.setdefault(item.axis.node, []).append(item)
-        self._exchange = _Exchange(self._objects, self._put, cycle_ns, watchdog_factor, delays=delays)
+        self._exchange = _Exchange(self._objects, self._put, cycle_ns, watchdog_factor)
         self._can_seen = False
         self._last_ns = 0
 
@@ -233,8 +232,6 @@ class _Exchange:
         put: Put,
         cycle_ns: int,
         watchdog_factor: int | None,
-        *,
-        delays: bool,
     ) -> None:
         self._objects = {item.axis.do_id: item for item in objects}
         self._order = tuple(objects)
@@ -243,11 +240,7 @@ class _Exchange:
         self._factor = watchdog_factor
         telegrams = [telegram(item.axis.telegram) for item in objects]
         self._endpoint: CyclicEndpoint | ProfinetEndpoint = CyclicEndpoint(
-            telegrams, cycle_ns=cycle_ns, watchdog_factor=WATCHDOG_FACTOR_MAX, delays=False
-        )
-        # This endpoint decides which orders may be old. Whether the gateway had a PLC follows from its answers.
-        self._judge = (
-            CyclicEndpoint(telegrams, cycle_ns=cycle_ns, watchdog_factor=WATCHDOG_FACTOR_MAX) if delays else None
+            telegrams, cycle_ns=cycle_ns, watchdog_factor=WATCHDOG_FACTOR_MAX
         )
         self._watchdog_ns = (watchdog_factor or WATCHDOG_FACTOR) * cycle_ns
         self._counters = {
@@ -309,7 +302,7 @@ class _Exchange:
             self._watch(now)
         verdict = endpoint.receive(record.data, SENDER, now, now)
         self._count(record, Direction.SETPOINT)
-        if verdict is Verdict.UNCONFIRMED and isinstance(endpoint, ProfinetEndpoint):
+        if verdict is Verdict.AFTER_LOSS and isinstance(endpoint, ProfinetEndpoint):
             if not endpoint.connected:
                 self._last_frame = now
             # frames do not count before ApplicationReady is confirmed or after PrmBegin
@@ -319,9 +312,7 @@ class _Exchange:
             self._put(Anomaly(now, 0, kind, f"frame with counter {record.cycle_counter}: {verdict.value}"))
         self._last_verdict = verdict
         values = record.values
-        if self._judge is not None:
-            self._judge_orders(self._judge, record.data, now)
-        in_force = {item.axis.do_id: s for item, s in zip(self._order, self._setpoints, strict=True)}
+        in_force = {item.axis.do_id: s for item, s in zip(self._order, endpoint.setpoints, strict=True)}
         for do_id, _, unit, first, iops, _ in record.layout.axes:
             item = self._objects.get(do_id)
             if item is not None and unit.telegram == item.axis.telegram:
@@ -335,30 +326,6 @@ class _Exchange:
             self._last_frame = now
             self._step(now)
             self._stepped = True
-
-    def _judge_orders(self, judge: CyclicEndpoint, data: bytes, now: int) -> None:
-        """Which orders the gateway has not put in force, because they may have been old ones."""
-        before = judge.orders_dropped
-        judge.receive(data, SENDER, now, now)
-        judge.poll(now)
-        for item, unconfirmed in zip(self._order, judge.unconfirmed_orders, strict=True):
-            if (
-                unconfirmed is UnconfirmedOrder.DROPPED
-                and judge.orders_dropped > before
-                and item.unconfirmed is UnconfirmedOrder.WAITS
-            ):
-                text = "a change of a control word was sent in too few frames and may be an old frame: ignored"
-                self._put(Anomaly(now, item.axis.do_id, AnomalyKind.ORDER, text))
-            item.unconfirmed = unconfirmed
-
-    @property
-    def _setpoints(self) -> list[Sequence[int] | None]:
-        """Setpoints in force: those that the gateway kept if uncertain, else those of the newest frame."""
-        newest, judge = self._endpoint.setpoints, self._judge
-        if judge is None:
-            return list(newest)
-        kept = zip(newest, judge.setpoints, judge.unconfirmed_orders, strict=True)
-        return [old if new is not None and unconfirmed and old is not None else new for new, old, unconfirmed in kept]
 
     def _answer(self, record: CyclicRecord) -> None:
         now, values = record.time_ns, record.values
@@ -441,7 +408,7 @@ class _Exchange:
 
     def _step(self, now: int) -> None:
         ignored = self._unused >= _UNUSED and not self._stops
-        for item, setpoints in zip(self._order, self._setpoints, strict=True):
+        for item, setpoints in zip(self._order, self._endpoint.setpoints, strict=True):
             item.gateway_stops = self._stops
             item.step(None if ignored else setpoints, now)
         if self._stops and isinstance(self._endpoint, CyclicEndpoint):

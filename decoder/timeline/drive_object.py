@@ -10,7 +10,6 @@ from pdgw.decoder.frames.canopen.records import CanRecord, EmcyRecord, Heartbeat
 from pdgw.decoder.frames.profinet.cyclic import Axis
 from pdgw.decoder.timeline.entries import Anomaly, AnomalyKind, Entry, Event
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.reasons import UnconfirmedOrder
 from pdgw.profidrive.telegrams import Direction
 
 _RESET: Final = 0
@@ -38,8 +37,6 @@ class ObjectFollower:
         self._bad: dict[Direction, _Bad] = {}
         self.gateway_stops = False
         """The gateway itself is being stopped."""
-        self.unconfirmed = UnconfirmedOrder.NONE
-        """Whether the PLC may have ordered something that the gateway has not in force."""
         self.has_frames = False
         """Whether a frame of the node has arrived."""
 

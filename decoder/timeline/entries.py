@@ -144,7 +144,6 @@ class AnomalyKind(enum.Enum):
     EMERGENCY = "EMCY"
     LEFT_OPERATION = "drive left operation by itself"
     GATEWAY_FAULT = "faults of the gateway"
-    ORDER = "dropped changes of control words"
     DIFFERENCE = "differs from the rules of this version"
 
 

@@ -53,9 +53,12 @@ def _direction(record: Record, _unit: ProcessData | None) -> Value:
     return direction.value if direction is not None else None
 
 
-def _latency(record: Record, _unit: ProcessData | None) -> Value:
-    latency = getattr(record, "latency_ns", None)
-    return None if latency is None else latency / MS
+def _milliseconds(name: str) -> Getter:
+    def get(record: Record, _unit: ProcessData | None) -> Value:
+        duration_ns = getattr(record, name, None)
+        return None if duration_ns is None else duration_ns / MS
+
+    return get
 
 
 def _pdo(record: Record, _unit: ProcessData | None) -> Value:
@@ -80,6 +83,8 @@ RECORD_NAMES: Final[dict[str, Getter]] = {
     "cycle_counter": _attribute("cycle_counter"),
     "data_status": _attribute("data_status"),
     "transfer_status": _attribute("transfer_status"),
+    "tick": lambda record, _: getattr(record, "tick", 0) or None,
+    "age_ms": _milliseconds("age_ns"),
     "cob_id": _attribute("cob_id"),
     "pdo": _pdo,
     "command": _attribute("command"),
@@ -92,7 +97,7 @@ RECORD_NAMES: Final[dict[str, Getter]] = {
     "subindex": _attribute("subindex"),
     "object": lambda record, _: getattr(record, "name", None) or None,
     "abort": _attribute("abort"),
-    "latency_ms": _latency,
+    "latency_ms": _milliseconds("latency_ns"),
     "text": lambda record, _: record.summary or None,
 }
 """Fields of packets; the others come from telegrams and objects."""

@@ -26,7 +26,7 @@ from pdgw.gateway.axis.values import (
     gateway_fault,
 )
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.reasons import FaultNumber, Reason, UnconfirmedOrder, warning_bits
+from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 from pdgw.profidrive.encoder import (
     EncoderControl,
     PresetRequest,
@@ -61,15 +61,13 @@ _LATCHED = (
 class EncoderInputs:
     """Inputs of one step of an encoder; one object, filled again for each step. The step empties ``news``."""
 
-    __slots__ = ("news", "now", "ok", "setpoints", "source", "unconfirmed")
+    __slots__ = ("news", "now", "ok", "setpoints", "source")
 
     def __init__(self, source: EncoderInput) -> None:
         self.now = 0
         """Monotonic nanoseconds."""
         self.setpoints: Sequence[int] | None = None
         """Raw signal values in telegram order, None without a valid PLC."""
-        self.unconfirmed = UnconfirmedOrder.NONE
-        """Whether the PLC may have ordered something else than ``setpoints``."""
         self.source = source
         self.ok = False
         """The encoder is configured and its data is fresh."""
@@ -252,6 +250,4 @@ class EncoderMachine:
             return Reason.ENCODER_NO_PLC
         if not self.control.has_control:
             return Reason.ENCODER_NO_CONTROL
-        reason = _SENSOR_REASONS.get(self.channel.sensor.state)
-        dropped = reason is None and self.inputs.unconfirmed is UnconfirmedOrder.DROPPED
-        return Reason.ORDER_DROPPED if dropped else reason
+        return _SENSOR_REASONS.get(self.channel.sensor.state)

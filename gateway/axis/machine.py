@@ -15,9 +15,7 @@ from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.states import STATE_OF_STATUS, UNPOWERED, Command, StatusBit
 from pdgw.gateway.axis.adapters.base import POWER_BITS, WISHES
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
-from pdgw.gateway.axis.claims import claims
 from pdgw.gateway.axis.demand_report import (
-    OFFS,
     SHOWN_FAULT,
     SHOWN_STATE,
     SHOWN_UNCOMMANDED,
@@ -38,7 +36,6 @@ from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.executors.torque import TorqueExecutor
 from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.power_states import CONTROLWORDS, Action, Drive, Limit, Phase
-from pdgw.gateway.axis.power_table import LOCKS
 from pdgw.gateway.axis.required_scaling import Missing, missing, needed_quantities
 from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
 from pdgw.gateway.axis.supervision.drive_events import (
@@ -67,16 +64,13 @@ from pdgw.gateway.axis.values import (
     gateway_fault,
 )
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.reasons import FaultNumber, Reason, UnconfirmedOrder, warning_bits
+from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.telegrams import telegram
 
 _OF_THE_DRIVE: Final = Flag.OF_THE_DRIVE
 _WARNING: Final = Flag.WARNING
-_DROPPED: Final = UnconfirmedOrder.DROPPED
-_WAITS: Final = UnconfirmedOrder.WAITS
-_LOCKS: Final = (*LOCKS, Phase.UNCONFIRMED, Phase.COAST)
 _WITHOUT_BRAKE: Final = (Limit.NONE, *QUICK_STOPS)
 _AT_LIMIT: Final = warning_bits(FaultNumber.INTERNAL_LIMIT)
 _SET_POINT: Final = warning_bits(FaultNumber.SET_POINT)
@@ -122,8 +116,6 @@ class AxisMachine:
         self.telegram = telegram(number)
         self.settings = settings
         self.adapter = make_adapter(number, settings)
-        self.claims = claims(self.telegram.actuals)
-        """Bits that are 0 while an order is not confirmed."""
         self.inputs = Inputs(feedback)
         self.outputs = Outputs(len(self.telegram.actuals.signals), Reason.NO_PLC)
         self.demand = Demand()
@@ -214,8 +206,6 @@ class AxisMachine:
                 setpoints = None
         self.adapter.read(setpoints, demand)
         wish = demand.power if demand.connected else self._stop_without_plc()
-        if inputs.unconfirmed is _WAITS and wish in OFFS and interlock.phase in _LOCKS:
-            wish = PowerWish.STOP  # the PLC may send ON already, so this OFF releases nothing
         if not demand.in_control:
             self._without_control()
         elif self._control_lost:
@@ -255,9 +245,6 @@ class AxisMachine:
         if self.shows_codes:
             report.fault_code, report.warning_code = inputs.fault_code, inputs.warning_code
         self.adapter.write(report, outputs.actuals)
-        if inputs.unconfirmed:
-            for place, mask in self.claims:
-                outputs.actuals[place] &= ~mask
         outputs.good = drive_ok
         shown = statusword & WATCHED if drive_ok else 0
         if shown != self._drive.shown:
@@ -290,8 +277,6 @@ class AxisMachine:
         limited, refused = shown & _INTERNAL_LIMIT != 0, inputs.set_point_refused
         if reason is None and (limited or refused):
             reason = Reason.SET_POINT_REFUSED if refused else Reason.INTERNAL_LIMIT
-        if reason is None and inputs.unconfirmed is _DROPPED:
-            reason = Reason.ORDER_DROPPED
         outputs.reason = reason
         outputs.warning = outputs.warned
         if limited:

@@ -13,7 +13,7 @@ from typing import ClassVar, Protocol
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
-from pdgw.gateway.reasons import GATEWAY_FAULTS, FaultNumber, Reason, UnconfirmedOrder, warning_bits
+from pdgw.gateway.reasons import GATEWAY_FAULTS, FaultNumber, Reason, warning_bits
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +186,6 @@ class Inputs:
     ASIDE: ClassVar[frozenset[str]] = frozenset({"now"})
     PASSING: ClassVar[frozenset[str]] = frozenset(
         {
-            "unconfirmed",
             "fault_code",
             "fresh",
             "drive_ok",
@@ -216,7 +215,6 @@ class Inputs:
         "set_point_refused",
         "setpoints",
         "standstill",
-        "unconfirmed",
         "warning_code",
     )
 
@@ -229,8 +227,6 @@ class Inputs:
         """True if ``setpoints`` arrived in this cycle, False if they are older."""
         self.gateway_stops = False
         """The gateway is being stopped: of ``setpoints``, only OFF2 and OFF3 count."""
-        self.unconfirmed = UnconfirmedOrder.NONE
-        """Whether the PLC may have ordered something else than ``setpoints``."""
         self.feedback = feedback
         self.drive_ok = False
         """The drive is configured and its data is fresh."""

@@ -14,7 +14,7 @@ from pdgw.gateway.axis.required_scaling import quantity_of
 from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
 from pdgw.gateway.configuration.tables.encoder import EncoderConfig
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
-from pdgw.profidrive.frame import COUNTER_UNIT_NS, HEADER, IOPS_GOOD, STATUS_NORMAL, CSduLayout
+from pdgw.profidrive.frame import COUNTER_UNIT_NS, HEADER, IOPS_GOOD, STATUS_NORMAL, TICK, CSduLayout
 from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import Direction, TelegramHalf, telegram
 
@@ -90,8 +90,10 @@ def _frame_map(config: GatewayConfig, direction: Direction) -> FrameMap:
         places = _signals(item, half, offset)
         places += [Place(at, 1, name, "BYTE", item.do_id, full=_GOOD, description=text) for at, name, text in states]
         axes.append(AxisMap(item.do_id, half, offset, iops, iocs, tuple(places)))
+    copied = "the PLC copies it to its frame" if direction is Direction.ACTUAL else "copy of the gateway's newest frame"
     of_frame = [
         Place(0, HEADER.size, "FrameID", "WORD", description="constant"),
+        Place(layout.tick, TICK.size, "Tick", "DWORD", description=copied),
         Place(layout.trailer, 2, "CycleCounter", "WORD", full=f"step {counter_step(config)}", description="31.25 us"),
         Place(layout.trailer + 2, 1, "DataStatus", "BYTE", full=f"{STATUS_NORMAL:02X}h running"),
         Place(layout.trailer + 3, 1, "TransferStatus", "BYTE", full="0"),

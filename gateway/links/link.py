@@ -13,10 +13,10 @@ from typing import Final, Protocol
 from pdgw.ds301.counters import Counters
 from pdgw.durations import MS
 from pdgw.gateway.configuration.tables.environment import TransportConfig
-from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
+from pdgw.gateway.links.cyclic import CyclicEndpoint
+from pdgw.gateway.links.new_frames import Verdict
 from pdgw.gateway.links.udp import Address
 from pdgw.gateway.platform import DatagramPort
-from pdgw.gateway.reasons import UnconfirmedOrder
 from pdgw.gateway.trace.layout import FramePlaces
 from pdgw.profidrive.telegrams import Telegram
 
@@ -27,7 +27,6 @@ _WAITED_AT_MOST: Final = 10_000
 """More than a socket buffer: a flood must not delay the start."""
 _ACCEPTED: Final = Verdict.ACCEPTED
 _PROVIDER_STOP: Final = Verdict.PROVIDER_STOP
-_CONTRADICTED: Final = "frames arrive in two sequences, and one of them has a stop: the other one may be old"
 
 
 def silence(cycles: int) -> str:
@@ -54,10 +53,6 @@ class Link(Protocol):
     def setpoints(self) -> Sequence[Sequence[int] | None]:
         """The raw values of each drive object, None while it has no valid PLC."""
 
-    @property
-    def unconfirmed_orders(self) -> Sequence[UnconfirmedOrder]:
-        """For each drive object, whether the PLC may have sent a command that ``setpoints`` lack."""
-
     def start(self, action: Callable[[], None]) -> None:
         """Call ``action`` in the loop whenever something of the PLC waits."""
 
@@ -75,11 +70,19 @@ class Link(Protocol):
     def loss(self) -> str:
         """Reason for the loss of the PLC, after ``poll`` has reported it."""
 
+    @property
+    def refused(self) -> str:
+        """Why frames of the PLC, or of another sender, do not count, and the remedy; empty if they do."""
+
+    @property
+    def age_ns(self) -> int | None:
+        """Greatest possible age of the last frame that counted; None where no frame is late."""
+
     def lose_setpoints(self) -> None:
         """No drive object has a valid PLC until its next data."""
 
-    def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], released: Sequence[bool]) -> None:
-        """Answer the PLC. ``good``: the values of that drive object are valid; ``released``: an OFF does nothing but stop it."""
+    def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], now: int) -> None:
+        """Answer the PLC. ``good``: the values of that drive object are valid."""
 
     def set_layout(self, telegrams: Sequence[Telegram]) -> None:
         """Other telegrams from now on, in the order of the drive objects; GatewayError or ProfidriveError when not possible."""
@@ -108,13 +111,19 @@ class Link(Protocol):
 
 
 class UdpLink:
-    """Cyclic frames over UDP."""
+    """Cyclic frames over UDP. ``tick_offset``: a random number, another one with each start (``NewFrames``)."""
 
     def __init__(
-        self, port: DatagramPort, transport: TransportConfig, telegrams: Sequence[Telegram], counters: Counters
+        self,
+        port: DatagramPort,
+        transport: TransportConfig,
+        telegrams: Sequence[Telegram],
+        counters: Counters,
+        tick_offset: int = 0,
     ) -> None:
         self.port = port
         self._transport = transport
+        self._tick_offset = tick_offset
         self.endpoint = self._endpoint(telegrams)
         self.skipped = 0
         self.more = True
@@ -131,8 +140,6 @@ class UdpLink:
         add("skipped", "frames", "overtaken by a newer frame before the axes read them", lambda: self.skipped)
         add("watchdog_expiries", "times", "timeouts: no valid frame in time", lambda: self.endpoint.watchdog_expiries)
         add("iops_bad", "values", "data of a drive object that the PLC marked as bad", lambda: self.endpoint.iops_bad)
-        dropped = "control words sent in too few frames, may be old frames"
-        add("orders_dropped", "changes", dropped, lambda: self.endpoint.orders_dropped)
         add("errors", "datagrams", "send or receive failed: peer not reachable", lambda: self.port.errors)
 
     def _count_of(self, verdict: Verdict) -> int:
@@ -145,7 +152,8 @@ class UdpLink:
             cycle_ns=int(transport.cycle_time_ms * MS),
             watchdog_factor=transport.watchdog_factor,
             peer=str(transport.peer) if transport.peer else None,
-            delays=transport.delays,
+            age_limit_ns=transport.age_limit_ns,
+            tick_offset=self._tick_offset,
         )
 
     @property
@@ -166,10 +174,6 @@ class UdpLink:
     def setpoints(self) -> Sequence[Sequence[int] | None]:
         return self.endpoint.setpoints
 
-    @property
-    def unconfirmed_orders(self) -> Sequence[UnconfirmedOrder]:
-        return self.endpoint.unconfirmed_orders
-
     def start(self, action: Callable[[], None]) -> None:
         # Discard frames received since the port was opened: they are old, and would be reported as a loss at the start.
         for _ in range(_WAITED_AT_MOST):
@@ -180,7 +184,7 @@ class UdpLink:
     def receive(self, now: int, at_most: int = _DATAGRAMS_AT_ONCE) -> bool:
         endpoint, port = self.endpoint, self.port
         taken = 0
-        # Limited, so that a flood of datagrams delays no cycle. The axes process a changed order before the frames after it.
+        # Limited, so that a flood of datagrams delays no cycle.
         for _ in range(at_most):
             datagram = port.receive()
             if datagram is None:
@@ -189,9 +193,9 @@ class UdpLink:
             verdict = endpoint.receive(data, source, now, port.received_at)
             if verdict is _ACCEPTED or verdict is _PROVIDER_STOP:
                 taken += 1
-                if endpoint.settled is None:
-                    break
-            elif verdict is not Verdict.UNCONFIRMED and endpoint.counters[verdict] == 1:
+                if endpoint.changed:
+                    break  # the axes step, so that the next frame overwrites no order
+            elif endpoint.counters[verdict] == 1:
                 log.warning("frame from %s:%d dropped: %s (%d bytes)", *source, verdict.value, len(data))
         if taken > 1:
             self.skipped += taken - 1
@@ -213,15 +217,24 @@ class UdpLink:
 
     @property
     def loss(self) -> str:
-        return _CONTRADICTED if self.endpoint.contradicted else silence(self._transport.watchdog_factor)
+        text, refused = silence(self._transport.watchdog_factor), self.endpoint.refused
+        return f"{text}: {refused}" if refused else text
+
+    @property
+    def refused(self) -> str:
+        return self.endpoint.refused
+
+    @property
+    def age_ns(self) -> int | None:
+        return self.endpoint.new_frames.age_ns
 
     def lose_setpoints(self) -> None:
         self.endpoint.lose_setpoints()
 
-    def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], released: Sequence[bool]) -> None:
+    def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], now: int) -> None:
         endpoint = self.endpoint
         if endpoint.peer is not None:
-            self.port.send(endpoint.build(actuals, good, released), endpoint.peer)
+            self.port.send(endpoint.build(actuals, good, now), endpoint.peer)
 
     def set_layout(self, telegrams: Sequence[Telegram]) -> None:
         endpoint = self._endpoint(telegrams)
@@ -248,8 +261,9 @@ class UdpLink:
         return {
             "connected": endpoint.connected,
             "peer": list(endpoint.peer) if endpoint.peer else None,
-            "layout": endpoint.layout_text,
+            "refused": endpoint.refused,
             "watchdog_ms": self._transport.cycle_time_ms * self._transport.watchdog_factor,
+            "age_limit_ms": None if (limit_ns := endpoint.new_frames.age_limit_ns) is None else limit_ns / MS,
             "frames": {verdict.value: count for verdict, count in endpoint.counters.items()},
         }
 

@@ -128,7 +128,6 @@ class Axis(DriveObject):
         inputs.setpoints = setpoints
         inputs.fresh = self.fresh
         inputs.gateway_stops = self.gateway_stops
-        inputs.unconfirmed = self.unconfirmed
         inputs.drive_ok = drive.refresh(now)
         inputs.set_point_refused = drive.rpdos.set_point_refused
         if machine.shows_codes:

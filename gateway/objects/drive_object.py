@@ -9,7 +9,7 @@ from __future__ import annotations
 import abc
 import logging
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from typing import Any, ClassVar
 
@@ -35,7 +35,7 @@ from pdgw.gateway.configuration.tables.encoder import EncoderConfig
 from pdgw.gateway.objects.enable_chain import EnableStatus
 from pdgw.gateway.objects.fault_buffer import FaultLog, ReportedFault
 from pdgw.gateway.objects.happenings import KEPT, Happening
-from pdgw.gateway.reasons import FaultNumber, Reason, UnconfirmedOrder
+from pdgw.gateway.reasons import FaultNumber, Reason
 from pdgw.profidrive.telegrams import Telegram
 
 log = logging.getLogger("gateway")
@@ -77,8 +77,8 @@ class DriveObject(abc.ABC):
         self.fault_log = FaultLog(network.loop.now())
         self.last_setpoints: Sequence[int] | None = None
         """The last setpoints of the PLC, also after its loss."""
-        self.unconfirmed = UnconfirmedOrder.NONE
-        """Whether the PLC may have ordered something that the next step is not given."""
+        self.refused_frames: Callable[[], str] = lambda: ""
+        """Why the PLC's frames do not count; empty if they do, or if none come."""
         self.fresh = True
         """The setpoints of the next step came with it."""
         self._news: deque[News] = deque()

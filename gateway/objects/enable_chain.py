@@ -156,7 +156,9 @@ class _Chain:
         elif connected:
             self.passes(Enable.PLC)
         else:
-            self.breaks(Reason.PLC_LOST if lost else never)
+            refused = self.item.refused_frames()
+            evidence, _, remedy = refused.partition("; ")
+            self.breaks(Reason.PLC_LOST if lost else never, evidence, remedy)
         return connected and not self.item.gateway_stops
 
     def keep(self, reason: Reason | None) -> None:

@@ -123,7 +123,6 @@ class EncoderObject(DriveObject):
         inputs = machine.inputs
         inputs.now = now
         inputs.setpoints = None if self.gateway_stops else setpoints
-        inputs.unconfirmed = self.unconfirmed
         inputs.ok = client.refresh(now)
         if client.parameters is not self._parameters:
             self._parameters = client.parameters

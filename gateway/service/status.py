@@ -35,7 +35,7 @@ _PAUSE_NS = SECOND
 """Pause before the next accept when no file descriptor was available."""
 _REQUEST = 64
 """Bytes of the longest request."""
-SCHEMA = 1
+SCHEMA = 2
 """Version of the document. It rises when a key changes its meaning or is removed; readers ignore unknown keys."""
 
 
@@ -193,6 +193,7 @@ def _head(daemon: Daemon) -> dict[str, Any]:
         ],
         "cycle_times": daemon.watch.periods.status(),
         "response_times": daemon.watch.responses.status(),
+        "age_times": daemon.watch.ages.status(),
         "counters": loop.counters.values(),
     }
 

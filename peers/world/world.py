@@ -28,6 +28,7 @@ class World:
         self.seed = seed
         self.loop = VirtualLoop(begin)
         self.network = SimulatedNetwork(self.loop, self.chance("network"))
+        self._offsets = self.chance("ticks")
         self.simulations: dict[str, Simulation] = {}
         self._buses: dict[str, SimulatedCan] = {}
         self._gateways: dict[str, Member] = {}
@@ -96,3 +97,7 @@ class World:
     def open_udp(self, listen: str, port: int, purpose: str) -> SimulatedUdpPort:
         """Open a port of the gateway."""
         return self.network.open(listen, port, purpose)
+
+    def tick_offset(self) -> int:
+        """The start of a gateway's ticks."""
+        return self._offsets.getrandbits(32)

@@ -15,7 +15,8 @@ from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, NMT, SDO_RESPONSE, SY
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.dsp402.states import State
 from pdgw.durations import MS
-from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
+from pdgw.gateway.links.cyclic import CyclicEndpoint
+from pdgw.gateway.links.new_frames import Verdict
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.parameters.codec import (
     Attribute,

@@ -22,8 +22,9 @@ from pdgw.gateway.axis.values import Outputs
 from pdgw.gateway.configuration.example import simulated
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
+from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.gateway.links.link import UdpLink
+from pdgw.gateway.links.new_frames import Verdict
 from pdgw.gateway.links.udp import UdpSocket
 from pdgw.gateway.service import status as status_module
 from pdgw.gateway.service import status_client
@@ -497,7 +498,7 @@ def test_the_status_port_tells_axes_and_counters_whoever_else_has_connected_to_i
         # A client that connects and disconnects does not disturb the others.
         socket.create_connection(("127.0.0.1", port)).close()
         document = fetch(port, PATIENCE_S)
-        assert document["schema"] == 1
+        assert document["schema"] == 2
         assert document["plc"]["frames"]["accepted"] > 0
         entry = document["axes"][0]
         assert (entry["telegram"], entry["drive"], entry["drive_state"]) == (1, "online", "Switch On Disabled")

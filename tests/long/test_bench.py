@@ -26,7 +26,8 @@ from pdgw.durations import MS
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
+from pdgw.gateway.links.cyclic import CyclicEndpoint
+from pdgw.gateway.links.new_frames import Verdict
 from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.profidrive.frame import RtFrame
@@ -80,7 +81,7 @@ def test_a_histogram_has_the_percentiles_of_its_samples() -> None:
 class _Numbers:
     """Datagrams that carry their cycle; an answer is certain when its number is its own."""
 
-    def datagram(self, cycle: int) -> bytes:
+    def datagram(self, cycle: int, newest: bytes = b"") -> bytes:
         return bytes((cycle,))
 
     def answers(self, data: bytes, cycle: int) -> bool:
@@ -362,7 +363,7 @@ def test_flood_sends_valid_datagrams_for_each_port() -> None:
     """Otherwise the flood would be dropped before it costs anything."""
     frame = flood.datagram(flood.CYCLIC)
     endpoint = CyclicEndpoint([telegram(1)] * flood.AXES, cycle_ns=flood.PERIOD_NS)
-    assert endpoint.receive(frame, ("10.0.0.9", 1), 1) is Verdict.UNCONFIRMED
+    assert endpoint.receive(frame, ("10.0.0.9", 1), 1) is Verdict.ACCEPTED
     server = RecordServer[object](Memory(), 2048)
     assert server.receive(flood.datagram(flood.ACYCLIC), "stranger", 1)
 

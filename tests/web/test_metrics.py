@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from pdgw.gateway.links.cyclic import Verdict
+from pdgw.gateway.links.new_frames import Verdict
 from pdgw.gateway.reasons import AxisState, FaultNumber, Reason
 from pdgw.profidrive.parameters.codec import ParameterAddress
 from pdgw.web.metrics import exposition

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import textwrap
+from bisect import bisect_left
 from collections.abc import Iterator
 from datetime import datetime
+from itertools import accumulate
 from typing import Any
 
 from pdgw.durations import MS_PER_SECOND
@@ -13,8 +15,8 @@ from pdgw.gateway.reasons import AxisState
 from pdgw.profidrive.signals import Signal, signal
 from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
-_USUAL = {"accepted", "answered", "sent", "received", "syncs", "cycles", "generation", "unconfirmed"}
-"""Counters that also rise in normal operation. Each connect, for example, has unconfirmed frames."""
+_USUAL = {"accepted", "answered", "sent", "received", "syncs", "cycles", "generation", "no_tick", "after_loss"}
+"""Counters that also rise in normal operation. Each connect, for example, begins with frames without a tick."""
 _DAY_S = 86_400
 
 
@@ -72,8 +74,10 @@ def status_lines(document: dict[str, Any], width: int = 80, *, counters: bool = 
     yield f"PLC {connected} ({peer}), {plc['frames']['accepted']} frames{age}"
     if plc.get("station"):
         yield from _folded(_station(plc["station"]), width, 2, "")
-    if plc.get("layout"):
-        yield from _folded(plc["layout"], width, 5, "  -> ")
+    if plc.get("age_limit_ms"):
+        yield from _folded(_ages(document["age_times"], plc["age_limit_ms"]), width, 2, "")
+    if plc.get("refused"):
+        yield from _folded(plc["refused"], width, 5, "  -> ")
     if document.get("store"):
         yield from _folded(f"parameters are stored in {document['store']}", width, 4, "")
     for bus in document["buses"]:
@@ -101,6 +105,24 @@ def _row(item: dict[str, Any]) -> str:
     if active is not None and item["state_id"] != AxisState.FAULT.name:
         parts.append(f"fault {active['number']} not acknowledged")
     return f"{item['label']}: {item['state']} ({', '.join(parts)})"
+
+
+def _ages(times: dict[str, Any], limit_ms: float) -> str:
+    """The age of the PLC's frames (round trip): shares by class, the greatest, and the limit."""
+    total = sum(times["counts"])
+    if not total:
+        return f"age of frames: limit {limit_ms:g} ms"
+    shares = ", ".join(f"p{share} {_below(times, share / 100)}" for share in (50, 99))
+    return f"age of frames: {shares}, max {times['max_s'] * MS_PER_SECOND:.1f} ms, limit {limit_ms:g} ms"
+
+
+def _below(times: dict[str, Any], share: float) -> str:
+    """The end of the class below which this share of all values is."""
+    counts, ends = times["counts"], times["bounds_s"]
+    place = bisect_left(list(accumulate(counts)), sum(counts) * share)
+    return (
+        f"at most {ends[place] * MS_PER_SECOND:g} ms" if place < len(ends) else f"above {ends[-1] * MS_PER_SECOND:g} ms"
+    )
 
 
 def _station(station: dict[str, Any]) -> str:

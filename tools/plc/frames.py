@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator, Sequence
 
 from pdgw.gateway.configuration.byte_map import AxisMap, FrameMap, Place
-from pdgw.profidrive.frame import FRAME_ID_TO_CONTROLLER, FRAME_ID_TO_DEVICE, IOPS_GOOD, STATUS_NORMAL
+from pdgw.profidrive.frame import FRAME_ID_TO_CONTROLLER, FRAME_ID_TO_DEVICE, IOPS_GOOD, STATUS_NORMAL, TICK
 from pdgw.profidrive.telegrams import Direction, TelegramHalf
 
 _KINDS = {Direction.SETPOINT: "SET", Direction.ACTUAL: "ACT"}
@@ -42,6 +42,9 @@ def frame_code(maps: tuple[FrameMap, FrameMap], step: int) -> Iterator[str]:
         yield from _structure(name, axis)
     sending, receiving = maps
     yield comment(f"UDP: {sending.size} bytes to the gateway, {receiving.size} bytes back, one frame each cycle")
+    # What PDGW_Build leaves 0 is for the program: only the gateway's newest frame has it.
+    copied, to = receiving.trailer - TICK.size, sending.trailer - TICK.size
+    yield comment(f"Tick: copy received[{copied}..{copied + 3}] to sent[{to}..{to + 3}] after PDGW_Build (docs/plc.md)")
     yield from _build(sending, step)
     yield from _read(receiving)
 

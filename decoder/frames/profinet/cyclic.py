@@ -26,6 +26,7 @@ from pdgw.profidrive.frame import (
     IOPS_GOOD,
     STATUS_DATA_VALID,
     STATUS_RUN,
+    TICK,
     TRAILER,
     CSduLayout,
 )
@@ -43,6 +44,8 @@ _SELDOM = 64
 _MAX_KINDS = 4096
 """Different kinds of frame remembered."""
 _MAX_INFERRED_AXES = 8
+_MAX_TICKS = 8192
+"""Ticks remembered: more than the gateway sends within the longest age limit."""
 _LIVE = STATUS_RUN | STATUS_DATA_VALID
 
 
@@ -113,7 +116,13 @@ def frame_layout(axes: Sequence[Axis], direction: Direction, length: int) -> Fra
     except ProfidriveError:  # more axes than a frame can have
         return None
     places = zip(axes, static.offsets, static.iops, static.iocs, strict=True)
-    return placed_layout([Placement(*place) for place in places], direction, length)
+    layout = placed_layout([Placement(*place) for place in places], direction, length)
+    # A shorter frame is of a version without ticks.
+    return (
+        layout
+        if layout is None or length < static.frame_size
+        else replace(layout, tick=length - TRAILER.size - TICK.size)
+    )
 
 
 _Kind = tuple[int, int, bytes]
@@ -131,7 +140,14 @@ _BY_SIZE = {direction: _of_size(direction) for direction in Direction}
 
 
 def infer(c_sdu: bytes, direction: Direction) -> list[Candidate]:
-    """The telegrams that explain the places of the GOOD status bytes of a C_SDU, fewest axes first; empty if none do."""
+    """The telegrams that explain the places of the GOOD status bytes of a C_SDU, fewest axes first; empty if none do.
+
+    Its last bytes may be a tick.
+    """
+    return _explained(c_sdu[: -TICK.size], direction) or _explained(c_sdu, direction)
+
+
+def _explained(c_sdu: bytes, direction: Direction) -> list[Candidate]:
     used = len(c_sdu.rstrip(b"\0"))
     found: list[Candidate] = []
 
@@ -185,6 +201,8 @@ class CyclicDecoder:
         """By FrameID, destination and source of the frames; empty where these are unknown."""
         self._connection: Connection | None = None
         """The last Connect that has telegrams."""
+        self._sent_ticks: dict[int, int] = {}
+        """Ticks of the gateway's newest frames, and their times."""
 
     @property
     def axes(self) -> tuple[Axis, ...]:
@@ -311,7 +329,23 @@ class CyclicDecoder:
             if not _CYCLIC_FIRST <= frame_id <= _CYCLIC_LAST or len(data) < _FRAME_MIN:
                 return OtherRecord(number, time_ns, channel, data, text=_refusal(frame_id, data))
             layout = self._find(frame_id, data, addresses)
-        return CyclicRecord(number, time_ns, channel, data, layout, layout.struct.unpack(data))
+        record = CyclicRecord(number, time_ns, channel, data, layout, layout.struct.unpack(data))
+        if layout.tick:
+            self._note_age(record)
+        return record
+
+    def _note_age(self, record: CyclicRecord) -> None:
+        """The age of a PLC's frame: from the gateway's frame with the same tick to this one."""
+        tick = record.tick
+        if not tick:
+            return
+        if record.direction is Direction.SETPOINT:
+            sent_ns = self._sent_ticks.get(tick)
+            record.age_ns = None if sent_ns is None else record.time_ns - sent_ns
+        elif tick not in self._sent_ticks:
+            if len(self._sent_ticks) >= _MAX_TICKS:
+                del self._sent_ticks[next(iter(self._sent_ticks))]
+            self._sent_ticks[tick] = record.time_ns
 
     def _find(self, frame_id: int, data: bytes, addresses: bytes) -> FrameLayout:
         key = (frame_id, len(data), addresses)
@@ -384,7 +418,7 @@ class CyclicDecoder:
             IOPS_BAD in iops
             and set(iops) <= {IOPS_GOOD, IOPS_BAD}
             and iocs == bytes([IOPS_GOOD] * len(self.axes))
-            and not any(c_sdu[place + len(self.axes) :])
+            and not any(c_sdu[place + len(self.axes) : -TICK.size])
         )
 
     def _infer(self, direction: Direction, data: bytes) -> None:

@@ -12,7 +12,7 @@ from typing import Final
 from pdgw.decoder.frames.profinet.connect import Connection
 from pdgw.decoder.frames.profinet.cyclic import Axis
 from pdgw.decoder.frames.profinet.records import Change
-from pdgw.gateway.links.cyclic import Verdict
+from pdgw.gateway.links.new_frames import Verdict
 from pdgw.gateway.links.udp import Address
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.telegrams import Direction, telegram
@@ -85,13 +85,13 @@ class ProfinetEndpoint:
         """A frame of the output relationship from its FrameID on; the setpoints follow where it counts."""
         consumer = self._consumer
         if consumer is None:
-            return Verdict.UNCONFIRMED
+            return Verdict.AFTER_LOSS
         verdict = _VERDICTS[consumer.receive(data, 0, now)]
         came = verdict in {Verdict.ACCEPTED, Verdict.PROVIDER_STOP}
         if came:
             self._last_ns = now
         if not self.ready:
-            return Verdict.UNCONFIRMED
+            return Verdict.AFTER_LOSS
         if came:
             self.connected = True
             payload = consumer.payload

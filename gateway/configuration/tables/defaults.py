@@ -10,6 +10,8 @@ USUAL_CYCLE_MS: Final = 4
 WATCHDOG_FACTOR: Final = 3
 """Cycles without a frame until the PLC is lost, unless the user chooses otherwise."""
 WATCHDOG_FACTOR_MAX: Final = 255
+LONGEST_AGE_MS: Final = 1900
+"""Greatest age limit of a frame of the PLC: within this time its cycle counter cannot wrap, also if its clock is 1 % too fast."""
 SIMULATED_ENCODER_TELEGRAM: Final = 83
 SIMULATED_KEYS: Final = {
     "lu_per_revolution": 10_000,

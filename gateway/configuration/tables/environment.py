@@ -11,9 +11,11 @@ from uuid import UUID
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model_validator
 
 from pdgw.ds301.node.node import NodeSettings
+from pdgw.durations import MS
 from pdgw.explain import misplaced
 from pdgw.gateway import identity
 from pdgw.gateway.configuration.tables.defaults import (
+    LONGEST_AGE_MS,
     STATUS_PORT,
     USUAL_CYCLE_MS,
     WATCHDOG_FACTOR,
@@ -123,6 +125,8 @@ class TransportConfig(Section):
     peer: IPv4Address | None = None
     direct: Boolean = False
     """Only cables and switches are between PLC and ``udp``: no frame is late. Loopback always is direct."""
+    age_limit_ms: Annotated[float, Strict(), Field(ge=1, le=LONGEST_AGE_MS)] | None = None
+    """Frames of the PLC that may be older do not count (``udp``, not direct); None: twice the watchdog time."""
     status_port: Port = STATUS_PORT
     """``pdgw status`` on loopback."""
     ar_uuid: UUID = NIL
@@ -133,7 +137,16 @@ class TransportConfig(Section):
     @property
     def delays(self) -> bool:
         """The network may keep the PLC's frames for seconds."""
-        return not self.direct and not self.listen.is_loopback
+        return self.type == "udp" and not self.direct and not self.listen.is_loopback
+
+    @property
+    def age_limit_ns(self) -> int | None:
+        """Greatest age of a frame of the PLC; None where no frame is late."""
+        if not self.delays:
+            return None
+        if self.age_limit_ms is not None:
+            return int(self.age_limit_ms * MS)
+        return int(min(2 * self.cycle_time_ms * self.watchdog_factor, LONGEST_AGE_MS) * MS)
 
     @property
     def ip_suite(self) -> IpSuite | None:
@@ -150,6 +163,19 @@ class TransportConfig(Section):
     def _is_one_transport(self) -> TransportConfig:
         if self.type == "profinet" and self.direct:
             raise misplaced('direct: allowed only with type = "udp" (PROFINET is always direct)', "direct")
+        if self.age_limit_ms is not None and not self.delays:
+            raise misplaced(
+                'age_limit_ms: allowed only with type = "udp", without direct = true, and if listen is not loopback: '
+                "elsewhere no frame is late",
+                "age_limit_ms",
+            )
+        if self.delays and self.cycle_time_ms * self.watchdog_factor > LONGEST_AGE_MS:
+            raise misplaced(
+                f"watchdog_factor: {self.watchdog_factor} cycles of {self.cycle_time_ms:g} ms are more than "
+                f"{LONGEST_AGE_MS} ms, the longest watchdog time of a network that may delay frames; lower it, or set "
+                "direct = true if only cables and switches connect PLC and gateway",
+                "watchdog_factor",
+            )
         if self.type == "profinet" and self.interface is None:
             raise misplaced('interface is missing: type = "profinet" needs it, for example "eth1"', "type")
         if self.type != "profinet":

@@ -27,7 +27,6 @@ from pdgw.gateway.links.profinet.native import COUNTS, VERDICTS, Engine, order_m
 from pdgw.gateway.links.profinet.pairing import LONGEST_NS, Pairing
 from pdgw.gateway.links.profinet.station import StationKeeper
 from pdgw.gateway.links.udp import Address
-from pdgw.gateway.reasons import UnconfirmedOrder
 from pdgw.gateway.store import ParameterStore
 from pdgw.gateway.trace.layout import FramePlaces
 from pdgw.profidrive.frame import IOPS_GOOD
@@ -134,7 +133,6 @@ class ProfinetLink:
         self._outputs: list[tuple[int, Callable[[bytes, int], tuple[int, ...]], int, int]] = []
         """Drive objects with output data: number, codec, places of data and IOPS in the consumer's frame."""
         self.setpoints: list[Sequence[int] | None] = [None] * len(objects)
-        self.unconfirmed_orders = (UnconfirmedOrder.NONE,) * len(objects)
         self.layout_token = object()
         self.watchdog_expiries = 0
         self.loss = ""
@@ -338,12 +336,19 @@ class ProfinetLink:
         if self._receivable:
             self._untold = loss
 
+    @property
+    def refused(self) -> str:
+        return ""
+
+    @property
+    def age_ns(self) -> int | None:
+        return None
+
     def lose_setpoints(self) -> None:
         for index in range(len(self.setpoints)):
             self.setpoints[index] = None
 
-    def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], released: Sequence[bool]) -> None:
-        # ``released`` is for links that may deliver an old order late. Ethernet frames are not delayed that long.
+    def send(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], now: int) -> None:
         self._newest = (actuals, good)
         relation = self.device.relation
         if relation is not None and relation.provider is not None:
@@ -491,7 +496,7 @@ class ProfinetLink:
                     # Setpoints of the controller do not count until the parameters are complete.
                     self._tell("the controller sends its parameters again (PrmBegin)")
                 if self._newest is not None and relation is not None and relation is not self._placed_for:
-                    self.send(*self._newest, ())
+                    self.send(*self._newest, self._loop.now())
                 self._pump()
             except Exception as error:  # an error of one call: serve the next one
                 self._failed(error)

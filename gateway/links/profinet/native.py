@@ -13,7 +13,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, Final, Protocol, cast
 
-from pdgw.gateway.links.confirmation import Orders
+from pdgw.gateway.links.cyclic import control_mask
 from pdgw.profidrive.frame import (
     COUNTER_NEWEST,
     HEADER,
@@ -106,7 +106,7 @@ def order_mask(consumer: Consumer, telegrams: Sequence[Telegram]) -> bytes:
     mask[consumer.trailer : consumer.trailer + 2] = bytes(2)
     for index, telegram in enumerate(telegrams):
         where = consumer.place((index + 1, TELEGRAM_SUBSLOT))
-        orders = Orders(telegram.setpoints).mask
+        orders = control_mask(telegram.setpoints)
         if where is not None and where[1] - where[0] == len(orders):
             mask[where[0] : where[1]] = orders
     return bytes(mask)

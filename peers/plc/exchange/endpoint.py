@@ -17,6 +17,7 @@ from pdgw.profidrive.frame import (
     STATUS_NORMAL,
     STATUS_PRIMARY,
     STATUS_STOP,
+    TICK,
     TRAILER,
     CSduLayout,
     RtFrame,
@@ -44,8 +45,10 @@ class PlcEndpoint:
         self._provider = CSduLayout(telegrams, Direction.SETPOINT)
         self._frame = self._provider.new_frame(FRAME_ID_TO_DEVICE)
         self._step = max(1, cycle_ns // COUNTER_UNIT_NS)
-        self._ticks = 0
+        self._counts = 0
         """Time for the cycle counter."""
+        self.tick = bytes(TICK.size)
+        """Tick of the gateway's newest frame, which each frame to it contains; 0 before the first one."""
         self._last_counter: int | None = None
         self._last_time = 0
         self._watchdog_ns = max(_WATCHDOG_NS, _WATCHDOG_CYCLES * cycle_ns)
@@ -90,8 +93,9 @@ class PlcEndpoint:
             half.encode_into(frame, layout.offsets[index], tuple(self.setpoints[index].values()))
             frame[layout.iops[index]] = IOPS_BAD if index in self.bad else IOPS_GOOD
             frame[layout.iocs[index]] = IOPS_GOOD if self.actuals[index] is not None else IOPS_BAD
-        self._ticks = self._ticks + self._step if now is None else max(self._ticks + 1, now // COUNTER_UNIT_NS)
-        TRAILER.pack_into(frame, layout.trailer, self._ticks & 0xFFFF, STATUS_NORMAL if self.run else STATUS_STOP, 0)
+        self._counts = self._counts + self._step if now is None else max(self._counts + 1, now // COUNTER_UNIT_NS)
+        frame[layout.tick : layout.trailer] = self.tick
+        TRAILER.pack_into(frame, layout.trailer, self._counts & 0xFFFF, STATUS_NORMAL if self.run else STATUS_STOP, 0)
         self.counters["sent"] += 1
         return frame
 
@@ -154,6 +158,7 @@ class PlcEndpoint:
         if frame.frame_id != FRAME_ID_TO_CONTROLLER or len(data) != layout.frame_size:
             self.counters["foreign"] += 1
             return False
+        self.tick = data[layout.tick : layout.trailer]
         if self._last_counter is not None and not is_newer(frame.cycle_counter, self._last_counter):
             self.counters["stale"] += 1
             return False

@@ -16,12 +16,13 @@ from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback, attributes
 from pdgw.durations import MS
 from pdgw.gateway.axis.settings import AxisSettings, SetpointEnable
 from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
-from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
+from pdgw.gateway.links.cyclic import CyclicEndpoint
+from pdgw.gateway.links.new_frames import Verdict
 from pdgw.gateway.motion.dsc import DscChoices, DscForm
 from pdgw.profidrive.frame import STATUS_STOP, TRAILER
 from pdgw.profidrive.telegrams import telegram
 from pdgw.recording.recordings import Loaded, load
-from tests.support.axis.recorded import CYCLE_NS, RecordedRig, known, on_the_way, stopping, with_a_dropped_level
+from tests.support.axis.recorded import CYCLE_NS, RecordedRig, known, stopping
 from tests.support.axis.rig import NODE, Rig
 from tests.support.axis.stepper import Stepper
 from tests.support.drives.drive_types import References
@@ -94,25 +95,6 @@ def replayed(loaded: Loaded) -> tuple[int, list[tuple[str, tuple[str, ...]]]]:
     """Steps compared, and what differs."""
     (outcome,) = loaded.replay(first_only=True)
     return outcome.compared, [(item.what, item.names) for item in outcome.differences]
-
-
-@pytest.mark.parametrize("delays", [True, False])
-def test_a_dropped_level_is_replayed_only_where_frames_may_be_late(delays: bool, tmp_path: Path) -> None:
-    rig = with_a_dropped_level(30)
-    assert rig.endpoint.orders_dropped == 1
-    files = rig.frames.write(tmp_path)
-    loaded = load(files, replace(rig.known, delays=delays), None, lambda _: None)
-    assert bool(replayed(loaded)[1]) is not delays
-
-
-@pytest.mark.parametrize("word", [0x046F, 0x045F, 0x0CDF])
-def test_a_stop_of_an_unconfirmed_frame_is_replayed(word: int, tmp_path: Path) -> None:
-    """Also beside changes that wait."""
-    rig = on_the_way(20)
-    rig.stw(word, 2)
-    rig.stw(0x047F, 60)
-    loaded = load(rig.frames.write(tmp_path), replace(rig.known, delays=True), None, lambda _: None)
-    assert not replayed(loaded)[1]
 
 
 @pytest.mark.parametrize("name", RIGS)
@@ -307,19 +289,6 @@ def test_stops_of_the_plc_are_replayed_while_the_gateway_stops(
     assert {step.controlword & 0xF for step in stopped[5:8]} == {controlword}
 
 
-@pytest.mark.parametrize("frames", [1, 2, 3, 5])
-def test_unconfirmed_off2_is_replayed_while_the_gateway_stops(frames: int, tmp_path: Path) -> None:
-    rig = on_the_way(20)
-    rig.gateway_stops = True
-    rig.step(2)
-    rig.stw(0x047D, frames)
-    rig.stw(0x047F, 30)
-    loaded = load(rig.frames.write_in_order(tmp_path), replace(rig.known, delays=True), None, lambda _: None)
-    compared, differences = replayed(loaded)
-    assert not differences
-    assert compared > 40
-
-
 def test_comparison_continues_at_the_next_off_after_a_difference(tmp_path: Path) -> None:
     rig = speed()
     rig.stw(0x047E, 60)
@@ -459,7 +428,7 @@ class Stalled(RecordedRig):
         self.waited: dict[bytes, int] = {}
         """How long frames of the PLC waited."""
         super().__init__(1)
-        self.endpoint = CyclicEndpoint([telegram(1)], cycle_ns=CYCLE_NS, watchdog_factor=watchdog_factor, delays=False)
+        self.endpoint = CyclicEndpoint([telegram(1)], cycle_ns=CYCLE_NS, watchdog_factor=watchdog_factor)
 
     def _transmitted(self, can_id: int, data: bytes) -> None:
         if self.held is None:
@@ -545,20 +514,5 @@ def test_step_in_time_may_be_answered_after_the_watchdog_expired(later_ms: int, 
     last_in_time = max(answer.time_ns for answer in loaded.recording.axes[0].answers if answer.plc_ok)
     assert last_in_time > loaded.recording.plc.losses[0]
     compared, differences = replayed(loaded)
-    assert not differences
-    assert compared > 100
-
-
-def test_single_frame_makes_no_connection(tmp_path: Path) -> None:
-    rig = RecordedRig(1)
-    rig.endpoint = CyclicEndpoint([telegram(1)], cycle_ns=CYCLE_NS)
-    rig.step(5)
-    rig.enable(0x047E)
-    rig.step(20)
-    rig.step(100, plc=False)
-    rig.step()
-    rig.step(2, plc=False)
-    assert not rig.endpoint.connected
-    compared, differences = replayed(in_order(rig, tmp_path))
     assert not differences
     assert compared > 100

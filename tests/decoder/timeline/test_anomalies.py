@@ -13,7 +13,7 @@ import pytest
 from pdgw.decoder.frames.canopen.records import NmtRecord, PdoRecord
 from pdgw.decoder.frames.engine import Decoder, Settings, given_axes
 from pdgw.decoder.frames.link import CanFrame
-from pdgw.decoder.timeline.axis import AGREEMENT_NS, DROPPED, NOT_JUDGED, AxisFollower
+from pdgw.decoder.timeline.axis import AGREEMENT_NS, NOT_JUDGED, AxisFollower
 from pdgw.decoder.timeline.builder import HOLD_NS, TimelineBuilder
 from pdgw.decoder.timeline.entries import AnomalyKind, Event, ReasonChange, WordKind
 from pdgw.decoder.timeline.words import Decision, Words
@@ -26,7 +26,7 @@ from pdgw.profidrive.frame import COUNTER_UNIT_NS
 from pdgw.profidrive.telegrams import telegram
 from pdgw.recording.recordings import followed, look_ahead
 from tests.decoder.replay.test_replay import positioning, speed
-from tests.support.axis.recorded import BEGIN_NS, CYCLE_NS, MACS, RecordedRig, stopping, with_a_dropped_level
+from tests.support.axis.recorded import BEGIN_NS, CYCLE_NS, MACS, RecordedRig, stopping
 from tests.support.axis.rig import NODE
 from tests.support.readers import captures
 from tests.support.readers.timeline import Timeline, edges, texts, timeline
@@ -83,19 +83,6 @@ def test_a_repeated_frame_is_stale(tmp_path: Path) -> None:
     now, frame = rig.frames.plc[30]
     rig.frames.plc.insert(31, (now + MS, frame))
     assert texts(timeline(rig, tmp_path), AnomalyKind.STALE) == ["frame with counter 3968: stale cycle counter"]
-
-
-def test_dropped_level_of_a_control_word_is_reported(tmp_path: Path) -> None:
-    rig = with_a_dropped_level(200)
-    opening = rig.open(tmp_path)
-    opening = replace(opening, known=replace(opening.known, delays=True))
-    found = Timeline(opening, list(followed(opening)))
-    (text,) = texts(found, AnomalyKind.ORDER)
-    assert text == "a change of a control word was sent in too few frames and may be an old frame: ignored"
-    assert found.summary.anomalies == {AnomalyKind.ORDER: 1}
-    low, high = edges(found, WordKind.CONTROL)[-2:]
-    assert low.note == DROPPED
-    assert high.outcome is Reason.ORDER_DROPPED
 
 
 def test_a_silence_of_the_plc_is_a_watchdog_gap(tmp_path: Path) -> None:

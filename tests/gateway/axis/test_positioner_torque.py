@@ -9,7 +9,7 @@ import pytest
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.values import SdoWrite
 from pdgw.gateway.motion.blocks import Block, BlockTask
-from pdgw.gateway.reasons import FaultNumber, Reason, UnconfirmedOrder
+from pdgw.gateway.reasons import FaultNumber, Reason
 from tests.gateway.axis.test_positioner_handshake import (
     ACTIVATE,
     DRIVE,
@@ -58,10 +58,6 @@ def test_fixed_stop_needs_its_torque_and_not_only_standstill() -> None:
     for _ in range(100):
         hand(ON | ACTIVATE)
     assert shows(hand, "FIXED_STOP_REACHED")
-    hand.stepper.machine.inputs.unconfirmed = UnconfirmedOrder.WAITS
-    hand(ON | ACTIVATE)
-    assert not shows(hand, "FIXED_STOP_REACHED")
-    assert not shows(hand, "CLAMPING_TORQUE_REACHED")
 
 
 @pytest.mark.parametrize(

@@ -341,9 +341,9 @@ def test_the_plc_that_changes_a_telegram_sees_in_all_drive_objects_that_its_fram
         plc.until(lambda: plc.state() == 0x01, "ready")
         with exchanging(plc):
             assert not write(client, 922, word(chosen)).failed
-            until(daemon, lambda: told in str(snapshot(daemon)["plc"]["layout"]), "told")
+            until(daemon, lambda: told in str(snapshot(daemon)["plc"]["refused"]), "told")
             document = snapshot(daemon)
-        assert f"for telegrams {chosen}, 1" in document["plc"]["layout"]
+        assert f"for telegrams {chosen}, 1" in document["plc"]["refused"]
         assert document["axes"][0]["setpoints"] is None, "those of the other telegram are not shown"
         for do_id in (1, 2):
             with client_of(daemon, client.address, do_id, slot=do_id) as other:
@@ -352,7 +352,7 @@ def test_the_plc_that_changes_a_telegram_sees_in_all_drive_objects_that_its_fram
         until(daemon, lambda: not daemon.link.connected, "the old frames ended")
         changed = Plc(daemon, [chosen, 1], "engineer")
         changed.until(lambda: changed.endpoint.setpoints_used[0], "connected with the new frame")
-        assert snapshot(daemon)["plc"]["layout"] == ""
+        assert snapshot(daemon)["plc"]["refused"] == ""
 
 
 SLOW_BUS = '[can]\ninterface = "virtual"\nchannel = "world"\nbitrate = 250000\n'

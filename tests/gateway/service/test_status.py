@@ -110,7 +110,7 @@ def test_what_is_sent_in_parts_is_the_snapshot() -> None:
         assert len(parts) > 3  # an exchange comes in between
         assert json.loads(b"".join(parts)) == snapshot(daemon)
         document = snapshot(daemon)
-        assert (document["schema"], document["simulated"], document["name"]) == (1, True, "pdgw")
+        assert (document["schema"], document["simulated"], document["name"]) == (2, True, "pdgw")
         assert [item["do_id"] for item in document["axes"]] == [1, 3]
         assert f"{document['version']}, {document['build']}, {document['python']}" == build_text()
 

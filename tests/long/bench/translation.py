@@ -16,7 +16,6 @@ from pdgw.gateway.axis.telegrams import drive_layout
 from pdgw.gateway.axis.values import Configured
 from pdgw.gateway.configuration.example import simulated
 from pdgw.gateway.links.cyclic import CyclicEndpoint
-from pdgw.gateway.links.sequence import SEQUENCE_FRAMES
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 from tests.long.bench.measuring.measure import nanoseconds_per_call
@@ -108,9 +107,8 @@ def _enable(endpoint: CyclicEndpoint, machine: AxisMachine, plc: PlcEndpoint, nu
     off = {1: 0x047E, 9: 0x043E, 100: 0x0006, 111: 0x043E}[number]
     for control, status in ((off, 0x0250), (off, 0x0231), (off | 1, 0x0231), (off | 1, 0x0233)):
         plc.set(0, {word: control})
-        for _ in range(SEQUENCE_FRAMES):
-            now += _CYCLE_NS
-            endpoint.receive(bytes(plc.build()), _PEER, now)
+        now += _CYCLE_NS
+        endpoint.receive(bytes(plc.build()), _PEER, now)
         machine.inputs.feedback.statusword = status
         machine.inputs.setpoints, machine.inputs.fresh = endpoint.setpoints[0], True
         machine.step()

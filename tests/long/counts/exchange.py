@@ -176,6 +176,9 @@ class _Bench:
     def open_can(self, _: CanConfig) -> CanPort:
         return SocketPort(self.loop, cast(SocketcanBus, next(self._opened)))
 
+    def tick_offset(self) -> int:
+        return 0
+
     def open_udp(self, listen: str, port: int, purpose: str) -> UdpSocket:
         return UdpSocket(self.loop, listen, port, purpose)
 

@@ -122,10 +122,10 @@ class AxisProgram(Program):
         self.model = self.axis.drive.model
 
     def set(self, word: int) -> None:
-        """Send another control word for as long as the gateway needs: one frame, or three where frames may be late."""
+        """Send another control word in one frame."""
         counters = self.of.plc.endpoint.counters
         self.words.set_word(word)
-        last = counters["sent"] + (1 if self.of.plan.direct else 3)
+        last = counters["sent"] + 1
         while counters["sent"] < last:
             self.of.loop.sleep(self.of.cycle_ns)
 

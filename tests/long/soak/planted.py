@@ -23,7 +23,8 @@ from pdgw.gateway.axis.power_table import CELLS
 from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.supervision.drive_events import NodeWatch
 from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
-from pdgw.gateway.links.cyclic import CyclicEndpoint, Verdict
+from pdgw.gateway.links.cyclic import CyclicEndpoint
+from pdgw.gateway.links.new_frames import Verdict
 from pdgw.profidrive.frame import IOPS_GOOD
 from tests.long.soak.calm import CalmRun, draw_calm
 from tests.long.soak.plan import parts

@@ -64,8 +64,8 @@ _FRAMES_UNDER_WAY: Final = 1000
 _RUNNING_STATE: Final = 0x4F
 _IDENTITY: Final = f"drive: {WrongIdentity.name}"
 """Without a data sheet a gateway accepts the first identity it reads, so this fault needs a data sheet."""
-_REACTION_CYCLES: Final = 4
-"""A frame that may be old is confirmed by two more; the last cycle is that of a late step."""
+_REACTION_CYCLES: Final = 2
+"""The cycle of the frame, and that of a late step."""
 _PLAIN: Final = Conditions()
 _CHANGES: Final = 0.3
 """Share of the calm periods with a change of a telegram."""

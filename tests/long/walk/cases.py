@@ -31,7 +31,7 @@ from tests.long.walk.brakes import BrakeMonitor
 from tests.long.walk.drive import anything, guarded
 from tests.long.walk.machine import Transducer
 from tests.long.walk.monitor import Expected, Monitor
-from tests.long.walk.plc import HOMING_METHOD, OFF1, RAW, frames, is_central, stops, with_life
+from tests.long.walk.plc import HOMING_METHOD, RAW, frames, is_central, stops, with_life
 from tests.long.walk.recovery import recovery
 from tests.long.walk.search import PowerWalk, Result, search
 from tests.long.walk.values import Plc, Shown
@@ -79,8 +79,6 @@ class Case:
     """Traversing tasks with homing."""
     jog: bool = False
     """Traversing tasks with jog."""
-    waits: bool = False
-    """Each OFF1 also while another order waits for its confirmation."""
     tick_ns: int = TICK_NS
 
     @property
@@ -89,7 +87,7 @@ class Case:
         parts = (
             *(f"telegram {self.number}", self.on_plc_loss.value, "resume" * self.resume, "hold" * self.hold),
             *("full" * self.full, "guarding" * self.guarding, "sign of life" * (self.life is not None)),
-            *("homing" * self.homing, "jog" * self.jog, "waiting orders" * self.waits),
+            *("homing" * self.homing, "jog" * self.jog),
         )
         return " ".join(filter(None, parts))
 
@@ -137,8 +135,6 @@ class Case:
         made = frames(self.number, homing=self.homing, jog=self.jog, full=self.full)
         if self.guarding:
             made = stops(made)
-        if self.waits:
-            made += [item._replace(name=f"{item.name} waits", waits=True) for item in made if item.word & 0xF == OFF1]
         return made if self.life is None else list(with_life(made))
 
     def settings(self) -> AxisSettings:
@@ -176,7 +172,7 @@ def selected() -> Iterator[Case]:
     """For CI: each telegram of a drive with the defaults, each setting once, sign of life and guarding."""
     yield from map(Case, DRIVE_TELEGRAM_NUMBERS)
     quick_stop, ramp, coast = PlcLossReaction.QUICK_STOP, PlcLossReaction.RAMP, PlcLossReaction.COAST
-    yield Case(1, quick_stop, resume=True, hold=True, waits=True)
+    yield Case(1, quick_stop, resume=True, hold=True)
     yield Case(1, ramp)
     yield Case(1, coast, hold=True)
     yield Case(RAW, ramp)

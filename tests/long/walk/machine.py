@@ -12,7 +12,7 @@ from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
 from pdgw.gateway.axis.values import Configured, NodeNotice, Notice, SdoAnswer
-from pdgw.gateway.reasons import FaultNumber, UnconfirmedOrder
+from pdgw.gateway.reasons import FaultNumber
 from pdgw.profidrive.sign_of_life import following
 from pdgw.profidrive.signals import signal
 from tests.long.walk.plc import HOMING_METHOD
@@ -86,7 +86,6 @@ class Transducer:
         inputs = self._machine.inputs
         inputs.now += self._tick if shown.after_ns is None else shown.after_ns
         inputs.setpoints, inputs.fresh = self._setpoints(plc), plc.fresh
-        inputs.unconfirmed = UnconfirmedOrder.WAITS if plc.waits else UnconfirmedOrder.NONE
         inputs.drive_ok, inputs.node_stopped = shown.ok, shown.stopped
         feedback = inputs.feedback
         feedback.statusword, feedback.velocity_actual = shown.statusword, shown.velocity

@@ -46,8 +46,6 @@ class Plc(NamedTuple):
     fresh: bool = True
     """It arrived in this cycle. False: values of an earlier cycle."""
     life: Life = Life.NONE
-    waits: bool = False
-    """Another order of the PLC waits for its confirmation."""
     target: int = 0
     """607Ah of its task; only in the walk of the handshakes."""
     mdi: bool = True

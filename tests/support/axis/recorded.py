@@ -107,7 +107,7 @@ class RecordedRig(Rig):
         self.number = number
         self.settings = self.stepper.settings
         self.plc = PlcEndpoint([telegram], CYCLE_NS)
-        self.endpoint = CyclicEndpoint([telegram], cycle_ns=CYCLE_NS, delays=False)
+        self.endpoint = CyclicEndpoint([telegram], cycle_ns=CYCLE_NS)
         self.sdo_delay = 2
         self.gateway_stops = False
         self._sent_at: dict[int, int] = {}
@@ -168,7 +168,6 @@ class RecordedRig(Rig):
                 self.frames.plc.append((self.now, frame))
                 self.endpoint.receive(frame, _PLC, self.now)
             self.endpoint.poll(self.now)
-            self.stepper.machine.inputs.unconfirmed = self.endpoint.unconfirmed_orders[0]
             self.stepper.machine.inputs.gateway_stops = self.gateway_stops
             actuals = self.stepper.step(self.endpoint.setpoints[0], self.feedback, self.connected_drive, self.now)
             if self.gateway_stops:
@@ -228,24 +227,4 @@ def stopping(word: int) -> RecordedRig:
     rig.stw(word, 2)
     rig.step(2, plc=False)
     rig.stw(0x047F, 30)
-    return rig
-
-
-def on_the_way(cycles: int) -> RecordedRig:
-    """Telegram 9 with an endpoint that confirms changes of control words, moving to a position for this number of cycles."""
-    rig = RecordedRig(9)
-    rig.endpoint = CyclicEndpoint([rig.stepper.telegram], cycle_ns=CYCLE_NS)
-    rig.step(5)
-    rig.enable()
-    rig.values |= {"SATZANW": 0x8000, "MDI_TARPOS": 0x01000000, "MDI_VELOCITY": 0x40000000, "MDI_MOD": 1}
-    rig.values |= {"MDI_ACC": 0x4000, "MDI_DEC": 0x4000}
-    rig.stw(0x047F, cycles)
-    return rig
-
-
-def with_a_dropped_level(cycles: int) -> RecordedRig:
-    """The activation bit was 0 in one frame, too few; then ``cycles`` more."""
-    rig = on_the_way(60)
-    rig.stw(0x043F, 1)
-    rig.stw(0x047F, cycles)
     return rig

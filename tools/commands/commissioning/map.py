@@ -116,7 +116,11 @@ def _udp_text(maps: Maps, width: int | None) -> str:
         )
         for found in maps
     ]
-    return _tables(tables, width, "All bytes between the last IOCS and the CycleCounter are 0.")
+    return _tables(
+        tables,
+        width,
+        "All other bytes are 0. On UDP beyond this machine and without direct = true, the PLC copies the tick (docs/plc.md).",
+    )
 
 
 def _profinet_text(maps: Maps, width: int | None) -> str:

@@ -15,7 +15,7 @@ function below(times, share) {
 }
 
 export function plc(state) {
-  const { plc: link, counters, cycle_times: cycles, response_times: responses } = state.status;
+  const { plc: link, counters, cycle_times: cycles, response_times: responses, age_times: ages } = state.status;
   const count = (name) => counters.find((item) => item.part === "link" && item.name === name)?.value;
   const mean = (times) => {
     const all = times.counts.reduce((sum, value) => sum + value, 0);
@@ -28,14 +28,15 @@ export function plc(state) {
     ["Cycle, configured", withUnit(link.cycle_ms, "ms")],
     ["Cycle, measured", html`mean ${mean(cycles)}, p99 ${below(cycles, 0.99)}`],
     ["Answer time", html`mean ${mean(responses)}, p99 ${below(responses, 0.99)}`],
+    ...(link.age_limit_ms ? [["Age of frames", html`p50 ${below(ages, 0.5)}, p99 ${below(ages, 0.99)}, max ${withUnit(number(1000 * ages.max_s, 1), "ms")}, limit ${withUnit(number(link.age_limit_ms, 0), "ms")}`]] : []),
     ["Watchdog", link.watchdog_ms ? withUnit(number(link.watchdog_ms, 0), "ms") : "the controller's"],
     ["Watchdog timeouts", withUnit(integer(count("watchdog_expiries")), "times")],
   ];
   const slugs = counters.filter((item) => item.part === "link" && item.unit === "frames");
-  const usual = ["accepted", "sent", "unconfirmed"]; // each connect has unconfirmed frames
+  const usual = ["accepted", "sent", "no_tick", "after_loss"]; // each connect begins with frames without a tick
   const order = (item) => (usual.includes(item.name) ? 2 : item.value ? 0 : 1);
   return html`<h2>PLC</h2>
-    ${link.layout ? html`<p class="banner bad" role="alert">${link.layout}</p>` : nothing}
+    ${link.refused ? html`<p class="banner bad" role="alert">${link.refused}</p>` : nothing}
     <dl class="facts">${rows.map(([name, value]) => html`<div><dt>${name}</dt><dd data-live>${value}</dd></div>`)}</dl>
     <h3>Frames</h3>
     <div class="scroll"><table>

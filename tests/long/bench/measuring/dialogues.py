@@ -28,7 +28,7 @@ class EchoDialogue:
     def __init__(self, size: int) -> None:
         self._rest = bytes(max(0, size - _NUMBER.size))
 
-    def datagram(self, cycle: int) -> bytes:
+    def datagram(self, cycle: int, newest: bytes = b"") -> bytes:
         return _NUMBER.pack(cycle) + self._rest
 
     def answers(self, data: bytes, cycle: int) -> bool:
@@ -64,11 +64,14 @@ class PlcDialogue:
         """Bytes of a frame."""
         return len(self._frames[0])
 
-    def datagram(self, cycle: int) -> bytearray:
+    def datagram(self, cycle: int, newest: bytes = b"") -> bytearray:
+        """A frame with the tick of the gateway's newest frame."""
         frame = self._frames[cycle % SPEEDS]
         # The gateway compares the counter with the time. Without a fixed cycle the counter must increase with each frame.
         counter = time.monotonic_ns() // COUNTER_UNIT_NS
         TRAILER.pack_into(frame, self._provider.trailer, counter & 0xFFFF, STATUS_NORMAL, 0)
+        if newest:
+            frame[self._provider.tick : self._provider.trailer] = newest[self._consumer.tick : self._consumer.trailer]
         return frame
 
     def answers(self, data: bytes, cycle: int) -> bool:

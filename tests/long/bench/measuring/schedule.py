@@ -45,7 +45,8 @@ def _real_time_offset() -> int:
 class Dialogue(Protocol):
     """The datagrams to one peer, and the meaning of its answers."""
 
-    def datagram(self, cycle: int) -> bytes | bytearray: ...
+    def datagram(self, cycle: int, newest: bytes = b"") -> bytes | bytearray:
+        """``newest``: the last datagram of the peer."""
 
     def answers(self, data: bytes, cycle: int) -> bool:
         """Whether ``data`` can only be an answer to this cycle or a later one."""
@@ -85,7 +86,7 @@ class Peer:
 
     def send(self) -> None:
         """Send the datagram of the next cycle. An answer received before this counts for the previous cycle."""
-        datagram = self.dialogue.datagram(self._next)
+        datagram = self.dialogue.datagram(self._next, self.newest)
         self.settle()
         self._cycle = self._next
         self._next += 1
