@@ -102,6 +102,9 @@ def _plc(document: Document) -> Iterator[Metric]:
     yield dropped
     if document["plc"].get("age_limit_ms"):
         limit_s = document["plc"]["age_limit_ms"] / MS_PER_SECOND
+        yield _gauge(
+            "pdgw_age_max_seconds", "Greatest age of a frame of the PLC that counted.", document["age_times"]["max_s"]
+        )
         yield _gauge("pdgw_age_limit_seconds", "Frames of the PLC that may be older do not count.", limit_s)
     for name, text in (
         ("cycle", "Time from one step of the drive objects to the next."),

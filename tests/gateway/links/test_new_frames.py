@@ -375,8 +375,8 @@ def test_a_frozen_tick_never_counts_again_in_40_hours() -> None:
     step = 512 * MS
     end = SECOND + 40 * 3600 * SECOND
     for now in range(SECOND + step, end, step):
-        assert rule.check(frozen, now // MS & 0xFFFF, now) is not Verdict.ACCEPTED
         rule.tick(now)
+        assert rule.check(frozen, now // MS & 0xFFFF, now + MS) is not Verdict.ACCEPTED
 
 
 def test_ticks_of_another_start_or_for_another_plc_do_not_count() -> None:
