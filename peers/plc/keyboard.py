@@ -1,37 +1,112 @@
-"""Keyboard of the PLC simulator, sans-I/O: keys and typed words become steps of a scenario on the selected axes."""
+"""Keyboard of the PLC simulator, sans-I/O: keys and typed words become steps of a scenario on the selected axes.
+
+The keys are data: each is a step of a scenario, for the axes whose telegram supports it.
+"""
 
 from __future__ import annotations
 
 import queue
 import re
-from collections.abc import Callable
+import string
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
-from pdgw.peers.plc.keys import (
-    ALL,
-    BIT_LETTERS,
-    BITS,
-    CHANGED_BY_KEYS,
-    EXIT,
-    FASTER,
-    KEYS,
-    LIST,
-    SLOWER,
-    STEP_PERCENT,
-    TYPE,
-    Action,
-    in_lu,
-    shown,
-    stops,
-)
 from pdgw.peers.plc.scenario import ACTIONS, examples
 from pdgw.peers.plc.scenario_file import parse_step, scenario_of
 from pdgw.peers.plc.vocabulary import Word, words_of
+
+StepKeys = Mapping[str, Any]
+"""A step of a scenario, as its file has it."""
+
+EXIT: Final = "x"
+ALL: Final = "0"
+"""Digits select an axis, this one selects all."""
+TYPE: Final = ":"
+"""Starts a typed step, up to Enter: ``override 50 %``, ``mdi {to: 500}``."""
+BITS: Final = "t"
+"""The next key is the letter of a bit to toggle."""
+LIST: Final = "?"
+"""Lists the words of the axis' telegram."""
+BIT_LETTERS: Final = string.ascii_lowercase + string.ascii_uppercase
+FASTER, SLOWER = "+", "-"
+CHANGED_BY_KEYS: Final = ("NSOLL_A", "NSOLL_B", "OVERRIDE")
+"""``+`` and ``-`` change the first of these in the telegram by ``STEP_PERCENT``."""
+STEP_PERCENT: Final = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """``back``: replaces the key's step while the word ``held`` is not 0."""
+
+    text: str
+    step: StepKeys
+    held: str = ""
+    back: StepKeys | None = None
+
+
+_TURN: Final = {"by": 4096, "frequency": 0.5, "gain": 20, "error": 400}
+_FOLLOW_S: Final = "8 s"
+
+KEYS: Final[Mapping[str, Key]] = {
+    "o": Key("OFF1", {"off1": True}),
+    "e": Key("enable", {"enable": True}),
+    FASTER: Key("faster", {}),
+    SLOWER: Key("slower", {}),
+    "q": Key("quick stop", {"quick_stop": True}),
+    "c": Key("coast stop", {"coast": True}),
+    "a": Key("acknowledge", {"ack": True}),
+    " ": Key("resume / intermediate stop", {"resume": True}, "no_intermediate_stop", {"intermediate_stop": True}),
+    "r": Key("reject", {"reject": True}),
+    "h": Key("home / end", {"home": {}}, "start_homing", {"home_end": True}),
+    "w": Key("passive homing / end", {"home": {"passive": True}}, "start_homing", {"home_end": True}),
+    "s": Key("set reference point", {"set_reference": True}),
+    "m": Key("move +10 %", {"move": {"to": "10 %", "relative": True}}),
+    "p": Key("+10000 LU", {"mdi": {"to": 10_000, "relative": True}}),
+    "u": Key("to 50000 LU, continuous update", {"mdi": {"to": 50_000, "update": True}}),
+    "U": Key("to 0 LU, continuous update", {"mdi": {"to": 0, "update": True}}),
+    "v": Key("setting up, forward", {"setting_up": {"velocity": 3000}}),
+    "V": Key("setting up, backward", {"setting_up": {"velocity": -3000}}),
+    "b": Key("block 1", {"block": 1}),
+    "n": Key("next block", {"next_block": True}),
+    "j": Key("jog 1", {"jog": 1}),
+    "k": Key("jog 2", {"jog": 2}),
+    "i": Key("jog 1 by its distance", {"jog_distance": 1}),
+    "I": Key("jog 2 by its distance", {"jog_distance": 2}),
+    "l": Key("let go", {"jog": 0}),
+    "d": Key("DSC on / off", {"kpc": 20_000, "xerr": 0}, "kpc", {"kpc": 0, "xerr": 0}),
+    "f": Key("follow a sine with DSC", {"follow": _TURN, "within": _FOLLOW_S}),
+    "F": Key("follow without DSC", {"follow": {**_TURN, "dsc": False, "gain": 10, "error": 1200}, "within": _FOLLOW_S}),
+    "M": Key("half torque / all", {"momred": "50 %"}, "momred", {"momred": 0}),
+    "g": Key("reference mark", {"reference_mark": 1}),
+    "z": Key("measure probe 1", {"measure": {"function": 1}}),
+    "y": Key("show the value", {"read_value": {"function": 1}}),
+    "Z": Key("stop measuring", {"stop_measuring": 1}),
+    "A": Key("absolute value / off", {"g1_request_absolute": 1}, "g1_request_absolute", {"g1_request_absolute": 0}),
+    "P": Key("park sensor 1 / use it", {"g1_park": 1}, "g1_park", {"g1_park": 0}),
+    "L": Key("sign of life / none", {"sign_of_life": True}, "sign_of_life", {"sign_of_life": False}),
+}
+"""The step of each key."""
+_STOPS: Final = frozenset({"off1", "quick_stop", "coast", "reject", "intermediate_stop"})
+
+
+_IN_LU: Final = frozenset({"mdi", "setting_up"})
+"""Their numbers are length units, so that no key fits telegram 112, whose unit only the gateway has."""
+
+
+def stops(action: StepKeys) -> bool:
+    """Whether the action takes effect without waiting for active steps."""
+    return bool(_STOPS & set(action)) or action.get("jog") == 0
+
+
+def shown(key: str) -> str:
+    """The printed name of a key."""
+    return "space" if key == " " else key
+
 
 _ENTER: Final = ("\r", "\n")
 _BACKSPACE: Final = ("\x7f", "\b")
@@ -51,7 +126,7 @@ class _Job:
     """A queued step of an axis. ``action`` is called when the step starts; then ``engine`` runs it."""
 
     text: str
-    action: Callable[[], Action]
+    action: Callable[[], StepKeys]
     engine: Engine | None = None
 
 
@@ -106,7 +181,7 @@ class Keyboard:
         return [
             key
             for key, item in KEYS.items()
-            if not (floats and in_lu(item.step))
+            if not (floats and _IN_LU & set(item.step))
             and (changed if key in (FASTER, SLOWER) else self._possible(axis, item.step))
         ]
 
@@ -141,10 +216,10 @@ class Keyboard:
         names = self.endpoint.telegrams[axis - 1].setpoints.names
         return next((name for name in CHANGED_BY_KEYS if name in names), None)
 
-    def _engine(self, axis: int, action: Action) -> Engine:
+    def _engine(self, axis: int, action: StepKeys) -> Engine:
         return Engine(scenario_of(self._numbers, [{"axis": axis, **action}]), self.endpoint)
 
-    def _possible(self, axis: int, action: Action) -> bool:
+    def _possible(self, axis: int, action: StepKeys) -> bool:
         try:
             self._engine(axis, action)
         except GatewayError:
@@ -180,7 +255,7 @@ class Keyboard:
     def _press(self, key: str, now: int) -> None:
         for axis in self._chosen:
             if key in self._available[axis - 1]:
-                self._do(axis, _Job(KEYS[key].text, partial(self._action, key, axis)), now)
+                self._do(axis, KEYS[key].text, partial(self._action, key, axis), now)
             elif self.selected is not None or not any(key in keys for keys in self._available):
                 number = self._numbers[axis - 1]
                 self.report(f"{KEYS[key].text}, axis {axis}: telegram {number} does not use this key")
@@ -210,7 +285,7 @@ class Keyboard:
             except GatewayError as error:
                 refusals.append(_WHERE.sub("", str(error)))
             else:
-                self._do(axis, _Job(line, partial(dict, action)), now)
+                self._do(axis, line, partial(dict, action), now)
         if len(refusals) == len(self._chosen):
             for text in dict.fromkeys(refusals):
                 self.report(text)
@@ -223,7 +298,7 @@ class Keyboard:
         on = int(not self._value(self._chosen[0], word.name))
         for axis in self._chosen:
             if word.name in words_of(self._numbers[axis - 1]):
-                self._do(axis, _Job(word.name, partial(dict, {"set": {word.key: on}})), now)
+                self._do(axis, word.name, partial(dict, {"set": {word.key: on}}), now)
         self.report(f"{word.key} = {on}: {word.meaning}")
 
     def _value(self, axis: int, name: str) -> int:
@@ -248,7 +323,7 @@ class Keyboard:
         else:
             self.report(f"axis {key}: does not exist, the number of axes is {len(self._numbers)}")
 
-    def _action(self, key: str, axis: int) -> Action:
+    def _action(self, key: str, axis: int) -> StepKeys:
         name = self._changed_by_keys(axis)
         if key in (FASTER, SLOWER) and name is not None:
             item = self.endpoint.telegrams[axis - 1].setpoints.signal(name)
@@ -260,11 +335,12 @@ class Keyboard:
             return item_of.back
         return item_of.step
 
-    def _do(self, axis: int, job: _Job, now: int) -> None:
+    def _do(self, axis: int, text: str, make: Callable[[], StepKeys], now: int) -> None:
+        """Queue a step, or run it at once if it stops the axis."""
         pending = self._pending[axis - 1]
-        action = job.action()
+        action = make()
         if not stops(action):
-            pending.append(job)
+            pending.append(_Job(text, make))
             return
         for other in pending:
             if other.engine is not None and other.engine.scenario.steps[0].action in _GIVEN_UP_BY_STOPS:

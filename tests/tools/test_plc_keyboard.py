@@ -9,8 +9,7 @@ from rich.console import Console
 
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.peers.plc.exchange.view import snapshot, tables
-from pdgw.peers.plc.keyboard import Keyboard
-from pdgw.peers.plc.keys import BIT_LETTERS
+from pdgw.peers.plc.keyboard import BIT_LETTERS, Keyboard
 from pdgw.peers.plc.vocabulary import words_of
 from pdgw.profidrive.signals import signal
 from pdgw.profidrive.telegrams import TELEGRAMS, telegram

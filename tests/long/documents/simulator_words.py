@@ -14,8 +14,7 @@ from pdgw.gateway.configuration.tables.defaults import USUAL_CYCLE_MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
-from pdgw.peers.plc.keyboard import Keyboard
-from pdgw.peers.plc.keys import ALL, BITS, EXIT, KEYS, LIST, TYPE, shown
+from pdgw.peers.plc.keyboard import ALL, BITS, EXIT, KEYS, LIST, TYPE, Keyboard, shown
 from pdgw.peers.plc.scenario import ACTIONS, Step, examples
 from pdgw.peers.plc.scenario_file import scenario_of
 from pdgw.peers.plc.vocabulary import Word, telegrams_of, words_of
