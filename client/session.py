@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from pdgw.client.address import Target, parse_value
+from pdgw.client.address import Target, parse_target, parse_value
 from pdgw.client.udp import ParameterClient
 from pdgw.ds301.communication import IDENTITY
 from pdgw.ds301.objects import Entry
@@ -234,6 +234,17 @@ class Session:
             follower = values[-1] if values else 0
             found += [value for value in values[:-1] if value]
         return found
+
+
+def read_parameters(address: tuple[str, int], do_id: int, *parameters: str) -> list[Element]:
+    """Read elements of a drive object, in order: ``read_parameters(("127.0.0.1", 34964), 1, "P922", "6041h", "1018h.1-4")``.
+
+    ``address``: host and UDP port of the record channel of a gateway or another PROFIdrive device. Refused elements are in the
+    result (``failed``, ``error_text``). Raises GatewayError for an invalid text, or without an answer.
+    """
+    targets = [parse_target(text) for text in parameters]
+    with ParameterClient(address, do_id) as client:
+        return Session(client).read(targets)
 
 
 def _description(answer: Values) -> Description | None:

@@ -9,7 +9,7 @@ TYPE_CHECKING = False  # as in typing, without importing it: Ctrl-C during that 
 if TYPE_CHECKING:
     from typing import Any
 
-    from pdgw.client.reading import read_parameters
+    from pdgw.client.session import read_parameters
     from pdgw.decoder.capture.reading import read_records
     from pdgw.decoder.frames.recognise import recognise
     from pdgw.decoder.frames.records import Record
@@ -71,7 +71,7 @@ _ROOMS = {
     "import_eds": "ds301.eds.importer",
     "load_config": "gateway.configuration.file",
     "parse_config": "gateway.configuration.file",
-    "read_parameters": "client.reading",
+    "read_parameters": "client.session",
     "read_records": "decoder.capture.reading",
     "recognise": "decoder.frames.recognise",
     "signal": "profidrive.signals",

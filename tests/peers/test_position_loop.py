@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pdgw.peers.plc.exchange.position_loop import PositionLoop
+from pdgw.peers.plc.exchange.following import PositionLoop
 
 
 def test_the_controller_sends_gain_and_error_with_dsc_and_their_product_without() -> None:

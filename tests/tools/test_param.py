@@ -15,9 +15,8 @@ import pytest
 
 from pdgw.client.address import Target, parse_target, parse_type, parse_value
 from pdgw.client.dump import Dump, DumpedElement, Restored, difference, other_origin, other_telegram, read_all, restore
-from pdgw.client.identify import read_identification
 from pdgw.client.session import Element, Session, full_name, meaning
-from pdgw.client.udp import ParameterClient
+from pdgw.client.udp import ParameterClient, read_identification
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import Values

@@ -10,8 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from pdgw.client import udp as client_module
-from pdgw.client.identify import read_identification
-from pdgw.client.udp import ParameterClient
+from pdgw.client.udp import ParameterClient, read_identification
 from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.datatypes import DataType

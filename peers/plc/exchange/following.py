@@ -1,6 +1,6 @@
 """``follow``: the PLC closes the position loop and the axis follows a sine until the following error is small enough.
 
-The controller is ``position_loop``. The target oscillates between the start position and one ahead of it. It starts and ends
+The controller is ``PositionLoop``. The target oscillates between the start position and one ahead of it. It starts and ends
 each period at rest, and pauses while the PLC itself is delayed. If the axis is stopped and stays far from the target, the
 next period starts at its position. The axis has no load.
 """
@@ -14,11 +14,42 @@ from typing import Annotated, Final
 from pydantic import BaseModel, ConfigDict, Field
 
 from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
-from pdgw.peers.plc.exchange.position_loop import PositionLoop
+from pdgw.gateway.motion.dsc import KPC_PER_UNIT, difference
+from pdgw.profidrive.datatypes import N4_100_PERCENT, DataType
 from pdgw.profidrive.telegrams import Telegram
 
 POSITION: Final = "G1_XIST1"
 _LONGEST_STEP_NS: Final = 20 * MS
+_LOWEST, _HIGHEST = DataType.N4.integer_range
+
+
+class PositionLoop:
+    """A proportional position controller like that of a PLC program, over telegrams 5, 6, 105 and 106, with and without DSC.
+
+    Source: docs/motion.md "DSC". Positions are increments of G1_XIST1, speeds rpm. Not implemented: feed-forward of the
+    acceleration. ``gain`` in 1/s. ``dsc``: send gain and error to the drive (KPC, XERR), else their product as NSOLL_B.
+    """
+
+    def __init__(self, gain: float, *, dsc: bool, increments_per_revolution: int, reference_rpm: float) -> None:
+        self.gain = gain
+        self.dsc = dsc
+        self._increments = increments_per_revolution
+        self._reference = reference_rpm
+        self.error = 0.0
+        """Error of the last step, increments."""
+
+    def step(self, target: float, actuals: Mapping[str, int], feed_forward_rpm: float = 0.0) -> dict[str, int]:
+        """The setpoints of one cycle for a target, from the actual values of the last frame."""
+        whole = round(target)
+        self.error = target - whole + difference(whole, actuals["G1_XIST1"])
+        if self.dsc:
+            kpc = round(self.gain * KPC_PER_UNIT)
+            return {"NSOLL_B": self._speed(feed_forward_rpm), "XERR": round(self.error), "KPC": kpc}
+        rpm = self.gain * self.error / self._increments * SECONDS_PER_MINUTE
+        return {"NSOLL_B": self._speed(feed_forward_rpm + rpm), "XERR": 0, "KPC": 0}
+
+    def _speed(self, rpm: float) -> int:
+        return max(_LOWEST, min(round(rpm / self._reference * N4_100_PERCENT), _HIGHEST))
 
 
 class Follow(BaseModel):

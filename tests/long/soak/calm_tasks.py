@@ -19,7 +19,7 @@ from pdgw.gateway.axis.telegrams import (
 )
 from pdgw.peers.drive.model.motion import INCREMENTS_PER_REVOLUTION
 from pdgw.peers.encoder.motion import constant_speed, sine, still
-from pdgw.peers.plc.exchange.position_loop import PositionLoop
+from pdgw.peers.plc.exchange.following import PositionLoop
 from pdgw.peers.world import WorldChannel
 from pdgw.profidrive.datatypes import N4_100_PERCENT, DataType
 from pdgw.profidrive.parameters.codec import ParameterAddress, Values

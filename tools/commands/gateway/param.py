@@ -219,7 +219,7 @@ def identify(gateway: Gateway = _DEFAULT, as_json: AsJson = False) -> None:
     from rich.console import Console
     from rich.text import Text
 
-    from pdgw.client.identify import read_identification
+    from pdgw.client.udp import read_identification
     from pdgw.tools.output.tables import plain_table
 
     with _session(gateway, 0) as session:
