@@ -13,7 +13,6 @@ from pdgw.gateway.axis.telegrams import ENCODER_TELEGRAM_NUMBERS
 from tests.long.rules import Rule
 from tests.long.soak.__main__ import main
 from tests.long.soak.calm import CALM_TELEGRAMS, LATENCY_MAX_MS, CalmRun, calm_shapes, draw_calm
-from tests.long.soak.calm_tasks import SpeedProgram, TaskProgram
 from tests.long.soak.plan import parts
 from tests.long.soak.planted import search
 from tests.long.soak.watch import ViolationError
@@ -66,15 +65,11 @@ def test_whatever_is_not_calm_is_a_violation(happens: Callable[[CalmRun], None],
         run.play(30 * SECOND)
 
 
-@pytest.mark.parametrize(
-    ("number", "task", "end"), [(111, TaskProgram.relative, "at"), (1, SpeedProgram.profile, "reached")]
-)
-def test_task_without_its_end_is_a_violation(
-    number: int, task: Callable[..., None], end: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.parametrize(("number", "task", "end"), [(111, "relative", "at"), (1, "profile", "reached")])
+def test_task_without_its_end_is_a_violation(number: int, task: str, end: str, monkeypatch: pytest.MonkeyPatch) -> None:
     run = calm_run(number)
     monkeypatch.setattr(type(run.program), end, lambda *_: False)
-    run.program.tasks = (getattr(run.program, task.__name__),)
+    run.program.tasks = {task: run.program.tasks[task]}
     with pytest.raises(ViolationError, match=r"(target|rpm).* does not end: axis 1: drive in Operation Enabled"):
         run.play(60 * SECOND)
 

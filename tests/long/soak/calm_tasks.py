@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Final
 
 from pdgw.client.udp import ParameterClient
@@ -35,7 +35,7 @@ _ONLINE_NS: Final = 60 * SECOND
 _END_NS: Final = 5 * SECOND
 """Limit of a handshake, a ramp or a task, besides the latency of the drive and the time of the motion at its speed."""
 _TASK, _JOG_1, _JOG_2, _HOMING = 0x0040, 0x0100, 0x0200, 0x0800
-_NO_REJECT, _NO_STOP = 0x0010, 0x0020
+_NO_REJECT, _NO_STOP, _RAMP_GENERATOR = 0x0010, 0x0020, 0x0070
 _REACHED, _HOMED, _ACKNOWLEDGED = 0x0400, 0x0800, 0x1000
 _ABSOLUTE, _PRESET, _PARK = 0x2000, 0x1000, 0x4000
 """Bits of G1_STW and G1_ZSW."""
@@ -54,54 +54,66 @@ _BLOCK_SHARE: Final = 0.2
 
 
 class Program:
-    """The program of one drive object. ``tasks``: what it draws from."""
+    """The program of one drive object. ``tasks``: what it draws from, by name."""
 
     def __init__(self, run: CalmRun) -> None:
         self.of = run
+        self.loop = run.loop
         self.values = run.plc.endpoint.setpoints[0]
         self.chance = run.world.chance("program")
         self.done = 0
         self.task = "power-on"
-        self.tasks: tuple[Callable[[], None], ...] = ()
+        self.tasks: dict[str, Callable[[], None]] = {}
+
+    def run(self) -> None:
+        """Switch on, then run tasks without end: of every kind, or, as many machines do, of one kind."""
+        self.power_on(_ONLINE_NS)
+        names = list(self.tasks)
+        if self.chance.random() < 0.5:
+            names = [self.chance.choice(names)]
+        self.of.working = True
+        while True:
+            self.task = self.chance.choice(names)
+            self.of.trace.note(f"task: {self.task}")
+            self.tasks[self.task]()
+            self.done += 1
+            self.pause(self.chance.choice((0, 1)))
+
+    def power_on(self, limit_ns: int) -> None:
+        """Wait for the drive object, and switch a drive on."""
+        raise NotImplementedError
+
+    def pause(self, longest: float = 1.0) -> None:
+        """Wait up to this number of seconds."""
+        self.loop.sleep(int(self.chance.uniform(0, longest) * SECOND))
+
+    def ends(self, what: str, condition: Callable[[], bool], seconds: float = 0) -> None:
+        """Each wait ends within its limit. ``seconds``: the time that a motion takes."""
+        deadline = self.loop.now() + _END_NS + int(seconds * SECOND) + 4 * self.of.late_ns
+        while not condition():
+            if self.loop.now() > deadline:
+                raise ViolationError(f"{self.task}: {what} does not end: {self.of.describe()}")
+            self.loop.sleep(self.of.cycle_ns)
 
     def shown(self, name: str) -> int:
         """An actual value of the PLC; 0 without one."""
         return self.of.plc.value(name) or 0
 
-    def run(self) -> None:
-        """Switch on, then run tasks without end: of every kind, or, as many machines do, of one kind."""
-        self.power_on()
-        if self.chance.random() < 0.5:
-            self.tasks = (self.chance.choice(self.tasks),)
-        self.of.working = True
-        while True:
-            task = self.chance.choice(self.tasks)
-            self.task = task.__name__.replace("_", " ")
-            self.of.trace.note(f"task: {self.task}")
-            task()
-            self.done += 1
-            self.sleep(self.chance.choice((0, self.chance.uniform(0, 1))))
-
-    def power_on(self) -> None:
-        """Wait for the drive object, and switch a drive on."""
-        raise NotImplementedError
-
-    def sleep(self, seconds: float) -> None:
-        """Wait without a condition."""
-        self.of.loop.sleep(int(seconds * SECOND))
-
-    def ends(self, what: str, condition: Callable[[], bool], limit_ns: int = _END_NS) -> None:
-        """Each wait ends within its limit."""
-        loop = self.of.loop
-        deadline = loop.now() + limit_ns + 4 * self.of.late_ns
-        while not condition():
-            if loop.now() > deadline:
-                raise ViolationError(f"{self.task}: {what} does not end: {self.of.describe()}")
-            loop.sleep(self.of.cycle_ns)
-
-    def wait_bits(self, what: str, name: str, bits: int, *, gone: bool = False) -> None:
+    def wait(self, name: str, bits: int, *, gone: bool = False) -> None:
         """Wait until a status word has these bits, or none of them."""
-        self.ends(what, lambda: self.shown(name) & bits == (0 if gone else bits))
+        self.ends(f"{name} {bits:04X}h {'0' if gone else '1'}", lambda: self.shown(name) & bits == bits * (not gone))
+
+    def sensor(self, word: int, answer: int, rest: int = 0) -> None:
+        """A request in G1_STW until its answer, and the word after it."""
+        self.values["G1_STW"] = word
+        self.wait("G1_ZSW", answer)
+        self.values["G1_STW"] = rest
+        self.wait("G1_ZSW", answer & ~rest, gone=True)
+        self.wait("G1_ZSW", rest)
+
+    def count(self, fewest: int, most: int) -> range:
+        """A number of repetitions."""
+        return range(self.chance.randrange(fewest, most))
 
     def period(self) -> float:
         """The period of a machine in seconds."""
@@ -120,6 +132,7 @@ class AxisProgram(Program):
         (self.axis,) = run.axes
         self.words = self.axis.words
         self.model = self.axis.drive.model
+        self.tasks = {"off and on": self.off_and_on}
 
     def set(self, word: int) -> None:
         """Send another control word in one frame."""
@@ -127,20 +140,17 @@ class AxisProgram(Program):
         self.words.set_word(word)
         last = counters["sent"] + 1
         while counters["sent"] < last:
-            self.of.loop.sleep(self.of.cycle_ns)
+            self.loop.sleep(self.of.cycle_ns)
 
     def begin(self) -> None:
         """Begin some motion."""
         raise NotImplementedError
 
-    def idle(self) -> None:
-        """Set setpoints that move nothing."""
-
-    def power_on(self, limit_ns: int = _ONLINE_NS) -> None:
+    def power_on(self, limit_ns: int) -> None:
         name = "Statusword" if self.words.raw else "ZSW1"
         self.set(self.words.off)
-        self.ends("ready to switch on", lambda: self.shown(name) & 0x4F == 0x01, limit_ns)
-        self.idle()
+        self.ends("ready to switch on", lambda: self.shown(name) & 0x4F == 0x01, limit_ns / SECOND)
+        self.words.set_speed(0.0)
         self.set(self.words.on)
         self.ends("operation enabled", lambda: self.shown(name) & 0x4F == 0x07)
 
@@ -148,18 +158,25 @@ class AxisProgram(Program):
         """OFF1 at standstill or in motion, and ON again."""
         if self.chance.random() < 0.5:
             self.begin()
-            self.sleep(self.chance.random())
+            self.pause()
         self.of.working = False
-        self.power_on(_END_NS)
+        self.power_on(0)
         self.of.working = True
 
-    def stands(self) -> bool:
-        """The shaft is at standstill."""
+    def at_standstill(self) -> bool:
+        """Whether the shaft is at standstill."""
         return self.model.ramp.speed == 0
 
-    def until(self, begin: int, seconds: float) -> None:
-        """Wait for the rest of a machine's period."""
-        self.of.loop.sleep(max(self.of.cycle_ns, begin + int(seconds * SECOND) - self.of.loop.now()))
+    def stop(self, word: int, on: int, *, started: bool = True) -> None:
+        """Stop what has begun by a control word, after some time, and send another. ``started``: it must turn before."""
+        if started:
+            self.ends("start", lambda: not self.at_standstill())
+        self.pause()
+        self.set(word)
+        self.loop.sleep(SECOND // 5)
+        self.pause(0.8)
+        self.ends("standstill", self.at_standstill)
+        self.set(on)
 
 
 class SpeedProgram(AxisProgram):
@@ -167,17 +184,16 @@ class SpeedProgram(AxisProgram):
 
     def __init__(self, run: CalmRun) -> None:
         super().__init__(run)
-        self.tasks = (self.to_and_fro, self.profile, self.stream, self.jog, self.off_and_on)
+        self.tasks |= {"to and fro": self.to_and_fro, "profile": self.profile, "stream": self.stream}
+        if not self.words.raw and not isinstance(self, DscProgram):
+            self.tasks["jog"] = self.jog
         if "G1_STW" in self.values:
-            self.tasks += (self.absolute_value,)
+            self.tasks["absolute value"] = lambda: self.sensor(_ABSOLUTE, _ABSOLUTE)
 
     def begin(self) -> None:
         self.words.set_speed(self.speed())
 
-    def idle(self) -> None:
-        self.words.set_speed(0.0)
-
-    def follows(self, share: float) -> None:
+    def follow(self, share: float) -> None:
         """The shaft turns with this speed, and the PLC sees it."""
         self.words.set_speed(share)
         self.ends(f"{share * RATED_RPM:.0f} rpm", lambda: self.of.follows(self.axis) and self.reached())
@@ -186,42 +202,35 @@ class SpeedProgram(AxisProgram):
         """ZSW1.10."""
         return self.words.raw or bool(self.shown("ZSW1") & _REACHED)
 
-    def to_and_fro(self) -> None:
-        period, share = self.period(), self.speed()
-        for _ in range(self.chance.randrange(4, 24)):
+    def turn(self, shares: Iterable[float], seconds: float) -> None:
+        """Each of these speeds for the same time, then 0."""
+        for share in shares:
             self.words.set_speed(share)
-            self.sleep(period / 2)
-            share = -share
-        self.follows(0.0)
+            self.loop.sleep(int(seconds * SECOND))
+        self.follow(0.0)
 
-    def profile(self) -> None:
-        for _ in range(self.chance.randrange(2, 7)):
-            self.follows(self.speed())
-            self.sleep(self.chance.random())
-        self.follows(0.0)
+    def to_and_fro(self) -> None:
+        share = self.speed()
+        self.turn((share * (-1) ** n for n in self.count(4, 24)), self.period() / 2)
 
     def stream(self) -> None:
-        begin, period, top = self.of.loop.now(), self.period(), self.speed()
-        while self.of.loop.now() - begin < 2 * period * SECOND:
-            self.words.set_speed(top * math.sin(2 * math.pi * (self.of.loop.now() - begin) / SECOND / period))
-            self.of.loop.sleep(self.of.cycle_ns)
-        self.follows(0.0)
+        top, period, cycle = self.speed(), self.period(), self.of.cycle_ns / SECOND
+        frames = range(int(2 * period / cycle))
+        self.turn((top * math.sin(2 * math.pi * n * cycle / period) for n in frames), cycle)
+
+    def profile(self) -> None:
+        for _ in self.count(2, 7):
+            self.follow(self.speed())
+            self.pause()
+        self.follow(0.0)
 
     def jog(self) -> None:
+        on = self.words.on & ~_RAMP_GENERATOR
         bit, rpm = self.chance.choice(((_JOG_1, -150), (_JOG_2, 150)))
-        self.set(self.words.on & ~0x70)
-        self.set(self.words.on & ~0x70 | bit)
+        self.set(on)
+        self.set(on | bit)
         self.ends(f"{rpm} rpm", lambda: abs(self.model.ramp.speed - rpm) < 10)
-        self.sleep(self.chance.random())
-        self.set(self.words.on & ~0x70)
-        self.ends("standstill", self.stands)
-        self.set(self.words.on)
-
-    def absolute_value(self) -> None:
-        self.values["G1_STW"] = _ABSOLUTE
-        self.wait_bits("absolute value", "G1_ZSW", _ABSOLUTE)
-        self.values["G1_STW"] = 0
-        self.wait_bits("end of the absolute value", "G1_ZSW", _ABSOLUTE, gone=True)
+        self.stop(on, self.words.on)
 
 
 class DscProgram(SpeedProgram):
@@ -229,21 +238,20 @@ class DscProgram(SpeedProgram):
 
     def __init__(self, run: CalmRun) -> None:
         super().__init__(run)
-        own = (self.follow_path, self.follow_path, self.follow_path)
-        self.tasks = (*own, *(task for task in self.tasks if task != self.jog))  # without the telegram's own jog
+        self.tasks["follow path"] = self.follow_path
         delay_s = (6 * run.cycle_ns + run.late_ns) / SECOND
         gain, turn = min(20.0, 0.2 / delay_s), INCREMENTS_PER_REVOLUTION
-        self.loop = PositionLoop(gain, dsc=True, increments_per_revolution=turn, reference_rpm=RATED_RPM)
+        self.control = PositionLoop(gain, dsc=True, increments_per_revolution=turn, reference_rpm=RATED_RPM)
         self.path: Callable[[int], float] | None = None
         run.plc.before_frame.append(self._control)
 
     def _control(self, now: int) -> None:
         actuals = self.of.plc.endpoint.actuals[0]
         if self.path is not None and actuals is not None:
-            self.values.update(self.loop.step(self.path(now), actuals))
+            self.values.update(self.control.step(self.path(now), actuals))
 
     def follow_path(self) -> None:
-        start, begin, period = self.shown("G1_XIST1"), self.of.loop.now(), self.period()
+        start, begin, period = self.shown("G1_XIST1"), self.loop.now(), self.period()
         moves, way = self.chance.randrange(1, 8), self.chance.uniform(-0.3, 0.3) * period * RATED_RPM / 60
         way *= INCREMENTS_PER_REVOLUTION
 
@@ -252,11 +260,11 @@ class DscProgram(SpeedProgram):
             return start + way * (1 - math.cos(2 * math.pi * phase)) / 2
 
         self.path = path
-        near = 4 + _SLOWEST / self.loop.gain
-        self.until(begin, moves * period / 2)
-        self.ends("position", lambda: abs(self.loop.error) <= near, 4 * _END_NS)
+        near = 4 + _SLOWEST / self.control.gain
+        self.loop.sleep(int(moves * period / 2 * SECOND))
+        self.ends("position", lambda: abs(self.control.error) <= near, 15)
         self.path = None
-        self.follows(0.0)
+        self.follow(0.0)
 
 
 class RawProgram(SpeedProgram):
@@ -264,37 +272,33 @@ class RawProgram(SpeedProgram):
 
     def __init__(self, run: CalmRun) -> None:
         super().__init__(run)
-        self.tasks = (self.to_and_fro, self.profile, self.stream, self.off_and_on, self.position, self.home)
+        self.tasks |= {"position": self.position, "home": self.home}
 
-    def start(self, mode: Mode) -> None:
-        """Select a mode, and give the edge of a new setpoint or homing."""
+    def start(self, mode: Mode, seconds: float, condition: Callable[[], bool], bits: int) -> None:
+        """Select a mode, give the edge of a new setpoint or homing, and wait for its answer and its end."""
         self.values["Modes of Operation"] = int(mode)
         self.ends(f"mode {mode}", lambda: self.shown("Modes of Operation Display") == mode)
-        self.of.loop.sleep(self.of.late_ns)  # Statusword.12 is still that of the mode before
+        self.loop.sleep(self.of.late_ns)  # Statusword.12 is still that of the mode before
         self.set(self.words.on | _NO_REJECT)
+        self.wait("Statusword", bits)
+        self.set(self.words.on)
+        self.ends("target", condition, seconds)
 
     def position(self) -> None:
-        for _ in range(self.chance.randrange(1, 6)):
-            target, share = self.chance.randrange(-100_000, 100_000), self.chance.uniform(0.1, 1)
-            seconds = abs(target - self.model.position) / INCREMENTS_PER_REVOLUTION / share / 50
-            ramps = {"Profile Acceleration": 1000, "Profile Deceleration": 1000}
-            self.values.update(ramps | {"Target Position": target, "Profile Velocity": max(1, int(6000 * share))})
-            self.start(Mode.POSITION)
-            self.wait_bits("acknowledge", "Statusword", _ACKNOWLEDGED)
-            self.set(self.words.on)
-            self.wait_bits("end of the acknowledge", "Statusword", _ACKNOWLEDGED, gone=True)
-            self.ends(f"target {target}", lambda: self.at(target), _END_NS + int(2 * seconds * SECOND))  # noqa: B023
+        target, share = self.chance.randrange(-100_000, 100_000), self.chance.uniform(0.1, 1)
+        seconds = abs(target - self.model.position) / INCREMENTS_PER_REVOLUTION / share / 50
+        ramps = {"Profile Acceleration": 1000, "Profile Deceleration": 1000}
+        self.values.update(ramps | {"Target Position": target, "Profile Velocity": max(1, int(6000 * share))})
+        self.start(Mode.POSITION, 2 * seconds, lambda: self.at(target), _ACKNOWLEDGED)
+        self.wait("Statusword", _ACKNOWLEDGED, gone=True)
 
     def at(self, target: float) -> bool:
         """Whether the axis has arrived: Statusword.10, the shaft, and the position that the PLC sees."""
         shown = abs(self.shown("Position Actual Value") - target) <= 1
-        return bool(self.shown("Statusword") & _REACHED) and shown and self.stands()
+        return bool(self.shown("Statusword") & _REACHED) and shown and self.at_standstill()
 
     def home(self) -> None:
-        self.start(Mode.HOMING)
-        self.ends("homing", lambda: self.model.position == 0)
-        self.wait_bits("end of homing", "Statusword", _ACKNOWLEDGED | _REACHED)
-        self.set(self.words.on)
+        self.start(Mode.HOMING, 0, lambda: self.model.position == 0, _ACKNOWLEDGED | _REACHED)
 
 
 class TaskProgram(AxisProgram):
@@ -302,18 +306,20 @@ class TaskProgram(AxisProgram):
 
     def __init__(self, run: CalmRun) -> None:
         super().__init__(run)
-        number, values = self.words.telegram.number, self.values
+        values = self.values
+        number = self.words.telegram.number
         self.positioner = number in POSITIONER_TELEGRAM_NUMBERS
         self.suffix = "_F" if number in FLOAT_TELEGRAM_NUMBERS else ""
         self.mdi = "OVERRIDE" in values or not self.positioner
         self.selection = "POS_STW1" if "POS_STW1" in values else "SATZANW"
-        self.tasks = (self.homing, self.off_and_on)
+        self.tasks |= {"homing": self.homing, "rejected": self.rejected}
         if self.positioner:
-            self.tasks += (self.jog, self.block, self.rejected)
+            self.tasks |= {"jog": self.jog, "block": self.block}
         if self.mdi:
-            self.tasks += (self.to_and_fro, self.relative, self.targets, self.stopped_on_the_way, self.rejected)
+            self.tasks |= {"to and fro": self.to_and_fro, "relative": self.relative, "targets": self.targets}
+            self.tasks["intermediate stop"] = self.intermediate_stop
         if self.selection == "POS_STW1":
-            self.tasks += (self.setting_up, self.update)
+            self.tasks |= {"setting up": self.setting_up, "update": self.update}
         if "OVERRIDE" in values:
             values["OVERRIDE"] = 0x4000
         if not self.positioner:
@@ -330,22 +336,26 @@ class TaskProgram(AxisProgram):
     def order(self, target: float, share: float, *, absolute: bool = True, more: int = 0) -> None:
         """The data of an MDI task. ``more``: further bits of POS_STW1."""
         percent = self.chance.uniform(20, 100)
-        full = N4_100_PERCENT if not self.positioner else _FULL_VELOCITY
+        full = _FULL_VELOCITY if self.positioner else N4_100_PERCENT
         data = {"MDI_TARPOS": self.units(target), "MDI_VELOCITY": max(1.0, share * full)}
-        ramps = {"MDI_ACC": percent, "MDI_DEC": percent}
         if self.suffix:
-            self.values.update({f"{name}_F": float_pattern(value) for name, value in (data | ramps).items()})
+            data |= {"MDI_ACC": percent, "MDI_DEC": percent}
+            self.values.update({f"{name}_F": float_pattern(value) for name, value in data.items()})
         else:
-            n2 = {name: value * 0x4000 / 100 for name, value in ramps.items()}
-            self.values.update({name: round(value) for name, value in (data | n2).items()})
+            data |= dict.fromkeys(("MDI_ACC", "MDI_DEC"), percent * 0x4000 / 100)
+            self.values.update({name: round(value) for name, value in data.items()})
         if "MDI_MOD" in self.values:
             self.values |= {"SATZANW": 0x8000, "MDI_MOD": int(absolute)}
         else:
             self.values["POS_STW1"] = 0x8000 | absolute << 8 | more
 
+    def target(self) -> tuple[float, float]:
+        """A position and a share of the full speed."""
+        return self.chance.uniform(-20, 20), self.chance.uniform(0.05, 1)
+
     def begin(self) -> None:
         if self.mdi:
-            self.start(self.chance.uniform(-20, 20), self.chance.uniform(0.05, 1))
+            self.start(*self.target())
         else:
             self.values[self.selection] = self.chance.choice(tuple(_BLOCKS))
             self.edge()
@@ -361,16 +371,16 @@ class TaskProgram(AxisProgram):
         if self.words.word & _TASK:
             self.set(self.words.on)
         if fresh:
-            self.wait_bits("end of the acknowledge", "ZSW1", _ACKNOWLEDGED, gone=True)
+            self.wait("ZSW1", _ACKNOWLEDGED, gone=True)
         self.set(self.words.on | _TASK)
         if fresh:
-            self.wait_bits("acknowledge", "ZSW1", _ACKNOWLEDGED)
+            self.wait("ZSW1", _ACKNOWLEDGED)
             self.set(self.words.on)
 
     def arrives(self, target: float, share: float) -> None:
         """The task ends at its target: ZSW1.10, the shaft, and the position that the PLC sees."""
-        seconds = abs(self.where - target) / share / (RATED_RPM / 60)
-        self.ends(f"target {target:.3f} of {self.task}", lambda: self.at(target), _END_NS + int(2 * seconds * SECOND))
+        seconds = 2 * abs(self.where - target) / share / (RATED_RPM / 60)
+        self.ends(f"target {target:.3f}", lambda: self.at(target), seconds)
 
     @property
     def where(self) -> float:
@@ -379,8 +389,8 @@ class TaskProgram(AxisProgram):
 
     def at(self, target: float) -> bool:
         """Whether the axis has arrived."""
-        right = abs(self.where - target) <= _WINDOW and self.stands() and bool(self.shown("ZSW1") & _REACHED)
-        return right and self.shows(target)
+        near = abs(self.where - target) <= _WINDOW and self.at_standstill()
+        return near and bool(self.shown("ZSW1") & _REACHED) and self.shows(target)
 
     def shows(self, target: float) -> bool:
         """Whether the PLC sees this position."""
@@ -392,17 +402,15 @@ class TaskProgram(AxisProgram):
     # -- tasks -----------------------------------------------------------------------------------------------------------
 
     def to_and_fro(self) -> None:
-        period, ends = self.period(), [self.chance.uniform(-20, 20), 0.0]
-        ends[1] = ends[0] + self.chance.uniform(0.1, 4) * self.chance.choice((-1, 1))
-        share = self.chance.choice((1.0, self.chance.uniform(0.1, 1)))
-        for n in range(self.chance.randrange(6, 24)):
-            begin = self.of.loop.now()
+        start, share = self.target()
+        ends, rest = (start, start + math.copysign(self.chance.uniform(0.1, 4), self.speed())), self.period() / 2
+        for n in self.count(6, 24):
             self.start(ends[n % 2], share)
             self.arrives(ends[n % 2], share)
-            self.until(begin, period / 2)
+            self.pause(rest)
 
     def relative(self) -> None:
-        for _ in range(self.chance.randrange(1, 6)):
+        for _ in self.count(1, 6):
             way, share = math.copysign(self.chance.uniform(0.1, 5), -self.where), abs(self.speed())
             target = self.where + way
             self.start(way, share, absolute=False)
@@ -410,33 +418,23 @@ class TaskProgram(AxisProgram):
 
     def targets(self) -> None:
         """Each task replaces the one before on its way."""
-        for _ in range(self.chance.randrange(2, 12)):
-            target, share = self.chance.uniform(-20, 20), self.chance.uniform(0.1, 1)
-            self.start(target, share)
-            self.sleep(self.chance.uniform(0, 0.5))
-        self.arrives(target, share)
+        for _ in self.count(1, 12):
+            self.start(*self.target())
+            self.pause(0.5)
+        target = self.target()
+        self.start(*target)
+        self.arrives(*target)
 
-    def stopped_on_the_way(self) -> None:
-        target, share = self.chance.uniform(-20, 20), self.chance.uniform(0.05, 1)
-        self.start(target, share)
-        self.sleep(self.chance.uniform(0, 0.5))
-        self.set(self.words.word & ~_NO_STOP)
-        self.sleep(self.chance.uniform(0.2, 1))
-        self.ends("standstill", self.stands)
-        self.set(self.words.word | _NO_STOP)
-        self.arrives(target, share)
+    def intermediate_stop(self) -> None:
+        target = self.target()
+        self.start(*target)
+        word = self.words.word
+        self.stop(word & ~_NO_STOP, word, started=False)
+        self.arrives(*target)
 
     def rejected(self) -> None:
         self.begin()
-        self.sleep(self.chance.uniform(0, 0.5))
-        self.reject()
-
-    def reject(self) -> None:
-        """STW1.4 = 0 stops the axis."""
-        self.set(self.words.on & ~_NO_REJECT)
-        self.sleep(self.chance.uniform(0.2, 1))
-        self.ends("standstill", self.stands)
-        self.set(self.words.on)
+        self.stop(self.words.on & ~_NO_REJECT, self.words.on, started=False)
 
     def homing(self) -> None:
         if not self.positioner:
@@ -449,10 +447,7 @@ class TaskProgram(AxisProgram):
     def jog(self) -> None:
         self.set(self.words.on)
         self.set(self.words.on | self.chance.choice((_JOG_1, _JOG_2)))
-        self.ends("start of the jog", lambda: not self.stands())
-        self.sleep(self.chance.uniform(0, 2))
-        self.set(self.words.on)
-        self.ends("standstill", self.stands)
+        self.stop(self.words.on, self.words.on)
 
     def block(self) -> None:
         number = self.chance.choice(tuple(_BLOCKS))
@@ -462,18 +457,16 @@ class TaskProgram(AxisProgram):
 
     def setting_up(self) -> None:
         self.start(0.0, self.chance.uniform(0.02, 0.4), absolute=False, more=0x4200 if self.where < 0 else 0x4400)
-        self.ends("start of setting up", lambda: not self.stands())
-        self.sleep(self.chance.uniform(0, 1))
-        self.reject()
+        self.stop(self.words.on & ~_NO_REJECT, self.words.on)
 
     def update(self) -> None:
         """A stream of targets without edges."""
-        target, share = self.chance.uniform(-20, 20), self.chance.uniform(0.1, 1)
+        target, share = self.target()
         self.set(self.words.on)
         self.order(target, share, more=0x1000)
         self.set(self.words.on | _TASK)
-        for _ in range(self.chance.randrange(2, 30)):
-            self.of.loop.sleep(self.chance.choice((1, 2, 5, 40)) * self.of.cycle_ns)
+        for _ in self.count(2, 30):
+            self.loop.sleep(self.chance.choice((1, 2, 5, 40)) * self.of.cycle_ns)
             target += self.chance.uniform(-1, 1)
             self.order(target, share, more=0x1000)
         self.arrives(target, share)
@@ -487,15 +480,16 @@ class EncoderProgram(Program):
         assert run.encoder is not None
         self.model = run.encoder.model
         self.values.update({"STW2_ENC": 0x0400, "G1_STW": _ABSOLUTE})
-        self.tasks = (self.preset, self.preset, self.turn, self.park)
+        park = self.sensor
+        self.tasks = {"preset": self.preset, "turn": self.turn, "park": lambda: park(_PARK, _PARK, _ABSOLUTE)}
 
-    def power_on(self) -> None:
-        self.ends("absolute value", lambda: bool(self.shown("G1_ZSW") & _ABSOLUTE), _ONLINE_NS)
+    def power_on(self, limit_ns: int) -> None:
+        self.ends("absolute value", lambda: bool(self.shown("G1_ZSW") & _ABSOLUTE), limit_ns / SECOND)
 
     def preset(self) -> None:
         """An absolute or relative preset at standstill."""
         self.model.set_motion(still(self.model.channels[1].mechanical))
-        self.sleep(0.2)
+        self.loop.sleep(SECOND // 5)
         before, counted = self.shown("G1_XIST2"), self.shown("G1_XIST1")
         relative = self.chance.random() < 0.5
         value = self.chance.randrange(1, 1_000_000)
@@ -505,15 +499,11 @@ class EncoderProgram(Program):
             (answer,) = client.request([ParameterAddress(_PRESET_PNU)], [Values(DataType.INTEGER32, (value,))])
         if answer.failed:
             raise ViolationError(f"P{_PRESET_PNU} is rejected: {answer.text}")
-        self.values["G1_STW"] = _ABSOLUTE | _PRESET | relative << 11
-        self.wait_bits("preset", "G1_ZSW", _PRESET)
-        wanted = (before + value if relative else value) % self.model.chain.total_range
-        self.ends(f"position {wanted}", lambda: self.shown("G1_XIST2") == wanted)
+        self.sensor(_ABSOLUTE | _PRESET | relative << 11, _PRESET, _ABSOLUTE)
+        expected = (before + value if relative else value) % self.model.chain.total_range
+        self.ends(f"position {expected}", lambda: self.shown("G1_XIST2") == expected)
         if self.shown("G1_XIST1") != counted:
             raise ViolationError(f"the preset moves G1_XIST1 from {counted} to {self.shown('G1_XIST1')}")
-        self.values["G1_STW"] = _ABSOLUTE
-        self.wait_bits("end of the preset", "G1_ZSW", _PRESET, gone=True)
-        self.wait_bits("absolute value", "G1_ZSW", _ABSOLUTE)
 
     def turn(self) -> None:
         """A constant speed is seen as NIST_B; then the encoder swings."""
@@ -521,15 +511,9 @@ class EncoderProgram(Program):
         self.model.set_motion(constant_speed(share * RATED_RPM / 60, start))
         asked = share * N4_100_PERCENT
         self.ends("speed", lambda: abs(self.shown("NIST_B") - asked) <= 0.02 * N4_100_PERCENT)
-        self.sleep(self.chance.uniform(0, 3))
+        self.pause(3)
         self.model.set_motion(sine(self.chance.uniform(0, 3), self.period(), self.model.channels[1].mechanical))
-        self.sleep(self.chance.uniform(0, 5))
-
-    def park(self) -> None:
-        self.values["G1_STW"] = _PARK
-        self.wait_bits("parked", "G1_ZSW", _PARK)
-        self.values["G1_STW"] = _ABSOLUTE
-        self.wait_bits("absolute value", "G1_ZSW", _ABSOLUTE)
+        self.pause(5)
 
 
 def program(run: CalmRun) -> Program:
