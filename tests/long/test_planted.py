@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from pdgw.dsp402.states import State
-from pdgw.gateway.axis import interlock, power_table
 from pdgw.gateway.axis.demand_report import OFFS, PowerWish
 from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS, MotionExecutor
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
@@ -17,16 +15,11 @@ from pdgw.gateway.axis.interlock import Interlock
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.power_states import Action, Drive, Limit, Phase
 from pdgw.gateway.axis.power_table import (
-    CELLS,
     ENABLES,
     IN_OPERATION,
     RAMPS,
-    ROWS,
     RUNNING,
     SHOWS_OPERATION,
-    UNPOWERED,
-    Cell,
-    Row,
 )
 from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.supervision.stop_supervision import StopWatch
@@ -36,16 +29,14 @@ from pdgw.gateway.motion.requests import Motion
 from pdgw.gateway.motion.states import Event
 from pdgw.gateway.reasons import Reason
 from pdgw.profidrive.sign_of_life import SignOfLife
+from tests.long.planted import FOLLOW, LOCKS, Patch, Plant, each_cell, row
 from tests.long.rules import Rule
 from tests.long.walk.cases import Case
 from tests.long.walk.values import Plc, Shown
 
-Patch = pytest.MonkeyPatch
 DEFAULT = Case(1)
 RAMP = Case(1, PlcLossReaction.RAMP)
 GUARDING = Case(1, guarding=True)
-_FOLLOW = (Phase.FOLLOW,)
-_QUICK_STOP = (PowerWish.QUICK_STOP,)
 
 
 UNPOWERED_STATES = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON)
@@ -62,31 +53,6 @@ class Narrow(Case):
     def _shown(self) -> list[Shown]:
         kept = (*(state.value for state in UNPOWERED_STATES), "Operation Enabled")
         return [item for item in super()._shown() if item.name.startswith(kept)]
-
-
-def cells(patch: Patch, changed: tuple[Cell, ...]) -> None:
-    patch.setattr(interlock, "CELLS", changed)
-
-
-def row(
-    phases: tuple[Phase, ...],
-    drives: tuple[Drive, ...],
-    wishes: tuple[PowerWish, ...],
-    phase: Phase | None,
-    action: Action,
-) -> Callable[[Patch], None]:
-    """A row before all others."""
-
-    def plant(patch: Patch) -> None:
-        wrong = Row(phases, drives, wishes, phase, action, Reason.NOT_OPERATING, "planted")
-        patch.setattr(power_table, "ROWS", (wrong, *ROWS))
-        cells(patch, power_table._compile())
-
-    return plant
-
-
-def each_cell(change: Callable[[Cell], Cell]) -> Callable[[Patch], None]:
-    return lambda patch: cells(patch, tuple(change(cell) for cell in CELLS))
 
 
 def speed_stands_in_a_stop(patch: Patch) -> None:
@@ -157,29 +123,21 @@ def setpoint_is_repeated(patch: Patch) -> None:
     patch.setattr(MotionExecutor, "_replaces", wrong)
 
 
-PLANTED: dict[str, tuple[Case, Callable[[Patch], None]]] = {
-    "forgotten OFF": (
-        DEFAULT,
-        row((Phase.LOCKED,), UNPOWERED, ENABLES, Phase.FOLLOW, Action.SHUTDOWN),
-    ),
-    "OFF2 not latched": (
-        DEFAULT,
-        row(_FOLLOW, UNPOWERED, (PowerWish.COAST,), None, Action.DISABLE_VOLTAGE),
-    ),
-    "OFF3 not latched": (DEFAULT, row(_FOLLOW, UNPOWERED, _QUICK_STOP, None, Action.QUICK_STOP)),
-    "fault not locking": (DEFAULT, row(_FOLLOW, (Drive.FAULT,), tuple(PowerWish), None, Action.SHUTDOWN)),
-    "lost drive followed": (DEFAULT, row(_FOLLOW, (Drive.LOST,), ENABLES, None, Action.ENABLE_OPERATION)),
+PLANTED: dict[str, tuple[Case, Plant]] = {
+    **{text: (DEFAULT, plant) for text, plant in LOCKS.items()},
+    "fault not locking": (DEFAULT, row(FOLLOW, (Drive.FAULT,), tuple(PowerWish), None, Action.SHUTDOWN)),
+    "lost drive followed": (DEFAULT, row(FOLLOW, (Drive.LOST,), ENABLES, None, Action.ENABLE_OPERATION)),
     "quick stop sent as Shutdown": (
         DEFAULT,
-        row(tuple(Phase), SHOWS_OPERATION, _QUICK_STOP, Phase.QUICK_STOP, Action.SHUTDOWN),
+        row(tuple(Phase), SHOWS_OPERATION, (PowerWish.QUICK_STOP,), Phase.QUICK_STOP, Action.SHUTDOWN),
     ),
     "stale Statusword trusted": (
         DEFAULT,
-        row(_FOLLOW, (Drive.LEAVING,), OFFS, Phase.RAMP_STOP, Action.RAMP),
+        row(FOLLOW, (Drive.LEAVING,), OFFS, Phase.RAMP_STOP, Action.RAMP),
     ),
     "ramp with power after Disable Operation": (
         RAMP,
-        row(_FOLLOW, (Drive.LEAVING,), RAMPS, Phase.RAMP_STOP, Action.RAMP),
+        row(FOLLOW, (Drive.LEAVING,), RAMPS, Phase.RAMP_STOP, Action.RAMP),
     ),
     "resume without OFF": (
         RAMP,

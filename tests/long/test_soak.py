@@ -314,7 +314,8 @@ def test_command_prints_what_was_run_and_its_speed(capsys: pytest.CaptureFixture
 
 @pytest.mark.planted
 def test_failure_names_the_command_that_shows_its_moment(capsys: pytest.CaptureFixture[str]) -> None:
-    with DEFECTS["speed-doubled"].plant():
+    with pytest.MonkeyPatch.context() as patch:
+        DEFECTS["the drive gets twice the speed"](patch)
         assert main(["--hours", "0.01", "--seed", "25", "--axes", "1", "--telegrams", "1"]) == 1
         failed = capsys.readouterr().out
         again = re.search(r"python -m tests.long.soak (--seed 25 --axes 1 --telegrams 1 --until [\d.]+)\n", failed)

@@ -1,0 +1,51 @@
+"""Defects of the power stage, planted in the gateway: the walk and the soak have to find each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Final
+
+import pytest
+
+from pdgw.gateway.axis import interlock, power_table
+from pdgw.gateway.axis.demand_report import PowerWish
+from pdgw.gateway.axis.power_states import Action, Drive, Phase
+from pdgw.gateway.axis.power_table import CELLS, ENABLES, ROWS, UNPOWERED, Cell, Row
+from pdgw.gateway.reasons import Reason
+
+Patch = pytest.MonkeyPatch
+Plant = Callable[[Patch], None]
+FOLLOW: Final = (Phase.FOLLOW,)
+_EVERY: Final = tuple(Drive)
+
+
+def row(
+    phases: tuple[Phase, ...],
+    drives: tuple[Drive, ...],
+    wishes: tuple[PowerWish, ...],
+    phase: Phase | None,
+    action: Action,
+) -> Plant:
+    """A row before all others of the power table."""
+
+    def plant(patch: Patch) -> None:
+        wrong = Row(phases, drives, wishes, phase, action, Reason.NOT_OPERATING, "planted")
+        patch.setattr(power_table, "ROWS", (wrong, *ROWS))
+        patch.setattr(interlock, "CELLS", power_table._compile())
+
+    return plant
+
+
+def each_cell(change: Callable[[Cell], Cell]) -> Plant:
+    """All cells of the power table."""
+    return lambda patch: patch.setattr(interlock, "CELLS", tuple(map(change, CELLS)))
+
+
+LOCKS: Final[Mapping[str, Plant]] = {
+    "an ON without an OFF before it starts the drive": row(
+        (Phase.LOCKED,), UNPOWERED, ENABLES, Phase.FOLLOW, Action.SHUTDOWN
+    ),
+    "OFF2 does not lock": row(FOLLOW, _EVERY, (PowerWish.COAST,), None, Action.DISABLE_VOLTAGE),
+    "OFF3 does not lock": row(FOLLOW, _EVERY, (PowerWish.QUICK_STOP,), None, Action.QUICK_STOP),
+}
+"""Wrong rows that start a drive without a new OFF."""
