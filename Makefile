@@ -12,7 +12,7 @@ ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web client reco
 # compiler is needed), beside the editable install.
 COMPILED :=
 BUILD := build/compiled
-WITH_BUILD = PYTHONSAFEPATH=1 PYTHONPATH=$(CURDIR)/$(BUILD)
+WITH_BUILD = PYTHONSAFEPATH=1 PYTHONPATH=$(CURDIR)/$(BUILD):$(CURDIR)
 RUN = $(if $(COMPILED),$(WITH_BUILD)) $(BIN)
 $(if $(COMPILED),test bench: compiled)
 
@@ -64,13 +64,13 @@ conformance: $(STAMP)
 		--html $(REPORTS).html --self-contained-html
 
 bench: $(STAMP)
-	$(RUN)/python -m tests.long bench
+	$(RUN)/python -m tests.long.bench
 
 # Searches of hours; `make long LONG="walk calm" HOURS=1` runs some of them. soak, calm: days of random words and faults, and of a healthy
 # machine (on a build in which the simulators are compiled, too). planted: the virtual time until each planted defect is found. walk, walk-all:
-# every state that a PLC, a loss and a lying drive can bring an axis to. limit-cycles: Statusword delays of 0 to 100 ms. counts: processor
-# instructions of a cycle. paused: the tests with processes, then those with threads, each of them held up now and then for up to LONGEST seconds.
-LONG := soak calm planted walk-all limit-cycles counts paused
+# every state that a PLC, a loss and a lying drive can bring an axis to. limit-cycles: Statusword delays of 0 to 100 ms.
+# paused: the tests with processes, then those with threads, each of them held up now and then for up to LONGEST seconds.
+LONG := soak calm planted walk-all limit-cycles paused
 HOURS := 24
 SEED ?= 1
 LONGEST := 1
@@ -84,7 +84,6 @@ planted = sed -i '/^| what is broken/,$$d' tests/long/planted-defects.md && \
 walk = $(BIN)/python -m tests.long.walk
 walk-all = $(BIN)/python -m tests.long.walk --all
 limit-cycles = PDGW_LIMIT_CYCLES=1 $(BIN)/pytest $(TOGETHER) tests/gateway/test_limit_cycle.py
-counts = $(BIN)/python -m tests.long.counts.instructions
 paused = $(BIN)/python -m tests.pauses --longest $(LONGEST) $(SEED) $(BIN)/pytest -m "e2e or browser" && \
 	PDGW_PAUSES=$(SEED) PDGW_LONGEST_PAUSE=$(LONGEST) $(BIN)/python -m pytest -n 4 --dist worksteal -p tests.thread_pauses
 

@@ -24,7 +24,6 @@ from tests.test_documents import DOCUMENTS, ROOT, commands
 _ALIKE = re.compile(r"\bpress\.toml\b")
 
 HERE = {
-    "pdgw --help": "PROFIdrive-to-CANopen gateway",
     "pdgw --version": "pdgw ",
     "pdgw config check gateway.toml": "gateway.toml: ok, 1 axis",
     "pdgw config example": "[[axis]]",

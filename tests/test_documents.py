@@ -12,14 +12,11 @@ import pytest
 from typer.main import get_command
 
 from pdgw.tools.cli import app
-from tests.long.__main__ import app as workshop
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
-PROGRAMS = {"pdgw": app, "python -m tests.long": workshop}
-_PROGRAM = "|".join(map(re.escape, PROGRAMS))
-INLINE = re.compile(rf"`((?:{_PROGRAM}) [^`]+)`")
-BLOCK = re.compile(rf"^(?: {{4,}}| *\$ )((?:{_PROGRAM}) .+)$", re.MULTILINE)
+INLINE = re.compile(r"`(pdgw [^`]+)`")
+BLOCK = re.compile(r"^(?: {4,}| *\$ )(pdgw .+)$", re.MULTILINE)
 _LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 _ANCHOR = re.compile(r"\]\(([^)#\s:]*\.md)?#([^)\s]+)\)")
 _WORD = re.compile(r"[a-z][a-z-]*")
@@ -32,10 +29,10 @@ def commands(text: str) -> Iterator[str]:
             yield " ".join(re.split(r"  #| # | > | &(?:$| )", match[1])[0].split())
 
 
-def resolve(program: str, words: list[str]) -> tuple[Any, list[str]]:
+def resolve(words: list[str]) -> tuple[Any, list[str]]:
     """The command of the first words, and the remaining words."""
-    command: Any = get_command(PROGRAMS[program])
-    context = command.make_context(program, [], resilient_parsing=True)
+    command: Any = get_command(app)
+    context = command.make_context("pdgw", [], resilient_parsing=True)
     while hasattr(command, "commands") and words:
         if words[0] in {option for item in command.params if getattr(item, "is_flag", False) for option in item.opts}:
             words = words[1:]  # a switch of the group, before its command
@@ -54,12 +51,11 @@ ALL = sorted({(path.name, command) for path in DOCUMENTS for command in commands
 
 @pytest.mark.parametrize(("document", "text"), ALL)
 def test_every_command_exists_with_its_options(document: str, text: str) -> None:
-    program = next(name for name in PROGRAMS if text.startswith(f"{name} "))
-    rest_of_line = text.removeprefix(program).replace("...", "").replace("|", " ")
+    rest_of_line = text.removeprefix("pdgw").replace("...", "").replace("|", " ")
     words = [word.strip(",;.") for word in shlex.split(rest_of_line)]
     if words and not _WORD.fullmatch(words[0]) and not words[0].startswith("-"):
         pytest.skip("a placeholder")
-    command, rest = resolve(program, words)
+    command, rest = resolve(words)
     known = {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
     known |= {"-h", "--help"}
     for word in rest:

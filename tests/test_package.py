@@ -19,8 +19,8 @@ import pdgw
 from pdgw.ds301.errors import CanopenError
 from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.errors import ProfidriveError
-from tests.long.bench.decoding.captures import write_capture
 from tests.support.gateways.daemon import axis, configuration, reached, serving
+from tests.support.readers.both_buses import write_capture
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"

@@ -13,7 +13,7 @@ uses the same principle.
   it had read that one: this also holds for a PLC that has restarted with any counter. With an earlier tick, as where the network
   needs more than a cycle, its tick must not be older and its CycleCounter must be newer. A later tick is not enough: a PLC copies
   the tick that it received last, and the network may have changed the order of these. An older frame that still counts was sent
-  at most the age limit before, so a counter that is behind by up to this time is not newer.
+  at most the age limit before, so a counter that is older by up to this time is not newer.
 
 A frame that counts has no other condition: all its orders act at once.
 """

@@ -150,7 +150,7 @@ class Records:
             return
         why = refusal.allowed
         if refusal.code1 == AccessError.ACCESS_DENIED:
-            why += "; only [parameters] write_from may write, and nobody I&M0"
+            why += "; only [parameters] write_from may write; I&M0 is fixed"
         place = f"slot {block.slot}, subslot {block.subslot}"
         line = f"record {block.index:04X}h of {place} for {caller.address[0]} refused: {why}"
         if line not in self._logged and len(self._logged) < _LOGGED_MAX:

@@ -36,6 +36,8 @@ _OTHERWISE = {
     ("limit-switch", 100): "the PLC has to stop",
     ("under-voltage", "shape"): "the fault number is ENGEL's",
     ("duplicated-pdos", "no-event-timer"): "looks like two drives",
+    ("heartbeat-stops", "rpdo-timeout"): "it sends no heartbeats",
+    ("heartbeat-stops", "stays-stopped"): "it stands in Quick Stop Active with power",
 }
 """Combinations in which the reaction is another one, and why."""
 _ALL = [

@@ -1,4 +1,4 @@
-"""Commands of ``pdgw`` and of ``python -m tests.long`` in this process: what they print, and their exit status."""
+"""Commands of ``pdgw`` in this process: what they print, and their exit status."""
 
 from __future__ import annotations
 
@@ -6,22 +6,15 @@ import io
 import sys
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
-from functools import partial
 from subprocess import CompletedProcess
 from unittest.mock import patch
 
 from pdgw.tools.cli import main
-from tests.long.__main__ import app
 
 
 def pdgw(*arguments: str, text: str | None = None) -> CompletedProcess[str]:
     """Run a command of ``pdgw`` to its end; ``text`` is its standard input."""
     return _run(main, arguments, text)
-
-
-def workshop(*arguments: str) -> CompletedProcess[str]:
-    """Run a command of ``python -m tests.long`` to its end."""
-    return _run(partial(main, app), arguments, None)
 
 
 def _run(program: Callable[[], None], arguments: tuple[str, ...], text: str | None) -> CompletedProcess[str]:

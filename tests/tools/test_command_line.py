@@ -23,11 +23,8 @@ from pdgw.phrases import counted
 from pdgw.tools import commands
 from pdgw.tools.cli import app
 from pdgw.tools.command_table import COMMANDS, EXAMPLES, SIM_COMMANDS, Command, Entry, Group
-from tests.long import commands as workshop_commands
-from tests.long.__main__ import COMMANDS as WORKSHOP_COMMANDS
-from tests.long.__main__ import app as workshop
 
-ENTRIES = [*COMMANDS.items(), *SIM_COMMANDS.items(), *WORKSHOP_COMMANDS.items()]
+ENTRIES = [*COMMANDS.items(), *SIM_COMMANDS.items()]
 _HELPERS = {"__init__", "options"}
 
 
@@ -48,16 +45,15 @@ def commands_of(name: str, command: Any) -> Iterator[tuple[str, Any]]:
 
 EVERY = [
     item
-    for group, table in (("", COMMANDS), ("sim ", SIM_COMMANDS), ("", WORKSHOP_COMMANDS))
+    for group, table in (("", COMMANDS), ("sim ", SIM_COMMANDS))
     for name, entry in table.items()
     for item in commands_of(group + name, entry.load(name))
 ]
 
 
 def invoke(name: str, *arguments: str) -> Result:
-    """Call a command of ``pdgw`` or of the long tests by its name in ``EVERY``."""
-    program = workshop if name.partition(" ")[0] in WORKSHOP_COMMANDS else app
-    return CliRunner().invoke(program, [*name.split(), *arguments])
+    """Call a command by its name in ``EVERY``."""
+    return CliRunner().invoke(app, [*name.split(), *arguments])
 
 
 @pytest.mark.parametrize(("name", "command"), EVERY, ids=[name for name, _ in EVERY])
@@ -110,9 +106,7 @@ def test_no_bracket_of_a_help_text_is_taken_for_markup(name: str, command: Any) 
     assert [text for text in texts if Text.from_markup(text).plain != text] == []
 
 
-PRODUCT = [
-    (name, command) for name, command in EVERY if name.partition(" ")[0] in COMMANDS and isinstance(command, Command)
-]
+PRODUCT = [(name, command) for name, command in EVERY if isinstance(command, Command)]
 
 
 def test_there_are_at_most_27_commands() -> None:
@@ -129,10 +123,9 @@ def test_the_help_of_a_command_ends_with_an_example_that_it_accepts(name: str, c
 
 
 def test_every_module_of_a_command_is_in_the_table() -> None:
-    folders = [Path(package.__path__[0]) for package in (commands, workshop_commands)]
+    folder = Path(commands.__path__[0])
     modules = {
         ".".join(path.relative_to(folder).with_suffix("").parts)
-        for folder in folders
         for path in folder.rglob("*.py")
         if path.stem not in _HELPERS
     }

@@ -14,13 +14,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-import typer
-from typer.main import get_command
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status_client import fetch
 from tests.decoder.replay.test_replay import speed
-from tests.long.commands import bench
 from tests.support.axis.rig import NODE
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.processes import PATIENT, free_tcp_port, free_udp_port, running
@@ -205,10 +202,3 @@ def test_gateway_runs_answers_and_follows_the_keyboard(tmp_path: Path) -> None:
         assert plc.returncode == 0, plc.stderr
         assert "enable" in plc.stderr
     assert store.exists()
-
-
-def test_linux_only_measurements_are_rejected_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
-    context = typer.Context(get_command(bench.app))
-    monkeypatch.setattr(sys, "platform", "darwin")
-    with pytest.raises(GatewayError, match="runs on Linux only, whose /proc"):
-        bench.bench(context)

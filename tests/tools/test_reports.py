@@ -1,4 +1,4 @@
-"""Reports of scenarios and bench: what CI systems and people read of a run."""
+"""Reports of scenarios: what CI systems and people read of a run."""
 
 from __future__ import annotations
 

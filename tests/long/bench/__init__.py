@@ -1,1 +1,1 @@
-"""Benchmarks. Each figure is compared with a floor that is measured in the same run."""
+"""Four tables of measurements: the cyclic exchange, the PROFINET device, stop times, decoder and timeline."""

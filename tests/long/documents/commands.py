@@ -52,8 +52,8 @@ _LONG: Final = """\
 
 ## Long tests
 
-In a checkout of the repository: `python -m tests.long bench` ([benchmarks](benchmarks.md)), `python -m tests.long.soak`
-([soak](soak.md)), `python -m tests.long.walk`. `make conformance` tests telegrams, [simulated
+In a checkout of the repository: `make bench` prints [benchmarks](benchmarks.md), `python -m tests.long.soak` runs the
+[soak](soak.md), `python -m tests.long.walk` the walk. `make conformance` tests telegrams, [simulated
 drives](drives.md#simulated-drives) and [faults](misbehaviour.md).
 """
 

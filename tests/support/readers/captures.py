@@ -18,7 +18,7 @@ from pdgw.profinet.rpc.client import RecordCaller
 from pdgw.profinet.rpc.dcerpc import object_uuid
 from pdgw.profinet.rpc.records import RECORD_GLOBAL
 from pdgw.profinet.rpc.server import RecordServer
-from tests.long.bench.decoding.captures import block
+from tests.support.readers.both_buses import block
 
 BEGIN_NS = 1_700_000_000_123_456_000
 ETHERNET, SOCKETCAN = 1, 227

@@ -1,22 +1,17 @@
-"""Ideal drives in a separate process: they answer each RPDO of telegram 1 at once with a prepared TPDO.
+"""Ideal drives in a process of their own: they answer each RPDO of telegram 1 at once with a prepared TPDO.
 
-They report each new NMT state at once. ``python -m tests.long.bench.processes.drives AXES [INTERFACE ...]`` prints the
-channels of its buses with up to three drives each: CAN interfaces of the kernel, without them loopback buses. Commands on
-standard input: ``mark`` starts counting, ``report`` prints the counts as JSON; the end of the input ends the process.
+``python -m tests.long.bench.drives AXES PER_BUS`` prints the channels of its loopback buses; the end of its input ends it.
 Simulated drives handle everything but RPDOs. An SDO upload that one of them answered in one frame before is answered from
 memory.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import selectors
-import socket
 import struct
 import sys
 import time
-from collections.abc import Callable, Sequence
 
 from pdgw.ds301.bus.can_frame import CAN_FRAME, pack_frame, unpack_frame
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE
@@ -28,8 +23,6 @@ from pdgw.peers.bus import Hub
 from pdgw.peers.drive import SimulatedDriveNode
 from pdgw.peers.drive.model.motion import increments_per_second
 
-PER_BUS = 3
-"""Axes on a 1 Mbit/s bus at 1 kHz: 70 % load."""
 _STATUS_OF_COMMAND = {0x06: 0x0231, 0x07: 0x0233, 0x0F: 0x0637}
 _SWITCH_ON_DISABLED = 0x0250
 _COMMAND = 0xFF
@@ -45,32 +38,10 @@ _UNITS_PER_RPM = 2
 """Units of 60FFh per rpm."""
 
 
-def buses(axes: int) -> list[int]:
-    """Number of drives on each bus."""
-    return [min(PER_BUS, axes - first) for first in range(0, axes, PER_BUS)]
-
-
-class KernelBus:
-    """A CAN interface of the kernel while ``readers`` are served. OSError if there is no interface with this name."""
-
-    def __init__(self, readers: selectors.BaseSelector, channel: str) -> None:
-        self.channel = channel
-        self._socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
-        self._socket.bind((channel,))
-        self._readers = readers
-
-    def attach(self, receive: Callable[[bytes], None]) -> Callable[[bytes], object]:
-        self._readers.register(self._socket, selectors.EVENT_READ, lambda: receive(self._socket.recv(CAN_FRAME.size)))
-        return self._socket.send
-
-
 class IdealDrives:
-    """The drives of one bus, node-IDs 1 to ``count``. ``rpdos``: number of RPDOs received by each.
+    """The drives of one bus, node-IDs 1 to ``count``."""
 
-    ``log``: (monotonic nanoseconds, target velocity) of every RPDO of the last drive, which is served last in a cycle.
-    """
-
-    def __init__(self, bus: Hub | KernelBus, count: int) -> None:
+    def __init__(self, bus: Hub, count: int) -> None:
         self._send = bus.attach(self._receive)
         self._nodes = [SimulatedDriveNode(node, self._from_node) for node in range(1, count + 1)]
         self._ideal: dict[int, tuple[Pdo, Pdo]] = {}
@@ -81,16 +52,8 @@ class IdealDrives:
         self._shafts = [(0, 0.0, 0.0)] * (count + 1)
         """By node-ID: a time, the position at this time and the speed since then, in increments."""
         self._asked: bytes | None = None
-        self.rpdos = [0] * count
-        self.log: list[tuple[int, int]] = []
-        self._last = count
         for node in self._nodes:
             node.start(time.monotonic_ns())
-
-    def mark(self) -> None:
-        """Start counting."""
-        self.rpdos = [0] * len(self.rpdos)
-        self.log = []
 
     def poll(self, now: int) -> None:
         """Send the heartbeats that are due."""
@@ -121,9 +84,6 @@ class IdealDrives:
             self._send(CAN_FRAME.pack(_TPDO + node, tpdo.size, tpdo.pack(feedback)))
             speed = increments_per_second(feedback.velocity_actual / _UNITS_PER_RPM)
             self._shafts[node] = now, self._position(node, now), speed
-            self.rpdos[node - 1] += 1
-            if node == self._last:
-                self.log.append((now, velocity))
             return
         if can_id & _SERVICE == SDO_REQUEST and (answers := self._uploads.get(can_id & _NODE)) is not None:
             if data[0] != _UPLOAD:
@@ -163,44 +123,26 @@ class IdealDrives:
         return rpdo, tpdo
 
 
-def _serve(selector: selectors.BaseSelector, drives: Sequence[IdealDrives]) -> None:
+def main(axes: int, per_bus: int) -> None:
+    """Serve the buses until the input ends."""
+    selector = selectors.DefaultSelector()
+    hubs = [Hub(selector) for _ in range(0, axes, per_bus)]
+    drives = [IdealDrives(hub, min(per_bus, axes - number * per_bus)) for number, hub in enumerate(hubs)]
+    print(*(hub.channel for hub in hubs), flush=True)
     selector.register(sys.stdin.fileno(), selectors.EVENT_READ)
-    step = _POLL_NS // len(drives)
     due, turn = time.monotonic_ns(), 0
     while True:
         for key, _ in selector.select(max(0, due - time.monotonic_ns()) / SECOND):
             if key.data is not None:
                 key.data()
-                continue
-            text = os.read(sys.stdin.fileno(), 4096).decode()
-            if not text:
+            elif not os.read(sys.stdin.fileno(), 1):
                 return
-            for command in text.split():
-                if command == "mark":
-                    for item in drives:
-                        item.mark()
-                    print("marked", flush=True)
-                else:
-                    report = {"rpdos": [count for item in drives for count in item.rpdos], "log": drives[-1].log}
-                    print(json.dumps(report), flush=True)
         now = time.monotonic_ns()
         if now >= due:
             drives[turn].poll(now)
             turn = (turn + 1) % len(drives)
-            due = max(due + step, now)
-
-
-def main() -> None:
-    """Serve the buses."""
-    selector = selectors.DefaultSelector()
-    counts, interfaces = buses(int(sys.argv[1])), sys.argv[2:]
-    on: Sequence[Hub | KernelBus] = [KernelBus(selector, name) for name in interfaces] or [
-        Hub(selector) for _ in counts
-    ]
-    drives = [IdealDrives(bus, count) for bus, count in zip(on, counts, strict=True)]
-    print(*(bus.channel for bus in on), flush=True)
-    _serve(selector, drives)
+            due = max(due + _POLL_NS // len(drives), now)
 
 
 if __name__ == "__main__":
-    main()
+    main(int(sys.argv[1]), int(sys.argv[2]))

@@ -1,0 +1,71 @@
+"""``python -m tests.long.bench [exchange|profinet|stops|decode ...]`` (``make bench``): print the tables, all without names.
+
+``--realtime``: all processes with real-time priority (Linux; root or CAP_SYS_NICE). ``--seconds``: time for each row.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
+
+from rich.console import Console
+from rich.table import Table
+
+from pdgw.gateway.service.build import build, interpreter
+from pdgw.tools.demo import namespaces
+from tests.long.bench import decoding, exchange, profinet, stops
+
+_TABLES = ("exchange", "profinet", "stops", "decode")
+_PRIORITY = 10
+
+
+def _print(title: str, titles: Sequence[str], rows: Iterable[tuple[str, ...]]) -> None:
+    table = Table(*titles, title=title)
+    for row in rows:
+        table.add_row(*row)
+        print(*row, sep="\t", file=sys.stderr, flush=True)
+    Console(width=None if sys.stdout.isatty() else 160).print(table)
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser("python -m tests.long.bench", description=__doc__)
+    parser.add_argument("tables", nargs="*", metavar="TABLE", help=", ".join(_TABLES))
+    parser.add_argument("--seconds", type=float, default=5)
+    parser.add_argument("--realtime", action="store_true")
+    chosen = parser.parse_args()
+    if unknown := set(chosen.tables) - set(_TABLES):
+        parser.error(f"table {', '.join(sorted(unknown))}, allowed: {', '.join(_TABLES)}")
+    names = chosen.tables or _TABLES
+    if chosen.realtime:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
+    if names == ["profinet"] and not namespaces.inside():
+        namespaces.enter("tests.long.bench")
+    facts = (version("profidrive-gateway"), build(), interpreter(), platform.release(), platform.machine())
+    priority = "real-time" if chosen.realtime else "usual"
+    today = datetime.now(UTC).date().isoformat()
+    print(today, "pdgw", *facts, f"{os.cpu_count()} cores, {priority} priority", flush=True)
+    if "exchange" in names:
+        title = "cyclic exchange over UDP: until the answer is at the client"
+        _print(title, exchange.TITLES, exchange.rows(chosen.seconds))
+    if names == ["profinet"]:
+        _print("PROFINET: period of the frames", profinet.TITLES, profinet.rows(chosen.seconds))
+    elif "profinet" in names:
+        options = ["--seconds", str(chosen.seconds)]
+        subprocess.run([sys.executable, "-m", "tests.long.bench", "profinet", *options], check=False)
+    if "stops" in names:
+        logging.getLogger("gateway").disabled = True
+        _print("stop times, virtual time", stops.TITLES, stops.rows(20))
+    if "decode" in names:
+        _print("decoder and timeline, start-up included", decoding.TITLES, decoding.rows(decoding.PACKETS))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,1 +1,0 @@
-"""Speed of the decoder and of `pdgw timeline`, compared with other programs on the same captures."""

@@ -1,1 +1,0 @@
-"""Tools of the measurements: schedules, phases, percentiles, build information."""

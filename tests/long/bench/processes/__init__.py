@@ -1,1 +1,0 @@
-"""The processes of a benchmark: gateway, ideal drives, echoes."""

@@ -1,1 +1,0 @@
-"""The PROFINET device over a pair of virtual Ethernet interfaces."""

@@ -1,1 +1,0 @@
-"""Counts of work that are the same on fast, slow and busy machines, compared with ``golden.toml``."""
