@@ -98,7 +98,7 @@ docs: $(STAMP)
 	$(BIN)/python -m tests.long.documents.tables
 	$(BIN)/python -m tests.long.documents.commands
 	$(BIN)/python -m tests.support.documents.plc_blocks
-	$(BIN)/python -m tests.support.documents.plc_timing
+	$(BIN)/python -m tests.tools.test_plc_timing
 	$(BIN)/python -c "from tests.support.documents import statements; statements.write()"
 	$(BIN)/python -c "from tests.support.documents import situations; situations.write()"
 	$(BIN)/python -m pdgw.peers.drive.eds

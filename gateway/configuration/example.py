@@ -45,7 +45,7 @@ def simulated(
         "can": {"interface": "virtual", "channel": "pdgw"},
         "transport": {"watchdog_factor": SIMULATED_WATCHDOG_FACTOR},
         "axis": [
-            {"do_id": n, "node_id": n, "telegram": number, "simulate": True, "tpdo_event_ms": 2000}
+            {"do_id": n, "node_id": n, "telegram": number, "simulate": True, "tpdo_event_ms": 500}
             | _SIMULATED_TIMES
             | (
                 {"positioner": SIMULATED_KEYS, "block": SIMULATED_BLOCKS}

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pdgw.gateway.reasons import Reason
 from tests.long.documents.commands import COMMANDS_PATH, generate_commands
-from tests.long.documents.screenshots import Scene, configuration
 from tests.long.documents.simulator_words import generate_words
 from tests.long.documents.tables import (
     MISBEHAVIOUR_PATH,
@@ -18,7 +16,6 @@ from tests.long.documents.tables import (
     generate_power_table,
 )
 from tests.support.documents.plc_blocks import BLOCKS_PATH, generate_blocks
-from tests.support.documents.plc_timing import FOLDER, PICTURES, pictures
 
 DOCS = Path(__file__).parents[2] / "docs"
 """Of the project, also where the package that is tested is installed elsewhere."""
@@ -37,20 +34,3 @@ def test_table_of_the_commands_is_up_to_date() -> None:
 
 def test_tables_of_the_plc_blocks_are_up_to_date() -> None:
     assert (DOCS / BLOCKS_PATH.name).read_text(encoding="utf-8") == generate_blocks(), "run: make docs"
-
-
-def test_timing_diagrams_of_the_plc_blocks_are_up_to_date() -> None:
-    drawn = pictures()
-    assert {name.removesuffix(".svg") for name in drawn} == PICTURES.keys()
-    stored = {path.name: path.read_text(encoding="utf-8") for path in (DOCS / FOLDER).iterdir()}
-    assert stored == drawn, "run: make docs"
-
-
-def test_screenshots_show_an_axis_in_each_intended_state(tmp_path: Path) -> None:
-    scene = Scene(configuration(), tmp_path)
-    scene.play()
-    try:
-        assert [item["state"] for item in scene.status()["axes"]] == ["In operation", "Off", "Waits"]
-        assert scene.status()["axes"][2]["reason_id"] == Reason.NO_CONTROL.name
-    finally:
-        scene.end()

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.commands.simulation.plc import Output
-from pdgw.tools.output.reports import Check, Report, figures
+from pdgw.tools.output.reports import Check, Report
 from tests.support.cli import pdgw
 
 CHECKS = (
@@ -79,14 +79,6 @@ def test_any_text_gives_well_formed_files(text: str) -> None:
     report = Report(text, (Check(text, text, text, (text or "x",)),), text, {text: text})
     ElementTree.fromstring(report.junit())
     cells(report.page())
-
-
-def test_figures_have_the_paths_of_the_document() -> None:
-    assert figures({"rows": [{"axes": 1, "p50": 12.3456789}], "idle": None}) == {
-        "rows.0.axes": "1",
-        "rows.0.p50": "12.3457",
-        "idle": "None",
-    }
 
 
 @pytest.mark.parametrize(("answered", "draws"), [(False, False), (True, False), (False, True)])

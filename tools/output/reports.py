@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -54,7 +54,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Report:
-    """``configuration``: what was tested, as text; empty if the figures contain it. ``measured``: figures by name."""
+    """``configuration``: what was tested, as text. ``measured``: figures by name."""
 
     title: str
     checks: tuple[Check, ...] = ()
@@ -133,20 +133,6 @@ class Report:
                 continue
             with writing(f"{option} {path}"):
                 path.write_text(text(), encoding="utf-8")
-
-
-def figures(document: Any, name: str = "") -> dict[str, str]:
-    """The figures in plain data, by path: ``rows.0.axes``."""
-    if isinstance(document, dict):
-        items: Any = document.items()
-    elif isinstance(document, list):
-        items = enumerate(document)
-    else:
-        return {name: f"{document:.6g}" if isinstance(document, float) else str(document)}
-    found: dict[str, str] = {}
-    for key, value in items:
-        found |= figures(value, f"{name}.{key}" if name else str(key))
-    return found
 
 
 def _plain(text: str) -> str:

@@ -1,4 +1,4 @@
-"""Tables of the inputs and outputs of the PLC blocks, each with its timing diagram."""
+"""Tables of the inputs and outputs of the PLC blocks."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from pdgw.tools.plc.declarations import Declared, declarations
 from pdgw.tools.plc.library import axis_block, block_name, telegram_block, template
 from pdgw.tools.plc.motion import has_axis, motion_blocks
 from tests.long.documents.markdown import table
-from tests.support.documents.plc_timing import FOLDER, PICTURES
 
 _DOCS = Path(__file__).parents[3] / "docs"
 BLOCKS_PATH = _DOCS / "plc-blocks.md"
@@ -21,7 +20,10 @@ _INTRODUCTION = """\
 Generated from the templates by `make docs`; do not edit. [plc.md](plc.md) shows how to use them. "Telegrams" is empty if all
 telegrams of the block have the variable. `Actual` and `Setpoints` are the structures of the telegram.
 
-Each picture shows a run of the block against a gateway and a simulated drive in virtual time, 4 ms per cycle.
+The picture shows MC_Power, MC_Home and MC_MoveAbsolute with the simulated drive of `pdgw run --simulate --telegram 111`, in
+virtual time, 4 ms per cycle: power on, homing at the present position, a move by 0.6 revolutions, power off.
+
+![Signals of MC_Power, MC_Home and MC_MoveAbsolute, and the position](plc-timing.svg)
 """
 
 
@@ -39,7 +41,7 @@ def generate_blocks() -> str:
             if unit.kind != "TYPE":
                 rows = _rows({0: unit.variables})
                 rows_text = table(("", "name", "type", "initial", "meaning"), rows)
-                parts.append(f"## {unit.name}\n\n{unit.comment}\n\n{rows_text}{_picture(unit.name)}")
+                parts.append(f"## {unit.name}\n\n{unit.comment}\n\n{rows_text}")
     return "\n".join(parts)
 
 
@@ -48,11 +50,7 @@ def _family(name: str, texts: dict[int, str]) -> str:
     numbers = ", ".join(map(str, found))
     rows = _rows({number: item.variables for number, item in found.items()})
     rows_text = table(("", "name", "type", "initial", "meaning", "telegrams"), rows)
-    return f"## {name}_Tn\n\nTelegrams {numbers}.\n\n{rows_text}{_picture(name)}"
-
-
-def _picture(block: str) -> str:
-    return f"\n![Signals of {block}: {PICTURES[block]}]({FOLDER}/{block}.svg)\n"
+    return f"## {name}_Tn\n\nTelegrams {numbers}.\n\n{rows_text}"
 
 
 def _rows(variables: dict[int, Sequence[Declared]]) -> Iterator[tuple[str, ...]]:
