@@ -35,7 +35,7 @@ class DatagramPort(Protocol):
         """Do not call it until the next ``start``; data waits in the buffer until then."""
 
     def only_from(self, sender: Address | None) -> None:
-        """Drop datagrams of other senders if possible; None: accept all again."""
+        """Drop nearly all datagrams of other senders if possible; None: accept all again."""
 
     def receive(self) -> tuple[bytes, Address] | None:
         """The next datagram that waits, or None."""

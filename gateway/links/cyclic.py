@@ -35,6 +35,8 @@ from pdgw.profidrive.telegrams import Direction, Telegram, TelegramHalf
 
 _TICK_AND_COUNTER: Final = struct.Struct(">IH")
 """The end of a frame: the tick, then the CycleCounter."""
+_NAMED_NS: Final = 10 * SECOND
+"""Time for which another sender is named."""
 _STATUS_OFFSET: Final = 2
 """DataStatus follows the CycleCounter."""
 _STATUS_USED: Final = STATUS_DATA_VALID | STATUS_PRIMARY | STATUS_RUN
@@ -129,7 +131,7 @@ class CyclicEndpoint:
         self._refused: tuple[Verdict, Address, int] | None = None
         """The newest frame of the PLC that does not count, if none has counted since: why, its sender and its length."""
         self._foreign: Address | None = None
-        """Another sender than the PLC, in the last second."""
+        """Another sender than the PLC, if it sent a short time ago."""
         self._foreign_at = 0
         self.counters: dict[Verdict, int] = dict.fromkeys(Verdict, 0)
         self.watchdog_expiries = 0
@@ -285,7 +287,7 @@ class CyclicEndpoint:
         self._last_time = arrived
         self.received = data
         self._refused = None
-        if self._foreign is not None and arrived - self._foreign_at > SECOND:
+        if self._foreign is not None and arrived - self._foreign_at > _NAMED_NS:
             self._foreign = None
         controls = int.from_bytes(data, "big") & self._control_mask
         self.changed = controls != self._controls

@@ -14,11 +14,16 @@ from collections.abc import Sequence
 Instruction = tuple[int, int, int, int]
 """Code, jump if true, jump if false, operand."""
 LOAD_HALF, LOAD_WORD, JUMP_EQUAL, JUMP_GREATER_EQUAL, JUMP_GREATER, RETURN = 0x28, 0x20, 0x15, 0x35, 0x25, 0x06
+_JUMP_SET = 0x45
 _SO_ATTACH_FILTER, _SO_DETACH_FILTER = 26, 27
 _NETWORK_HEADER = 0xFFF0_0000
 """SKF_NET_OFF: offsets from here count from the IP header; other offsets on a UDP socket count from the UDP header."""
 _SOURCE_ADDRESS = _NETWORK_HEADER + 12
 _SOURCE_PORT = 0
+_RANDOM = 0xFFFF_F000 + 56
+"""SKF_AD_OFF + SKF_AD_RANDOM: a random number."""
+_SAMPLE = 0xFF
+"""Of 256 datagrams of other senders, one is received."""
 _EVERYTHING = 0xFFFF
 
 
@@ -35,12 +40,15 @@ def detach(of: socket.socket) -> None:
 
 
 def from_sender(host: str, port: int) -> list[Instruction]:
-    """UDP datagrams of this sender."""
+    """UDP datagrams of this sender, and so few of others that they can be named."""
     return [
         (LOAD_WORD, 0, 0, _SOURCE_ADDRESS),
         (JUMP_EQUAL, 0, 3, int(ipaddress.IPv4Address(host))),
         (LOAD_HALF, 0, 0, _SOURCE_PORT),
         (JUMP_EQUAL, 0, 1, port),
+        (RETURN, 0, 0, _EVERYTHING),
+        (LOAD_WORD, 0, 0, _RANDOM),
+        (_JUMP_SET, 1, 0, _SAMPLE),
         (RETURN, 0, 0, _EVERYTHING),
         (RETURN, 0, 0, 0),
     ]

@@ -75,7 +75,7 @@ class UdpSocket:
         self._loop.remove_reader(self._socket.fileno())
 
     def only_from(self, sender: Address | None) -> None:
-        """Let the kernel drop datagrams of other senders; None: accept all. Linux only; elsewhere the caller still checks."""
+        """Let the kernel drop nearly all datagrams of other senders; None: accept all. Linux only. The caller still checks."""
         if sys.platform != "linux" or sender == self._only:
             return
         try:

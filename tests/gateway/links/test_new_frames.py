@@ -309,7 +309,7 @@ def test_two_plcs_at_one_gateway_are_named() -> None:
     assert site.link.connected
     assert site.losses == 0
     assert "frames of 192.168.0.11:4000 do not count: the PLC is 192.168.0.10:4000" in site.link.refused
-    site.run(300)
+    site.run(2600)
     assert site.link.refused == ""
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import sys
+from collections import Counter
 from collections.abc import Iterator
 
 import pytest
@@ -40,28 +41,32 @@ def heard(port: UdpSocket) -> list[Address]:
     return sources
 
 
-def test_a_port_for_one_sender_hears_nobody_else_until_it_is_for_all_again(
+def test_a_port_for_one_sender_hears_a_sample_of_others_until_it_is_for_all_again(
     port: UdpSocket, senders: list[socket.socket]
 ) -> None:
+    """A second PLC can be named, and a flood costs little."""
     if sys.platform != "linux":
         pytest.skip("packet filters are of Linux")
-    plc = senders[0].getsockname()
     everybody = [item.getsockname() for item in senders]
 
-    def all_send() -> list[Address]:
-        for item in senders:
-            item.sendto(b"x", port.address)
-        return heard(port)
+    def all_send(times: int) -> Counter[Address]:
+        found: Counter[Address] = Counter()
+        for _ in range(times):
+            for item in senders:
+                item.sendto(b"x", port.address)
+            found.update(heard(port))
+        return found
 
-    assert all_send() == everybody
-    port.only_from(plc)
-    port.only_from(plc)
-    assert all_send() == [plc]
-    port.only_from(everybody[2])
-    assert all_send() == [everybody[2]], "same number of port or not: address and port count"
+    assert all_send(1) == Counter(everybody)
+    for plc in (everybody[0], everybody[2]):
+        port.only_from(plc)
+        port.only_from(plc)
+        found = all_send(3000)
+        assert found.pop(plc) == 3000
+        assert 2 <= found.total() <= 100, "of 6000, about 23; same number of port or not: address and port count"
     port.only_from(None)
     port.only_from(None)
-    assert all_send() == everybody
+    assert all_send(1) == Counter(everybody)
 
 
 def test_a_paused_port_leaves_its_datagrams_in_the_kernel(port: UdpSocket, senders: list[socket.socket]) -> None:
