@@ -94,11 +94,11 @@ def _stop_accepted(method: Any, *arguments: Any) -> Verdict:
     return Verdict.ACCEPTED if verdict is Verdict.PROVIDER_STOP else verdict
 
 
-def _iops_ignored(method: Any, self: CyclicEndpoint, data: bytes) -> Any:
+def _iops_ignored(method: Any, self: CyclicEndpoint, data: bytes, *arguments: Any, **named: Any) -> None:
     good = bytearray(data)
-    for _, _, iops, _ in self._axes:
+    for *_, iops in self._axes:
         good[iops] |= IOPS_GOOD
-    return method(self, bytes(good))
+    method(self, bytes(good), *arguments, **named)
 
 
 def _never_trusted(patch: Patch) -> None:
@@ -123,7 +123,7 @@ DEFECTS: Final[Mapping[str, Plant]] = {
         ControlWordAdapter, "status", lambda method, self, flags: method(self, flags | Flag.REACHED)
     ),
     "the drive follows a PLC in STOP": _wrapped(CyclicEndpoint, "_check", _stop_accepted),
-    "the drive follows setpoints with IOPS BAD": _wrapped(CyclicEndpoint, "_decode", _iops_ignored),
+    "the drive follows setpoints with IOPS BAD": _wrapped(CyclicEndpoint, "_take", _iops_ignored),
     "a Statusword older than the command counts as new": _unguarded(_replaced(interlock, "_LEAVING", Drive.OPERATING)),
     "a TPDO that shows every motion counts as not sent": _never_trusted,
     **{text: _unguarded(plant) for text, plant in LOCKS.items()},
