@@ -1,8 +1,7 @@
 """Ideal drives in a process of their own: they answer each RPDO of telegram 1 at once with a prepared TPDO.
 
 ``python -m tests.long.bench.drives AXES PER_BUS`` prints the channels of its loopback buses; the end of its input ends it.
-Simulated drives handle everything but RPDOs. An SDO upload that one of them answered in one frame before is answered from
-memory.
+Simulated drives handle everything but RPDOs and the position of the turning shaft.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ import sys
 import time
 
 from pdgw.ds301.bus.can_frame import CAN_FRAME, pack_frame, unpack_frame
-from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SDO_REQUEST, SDO_RESPONSE
+from pdgw.ds301.connection_set import NMT, SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.indices import POSITION_ACTUAL
@@ -29,10 +28,9 @@ _COMMAND = 0xFF
 _ENABLE_OPERATION = 0x0F
 _SERVICE, _NODE = 0x780, 0x7F
 _TPDO, _RPDO = 0x180, 0x200
-_UPLOAD, _EXPEDITED_MASK, _EXPEDITED_UPLOAD = 0x40, 0xE2, 0x42
 _POLL_NS = 20 * MS
 _POSITION_QUERY, _POSITION_ANSWER = struct.Struct("<BHB"), struct.Struct("<BHBi")
-_POSITION_REQUEST = _POSITION_QUERY.pack(_UPLOAD, POSITION_ACTUAL, 0)
+_POSITION_REQUEST = _POSITION_QUERY.pack(0x40, POSITION_ACTUAL, 0)
 _POSITION_RESPONSE = 0x43
 _UNITS_PER_RPM = 2
 """Units of 60FFh per rpm."""
@@ -47,11 +45,8 @@ class IdealDrives:
         self._ideal: dict[int, tuple[Pdo, Pdo]] = {}
         """RPDO and TPDO by node-ID, of drives that answer. The other drives send their first TPDO by themselves."""
         self._command, self._feedback = DriveCommand(), DriveFeedback()
-        self._uploads: dict[int, dict[bytes, bytes]] = {node.node_id: {} for node in self._nodes}
-        """Answers to uploads by node-ID, until a write."""
         self._shafts = [(0, 0.0, 0.0)] * (count + 1)
         """By node-ID: a time, the position at this time and the speed since then, in increments."""
-        self._asked: bytes | None = None
         for node in self._nodes:
             node.start(time.monotonic_ns())
 
@@ -61,15 +56,8 @@ class IdealDrives:
             node.poll(now)
 
     def _from_node(self, can_id: int, data: bytes) -> None:
-        frame = pack_frame(can_id, data)
-        if (
-            self._asked is not None
-            and can_id & _SERVICE == SDO_RESPONSE
-            and data[0] & _EXPEDITED_MASK == _EXPEDITED_UPLOAD
-        ):
-            self._uploads[can_id & _NODE][self._asked] = frame
         if can_id & _SERVICE != _TPDO or can_id & _NODE not in self._ideal:
-            self._send(frame)
+            self._send(pack_frame(can_id, data))
 
     def _receive(self, frame: bytes) -> None:
         can_id, _, data = CAN_FRAME.unpack(frame)
@@ -85,28 +73,18 @@ class IdealDrives:
             speed = increments_per_second(feedback.velocity_actual / _UNITS_PER_RPM)
             self._shafts[node] = now, self._position(node, now), speed
             return
-        if can_id & _SERVICE == SDO_REQUEST and (answers := self._uploads.get(can_id & _NODE)) is not None:
-            if data[0] != _UPLOAD:
-                answers.clear()
-            elif data[: _POSITION_QUERY.size] == _POSITION_REQUEST and can_id & _NODE in self._ideal:
-                position = round(self._position(can_id & _NODE, time.monotonic_ns()))
-                said = _POSITION_ANSWER.pack(_POSITION_RESPONSE, POSITION_ACTUAL, 0, position)
-                self._send(pack_frame(SDO_RESPONSE + (can_id & _NODE), said))
-                return
-            elif (known := answers.get(frame)) is not None:
-                self._send(known)
-                return
+        node = can_id & _NODE
+        asks = can_id & _SERVICE == SDO_REQUEST
+        if asks and node in self._ideal and data[: _POSITION_QUERY.size] == _POSITION_REQUEST:
+            position = round(self._position(node, time.monotonic_ns()))
+            answer = _POSITION_ANSWER.pack(_POSITION_RESPONSE, POSITION_ACTUAL, 0, position)
+            self._send(pack_frame(SDO_RESPONSE + node, answer))
+            return
         if can_id == NMT:
             self._ideal.pop(data[1], None)
-        self._asked = frame if can_id & _SERVICE == SDO_REQUEST and data[0] == _UPLOAD else None
         identifier, content = unpack_frame(frame)
-        for drive in self._nodes:
+        for drive in [self._nodes[node - 1]] if asks else self._nodes:
             drive.receive(identifier, content, time.monotonic_ns())
-            if can_id == NMT:
-                # Without this the next heartbeat would report it, and the measured start time would depend on the
-                # heartbeat's phase.
-                self._send(pack_frame(ERROR_CONTROL + drive.node_id, bytes([drive.state])))
-        self._asked = None
 
     def _position(self, node: int, now: int) -> float:
         """Position of the shaft. It turns with the speed of 606Ch, because the gateway compares both."""

@@ -86,16 +86,17 @@ class Axes:
         return first is not None and round(first["NIST_A"] / _SPEED_STEP) == (self._cycle - 1) % _SPEEDS
 
     @property
+    def _states(self) -> list[int]:
+        return [0 if item is None else item["ZSW1"] & _STATE for item in self._endpoint.actuals]
+
+    @property
     def operating(self) -> bool:
         """Whether every axis is in operation."""
-        states = [0 if item is None else item["ZSW1"] & _STATE for item in self._endpoint.actuals]
-        return all(state == _OPERATION for state in states)
+        return all(state == _OPERATION for state in self._states)
 
     def enable(self) -> None:
-        """Send ON to the axes that are ready, OFF to those that are not."""
-        for axis, values in enumerate(self._endpoint.actuals):
-            state = 0 if values is None else values["ZSW1"] & _STATE
-            self._words[axis] = _ON if state in {_READY, _OPERATION} or state & 0x02 else _OFF
+        """Send ON to the axes that are ready or on, OFF to the others."""
+        self._words = [_ON if state & _READY else _OFF for state in self._states]
 
 
 class Peer:

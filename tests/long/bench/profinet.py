@@ -13,6 +13,8 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
+from ipaddress import IPv4Interface
 from itertools import pairwise, product
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -23,9 +25,13 @@ from pdgw.decoder.frames.records import CyclicRecord
 from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.profinet.native import is_built
-from pdgw.profidrive.telegrams import Direction
+from pdgw.peers.controller.controller import Phase
+from pdgw.peers.controller.plc import project_of
+from pdgw.peers.controller.running import RunningController
+from pdgw.profidrive.telegrams import Direction, telegram
+from pdgw.profinet.model import TELEGRAM_SUBSLOT
 from pdgw.recording.ethernet_capture import EthernetCapture
-from pdgw.tools.demo.namespaces import HERE, VethPair
+from pdgw.tools.demo.namespaces import ADDRESS_HERE, HERE, THERE, VethPair
 from tests.long.bench.exchange import cpu_ns
 
 TITLES = ("cycle", "", "p50", "p99", "max", "frames", "of a core")
@@ -33,6 +39,10 @@ STATION: Final = "press-1"
 _CYCLES_MS: Final = (0.5, 1, 4, 32)
 _FLOOR_FRAME_ID: Final = 0xBBFF
 _PATIENCE_S: Final = 60
+_AXIS: Final = (1, TELEGRAM_SUBSLOT)
+_HOLD_MS: Final = 200
+"""Shortest data hold time: this controller is not a real-time system."""
+_CYCLES_HELD: Final = 3
 _CONFIG: Final = f"""\
 [can]
 interface = "virtual"
@@ -72,7 +82,7 @@ def measure(cycle_ms: float, seconds: float, *, native: bool) -> tuple[Cost, Cos
         capture, config = Path(folder) / "bench.pcapng", Path(folder) / "gateway.toml"
         text = _CONFIG.format(cycle_ms=cycle_ms, native=str(native).lower())
         config.write_text(f'store = "{folder}/store.json"\n{text}', encoding="utf-8")
-        plc = pair.command(sys.executable, "-m", "tests.long.bench.controller", str(cycle_ms), str(seconds))
+        plc = pair.command(sys.executable, "-m", "tests.long.bench.profinet", str(cycle_ms), str(seconds))
         # Run as a file: the modules that a process loads affect its figures.
         sender = [sys.executable, "-P", str(Path(__file__).with_name("sends_only.py")), HERE]
         with (
@@ -143,3 +153,25 @@ def _expect(controller: subprocess.Popen[str], word: str) -> None:
     line = controller.stdout.readline().strip()
     if line != word:
         raise GatewayError(f"the controller did not come to {word!r}: {line or 'it ended'}")
+
+
+def _control(cycle_ms: float, seconds: float) -> None:
+    """The controller's process: connect, exchange data for a time, release the relationship; print the phases."""
+    project = project_of(STATION, [telegram(1)], round(cycle_ms * MS))
+    project = replace(project, data_hold=max(_CYCLES_HELD, round(_HOLD_MS / cycle_ms)))
+    runner = RunningController(THERE, project, IPv4Interface(ADDRESS_HERE))
+    plc = runner.controller
+    end = time.monotonic() + _PATIENCE_S
+    while plc.input(_AXIS) is None and time.monotonic() < end:
+        if plc.phase in {Phase.IDLE, Phase.IDENTIFY, Phase.ENDED}:
+            plc.start(time.monotonic_ns())
+        runner.run(0.1, lambda: plc.input(_AXIS) is not None)
+    print("data", flush=True)
+    runner.run(seconds)
+    print("measured" if plc.phase is Phase.DATA else plc.learned.ended or plc.phase.value, flush=True)
+    plc.release(time.monotonic_ns())
+    runner.run(3, lambda: plc.phase is Phase.ENDED)
+
+
+if __name__ == "__main__":
+    _control(*map(float, sys.argv[1:]))

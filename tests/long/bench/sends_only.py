@@ -1,11 +1,10 @@
 """A process that only sends an Ethernet frame each cycle: the part of the jitter that the machine causes.
 
-It runs as a file, without imports of this package: ``INTERFACE CYCLE_NS FRAME_ID [PRIORITY]``.
+It runs as a file, without imports of this package: ``INTERFACE CYCLE_NS FRAME_ID``.
 """
 
 from __future__ import annotations
 
-import os
 import socket
 import sys
 import time
@@ -17,12 +16,10 @@ DATA_SIZE = 44
 NS_PER_S = 1e9
 
 
-def main(interface: str, cycle_ns: int, frame_id: bytes, priority: str | None) -> None:
+def main(interface: str, cycle_ns: int, frame_id: bytes) -> None:
     sock = socket.socket(socket.AF_PACKET, socket.SOCK_RAW)
     sock.bind((interface, 0))
     frame = RECEIVER + sock.getsockname()[4] + ETHERTYPE_RT + frame_id + bytes(DATA_SIZE)
-    if priority:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(int(priority)))
     due = time.monotonic_ns()
     while True:
         due += cycle_ns
@@ -33,4 +30,4 @@ def main(interface: str, cycle_ns: int, frame_id: bytes, priority: str | None) -
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]), bytes.fromhex(sys.argv[3]), sys.argv[4] if len(sys.argv) > 4 else None)
+    main(sys.argv[1], int(sys.argv[2]), bytes.fromhex(sys.argv[3]))

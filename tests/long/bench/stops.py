@@ -106,15 +106,9 @@ def _lose_plc(site: Site) -> int:
     return site.stop_frame() - begin
 
 
-def _lose_tpdos(site: Site) -> int:
+def _lose(site: Site, fault: str, **values: int) -> int:
     begin = site.loop.now()
-    site.drive.do(lambda node: node.misbehave("lost-pdos", every=1))
-    return site.stop_frame() - begin
-
-
-def _lose_heartbeat(site: Site) -> int:
-    begin = site.loop.now()
-    site.drive.do(lambda node: node.misbehave("heartbeat-stops"))
+    site.drive.do(lambda node: node.misbehave(fault, **values))
     return site.stop_frame() - begin
 
 
@@ -165,8 +159,13 @@ LOSSES = (
         _lose_plc,
         (_CONFIGURATION.transport.watchdog_factor + 1) * _CYCLE + _FRAME,
     ),
-    Loss("TPDOs of the drive", _TO_STOP, _lose_tpdos, _TPDOS + _CYCLE + _FRAME),
-    Loss("heartbeat of the drive", _TO_STOP, _lose_heartbeat, _BEATS + _LOOK + _CYCLE + _FRAME),
+    Loss("TPDOs of the drive", _TO_STOP, lambda site: _lose(site, "lost-pdos", every=1), _TPDOS + _CYCLE + _FRAME),
+    Loss(
+        "heartbeat of the drive",
+        _TO_STOP,
+        lambda site: _lose(site, "heartbeat-stops"),
+        _BEATS + _LOOK + _CYCLE + _FRAME,
+    ),
     Loss(
         f"bus, for {_OUTAGE_NS // MS} ms",
         "the first moment a frame can pass to the first stop Controlword on CAN",
