@@ -38,10 +38,12 @@ _OTHERWISE = {
     ("duplicated-pdos", "no-event-timer"): "looks like two drives",
     ("heartbeat-stops", "rpdo-timeout"): "it sends no heartbeats",
     ("heartbeat-stops", "stays-stopped"): "it stands in Quick Stop Active with power",
+    ("lost-pdos", "stays-stopped"): "it stands in Quick Stop Active with power",
+    ("unknown-state", "stays-stopped"): "it stands in Quick Stop Active with power",
 }
 """Combinations in which the reaction is another one, and why."""
 _ALL = [
-    (replace(case, telegram=number, sent=()), name)
+    (replace(case, telegram=number, sent=(), stopped=""), name)
     for name in SHAPES
     if name not in _WITH_OWN_FAULT
     for number in TELEGRAMS
