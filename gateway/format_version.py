@@ -1,4 +1,4 @@
-"""Format versions of the files that the gateway writes and reads again: configuration, parameter store, dump, ring.
+"""Format versions of the files that the gateway writes and reads again: configuration, parameter store, dump, recording.
 
 A version rises when an older gateway would read the file wrongly or not at all. Every gateway reads the files of all releases
 from 0.9.0 on (tests/formats). A file of a newer version is rejected and stays as it is: a downgrade loses nothing.

@@ -1,67 +1,57 @@
-"""``pdgw run --record``: both buses of a running gateway in one file with one clock, and its configuration with them."""
+"""``pdgw run --record``: copy the recording of a running gateway from RAM to a folder, on a thread of its own."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
+import logging
+import threading
 from datetime import datetime
 from pathlib import Path
-from typing import Final
+from typing import BinaryIO, Final
 
-import can
-
-from pdgw.decoder.capture.pcapng_file import PcapngWriter, can_packet, udp_packet
-from pdgw.decoder.frames.records import LinkType
-from pdgw.ds301.bus.can_frame import ERROR, EXTENDED, REMOTE
-from pdgw.ds301.loop.loop import Loop
-from pdgw.durations import SECOND
-from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.configuration.file import config_text
+from pdgw.ds301.counters import Counters
 from pdgw.gateway.errors import writing
-from pdgw.gateway.links.profinet.ethernet import RawEthernet
-from pdgw.gateway.links.udp import Address
-from pdgw.gateway.platform import DatagramPort, SystemPlatform
-from pdgw.profidrive.frame import CYCLIC_PORT
-from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
-from pdgw.recording.background_writer import BackgroundWriter
+from pdgw.recording.background_writer import wait_for_end
 from pdgw.recording.recordings import CONFIGURATION
-from pdgw.recording.trace_file import PLC
+
+log = logging.getLogger("gateway")
 
 CAPTURE: Final = "gateway.pcapng"
 CAPTURE_SIZE: Final = 256 << 20
 """Bytes after which another capture begins."""
 CAPTURES: Final = 20
 """Full ones that are kept."""
-_WELL_KNOWN: Final = {"cyclic port": CYCLIC_PORT}
-"""The gateway's side is written with this port, so that every reader dissects the frames without help."""
+_POLL_S: Final = 0.25
 
 
 class Captures:
     """Write ``gateway.pcapng`` in a folder; a full file gets the time of its end in its name, and a new one begins.
 
-    ``size``: maximum bytes of each, ``files``: number of full ones to keep, those of earlier runs included. Raises OSError as
-    files do.
+    ``size``: bytes from which on a file is full, ``files``: number of full ones to keep, those of earlier runs included. Raises
+    OSError as files do.
     """
 
-    def __init__(self, folder: Path, configuration: str, size: int, files: int) -> None:
+    def __init__(self, folder: Path, size: int, files: int) -> None:
         self._folder = folder
-        self._configuration = configuration
         self._size = size
         self._files = files
         self._path = folder / CAPTURE
         self._put_aside()
-        self._writer = PcapngWriter(self._path, configuration)
+        self._file: BinaryIO = self._path.open("wb")
 
-    def write(self, link: LinkType, name: str, time_ns: int, data: bytes) -> None:
-        """One packet."""
-        if self._writer.size >= self._size:
-            self._writer.close()
+    def begin(self) -> None:
+        """A segment begins, which another file can begin with."""
+        if self._file.tell() >= self._size:
+            self._file.close()
             self._put_aside()
-            self._writer = PcapngWriter(self._path, self._configuration)
-        self._writer.write(link, name, time_ns, data)
+            self._file = self._path.open("wb")
+
+    def write(self, data: bytes) -> None:
+        """A part of the segment."""
+        self._file.write(data)
+        self._file.flush()
 
     def close(self) -> None:
-        self._writer.close()
+        self._file.close()
 
     def _put_aside(self) -> None:
         try:
@@ -79,137 +69,62 @@ class Captures:
             path.unlink(missing_ok=True)
 
 
-class Recorder:
-    """Writer thread for the data of the gateway's loop."""
+class Recording:
+    """Copies the segments of ``ring`` until ``stop``; GatewayError when the folder cannot be written."""
 
-    def __init__(self, folder: Path, config: GatewayConfig, size: int = CAPTURE_SIZE, files: int = CAPTURES) -> None:
-        text = config_text(config)
-        with writing(f"--record {folder}"):
+    def __init__(
+        self, folder: Path, ring: Path, configuration: str, size: int = CAPTURE_SIZE, files: int = CAPTURES
+    ) -> None:
+        self._what = f"--record {folder}"
+        with writing(self._what):
             folder.mkdir(parents=True, exist_ok=True)
-            (folder / CONFIGURATION).write_text(text, encoding="utf-8")
-            captures = Captures(folder, text, size, files)
-        self.writer: BackgroundWriter[tuple[LinkType, str, int, bytes]] = BackgroundWriter(
-            f"--record {folder}", lambda packet: captures.write(*packet), captures.close
-        )
+            (folder / CONFIGURATION).write_text(configuration, encoding="utf-8")
+            self._captures = Captures(folder, size, files)
+        self._ring = ring
+        self._segment: BinaryIO | None = None
+        self._number = 0
+        self.lost = 0
+        """Segments that were deleted from the RAM before they were copied, or not written."""
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=self._what, daemon=True)
+        self._thread.start()
 
-    def frame(self, bus: str, message: can.Message) -> None:
-        """A CAN frame, sent or received."""
-        identifier = message.arbitration_id | (EXTENDED if message.is_extended_id else 0)
-        identifier |= (REMOTE if message.is_remote_frame else 0) | (ERROR if message.is_error_frame else 0)
-        data = bytes(message.data)
-        time_ns = round(message.timestamp * SECOND) or time.time_ns()
-        self.writer.put((LinkType.CAN_SOCKETCAN, bus, time_ns, can_packet(identifier, data)))
-
-    def datagram(self, time_ns: int, source: Address, target: Address, data: bytes) -> None:
-        """A datagram to or from the PLC."""
-        self.writer.put((LinkType.ETHERNET, PLC, time_ns, udp_packet(source, target, data)))
-
-    def ethernet(self, frame: bytes) -> None:
-        """A frame to or from the controller, now."""
-        self.writer.put((LinkType.ETHERNET, PLC, time.time_ns(), frame))
+    def count_in(self, counters: Counters) -> None:
+        """Count the lost segments."""
+        counters.add("record", "lost", "segments", "not recorded: the disk is full or too slow", lambda: self.lost)
 
     def stop(self) -> None:
-        """As ``BackgroundWriter.stop``."""
-        self.writer.stop()
+        """Everything is written afterwards, as far as the disk takes it within two seconds."""
+        self._ending.set()
+        wait_for_end(self._thread)
+
+    def _run(self) -> None:
+        try:
+            while not self._ending.wait(_POLL_S):
+                self._copy()
+            self._copy()
+            self._captures.close()
+        except OSError as error:
+            self.lost += 1
+            log.error("%s: %s; the recording has stopped", self._what, error.strerror or error)
+
+    def _copy(self) -> None:
+        """What is new in the ring. An open segment can be read after it was deleted."""
+        while True:
+            later = [path for path in sorted(self._ring.glob("*.pcapng")) if _number(path) > self._number]
+            if self._segment is not None:
+                self._captures.write(self._segment.read())
+            if not later:
+                return
+            missing = _number(later[0]) - self._number - 1
+            if self._segment is not None:
+                self._segment.close()
+                if missing:
+                    self.lost += missing
+                    log.error("%s: the disk is too slow, %d segments are missing", self._what, missing)
+            self._captures.begin()
+            self._segment, self._number = later[0].open("rb"), _number(later[0])
 
 
-class RecordedPort:
-    """A UDP port whose datagrams are recorded; ``port_number`` is its number in the file."""
-
-    def __init__(self, port: DatagramPort, recorder: Recorder, loop: Loop, port_number: int) -> None:
-        self._port = port
-        self._recorder = recorder
-        self._loop = loop
-        self._here = (port.address[0], port_number)
-
-    @property
-    def errors(self) -> int:
-        return self._port.errors
-
-    @errors.setter
-    def errors(self, value: int) -> None:
-        self._port.errors = value
-
-    @property
-    def address(self) -> Address:
-        return self._port.address
-
-    @property
-    def received_at(self) -> int | None:
-        return self._port.received_at
-
-    def start(self, action: Callable[[], None], *, urgent: bool = False) -> None:
-        self._port.start(action, urgent=urgent)
-
-    def pause(self) -> None:
-        self._port.pause()
-
-    def only_from(self, sender: Address | None) -> None:
-        self._port.only_from(sender)
-
-    def receive(self) -> tuple[bytes, Address] | None:
-        found = self._port.receive()
-        if found is not None:
-            at = self._port.received_at
-            waited = 0 if at is None else self._loop.now() - at
-            self._recorder.datagram(self._wall_ns() - waited, found[1], self._here, found[0])
-        return found
-
-    def send(self, data: bytes | bytearray, address: Address) -> None:
-        self._port.send(data, address)
-        self._recorder.datagram(self._wall_ns(), self._here, address, bytes(data))
-
-    def _wall_ns(self) -> int:
-        return round(self._loop.wall() * SECOND)
-
-    def close(self) -> None:
-        self._port.close()
-
-
-class RecordedEthernet(RawEthernet):
-    """The interface of a PROFINET device, whose frames and calls are recorded."""
-
-    def __init__(self, loop: Loop, interface: str, recorder: Recorder) -> None:
-        super().__init__(loop, interface)
-        self._recorder = recorder
-
-    def receive(self) -> bytes | None:
-        return self._noted(super().receive())
-
-    def receive_other(self) -> bytes | None:
-        return self._noted(super().receive_other())
-
-    def _noted(self, frame: bytes | None) -> bytes | None:
-        if frame is not None:
-            self._recorder.ethernet(frame)
-        return frame
-
-    def receive_datagram(self) -> tuple[bytes, Address] | None:
-        found = super().receive_datagram()
-        if found is not None:
-            self._recorder.datagram(time.time_ns(), found[1], self._here(), found[0])
-        return found
-
-    def send(self, frame: bytes | bytearray) -> None:
-        super().send(frame)
-        self._recorder.ethernet(bytes(frame))
-
-    def send_datagram(self, data: bytes, address: Address) -> None:
-        super().send_datagram(data, address)
-        self._recorder.datagram(time.time_ns(), self._here(), address, data)
-
-    def _here(self) -> Address:
-        return str(self.ip().address), ACYCLIC_PORT
-
-
-class RecordingPlatform(SystemPlatform):
-    """The machine, with its UDP ports recorded."""
-
-    def __init__(self, recorder: Recorder) -> None:
-        super().__init__()
-        self._recorder = recorder
-
-    def open_udp(self, listen: str, port: int, purpose: str) -> DatagramPort:
-        opened = super().open_udp(listen, port, purpose)
-        number = _WELL_KNOWN.get(purpose, opened.address[1])
-        return RecordedPort(opened, self._recorder, self.loop, number)
+def _number(segment: Path) -> int:
+    return int(segment.stem.partition("-")[0])

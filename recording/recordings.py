@@ -1,4 +1,4 @@
-"""Open captures of both buses for the timeline (as a stream) and for replay (as one ``Recording``).
+"""Open captures of both buses for the timeline, and recordings of the gateway for the replay.
 
 Axes come from the configuration, from given telegrams and nodes, or are inferred from the frames. Each file has its own clock
 unless it contains both buses.
@@ -11,49 +11,44 @@ import os
 import re
 import sys
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from itertools import islice, pairwise
 from operator import attrgetter
 from pathlib import Path
-from typing import overload
 
 from pdgw.decoder.capture.axes import configured_axes
 from pdgw.decoder.capture.dictionary import dictionary_of
 from pdgw.decoder.capture.pcapng_file import configuration_in
 from pdgw.decoder.capture.source import STANDARD_INPUT, Source, open_source
 from pdgw.decoder.export.trace_page import TracePage
-from pdgw.decoder.frames.engine import Axis, Decoder, Settings, given_axes
-from pdgw.decoder.frames.records import BusKind, Record
-from pdgw.decoder.replay.recording import Collector, Recording
-from pdgw.decoder.replay.replay import Replayer
-from pdgw.decoder.replay.result import AxisReplay
+from pdgw.decoder.frames.canopen.records import CanRecord
+from pdgw.decoder.frames.engine import Axis, CanPacket, Decoder, Packet, Settings, given_axes
+from pdgw.decoder.frames.records import BusKind, CyclicRecord, Record, StepRecord
+from pdgw.decoder.replay.replay import Replayed, replay
 from pdgw.decoder.timeline.builder import HOLD_NS, TimelineBuilder
-from pdgw.decoder.timeline.clocks import ONE_CLOCK, Clocks
+from pdgw.decoder.timeline.clocks import ONE_CLOCK, AxisWords, Clocks, collect, correlate
 from pdgw.decoder.timeline.entries import Entry
-from pdgw.decoder.timeline.lookahead import Lookahead, is_of
 from pdgw.ds301.connection_set import NODE_IDS
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import load_config, parse_config
+from pdgw.gateway.configuration.tables.defaults import USUAL_CYCLE_MS
 from pdgw.gateway.errors import GatewayError
-from pdgw.recording.defaults import TOLERANCE_NS
+from pdgw.gateway.trace.blocks import Description
+from pdgw.gateway.trace.reader import Cycle, Frame, Parser
+from pdgw.profidrive.telegrams import Direction
 from pdgw.recording.progress import with_progress
 
 INFER_FROM = 20_000
 """Packets of a file that are searched for the telegrams."""
-_MIN_TOLERANCE_CYCLES = 4
 CONFIGURATION = "gateway.toml"
 """Beside captures: the configuration they were made with."""
-_STRETCH_NS = 2 * SECOND
-"""Part of each capture that is read in turn before a timeline begins."""
-_LOOK_AT = 50_000
-_FEW_CHANGES = 4
-"""After this number of packets, this smaller number of changes of words is enough."""
-_EVIDENCE = {BusKind.PLC: "cyclic frames", BusKind.CAN: "CAN frames"}
+_CYCLES = 2000
+"""Cycles whose length is measured."""
+_AT_ONCE = 1 << 20
+"""Bytes of a recording that are read in one piece."""
 _AXIS_NODE = re.compile(r"(?:(\d{1,3})=)?(\d{1,3})")
 
 Notify = Callable[[str], None]
@@ -61,11 +56,9 @@ Notify = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Known:
-    """Known facts; ``cycle_ns`` and ``watchdog_factor`` None: measured. ``choices``: the user's settings for each axis, by
-    DO-ID."""
+    """Known facts; ``cycle_ns`` None: measured, ``watchdog_factor`` None: the default."""
 
     settings: Settings = field(default_factory=Settings)
-    choices: dict[int, AxisSettings] = field(default_factory=dict)
     cycle_ns: int | None = None
     watchdog_factor: int | None = None
 
@@ -113,7 +106,6 @@ def _known_of(loaded: GatewayConfig, telegrams: Sequence[int], nodes: Sequence[s
             cyclic_ports=settings.cyclic_ports | {transport.cyclic_port},
             acyclic_ports=settings.acyclic_ports | {transport.acyclic_port} - {0},
         ),
-        {axis.do_id: axis.settings_at(transport.cycle_time_ms) for axis in loaded.axis},
         int(transport.cycle_time_ms * MS),
         transport.watchdog_factor,
     )
@@ -134,29 +126,8 @@ def _with_nodes(axes: list[Axis], nodes: Sequence[str]) -> list[Axis]:
 
 
 @dataclass(frozen=True)
-class Loaded:
-    """Both captures on one clock."""
-
-    recording: Recording
-    clocks: Clocks
-    files: tuple[str, ...]
-
-    def replay(self, *, tolerance_ns: int = TOLERANCE_NS, first_only: bool = False) -> list[AxisReplay]:
-        """Today's gateway on the recorded inputs of the drives; GatewayError where there is no drive."""
-        drives = [axis for axis in self.recording.axes if axis.telegram.number in DRIVE_TELEGRAM_NUMBERS]
-        if not drives:
-            raise GatewayError(
-                f"{', '.join(self.files)}: the capture has no drive telegram; encoders cannot be replayed"
-            )
-        cycle_ns = self.recording.cycle_ns
-        tolerance_ns = max(tolerance_ns, _MIN_TOLERANCE_CYCLES * cycle_ns) + self.clocks.uncertainty_ns
-        replayers = [Replayer(axis, cycle_ns=cycle_ns, tolerance_ns=tolerance_ns) for axis in drives]
-        return [replayer.run(first_only=first_only) for replayer in replayers]
-
-
-@dataclass(frozen=True)
 class Opening:
-    """Result of the first part of captures, enough to read them from the start in one pass."""
+    """Result of the first pass through captures, enough to read them from the start in a second one."""
 
     files: tuple[str, ...]
     known: Known
@@ -170,9 +141,9 @@ class Opening:
     """Facts that neither the user nor the captures contain."""
 
     def records(self) -> Iterator[Record]:
-        """All packets of all files in the order of time, on the PLC's clock."""
+        """All packets of all files in the order of time, on the PLC's clock; of one file in its order."""
         with ExitStack() as closing:
-            sources = [closing.enter_context(open_source(file)) for file in self.files]
+            sources = [closing.enter_context(open_source(file, steps=True)) for file in self.files]
             parts = [self._records(source) for source in sources]
             merged = heapq.merge(*parts, key=_time) if len(parts) > 1 else parts[0]
             size = sum(source.size or 0 for source in sources)
@@ -192,36 +163,50 @@ _time = attrgetter("time_ns")
 
 
 def look_ahead(files: Sequence[str], known: Known, offset_ns: int | None, notify: Notify) -> Opening:
-    """Read the captures until clocks, axes and cycle are known; CaptureError for damaged ones, GatewayError for unusable ones."""
-    known, assumed = _with_axes(files, known, notify)
-    looking = Lookahead(known.settings.axes)
+    """Find axes, cycle and clocks; CaptureError for damaged captures, GatewayError for unusable ones.
+
+    Of one file only the begin is read, several are read to their end: the offset of their clocks needs edges of both.
+    """
+    if STANDARD_INPUT in files:
+        raise GatewayError("-: captures of both buses are read more than once; give files instead of standard input")
+    assumed = []
+    if not known.settings.axes:
+        known = replace(known, settings=replace(known.settings, axes=_inferred(files, known, notify)))
+        assumed.append("telegrams from the frame lengths; the axis number is the node-ID")
+    axes = known.settings.axes
+    words = {axis.do_id: AxisWords() for axis in axes}
+    times: list[int] = []
+    first: list[int] = []
     buses: dict[str, set[BusKind]] = {file: set() for file in files}
-    one_clock = False
-    with ExitStack() as closing:
-        parts = {file: _Reading(closing.enter_context(open_source(file)), known.settings, notify) for file in files}
-        count = 0
-        while not all(part.ended for part in parts.values()):
-            for file, part in parts.items():
-                for record in part.advance():
-                    looking.add(record)
-                    count += 1
-                    bus = is_of(record)
-                    if bus is not None:
-                        buses[file].add(bus)
-            one_clock = any(len(found) > 1 for found in buses.values())
-            sure = offset_ns is not None or one_clock or looking.enough
-            few = min(looking.changes.values()) >= _FEW_CHANGES and count >= _LOOK_AT
-            alone = len(parts) == 1 and (known.cycle_ns or looking.begin_ns is not None) and count >= _LOOK_AT
-            if alone or (len(_seen(buses)) == len(BusKind) and (sure or few)):
-                break
-    if not _seen(buses):
-        raise GatewayError(f"{', '.join(files)}: neither {' nor '.join(_EVIDENCE.values())}")
-    one_clock |= len(_seen(buses)) == 1 or len(files) == 1
-    cycle_ns = known.cycle_ns or looking.cycle_ns
-    clocks = _clocks(offset_ns, one_clock, looking, cycle_ns)
+    for file in files:
+        with open_source(file) as source:
+            packets = islice(source.packets, INFER_FROM) if len(files) == 1 else source.packets
+            for record in _decoded_from(packets, known.settings, notify):
+                first = first or [record.time_ns]
+                if isinstance(record, CyclicRecord | CanRecord):
+                    buses[file].add(record.bus)
+                    collect(words, axes, record)
+                is_frame = isinstance(record, CyclicRecord) and (not times or record.direction is Direction.SETPOINT)
+                if is_frame and len(times) < _CYCLES:
+                    times.append(record.time_ns)
+    seen = set[BusKind]().union(*buses.values())
+    if not first:
+        raise GatewayError(f"{', '.join(files)}: no packets")
+    cycle_ns = known.cycle_ns or _median_ns(times)
+    if offset_ns is not None:
+        clocks = Clocks(offset_ns)
+    elif len(files) == 1 or len(seen) < len(BusKind) or any(len(found) > 1 for found in buses.values()):
+        clocks = Clocks(0, origin=ONE_CLOCK)
+    else:
+        clocks = correlate(words, {axis.do_id: axis.telegram for axis in axes}, cycle_ns)
     shifted = frozenset(file for file, found in buses.items() if BusKind.PLC not in found)
-    begin_ns = next((time_ns for time_ns in (looking.begin_ns, looking.first_ns) if time_ns is not None), 0)
-    return Opening(tuple(files), known, clocks, cycle_ns, begin_ns, shifted, tuple(assumed))
+    return Opening(tuple(files), known, clocks, cycle_ns, (times or first)[0], shifted, tuple(assumed))
+
+
+def _median_ns(times: Sequence[int]) -> int:
+    """The PLC's cycle: the median time between its frames, the usual one where there are none."""
+    gaps = sorted(later - earlier for earlier, later in pairwise(times))
+    return max(1, gaps[len(gaps) // 2]) if gaps else USUAL_CYCLE_MS * MS
 
 
 @dataclass(frozen=True)
@@ -241,20 +226,14 @@ class Part:
         )
 
 
-@overload
-def followed(opening: Opening, part: Part = ...) -> Iterator[Entry]: ...
-@overload
-def followed(opening: Opening, part: Part = ..., *, packets: bool) -> Iterator[Entry | Record]: ...
-
-
 def followed(opening: Opening, part: Part = Part(), *, packets: bool = False) -> Iterator[Entry | Record]:
     """The timeline of a part, in the order of time; with ``packets`` every packet of that time too."""
+    known = opening.known
     builder = TimelineBuilder(
-        opening.known.settings.axes,
-        opening.known.choices,
+        known.settings.axes,
         cycle_ns=opening.cycle_ns,
-        watchdog_factor=opening.known.watchdog_factor,
-        one_clock=opening.clocks.exact,
+        watchdog_factor=known.watchdog_factor,
+        uncertainty_ns=opening.clocks.uncertainty_ns,
     )
     waiting: deque[Record] = deque()
     stop_ns = None if part.end_ns is None else part.end_ns + HOLD_NS
@@ -272,7 +251,7 @@ def followed(opening: Opening, part: Part = Part(), *, packets: bool = False) ->
     for record in opening.records():
         if stop_ns is not None and record.time_ns > stop_ns:
             break
-        if packets and part.has(record.time_ns, 0):
+        if packets and not isinstance(record, StepRecord) and part.has(record.time_ns, 0):
             waiting.append(record)
         entries = builder.add(record)
         if entries:
@@ -283,6 +262,11 @@ def followed(opening: Opening, part: Part = Part(), *, packets: bool = False) ->
     yield from before(None)
 
 
+def entries_of(opening: Opening, part: Part = Part()) -> Iterator[Entry]:
+    """The timeline of a part without packets."""
+    return (item for item in followed(opening, part) if not isinstance(item, Record))
+
+
 def write_page(opening: Opening, part: Part, path: Path) -> None:
     """The timeline of a part as an HTML page with its curves; GatewayError when it cannot be written."""
     page = TracePage(" ".join(Path(file).name for file in opening.files), opening.begin_ns)
@@ -291,86 +275,24 @@ def write_page(opening: Opening, part: Part, path: Path) -> None:
     page.write(path)
 
 
-class _Reading:
-    """One capture, read in stretches of recorded time."""
-
-    def __init__(self, source: Source, settings: Settings, notify: Notify) -> None:
-        self.ended = False
-        self._records = _decoded_from(source, settings, notify)
-        self._until: int | None = None
-        self._next: Record | None = None
-
-    def advance(self) -> Iterator[Record]:
-        """The next stretch."""
-        record = self._next or next(self._records, None)
-        if record is not None:
-            self._until = max(self._until or 0, record.time_ns) + _STRETCH_NS
-        while record is not None and self._until is not None and record.time_ns <= self._until:
-            yield record
-            record = next(self._records, None)
-        self._next = record
-        self.ended = record is None
+def replayed(files: Sequence[str]) -> list[Replayed]:
+    """Replay recordings of the gateway that follow each other; GatewayError for others and for damaged ones."""
+    return replay(_items(files))
 
 
-def _clocks(offset_ns: int | None, one_clock: bool, looking: Lookahead, cycle_ns: int) -> Clocks:
-    """The clocks of both buses: given, one clock, or from the edges."""
-    if offset_ns is not None:
-        return Clocks(offset_ns)
-    return Clocks(0, origin=ONE_CLOCK) if one_clock else looking.clocks(cycle_ns)
-
-
-def _seen(buses: Mapping[str, set[BusKind]]) -> set[BusKind]:
-    """The buses that are in any of the files."""
-    return set[BusKind]().union(*buses.values())
-
-
-def _with_axes(files: Sequence[str], known: Known, notify: Notify) -> tuple[Known, list[str]]:
-    """The axes, inferred if not given, with the assumptions."""
-    if STANDARD_INPUT in files:
-        raise GatewayError("-: captures of both buses are read more than once; give files instead of standard input")
-    assumed = []
-    if not known.settings.axes:
-        known = replace(known, settings=replace(known.settings, axes=_inferred(files, known, notify)))
-        assumed.append("telegrams from the frame lengths; the axis number is the node-ID")
-    if not known.choices:
-        assumed.append(
-            "configuration choices (on_plc_loss, setpoint_enable ...) have their defaults; give the file with --config"
-        )
-    return known, assumed
-
-
-def load(files: Sequence[str], known: Known, offset_ns: int | None, notify: Notify) -> Loaded:
-    """Read the captures and bring them on one clock; CaptureError for damaged ones, GatewayError for unusable ones."""
-    known, _ = _with_axes(files, known, notify)
-    axes = known.settings.axes
-    # The gateway itself writes one file, with its configuration in it.
-    in_order = len(files) == 1 and bool(configuration_in(Path(files[0])))
-    collector, looking = Collector(axes, known.choices, in_order=in_order), Lookahead(axes)
-    buses: dict[str, set[BusKind]] = {}
+def _items(files: Sequence[str]) -> Iterator[Description | Frame | Cycle]:
     for file in files:
-        buses[file] = set()
-        for record in _decoded(file, known.settings, notify):
-            looking.add(record)
-            collector.add(record)
-            bus = is_of(record)
-            if bus is not None:
-                buses[file].add(bus)
-    for bus in BusKind:
-        if bus not in _seen(buses):
-            raise GatewayError(
-                f"{', '.join(files)}: no {_EVIDENCE[bus]}; a replay compares both buses. `pdgw timeline` shows "
-                "what the capture contains"
-            )
-    cycle_ns = known.cycle_ns or collector.measured_cycle_ns
-    watchdog_factor = known.watchdog_factor or collector.measured_watchdog_factor(cycle_ns)
-    one_clock = any(len(found) > 1 for found in buses.values())
-    clocks = _clocks(offset_ns, one_clock, looking, cycle_ns)
-    recording = collector.recording(clocks.offset_ns, cycle_ns=cycle_ns, watchdog_factor=watchdog_factor)
-    return Loaded(recording, clocks, tuple(files))
+        parser = Parser(file)
+        try:
+            with open(file, "rb") as opened:
+                while data := opened.read(_AT_ONCE):
+                    yield from parser.feed(data)
+        except OSError as error:
+            raise GatewayError(f"{file}: cannot be read ({error.strerror or error})") from error
 
 
 def _inferred(files: Sequence[str], known: Known, notify: Notify) -> Sequence[Axis]:
-    """The axes as the frames themselves show them, each with its number as node-ID."""
+    """The axes as the frames themselves show them, each with its number as node-ID; none where no frame has a telegram."""
     for file in files:
         with open_source(file) as source:
             decoder = Decoder(known.settings)
@@ -380,19 +302,12 @@ def _inferred(files: Sequence[str], known: Known, notify: Notify) -> Sequence[Ax
             for notice in decoder.notices:
                 notify(notice)
             return [replace(axis, node=axis.node or axis.do_id) for axis in decoder.axes]
-    raise GatewayError(
-        f"{', '.join(files)}: the frames do not show the telegrams; give --telegram and --node, or --config"
-    )
+    return ()
 
 
-def _decoded(file: str, settings: Settings, notify: Notify) -> Iterator[Record]:
-    with open_source(file) as source:
-        yield from _decoded_from(source, settings, notify)
-
-
-def _decoded_from(source: Source, settings: Settings, notify: Notify) -> Iterator[Record]:
+def _decoded_from(packets: Iterable[Packet | CanPacket], settings: Settings, notify: Notify) -> Iterator[Record]:
     decoder = Decoder(settings)
-    for packet in source.packets:
+    for packet in packets:
         yield decoder.decode(packet)
         for notice in decoder.notices:
             notify(notice)

@@ -17,8 +17,8 @@ from pdgw.durations import SECOND
 from pdgw.gateway.configuration.tables.defaults import Trigger
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import Enable, Reason
-from pdgw.gateway.trace.reader import Cycle, ObjectSample, RingReader
-from pdgw.recording.trace_file import is_alive, save
+from pdgw.gateway.trace.reader import Cycle, RingReader, is_alive
+from pdgw.recording.trace_file import save
 
 log = logging.getLogger("trace")
 
@@ -49,6 +49,7 @@ class Keeper:
     def __init__(self, reader: RingReader, choice: Choice) -> None:
         self._reader = reader
         self._choice = choice
+        self._name = reader.layout.name
         self._seen = reader.newest_cycle
         """A stop that was already there is not reported."""
         self._last: Cycle | None = None
@@ -59,7 +60,7 @@ class Keeper:
     def poll(self) -> None:
         """Read new records; write the files that are due."""
         for cycle in self._reader.cycles(after=self._seen):
-            self._seen = cycle.sequence
+            self._seen = cycle.number
             last, self._last = self._last, cycle
             if last is not None and self._pending is None:
                 what = self._happened(last, cycle)
@@ -80,22 +81,27 @@ class Keeper:
             self._keep(self._last.time_ns, "killed")
 
     def _happened(self, last: Cycle, cycle: Cycle) -> str:
-        objects = self._reader.layout.objects
-        for item, before, now in zip(objects, last.objects, cycle.objects, strict=True):
-            if Trigger.FAULT in self._choice.triggers and before.faults != now.faults:
+        reader = self._reader
+        for place, item in enumerate(reader.layout.objects):
+            faults = (reader.value(each, place, "decided", "faults") for each in (last, cycle))
+            if Trigger.FAULT in self._choice.triggers and len(set(faults)) > 1:
                 return f"fault-{item.kind}-{item.do_id}"
-            if Trigger.STOP in self._choice.triggers and item.kind == "axis" and self._was_stopped(before, now):
+            if Trigger.STOP in self._choice.triggers and item.kind == "axis" and self._was_stopped(last, cycle, place):
                 return f"stop-{item.kind}-{item.do_id}"
         return ""
 
-    def _was_stopped(self, before: ObjectSample, now: ObjectSample) -> bool:
-        return before.reason == 0 and self._reader.reason(now.reason) in _NOT_ASKED
+    def _was_stopped(self, before: Cycle, now: Cycle, place: int) -> bool:
+        return not self._reader.reason(before, place) and self._reader.reason(now, place) in _NOT_ASKED
+
+    def _wall_ns(self, time_ns: int) -> int:
+        offset = 0 if self._last is None else self._last.wall_ns - self._last.time_ns
+        return time_ns + offset
 
     def _keep(self, time_ns: int, what: str) -> None:
         self._pending = None
         choice = self._choice
-        moment = datetime.fromtimestamp(self._reader.wall_ns(time_ns) / SECOND).strftime("%Y%m%d-%H%M%S")
-        path = choice.directory / f"{self._reader.layout.name}-{moment}-{what}.pcapng"
+        moment = datetime.fromtimestamp(self._wall_ns(time_ns) / SECOND).strftime("%Y%m%d-%H%M%S")
+        path = choice.directory / f"{self._name}-{moment}-{what}.pcapng"
         begin, end = time_ns - choice.before_s * SECOND, time_ns + choice.after_s * SECOND
         part = path.with_suffix(".part")
         try:
@@ -116,9 +122,7 @@ class Keeper:
             log.error("%s: old files could not be deleted (%s)", choice.directory, error)
 
     def _prune(self) -> None:
-        mine = sorted(
-            self._choice.directory.glob(f"{self._reader.layout.name}-*.pcapng"), key=lambda path: path.stat().st_mtime
-        )
+        mine = sorted(self._choice.directory.glob(f"{self._name}-*.pcapng"), key=lambda path: path.stat().st_mtime)
         for path in mine[: -self._choice.files]:
             path.unlink(missing_ok=True)
 

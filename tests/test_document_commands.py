@@ -15,9 +15,11 @@ import pytest
 
 from pdgw.durations import MS
 from tests.decoder.frames.profinet.test_profinet import frames as profinet_frames
-from tests.decoder.replay.test_replay import speed
+from tests.support.axis.recorded import speed
 from tests.support.axis.rig import NODE
 from tests.support.cli import pdgw
+from tests.support.gateways.daemon import axis, configuration
+from tests.support.gateways.recorded_daemon import recorded, recording
 from tests.support.readers import captures
 from tests.test_documents import DOCUMENTS, ROOT, commands
 
@@ -39,8 +41,7 @@ HERE = {
     "pdgw map gateway.toml --format scl --out pdgw.scl": "",
     "pdgw map gateway.toml --format st --out pdgw.st": "",
     "pdgw map gateway.toml --format udt --out pdgw.udt": "",
-    "pdgw replay plc.pcap can.log": "all equal",
-    "pdgw replay plc.pcap can.log --config gateway.toml": "all equal",
+    "pdgw replay recording/gateway.pcapng": "all equal",
     "pdgw sim bus --example": "[[device]]",
     "pdgw timeline plc.pcap can.log": "anomalies: none",
     "pdgw timeline plc.pcap can.log --config gateway.toml": "anomalies: none",
@@ -63,6 +64,10 @@ def test_the_commands_typed_here_are_in_the_documents() -> None:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Files with the names the documents use."""
     speed().frames.write(tmp_path)
+    with recorded(configuration(axis(1)), tmp_path) as plc:
+        plc.enable()
+    (tmp_path / "recording").mkdir()
+    Path(recording(tmp_path)).rename(tmp_path / "recording" / "gateway.pcapng")
     packets = [(captures.BEGIN_NS + i * MS, captures.ETHERNET, data) for i, data in enumerate(profinet_frames())]
     (tmp_path / "plant.pcap").write_bytes(captures.pcap(packets))
     shutil.copy(ROOT / "dsp402" / "eds" / "engel.eds", tmp_path / "my.eds")

@@ -33,7 +33,7 @@ from pdgw.web.server.large import LargeAnswers
 from pdgw.web.server.places import Places
 from pdgw.web.status.watch import Watch
 from pdgw.web.stream import EventStream, Streams
-from pdgw.web.support import about_document, public_config, support_archive
+from pdgw.web.support import about_document, support_archive
 from pdgw.web.trace import BINS_MAX, SECONDS_MAX, Traces, csv_text
 
 STATIC = Path(__file__).parent / "static"
@@ -54,7 +54,7 @@ class Parameters(Protocol):
         """The parameters the drive object lists, with their names."""
 
 
-Capture = Callable[[Path, float, str], bytes]
+Capture = Callable[[Path, float], bytes]
 """The last seconds of a ring as a pcapng file with this configuration, on a thread; GatewayError when it cannot be read."""
 
 
@@ -212,7 +212,7 @@ class Interface:
         return self._large(lambda: Response(self._last(seconds), media_type="application/x-pcapng", headers=headers))
 
     def _last(self, seconds: float) -> bytes:
-        return self._capture(self._traces.reader().path, seconds, public_config(self._watch.config))
+        return self._capture(self._traces.reader().path, seconds)
 
     async def _support(self, _: Request) -> ASGIApp:
         headers = {"content-disposition": 'attachment; filename="pdgw-support.zip"'}

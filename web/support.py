@@ -15,22 +15,13 @@ from typing import Any
 
 from pdgw import __version__
 from pdgw.gateway.configuration.config import GatewayConfig
-from pdgw.gateway.configuration.file import config_text
+from pdgw.gateway.configuration.file import public_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.web.status.watch import Watch
 
 VENDORED = Path(__file__).parent / "static" / "vendor" / "vendored.json"
 _CAPTURE_S = 30
 PACKAGE = "profidrive-gateway"
-_SECRET = re.compile(r'^(\s*"?[\w-]*(?:pass|secret|token|key|user)[\w-]*"?\s*=\s*).*$', re.IGNORECASE | re.MULTILINE)
-"""Keys of a python-can interface or of ours that may contain secrets."""
-
-
-def public_config(config: GatewayConfig) -> str:
-    """The configuration as TOML, what may be a secret left out."""
-    return _SECRET.sub(r'\1"..."', config_text(config))
-
-
 RUN_TIME_EXTRAS = {"web", "mqtt", "plot", "parquet"}
 """Extras that the gateway and its commands import; the others serve development, tests and examples."""
 

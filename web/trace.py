@@ -18,7 +18,7 @@ from pdgw.dsp402.drive_type import Quantity
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.required_scaling import quantity_of
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.trace.layout import TracedObject
+from pdgw.gateway.trace.blocks import TracedObject
 from pdgw.gateway.trace.reader import Cycle, RingReader
 from pdgw.profidrive.telegrams import Telegram, telegram
 from pdgw.web.errors import RequestError
@@ -51,7 +51,7 @@ def curves(reader: RingReader, number: int, item: Document) -> dict[str, Curve]:
     """Every curve of drive object ``number`` of the ring by its name; ``item``: the object in the status, for its scaling."""
     traced = reader.layout.objects[number]
     chosen = telegram(traced.telegram)
-    found = [*_signals(reader, number, chosen, item), *_device(number, traced, item)]
+    found = [*_signals(reader, number, chosen, item), *_device(reader, number, traced, item)]
     return {curve.name: curve for curve in found}
 
 
@@ -72,14 +72,17 @@ def _signals(reader: RingReader, number: int, chosen: Telegram, item: Document) 
             yield Curve(signal.name, signal.name, unit, value)
 
 
-def _device(number: int, traced: TracedObject, item: Document) -> Iterator[Curve]:
-    if traced.velocity_mapped:
+def _device(reader: RingReader, number: int, traced: TracedObject, item: Document) -> Iterator[Curve]:
+    def feedback(name: str, factor: float) -> Value:
+        return lambda cycle: (reader.value(cycle, number, "feedback", name) or 0) * factor
+
+    if traced.place("feedback", "velocity_actual") is not None:
         per_rpm = item.get("velocity_per_rpm")
         factor, unit = (1 / per_rpm, "rpm") if per_rpm else (1.0, "velocity units")
-        yield Curve("velocity", "Drive's speed", unit, lambda cycle: cycle.objects[number].velocity * factor)
-    if traced.position_mapped:
+        yield Curve("velocity", "Drive's speed", unit, feedback("velocity_actual", factor))
+    if traced.place("feedback", "position_actual") is not None:
         unit = item.get("position_unit") or "position units"
-        yield Curve("position", "Drive's position", unit, lambda cycle: float(cycle.objects[number].position))
+        yield Curve("position", "Drive's position", unit, feedback("position_actual", 1.0))
 
 
 def usual(found: dict[str, Curve], chosen: Telegram) -> list[str]:
@@ -178,9 +181,9 @@ class Traces:
         if newest:
             begin = newest[0].time_ns - int(seconds * SECOND)
             at_most = max(1, int(seconds * SECOND / reader.layout.cycle_ns * 2))
-            for part in _parts(reader, max(0, newest[0].sequence - at_most), newest[0].sequence):
+            for part in _parts(reader, max(0, newest[0].number - at_most), newest[0].number):
                 kept = [cycle for cycle in part if cycle.time_ns >= begin]
-                times += [reader.wall_ns(cycle.time_ns) / SECOND for cycle in kept]
+                times += [cycle.wall_ns / SECOND for cycle in kept]
                 for column, more in zip(values, columns(kept, chosen), strict=True):
                     column.extend(more)
         if bins is not None and len(times) > 2 * bins:
@@ -202,10 +205,10 @@ class Traces:
         after = known.after if known is not None and known.reader is reader else newest
         at_most = int(_LIVE_MAX_S * SECOND / reader.layout.cycle_ns)
         cycles = reader.cycles(after, at_most)
-        times = [reader.wall_ns(cycle.time_ns) / SECOND for cycle in cycles]
+        times = [cycle.wall_ns / SECOND for cycle in cycles]
         document = _document(do_id, chosen, *binned(times, columns(cycles, chosen), _LIVE_BIN_S))
         message = b"event: trace\ndata: " + json.dumps(document).encode() + b"\n\n" if cycles else None
-        self._live[do_id] = _Live(reader, tick, cycles[-1].sequence if cycles else after, message)
+        self._live[do_id] = _Live(reader, tick, cycles[-1].number if cycles else after, message)
         return message
 
 

@@ -52,8 +52,11 @@ class Source:
         self.closing.close()
 
 
-def open_source(path: str) -> Source:
-    """A capture or log by its path, ``-`` for standard input; CaptureError if it cannot be opened or has an unknown format."""
+def open_source(path: str, *, steps: bool = False) -> Source:
+    """A capture or log by its path, ``-`` for standard input; CaptureError if it cannot be opened or has an unknown format.
+
+    ``steps``: with those of the gateway, see ``read_capture``.
+    """
     if path == STANDARD_INPUT:
         return source_of_stream("standard input", "", sys.stdin.buffer, None, ExitStack())
     file = Path(path)
@@ -66,19 +69,21 @@ def open_source(path: str) -> Source:
     if file.suffix.lower() == _DATABASE:
         return _database(path, closing)
     try:
-        return source_of_stream(path, file.suffix.lower(), stream, size, closing)
+        return source_of_stream(path, file.suffix.lower(), stream, size, closing, steps=steps)
     except BaseException:
         closing.close()
         raise
 
 
-def source_of_stream(name: str, suffix: str, stream: Any, size: int | None, closing: ExitStack) -> Source:
+def source_of_stream(
+    name: str, suffix: str, stream: Any, size: int | None, closing: ExitStack, *, steps: bool = False
+) -> Source:
     """An open buffered binary stream as ``open_source`` would take it: ``suffix`` decides where the content does not."""
     head = bytes(stream.peek(_HEAD)[:_HEAD])
     if not head:
         raise CaptureError(name, 0, "is empty")
     if is_pcap(head):
-        return Source(name, read_capture(stream, name), size, _position(stream), closing)
+        return Source(name, read_capture(stream, name, steps=steps), size, _position(stream), closing)
     if is_candump(head) or suffix == ".log":
         return Source(name, read_candump(stream, name), size, _position(stream), closing)
     for begin, kind in _CONTENT:

@@ -22,7 +22,7 @@ from pdgw.decoder.frames.profinet.acyclic import AcyclicDecoder, is_profinet_cal
 from pdgw.decoder.frames.profinet.cyclic import Axis, CyclicDecoder, given_axes
 from pdgw.decoder.frames.profinet.frames import FRAME_IDS, FrameDecoder
 from pdgw.decoder.frames.profinet.stations import StationNames
-from pdgw.decoder.frames.records import LinkType, OtherRecord, Record
+from pdgw.decoder.frames.records import LinkType, OtherRecord, Record, StepRecord
 from pdgw.ds301.bus.can_frame import STANDARD_ID
 from pdgw.profidrive.frame import CYCLIC_PORT, ETHERTYPE
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
@@ -121,6 +121,8 @@ class Decoder:
                 return self._real_time(number, time_ns, channel, data[_ETHERNET:], data[:_MACS])
         elif link == LinkType.CAN_SOCKETCAN:
             return self._socketcan(number, time_ns, channel, data)
+        elif link == LinkType.STEPS:
+            return StepRecord(number, time_ns, channel, data)
         return self._general(number, time_ns, link, channel, data)
 
     def decode_can(self, number: int, time_ns: int, channel: str, frame: CanFrame) -> Record:

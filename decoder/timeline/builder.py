@@ -1,10 +1,9 @@
 """A timeline from the records of both buses as they arrive: entries in the order of time, in constant memory.
 
-Connection of the PLC (IOCS of the answers) and of the drive (IOPS) are recorded facts. Without answers, and over PROFINET,
-whose IOCS do not show it, the watchdog decides. An entry is delayed until it is complete (``HOLD_NS`` of recorded time). Without
-I/O; one clock (``decoder.timeline.lookahead`` finds the offset).
+Edges, latencies and anomalies are from the frames. A recording of the gateway also has its steps: reasons, faults and results
+are those that it decided then. An entry is delayed until it is complete (``HOLD_NS`` of recorded time). Without I/O; one clock.
 
-    >>> builder = TimelineBuilder(axes, settings, cycle_ns=4_000_000)
+    >>> builder = TimelineBuilder(axes, cycle_ns=4_000_000)
     >>> for record in records:
     ...     entries = builder.add(record)
     >>> entries = builder.finish()
@@ -14,29 +13,28 @@ from __future__ import annotations
 
 import heapq
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 from pdgw.decoder.frames.canopen.records import CanRecord, EmcyRecord, HeartbeatRecord, NmtRecord, PdoRecord, SdoRecord
-from pdgw.decoder.frames.profinet.connect import Connection
 from pdgw.decoder.frames.profinet.cyclic import Axis
-from pdgw.decoder.frames.profinet.endpoint import ProfinetEndpoint
 from pdgw.decoder.frames.profinet.records import AlarmRecord, Change, RelationRecord
-from pdgw.decoder.frames.records import CyclicRecord, Record
-from pdgw.decoder.replay.cycles import SILENT_CYCLES
-from pdgw.decoder.replay.plc_inputs import SENDER
-from pdgw.decoder.timeline.axis import RESPONSE_NS, AxisFollower
-from pdgw.decoder.timeline.drive_object import ObjectFollower, Put
-from pdgw.decoder.timeline.entries import Anomaly, AnomalyKind, Edge, Entry, Event
+from pdgw.decoder.frames.records import AcyclicRecord, CyclicRecord, Record, StepRecord
+from pdgw.decoder.timeline.drive_object import RESPONSE_NS, ObjectFollower
+from pdgw.decoder.timeline.entries import Anomaly, AnomalyKind, Edge, Entry, Event, WordKind
 from pdgw.ds301.pdo import PdoDirection
 from pdgw.durations import MS
-from pdgw.gateway.axis.settings import AxisSettings
-from pdgw.gateway.axis.telegrams import DRIVE_TELEGRAM_NUMBERS
-from pdgw.gateway.configuration.tables.defaults import WATCHDOG_FACTOR, WATCHDOG_FACTOR_MAX
-from pdgw.gateway.links.cyclic import CyclicEndpoint
-from pdgw.gateway.links.new_frames import Verdict
-from pdgw.profidrive.frame import COUNTER_UNIT_NS, IOPS_GOOD, is_newer
-from pdgw.profidrive.telegrams import Direction, telegram
+from pdgw.gateway.configuration.tables.defaults import WATCHDOG_FACTOR
+from pdgw.gateway.trace.reader import Cycle, Parser
+from pdgw.profidrive.frame import (
+    COUNTER_UNIT_NS,
+    IOPS_GOOD,
+    STATUS_DATA_VALID,
+    STATUS_PRIMARY,
+    STATUS_RUN,
+    is_newer,
+)
+from pdgw.profidrive.telegrams import Direction
 
 HOLD_NS: Final = RESPONSE_NS + 100 * MS
 """Longer than anything an entry waits for."""
@@ -47,40 +45,29 @@ _JUDGED: Final = 16
 """Steps of the cycle counter after which its increment is known."""
 _COUNTER_CYCLES: Final = 10
 """Tolerance in cycles of a counter that is a clock: a recorder and a busy sender wait."""
-_VERDICTS = {Verdict.STALE: AnomalyKind.STALE, Verdict.PROVIDER_STOP: AnomalyKind.STOPPED}
 _NOTHING: Final[tuple[Entry, ...]] = ()
+NO_STEPS: Final = "no steps of the gateway: a capture of another recorder has no reasons and no refusals"
 
 
 class TimelineBuilder:
-    """Both buses of one gateway.
-
-    ``axes``: in the order of the frame, with their node-IDs; ``settings``: the user's settings by DO-ID, defaults for others.
-    ``watchdog_factor``: the gateway's, None if unknown. ``one_clock``: both buses were recorded with one clock, so no edge is
-    before its cause.
-    """
+    """Both buses of one gateway. ``axes``: in the order of the frame, with their node-IDs. ``watchdog_factor``: the gateway's,
+    None if unknown. ``uncertainty_ns``: of the clocks of both buses."""
 
     def __init__(
-        self,
-        axes: Sequence[Axis],
-        settings: Mapping[int, AxisSettings] | None = None,
-        *,
-        cycle_ns: int,
-        watchdog_factor: int | None = None,
-        one_clock: bool = False,
+        self, axes: Sequence[Axis], *, cycle_ns: int, watchdog_factor: int | None = None, uncertainty_ns: int = 0
     ) -> None:
         self.horizon_ns: int | None = None
         """All entries up to this time have been given out."""
         self._heap: list[tuple[int, int, Entry]] = []
         self._count = 0
         self._due = 0
-        given = settings or {}
-        self._objects = [
-            _follower(axis, given.get(axis.do_id), self._put, cycle_ns, one_clock=one_clock) for axis in axes
-        ]
+        self._objects = [ObjectFollower(axis, self._put, cycle_ns, HOLD_NS, uncertainty_ns) for axis in axes]
+        self._by_do = {item.axis.do_id: item for item in self._objects}
         self._nodes: dict[int, list[ObjectFollower]] = {}
         for item in self._objects:
             self._nodes.setdefault(item.axis.node, []).append(item)
         self._exchange = _Exchange(self._objects, self._put, cycle_ns, watchdog_factor)
+        self._steps = Parser("the recording")
         self._can_seen = False
         self._last_ns = 0
 
@@ -92,29 +79,44 @@ class TimelineBuilder:
             to_all = isinstance(record, NmtRecord) and not record.node
             for item in self._objects if to_all else self._nodes.get(record.node, ()):
                 if item.axis.bus in {"", record.channel}:
-                    if not item.has_frames:
-                        item.has_frames = _is_from_node(record)
+                    item.has_frames |= _is_from_node(record)
                     item.take(record)
+        elif isinstance(record, StepRecord):
+            for step in self._steps.feed(record.data):
+                if isinstance(step, Cycle):
+                    self._step(step)
         elif isinstance(record, CyclicRecord):
             self._exchange.take(record)
         elif isinstance(record, RelationRecord):
-            self._exchange.relate(record.time_ns, record.change, record.connection)
+            self._exchange.relate(record)
         elif isinstance(record, AlarmRecord):
             self._alarm(record)
+        elif isinstance(record, AcyclicRecord) and not self._objects:
+            self._put(Event(now, 0, "PLC", record.summary))
         if now < self._due:
             return _NOTHING
         self._due = now + _TICK_NS
+        self._exchange.watch(now)
         for item in self._objects:
             item.tick(now)
         self.horizon_ns = now - HOLD_NS
         return self._release(self.horizon_ns)
 
+    def _step(self, cycle: Cycle) -> None:
+        description = self._steps.description
+        assert description is not None
+        for traced, step in zip(description.objects, cycle.steps, strict=True):
+            item = self._by_do.get(traced.do_id)
+            if item is not None:
+                item.step(cycle.wall_ns, step, traced, description.reasons)
+
     def _alarm(self, record: AlarmRecord) -> None:
         if record.ended is not None:
-            self._exchange.relate(record.time_ns, Change.ENDED, record.ended)
+            self._put(Event(record.time_ns, 0, "PLC", f"relationship {Change.ENDED.value}"))
+            self._exchange.end()
         if record.is_notification:
             do_id = next(
-                (item.axis.do_id for place, item in enumerate(self._objects, 1) if _slot(item, place) == record.slot), 0
+                (item.axis.do_id for n, item in enumerate(self._objects, 1) if _slot(item, n) == record.slot), 0
             )
             self._put(Event(record.time_ns, do_id, "PLC", record.text))
 
@@ -128,10 +130,11 @@ class TimelineBuilder:
 
     def _missing(self) -> Iterator[tuple[int, str]]:
         """Missing data by DO-ID (0: of all)."""
-        seen = self._exchange.seen
-        if Direction.SETPOINT not in seen:
+        if self._objects and self._steps.description is None:
+            yield 0, NO_STEPS
+        if Direction.SETPOINT not in self._exchange.seen:
             yield 0, "no frame from a PLC: the recording does not show what the PLC commanded"
-        if Direction.ACTUAL not in seen:
+        if Direction.ACTUAL not in self._exchange.seen:
             yield 0, "no frame to a PLC: the recording does not show what the gateway reported to the PLC"
         if not self._can_seen:
             yield 0, "no CAN frame: the recording shows neither the commands to the drives nor their answers"
@@ -169,15 +172,6 @@ def _slot(item: ObjectFollower, place: int) -> int:
     return item.axis.slot or place
 
 
-def _follower(axis: Axis, settings: AxisSettings | None, put: Put, cycle_ns: int, *, one_clock: bool) -> ObjectFollower:
-    if axis.telegram not in DRIVE_TELEGRAM_NUMBERS:
-        return ObjectFollower(axis, put, HOLD_NS)
-    chosen = settings or AxisSettings()
-    return AxisFollower(
-        axis, chosen, put, cycle_ns=cycle_ns, hold_ns=HOLD_NS, one_clock=one_clock, assumed=settings is None
-    )
-
-
 class _CycleCounter:
     """The cycle counter of one direction: it makes the same step with each frame, or it is a clock in units of 31.25 us."""
 
@@ -196,12 +190,15 @@ class _CycleCounter:
         """A new relationship counts from anywhere."""
         self._last = None
 
-    def jump(self, counter: int, now: int) -> str:
-        """The anomaly of the next frame's counter; empty if normal or for an old frame."""
+    def found(self, counter: int, now: int) -> tuple[AnomalyKind, str] | None:
+        """The anomaly of the next frame's counter, if any."""
         last, self._last = self._last, counter
         elapsed, self._last_ns = now - self._last_ns, now
-        if last is None or not is_newer(counter, last):
-            return ""
+        if last is None:
+            return None
+        if not is_newer(counter, last):
+            self._last = last
+            return AnomalyKind.STALE, f"{self._who}: counter {counter} after {last}"
         step = (counter - last) & 0xFFFF
         self._steps[step] += 1
         self._count += 1
@@ -209,207 +206,109 @@ class _CycleCounter:
             self._usual = step
         usual = self._usual
         if step == usual or self._count < _JUDGED:
-            return ""
+            return None
         text = f"{self._who}: counter {last} -> {counter}"
         claimed_ns = step * COUNTER_UNIT_NS
         agrees = abs(claimed_ns - elapsed % (COUNTER_UNIT_NS << 16)) <= self._tolerance
         self._clock |= agrees and step % usual != 0
         if self._clock or 2 * self._steps[usual] <= self._count:
             if agrees:
-                return ""
-            return f"{text} claims {claimed_ns / MS:.1f} ms, but {elapsed / MS:.1f} ms have passed"
+                return None
+            return AnomalyKind.COUNTER, f"{text} claims {claimed_ns / MS:.1f} ms, but {elapsed / MS:.1f} ms have passed"
         text += f", usual step {usual}"
         missing = step // usual - 1 if step % usual == 0 else 0
-        return f"{text}, {missing} frame{'s' if missing > 1 else ''} missing" if missing > 0 else text
+        more = f", {missing} frame{'s' if missing > 1 else ''} missing" if missing > 0 else ""
+        return AnomalyKind.COUNTER, text + more
 
 
 class _Exchange:
-    """The exchange with the PLC: which frames the gateway used, when it had lost the PLC, and its steps."""
+    """The frames from and to the PLC."""
 
     def __init__(
-        self,
-        objects: Sequence[ObjectFollower],
-        put: Put,
-        cycle_ns: int,
-        watchdog_factor: int | None,
+        self, objects: Sequence[ObjectFollower], put: Callable[[Entry], None], cycle_ns: int, factor: int | None
     ) -> None:
         self._objects = {item.axis.do_id: item for item in objects}
-        self._order = tuple(objects)
         self._put = put
-        self._cycle_ns = cycle_ns
-        self._factor = watchdog_factor
-        telegrams = [telegram(item.axis.telegram) for item in objects]
-        self._endpoint: CyclicEndpoint | ProfinetEndpoint = CyclicEndpoint(
-            telegrams, cycle_ns=cycle_ns, watchdog_factor=WATCHDOG_FACTOR_MAX
-        )
-        self._watchdog_ns = (watchdog_factor or WATCHDOG_FACTOR) * cycle_ns
+        self._watchdog_ns = (factor or WATCHDOG_FACTOR) * cycle_ns
+        self._known = "" if factor else " (if the watchdog has its default)"
         self._counters = {
             Direction.SETPOINT: _CycleCounter("PLC -> gateway", cycle_ns),
             Direction.ACTUAL: _CycleCounter("gateway -> PLC", cycle_ns),
         }
-        self._last_verdict: Verdict | None = None
         self.seen: set[Direction] = set()
         """Directions of the frames seen until now."""
-        self._last_frame = 0
-        self._lost_since: int | None = None
-        self._answered = False
-        self._stepped = False
-        """A step was made for a frame whose answer has not come yet."""
+        self._last_ns: int | None = None
+        """The last frame of the PLC; None: it is not expected to send."""
+        self._is_lost = False
+        self._problem = ""
         self._unused = 0
-        self._in_use = False
-        """The gateway used the last frames."""
-        self._stops = False
-        """The gateway itself is being stopped: of each frame only OFF2 and OFF3 count."""
 
-    def relate(self, now: int, change: Change, connection: Connection) -> None:
-        """A PROFINET relationship comes or goes: from now on its frames count as the link counts them."""
-        endpoint = self._endpoint
-        if not isinstance(endpoint, ProfinetEndpoint):
-            axes = [item.axis for item in self._order]
-            endpoint = self._endpoint = ProfinetEndpoint(axes, self._factor or WATCHDOG_FACTOR)
-        endpoint.relate(change, connection)
-        if change is Change.GRANTED:
-            self._restart_counters()
+    def relate(self, record: RelationRecord) -> None:
+        """A PROFINET relationship comes or goes."""
+        change, connection = record.change, record.connection
         who = " and ".join(name for name in (connection.controller, connection.station) if name)
-        self._put(Event(now, 0, "PLC", f"relationship of {who} {change.value}"))
+        self._put(Event(record.time_ns, 0, "PLC", f"relationship of {who} {change.value}"))
+        if change is Change.GRANTED:
+            for counter in self._counters.values():
+                counter.restart()
         if change in {Change.ENDED, Change.PAUSED}:
-            self._step(now)  # no later frame triggers a step of the axes
+            self.end()
+
+    def end(self) -> None:
+        """No frame of the PLC is expected."""
+        self._last_ns, self._is_lost = None, False
 
     def take(self, record: CyclicRecord) -> None:
         """A cyclic frame of either direction."""
-        direction = record.direction
+        direction, now = record.direction, record.time_ns
         if direction is None:
             return
         self.seen.add(direction)
+        found = self._counters[direction].found(record.cycle_counter, now)
+        if found is not None:
+            self._put(Anomaly(now, 0, *found))
         if direction is Direction.SETPOINT:
             self._frame(record)
         else:
-            self._count(record, direction)
             self._answer(record)
-
-    def _count(self, record: CyclicRecord, direction: Direction) -> None:
-        jump = self._counters[direction].jump(record.cycle_counter, record.time_ns)
-        if jump:
-            self._put(Anomaly(record.time_ns, 0, AnomalyKind.COUNTER, jump))
-
-    def _restart_counters(self) -> None:
-        for counter in self._counters.values():
-            counter.restart()
-
-    def _frame(self, record: CyclicRecord) -> None:
-        now, endpoint = record.time_ns, self._endpoint
-        if not self._answered:
-            self._watch(now)
-        verdict = endpoint.receive(record.data, SENDER, now, now)
-        self._count(record, Direction.SETPOINT)
-        if verdict is Verdict.AFTER_LOSS and isinstance(endpoint, ProfinetEndpoint):
-            if not endpoint.connected:
-                self._last_frame = now
-            # frames do not count before ApplicationReady is confirmed or after PrmBegin
-            return
-        if verdict is Verdict.STALE or (verdict is not Verdict.ACCEPTED and verdict is not self._last_verdict):
-            kind = _VERDICTS.get(verdict, AnomalyKind.DROPPED)
-            self._put(Anomaly(now, 0, kind, f"frame with counter {record.cycle_counter}: {verdict.value}"))
-        self._last_verdict = verdict
-        values = record.values
-        in_force = {item.axis.do_id: s for item, s in zip(self._order, endpoint.setpoints, strict=True)}
         for do_id, _, unit, first, iops, _ in record.layout.axes:
             item = self._objects.get(do_id)
             if item is not None and unit.telegram == item.axis.telegram:
-                item.control(now, values[first], in_force[do_id])
-                item.quality(now, Direction.SETPOINT, good=bool(values[iops] & IOPS_GOOD))
-        if verdict in {Verdict.ACCEPTED, Verdict.PROVIDER_STOP}:
-            if self._lost_since is not None:
-                silence = (now - self._last_frame) / MS
-                self._put(Event(now, 0, "PLC", f"frames are back after {silence:.1f} ms"))
-                self._lost_since = None
-            self._last_frame = now
-            self._step(now)
-            self._stepped = True
+                item.quality(now, direction, good=bool(record.values[iops] & IOPS_GOOD))
+                kind = WordKind.CONTROL if direction is Direction.SETPOINT else WordKind.STATUS
+                item.word(kind, now, record.values[first])
+
+    def _frame(self, record: CyclicRecord) -> None:
+        now, status = record.time_ns, record.data_status
+        self.watch(now)
+        if self._is_lost and self._last_ns is not None:
+            silence = (now - self._last_ns) / MS
+            self._put(Event(now, 0, "PLC", f"frames are back after {silence:.1f} ms"))
+            self._is_lost = False
+        self._last_ns = now
+        usable = status & STATUS_DATA_VALID and status & STATUS_PRIMARY
+        problem = (
+            "" if usable and status & STATUS_RUN else "provider in STOP" if usable else "data not valid or not primary"
+        )
+        if problem and problem != self._problem:
+            kind = AnomalyKind.STOPPED if usable else AnomalyKind.DROPPED
+            self._put(Anomaly(now, 0, kind, f"frame with counter {record.cycle_counter}: {problem}"))
+        self._problem = problem
 
     def _answer(self, record: CyclicRecord) -> None:
-        now, values = record.time_ns, record.values
-        # On PROFINET neither IOCS nor the time of an answer shows whether the gateway accepts the PLC's frames.
-        answers = self._answered = isinstance(self._endpoint, CyclicEndpoint)
-        used = False
-        for do_id, _, unit, first, iops, iocs in record.layout.axes:
-            used |= bool(values[iocs] & IOPS_GOOD)
-            item = self._objects.get(do_id)
-            if item is not None and unit.telegram == item.axis.telegram:
-                good = bool(values[iops] & IOPS_GOOD)
-                item.status(now, values[first:iops], good=good)
-                item.quality(now, Direction.ACTUAL, good=good)
-        if not answers:
-            self._watch(now)
-        elif record.layout.axes:
-            self._used(now, used=used)
-        if not self._stepped:
-            self._step(now)
-        self._stepped = False
-
-    def _used(self, now: int, *, used: bool) -> None:
-        """Whether the gateway had the PLC when it made an answer: its IOCS say so."""
-        if used:
-            self._unused, self._in_use, self._stops = 0, True, False
-            return
-        if not self._stops:
-            if not any(item is not None for item in self._endpoint.setpoints):
-                self._in_use = False
-                return
-            silence = now - self._last_frame
-            if silence > SILENT_CYCLES * self._cycle_ns:
-                self._in_use = False
-                self._lose()
-                self._lost_since = now
-                self._put(self._unused_after(silence, now))
-                return
-            if self._in_use:
-                self._stops, self._stepped = True, False
-        self._unused += 1
+        """Only with UDP, the IOCS show whether the gateway uses the frames."""
+        values, axes = record.values, record.layout.axes
+        used = not axes or any(values[iocs] & IOPS_GOOD for *_, iocs in axes)
+        self._unused = 0 if used or self._last_ns is None or self._is_lost else self._unused + 1
         if self._unused == _UNUSED:
             text = "the gateway does not use the frames (IOCS BAD)"
-            if self._stops:
-                text = "the gateway uses only OFF2 and OFF3 of the frames (IOCS BAD), as while it is being stopped"
-            self._put(Anomaly(now, 0, AnomalyKind.DROPPED, text))
+            self._put(Anomaly(record.time_ns, 0, AnomalyKind.DROPPED, text))
 
-    def _unused_after(self, silence: int, now: int) -> Entry:
-        """IOCS BAD after a silence: a loss, or a gateway that ends; of a watchdog that is not known both are possible."""
-        text = f"no frame of the PLC for {silence / MS:.1f} ms"
-        if self._factor is None:
-            text += ": the gateway has lost the PLC or is ending (IOCS BAD)"
-        elif silence < self._watchdog_ns - self._cycle_ns // 2:
-            text += f", less than the watchdog time of {self._watchdog_ns / MS:g} ms: IOCS BAD as when the gateway ends"
-            return Event(now, 0, "gateway", text)
-        else:
-            text += ": the gateway has lost the PLC (IOCS BAD)"
-        return Anomaly(now, 0, AnomalyKind.WATCHDOG, text)
-
-    def _watch(self, now: int) -> None:
-        """Without answers of the gateway, only the silence of the PLC shows its watchdog."""
-        watchdog_ns = self._silence_ns
-        silence = now - self._last_frame
-        if not self._endpoint.connected or silence <= watchdog_ns:
+    def watch(self, now: int) -> None:
+        """Report a silence of the PLC."""
+        last = self._last_ns
+        if last is None or self._is_lost or now - last <= self._watchdog_ns:
             return
-        self._lose()
-        expiry = self._last_frame + watchdog_ns
-        known = "the watchdog's" if self._factor else "if the watchdog has its default"
-        text = f"no frame of the PLC for {silence / MS:.1f} ms: lost after {watchdog_ns / MS:g} ms, {known}"
-        self._put(Anomaly(expiry, 0, AnomalyKind.WATCHDOG, text))
-        self._step(expiry)
-
-    def _lose(self) -> None:
-        self._endpoint.poll(self._last_frame + max(WATCHDOG_FACTOR_MAX * self._cycle_ns, self._silence_ns) + 1)
-
-    @property
-    def _silence_ns(self) -> int:
-        """Longest silence of the PLC in nanoseconds."""
-        endpoint = self._endpoint
-        return endpoint.watchdog_ns if isinstance(endpoint, ProfinetEndpoint) else self._watchdog_ns
-
-    def _step(self, now: int) -> None:
-        ignored = self._unused >= _UNUSED and not self._stops
-        for item, setpoints in zip(self._order, self._endpoint.setpoints, strict=True):
-            item.gateway_stops = self._stops
-            item.step(None if ignored else setpoints, now)
-        if self._stops and isinstance(self._endpoint, CyclicEndpoint):
-            self._endpoint.lose_setpoints()
+        self._is_lost = True
+        text = f"no frame of the PLC for more than {self._watchdog_ns / MS:g} ms, the time of the watchdog{self._known}"
+        self._put(Anomaly(last + self._watchdog_ns, 0, AnomalyKind.WATCHDOG, text))

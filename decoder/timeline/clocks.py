@@ -14,10 +14,14 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Final, NamedTuple
 
+from pdgw.decoder.frames.canopen.records import CanRecord, PdoRecord
+from pdgw.decoder.frames.profinet.cyclic import Axis
+from pdgw.decoder.frames.records import CyclicRecord
+from pdgw.dsp402.objects import CONTROLWORD, STATUSWORD
 from pdgw.dsp402.states import ControlBit, StatusBit
 from pdgw.durations import MS, SECOND
 from pdgw.profidrive.signals import signal
-from pdgw.profidrive.telegrams import ApplicationMode, telegram
+from pdgw.profidrive.telegrams import ApplicationMode, Direction, telegram
 
 MAX_EDGES: Final = 300
 """Edges of one bit that are compared: the first ones."""
@@ -47,6 +51,28 @@ class AxisWords:
     """First signal of the gateway's frames (ZSW1, Statusword)."""
     controlword: list[Word] = field(default_factory=list)
     statusword: list[Word] = field(default_factory=list)
+
+
+def collect(words: Mapping[int, AxisWords], axes: Sequence[Axis], record: CyclicRecord | CanRecord) -> None:
+    """Add the words of a record; ``words`` by DO-ID."""
+    if isinstance(record, CyclicRecord):
+        to_gateway = record.direction is Direction.SETPOINT
+        for do_id, _, _, first, _, _ in record.layout.axes:
+            if (known := words.get(do_id)) is not None:
+                _add(known.control if to_gateway else known.status, record.time_ns, record.values[first])
+    elif isinstance(record, PdoRecord):
+        layout = record.layout
+        for axis in axes:
+            if axis.node == record.node and axis.bus in {"", record.channel}:
+                known = words[axis.do_id]
+                for address, kept in ((CONTROLWORD, known.controlword), (STATUSWORD, known.statusword)):
+                    if address in layout.addresses:
+                        _add(kept, record.time_ns, layout.unpack(record.data)[layout.addresses.index(address)])
+
+
+def _add(words: list[Word], now: int, value: object) -> None:
+    if isinstance(value, int) and (not words or words[-1].value != value):
+        words.append(Word(now, value))
 
 
 @dataclass(frozen=True)

@@ -57,22 +57,14 @@ class Edge:
     """The first cause of all, once the edge is out."""
     answered: bool = False
     """Whether a ZSW1 caused by this edge was sent."""
+    is_decided: bool = False
+    """``outcome`` is what the gateway decided; False: the recording does not have it."""
 
     @property
     def name(self) -> str:
         """Name of the word; in telegram 100, the PLC's words have the names of the drive's words."""
         of_plc = self.kind in {WordKind.CONTROL, WordKind.STATUS}
         return f"PLC {self.field.name}" if of_plc and self.field.name in _CAN_WORDS else self.field.name
-
-    def follow(self, cause: Edge) -> None:
-        """Set an edge as the cause of this one, even if it was a consequence before. Recordings are not exact to the step, and
-        no word is the cause of its own cause."""
-        link: Edge | None = cause
-        while link is not None:
-            if link.cause is self:
-                link.cause = None
-            link = link.cause
-        self.cause = cause
 
     @property
     def latency_ns(self) -> int | None:
@@ -144,7 +136,6 @@ class AnomalyKind(enum.Enum):
     EMERGENCY = "EMCY"
     LEFT_OPERATION = "drive left operation by itself"
     GATEWAY_FAULT = "faults of the gateway"
-    DIFFERENCE = "differs from the rules of this version"
 
 
 @dataclass

@@ -75,6 +75,8 @@ def edge_text(edge: Edge) -> str:
 def _outcome(edge: Edge, *, verbose: bool) -> Iterator[str]:
     if edge.note:
         yield f"{_INDENT}-> {edge.note}"
+    elif not edge.is_decided:
+        return
     elif edge.outcome is not None:
         yield f"{_INDENT}-> {'; then: '.join(reason.value for reason in edge.reasons)}"
     else:

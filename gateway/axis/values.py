@@ -121,6 +121,15 @@ class ProbeAnswer:
 News = NodeNotice | RestartAsked | Configured | SdoAnswer | PresetAnswer | FaultRead | ProbeAnswer
 
 
+def is_answer(item: News, outputs: Outputs) -> bool:
+    """It answers the present order of an axis or encoder, not a withdrawn one."""
+    if isinstance(item, SdoAnswer):
+        return item.writes is outputs.writes
+    if isinstance(item, PresetAnswer):
+        return item.write in outputs.presets
+    return isinstance(item, ProbeAnswer) and item.wish is outputs.probe
+
+
 @dataclass(frozen=True, slots=True)
 class FaultRecord:
     """A fault as P945, P947 and P949 show it; ``time_ns`` is monotonic."""

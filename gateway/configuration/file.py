@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from fractions import Fraction
 from os import PathLike
@@ -67,6 +68,11 @@ REMOVED: Final = MappingProxyType(
 """Keys of earlier versions: the version without them and the reason."""
 _PERCENT = "standstill_window_percent"
 
+_SECRET = re.compile(r'^(\s*"?[\w-]*(?:pass|secret|token|key|user)[\w-]*"?\s*=\s*).*$', re.IGNORECASE | re.MULTILINE)
+"""Keys of a python-can interface or of ours that may contain secrets."""
+_COMMUNITY = re.compile(r"^snmp_\w*community\s*=.*\n", re.MULTILINE)
+"""Left out as a whole: they must differ."""
+
 
 def load_config(file: str | PathLike[str]) -> GatewayConfig:
     """Read and validate a file; GatewayError has one line for each thing that is wrong."""
@@ -117,3 +123,8 @@ def config_text(config: GatewayConfig) -> str:
         if _PERCENT in item:
             item[_PERCENT] = float(Fraction(item[_PERCENT]) * 100)  # stored as a fraction, written as percent
     return toml_text(document)
+
+
+def public_config(config: GatewayConfig) -> str:
+    """The configuration as TOML, what may be a secret left out."""
+    return _SECRET.sub(r'\1"..."', _COMMUNITY.sub("", config_text(config)))

@@ -17,7 +17,7 @@ from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.gateway.links.new_frames import Verdict
 from pdgw.gateway.links.udp import Address
 from pdgw.gateway.platform import DatagramPort
-from pdgw.gateway.trace.layout import FramePlaces
+from pdgw.gateway.trace.blocks import FramePlaces
 from pdgw.profidrive.telegrams import Telegram
 
 log = logging.getLogger("gateway")
@@ -32,6 +32,16 @@ _PROVIDER_STOP: Final = Verdict.PROVIDER_STOP
 def silence(cycles: int) -> str:
     """A loss by the watchdog, as in the log and fault 103."""
     return f"no valid frame for {cycles} cycles"
+
+
+class FrameRecorder(Protocol):
+    """Takes the frames of the PLC beside the cyclic ones."""
+
+    def ethernet(self, frame: bytes) -> None:
+        """A frame, sent or received now."""
+
+    def datagram(self, source: Address, target: Address, data: bytes) -> None:
+        """A datagram, sent or received now."""
 
 
 class Link(Protocol):
@@ -90,6 +100,8 @@ class Link(Protocol):
     layout_token: object
     """Another one with every new layout of the frames."""
 
+    recorder: FrameRecorder | None
+
     def places(self) -> FramePlaces:
         """The present layout of the frames."""
 
@@ -130,6 +142,7 @@ class UdpLink:
         self._filtered = False
         """A connection exists, and only frames of its PLC are received."""
         self.layout_token = object()
+        self.recorder: FrameRecorder | None = None
         self._register_counters(counters)
 
     def _register_counters(self, counters: Counters) -> None:
@@ -245,8 +258,7 @@ class UdpLink:
 
     def places(self) -> FramePlaces:
         endpoint = self.endpoint
-        consumer, provider = endpoint.consumer, endpoint.provider
-        return FramePlaces("udp", consumer.frame_size, provider.frame_size, consumer.offsets, provider.offsets)
+        return FramePlaces("udp", endpoint.consumer.offsets, endpoint.provider.offsets)
 
     def newest(self) -> tuple[bool, bytes, bytes | bytearray]:
         endpoint = self.endpoint

@@ -77,7 +77,7 @@ class Axis(DriveObject):
             config.drive_layout(number),
             self.on_node_event,
         )
-        self._sign_of_life_failures = sign_of_life_failures
+        self.sign_of_life_tolerance = sign_of_life_failures
         """P925."""
         self.machine = self._make_machine(number)
         self._links: tuple[SensorLink | None, SensorLink | None] = (None, None)
@@ -96,7 +96,7 @@ class Axis(DriveObject):
 
     def _make_machine(self, number: int) -> AxisMachine:
         machine = AxisMachine(number, self._settings, self.drive.feedback)
-        machine.tolerate(self._sign_of_life_failures)
+        machine.tolerate(self.sign_of_life_tolerance)
         return machine
 
     def connect_sensor(self, encoder: EncoderObject, place: int) -> None:
@@ -140,12 +140,17 @@ class Axis(DriveObject):
         if drive.generation != self._generation:
             self._generation = drive.generation
             inputs.news.append(Configured(drive.drive_type, drive.homing_method))
+            if drive.plan is not None:
+                pdos = (*drive.plan.rpdos, *drive.plan.tpdos)
+                self.note("pdos", tuple((item.cob_id, item.pdo.struct.format, item.pdo.attributes) for item in pdos))
         if self._news or self._future is not None:
             self._deliver(inputs.news)
         if machine.sensor is not None:
             for link in self._links:
                 if link is not None:
-                    link.step(machine, now)
+                    link.step(machine, now, self.note)
+        if inputs.news:
+            self._note_news(inputs.news)
         if setpoints is not None:
             self.last_setpoints = setpoints
         outputs = machine.step()
@@ -264,8 +269,9 @@ class Axis(DriveObject):
         return self.drive.drive_type.faults if self.drive.drive_type is not None else {}
 
     def set_sign_of_life_tolerance(self, failures: int) -> None:
-        self._sign_of_life_failures = failures
+        self.sign_of_life_tolerance = failures
         self.machine.tolerate(failures)
+        self.note("tolerate", failures)
 
     def entry_size(self, index: int, subindex: int) -> tuple[int, bool]:
         entry = DRIVE_OBJECTS.entry(index, subindex)

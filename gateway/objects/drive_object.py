@@ -29,6 +29,7 @@ from pdgw.gateway.axis.values import (
     SdoAnswer,
     SdoWrite,
     gateway_fault,
+    is_answer,
 )
 from pdgw.gateway.configuration.config import AxisConfig
 from pdgw.gateway.configuration.tables.encoder import EncoderConfig
@@ -95,6 +96,8 @@ class DriveObject(abc.ABC):
         """The gateway is being stopped: this is not a loss of the PLC."""
         self._writes: tuple[SdoWrite, ...] | None = None
         """Writes of the last SDO job."""
+        self.given: list[tuple[str, object]] | None = None
+        """What the machine was given beside the values of each step; the recorder empties it. None: nothing is recorded."""
         self._future: Future[None] | None = None
 
     # -- the device's part ------------------------------------------------------------------------------------------------
@@ -225,6 +228,15 @@ class DriveObject(abc.ABC):
         waiting = self._news
         while waiting:
             news.append(waiting.popleft())
+
+    def note(self, kind: str, value: object) -> None:
+        """The machine is given ``value``."""
+        if self.given is not None:
+            self.given.append((kind, value))
+
+    def _note_news(self, news: Sequence[News]) -> None:
+        for item in news:
+            self.note("answer" if is_answer(item, self.outputs) else "news", item)
 
     def _serve(self, outputs: Outputs) -> None:
         """Execute and report the requests of a step."""

@@ -100,13 +100,13 @@ class EncoderObject(DriveObject):
         self.telegram_numbers = ENCODER_TELEGRAM_NUMBERS
         self._node = node
         self.input = ChannelInput(node.client, config.channel)
-        self._tolerance = tolerance
+        self.sign_of_life_tolerance = tolerance
         self._parameters: EncoderParameters | None = None
         self.machine = self._make_machine(number)
         node.objects.append(self)
 
     def _make_machine(self, number: int) -> EncoderMachine:
-        return EncoderMachine(number, SensorSettings(self._tolerance), self.input)
+        return EncoderMachine(number, SensorSettings(self.sign_of_life_tolerance), self.input)
 
     @property
     def client(self) -> EncoderClient:
@@ -126,9 +126,11 @@ class EncoderObject(DriveObject):
         inputs.ok = client.refresh(now)
         if client.parameters is not self._parameters:
             self._parameters = client.parameters
-            machine.set_references(self.references)
+            machine.set_references(references := self.references)
+            self.note("references", (0, references))
         if self._news or self._future is not None:
             self._deliver(inputs.news)
+            self._note_news(inputs.news)
         if setpoints is not None:
             self.last_setpoints = setpoints
         outputs = machine.step()
@@ -186,7 +188,8 @@ class EncoderObject(DriveObject):
     def change_telegram(self, number: int) -> None:
         machine = self._make_machine(number)
         machine.adopt(self.machine)
-        machine.set_references(self.references)
+        machine.set_references(references := self.references)
+        self.note("references", (0, references))
         self.machine = machine
         self._telegram_changed(telegram(number))
 
@@ -198,10 +201,12 @@ class EncoderObject(DriveObject):
     @preset_value.setter
     def preset_value(self, value: int) -> None:
         self.machine.channel.sensor.preset_value = value
+        self.note("preset", value)
 
     def set_sign_of_life_tolerance(self, failures: int) -> None:
-        self._tolerance = failures
+        self.sign_of_life_tolerance = failures
         self.machine.tolerate(failures)
+        self.note("tolerate", failures)
 
     def submit_write(self, item: SdoWrite) -> Future[None]:
         """Send a preset to the encoder that G1 of a drive has requested."""

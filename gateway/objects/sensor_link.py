@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import Future
 
 from pdgw.gateway.axis.machine import AxisMachine
@@ -33,12 +34,13 @@ class SensorLink:
         self._parameters = None
         machine.set_references(self._place, None)
 
-    def step(self, machine: AxisMachine, now: int) -> None:
-        """Before a step of the machine."""
+    def step(self, machine: AxisMachine, now: int, note: Callable[[str, object], None]) -> None:
+        """Before a step of the machine. ``note`` takes what the machine is given."""
         encoder, place = self._encoder, self._place
         if encoder.client.parameters is not self._parameters:
             self._parameters = encoder.client.parameters
-            machine.set_references(place, encoder.references)
+            machine.set_references(place, references := encoder.references)
+            note("references", (place, references))
         machine.inputs.encoders_ok[place] = encoder.client.refresh(now)
         preset, future = machine.outputs.presets[place], self._future
         if preset is not self._preset:

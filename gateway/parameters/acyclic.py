@@ -29,6 +29,7 @@ class AcyclicServer:
     def __init__(self, daemon: Daemon) -> None:
         transport = daemon.config.transport
         self._loop = daemon.loop
+        self._link = daemon.link
         self.port = daemon.platform.open_udp(str(transport.listen), transport.acyclic_port, "acyclic port")
         self._manager = ParameterManager(daemon)
         serial = transport.station_name[:16]
@@ -88,8 +89,13 @@ class AcyclicServer:
                 self._filled.wait()
             data, source = self._datagrams.popleft()
             try:
+                recorder = self._link.recorder
+                if recorder is not None:
+                    recorder.datagram(source, self.address, data)
                 for answer in self.server.receive(data, source, self._loop.now()):
                     self.port.send(answer, source)
+                    if recorder is not None:
+                        recorder.datagram(self.address, source, answer)
             except Exception as error:  # an error of one datagram: serve the next one
                 self._loop.unexpected(_CALL, error)
             # One datagram at a time: the exchange has priority.

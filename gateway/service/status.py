@@ -179,7 +179,7 @@ def _head(daemon: Daemon) -> dict[str, Any]:
         }
         | daemon.link.status(),
         "store": str(daemon.store.path) if daemon.store.path is not None else "",
-        "trace": str(daemon.recorder.path or "") if daemon.recorder is not None else "",
+        "trace": str(daemon.recorder.path) if daemon.recorder is not None else "",
         "buses": [
             {
                 "name": bus.name,

@@ -7,8 +7,19 @@ import stat
 from pathlib import Path
 
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.trace.layout import SUFFIX
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+SUFFIX = ".ring"
+PREVIOUS = ".previous" + SUFFIX
+_LOCK_MODE = 0o600
+"""File mode: a user who can read the file could lock it."""
+_LOCK_FLAGS = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0)
+_NAMES = 9
+"""Maximum number of gateways of one name on a machine, each with its own folder."""
 _SHARED_MEMORY = Path("/dev/shm")
 _SERVICES = Path("/run/pdgw")
 """The units of ``deploy/`` have a folder for each gateway here."""
@@ -47,6 +58,21 @@ def prepared(directory: Path) -> Path:
             f"flight recorder: {directory}: other users may write in it (mode {mode:04o}), allowed: 0750"
         )
     return directory
+
+
+def locked(directory: Path, name: str) -> tuple[Path, int]:
+    """The path of a ring that no living gateway has, and the lock that says so. OSError if there is none."""
+    for number in range(1, _NAMES + 1):
+        stem = name if number == 1 else f"{name}-{number}"
+        lock = os.open(directory / f"{stem}.lock", os.O_RDWR | os.O_CREAT | _LOCK_FLAGS, _LOCK_MODE)
+        try:
+            if fcntl is not None:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(lock)
+            continue
+        return directory / (stem + SUFFIX), lock
+    raise OSError(0, f"{_NAMES} gateways with the name {name} are already running")
 
 
 def rings(directory: Path | None = None) -> list[Path]:

@@ -1,279 +1,339 @@
-"""Reader of the ring, for tools in other processes: it copies, compares, and omits records that were written meanwhile.
-
-A reader never delays the writer and needs no lock: a record whose number changed during the copy is overwritten and omitted.
-Where stores may be seen out of order (``ordering``) the number proves nothing. There the writer has a fence before each cycle, so
-a record is complete when a later cycle is visible; the reader omits newer records and those that may be overwritten.
-"""
+"""Reader of a ring or of a recording, for tools in other processes. It never delays the gateway."""
 
 from __future__ import annotations
 
-import mmap
+import json
 import os
-from collections.abc import Callable, Sequence
+import struct
+from collections import deque
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple, Self, TypeVar
+from typing import Any, Final, NamedTuple, Self
 
-from pdgw.ds301.loop.loop import MACHINE_CLOCK
-from pdgw.durations import SECOND
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.trace.layout import (
-    FRAME,
-    HEAD_FIELDS,
-    OBJECT_FIELDS,
-    PEER_OFFSET,
-    PEER_SIZE,
-    SEQUENCE,
-    WORD,
-    CycleFlag,
-    ObjectFlag,
-    RingLayout,
-    Word,
-)
-from pdgw.gateway.trace.ordering import IN_ORDER, Fence
+from pdgw.gateway.format_version import problem
+from pdgw.gateway.trace import blocks
+from pdgw.gateway.trace.blocks import Description
+from pdgw.gateway.trace.codec import from_json
 from pdgw.profidrive.telegrams import telegram
 
-_SIGN = 1 << 63
-_RESERVE = 4
-"""Out of order, of 2^4 records the oldest one may be overwritten already: more frames than a bus carries in a cycle."""
-_SETTLED_NS = SECOND
-"""A store is seen long before that: what a daemon wrote last that writes no more, for whatever reason."""
-_AT_ONCE = 256
-"""Records copied between two looks at their numbers."""
-T = TypeVar("T")
+_KEPT: Final = 4096
+"""The newest cycles, which need not be read again."""
+_UDP_HEADER: Final = 42
+_ETHERNET_HEADER: Final = 14
+_SMALLEST: Final = 12
+_LARGEST: Final = 1 << 24
 
 
-class ObjectSample(NamedTuple):
-    """A drive object in one cycle. Velocity and position are raw object values, 0 where ``TracedObject`` has them not mapped."""
+class Step(NamedTuple):
+    """A step of a drive object; ``TracedObject.groups`` has the names of the values. ``events``: plain data, see ``steps``."""
 
-    velocity: int
-    position: int
-    statusword: int
-    controlword: int
-    reason: int
-    """Code of the reason, 0 for none; ``RingLayout.reasons`` has the texts."""
-    flags: int
-    """``ObjectFlag``."""
-    faults: int
-    """Number of faults since the start, modulo 256."""
-
-
-class Cycle(NamedTuple):
-    """One cycle. ``time_ns`` is monotonic, see ``RingReader.wall_ns``."""
-
-    sequence: int
-    time_ns: int
-    flags: int
-    """``CycleFlag``."""
-    response_us: int | None
-    """Time from the PLC's frame to the answer; None without one; 65535: as much or more."""
-    received: bytes
-    """The PLC's newest frame, empty before the first one."""
-    sent: bytes
-    """The newest frame to the PLC."""
-    objects: tuple[ObjectSample, ...]
+    setpoints: tuple[int, ...] | None
+    flags: tuple[int, ...]
+    numbers: tuple[int, ...]
+    feedback: tuple[int, ...]
+    sensors: tuple[int, ...]
+    decided: tuple[int, ...]
+    command: tuple[int, ...]
+    events: dict[str, Any]
 
 
 class Frame(NamedTuple):
-    """One CAN frame, in the order in which the gateway sent or saw them."""
+    """A frame on interface ``interface`` (its place in ``Description.buses``, after them the PLC)."""
 
-    sequence: int
-    time_ns: int
-    identifier: int
-    """With the flags of SocketCAN."""
-    bus: int
-    """Number of the bus in ``RingLayout.buses``."""
-    sent: bool
+    wall_ns: int
+    interface: int
     data: bytes
 
 
-class RingReader:
-    """An open ring; GatewayError when the file is none or damaged. ``in_order``: its stores are seen in their order."""
+class Cycle(NamedTuple):
+    """One cycle. ``time_ns`` is monotonic. ``received`` and ``sent``: the newest frames from and to the PLC, without headers."""
 
-    def __init__(self, path: Path, *, in_order: bool = IN_ORDER) -> None:
-        self.path = path
-        self._in_order = in_order
+    number: int
+    time_ns: int
+    wall_ns: int
+    flags: int
+    """``blocks.FRESH`` ..."""
+    response_us: int | None
+    """Time from the PLC's frame to the answer; None without one."""
+    received: bytes
+    sent: bytes
+    steps: tuple[Step, ...]
+
+
+class Parser:
+    """The blocks of one section after the other. ``feed`` it bytes as they come; GatewayError where they are damaged."""
+
+    def __init__(self, name: str) -> None:
+        self.description: Description | None = None
+        self.configuration = ""
+        self._name = name
+        self._rest = b""
+        self._received = self._sent = b""
+        self._cyclic: list[bytes] = []
+        """Frames from and to the PLC since the last cycle."""
+        self._steps: list[Step | None] = []
+        self._structs: list[list[struct.Struct]] = []
+
+    def feed(self, data: bytes) -> Iterator[Description | Frame | Cycle]:
+        """What is complete."""
+        data = self._rest + data if self._rest else data
+        at, size = 0, len(data)
+        while at + _SMALLEST <= size:
+            kind, length = blocks.HEAD.unpack_from(data, at)
+            if length < _SMALLEST or length % 4 or length > _LARGEST or (not at and not self._is_known(kind)):
+                raise GatewayError(f"{self._name}: damaged, or not a recording of the gateway")
+            if at + length > size:
+                break
+            if kind == blocks.PACKET:
+                _, _, interface, time_ns, captured, _ = blocks.PACKET_HEAD.unpack_from(data, at)
+                begin = at + blocks.PACKET_HEAD.size
+                frame = Frame(time_ns, interface, data[begin : begin + captured])
+                if self.description is not None and interface == len(self.description.buses):
+                    self._cyclic.append(frame.data)
+                yield frame
+            elif kind == blocks.CUSTOM:
+                item = self._custom(data, at)
+                if item is not None:
+                    yield item
+            elif kind == blocks.SECTION:
+                self.configuration = blocks.configuration(data[at : at + length])
+            at += length
+        self._rest = data[at:]
+
+    def _is_known(self, kind: int) -> bool:
+        return self.description is not None or kind in {blocks.SECTION, blocks.INTERFACE, blocks.CUSTOM}
+
+    def _take_cyclic(self, flags: int) -> None:
+        assert self.description is not None
+        is_udp = self.description.places.kind == "udp"
+        header = _UDP_HEADER if is_udp else _ETHERNET_HEADER
+        frames = iter(self._cyclic)
+        if flags & blocks.FRESH:
+            self._received = next(frames, b"")[header:]
+        if flags & blocks.ANSWERED:
+            self._sent = next(frames, b"")[header if is_udp else 0 :]
+        self._cyclic = []
+
+    def _custom(self, data: bytes, at: int) -> Description | Cycle | None:
+        _, _, enterprise, kind, size = blocks.CUSTOM_HEAD.unpack_from(data, at)
+        begin = at + blocks.CUSTOM_HEAD.size
+        if enterprise != blocks.ENTERPRISE:
+            return None
+        content = data[begin : begin + size]
+        if kind == blocks.DESCRIPTION:
+            return self._describe(content)
+        return self._cycle(content) if kind == blocks.CYCLE else None
+
+    def _describe(self, content: bytes) -> Description:
         try:
-            descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_CLOEXEC", 0))
+            document = json.loads(content)
+            text = problem(document["version"], blocks.VERSION)
+            found = from_json(document) if not text else None
+        except (ValueError, KeyError, TypeError) as error:
+            raise GatewayError(f"{self._name}: damaged description") from error
+        if not isinstance(found, Description):
+            raise GatewayError(f"{self._name}: {text}")
+        self.description = found
+        self._steps = [None] * len(found.objects)
+        self._structs = [
+            [telegram(item.telegram).setpoints.struct]
+            + [struct.Struct(f">{len(item.groups[group])}q") for group in blocks.GROUPS[1:]]
+            for item in found.objects
+        ]
+        return found
+
+    def _cycle(self, content: bytes) -> Cycle | None:
+        number, time_ns, wall, flags, response = blocks.CYCLE_HEAD.unpack_from(content)
+        self._take_cyclic(flags)
+        at = blocks.CYCLE_HEAD.size
+        steps = self._steps
+        for place, structs in enumerate(self._structs):
+            (mask,) = blocks.MASK.unpack_from(content, at)
+            at += 2
+            last = steps[place]
+            if not mask:
+                if last is not None and last.events:
+                    steps[place] = last._replace(events={})
+                continue
+            values: list[Any] = [None] * len(blocks.GROUPS) if last is None else list(last[:-1])
+            if mask & blocks.NO_SETPOINTS:
+                values[0] = None
+            for group, packed in enumerate(structs):
+                if mask & 1 << group:
+                    values[group] = packed.unpack_from(content, at)
+                    at += packed.size
+            events: dict[str, Any] = {}
+            if mask & blocks.HAS_EVENTS:
+                (size,) = blocks.LENGTH.unpack_from(content, at)
+                at += blocks.LENGTH.size + size
+                events = json.loads(content[at - size : at])
+            if last is not None or flags & blocks.WHOLE:
+                values.append(events)
+                steps[place] = Step(*values)
+        known = [step for step in steps if step is not None]
+        if len(known) < len(steps):
+            return None
+        answered = flags & blocks.ANSWERED and flags & blocks.FRESH
+        return Cycle(
+            number,
+            time_ns,
+            time_ns + wall,
+            flags,
+            response if answered else None,
+            self._received,
+            self._sent,
+            tuple(known),
+        )
+
+
+class RingReader:
+    """A ring (a folder) or a recording (a file); GatewayError when it is none or damaged."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            self._inode = path.stat().st_ino
         except OSError as error:
             raise GatewayError(f"{path}: {error.strerror or error}") from error
-        try:
-            self._inode = os.fstat(descriptor).st_ino
-            self._map = mmap.mmap(descriptor, 0, access=mmap.ACCESS_READ)
-        except (OSError, ValueError) as error:
-            raise GatewayError(f"{path}: not a ring file of the flight recorder") from error
-        finally:
-            os.close(descriptor)
-        self._view = memoryview(self._map)
-        try:
-            self.layout = RingLayout.parse(self._view, str(path))
-        except BaseException:
-            self._release()
-            raise
-        self._cycle = self.layout.cycle
-        self._telegrams = [telegram(item.telegram) for item in self.layout.objects]
-        self._reasons = ("", *self.layout.reasons)
+        self._newest: deque[Cycle] = deque(maxlen=_KEPT)
+        self._parser = Parser(str(path))
+        self._file: Path | None = None
+        self._offset = 0
+        self._follow()
+        if self._parser.description is None:
+            raise GatewayError(f"{path}: not a recording of the gateway")
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        pass
 
-    def close(self) -> None:
-        self._release()
+    @property
+    def layout(self) -> Description:
+        """What the newest segment contains."""
+        assert self._parser.description is not None
+        return self._parser.description
 
-    def _release(self) -> None:
-        self._view.release()
-        self._map.close()
-
-    # -- data beside the records ----------------------------------------------------------------------------------------
-
-    def _word(self, word: Word) -> int:
-        value: int = SEQUENCE.unpack_from(self._map, word * WORD)[0]
-        return value
+    @property
+    def configuration(self) -> str:
+        """The gateway's configuration as TOML, without secrets."""
+        return self._parser.configuration
 
     @property
     def ended(self) -> bool:
         """The daemon ended in order. One that was killed leaves this False and writes nothing more."""
-        return self._word(Word.ENDED) != 0
+        return (self.path / "ended").exists()
 
     @property
     def process(self) -> int:
         """Process id of the daemon."""
-        return self._word(Word.PROCESS)
+        return self.layout.process
 
     @property
     def replaced(self) -> bool:
         """Another ring, or none, has this name now: open it again."""
         try:
-            return os.stat(self.path).st_ino != self._inode
+            return self.path.stat().st_ino != self._inode
         except OSError:
             return True
 
+    def segments(self) -> list[Path]:
+        """The files, the oldest first."""
+        return sorted(self.path.glob("*.pcapng")) if self.path.is_dir() else [self.path]
+
     @property
     def newest_cycle(self) -> int:
-        """Sequence number of the newest cycle that can be read, 0 before the first one."""
-        newest = self._word(Word.NEWEST_CYCLE)
-        return newest if self._is_complete else max(0, newest - 1)
+        """Number of the newest cycle, 0 before the first one."""
+        self._follow()
+        return self._newest[-1].number if self._newest else 0
 
-    @property
-    def newest_frame(self) -> int:
-        """Sequence number of the newest CAN frame that can be read."""
-        return self._word(Word.NEWEST_FRAME if self._is_complete else Word.FRAMES_BEFORE)
+    def reason(self, cycle: Cycle, place: int) -> str:
+        """The name of the reason of a drive object, empty for none."""
+        code = self.value(cycle, place, "decided", "reason") or 0
+        names = ("", *self.layout.reasons)
+        return names[code] if code < len(names) else f"reason {code}"
 
-    @property
-    def _is_complete(self) -> bool:
-        """The newest record is whole when its number says so."""
-        if self._in_order or self.ended:
-            return True
-        newest = self._word(Word.NEWEST_CYCLE)
-        place = self.layout.cycles_offset + newest % self.layout.cycles * self._cycle.size
-        time_ns: int = self._cycle.unpack_from(self._map, place)[1]
-        return not 0 <= MACHINE_CLOCK() - time_ns < _SETTLED_NS
-
-    @property
-    def peer(self) -> str:
-        """The present or last PLC."""
-        return bytes(self._view[PEER_OFFSET : PEER_OFFSET + PEER_SIZE]).rstrip(b"\0").decode(errors="replace")
-
-    def wall_ns(self, time_ns: int) -> int:
-        """A time of a record as nanoseconds since 1970, by the wall clock as it is set now."""
-        offset = self._word(Word.WALL_OFFSET)
-        return time_ns + (offset - 2 * _SIGN if offset & _SIGN else offset)
-
-    def reason(self, code: int) -> str:
-        """The name of a reason, empty for none."""
-        return self._reasons[code] if code < len(self._reasons) else f"reason {code}"
-
-    # -- the records ------------------------------------------------------------------------------------------------------
+    def value(self, cycle: Cycle, place: int, group: str, name: str) -> int | None:
+        """A value of drive object ``place`` (from 0) in a cycle; None: it is not recorded."""
+        at = self.layout.objects[place].place(group, name)
+        values: tuple[int, ...] = getattr(cycle.steps[place], group)
+        return None if at is None or at >= len(values) else values[at]
 
     def cycles(self, after: int = 0, at_most: int | None = None, upto: int | None = None) -> list[Cycle]:
-        """The cycles after sequence number ``after``, oldest first; ``at_most``: only the newest; ``upto``: the last one."""
-        layout = self.layout
+        """The cycles after number ``after``, oldest first; ``at_most``: only the newest; ``upto``: the last one."""
         newest = self.newest_cycle
-        first = self._first(newest, layout.cycles, after, at_most)
+        first = after + 1 if at_most is None else max(after + 1, newest - at_most + 1)
         last = newest if upto is None else min(newest, upto)
-        word = Word.NEWEST_CYCLE
-        return self._copied(layout.cycles_offset, layout.cycles, self._cycle.size, first, last, self._cycle_at, word)
+        kept = self._newest
+        if kept and first >= kept[0].number:
+            return [cycle for cycle in kept if first <= cycle.number <= last]
+        return [cycle for cycle in self._from(first) if first <= cycle.number <= last]
 
-    def frames(self, after: int = 0, at_most: int | None = None) -> list[Frame]:
-        """The CAN frames after sequence number ``after``, oldest first; ``at_most``: number of newest ones."""
-        layout = self.layout
-        newest = self.newest_frame
-        first = self._first(newest, layout.frames, after, at_most)
-        return self._copied(
-            layout.frames_offset, layout.frames, FRAME.size, first, newest, _frame_at, Word.NEWEST_FRAME
-        )
+    def _from(self, first: int) -> Iterator[Cycle]:
+        files = self.segments()
+        begins = [_first_cycle(file) for file in files]
+        start = max((place for place, begin in enumerate(begins) if begin <= first), default=0)
+        for file in files[start:]:
+            parser = Parser(str(file))
+            for item in parser.feed(_bytes_of(file, 0)):
+                if isinstance(item, Cycle):
+                    yield item
 
-    @staticmethod
-    def _first(newest: int, count: int, after: int, at_most: int | None) -> int:
-        first = max(after + 1, newest - count + 1, 1)
-        return first if at_most is None else max(first, newest - at_most + 1)
-
-    def _copied(
-        self, start: int, count: int, size: int, first: int, newest: int, parse: Callable[[bytes, int], T], word: Word
-    ) -> list[T]:
-        found: list[T] = []
-        number = SEQUENCE.unpack_from
-        sequence, oldest = first, 0
-        fence = None if self._in_order else Fence()
-        if fence is not None:
-            fence()
-        while sequence <= newest:
-            place = sequence % count
-            together = min(_AT_ONCE, count - place, newest - sequence + 1)
-            begin = start + place * size
-            copy = bytes(self._view[begin : begin + together * size])
-            if fence is not None:
-                fence()
-                oldest = self._word(word) - count + max(2, count >> _RESERVE)
-            for item in range(together):
-                offset = item * size
-                # The number is 0 while the record is written. The same number before and after the copy means an intact
-                # copy.
-                whole = number(copy, offset)[0] == sequence == number(self._map, begin + offset)[0]
-                if whole and sequence >= oldest:
-                    found.append(parse(copy, offset))
-                sequence += 1
-        return found
-
-    def _cycle_at(self, copy: bytes, offset: int) -> Cycle:
-        fields = self._cycle.unpack_from(copy, offset)
-        sequence, time_ns, flags, received, sent, response_us = fields[:HEAD_FIELDS]
-        values = fields[HEAD_FIELDS + 2 :]
-        return Cycle(
-            sequence,
-            time_ns,
-            flags,
-            response_us if flags & CycleFlag.ANSWERED and flags & CycleFlag.FRESH else None,
-            fields[HEAD_FIELDS][:received],
-            fields[HEAD_FIELDS + 1][:sent],
-            tuple(
-                ObjectSample(*values[place : place + OBJECT_FIELDS]) for place in range(0, len(values), OBJECT_FIELDS)
-            ),
-        )
+    def _follow(self) -> None:
+        """Read what is new."""
+        while True:
+            if self._file is not None:
+                data = _bytes_of(self._file, self._offset)
+                self._offset += len(data)
+                self._newest += (item for item in self._parser.feed(data) if isinstance(item, Cycle))
+            later = [file for file in self.segments() if self._file is None or file.name > self._file.name]
+            if not later:
+                return
+            self._file, self._offset, self._parser = later[0] if self._file else later[-1], 0, Parser(str(self.path))
 
     # -- the telegrams --------------------------------------------------------------------------------------------------
 
-    def setpoints(self, cycle: Cycle, number: int) -> Sequence[int] | None:
-        """Raw setpoints of drive object ``number`` (from 0) in telegram order, None while they are not valid."""
-        offset = self.layout.places.setpoints[number]
-        if offset is None or not cycle.objects[number].flags & ObjectFlag.SETPOINTS:
-            return None
-        return _unpacked(self._telegrams[number].setpoints.struct.unpack_from, cycle.received, offset)
+    def setpoints(self, cycle: Cycle, place: int) -> Sequence[int] | None:
+        """Raw setpoints of drive object ``place`` (from 0) in telegram order, None while they are not valid."""
+        return cycle.steps[place].setpoints
 
-    def actuals(self, cycle: Cycle, number: int) -> Sequence[int] | None:
+    def actuals(self, cycle: Cycle, place: int) -> Sequence[int] | None:
         """Raw actual values likewise, None before the PLC was sent any."""
-        offset = self.layout.places.actuals[number]
-        if offset is None:
+        offset = self.layout.places.actuals[place]
+        if offset is None or not cycle.sent:
             return None
-        return _unpacked(self._telegrams[number].actuals.struct.unpack_from, cycle.sent, offset)
+        values: Sequence[int] = telegram(self.layout.objects[place].telegram).actuals.struct.unpack_from(
+            cycle.sent, offset
+        )
+        return values
 
 
-def _unpacked(unpack_from: Callable[[bytes, int], tuple[int, ...]], data: bytes, offset: int) -> Sequence[int] | None:
-    return unpack_from(data, offset) if data else None
+def _first_cycle(file: Path) -> int:
+    _, _, number = file.stem.rpartition("-")
+    return int(number) if number.isdigit() else 0
 
 
-def _frame_at(copy: bytes, offset: int) -> Frame:
-    sequence, time_ns, identifier, bus, sent, length, _, data = FRAME.unpack_from(copy, offset)
-    return Frame(sequence, time_ns, identifier, bus, bool(sent), data[:length])
+def _bytes_of(file: Path, offset: int) -> bytes:
+    try:
+        with file.open("rb") as opened:
+            opened.seek(offset)
+            return opened.read()
+    except FileNotFoundError:
+        return b""  # the gateway has deleted it meanwhile
+    except OSError as error:
+        raise GatewayError(f"{file}: {error.strerror or error}") from error
+
+
+def is_alive(reader: RingReader) -> bool:
+    """The daemon still runs."""
+    if reader.ended:
+        return False
+    try:
+        os.kill(reader.process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True  # it belongs to another process
+    return True

@@ -1,25 +1,34 @@
-"""The flight recorder of a daemon: hands every cycle and every CAN frame to a ring file."""
+"""The recorder of a gateway: every cycle, every step and every frame, as segments of a recording in RAM.
+
+A ring is a folder with segments. Each is a pcapng section of its own; its name has its number and that of its first cycle. The
+recorder appends one piece in each cycle and deletes the oldest segments. A reader needs no lock: what is written never changes,
+and a piece that is missing at the end comes later.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import json
 import logging
-from collections.abc import Sequence
+import os
+import shutil
+import struct
+from bisect import bisect_left
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
-from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.durations import SECOND, US
-from pdgw.gateway.axis.encoder_machine import EncoderInputs
-from pdgw.gateway.axis.values import Inputs
-from pdgw.gateway.configuration.file import config_text
+from pdgw.gateway.configuration.file import public_config
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.objects.axis import Axis
-from pdgw.gateway.objects.drive_object import DriveObject
-from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.reasons import Reason
-from pdgw.gateway.trace.layout import CycleFlag, ObjectFlag, RingLayout, TracedObject
-from pdgw.gateway.trace.writer import RingFile
+from pdgw.gateway.service.build import build_text
+from pdgw.gateway.trace import blocks
+from pdgw.gateway.trace.codec import to_json
+from pdgw.gateway.trace.place import PREVIOUS, SUFFIX, locked
+from pdgw.gateway.trace.steps import StepRecord
+from pdgw.profidrive.frame import CYCLIC_PORT
+from pdgw.profinet.ethernet import header
 
 if TYPE_CHECKING:
     from pdgw.gateway.daemon import Daemon
@@ -28,203 +37,252 @@ log = logging.getLogger("gateway")
 
 _MEGABYTE: Final = 1 << 20
 _ANCHOR_NS: Final = SECOND
-"""Interval at which the ring gets the wall clock and the address of the PLC."""
-_LONGEST_US: Final = 0xFFFF
-_OTHER_FRAMES: Final = 200
-"""CAN frames a second and bus beside the PDOs: heartbeats, SDOs."""
-_FRESH: Final = int(CycleFlag.FRESH)
-_CONNECTED: Final = int(CycleFlag.CONNECTED)
-_ANSWERED: Final = int(CycleFlag.ANSWERED)
-_SETPOINTS: Final = int(ObjectFlag.SETPOINTS)
-_GOOD: Final = int(ObjectFlag.GOOD)
-_ACTIVE: Final = int(ObjectFlag.ACTIVE_FAULT)
-_NO_FEEDBACK: Final = DriveFeedback()
-_NO_COMMAND: Final = DriveCommand()
-"""Command of an encoder, whose values are in its telegram."""
+"""Interval at which the wall clock is read and all values are recorded."""
+_SEGMENTS: Final = 16
+"""The oldest sixteenth of a ring is deleted at once."""
+_FLAGS: Final = (
+    os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+)
+_MODE: Final = 0o440
+"""No other program opens a segment for writing by mistake; the gateway has it open already."""
+_FOLDER_MODE: Final = 0o750
+_PACK_CAN: Final = blocks.CAN_PACKET.pack
+_PACK_HEAD: Final = blocks.CYCLE_HEAD.pack
+_TARGET, _SOURCE = slice(0, 6), slice(6, 12)
 
 
 class FlightRecorder:
-    """Records until ``stop``; GatewayError from the constructor when the file cannot be made."""
+    """Records until ``stop``; GatewayError from the constructor when the folder cannot be made."""
 
     def __init__(self, daemon: Daemon, directory: Path, name: str) -> None:
         self._daemon = daemon
-        self._directory = directory
-        self._name = name
-        self._lost = 0
         self._link = daemon.link
-        self._ring: RingFile | None = None
-        self._sources: list[_Source] = []
-        self._anchor_due = 0
+        self.configuration = public_config(daemon.config)
+        self._limit = daemon.config.trace.megabytes * _MEGABYTE // _SEGMENTS
+        self._age_ns = daemon.config.trace.seconds * SECOND // (_SEGMENTS - 1)
+        self._plc = len(daemon.networks)
+        self.lost = 0
+        """Cycles that could not be written."""
         self._token: object = None
-        self._opening = False
-        self._configuration = config_text(daemon.config)
-        self._open(keep_previous=True)
-        daemon.loop.counters.add("trace", "lost", "records", "not written to the flight recorder", lambda: self.lost)
+        self._first = True
+        self._number = 0
+        self._count = 0
+        """Of the segments."""
+        self._wall = 0
+        self._whole = True
+        """The next cycle has all values of its steps."""
+        self._anchor_due = 0
+        self._began = 0
+        self._size = 0
+        self._file = -1
+        self._segments: list[Path] = []
+        self._blocks: list[bytes] = []
+        self._times: list[int] = []
+        """Of the blocks that the next piece has before its step."""
+        self._steps: list[StepRecord] = []
+        try:
+            self.path, self._lock = _prepared(directory, name)
+        except OSError as error:
+            raise GatewayError(f"flight recorder: {directory}: {error.strerror or error}") from error
+        self._name = self.path.name.removesuffix(SUFFIX)
+        for item in daemon.objects:
+            item.given = []
+        for bus, network in enumerate(daemon.networks.values()):
+            network.tap = partial(self._frame, bus)
+        daemon.loop.counters.add("trace", "lost", "cycles", "not written to the flight recorder", lambda: self.lost)
         daemon.watch.listeners.append(self)
-        daemon.recorder = self
-
-    @property
-    def path(self) -> Path | None:
-        """The file, None while there is none."""
-        return None if self._ring is None else self._ring.path
-
-    @property
-    def lost(self) -> int:
-        """Records that were not written."""
-        return self._lost + (self._ring.failures if self._ring is not None else 0)
+        daemon.recorder = daemon.link.recorder = self
+        self._observe()
 
     def start(self) -> None:
         """Nothing to do: it records from its construction on."""
 
     def stop(self) -> None:
-        """End in order; the file stays."""
-        ring = self._ring
-        self._record_to(None)
-        if ring is not None:
-            ring.close()
-
-    def _record_to(self, ring: RingFile | None) -> None:
-        self._ring = ring
-        for bus, network in enumerate(self._daemon.networks.values()):
-            network.tap = None if ring is None else partial(ring.frame, bus)
+        """End in order; the folder stays."""
+        if self._lock < 0:
+            return
+        for network in self._daemon.networks.values():
+            network.tap = None
+        self._link.recorder = None
+        self._daemon.watch.listeners.remove(self)
+        self._write(b"".join(self._blocks))
+        self._close()
+        with contextlib.suppress(OSError):
+            (self.path / "ended").touch()
+        os.close(self._lock)
+        self._lock = -1
 
     # -- the exchange -----------------------------------------------------------------------------------------------------
 
+    def _frame(self, bus: int, identifier: int, data: bytes, _sent: int, time_ns: int) -> None:
+        """A CAN frame; ``identifier`` with the flags of SocketCAN."""
+        self._times.append(time_ns)
+        size = len(data)
+        self._blocks.append(_PACK_CAN(6, 48, bus, time_ns + self._wall, 16, 16, identifier, size, data, 48))
+
     def cycle(self, now: int, accepted: bool, answered: int) -> None:
         """CycleListener."""
-        link, ring = self._link, self._ring
+        link = self._link
         if link.layout_token is not self._token:
-            self._change()
-            return
-        if ring is None:
-            return
+            self._observe()
         connected, received, sent = link.newest()
-        flags = _FRESH if accepted else 0
-        if connected:
-            flags |= _CONNECTED
+        flags = blocks.CONNECTED if connected else 0
+        if self._whole:
+            flags |= blocks.WHOLE
+            self._whole = False
+            for step in self._steps:
+                step.forget()
         response = 0
-        if answered:
-            flags |= _ANSWERED
-            response = min((answered - now) // US, _LONGEST_US)
-        values: list[Any] = [now, flags, len(received), len(sent), response, received, sent]
-        for source in self._sources:
-            outputs, feedback, faults = source.outputs, source.feedback, source.faults
-            reason = outputs.reason
-            values += (
-                feedback.velocity_actual,
-                feedback.position_actual,
-                feedback.statusword,
-                source.command.controlword,
-                0 if reason is None else reason.code,
-                (_SETPOINTS if source.inputs.setpoints is not None else 0)
-                + (_GOOD if outputs.good else 0)
-                + (_ACTIVE if faults.active else 0),
-                faults.count & 0xFF,
-            )
-        ring.cycle(values)
-        if now >= self._anchor_due:
-            self._anchor(ring, now)
-
-    def _anchor(self, ring: RingFile, now: int) -> None:
-        self._anchor_due = now + _ANCHOR_NS
-        if ring.truncated:
-            log.warning("flight recorder: another program truncated %s; a new one is started", ring.path)
-            self._reopen()
-            return
-        loop = self._daemon.loop
-        ring.set_clock(int(loop.wall() * SECOND) - loop.now())
-        peer = self._link.peer
-        if peer is not None:
-            ring.set_peer(peer)
-
-    # -- the file ---------------------------------------------------------------------------------------------------------
-
-    def _open(self, *, keep_previous: bool) -> None:
-        self._token = self._link.layout_token
-        layout = self._layout()
-        limit = self._daemon.config.trace.megabytes * _MEGABYTE
-        ring = RingFile(self._directory, layout, limit, keep_previous=keep_previous)
-        self._sources = [_Source(item) for item in self._daemon.objects]
-        self._anchor(ring, self._daemon.loop.now())
-        self._record_to(ring)
-
-    def _change(self) -> None:
-        """The frames have another layout from now on: so has the ring. Making the file takes longer than a cycle may."""
-        if self._opening:
-            return  # the next cycle continues here
-        self._token = self._link.layout_token
-        if self._ring is None or _shape(self._ring.layout) != _shape(self._layout()):
-            self._reopen()
-
-    def _reopen(self) -> None:
-        old = self._ring
-        self._record_to(None)
-        self._opening = True
-        loop = self._daemon.loop
-
-        def reopen() -> None:
-            if old is not None:
-                self._lost += old.failures
-                old.close()
-            try:
-                self._open(keep_previous=False)
-            except GatewayError as error:
-                log.warning("%s", error)
-            finally:
-                self._opening = False
-
-        loop.spawn(lambda: loop.result(loop.offload(reopen)), "flight recorder")
-
-    def _layout(self) -> RingLayout:
-        daemon = self._daemon
-        config = daemon.config
-        per_second = SECOND / daemon.cycle_ns
-        pdos = sum(len(client.layout.rpdos) + len(client.layout.tpdos) for client in daemon.clients)
-        frames = per_second * pdos + _OTHER_FRAMES * len(daemon.networks)
-        seconds = config.trace.seconds
-        return RingLayout(
-            name=self._name,
-            cycle_ns=daemon.cycle_ns,
-            places=self._link.places(),
-            objects=tuple(_traced(item) for item in daemon.objects),
-            buses=tuple(daemon.networks),
-            cycles=int(seconds * per_second),
-            frames=int(seconds * frames),
-            address=daemon.address,
-            reasons=tuple(reason.name for reason in Reason),
-            configuration=self._configuration,
-        )
-
-
-def _shape(layout: RingLayout) -> tuple[object, ...]:
-    """Properties that require a new ring when they change."""
-    return layout.places, layout.objects
-
-
-def _traced(item: DriveObject) -> TracedObject:
-    mapped: Sequence[str] = ()
-    if isinstance(item, Axis):
-        mapped = [name for pdo in item.drive.layout.tpdos for name in pdo.attributes]
-    return TracedObject(
-        item.do_id,
-        item.kind,
-        item.node_id,
-        item.network.name,
-        item.telegram.number,
-        "velocity_actual" in mapped,
-        "position_actual" in mapped,
-    )
-
-
-class _Source:
-    """The objects with the values of a drive object, which are the same in each cycle."""
-
-    def __init__(self, item: DriveObject) -> None:
-        self.outputs = item.outputs
-        self.faults = item.fault_log
-        self.inputs: Inputs | EncoderInputs
-        if isinstance(item, Axis):
-            self.inputs, self.feedback, self.command = item.machine.inputs, item.drive.feedback, self.outputs.command
+        pieces, wall = self._blocks, self._wall
+        if answered and received:
+            flags |= blocks.ANSWERED
+            response = (answered - now) // US
+            place = bisect_left(self._times, answered)
+            pieces.insert(place, blocks.packet(self._plc, answered + wall, self._sent(sent)))
+        if accepted:
+            flags |= blocks.FRESH
+            place = bisect_left(self._times, now)
+            pieces.insert(place, blocks.packet(self._plc, now + wall, self._received(received, sent)))
+        self._number += 1
+        content = [_PACK_HEAD(self._number, now, wall, flags, response)]
+        try:
+            content += [step.take() for step in self._steps]
+        except (struct.error, TypeError):  # a value that fits no field: the exchange continues
+            self.lost += 1
+            self._whole = True
         else:
-            assert isinstance(item, EncoderObject)
-            self.inputs, self.feedback, self.command = item.machine.inputs, _NO_FEEDBACK, _NO_COMMAND
+            pieces.append(blocks.custom(blocks.CYCLE, b"".join(content)))
+        self._write(b"".join(pieces))
+        pieces.clear()
+        self._times.clear()
+        if now >= self._anchor_due:
+            self._anchor(now)
+        if self._size >= self._limit or now - self._began >= self._age_ns:
+            self._begin(now)
+
+    def _anchor(self, now: int) -> None:
+        self._anchor_due = now + _ANCHOR_NS
+        self._whole = True
+        loop = self._daemon.loop
+        self._wall = int(loop.wall() * SECOND) - loop.now()
+
+    # -- segments -----------------------------------------------------------------------------------------------------------
+
+    def _observe(self) -> None:
+        """The machines, and the layout of the frames, are new."""
+        daemon = self._daemon
+        self._token = self._link.layout_token
+        known = {step.machine for step in self._steps}
+        self._steps = [StepRecord(item) for item in daemon.objects]
+        for step in self._steps:
+            if step.machine not in known:
+                step.begin()
+        now = daemon.loop.now()
+        self._anchor(now)
+        self._begin(now)
+
+    def _begin(self, now: int) -> None:
+        """Another segment. It has every value once, so it can be read alone."""
+        self._close()
+        self._count += 1
+        path = self.path / f"{self._count:08d}-{self._number + 1:012d}.pcapng"
+        try:
+            self._file = os.open(path, _FLAGS, _MODE)
+        except OSError as error:
+            log.warning("flight recorder: %s: %s", path, error.strerror or error)
+        self._whole = True
+        self._began, self._size = now, 0
+        if self._file >= 0:
+            self._segments.append(path)
+            self._write(self._head())
+        self._first = False
+        while len(self._segments) > _SEGMENTS:
+            with contextlib.suppress(OSError):
+                self._segments.pop(0).unlink()
+
+    def _head(self) -> bytes:
+        daemon = self._daemon
+        description = blocks.Description(
+            build=build_text(),
+            name=self._name,
+            process=os.getpid(),
+            cycle_ns=daemon.cycle_ns,
+            first=self._first,
+            places=self._link.places(),
+            objects=tuple(step.traced for step in self._steps),
+            buses=tuple(daemon.networks),
+            reasons=tuple(reason.name for reason in Reason),
+        )
+        text = json.dumps(to_json(description)).encode()
+        return blocks.section(self.configuration, description.buses) + blocks.custom(blocks.DESCRIPTION, text)
+
+    def _write(self, piece: bytes) -> None:
+        """Append a piece, whole or not at all: the memory may be full."""
+        if self._file < 0:
+            self.lost += 1
+            return
+        try:
+            written = os.write(self._file, piece)
+        except OSError:
+            written = -1
+        if written == len(piece):
+            self._size += written
+            return
+        self.lost += 1
+        with contextlib.suppress(OSError):
+            os.ftruncate(self._file, self._size)
+        self._whole = True
+
+    def _close(self) -> None:
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
+
+    def ethernet(self, frame: bytes) -> None:
+        """A frame from or to the PLC beside the cyclic ones, now."""
+        now = self._daemon.loop.now()
+        self._times.append(now)
+        self._blocks.append(blocks.packet(self._plc + 1, now + self._wall, frame))
+
+    def datagram(self, source: tuple[str, int], target: tuple[str, int], data: bytes) -> None:
+        """A datagram of the parameter channel, now."""
+        ends = (f"{host}:{port}" for host, port in (source, target))
+        self.ethernet(blocks.udp_header(*ends, len(data)) + data)
+
+    # -- frames of the PLC ---------------------------------------------------------------------------------------------------
+
+    def _received(self, data: bytes, sent: bytes | bytearray) -> bytes:
+        if self._is_profinet:
+            return header(bytes(sent[_SOURCE]), bytes(sent[_TARGET])) + data
+        return blocks.udp_header(self._peer, self._here, len(data)) + data
+
+    def _sent(self, data: bytes | bytearray) -> bytes:
+        if self._is_profinet:
+            return bytes(data)
+        return blocks.udp_header(self._here, self._peer, len(data)) + data
+
+    @property
+    def _is_profinet(self) -> bool:
+        return self._daemon.config.transport.type == "profinet"
+
+    @property
+    def _peer(self) -> str:
+        return self._link.peer or ""
+
+    @property
+    def _here(self) -> str:
+        return f"{self._daemon.address[0]}:{CYCLIC_PORT}"
+
+
+def _prepared(directory: Path, name: str) -> tuple[Path, int]:
+    """The folder that no other living gateway has, empty, and its lock. The last one of this name is kept as the previous."""
+    path, lock = locked(directory, name)
+    previous = path.with_name(path.name.removesuffix(SUFFIX) + PREVIOUS)
+    if path.exists():
+        if previous.is_dir():
+            shutil.rmtree(previous)
+        else:
+            previous.unlink(missing_ok=True)  # of a version that kept its ring in one file
+        path.replace(previous)
+    path.mkdir(mode=_FOLDER_MODE)
+    return path, lock

@@ -13,8 +13,9 @@ from pdgw.gateway.configuration.file import config_text, parse_config
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.parameters.acyclic import AcyclicServer
 from pdgw.gateway.store import DeviceParameters, DoParameters
+from pdgw.gateway.trace.reader import RingReader
 from pdgw.gateway.trace.recorder import FlightRecorder
-from pdgw.recording.trace_file import captured
+from pdgw.recording.trace_file import part_of
 from pdgw.web.parameters import PageParameters
 from tests.support.gateways.daemon import Plc, exchanging, reached, running, until
 
@@ -40,7 +41,7 @@ simulate = true
 
 
 def write(folder: Path) -> None:
-    """Configuration, store, parameter dump, ring and recording of an axis that was enabled, turned and stopped."""
+    """Configuration, store, parameter dump and recording of an axis that was enabled, turned and stopped."""
     folder.mkdir(parents=True)
     config = parse_config(CONFIGURATION)
     (folder / "gateway.toml").write_text(config_text(config), encoding="utf-8")
@@ -71,9 +72,8 @@ def write(folder: Path) -> None:
             plc.until(lambda: plc.state() == 0x01, "off")
             with exchanging(plc):
                 plc.loop.run_for(SECOND // 2)
-        ring = run_directory / "gateway.ring"
-        _compress(folder / "recording.pcapng", captured(ring, 10, config_text(config)))
-        _compress(folder / "gateway.ring", ring.read_bytes())
+        with RingReader(run_directory / "gateway.ring") as reader:
+            _compress(folder / "recording.pcapng", part_of(reader)[0])
 
 
 def _compress(path: Path, data: bytes) -> None:

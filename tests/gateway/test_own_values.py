@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 from canopen.sdo import SdoAbortedError
@@ -42,7 +43,7 @@ from tests.support.gateways.daemon import (
     world_of,
 )
 from tests.support.gateways.parameters import word, write
-from tests.support.gateways.recorded_daemon import RecordedPlc, only
+from tests.support.gateways.recorded_daemon import recorded, replay_of
 
 MAX_TORQUE, ACCELERATION, SERIAL = (0x6072, 0), (0x6083, 0), (0x1018, 4)
 FACTORY = 3000
@@ -79,18 +80,18 @@ class Site:
     _file: bytes | None = None
 
     @contextmanager
-    def gateway(self, config: GatewayConfig) -> Iterator[Plc]:
-        """A gateway, and its PLC."""
-        made: list[Plc] = []
+    def gateway(self, config: GatewayConfig, folder: Path | None = None) -> Iterator[Plc]:
+        """A gateway, and its PLC; ``folder``: of its recording."""
 
         def prepare(daemon: Daemon) -> None:
             node = drive_of(daemon).node
             node.stored.update(self.shown)
             node.restart()
-            made.append(RecordedPlc(daemon, [item.telegram for item in config.axis]))
 
-        with running(config.model_copy(update={"store": self.store}), prepare):
-            yield made[0]
+        with TemporaryDirectory() as other:
+            chosen = config.model_copy(update={"store": self.store})
+            with recorded(chosen, folder or Path(other), prepare) as plc:
+                yield plc
         if self.store is not None and self._file is not None:
             self.store.write_bytes(self._file)
             self._file = None
@@ -319,8 +320,7 @@ def test_replay_of_a_gateway_after_a_crash_is_equal(site: Site, tmp_path: Path, 
     with site.gateway(config) as plc:
         lower(plc)
         site.crash(plc)
-    with site.gateway(config) as plc:
-        assert isinstance(plc, RecordedPlc)
+    with site.gateway(config, tmp_path) as plc:
         lower(plc) if clamps else start(plc)
         plc.endpoint.set(0, {} if clamps else REDUCED)
         for _ in range(100):
@@ -331,7 +331,7 @@ def test_replay_of_a_gateway_after_a_crash_is_equal(site: Site, tmp_path: Path, 
         start(plc)
         for _ in range(100):
             plc.exchange()
-        assert only(plc.replayed(tmp_path)) == []
+    assert not replay_of(tmp_path)[0].differences
 
 
 def test_a_drive_that_may_have_been_exchanged_keeps_its_lower_limit(

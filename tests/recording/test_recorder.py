@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 
-import can
 import pytest
 
-from pdgw.decoder.capture.pcapng_file import PcapngWriter, can_packet, configuration_in, udp_packet
+from pdgw.decoder.capture.pcapng_file import PcapngWriter, configuration_in
 from pdgw.decoder.capture.source import open_source
 from pdgw.decoder.frames.engine import Decoder, Packet, Settings, given_axes
 from pdgw.decoder.frames.records import CyclicRecord, LinkType
 from pdgw.gateway.configuration.example import example, simulated
 from pdgw.gateway.configuration.file import config_text, parse_config
 from pdgw.gateway.errors import GatewayError
-from pdgw.recording.recorder import CAPTURE, Captures, Recorder
+from pdgw.gateway.trace import blocks
+from pdgw.gateway.trace.reader import RingReader
+from pdgw.recording.recorder import CAPTURE, Captures, Recording
 from pdgw.recording.recordings import CONFIGURATION, known_from
 from pdgw.tools.commands.capture.decode import decode
-from tests.decoder.replay.test_replay import speed
+from tests.support.axis.recorded import speed
+from tests.support.gateways.daemon import axis, configuration
+from tests.support.gateways.recorded_daemon import recorded
 from tests.support.readers import tshark
 
 FULL = """
@@ -56,20 +60,15 @@ reference_speed = 1500.5
 """
 
 
+def datagram(source: str, target: str) -> bytes:
+    data = speed().frames.plc[0][1]
+    return blocks.udp_header(source, target, len(data)) + data
+
+
 @pytest.mark.parametrize("text", [FULL, example(), config_text(simulated([9] * 3, 2))])
 def test_a_configuration_as_text_is_the_same_configuration(text: str) -> None:
     config = parse_config(text)
     assert parse_config(config_text(config)) == config
-
-
-def test_the_file_carries_the_configuration(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path / "r", simulated([1]))
-    recorder.stop()
-    text = configuration_in(tmp_path / "r" / CAPTURE)
-    assert parse_config(text) == simulated([1])
-    assert (tmp_path / "r" / CONFIGURATION).read_text() == text
-    with pytest.raises(GatewayError, match=r"--record .*cannot be written"):
-        Recorder(tmp_path / "r" / CAPTURE / "x", simulated([1]))
 
 
 @pytest.mark.parametrize(
@@ -86,8 +85,8 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     path = tmp_path / "x.pcapng"
     frame = speed().frames.plc[0][1]
     writer = PcapngWriter(path, "a" * 70_000)
-    datagram = udp_packet(("192.168.0.10", 50000), ("192.168.0.5", 34962), frame)
-    writer.write(LinkType.ETHERNET, "plc", 1_700_000_000_123_456_789, datagram)
+    packet = blocks.udp_header("192.168.0.10:50000", "192.168.0.5:34962", len(frame)) + frame
+    writer.write(LinkType.ETHERNET, "plc", 1_700_000_000_123_456_789, packet)
     writer.write(LinkType.CAN_SOCKETCAN, "can0", 1_700_000_000_123_456_790, b"\0\0\x01\x81\x02\0\0\0\x31\x02")
     writer.close()
     with open_source(str(path)) as source:
@@ -103,8 +102,8 @@ def test_decode_knows_the_axes_of_a_capture_that_has_its_configuration(
 ) -> None:
     path = tmp_path / "x.pcapng"
     writer = PcapngWriter(path, config_text(simulated([1])))
-    datagram = udp_packet(("192.168.0.10", 50000), ("192.168.0.5", 34962), speed().frames.plc[0][1])
-    writer.write(LinkType.ETHERNET, "plc", 1_700_000_000_123_456_789, datagram)
+    packet = datagram("192.168.0.10:50000", "192.168.0.5:34962")
+    writer.write(LinkType.ETHERNET, "plc", 1_700_000_000_123_456_789, packet)
     writer.close()
     decode([str(path)])
     shown = capsys.readouterr()
@@ -119,8 +118,8 @@ def test_decode_knows_the_axes_of_a_capture_that_has_its_configuration(
 def test_tshark_reads_frames_checksums_and_comment(tmp_path: Path) -> None:
     path = tmp_path / "x.pcapng"
     writer = PcapngWriter(path, "[can]\n")
-    datagram = udp_packet(("10.255.255.255", 40000), ("10.0.0.2", 34962), speed().frames.plc[0][1])
-    writer.write(LinkType.ETHERNET, "plc", 1_700_000_000_000_000_000, datagram)
+    packet = datagram("10.255.255.255:40000", "10.0.0.2:34962")
+    writer.write(LinkType.ETHERNET, "plc", 1_700_000_000_000_000_000, packet)
     writer.close()
     (row,) = tshark.fields(path, ["pn_rt.frame_id", "ip.checksum.status"], ["-o", "ip.check_checksum:TRUE"])
     assert (int(row["pn_rt.frame_id"], 0), row["ip.checksum.status"]) == (0xC001, "1")
@@ -134,63 +133,66 @@ def test_configuration_is_read_from_the_capture_or_its_folder(
     (tmp_path / CONFIGURATION).write_text(config_text(simulated([9] * 2)))
     assert [axis.telegram for axis in known_from(None, [], [], files).settings.axes] == [9, 9]
     assert f"configuration of the gateway is read from {tmp_path / CONFIGURATION}" in capsys.readouterr().err
-    Recorder(tmp_path, simulated([1])).stop()
+    (tmp_path / CAPTURE).write_bytes(blocks.section(config_text(simulated([1])), ()))
     carried = known_from(None, [], [], [*files, str(tmp_path / CAPTURE)])
     assert [axis.telegram for axis in carried.settings.axes] == [1]
     assert [axis.telegram for axis in known_from(None, [2], [], files).settings.axes] == [2]
 
 
-def test_can_frames_keep_their_kind(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path, simulated([1]))
-    for message in (
-        can.Message(5.5, 0x181, False, data=b"\x31\x02"),
-        can.Message(6.0, 0x12345678, True, data=b"\x01"),
-        can.Message(7.0, 0x701, False, is_remote_frame=True),
-    ):
-        recorder.frame("can0", message)
-    recorder.stop()
-    with open_source(str(tmp_path / CAPTURE)) as source:
-        records = [Decoder().decode(packet) for packet in source.packets]
-    assert [record.time_ns for record in records] == [5_500_000_000, 6_000_000_000, 7_000_000_000]
-    texts = [record.summary for record in records]
-    assert texts[1].startswith("extended identifier 12345678h")
-    assert texts[2] == "node guarding request"
+def test_a_recording_has_every_cycle_the_configuration_and_what_an_earlier_run_recorded(tmp_path: Path) -> None:
+    folder = tmp_path / "r"
+    for number in (1, 2):
+        with recorded(configuration(axis(1)), tmp_path) as plc:
+            ring = plc.daemon.recorder
+            assert ring is not None
+            recording = Recording(folder, ring.path, ring.configuration)
+            for _ in range(100 * number):
+                plc.exchange()
+        recording.stop()
+        assert recording.lost == 0
+        with RingReader(folder / CAPTURE) as reader:
+            assert [cycle.number for cycle in reader.cycles()] == list(range(1, plc.daemon.cycles + 1))
+        assert configuration_in(folder / CAPTURE) == (folder / CONFIGURATION).read_text() == ring.configuration
+    assert len(list(folder.glob("gateway-*.pcapng"))) == 1
+    with pytest.raises(GatewayError, match=r"--record .*cannot be written"):
+        Recording(folder / CAPTURE / "x", ring.path, "")
 
 
-def test_full_recording_is_rotated_and_the_oldest_are_deleted(tmp_path: Path) -> None:
-    captures = Captures(tmp_path, config_text(simulated([1])), size=2000, files=2)
-    for number in range(200):
-        captures.write(LinkType.CAN_SOCKETCAN, "can0", number, can_packet(0x181, number.to_bytes(8, "big")))
+def test_a_full_recording_is_rotated_and_the_oldest_are_deleted(tmp_path: Path) -> None:
+    captures = Captures(tmp_path, size=2000, files=2)
+    for number in range(40):
+        captures.begin()
+        captures.write(number.to_bytes(500, "big"))
+        if number == 5:
+            (tmp_path / CAPTURE).unlink()
     captures.close()
     files = sorted(tmp_path.glob("gateway-*.pcapng"), key=lambda path: path.stat().st_mtime_ns)
-    assert len(files) == 2
-    assert all(2000 <= path.stat().st_size < 2200 for path in files)
-    # Each can be read alone: it has its interfaces and the configuration. Together they are what came last, without a gap.
-    numbers: list[int] = []
-    for path in (*files, tmp_path / CAPTURE):
-        assert parse_config(configuration_in(path)) == simulated([1])
-        with open_source(str(path)) as source:
-            numbers += [packet.time_ns for packet in source.packets if isinstance(packet, Packet)]
-    assert numbers == list(range(numbers[0], 200))
-    assert len(numbers) > 40
+    assert [path.stat().st_size for path in files] == [2000, 2000]
+    numbers = [int.from_bytes(path.read_bytes()[at : at + 500], "big") for path in files for at in range(0, 2000, 500)]
+    assert numbers == list(range(numbers[0], numbers[0] + 8))
 
 
-def test_removed_recording_is_followed_by_a_new_one(tmp_path: Path) -> None:
-    captures = Captures(tmp_path, config_text(simulated([1])), size=2000, files=2)
-    packet = can_packet(0x181, bytes(8))
-    captures.write(LinkType.CAN_SOCKETCAN, "can0", 1, packet)
-    (tmp_path / CAPTURE).unlink()
-    while not (tmp_path / CAPTURE).exists():
-        captures.write(LinkType.CAN_SOCKETCAN, "can0", 2, packet)
-    captures.close()
-    assert parse_config(configuration_in(tmp_path / CAPTURE)) == simulated([1])
-    assert list(tmp_path.glob("gateway-*.pcapng")) == []
+def test_a_full_disk_ends_the_recording_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def full(captures: Captures, data: bytes) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Captures, "write", full)
+    with recorded(configuration(axis(1)), tmp_path) as plc:
+        ring = plc.daemon.recorder
+        assert ring is not None
+        recording = Recording(tmp_path / "r", ring.path, "")
+        plc.enable()
+    recording.stop()
+    assert recording.lost == 1
+    assert "No space left on device; the recording has stopped" in caplog.text
 
 
-def test_what_an_earlier_run_recorded_is_kept(tmp_path: Path) -> None:
-    for number in range(3):
-        recorder = Recorder(tmp_path, simulated([1]))
-        recorder.frame("can0", can.Message(float(number + 1), 0x181, False, data=b"\x01"))
-        recorder.stop()
-    assert len(list(tmp_path.glob("gateway-*.pcapng"))) == 2
-    assert (tmp_path / CAPTURE).exists()
+def test_segments_that_were_deleted_before_they_were_copied_are_counted(tmp_path: Path) -> None:
+    for number in (1, 2, 5):
+        (tmp_path / f"{number:08d}-{number:012d}.pcapng").write_bytes(b"%d" % number)
+    recording = Recording(tmp_path / "r", tmp_path, "")
+    recording.stop()
+    assert recording.lost == 2
+    assert (tmp_path / "r" / CAPTURE).read_bytes() == b"125"

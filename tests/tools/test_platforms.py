@@ -17,7 +17,7 @@ import pytest
 
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.service.status_client import fetch
-from tests.decoder.replay.test_replay import speed
+from tests.support.axis.recorded import speed
 from tests.support.axis.rig import NODE
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.processes import PATIENT, free_tcp_port, free_udp_port, running
@@ -133,7 +133,6 @@ def test_files_are_decoded_and_unsupported_functions_are_reported(
         ("decode", plc, "--stats"),
         ("decode", can, "--config", configuration, "--json"),
         ("timeline", plc, can, "--config", configuration, "--html", str(tmp_path / "t.html")),
-        ("replay", plc, can, "--config", configuration),
         ("drives", str(next(Path(__file__).parents[2].glob("dsp406/eds/*.eds")))),
         ("sim", "bus", "--example"),
         ("map", "--gsdml", str(tmp_path)),

@@ -10,16 +10,18 @@ import pytest
 import typer
 
 from pdgw.decoder.capture.errors import CaptureError
-from pdgw.decoder.timeline.axis import NO_CONTROLWORD
+from pdgw.decoder.capture.source import open_source
+from pdgw.decoder.timeline.builder import NO_STEPS
 from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
-from pdgw.recording.recordings import known_from
 from pdgw.tools.commands.capture.replay import replay
 from pdgw.tools.commands.capture.timeline import timeline
-from tests.decoder.replay.test_replay import reducing_torque, speed, without_begin
-from tests.support.axis.recorded import BEGIN_NS
+from tests.support.axis.recorded import speed
 from tests.support.axis.rig import NODE
-from tests.support.cli import pdgw
+from tests.support.gateways import profinet_daemon
+from tests.support.gateways.daemon import axis
+from tests.support.gateways.daemon import configuration as gateway_configuration
+from tests.support.gateways.recorded_daemon import recorded, recording
 from tests.support.readers import captures
 
 NODES = [str(NODE)]
@@ -47,9 +49,10 @@ def test_the_timeline_as_text(files: list[str], capsys: pytest.CaptureFixture[st
     timeline(files, telegram=[1], node=NODES)
     text = lines(capsys)
     on = next(i for i, line in enumerate(text) if "047Eh -> 047Fh +ON" in line)
-    assert text[on + 1].endswith("-> executed")
+    assert "->" not in text[on + 1][:30], "a foreign capture has no results"
+    assert any(line.endswith(NO_STEPS) for line in text)
     # Before or after it: the offset of the clocks is known only to a part of a cycle.
-    assert any("Controlword     0006h -> 0007h [Switch On] +SWITCH_ON" in line for line in (text[on - 1], text[on + 2]))
+    assert any("Controlword     0006h -> 0007h [Switch On] +SWITCH_ON" in line for line in (text[on - 1], text[on + 1]))
     assert any("clocks: the CAN clock differs by -" in line and "edges match" in line for line in text)
     assert any(line.startswith("STW1 -> Controlword") for line in text)
     assert text[-1] == "anomalies: none"
@@ -88,80 +91,6 @@ def test_axis_and_time_select(files: list[str], capsys: pytest.CaptureFixture[st
         timeline(files, config=config, axis=[1])
 
 
-def test_an_equal_recording_ends_without_error(files: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    replay(files, telegram=[1], node=["1=5"])
-    assert lines(capsys)[-1].endswith("steps compared, all equal")
-
-
-def test_a_difference_is_shown_with_its_context_and_exit_status_1(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    rig = speed()
-    moment = rig.frames.change_can(0x200 + NODE, 6, lambda data: (77).to_bytes(4, "little") + data[4:])
-    files = rig.frames.write(tmp_path)
-    with pytest.raises(typer.Exit) as left:
-        replay(files, config=configuration(tmp_path), offset=0.0)
-    assert left.value.exit_code == 1
-    text = lines(capsys)
-    seconds = (moment - rig.frames.plc[0][0]) / 1e9
-    assert text[1].startswith("axis 7 (telegram 1, node 5): ")
-    assert text[1].endswith(f"then RPDO1 differs at {seconds:.6f} s")
-    assert text[2].startswith("  Target Velocity: recorded 77 (004Dh), today ")
-    with pytest.raises(typer.Exit):
-        replay(files, telegram=[1], node=NODES, as_json=True)
-    (document,) = (json.loads(line) for line in lines(capsys))
-    assert document["equal"] is False
-    assert document["axes"][0]["first_difference"]["names"] == ["Target Velocity"]
-
-
-def test_replay_names_a_limit_that_it_does_not_compare(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rig = reducing_torque()
-    without_begin(rig)
-    files = rig.frames.write(tmp_path)
-    replay(files, telegram=[102], node=NODES, offset=0.0)
-    who = "axis 1 (telegram 102, node 5)"
-    assert (
-        f"{who}: Max Torque is not compared: the recording begins in operation, without the drive's own value"
-        in lines(capsys)
-    )
-    replay(files, telegram=[102], node=NODES, offset=0.0, as_json=True)
-    assert json.loads(lines(capsys)[0])["axes"][0]["not_compared"] == ["Max Torque"]
-
-
-def test_choices_of_the_configuration_reach_the_machines(
-    files: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    replay(files, config=configuration(tmp_path))
-    known = known_from(configuration(tmp_path, 'setpoint_enable = "profidrive"\n'), [], [])
-    assert known.choices[7].setpoint_enable.value == "profidrive"
-    assert (known.cycle_ns, known.watchdog_factor) == (4 * MS, 3)
-
-
-def test_telegrams_are_inferred_and_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    files = speed().frames.write(tmp_path)
-    replay(files)  # the node-ID is not that of the axis: nothing of CAN belongs to it, the answers still compare
-    captured = capsys.readouterr()
-    assert "note: inferred from length and status bytes: axis 1 telegram 1" in captured.err
-
-
-def test_both_buses_in_one_file_have_one_clock(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rig = speed()
-    packets = [(BEGIN_NS + now, captures.ETHERNET, b"\0" * 12 + b"\x88\x92" + data) for now, data in rig.frames.plc]
-    packets += [
-        (BEGIN_NS + now, captures.ETHERNET, b"\0" * 12 + b"\x88\x92" + data) for now, data in rig.frames.answers
-    ]
-    packets += [
-        (BEGIN_NS + now, captures.SOCKETCAN, captures.socketcan_packet(cob_id, data))
-        for now, cob_id, data in rig.frames.can
-    ]
-    path = tmp_path / "both.pcapng"
-    path.write_bytes(captures.pcapng(sorted(packets)))
-    replay([str(path)], telegram=[1], node=NODES)
-    text = lines(capsys)
-    assert text[0] == "clocks: one clock"
-    assert text[-1].endswith("all equal")
-
-
 @pytest.mark.parametrize("page", [False, True])
 def test_recording_of_one_bus_is_shown_with_what_is_missing(
     files: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], *, page: bool
@@ -183,56 +112,76 @@ def test_recording_of_one_bus_is_shown_with_what_is_missing(
             assert told[-1] == "anomalies: none"
 
 
-def test_recording_of_the_plc_alone_suggests_no_off(files: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    timeline(files[:1], telegram=[1], node=NODES)
-    text = lines(capsys)
-    on = next(i for i, line in enumerate(text) if "047Eh -> 047Fh +ON" in line)
-    assert text[on + 1].endswith(f"-> {NO_CONTROLWORD}")
-
-
 def test_a_node_that_never_answered_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rig = speed()
     rig.frames.can = [frame for frame in rig.frames.can if frame[1] & ~0x7F in {0, 0x200, 0x600}]
     timeline(rig.frames.write(tmp_path), telegram=[1], node=NODES, offset=0.0)
     assert any(line.endswith(f"axis 1  missing: no frame from node {NODE}") for line in lines(capsys))
     timeline(speed().frames.write(tmp_path), telegram=[1], node=NODES)
-    assert not any("missing:" in line for line in lines(capsys))
+    assert next(line for line in lines(capsys) if "missing:" in line).endswith(NO_STEPS)
 
 
-def test_unusable_input_is_one_error(files: list[str], tmp_path: Path) -> None:
-    plc, can = files
+def test_telegrams_are_inferred_and_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    timeline(speed().frames.write(tmp_path))
+    captured = capsys.readouterr()
+    assert "note: inferred from length and status bytes: axis 1 telegram 1" in captured.err
+
+
+def test_unusable_input_of_a_timeline_is_one_error(files: list[str], tmp_path: Path) -> None:
+    plc, _ = files
     empty = tmp_path / "empty.log"
     empty.write_text("")
-    for given, match in (
-        ([can], "the frames do not show the telegrams; give --telegram and --node, or --config"),
-        ([plc, "-"], "read more than once"),
-    ):
-        with pytest.raises(GatewayError, match=match):
-            timeline(given)
-    for given, match in (([plc], "no CAN frames; a replay compares"), ([can], "no cyclic frames; a replay compares")):
-        with pytest.raises(GatewayError, match=match):
-            replay(given, telegram=[1])
+    with pytest.raises(GatewayError, match="read more than once"):
+        timeline([plc, "-"])
     with pytest.raises(CaptureError, match="is empty"):
-        replay([plc, str(empty)], telegram=[1])
-    with pytest.raises(GatewayError, match="the capture has no drive telegram"):
-        replay(files, telegram=[81])
+        timeline([plc, str(empty)], telegram=[1])
     for node, match in (
         ("200", "node-ID 1..127"),
         ("2=5", "there is no axis 2, expected one of 1"),
         ("x", "expected NODE or AXIS=NODE"),
     ):
         with pytest.raises(GatewayError, match=match):
-            replay(files, telegram=[1], node=[node])
+            timeline(files, telegram=[1], node=[node])
     with pytest.raises(GatewayError, match="--node: give --telegram"):
-        replay(files, node=["5"])
+        timeline(files, node=["5"])
     with pytest.raises(GatewayError, match="--offset nan"):
         timeline(files, telegram=[1], offset=float("nan"))
 
 
-def test_the_commands_with_exit_status_and_one_line(files: list[str]) -> None:
-    equal = pdgw("replay", *files, "--telegram", "1", "--node", str(NODE))
-    assert (equal.returncode, equal.stderr) == (0, "")
-    bad = pdgw("replay", files[0], "--telegram", "1")
-    assert bad.returncode == 1
-    assert bad.stderr.startswith("error: ")
-    assert len(bad.stderr.splitlines()) == 1
+def test_a_capture_without_drives_shows_its_calls(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config = profinet_daemon.configuration(axis(1), tmp_path / "store.json")
+    with profinet_daemon.plant(config) as site:
+        site.connect()
+        site.run(50 * MS)
+    plc, _ = site.write(tmp_path)
+    with open_source(plc) as source:
+        calls = [packet for packet in source.packets if packet.data[12:14] == b"\x08\x00"]
+    path = tmp_path / "calls.pcap"
+    path.write_bytes(
+        captures.pcap([(item.time_ns, captures.ETHERNET, item.data) for item in calls[2:]], nanoseconds=True)
+    )
+    timeline([str(path)], telegram=[])
+    text = lines(capsys)
+    assert any("  all     PLC: " in line and "control request" in line for line in text)
+
+
+def test_replay_prints_its_result_and_differences(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with recorded(gateway_configuration(axis(1)), tmp_path) as plc:
+        plc.enable()
+    file = Path(recording(tmp_path))
+    replay([file])
+    (line,) = lines(capsys)
+    assert re.fullmatch(r"axis 1 \(telegram 1\): \d+ steps compared, all equal", line)
+    data = file.read_bytes()
+    command = data.rindex(bytes.fromhex("00000201 06000000"))  # an RPDO
+    file.write_bytes(data[: command + 8] + b"\x4d" + data[command + 9 :])
+    with pytest.raises(typer.Exit) as left:
+        replay([file])
+    assert left.value.exit_code == 1
+    text = lines(capsys)
+    assert text[0].endswith("then a difference")
+    assert re.search(r"axis 1: target_velocity in the RPDO: recorded \d+, now \d+$", text[1])
+    with pytest.raises(typer.Exit):
+        replay([file], as_json=True)
+    (document,) = json.loads(lines(capsys)[0])
+    assert document["differences"][0]["field"] == "target_velocity in the RPDO"

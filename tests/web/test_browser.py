@@ -18,8 +18,7 @@ from pdgw.gateway.reasons import Enable, Reason
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.recording.recordings import Part, write_page
 from pdgw.tools.output.reports import Check, Report
-from tests.decoder.replay.test_replay import speed
-from tests.support.axis.recorded import RecordedRig
+from tests.support.axis.recorded import RecordedRig, speed
 from tests.support.buses import PATIENCE_S
 from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, running
 from tests.support.page import TOKEN, Page, ShownGateway, page

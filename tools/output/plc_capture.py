@@ -9,10 +9,10 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from pdgw.decoder.capture.pcapng_file import udp_packet
 from pdgw.durations import SECOND, US
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.udp import Address
+from pdgw.gateway.trace.blocks import udp_header
 
 _FILE = struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1)
 """Header of a pcap file: microseconds, version 2.4, UTC, whole packets, Ethernet."""
@@ -40,8 +40,8 @@ class Capture:
         """A function that records the datagrams (sent, data) between two addresses; callable from any thread."""
 
         def take(sent: bool, data: bytes) -> None:
-            ends = (local, remote) if sent else (remote, local)
-            self._frames.put((time.time_ns(), udp_packet(*ends, data)))
+            ends = (f"{host}:{port}" for host, port in ((local, remote) if sent else (remote, local)))
+            self._frames.put((time.time_ns(), udp_header(*ends, len(data)) + data))
 
         return take
 

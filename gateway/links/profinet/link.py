@@ -19,7 +19,7 @@ from pdgw.ds301.loop.loop import Loop, Mailbox, Task, Timer
 from pdgw.durations import MS
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.links.link import silence
+from pdgw.gateway.links.link import FrameRecorder, silence
 from pdgw.gateway.links.profinet.diagnosis import Diagnosed, present_classes
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
 from pdgw.gateway.links.profinet.identity import profinet_model
@@ -28,7 +28,7 @@ from pdgw.gateway.links.profinet.pairing import LONGEST_NS, Pairing
 from pdgw.gateway.links.profinet.station import StationKeeper
 from pdgw.gateway.links.udp import Address
 from pdgw.gateway.store import ParameterStore
-from pdgw.gateway.trace.layout import FramePlaces
+from pdgw.gateway.trace.blocks import FramePlaces
 from pdgw.profidrive.frame import IOPS_GOOD
 from pdgw.profidrive.telegrams import Telegram
 from pdgw.profinet.blocks.alarm import MessageClass
@@ -37,6 +37,7 @@ from pdgw.profinet.connection.cpm import Consumer, Verdict
 from pdgw.profinet.connection.ppm import NEVER, Provider
 from pdgw.profinet.device import Connected, DeviceEvent, Disconnected, ProfinetDevice
 from pdgw.profinet.model import ACCESS_POINT_SUBSLOT, TELEGRAM_SUBSLOT
+from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.rpc.server import NoRecords, RecordHandler
 from pdgw.profinet.station import Station
 
@@ -134,6 +135,7 @@ class ProfinetLink:
         """Drive objects with output data: number, codec, places of data and IOPS in the consumer's frame."""
         self.setpoints: list[Sequence[int] | None] = [None] * len(objects)
         self.layout_token = object()
+        self.recorder: FrameRecorder | None = None
         self.watchdog_expiries = 0
         self.loss = ""
         self._end = ""
@@ -396,15 +398,10 @@ class ProfinetLink:
         self.device.replug(profinet_model(transport, self.port.mac, self._config.objects, self._telegrams))
 
     def places(self) -> FramePlaces:
-        relation = self.device.relation
         offsets = {index: offset for index, _, offset, _ in self._outputs}
         setpoints = tuple(offsets.get(index) for index in range(len(self._telegrams)))
-        places = self._places
-        data = [None] * len(self._telegrams) if places is None else places.data
-        actuals = tuple(None if place is None else place[0] for place in data)
-        if relation is None or relation.consumer is None or relation.provider is None:
-            return FramePlaces("profinet", 0, 0, setpoints, actuals)
-        return FramePlaces("profinet", len(relation.consumer.payload), len(relation.provider.frame), setpoints, actuals)
+        data = [None] * len(self._telegrams) if self._places is None else self._places.data
+        return FramePlaces("profinet", setpoints, tuple(None if place is None else place[0] for place in data))
 
     def newest(self) -> tuple[bool, bytes, bytes | bytearray]:
         relation = self.device.relation
@@ -465,8 +462,12 @@ class ProfinetLink:
                 break
             if frame is not None:
                 self.device.on_frame(frame, now)
+                if self.recorder is not None:
+                    self.recorder.ethernet(frame)
             if datagram is not None:
                 self._datagrams.put(datagram)
+                if self.recorder is not None:
+                    self.recorder.datagram(datagram[1], self._calls, datagram[0])
         self._pump()
 
     def _on_carrier(self) -> None:
@@ -553,8 +554,17 @@ class ProfinetLink:
         for address, data in self.device.outgoing():
             if address is None:
                 port.send(data)
+                if self.recorder is not None:
+                    self.recorder.ethernet(bytes(data))
             else:
                 port.send_datagram(bytes(data), address)
+                if self.recorder is not None:
+                    self.recorder.datagram(self._calls, address, bytes(data))
+
+    @property
+    def _calls(self) -> Address:
+        """Where calls are received."""
+        return str(self.station.ip.address), ACYCLIC_PORT
 
     def _on_event(self, event: DeviceEvent) -> None:
         match event:

@@ -15,8 +15,7 @@ from pdgw.decoder.export.trace_page import TracePage
 from pdgw.decoder.timeline.entries import Anomaly, AnomalyKind
 from pdgw.gateway.errors import GatewayError
 from pdgw.recording.recordings import Part, write_page
-from tests.decoder.replay.test_replay import speed
-from tests.support.axis.recorded import RecordedRig
+from tests.support.axis.recorded import RecordedRig, speed
 from tests.support.buses import PATIENCE_S
 
 needs_node = pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")

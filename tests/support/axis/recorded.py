@@ -4,22 +4,19 @@ from __future__ import annotations
 
 import random
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pdgw.decoder.capture.pcapng_file import PcapngWriter
 from pdgw.decoder.frames.engine import Settings, given_axes
-from pdgw.decoder.frames.records import LinkType
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.objects import DRIVE_OBJECTS
 from pdgw.durations import MS
-from pdgw.gateway.axis.settings import AxisSettings, PlcLossReaction
 from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive.frame import ETHERTYPE
-from pdgw.recording.recordings import Known, Loaded, Opening, load, look_ahead
+from pdgw.recording.recordings import Known, Opening, look_ahead
 from tests.support.axis.rig import NODE, Rig
 from tests.support.drives.drive_types import REFERENCE_OBJECTS
 from tests.support.readers import captures
@@ -69,22 +66,6 @@ class Frames:
             text += f"({seconds}.{rest // 1000:06d}) can0 {cob_id:03X}#{data.hex().upper()}\n"
         (folder / "can.log").write_text(text)
         return [str(folder / "plc.pcap"), str(folder / "can.log")]
-
-    def write_in_order(self, folder: Path, waited: Mapping[bytes, int] | None = None) -> list[str]:
-        """gateway.pcapng as the gateway writes it: in the order in which it dealt with the frames.
-
-        ``waited``: nanoseconds between the arrival of a frame of the PLC and its processing; the file has the time of arrival.
-        """
-        before = waited or {}
-        packets = [(now, now - before.get(data, 0), LinkType.ETHERNET, MACS + data) for now, data in self.plc]
-        packets += [(now, now, LinkType.ETHERNET, MACS + data) for now, data in self.answers]
-        packets += [(now, now, LinkType.CAN_SOCKETCAN, captures.socketcan_packet(i, data)) for now, i, data in self.can]
-        path = folder / "gateway.pcapng"
-        writer = PcapngWriter(path, "the configuration")
-        for _, came, link, data in sorted(packets, key=lambda item: item[0]):
-            writer.write(link, link.name, BEGIN_NS + came, data)
-        writer.close()
-        return [str(path)]
 
     def change_can(self, cob_id: int, number: int, change: Callable[[bytes], bytes | None]) -> int:
         """Change one frame of an identifier (None removes it); returns its time."""
@@ -194,12 +175,7 @@ class RecordedRig(Rig):
     @property
     def known(self) -> Known:
         """Settings of the command line."""
-        return known(self.number, self.settings)
-
-    def load(self, folder: Path, offset_ns: int | None = None, *, clock_ns: int = 0, jitter_ns: int = 0) -> Loaded:
-        """Write the captures and read them as the commands do."""
-        files = self.frames.write(folder, offset_ns=clock_ns, jitter_ns=jitter_ns)
-        return load(files, self.known, offset_ns, lambda _: None)
+        return known(self.number)
 
     def open(self, folder: Path, *, clock_ns: int = 0, jitter_ns: int = 0) -> Opening:
         """Write the captures and open them as ``pdgw timeline`` does."""
@@ -207,24 +183,67 @@ class RecordedRig(Rig):
         return look_ahead(files, self.known, None, lambda _: None)
 
 
-def known(number: int, settings: AxisSettings | None = None) -> Known:
+def known(number: int) -> Known:
     """One axis, on the rig's node."""
     axis = given_axes([number])[0]
-    axes = [type(axis)(axis.do_id, axis.telegram, NODE)]
-    return Known(Settings(axes), {1: settings or AxisSettings()}, CYCLE_NS, 3)
+    return Known(Settings([type(axis)(axis.do_id, axis.telegram, NODE)]), CYCLE_NS, 3)
 
 
-def stopping(word: int) -> RecordedRig:
-    """The gateway itself is stopped while its axis turns, with a ramp. Then the PLC sends ``word`` in two frames, pauses, and
-    sends ON."""
-    rig = RecordedRig(1, on_plc_loss=PlcLossReaction.RAMP)
+def speed(number: int = 1, **settings: object) -> RecordedRig:
+    """Start, speed, OFF1 ramp, start again, quick stop."""
+    rig = RecordedRig(number, **settings)
     rig.step(5)
     rig.enable(0x047E)
-    rig.values["NSOLL_A"] = 0x2000
-    rig.step(80)
-    rig.gateway_stops = True
-    rig.step(3)
-    rig.stw(word, 2)
-    rig.step(2, plc=False)
-    rig.stw(0x047F, 30)
+    name = rig.stepper.telegram.setpoints.names[1]
+    rig.values[name] = 0x1000 if number == 1 else 0x10000000
+    rig.step(60)
+    rig.stw(0x047E, 80)
+    rig.stw(0x047F, 20)
+    rig.stw(0x047B, 60)
     return rig
+
+
+def positioning(sdo_delay: int | None = None) -> RecordedRig:
+    """Homing, a relative task on the fly, intermediate stop and resume, reject."""
+    rig = RecordedRig(9)
+    if sdo_delay is not None:
+        rig.sdo_delay = sdo_delay
+    rig.step(5)
+    rig.enable()
+    rig.values["SATZANW"] = 0x8000 | 35
+    rig.stw(0x0C3F, 30)
+    rig.stw(0x043F)
+    rig.values |= {
+        "MDI_TARPOS": 0x08000000,
+        "MDI_VELOCITY": 0x40000000,
+        "MDI_ACC": 0x4000,
+        "MDI_DEC": 0x4000,
+        "MDI_MOD": 1,
+    }
+    rig.stw(0x047F, 30)
+    rig.values |= {"MDI_TARPOS": 0x04000000, "MDI_MOD": 0}
+    rig.stw(0x043F, 10)
+    rig.stw(0x047F, 20)
+    rig.stw(0x045F, 40)
+    rig.stw(0x047F, 60)
+    rig.stw(0x046F, 40)
+    return rig
+
+
+def transparent() -> RecordedRig:
+    """Velocity mode over telegram 100."""
+    rig = RecordedRig(100)
+    for word in (0, 6, 7, 15):
+        rig.stw(word)
+    rig.values |= {"Modes of Operation": 3, "Target Velocity": 2000, "Profile Acceleration": 300}
+    rig.step(60)
+    rig.stw(0, 20)
+    return rig
+
+
+RIGS: dict[str, Callable[[], RecordedRig]] = {
+    "telegram 1": speed,
+    "telegram 2": lambda: speed(2),
+    "telegram 9": positioning,
+    "telegram 100": transparent,
+}

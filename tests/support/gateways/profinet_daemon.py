@@ -151,13 +151,20 @@ class Plant:
 
 
 @contextmanager
-def plant(config: GatewayConfig, *, data_hold: int = 100, native: bool = False) -> Iterator[Plant]:
+def plant(
+    config: GatewayConfig,
+    *,
+    data_hold: int = 100,
+    native: bool = False,
+    before: Callable[[Daemon], object] = lambda daemon: None,
+) -> Iterator[Plant]:
     """A daemon whose nodes are online, not connected yet. ``native``: with the native engine."""
     world = World()
     world.simulate(config)
     port = NativeEthernet(world.loop) if native else FakeEthernet(world.loop)
     daemon = build_gateway(config, world, port)
     made = Plant(daemon, port, world, data_hold=data_hold)
+    before(daemon)
     daemon.start()
     try:
         made.until(lambda: all(node.generation for node in daemon.clients), "nodes online")

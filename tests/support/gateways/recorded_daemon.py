@@ -1,57 +1,52 @@
-"""Recordings of a whole gateway in virtual time, with a PLC and simulated devices."""
+"""Recordings that a whole gateway makes of itself in virtual time, with a PLC and simulated devices."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pdgw.decoder.frames.engine import Settings
-from pdgw.decoder.frames.profinet.cyclic import Axis
-from pdgw.recording.recordings import Known, Loaded, load
-from tests.support.axis.recorded import Frames
-from tests.support.gateways.daemon import Plc, configuration, running
+from pdgw.decoder.replay.replay import Replayed
+from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.trace.reader import RingReader
+from pdgw.gateway.trace.recorder import FlightRecorder
+from pdgw.recording.recordings import replayed
+from pdgw.recording.trace_file import save
+from tests.support.gateways.daemon import Plc, running
 
 
-class RecordedPlc(Plc):
-    """A PLC whose frames, the answers and the frames on CAN are kept."""
-
-    def __init__(self, *args: object) -> None:
-        super().__init__(*args)  # type: ignore[arg-type]
-        self.frames = Frames()
-        bus = self.daemon.networks["can"].listeners
-        bus.append(
-            lambda message: self.frames.can.append((self.loop.now(), message.arbitration_id, bytes(message.data)))
-        )
-
-    def _take(self) -> None:
-        while (datagram := self.port.receive()) is not None:
-            self.frames.answers.append((self.loop.now(), bytes(datagram[0])))
-            self.endpoint.receive(datagram[0], self.loop.now())
-
-    def send(self) -> None:
-        frame = bytes(self.endpoint.build(self.loop.now()))
-        self.frames.plc.append((self.loop.now(), frame))
-        self.port.send(frame, self.daemon.address)
-
-    def replayed(self, folder: Path) -> Loaded:
-        config = self.daemon.config
-        axes = [Axis(item.do_id, item.telegram, item.node_id) for item in config.objects]
-        settings = {item.do_id: item.settings_at(config.transport.cycle_time_ms) for item in config.axis}
-        known = Known(Settings(axes), settings, self.daemon.cycle_ns, config.transport.watchdog_factor)
-        return load(self.frames.write(folder), known, 0, lambda _: None)
+def record(daemon: Daemon, folder: Path) -> FlightRecorder:
+    """The recorder of a daemon that was not started yet; its ring is in ``folder``."""
+    recorder = FlightRecorder(daemon, folder, "test")
+    daemon.services.append(recorder)
+    return recorder
 
 
 @contextmanager
-def recorded(numbers: list[int], tables: str) -> Iterator[RecordedPlc]:
-    made: list[RecordedPlc] = []
-    config = configuration(tables)
-    with running(config, lambda daemon: made.append(RecordedPlc(daemon, numbers))) as daemon:
-        assert daemon.config is config
+def recorded(
+    config: GatewayConfig, folder: Path, before: Callable[[Daemon], None] = lambda daemon: None
+) -> Iterator[Plc]:
+    """A PLC and its gateway, which records itself."""
+    made: list[Plc] = []
+
+    def prepare(daemon: Daemon) -> None:
+        before(daemon)
+        record(daemon, folder)
+        made.append(Plc(daemon, [item.telegram for item in config.objects]))
+
+    with running(config, prepare):
         yield made[0]
 
 
-def only(loaded: Loaded) -> list[tuple[str, tuple[str, ...]]]:
-    outcome = loaded.replay(first_only=True)[0]
-    assert outcome.differences or outcome.compared > 50
-    return [(item.what, item.names) for item in outcome.differences]
+def recording(folder: Path) -> str:
+    """Everything that the ring in ``folder`` has, in one file."""
+    file = folder / "gateway.pcapng"
+    with RingReader(folder / "test.ring") as reader:
+        save(reader, file)
+    return str(file)
+
+
+def replay_of(folder: Path) -> list[Replayed]:
+    """Replay a recording from its start."""
+    return replayed([recording(folder)])

@@ -11,11 +11,11 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import BinaryIO
 
-from pdgw.decoder.capture.pcapng_file import udp_packet
 from pdgw.decoder.frames.records import LinkType
 from pdgw.ds301.pdo import Pdo
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.durations import MS, SECOND
+from pdgw.gateway.trace.blocks import udp_header
 from pdgw.profidrive.frame import (
     CYCLIC_PORT,
     FRAME_ID_TO_CONTROLLER,
@@ -41,7 +41,8 @@ def block(kind: int, body: bytes, order: str = "<") -> bytes:
 
 
 def _udp(frame: bytes) -> bytes:
-    return udp_packet(("10.0.0.1", CYCLIC_PORT), ("10.0.0.2", CYCLIC_PORT), frame)
+    ends = (f"10.0.0.{host}:{CYCLIC_PORT}" for host in (1, 2))
+    return udp_header(*ends, len(frame)) + frame
 
 
 def _rt(direction: Direction, counter: int, word: int, value: int, axes: int = 1) -> bytes:

@@ -13,7 +13,7 @@ from pdgw.decoder.timeline.entries import (
     Summary,
     WordKind,
 )
-from pdgw.recording.recordings import Opening, followed
+from pdgw.recording.recordings import Opening, entries_of, known_from, look_ahead
 from tests.support.axis.recorded import RecordedRig
 
 
@@ -34,7 +34,13 @@ class Timeline:
 
 def timeline(rig: RecordedRig, folder: Path, *, clock_ns: int = 0) -> Timeline:
     opening = rig.open(folder, clock_ns=clock_ns)
-    return Timeline(opening, list(followed(opening)))
+    return Timeline(opening, list(entries_of(opening)))
+
+
+def own_timeline(file: str) -> Timeline:
+    """That of a gateway's own recording."""
+    opening = look_ahead([file], known_from(None, [], [], [file]), None, lambda _: None)
+    return Timeline(opening, list(entries_of(opening)))
 
 
 def edges(found: Timeline, kind: WordKind) -> list[Edge]:

@@ -68,7 +68,7 @@ def timeline(
 
 def _documents(opening: Opening, part: Part) -> Iterator[str]:
     from pdgw.decoder.timeline.entries import Summary
-    from pdgw.recording.recordings import followed
+    from pdgw.recording.recordings import entries_of
 
     clocks = opening.clocks
     yield json.dumps(
@@ -85,7 +85,7 @@ def _documents(opening: Opening, part: Part) -> Iterator[str]:
         }
     )
     summary = Summary()
-    for entry in followed(opening, part):
+    for entry in entries_of(opening, part):
         summary.add(entry)
         yield json.dumps(entry.document())
     yield json.dumps(summary.document())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tempfile
 import zipfile
 from datetime import datetime
 from pathlib import Path
@@ -49,13 +48,11 @@ def explained_line(line: dict[str, Any]) -> str:
 
 def _write(path: Path, lines: list[str], document: dict[str, Any]) -> None:
     from pdgw.gateway.trace.reader import RingReader
-    from pdgw.recording.trace_file import save
+    from pdgw.recording.trace_file import part_of
 
     with writing(path), zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("explain.txt", "\n".join(lines) + "\n")
         archive.writestr("status.json", json.dumps(document, indent=1))
         if document["trace"]:
-            with tempfile.TemporaryDirectory() as folder, RingReader(Path(document["trace"])) as reader:
-                capture = Path(folder) / "capture.pcapng"
-                save(reader, capture, None)
-                archive.write(capture, capture.name)
+            with RingReader(Path(document["trace"])) as reader:
+                archive.writestr("capture.pcapng", part_of(reader)[0])

@@ -116,6 +116,7 @@ def run(
     from pdgw.gateway.service import realtime
     from pdgw.gateway.service.build import build_text
     from pdgw.gateway.service.measured import beyond_measured
+    from pdgw.gateway.trace.place import run_directory
     from pdgw.tools.service.child_processes import device_processes, page_process, trace_keeper
     from pdgw.tools.service.run_log import CanRecorder, RunLog, on_signals
 
@@ -156,29 +157,28 @@ def run(
         recorder = CanRecorder(can_log) if can_log is not None else None
         if recorder is not None:
             at_end.callback(recorder.stop)
-        recording = platform = ethernet = None
-        if record is not None:
-            from pdgw.recording.recorder import RecordedEthernet, Recorder, RecordingPlatform
-
-            recording = Recorder(record, chosen, record_size << 20, record_files)
-            at_end.callback(recording.stop)
-            platform = RecordingPlatform(recording)
-            if chosen.transport.type == "profinet":
-                ethernet = RecordedEthernet(platform.loop, chosen.transport.interface or "", recording)
-                at_end.callback(ethernet.close)
+        if record is not None and chosen.trace.directory is None and run_directory() is None:
+            chosen = chosen.model_copy(update={"trace": chosen.trace.model_copy(update={"directory": record})})
         chosen = at_end.enter_context(device_processes(chosen))
-        daemon = build_gateway(chosen, platform, ethernet, name="simulated" if config is None else config.stem)
+        daemon = build_gateway(chosen, name="simulated" if config is None else config.stem)
         at_end.callback(daemon.release)
         run_log.count_in(daemon.loop.counters)
         if recorder is not None:
             recorder.writer.count_in(daemon.loop.counters, "can-log")
             for bus in chosen.can:
                 daemon.networks[bus.name].listeners.append(partial(recorder.record, _log_name(bus)))
-        if recording is not None:
-            recording.writer.count_in(daemon.loop.counters, "record")
-            for bus in chosen.can:
-                daemon.networks[bus.name].listeners.append(partial(recording.frame, _log_name(bus)))
-        if daemon.recorder is not None and daemon.recorder.path is not None:
+        if record is not None:
+            from pdgw.recording.recorder import Recording
+
+            if daemon.recorder is None:
+                raise GatewayError(
+                    "--record: the flight recorder is missing, set [trace] enabled and a directory in RAM"
+                )
+            configuration = daemon.recorder.configuration
+            recording = Recording(record, daemon.recorder.path, configuration, record_size << 20, record_files)
+            at_end.callback(recording.stop)
+            recording.count_in(daemon.loop.counters)
+        if daemon.recorder is not None:
             keep(daemon.recorder.path)
         if web:
             at_end.enter_context(page_process(chosen))

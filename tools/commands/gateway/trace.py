@@ -45,8 +45,8 @@ def save_(
     last: Annotated[float | None, typer.Option(min=0.001, help="Only the last SECONDS.")] = None,
 ) -> None:
     """Write both buses and the configuration as pcapng, for Wireshark, `pdgw timeline` and `pdgw replay`."""
-    from pdgw.gateway.trace.reader import RingReader
-    from pdgw.recording.trace_file import chosen_ring, is_alive, save
+    from pdgw.gateway.trace.reader import RingReader, is_alive
+    from pdgw.recording.trace_file import chosen_ring, save
 
     with RingReader(chosen_ring(ring)) as reader:
         newest = reader.cycles(at_most=1)
@@ -73,13 +73,13 @@ def list_() -> None:
 
 
 def _line(reader: RingReader) -> str:
-    from pdgw.recording.trace_file import is_alive
+    from pdgw.gateway.trace.reader import is_alive
 
     state = f"process {reader.process}" if is_alive(reader) else "ended" if reader.ended else "killed"
     cycles = reader.cycles()
     if not cycles:
         return f"{reader.path}: {state}, nothing recorded yet"
-    until = datetime.fromtimestamp(reader.wall_ns(cycles[-1].time_ns) / SECOND).strftime("%Y-%m-%d %H:%M:%S")
+    until = datetime.fromtimestamp(cycles[-1].wall_ns / SECOND).strftime("%Y-%m-%d %H:%M:%S")
     seconds = (cycles[-1].time_ns - cycles[0].time_ns) / SECOND
     return f"{reader.path}: {state}, {seconds:.1f} s until {until}, {len(reader.layout.objects)} drive objects"
 

@@ -1,0 +1,215 @@
+"""The blocks of a recording: a pcapng file in network byte order that Wireshark opens.
+
+Each section has the configuration as a comment, an interface for each bus and for the PLC, and the description of the steps.
+Frames are enhanced packet blocks. Description and steps are custom blocks, which other programs skip. Source:
+draft-ietf-opsawg-pcapng.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+from pdgw.profidrive.frame import CYCLIC_PORT
+
+CONFIGURATION: Final = "pdgw configuration\n"
+"""Start of the comment with the gateway's configuration."""
+VERSION: Final = 1
+"""Of the description and of the steps."""
+ETHERNET: Final = 1
+SOCKETCAN: Final = 227
+PLC: Final = "plc"
+"""Interface of the PLC's frames."""
+SECTION: Final = 0x0A0D0D0A
+INTERFACE: Final = 1
+PACKET: Final = 6
+CUSTOM: Final = 0x0BAD
+ENTERPRISE: Final = 32473
+"""The number for examples (RFC 5612): other programs skip the block."""
+DESCRIPTION: Final = b"D"
+CYCLE: Final = b"C"
+_BYTE_ORDER: Final = 0x1A2B3C4D
+_COMMENT, _IF_NAME, _IF_TSRESOL = 1, 2, 9
+_NANOSECONDS: Final = bytes((9,))
+_COMMENT_MAX: Final = 0xFFFF
+_SECTION_HEAD: Final = 24
+"""Bytes of a section header before its options."""
+_SECTION_MAGIC: Final = b"\x0a\x0d\x0d\x0a"
+HEAD: Final = struct.Struct(">II")
+PACKET_HEAD: Final = struct.Struct(">IIIQII")
+"""Kind, length of the block, interface, time, captured and original length."""
+CUSTOM_HEAD: Final = struct.Struct(">IIIcxxxI")
+"""Kind, length of the block, enterprise; then kind and length of the content."""
+_TAIL: Final = struct.Struct(">I")
+CAN_PACKET: Final = struct.Struct(">IIIQIIIBxxx8sI")
+CAN_SIZE: Final = 16
+CAN_LENGTH: Final = CAN_PACKET.size
+CYCLE_HEAD: Final = struct.Struct(">QqqBI")
+"""Number of the cycle, its monotonic time, wall clock minus monotonic clock, flags, microseconds to the answer."""
+FRESH, CONNECTED, ANSWERED, WHOLE = 1, 2, 4, 8
+"""Flags of a cycle: begun by a frame of the PLC, with a PLC, answered, with all values of its steps."""
+MASK: Final = struct.Struct(">H")
+"""Before the values of each drive object: the groups that follow, by their number; ``NO_SETPOINTS`` and ``HAS_EVENTS``."""
+NO_SETPOINTS: Final = 1 << 14
+HAS_EVENTS: Final = 1 << 15
+LENGTH: Final = struct.Struct(">I")
+GROUPS: Final = ("setpoints", "flags", "numbers", "feedback", "sensors", "decided", "command")
+"""The last two are what a step decided, the others what it was given."""
+
+
+_ETHERNET_HEAD: Final = bytes.fromhex("020000000002 020000000001 0800")
+_NO_HOST: Final = "0.0.0.0"
+
+
+def _padded(data: bytes) -> bytes:
+    return data + bytes(-len(data) % 4)
+
+
+def _option(code: int, value: bytes) -> bytes:
+    return struct.pack(">HH", code, len(value)) + _padded(value)
+
+
+def _block(kind: int, body: bytes) -> bytes:
+    length = len(body) + 12
+    return HEAD.pack(kind, length) + body + _TAIL.pack(length)
+
+
+def section_header(configuration: str) -> bytes:
+    """The begin of a section, with the configuration as its comment."""
+    text = (CONFIGURATION + configuration).encode()[:_COMMENT_MAX]
+    comment = _option(_COMMENT, text) + bytes(4) if configuration else b""
+    return _block(SECTION, struct.pack(">IHHq", _BYTE_ORDER, 1, 0, -1) + comment)
+
+
+def section(configuration: str, buses: tuple[str, ...]) -> bytes:
+    """A section with its interfaces: the buses in their order, then the PLC's cyclic frames, then its others."""
+    links = [*((SOCKETCAN, name) for name in buses), (ETHERNET, PLC), (ETHERNET, PLC)]
+    return section_header(configuration) + b"".join(interface(link, name) for link, name in links)
+
+
+def interface(link: int, name: str) -> bytes:
+    """The description of an interface."""
+    options = _option(_IF_NAME, name.encode()) + _option(_IF_TSRESOL, _NANOSECONDS) + bytes(4)
+    return _block(INTERFACE, struct.pack(">HHI", link, 0, 0) + options)
+
+
+def packet(interface: int, time_ns: int, data: bytes) -> bytes:
+    """A frame; the time is that of the wall clock."""
+    size = len(data)
+    length = PACKET_HEAD.size + size + -size % 4 + 4
+    head = PACKET_HEAD.pack(PACKET, length, interface, time_ns, size, size)
+    return head + data + bytes(-size % 4) + _TAIL.pack(length)
+
+
+@lru_cache(maxsize=256)
+def udp_header(source: str, target: str, size: int) -> bytes:
+    """Ethernet, IPv4 (correct checksum) and UDP (none) headers of ``size`` bytes; ends are address and port as text."""
+    (source_host, source_port), (target_host, target_port) = _address(source), _address(target)
+    ends = b"".join(bytes(int(part) for part in host.split(".")) for host in (source_host, target_host))
+    head = struct.pack(">BBHHHBBH8s", 0x45, 0, 28 + size, 0, 0, 64, 17, 0, ends)
+    total = sum(struct.unpack(">10H", head))
+    while total >> 16:
+        total = (total & 0xFFFF) + (total >> 16)
+    udp = struct.pack(">HHHH", source_port, target_port, 8 + size, 0)
+    return _ETHERNET_HEAD + head[:10] + struct.pack(">H", ~total & 0xFFFF) + head[12:] + udp
+
+
+def _address(end: str) -> tuple[str, int]:
+    host, _, port = end.rpartition(":")
+    parts = host.split(".")
+    known = len(parts) == 4 and all(part.isdigit() for part in parts)
+    return (host, int(port)) if known else (_NO_HOST, int(port) if port.isdigit() else CYCLIC_PORT)
+
+
+def custom(kind: bytes, content: bytes) -> bytes:
+    """A block that only this gateway reads."""
+    size = len(content)
+    length = CUSTOM_HEAD.size + size + -size % 4 + 4
+    return CUSTOM_HEAD.pack(CUSTOM, length, ENTERPRISE, kind, size) + content + bytes(-size % 4) + _TAIL.pack(length)
+
+
+@dataclass(frozen=True)
+class FramePlaces:
+    """Place of each drive object's values in the recorded frames from and to the PLC, None: it has none.
+
+    ``kind``: ``udp`` frames begin with the FrameID after the headers, ``profinet`` frames to the PLC with the Ethernet header;
+    those from the PLC are recorded after one.
+    """
+
+    kind: str
+    setpoints: tuple[int | None, ...]
+    actuals: tuple[int | None, ...]
+
+
+@dataclass(frozen=True)
+class TracedObject:
+    """A drive object; ``groups``: the names of the values in the groups of its steps."""
+
+    do_id: int
+    kind: str
+    node_id: int
+    bus: str
+    telegram: int
+    groups: dict[str, tuple[str, ...]]
+
+    def place(self, group: str, name: str) -> int | None:
+        """Place of a value in its group; None: it is not recorded."""
+        names = self.groups[group]
+        return names.index(name) if name in names else None
+
+
+@dataclass(frozen=True)
+class Description:
+    """What a section contains."""
+
+    build: str
+    name: str
+    process: int
+    cycle_ns: int
+    first: bool
+    """The section begins with the start of the gateway."""
+    places: FramePlaces
+    objects: tuple[TracedObject, ...]
+    buses: tuple[str, ...]
+    reasons: tuple[str, ...]
+    """Names of the reasons; code 1 is the first."""
+    version: int = VERSION
+
+
+def configuration(head: bytes) -> str:
+    """The gateway's configuration in a section header; empty where there is none."""
+    if len(head) < _SECTION_HEAD or head[:4] != _SECTION_MAGIC:
+        return ""
+    order = "<" if struct.unpack_from("<I", head, 8)[0] == _BYTE_ORDER else ">"
+    at, end = _SECTION_HEAD, struct.unpack_from(order + "I", head, 4)[0] - 4
+    while at + 4 <= min(len(head), end):
+        code, length = struct.unpack_from(order + "HH", head, at)
+        value = head[at + 4 : at + 4 + length]
+        if code == _COMMENT and value.startswith(CONFIGURATION.encode()):
+            return value.decode("utf-8", "replace").removeprefix(CONFIGURATION)
+        if not code:
+            break
+        at += 4 + length + -length % 4
+    return ""
+
+
+def walk(data: bytes, at: int = 0) -> Iterator[tuple[int, int, int]]:
+    """Kind, place and length of each whole block."""
+    while at + HEAD.size <= len(data):
+        kind, length = HEAD.unpack_from(data, at)
+        if not length or at + length > len(data):
+            return
+        yield kind, at, length
+        at += length
+
+
+def cycle_at(data: bytes, at: int) -> tuple[int, int] | None:
+    """Monotonic time and flags of the cycle in a block; None: it has none."""
+    kind, _, enterprise, content, _ = CUSTOM_HEAD.unpack_from(data, at)
+    if (kind, enterprise, content) != (CUSTOM, ENTERPRISE, CYCLE):
+        return None
+    _, time_ns, _, flags, _ = CYCLE_HEAD.unpack_from(data, at + CUSTOM_HEAD.size)
+    return time_ns, flags

@@ -1,0 +1,194 @@
+"""The step of a drive object as bytes: what its machine was given and what it decided, as far as it changed."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Callable
+from typing import Any, Final, cast
+
+from pdgw.dsp402.drive.images import DriveFeedback
+from pdgw.gateway.axis.encoder_machine import EncoderInputs
+from pdgw.gateway.axis.values import EncoderInput, Inputs, Outputs
+from pdgw.gateway.objects.axis import Axis
+from pdgw.gateway.objects.drive_object import DriveObject
+from pdgw.gateway.objects.encoder import EncoderObject
+from pdgw.gateway.trace.blocks import GROUPS, HAS_EVENTS, LENGTH, MASK, NO_SETPOINTS, TracedObject
+from pdgw.gateway.trace.codec import to_json
+
+_SENSOR: Final = (
+    "position",
+    "position_time",
+    "speed",
+    "alarms",
+    "warnings",
+    "error_register",
+    "error_code",
+    "valid",
+)
+"""The values of an encoder, as ``EncoderInput`` has them."""
+NO_SPEED: Final = -(1 << 63)
+"""Recorded speed of an encoder without a speed."""
+_SETPOINTS: Final = 1
+_NOTHING: Final = MASK.pack(0)
+_UNKNOWN: Final[tuple[Any, ...]] = (0, *([None] * len(GROUPS)))
+"""The values before the first step: setpoints are None where there is no PLC."""
+
+
+EVENTS: Final = ("acknowledged", "emergency_over", "faults", "log_lines", "read_fault")
+"""What a step reports only where ``Outputs.eventful`` is set."""
+
+
+def _numbers(item: object) -> list[tuple[str, int]]:
+    """The attributes with a number, by name; of a new object, because this makes all later accesses to its attributes slow."""
+    names = (name for name in dir(item) if name.islower() and not name.startswith("_"))
+    return [(name, value) for name in names if isinstance(value := getattr(item, name), int)]
+
+
+def _given(item: object) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The names of flags and of numbers."""
+    found = _numbers(item)
+    flags = tuple(name for name, value in found if isinstance(value, bool))
+    return flags, tuple(name for name, _ in found if name not in {*flags, "now"})
+
+
+_AXIS: Final = _given(Inputs(DriveFeedback()))
+_ENCODER: Final = _given(EncoderInputs(cast("EncoderInput", None)))
+_DECIDED: Final = tuple(
+    name for name, _ in _numbers(Outputs(0, None)) if name not in {*EVENTS, "eventful", "saturations"}
+)
+
+
+class StepRecord:
+    """Records one drive object until its telegram changes."""
+
+    def __init__(self, item: DriveObject) -> None:
+        assert isinstance(item, Axis | EncoderObject)
+        self._item = item
+        machine = item.machine
+        self._outputs: Outputs = machine.outputs
+        setpoints = item.telegram.setpoints
+        flags, numbers = _AXIS if isinstance(item, Axis) else _ENCODER
+        decided = _DECIDED
+        given: dict[str, object] = {"i": machine.inputs, "o": machine.outputs, "log": item.fault_log}
+        names = {"flags": flags, "numbers": numbers, "decided": (*decided, "reason", "faults")}
+        terms = {
+            "flags": [f"i.{name}" for name in flags],
+            "numbers": [f"i.{name}" for name in numbers],
+            "decided": [
+                *(f"o.{name}" for name in decided),
+                "0 if o.reason is None else o.reason.code",
+                "log.count",
+            ],
+        }
+        sources: list[object] = []
+        if isinstance(item, Axis):
+            layout = item.drive.layout
+            given |= {"f": item.drive.feedback, "c": machine.outputs.command}
+            mapped = [name for pdo in layout.tpdos for name in pdo.attributes]
+            names["feedback"] = tuple(dict.fromkeys((*mapped, "position_actual")))
+            names["command"] = tuple(dict.fromkeys(name for pdo in layout.rpdos for name in pdo.attributes))
+            for group, letter in (("feedback", "f"), ("command", "c")):
+                terms[group] = [f"{letter}.{name}" for name in names[group]]
+            sources = list(item.machine.inputs.encoders)
+        else:
+            sources = [item.machine.inputs.source]
+        found = [(place, source) for place, source in enumerate(sources) if source is not None]
+        given |= {f"e{place}": source for place, source in found}
+        names["sensors"] = tuple(f"{place}.{name}" for place, _ in found for name in (*_SENSOR, "ok"))
+        terms["sensors"] = [
+            term
+            for place, _ in found
+            for term in (*(_sensor_term(f"e{place}", name) for name in _SENSOR), _ok_term(item, place))
+        ]
+        names["setpoints"] = setpoints.names
+        texts = [f"({''.join(f'{term},' for term in terms.get(group, ()))})" for group in GROUPS[1:]]
+        # Generated, because a loop over names takes three times as long.
+        orders = "(o.writes, o.probe, *o.presets)"
+        self._read: Callable[[], tuple[Any, ...]] = eval(f"lambda: (i.setpoints, {', '.join(texts)}, {orders})", given)
+        self.traced = TracedObject(
+            item.do_id,
+            item.kind,
+            item.node_id,
+            item.network.name,
+            item.telegram.number,
+            {group: tuple(names.get(group, ())) for group in GROUPS},
+        )
+        self._pack_setpoints = setpoints.struct.pack
+        self._packs = [
+            (1 << number, number, struct.Struct(f">{len(names.get(group, ()))}q").pack)
+            for number, group in enumerate(GROUPS)
+            if number
+        ]
+        self._last = _UNKNOWN
+        self._orders: tuple[Any, ...] = (None, None, None, None)
+
+    @property
+    def machine(self) -> object:
+        """The machine whose steps are recorded."""
+        return self._outputs
+
+    def forget(self) -> None:
+        """The next step is recorded with all of its values."""
+        self._last = _UNKNOWN
+
+    def take(self) -> bytes:
+        """The last step; the recorder calls it in each cycle."""
+        outputs, item = self._outputs, self._item
+        values, last = self._read(), self._last
+        events = b""
+        if values == last:
+            if not outputs.eventful and not item.given:
+                return _NOTHING
+        else:
+            self._last = values
+        orders = values[-1]
+        if outputs.eventful or item.given or orders != self._orders:
+            events = self._events(orders)
+        mask, parts = 0, [b""]
+        setpoints = values[0]
+        if setpoints != last[0]:
+            if setpoints is None:
+                mask = NO_SETPOINTS
+            else:
+                mask = _SETPOINTS
+                parts.append(self._pack_setpoints(*setpoints))
+        for bit, number, pack in self._packs:
+            group = values[number]
+            if group != last[number]:
+                mask |= bit
+                parts.append(pack(*group))
+        if events:
+            mask |= HAS_EVENTS
+            parts += (LENGTH.pack(len(events)), events)
+        parts[0] = MASK.pack(mask)
+        return b"".join(parts)
+
+    def _events(self, orders: tuple[Any, ...]) -> bytes:
+        outputs, item = self._outputs, self._item
+        document: dict[str, Any] = {}
+        if item.given:
+            document["given"] = [[kind, to_json(value)] for kind, value in item.given]
+            item.given.clear()
+        if outputs.eventful:
+            document |= {name: to_json(value) for name in EVENTS if (value := getattr(outputs, name))}
+        if orders != self._orders:
+            document["orders"] = to_json(orders)
+            self._orders = orders
+        return json.dumps(document).encode() if document else b""
+
+    def begin(self) -> None:
+        """The machine and its settings, before its first step."""
+        item = self._item
+        assert item.given is not None
+        machine = item.machine
+        known = [("machine", machine.settings), ("tolerate", item.sign_of_life_tolerance)]
+        item.given[:0] = known
+
+
+def _sensor_term(source: str, name: str) -> str:
+    return f"({NO_SPEED} if {source}.speed is None else {source}.speed)" if name == "speed" else f"{source}.{name}"
+
+
+def _ok_term(item: DriveObject, place: int) -> str:
+    return f"i.encoders_ok[{place}]" if isinstance(item, Axis) else "i.ok"
