@@ -6,8 +6,6 @@ controller's application cycle to the bus cycle; one ``step`` is one application
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from pdgw.profidrive.errors import ProfidriveError
 
 HIGHEST = 15
@@ -29,9 +27,6 @@ class SignOfLife:
     ``failed`` is True after more consecutive failures than tolerated, until 15 consecutive counters are correct: a controller
     that counts too slowly is lost once.
     """
-
-    COUNTERS: ClassVar[frozenset[str]] = frozenset({"received", "due", "_own"})
-    """See ``gateway.axis.checkpoint``."""
 
     def __init__(self, tolerated: int) -> None:
         """``tolerated`` is P925: failures in succession that are accepted, 0..65534, or 65535 for no monitoring."""

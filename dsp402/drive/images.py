@@ -5,7 +5,7 @@ Attribute names are those of the object catalogue (a test compares them). Values
 
 from __future__ import annotations
 
-from typing import ClassVar, Final
+from typing import Final
 
 from pdgw.dsp402.modes import Mode
 
@@ -15,12 +15,6 @@ DEMAND_UNKNOWN: Final = -(1 << 31)
 
 class DriveCommand:
     """Values for the drive (RPDO objects). One instance per axis, updated in place each cycle."""
-
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"controlword"})
-    DATA: ClassVar[frozenset[str]] = frozenset(
-        {"profile_acceleration", "profile_deceleration", "profile_velocity", "target_position"}
-    )
-    """Values of the last motion; the axis machine writes them again before the next one."""
 
     __slots__ = (
         "controlword",

@@ -6,13 +6,9 @@ the command. It is an answer earlier only if the drive has shown something else 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 
 class Answer:
     """The answer of a drive to the newest command of one kind: a change of 6040h or 6060h, or a setpoint."""
-
-    __slots__ = ("_changed", "_latency", "_since", "given")
 
     def __init__(self, latency_ns: int) -> None:
         self._latency = latency_ns
@@ -22,11 +18,6 @@ class Answer:
         """The drive has shown something else since, or shows the present."""
         self.given = False
         """The last word read was an answer: it showed what the command asks for."""
-
-    @property
-    def INSTANTS(self) -> Mapping[str, int]:  # noqa: N802 (as in classes with the same ages for every axis)
-        """See ``gateway.axis.checkpoint``."""
-        return {"_since": self._latency}
 
     def command(self, now: int, *, level: bool = False) -> None:
         """A new command.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Sequence
-from typing import ClassVar, Final
+from typing import Final
 
 from pdgw.dsp402.states import STATE_OF_STATUS, State
 from pdgw.gateway.motion.requests import Asked, Outcome
@@ -74,27 +74,6 @@ class SpeedWish(enum.IntEnum):
 class Demand:
     """Request to an axis. An adapter sets the fields that its telegram has; the others keep their initial value."""
 
-    __slots__ = (
-        "acknowledge",
-        "connected",
-        "device_bits",
-        "fresh",
-        "in_control",
-        "kpc",
-        "motion",
-        "power",
-        "raw",
-        "second_sensor",
-        "sensor",
-        "speed",
-        "speed_wish",
-        "torque_reduction",
-        "xerr",
-    )
-
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"*"})
-    """``Adapter.kept`` lists the fields that are valid beyond a step."""
-
     def __init__(self) -> None:
         self.connected = False
         """A PLC is in charge."""
@@ -155,41 +134,6 @@ NO_SENSOR: Final = (SENSOR_STATUS[SensorState.ERROR], 0, SensorError.COMMAND_NOT
 
 class Report:
     """Displayed state of an axis; see ``Flag``. ``position`` and ``speed`` are fractions of the references."""
-
-    PASSING: ClassVar[frozenset[str]] = frozenset(
-        {
-            "flags",
-            "fault_code",
-            "warning_code",
-            "length_speed",
-            "load",
-            "message",
-            "namur",
-            "position",
-            "speed",
-            "raw",
-            "sensor",
-            "second_sensor",
-        }
-    )
-
-    __slots__ = (
-        "fault_code",
-        "flags",
-        "homing_method",
-        "length_speed",
-        "load",
-        "message",
-        "motion",
-        "namur",
-        "position",
-        "raw",
-        "second_sensor",
-        "sensor",
-        "speed",
-        "tasks_active",
-        "warning_code",
-    )
 
     def __init__(self) -> None:
         self.flags = 0

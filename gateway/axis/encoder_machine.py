@@ -7,7 +7,7 @@ Sensor commands become presets (6003h, 6010h/n), position and speed G1_XIST1/2/3
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 from pdgw.durations import MS
 from pdgw.gateway.axis.adapters.encoder import EncoderAdapter
@@ -58,20 +58,19 @@ _LATCHED = (
 """Fault numbers after which the PLC has to acknowledge: an EMCY, and the loss of an encoder that was online."""
 
 
+@dataclass(slots=True, eq=False)
 class EncoderInputs:
-    """Inputs of one step of an encoder; one object, filled again for each step. The step empties ``news``."""
+    """Inputs of one step of an encoder; one object, filled again for each step. The step empties ``news``. The recorder takes
+    every field."""
 
-    __slots__ = ("news", "now", "ok", "setpoints", "source")
-
-    def __init__(self, source: EncoderInput) -> None:
-        self.now = 0
-        """Monotonic nanoseconds."""
-        self.setpoints: Sequence[int] | None = None
-        """Raw signal values in telegram order, None without a valid PLC."""
-        self.source = source
-        self.ok = False
-        """The encoder is configured and its data is fresh."""
-        self.news: list[News] = []
+    source: EncoderInput
+    now: int = 0
+    """Monotonic nanoseconds."""
+    setpoints: Sequence[int] | None = None
+    """Raw signal values in telegram order, None without a valid PLC."""
+    ok: bool = False
+    """The encoder is configured and its data is fresh."""
+    news: list[News] = field(default_factory=list)
 
 
 class EncoderMachine:

@@ -6,8 +6,7 @@ an acknowledge is an edge of this connection.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar, Final
+from typing import Final
 
 from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit
 from pdgw.durations import MS
@@ -61,34 +60,6 @@ _NO_PLC: Final = {
 class Interlock:
     """Call ``step`` once per cycle. ``phase``, ``action``, ``controlword`` and ``reason`` show the result."""
 
-    ASIDE: ClassVar[frozenset[str]] = frozenset(
-        {"_steady", "_steady_status", "action", "cell", "controlword", "reason"}
-    )
-
-    __slots__ = (
-        "_acknowledge_armed",
-        "_connected",
-        "_disable_armed",
-        "_enable",
-        "_enabling",
-        "_late_until",
-        "_latency",
-        "_no_plc",
-        "_off_seen",
-        "_resume",
-        "_shown",
-        "_shutdown_since",
-        "_standing_since",
-        "_steady",
-        "_steady_status",
-        "action",
-        "cell",
-        "controlword",
-        "phase",
-        "plc_was_there",
-        "reason",
-    )
-
     def __init__(self, settings: AxisSettings) -> None:
         self.phase: Phase = Phase.LOCKED
         self.action: Action = Action.DISABLE_VOLTAGE
@@ -121,11 +92,6 @@ class Interlock:
         self._steady = False
         """Fast path: in operation as requested, nothing to report."""
         self._steady_status = 0
-
-    @property
-    def INSTANTS(self) -> Mapping[str, int]:  # noqa: N802 (as in classes with the same ages for every axis)
-        """See ``gateway.axis.checkpoint``."""
-        return {"_late_until": 0, "_shutdown_since": self._latency, "_standing_since": QUICK_STOP_STANDING_NS}
 
     @property
     def operates(self) -> bool:

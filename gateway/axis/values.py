@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from dataclasses import dataclass, field
+from typing import Protocol
 
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback
 from pdgw.dsp402.drive_type import DriveType
@@ -189,122 +189,43 @@ class EncoderInput(Protocol):
         """The position is one the device measured."""
 
 
+@dataclass(slots=True, eq=False)
 class Inputs:
-    """Inputs of one step of an axis; one object, filled again for each step. The step empties ``news``."""
+    """Inputs of one step of an axis; one object, filled again for each step. The step empties ``news``. The recorder takes every
+    field."""
 
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"now"})
-    PASSING: ClassVar[frozenset[str]] = frozenset(
-        {
-            "fault_code",
-            "fresh",
-            "drive_ok",
-            "encoders",
-            "encoders_ok",
-            "gateway_stops",
-            "node_stopped",
-            "set_point_refused",
-            "setpoints",
-            "standstill",
-            "warning_code",
-        }
-    )
-
-    __slots__ = (
-        "drive_ok",
-        "encoders",
-        "encoders_ok",
-        "fault_code",
-        "feedback",
-        "fresh",
-        "gateway_stops",
-        "news",
-        "node_stopped",
-        "now",
-        "position_ns",
-        "set_point_refused",
-        "setpoints",
-        "standstill",
-        "warning_code",
-    )
-
-    def __init__(self, feedback: DriveFeedback) -> None:
-        self.now = 0
-        """Monotonic nanoseconds."""
-        self.setpoints: Sequence[int] | None = None
-        """Raw signal values in telegram order; None while there is no valid PLC (silent, provider STOP, IOPS BAD)."""
-        self.fresh = False
-        """True if ``setpoints`` arrived in this cycle, False if they are older."""
-        self.gateway_stops = False
-        """The gateway is being stopped: of ``setpoints``, only OFF2 and OFF3 count."""
-        self.feedback = feedback
-        self.drive_ok = False
-        """The drive is configured and its data is fresh."""
-        self.standstill = False
-        """The actual speed is inside the standstill window; the step sets it."""
-        self.position_ns = 0
-        """When the newest position of the feedback (6064h) came; 0 never."""
-        self.node_stopped = False
-        """The heartbeat of the drive says Stopped (NMT)."""
-        self.fault_code = 0
-        """The first fault that is not acknowledged (P947); only where the telegram shows it."""
-        self.warning_code = 0
-        """The first warning (P953); likewise."""
-        self.set_point_refused = False
-        """A new setpoint does not reach the drive, because its data could not be written."""
-        self.encoders: list[EncoderInput | None] = [None, None]
-        """The encoders that are G1 and G2; None for a position of the drive."""
-        self.encoders_ok = [False, False]
-        """They are configured, and their data is fresh."""
-        self.news: list[News] = []
+    feedback: DriveFeedback
+    now: int = 0
+    """Monotonic nanoseconds."""
+    setpoints: Sequence[int] | None = None
+    """Raw signal values in telegram order; None while there is no valid PLC (silent, provider STOP, IOPS BAD)."""
+    fresh: bool = False
+    """True if ``setpoints`` arrived in this cycle, False if they are older."""
+    gateway_stops: bool = False
+    """The gateway is being stopped: of ``setpoints``, only OFF2 and OFF3 count."""
+    drive_ok: bool = False
+    """The drive is configured and its data is fresh."""
+    standstill: bool = False
+    """The actual speed is inside the standstill window; the step sets it."""
+    position_ns: int = 0
+    """When the newest position of the feedback (6064h) came; 0 never."""
+    node_stopped: bool = False
+    """The heartbeat of the drive says Stopped (NMT)."""
+    fault_code: int = 0
+    """The first fault that is not acknowledged (P947); only where the telegram shows it."""
+    warning_code: int = 0
+    """The first warning (P953); likewise."""
+    set_point_refused: bool = False
+    """A new setpoint does not reach the drive, because its data could not be written."""
+    encoders: list[EncoderInput | None] = field(default_factory=lambda: [None, None])
+    """The encoders that are G1 and G2; None for a position of the drive."""
+    encoders_ok: list[bool] = field(default_factory=lambda: [False, False])
+    """They are configured, and their data is fresh."""
+    news: list[News] = field(default_factory=list)
 
 
 class Outputs:
     """Results of a step. The object is the same for every step of an axis or encoder."""
-
-    PASSING: ClassVar[frozenset[str]] = frozenset(
-        {
-            "good",
-            "reason",
-            "released",
-            "saturations",
-            "warning",
-            "eventful",
-            "acknowledged",
-            "emergency_over",
-            "read_fault",
-            "log_lines",
-            "faults",
-            "found",
-        }
-    )
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"actuals", "brake"})
-    SUPERVISION: ClassVar[frozenset[str]] = frozenset({"known_off"})
-
-    __slots__ = (
-        "acknowledged",
-        "actuals",
-        "brake",
-        "command",
-        "drive_error",
-        "emergency_over",
-        "eventful",
-        "faults",
-        "found",
-        "good",
-        "known_off",
-        "log_lines",
-        "motor_hot",
-        "presets",
-        "probe",
-        "read_fault",
-        "reason",
-        "released",
-        "saturations",
-        "stage_hot",
-        "warned",
-        "warning",
-        "writes",
-    )
 
     def __init__(self, signals: int, reason: Reason | None) -> None:
         self.command = DriveCommand()

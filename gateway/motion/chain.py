@@ -6,9 +6,6 @@ a second setpoint beside the one that runs.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 from pdgw.durations import MS
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTable, BlockTask
 from pdgw.gateway.motion.requests import FULL, Seen
@@ -22,8 +19,6 @@ def _fraction(percent: int) -> int:
 
 class BlockChain:
     """The blocks of an axis and the one of them that runs."""
-
-    INSTANTS: ClassVar[Mapping[str, int]] = {"_wait_until": 0}
 
     def __init__(self, blocks: BlockTable, course: Course) -> None:
         self.blocks = blocks

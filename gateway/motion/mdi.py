@@ -7,7 +7,7 @@ units: the executor converts a task with the data of its edge, and finds the way
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import ClassVar, Protocol
+from typing import Protocol
 
 from pdgw.gateway.motion.positioner import Positioner
 from pdgw.gateway.motion.requests import Asked, HomingResult, MotionKind, Outcome, PositionerSettings, Seen
@@ -38,9 +38,6 @@ class MdiDrive(Protocol):
 
 class MdiPositioner(Positioner):
     """One axis' positioner."""
-
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"_calm_rows", "_rows"})
-    PASSING: ClassVar[frozenset[str]] = frozenset({"before"})
 
     def __init__(self, drive: MdiDrive) -> None:
         self._drive = drive

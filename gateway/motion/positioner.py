@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Final
+from typing import Final
 
 from pdgw.durations import MS
 from pdgw.gateway.motion.blocks import BlockTable
@@ -72,22 +72,6 @@ class _Task:
 
 class Positioner:
     """One axis' positioner."""
-
-    INSTANTS: ClassVar[Mapping[str, int]] = {"_homing_until": 0}
-    PASSING: ClassVar[frozenset[str]] = frozenset({"_asked", "_now", "_seen"})
-    ASIDE: ClassVar[frozenset[str]] = frozenset(
-        {
-            "_activated",
-            "_calm_rows",
-            "_controls",
-            "_edges",
-            "_external_edge",
-            "_homing_edge",
-            "_operating",
-            "_reference_edge",
-            "_rows",
-        }
-    )
 
     def __init__(
         self,

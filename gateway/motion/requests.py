@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass, field, fields
-from typing import ClassVar
 
 from pdgw.gateway.motion.blocks import Block
 from pdgw.gateway.motion.states import State
@@ -20,16 +19,8 @@ FULL = N2_100_PERCENT
 """100 % of an N2 fraction."""
 
 
-class _OfAsked:
-    """Declarations of a checkpoint for ``Asked``; in a compiled dataclass a class variable would be a field."""
-
-    __slots__ = ()
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"*"})
-    """Filled again from each frame. ``Adapter.kept`` lists the values that an adapter keeps from one frame to the next."""
-
-
 @dataclass(slots=True, eq=False)
-class Asked(_OfAsked):
+class Asked:
     """The commands of the PLC by their meaning."""
 
     operating: bool = False
@@ -86,18 +77,8 @@ class HomingResult(enum.Enum):
     FAILED = "failed"
 
 
-class _OfSeen:
-    """What a checkpoint treats apart in ``Seen``: a compiled dataclass takes a class variable for a field."""
-
-    __slots__ = ()
-    SERIALS: ClassVar[frozenset[str]] = frozenset({"given", "taken", "executing"})
-    PASSING: ClassVar[frozenset[str]] = frozenset(
-        {"standstill", "stopped", "reached", "answered", "internal_limit", "torque_at_limit"}
-    )
-
-
 @dataclass(slots=True, eq=False)
-class Seen(_OfSeen):
+class Seen:
     """State of the axis. A motion is *given* when its setpoint was sent to the drive, *taken* when the drive acknowledged it, and
     *executing* when the drive works on it (later, if setpoints wait in the drive). Each is the newest serial number; the first
     motion has 2.
@@ -135,15 +116,8 @@ class MotionKind(enum.Enum):
     HOMING = "homing"
 
 
-class _OfMotion:
-    """What a checkpoint treats apart in ``Motion``: a compiled dataclass takes a class variable for a field."""
-
-    __slots__ = ()
-    SERIALS: ClassVar[frozenset[str]] = frozenset({"serial", "first"})
-
-
 @dataclass(slots=True, eq=False)
-class Motion(_OfMotion):
+class Motion:
     """The requested motion. A new ``serial`` is a new setpoint; each is sent once, and only the newest waits."""
 
     kind: MotionKind = MotionKind.STAND
@@ -172,28 +146,8 @@ class Motion(_OfMotion):
         self.immediate = True
 
 
-class _OfOutcome:
-    """What a checkpoint treats apart in ``Outcome``: a compiled dataclass takes a class variable for a field."""
-
-    __slots__ = ()
-    PASSING: ClassVar[frozenset[str]] = frozenset(
-        {
-            "at_minus",
-            "at_plus",
-            "block",
-            "homing",
-            "negative_limit",
-            "position",
-            "positive_limit",
-            "reached",
-            "reason",
-            "standing",
-        }
-    )
-
-
 @dataclass(slots=True, eq=False)
-class Outcome(_OfOutcome):
+class Outcome:
     """One step's result, reused: the motion, and what telegrams show of it."""
 
     motion: Motion = field(default_factory=Motion)

@@ -7,9 +7,8 @@ drive (executors).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Final
+from typing import Final
 
 from pdgw.durations import MS
 from pdgw.gateway.motion.modulo import Direction, way
@@ -50,10 +49,6 @@ class Goal:
 
 class Course:
     """The goal of one axis; ``follow`` once per cycle brings ``outcome.motion`` in line with it."""
-
-    INSTANTS: ClassVar[Mapping[str, int]] = {"_limit_since": LIMIT_STANDING_NS, "_stop_since": FIXED_STOP_NS}
-    PASSING: ClassVar[frozenset[str]] = frozenset({"_seen"})
-    SERIALS: ClassVar[frozenset[str]] = frozenset({"sent", "queued"})
 
     def __init__(self, settings: PositionerSettings, outcome: Outcome) -> None:
         self.settings = settings

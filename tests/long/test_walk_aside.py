@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections import Counter
 
-from pdgw.gateway.axis.checkpoint import Checkpoint
 from pdgw.gateway.axis.settings import PlcLossReaction
 from tests.long.walk.cases import Case
+from tests.long.walk.checkpoint import Checkpoint
 from tests.long.walk.machine import Transducer
 
 PAIRS = 1

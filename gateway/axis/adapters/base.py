@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar, Final
+from typing import Final
 
 from pdgw.gateway.axis.demand_report import Demand, Flag, PowerWish, Report
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost
@@ -87,10 +87,6 @@ class Adapter(SignalAdapter):
         """Write raw actual values in telegram order. Words without a value in the report do not change."""
         raise NotImplementedError
 
-    def kept(self, demand: Demand) -> tuple[object, ...]:
-        """State that the next setpoints may leave unchanged (``checkpoint``): values, and objects compared completely."""
-        return (demand,)
-
 
 def _without_control(control_lost: ControlLost) -> dict[PowerWish, dict[PowerWish, PowerWish]]:
     """The power command of STW1 without control, by the last command and its bits 0-3: a stop passes, nothing starts."""
@@ -112,9 +108,6 @@ _UNCONTROLLED: Final = {item: _without_control(item) for item in ControlLost}
 
 class ControlWordAdapter(Adapter):
     """A telegram with STW1 and ZSW1, and possibly the words of a sensor. STW1 is evaluated when it changes."""
-
-    PASSING: ClassVar[frozenset[str]] = frozenset({"_uncontrolled"})
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"word", "_visible"})
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram)
@@ -155,10 +148,3 @@ class ControlWordAdapter(Adapter):
     def status(self, flags: int) -> int:
         """ZSW1 of a report's flags."""
         return flags & self._visible
-
-    def kept(self, demand: Demand) -> tuple[object, ...]:
-        if not demand.connected:
-            return ()
-        if self._holds and demand.power in {PowerWish.ENABLE, PowerWish.HOLD}:
-            return (demand,)
-        return demand.acknowledge, demand.device_bits

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from math import isfinite
 from operator import itemgetter
-from typing import ClassVar
 
 from pdgw.gateway.axis.adapters.base import Adapter, ControlWordAdapter
 from pdgw.gateway.axis.demand_report import Demand, PowerWish, Report
@@ -108,8 +107,6 @@ class PositionerAdapter(ControlWordAdapter):
     The adapter of each telegram names its control words and evaluates them. Without control by a PLC, no motion is requested.
     """
 
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"_last"})
-
     def __init__(self, telegram: Telegram, settings: AxisSettings, *controls: str) -> None:
         super().__init__(telegram, settings)
         self.asked = Asked()
@@ -137,10 +134,6 @@ class PositionerAdapter(ControlWordAdapter):
             self._read_stw1(controls[0])
             self.read_controls(controls)
         self.read_values(setpoints)
-
-    def kept(self, demand: Demand) -> tuple[object, ...]:
-        kept = super().kept(demand)
-        return (*kept, self.asked) if demand in kept else kept
 
     def forget(self) -> None:
         """Clear all commands."""
@@ -192,19 +185,6 @@ class _FloatValues:
     """The same of telegram 112, in the user's unit of length; a value that is not a number is a task with speed 0, which is
     rejected."""
 
-    __slots__ = (
-        "_first",
-        "_lu",
-        "_message",
-        "_minutes",
-        "_override",
-        "_position",
-        "_reference",
-        "_speed",
-        "_stw2",
-        "_zsw2",
-    )
-
     def __init__(self, adapter: Adapter, choices: PositionerChoices) -> None:
         self._stw2 = adapter.setpoint("STW2")
         self._override = adapter.setpoint("OVERRIDE")
@@ -255,8 +235,6 @@ def _share(percent: float) -> int:
 
 class _ValuesOfMdi:
     """Places of STW2, OVERRIDE and the setpoints of MDI, and the words that show them."""
-
-    __slots__ = ("_first", "_message", "_override", "_position", "_stw2", "_zsw2")
 
     def __init__(self, adapter: Adapter) -> None:
         self._stw2 = adapter.setpoint("STW2")

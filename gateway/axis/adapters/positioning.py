@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pdgw.gateway.axis.adapters.positioner import PositionerAdapter
-from pdgw.gateway.axis.demand_report import Demand, Report
+from pdgw.gateway.axis.demand_report import Report
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.profidrive.datatypes import N4_PER_N2
 from pdgw.profidrive.signals import signal
@@ -32,9 +32,6 @@ class PositioningAdapter(PositionerAdapter):
         self._first = self.setpoint("MDI_TARPOS", "MDI_VELOCITY", "MDI_ACC", "MDI_DEC")
         self._aktsatz = self.actual("AKTSATZ")
         self._position = self.actual("XIST_A")
-
-    def kept(self, demand: Demand) -> tuple[object, ...]:
-        return (*super().kept(demand), self.asked.mdi)
 
     def forget(self) -> None:
         asked = self.asked

@@ -6,7 +6,7 @@ Source: docs/telegrams.md, docs/translation.md "Standard telegrams" 2.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar, Final
+from typing import Final
 
 from pdgw.gateway.axis.adapters.base import ControlWordAdapter
 from pdgw.gateway.axis.demand_report import Demand, Report, SpeedWish
@@ -26,8 +26,6 @@ _JOGS: Final = {_JOG_1: SpeedWish.JOG_1, _JOG_2: SpeedWish.JOG_2}
 
 class SpeedAdapter(ControlWordAdapter):
     """Words by name; an N2 is promoted to the demand's N4 and a report's N4 truncated toward zero, as N2 itself is."""
-
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"_follows"})
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram, settings)

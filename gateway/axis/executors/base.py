@@ -6,9 +6,8 @@ else ``refuse``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from fractions import Fraction
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 from pdgw.dsp402.drive.images import DEMAND_UNKNOWN, DriveCommand, DriveFeedback
 from pdgw.dsp402.drive_type import DriveType, Quantity
@@ -117,10 +116,6 @@ def demanded_speed(feedback: DriveFeedback) -> int:
 class LimitWatch:
     """Detects that a limit switch stops an axis: at a limit of the drive, at standstill with a setpoint for
     ``LIMIT_STANDING_NS``."""
-
-    INSTANTS: ClassVar[Mapping[str, int]] = {"_since": LIMIT_STANDING_NS}
-
-    __slots__ = ("_since",)
 
     def __init__(self) -> None:
         self._since = -1

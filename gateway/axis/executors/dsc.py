@@ -6,9 +6,7 @@ axis is not in operation, the setpoint is its actual position.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from fractions import Fraction
-from typing import ClassVar
 
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
@@ -34,8 +32,6 @@ _I32 = DataType.INTEGER32.integer_range
 
 class DscExecutor(Executor):
     """One axis under DSC. GatewayError without the user's choice where the loop is closed."""
-
-    INSTANTS: ClassVar[Mapping[str, int]] = {"_last_frame_ns": SECOND}
 
     def __init__(self, records: AxisRecords) -> None:
         super().__init__(records)

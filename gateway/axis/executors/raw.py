@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from operator import attrgetter
-from typing import ClassVar
 
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.states import STATE_BITS, STATUS_OF, ControlBit, State
@@ -23,8 +22,6 @@ _CONTROLWORD, _MODE, _FIRST_VALUE = 0, 1, 2
 
 class RawExecutor(Executor):
     """``setpoints`` and ``actuals`` are attributes of the images in the order of ``Demand.raw`` and ``Report.raw``."""
-
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"_last"})
 
     def __init__(self, records: AxisRecords, setpoints: Sequence[str], actuals: Sequence[str]) -> None:
         super().__init__(records)

@@ -76,8 +76,6 @@ class EncoderReferences:
 class SpeedFromPosition:
     """Measuring units per second from positions and the times they arrived at."""
 
-    __slots__ = ("_samples",)
-
     def __init__(self) -> None:
         self._samples: deque[tuple[int, int]] = deque()
 

@@ -5,7 +5,7 @@ Source: docs/translation.md "Standard telegrams", docs/telegrams.md "Normalisati
 
 from __future__ import annotations
 
-from typing import ClassVar, Final
+from typing import Final
 
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
@@ -37,8 +37,6 @@ class SpeedExecutor(Executor):
 
     60FFh is 0 until the PLC's setpoint passes through 0, changes its direction, or the axis leaves operation.
     """
-
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"_wire", "_value", "_limited"})
 
     def __init__(self, records: AxisRecords) -> None:
         super().__init__(records)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import ClassVar, Final, Generic, TypeVar
+from typing import Final, Generic, TypeVar
 
 from pdgw.ds301.emcy import GENERIC_ERROR, emcy_text
 from pdgw.dsp402.drive.images import DriveFeedback
@@ -52,10 +52,6 @@ _COMMAND: Final = CONTROLWORDS[Action.ENABLE_OPERATION]
 class Repetitions(Generic[K]):
     """Time of each report; the oldest is removed when there are too many."""
 
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"_reported", "_repeated"})
-
-    __slots__ = ("_repeated", "_reported")
-
     def __init__(self) -> None:
         self._reported: dict[K, int] = {}
         self._repeated: dict[K, int] = {}
@@ -90,21 +86,6 @@ class Repetitions(Generic[K]):
 
 class NodeWatch:
     """The notices of a node to fault records and lines of the log."""
-
-    ASIDE: ClassVar[frozenset[str]] = frozenset(
-        {"fault_of_emcy", "faults", "last_emergency", "_refusal", "_absent", "_restart_asked"}
-    )
-
-    __slots__ = (
-        "_absent",
-        "_emergencies",
-        "_outputs",
-        "_refusal",
-        "_restart_asked",
-        "fault_of_emcy",
-        "faults",
-        "last_emergency",
-    )
 
     def __init__(self, outputs: Outputs) -> None:
         self._outputs = outputs
@@ -209,10 +190,6 @@ def _more(count: int) -> str:
 class Acknowledgement:
     """When the fault buffer moves on: the PLC acknowledged, and the device has left its fault."""
 
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"_until", "_seen", "waits"})
-
-    __slots__ = ("_seen", "_until", "waits")
-
     def __init__(self) -> None:
         self._seen = False
         self._until = 0
@@ -246,11 +223,6 @@ class Acknowledgement:
 
 class DriveWatch:
     """Supervises the Statusword of a drive for changes that were not commanded."""
-
-    ASIDE: ClassVar[frozenset[str]] = frozenset({"fault_began", "fault_since"})
-    SUPERVISION: ClassVar[frozenset[str]] = frozenset({"shown"})
-
-    __slots__ = ("_outputs", "_repetitions", "fault_began", "fault_since", "shown")
 
     def __init__(self, outputs: Outputs) -> None:
         self._outputs = outputs

@@ -23,8 +23,6 @@ _CONTINUING: Final = (PowerWish.ON, PowerWish.HOLD)
 class EnableGuard:
     """Guard of one axis. Call ``step`` once per cycle, after everything that changes the Controlword."""
 
-    __slots__ = ("_asked", "_commanded", "_granted", "_off_seen")
-
     def __init__(self) -> None:
         self._off_seen = False
         """The PLC sent OFF, and nothing but ON since."""

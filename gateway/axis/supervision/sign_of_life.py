@@ -19,8 +19,6 @@ _SHIFT = signal("STW2").bit("SIGN_OF_LIFE").position
 class SignOfLifeWords:
     """The two words of one axis."""
 
-    __slots__ = ("_stw2", "_zsw2", "counters", "lost")
-
     def __init__(self, telegram: Telegram, failures: int) -> None:
         self._stw2 = telegram.setpoints.index("STW2")
         self._zsw2 = telegram.actuals.index("ZSW2")

@@ -8,8 +8,7 @@ gets Quick Stop, then NMT stop. If the node does not confirm that, the gateway's
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping
-from typing import ClassVar, Final
+from typing import Final
 
 from pdgw.dsp402.states import State
 from pdgw.gateway.axis.power_states import Limit
@@ -40,24 +39,6 @@ class Brake(enum.IntEnum):
 class StopWatch:
     """One axis. Call ``step`` in each cycle with a limit, and ``coast`` after it while the drive shows power off."""
 
-    __slots__ = (
-        "_began",
-        "_braked",
-        "_ignored",
-        "_ignored_since",
-        "_nmt_stopped",
-        "_nmt_tried",
-        "_reaction",
-        "_speed",
-        "_stop_time",
-        "_stopped_within",
-        "brake",
-        "reference",
-        "runs",
-    )
-
-    SUPERVISION: ClassVar[frozenset[str]] = frozenset({"*"})
-
     def __init__(self, reaction_ns: int, stop_time_ns: int) -> None:
         self._reaction = reaction_ns
         self._stop_time = stop_time_ns
@@ -79,15 +60,6 @@ class StopWatch:
         """The node has reported NMT Stopped. The next bring-up ends this state."""
         self._nmt_tried = False
         """That was of no use: the drive was not off when it was there again."""
-
-    @property
-    def INSTANTS(self) -> Mapping[str, int]:  # noqa: N802 (as in classes with the same ages for every axis)
-        """See ``gateway.axis.checkpoint``."""
-        return {
-            "_began": self._stopped_within,
-            "_ignored_since": self._reaction + 1,
-            "_braked": self._reaction,
-        }
 
     def over(self) -> None:
         """The drive is off, or follows the PLC again."""
@@ -163,19 +135,12 @@ class StopWatch:
 class OperationWatch:
     """One axis: whether Operation Enabled is entered and left in time, else the drive gets Quick Stop."""
 
-    __slots__ = ("_enter", "_leave", "_limit", "_since")
-
     def __init__(self, enter_ns: int, reaction_ns: int, stop_time_ns: int) -> None:
         self._enter = enter_ns
         self._leave = reaction_ns + RAMP_MARGIN * stop_time_ns
         self._limit: Limit = Limit.NONE
         self._since = 0
         """When the limit began, monotonic ns."""
-
-    @property
-    def INSTANTS(self) -> Mapping[str, int]:  # noqa: N802 (as in classes with the same ages for every axis)
-        """See ``gateway.axis.checkpoint``."""
-        return {"_since": max(self._enter, self._leave) + 1}
 
     def step(self, limit: Limit, now: int) -> bool:
         """One cycle; True if the drive does not keep the limit."""

@@ -6,9 +6,8 @@ values of a cycle in, a contradiction out. Source: docs/units.md "The check in o
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from statistics import median
-from typing import ClassVar, Final
+from typing import Final
 
 from pdgw.dsp402.drive_type import POSITIONS, Quantity, Scaling
 from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE
@@ -45,40 +44,6 @@ _RAMP_MARGIN: Final = 2
 
 class VelocityCheck:
     """One axis. Call ``step`` in each cycle; ``locked``: a contradiction was found and is not acknowledged."""
-
-    INSTANTS: ClassVar[Mapping[str, int]] = {
-        "_at": SAMPLE_NS,
-        "_compared_at": _COMPARE_NS,
-        "_grown_at": SAMPLE_NS,
-        "_over_since": _OVERSPEED_NS,
-        "_position_ns": SAMPLE_NS,
-    }
-
-    __slots__ = (
-        "_at",
-        "_ceiling",
-        "_compared_at",
-        "_compares_signs",
-        "_counts",
-        "_counts_per_unit",
-        "_floor",
-        "_full",
-        "_grown",
-        "_grown_at",
-        "_grown_speed",
-        "_highest",
-        "_lowest",
-        "_over_since",
-        "_position",
-        "_position_ns",
-        "_span",
-        "_steps",
-        "_stop_time",
-        "_target",
-        "_warned",
-        "_way",
-        "locked",
-    )
 
     def __init__(self, stop_time_ns: int) -> None:
         self.locked = False

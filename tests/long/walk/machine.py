@@ -7,7 +7,6 @@ from collections.abc import Hashable, Iterable, Sequence
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.durations import SECOND
-from pdgw.gateway.axis.checkpoint import Checkpoint, Checkpoints
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
@@ -15,6 +14,7 @@ from pdgw.gateway.axis.values import Configured, NodeNotice, Notice, SdoAnswer
 from pdgw.gateway.reasons import FaultNumber
 from pdgw.profidrive.sign_of_life import following
 from pdgw.profidrive.signals import signal
+from tests.long.walk.checkpoint import Checkpoint, Checkpoints
 from tests.long.walk.plc import HOMING_METHOD
 from tests.long.walk.values import Life, Numbered, Output, Plc, Shown
 

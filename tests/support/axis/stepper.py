@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pdgw.dsp402.drive.images import FEEDBACK_NAMES, DriveCommand, DriveFeedback
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.gateway.axis.adapters.base import POWER_BITS, WISHES
-from pdgw.gateway.axis.checkpoint import Checkpoints
 from pdgw.gateway.axis.demand_report import PowerWish
 from pdgw.gateway.axis.encoder_machine import EncoderMachine
 from pdgw.gateway.axis.executors.positions.positioning import PositioningExecutor
@@ -74,14 +73,6 @@ class Stepper(_Device):
         self.settings = self.machine.settings
         self.events: list[FaultRecord] = []
         self.drive_type: DriveType | None = None
-        self._checkpoints: Checkpoints | None = None
-
-    @property
-    def checkpoints(self) -> Checkpoints:
-        """Checkpoints of the machine, made at the first use: to find its parts takes longer than to step it."""
-        if self._checkpoints is None:
-            self._checkpoints = Checkpoints(self.machine)
-        return self._checkpoints
 
     def set_references(self, references: References | None, homing_method: int = 0) -> None:
         """Read only the references of the ENGEL-like drive again."""
@@ -109,8 +100,7 @@ class Stepper(_Device):
         for name in FEEDBACK_NAMES:
             setattr(inputs.feedback, name, getattr(feedback, name))
         inputs.setpoints, inputs.drive_ok, inputs.now = setpoints, drive_ok, now
-        machine = self._checkpoints or self.machine
-        outputs = machine.step()
+        outputs = self.machine.step()
         self.events += outputs.faults
         return tuple(outputs.actuals)
 

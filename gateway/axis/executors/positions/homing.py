@@ -7,7 +7,6 @@ may begin is the positioning executor's.
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping
 from typing import Final
 
 from pdgw.dsp402.indices import HOMING_SPEEDS
@@ -52,21 +51,6 @@ class Progress(enum.Enum):
 class Homing:
     """Homing on the drive, for successive homings."""
 
-    __slots__ = (
-        "_answer",
-        "_busy",
-        "_executor",
-        "_latency",
-        "_mode",
-        "_outputs",
-        "_stall",
-        "_started",
-        "_turned_ended",
-        "_writes",
-        "method",
-        "methods",
-    )
-
     def __init__(self, executor: Executor, mode: ModeSwitch) -> None:
         self._executor = executor
         self._outputs = executor.outputs
@@ -86,11 +70,6 @@ class Homing:
         self._turned_ended = False
         """The axis turned while the drive showed that the homing has ended: its bits may be stuck."""
         self._stall = Stall(executor.settings.stall_ns)
-
-    @property
-    def INSTANTS(self) -> Mapping[str, int]:  # noqa: N802 (as in classes with the same ages for every axis)
-        """See ``gateway.axis.checkpoint``."""
-        return {"_started": self._latency}
 
     def require_method(self, method: int | None) -> bool:
         """Whether the method exists. One that does not, or None, starts nothing and raises the warning."""

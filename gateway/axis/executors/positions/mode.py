@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar, Final
+from typing import Final
 
 from pdgw.dsp402.modes import MODE_CONFIRM_NS
 from pdgw.durations import SECOND
@@ -16,11 +15,6 @@ _NOT_CONFIRMED: Final = warning_bits(FaultNumber.MODE_NOT_CONFIRMED)
 
 class ModeSwitch:
     """The requested mode, and the drive's answer to the request."""
-
-    INSTANTS: ClassVar[Mapping[str, int]] = {"since": MODE_CONFIRM_NS}
-    PASSING: ClassVar[frozenset[str]] = frozenset({"asked"})
-
-    __slots__ = ("_answer", "_executor", "asked", "base", "halted", "mode", "since")
 
     def __init__(self, executor: Executor, base: int) -> None:
         self._executor = executor

@@ -44,9 +44,6 @@ _NOT_ACKNOWLEDGED: Final = warning_bits(FaultNumber.NOT_ACKNOWLEDGED)
 class MotionExecutor(Executor):
     """The positioner of one axis, and its drive."""
 
-    INSTANTS: ClassVar[Mapping[str, int]] = {"_set_at": ACKNOWLEDGE_NS}
-    PASSING: ClassVar[frozenset[str]] = frozenset({"_position_objects"})
-    SERIALS: ClassVar[frozenset[str]] = frozenset({"_homing_begun"})
     POSITION_FOLLOWS: ClassVar[int] = 0
     """Cycles from "homing attained" to the position that counts from the new zero."""
 

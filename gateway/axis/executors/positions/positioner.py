@@ -63,7 +63,6 @@ _AT_LIMIT = 20
 class PositionerExecutor(MotionExecutor):
     """The positioner of one axis, and its drive. GatewayError without the user's settings for a positioner."""
 
-    SERIALS: ClassVar[frozenset[str]] = frozenset({"_anchored"})
     POSITION_FOLLOWS: ClassVar[int] = 2
     """Position and Statusword are in different PDOs: one of them waits for the end of its inhibit time, a cycle."""
 

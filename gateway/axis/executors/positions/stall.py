@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 
 class Stall:
     """Call ``step`` once per cycle. Way counts, not speed: a slow task is always inside the standstill window."""
-
-    __slots__ = ("_highest", "_lowest", "_since", "_time")
 
     def __init__(self, time_ns: int) -> None:
         self._time = time_ns
@@ -16,11 +12,6 @@ class Stall:
         """When the axis made way last, monotonic ns; -1: nothing is expected."""
         self._lowest = self._highest = 0
         """Positions since: encoder noise stays between them."""
-
-    @property
-    def INSTANTS(self) -> Mapping[str, int]:  # noqa: N802 (as in classes with the same ages for every axis)
-        """See ``gateway.axis.checkpoint``."""
-        return {"_since": self._time}
 
     def step(self, expects: bool, position: int, now: int) -> bool:
         """One cycle; True for a stalled axis. ``expects``: the axis is at standstill, and its motion has not ended."""

@@ -13,8 +13,6 @@ from pdgw.gateway.reasons import FaultNumber, Reason
 class TorqueLimit:
     """Call ``follow`` once per cycle; ``holds`` is True when the drive has the limit."""
 
-    __slots__ = ("_base", "_held", "_outputs", "_refused", "_writes")
-
     def __init__(self, outputs: Outputs) -> None:
         self._outputs = outputs
         self._base = 0

@@ -1,18 +1,8 @@
-"""Restore a machine to a moment, and compare two moments: for replays and for the walk.
+"""Restore a machine to a moment, and compare two moments, for the walk.
 
 A machine is made of parts: objects with attributes of their own that live as long as the machine does, or, where an attribute was
 none of them at first, as long as the drive's configuration (DSC). Everything else an attribute can be is an
-immutable value, or a container of such. A class declares beside its attributes which of them are not plain state:
-
-| declaration | attributes |
-| --- | --- |
-| ``INSTANTS`` | monotonic times, each with the age in ns from which on it makes no more difference; 0 or below is "none" |
-| ``PASSING`` | every step sets them before it reads them, they only count, or never change: neither saved nor compared |
-| ``SERIALS`` | numbers that only grow, are only compared with each other, and are 0 for none: compared by their order |
-| ``COUNTERS`` | numbers that run round, 0 for none: compared as they are, or by whether they are 0 (``any_counter``) |
-| ``SUPERVISION`` | compared only with ``stops``: only the brakes beside the Controlword depend on them; ``*``: all |
-| ``DATA`` | compared only with ``data``: they are sent, and nothing else depends on them |
-| ``ASIDE`` | saved, but not compared: no word and no command depends on them (caches, what the log has had); ``*``: all |
+immutable value, or a container of such. ``declarations`` lists the attributes that are not plain state.
 """
 
 from __future__ import annotations
@@ -20,7 +10,7 @@ from __future__ import annotations
 import copy
 import enum
 from collections import deque
-from collections.abc import Callable, Hashable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable
 from functools import cache
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -31,6 +21,7 @@ from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.axis.values import Outputs
 from pdgw.profidrive.normalisation import Normalisation
 from pdgw.profidrive.telegrams import Telegram
+from tests.long.walk.declarations import OF, kept
 
 _CONTAINERS = (list, dict, deque)
 _PACKAGE = __name__.partition(".")[0]
@@ -72,7 +63,7 @@ def _is_fixed(value: object) -> bool:
 @cache
 def _declared(kind: Any, declaration: str) -> frozenset[str]:
     """The attributes that a class and its bases list in one of these declarations."""
-    return frozenset(name for base in kind.__mro__ for name in base.__dict__.get(declaration, ()))
+    return frozenset(name for base in kind.__mro__ for name in OF.get(base, {}).get(declaration, ()))
 
 
 @cache
@@ -136,7 +127,10 @@ class _Part:
         self.number = -1
         values = self.get(item)
         self._containers = tuple(i for i, value in enumerate(values) if isinstance(value, _CONTAINERS))
-        ages: Mapping[str, int] = {} if "*" in aside else getattr(item, "INSTANTS", {})
+        ages: dict[str, int] = {}
+        for base in kind.__mro__ if "*" not in aside else ():
+            instants = OF.get(base, {}).get("INSTANTS", {})
+            ages |= instants(item) if callable(instants) else instants
         self.instants = tuple((i, ages[name]) for i, name in enumerate(names) if name in ages)
         serials = _declared(kind, "SERIALS")
         self.serials = tuple(i for i, name in enumerate(names) if name in serials)
@@ -294,7 +288,7 @@ class Checkpoints:
             self._is_fresh = True
         now, demand = self._machine.inputs.now, self._machine.demand
         found: list[Any] = []
-        for item in self._machine.adapter.kept(demand):
+        for item in kept(self._machine.adapter, demand):
             found += [getattr(item, name) for name in _names(item)] if _is_part(item) else [item]
         found = [tuple(found)]
         found += [part.number for part in self._parts]

@@ -1,0 +1,222 @@
+"""What the walk treats apart in the axis machine: attributes that are not plain state, by class.
+
+| declaration | attributes |
+| --- | --- |
+| ``INSTANTS`` | monotonic times, each with the age in ns from which on it makes no more difference; 0 or below is "none" |
+| ``PASSING`` | every step sets them before it reads them, they only count, or never change: neither saved nor compared |
+| ``SERIALS`` | numbers that only grow, are only compared with each other, and are 0 for none: compared by their order |
+| ``COUNTERS`` | numbers that run round, 0 for none: compared as they are, or by whether they are 0 (``any_counter``) |
+| ``SUPERVISION`` | compared only with ``stops``: only the brakes beside the Controlword depend on them; ``*``: all |
+| ``DATA`` | compared only with ``data``: they are sent, and nothing else depends on them |
+| ``ASIDE`` | saved, but not compared: no word and no command depends on them (caches, what the log has had); ``*``: all |
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from pdgw.dsp402.drive.images import DriveCommand
+from pdgw.dsp402.modes import MODE_CONFIRM_NS
+from pdgw.durations import SECOND
+from pdgw.gateway.axis.adapters.base import Adapter, ControlWordAdapter
+from pdgw.gateway.axis.adapters.positioner import PositionerAdapter
+from pdgw.gateway.axis.adapters.positioning import PositioningAdapter
+from pdgw.gateway.axis.adapters.speed import SpeedAdapter
+from pdgw.gateway.axis.adapters.transparent import TransparentAdapter
+from pdgw.gateway.axis.answer import Answer
+from pdgw.gateway.axis.demand_report import Demand, PowerWish, Report
+from pdgw.gateway.axis.executors.base import LimitWatch
+from pdgw.gateway.axis.executors.dsc import DscExecutor
+from pdgw.gateway.axis.executors.positions.homing import Homing
+from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
+from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGE_NS, MotionExecutor
+from pdgw.gateway.axis.executors.positions.positioner import PositionerExecutor
+from pdgw.gateway.axis.executors.positions.stall import Stall
+from pdgw.gateway.axis.executors.raw import RawExecutor
+from pdgw.gateway.axis.executors.speed import SpeedExecutor
+from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Interlock
+from pdgw.gateway.axis.supervision.drive_events import Acknowledgement, DriveWatch, NodeWatch, Repetitions
+from pdgw.gateway.axis.supervision.stop_supervision import OperationWatch, StopWatch
+from pdgw.gateway.axis.supervision.velocity_check import _COMPARE_NS, _OVERSPEED_NS, SAMPLE_NS, VelocityCheck
+from pdgw.gateway.axis.values import Inputs, Outputs
+from pdgw.gateway.motion.chain import BlockChain
+from pdgw.gateway.motion.mdi import MdiPositioner
+from pdgw.gateway.motion.positioner import Positioner
+from pdgw.gateway.motion.requests import Asked, Motion, Outcome, Seen
+from pdgw.gateway.motion.travel import FIXED_STOP_NS, LIMIT_STANDING_NS, Course
+from pdgw.profidrive.sign_of_life import SignOfLife
+
+OF: Final[dict[type, dict[str, Any]]] = {
+    DriveCommand: {
+        "ASIDE": frozenset({"controlword"}),
+        "DATA": frozenset({"profile_acceleration", "profile_deceleration", "profile_velocity", "target_position"}),
+    },
+    ControlWordAdapter: {"PASSING": frozenset({"_uncontrolled"}), "ASIDE": frozenset({"word", "_visible"})},
+    PositionerAdapter: {"ASIDE": frozenset({"_last"})},
+    SpeedAdapter: {"ASIDE": frozenset({"_follows"})},
+    Answer: {"INSTANTS": lambda item: {"_since": item._latency}},
+    Demand: {"ASIDE": frozenset({"*"})},
+    Report: {
+        "PASSING": frozenset(
+            {
+                "flags",
+                "fault_code",
+                "warning_code",
+                "length_speed",
+                "load",
+                "message",
+                "namur",
+                "position",
+                "speed",
+                "raw",
+                "sensor",
+                "second_sensor",
+            }
+        )
+    },
+    LimitWatch: {"INSTANTS": {"_since": LIMIT_STANDING_NS}},
+    DscExecutor: {"INSTANTS": {"_last_frame_ns": SECOND}},
+    Homing: {"INSTANTS": lambda item: {"_started": item._latency}},
+    ModeSwitch: {"INSTANTS": {"since": MODE_CONFIRM_NS}, "PASSING": frozenset({"asked"})},
+    MotionExecutor: {
+        "INSTANTS": {"_set_at": ACKNOWLEDGE_NS},
+        "PASSING": frozenset({"_position_objects"}),
+        "SERIALS": frozenset({"_homing_begun"}),
+    },
+    PositionerExecutor: {"SERIALS": frozenset({"_anchored"})},
+    Stall: {"INSTANTS": lambda item: {"_since": item._time}},
+    RawExecutor: {"ASIDE": frozenset({"_last"})},
+    SpeedExecutor: {"ASIDE": frozenset({"_wire", "_value", "_limited"})},
+    Interlock: {
+        "ASIDE": frozenset({"_steady", "_steady_status", "action", "cell", "controlword", "reason"}),
+        "INSTANTS": lambda item: {
+            "_late_until": 0,
+            "_shutdown_since": item._latency,
+            "_standing_since": QUICK_STOP_STANDING_NS,
+        },
+    },
+    Repetitions: {"ASIDE": frozenset({"_reported", "_repeated"})},
+    NodeWatch: {
+        "ASIDE": frozenset({"fault_of_emcy", "faults", "last_emergency", "_refusal", "_absent", "_restart_asked"})
+    },
+    Acknowledgement: {"ASIDE": frozenset({"_until", "_seen", "waits"})},
+    DriveWatch: {"ASIDE": frozenset({"fault_began", "fault_since"}), "SUPERVISION": frozenset({"shown"})},
+    StopWatch: {
+        "SUPERVISION": frozenset({"*"}),
+        "INSTANTS": lambda item: {
+            "_began": item._stopped_within,
+            "_ignored_since": item._reaction + 1,
+            "_braked": item._reaction,
+        },
+    },
+    OperationWatch: {"INSTANTS": lambda item: {"_since": max(item._enter, item._leave) + 1}},
+    VelocityCheck: {
+        "INSTANTS": {
+            "_at": SAMPLE_NS,
+            "_compared_at": _COMPARE_NS,
+            "_grown_at": SAMPLE_NS,
+            "_over_since": _OVERSPEED_NS,
+            "_position_ns": SAMPLE_NS,
+        }
+    },
+    Inputs: {
+        "ASIDE": frozenset({"now"}),
+        "PASSING": frozenset(
+            {
+                "fault_code",
+                "fresh",
+                "drive_ok",
+                "encoders",
+                "encoders_ok",
+                "gateway_stops",
+                "node_stopped",
+                "set_point_refused",
+                "setpoints",
+                "standstill",
+                "warning_code",
+            }
+        ),
+    },
+    Outputs: {
+        "PASSING": frozenset(
+            {
+                "good",
+                "reason",
+                "released",
+                "saturations",
+                "warning",
+                "eventful",
+                "acknowledged",
+                "emergency_over",
+                "read_fault",
+                "log_lines",
+                "faults",
+                "found",
+            }
+        ),
+        "ASIDE": frozenset({"actuals", "brake"}),
+        "SUPERVISION": frozenset({"known_off"}),
+    },
+    BlockChain: {"INSTANTS": {"_wait_until": 0}},
+    MdiPositioner: {"ASIDE": frozenset({"_calm_rows", "_rows"}), "PASSING": frozenset({"before"})},
+    Positioner: {
+        "INSTANTS": {"_homing_until": 0},
+        "PASSING": frozenset({"_asked", "_now", "_seen"}),
+        "ASIDE": frozenset(
+            {
+                "_activated",
+                "_calm_rows",
+                "_controls",
+                "_edges",
+                "_external_edge",
+                "_homing_edge",
+                "_operating",
+                "_reference_edge",
+                "_rows",
+            }
+        ),
+    },
+    Asked: {"ASIDE": frozenset({"*"})},
+    Seen: {
+        "SERIALS": frozenset({"given", "taken", "executing"}),
+        "PASSING": frozenset({"standstill", "stopped", "reached", "answered", "internal_limit", "torque_at_limit"}),
+    },
+    Motion: {"SERIALS": frozenset({"serial", "first"})},
+    Outcome: {
+        "PASSING": frozenset(
+            {
+                "at_minus",
+                "at_plus",
+                "block",
+                "homing",
+                "negative_limit",
+                "position",
+                "positive_limit",
+                "reached",
+                "reason",
+                "standing",
+            }
+        )
+    },
+    Course: {
+        "INSTANTS": {"_limit_since": LIMIT_STANDING_NS, "_stop_since": FIXED_STOP_NS},
+        "PASSING": frozenset({"_seen"}),
+        "SERIALS": frozenset({"sent", "queued"}),
+    },
+    SignOfLife: {"COUNTERS": frozenset({"received", "due", "_own"})},
+}
+"""``INSTANTS`` may be a function of the object."""
+
+
+def kept(adapter: Adapter, demand: Demand) -> tuple[object, ...]:
+    """State that the next setpoints may leave unchanged: values, and objects compared completely."""
+    if isinstance(adapter, TransparentAdapter):
+        return ()
+    if not isinstance(adapter, ControlWordAdapter):
+        return (demand,)
+    found: tuple[object, ...] = (demand.acknowledge, demand.device_bits) if demand.connected else ()
+    if demand.connected and adapter._holds and demand.power in {PowerWish.ENABLE, PowerWish.HOLD}:
+        found = (demand,)
+    if isinstance(adapter, PositionerAdapter) and demand in found:
+        found = (*found, adapter.asked)
+    return (*found, adapter.asked.mdi) if isinstance(adapter, PositioningAdapter) else found
