@@ -174,7 +174,7 @@ LOSSES = (
     ),
     Loss("bus", "the loss to the drive's own stop (1016h, 6007h)", _lose_bus, _BEATS + _FRAME),
     Loss(
-        "RPDOs: the drive does not react",
+        "RPDOs of the drive",
         "the first stop Controlword to NMT Stop on CAN",
         _ignore_stop,
         2 * (_SETTINGS.rpdo_refresh_ms + _SETTINGS.tpdo_event_ms + _CYCLE) + _CYCLE + _FRAME,
