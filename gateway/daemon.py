@@ -466,7 +466,11 @@ class Daemon:
         setpoints = link.setpoints
         for index, item in enumerate(self.objects):
             item.fresh = accepted
-            outputs = item.step(setpoints[index], now)
+            given = setpoints[index]
+            if given is None and item.supplied and link.connected and not self._stopping:
+                item.report_unusable(link.unusable)
+            item.supplied = given is not None
+            outputs = item.step(given, now)
             if item.stops:
                 item.transmit(now)
             actuals[index] = outputs.actuals

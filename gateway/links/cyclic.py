@@ -59,6 +59,10 @@ def control_mask(half: TelegramHalf) -> bytes:
     return half.struct.pack(*mask)
 
 
+PLC_STOPS: Final = "the PLC is in STOP: its frames come, but the provider state is not RUN"
+IOPS_IS_BAD: Final = "the PLC marks its data for this drive object as bad (IOPS)"
+
+
 class CyclicEndpoint:
     """Consumer and provider of one static relationship with any number of axes.
 
@@ -160,6 +164,11 @@ class CyclicEndpoint:
             "frames of {}:{} do not count: ".format(*self._foreign)
             + f"the PLC is {peer}; switch the other sender off, or give it another gateway"
         )
+
+    @property
+    def unusable(self) -> str:
+        """Why frames of a connected PLC have no setpoints for an axis."""
+        return IOPS_IS_BAD if self._runs else PLC_STOPS
 
     @property
     def _expected(self) -> str:

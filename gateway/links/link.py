@@ -88,6 +88,10 @@ class Link(Protocol):
     def age_ns(self) -> int | None:
         """Greatest possible age of the last frame that counted; None where no frame is late."""
 
+    @property
+    def unusable(self) -> str:
+        """Why a drive object has no setpoints although a PLC is connected."""
+
     def lose_setpoints(self) -> None:
         """No drive object has a valid PLC until its next data."""
 
@@ -240,6 +244,10 @@ class UdpLink:
     @property
     def age_ns(self) -> int | None:
         return self.endpoint.new_frames.age_ns
+
+    @property
+    def unusable(self) -> str:
+        return self.endpoint.unusable
 
     def lose_setpoints(self) -> None:
         self.endpoint.lose_setpoints()

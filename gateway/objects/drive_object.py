@@ -80,6 +80,8 @@ class DriveObject(abc.ABC):
         """The last setpoints of the PLC, also after its loss."""
         self.refused_frames: Callable[[], str] = lambda: ""
         """Why the PLC's frames do not count; empty if they do, or if none come."""
+        self.supplied = False
+        """The last step had setpoints of the PLC."""
         self.fresh = True
         """The setpoints of the next step came with it."""
         self._news: deque[News] = deque()
@@ -284,6 +286,11 @@ class DriveObject(abc.ABC):
     def raise_fault(self, number: FaultNumber, detail: str, now: int) -> None:
         """A fault of the gateway's own table."""
         self._record(gateway_fault(number, detail, now))
+
+    def report_unusable(self, why: str) -> None:
+        """The frames of the connected PLC have no setpoints from now on."""
+        self._happened(why, stops=self._operated)
+        log.warning("%s: %s", self.label, why, extra={"event": "plc", "do": self.do_id})
 
     def reset_node(self) -> None:
         """P972: restart the node. It is configured again and starts nothing."""

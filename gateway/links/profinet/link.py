@@ -19,6 +19,7 @@ from pdgw.ds301.loop.loop import Loop, Mailbox, Task, Timer
 from pdgw.durations import MS
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.links.cyclic import IOPS_IS_BAD, PLC_STOPS
 from pdgw.gateway.links.link import FrameRecorder, silence
 from pdgw.gateway.links.profinet.diagnosis import Diagnosed, present_classes
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
@@ -345,6 +346,10 @@ class ProfinetLink:
     @property
     def age_ns(self) -> int | None:
         return None
+
+    @property
+    def unusable(self) -> str:
+        return IOPS_IS_BAD if self._consumer is not None and self._consumer.running else PLC_STOPS
 
     def lose_setpoints(self) -> None:
         for index in range(len(self.setpoints)):

@@ -48,6 +48,53 @@ def test_one_thing_of_many_axes_is_one_line() -> None:
     assert found[0].labels[::31] == ("axis 1", "axis 32")
 
 
+def test_what_is_repeated_is_counted() -> None:
+    series = [happening(number * 2 * SECOND, "contactor open", stops=True) for number in range(21)]
+    (line,) = around_the_last_stop(series)
+    assert line.text == "contactor open (21 times in 40 s)"
+    assert (
+        around_the_last_stop([series[0], happening(60 * SECOND, "contactor open", stops=True)])[0].text
+        == "contactor open"
+    )
+
+
+def test_the_axis_that_began_is_among_the_lines_of_64() -> None:
+    cause = happening(SECOND, "fault 7", 40, stops=True)
+    others = [
+        happening(SECOND + number * MS, f"follows axis 40, {number}", number, stops=True) for number in range(1, 65)
+    ]
+    found = around_the_last_stop([happening(0, "In operation"), cause, *others])
+    assert len(found) == LINES
+    assert (found[0].labels, found[0].text) == (("axis 40",), "fault 7")
+
+
+@pytest.mark.parametrize("frames", [1, 20])
+@pytest.mark.parametrize(
+    ("attribute", "value", "text"),
+    [
+        ("run", False, "the PLC is in STOP: its frames come"),
+        ("bad", {0}, "the PLC marks its data for this drive object as bad"),
+    ],
+)
+def test_frames_without_setpoints_are_the_cause_of_a_stop(
+    attribute: str, value: object, text: str, frames: int
+) -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.enable()
+        settle(plc)
+        before = getattr(plc.endpoint, attribute)
+        setattr(plc.endpoint, attribute, value)
+        for _ in range(frames):
+            plc.exchange()
+        setattr(plc.endpoint, attribute, before)
+        settle(plc)
+        texts = [line["text"] for line in explanation(daemon, daemon.objects)]
+        cause = next(place for place, line in enumerate(texts) if line.startswith(text))
+        assert texts[cause - 1] == "In operation"
+        assert texts[cause + 1].startswith("Stopping: ")
+
+
 def test_cause_comes_before_what_follows_from_it() -> None:
     with running(configuration(axis(1) + axis(2))) as daemon:
         plc = Plc(daemon, [1, 1])
