@@ -93,7 +93,10 @@ def capture_without_a_configuration(out: Path) -> None:
     told = in_process("timeline", str(out / "plc.pcapng"), str(out / "can.log"), "--config", str(out / "gateway.toml"))
     assert told.returncode == 0, told.stderr
     assert "relationship of pdgw-plc and press-1 confirmed" in told.stdout
-    assert "-> executed" in told.stdout
+    recording = str(out / "gateway" / "gateway.pcapng")
+    assert "-> executed" in in_process("timeline", recording).stdout
+    replayed = in_process("replay", recording)
+    assert replayed.returncode == 0, replayed.stdout
 
 
 def dissected(out: Path) -> None:
