@@ -17,6 +17,7 @@ from typing import IO, Any
 
 from pdgw.gateway.errors import GatewayError, writing
 from pdgw.peers.bus import INTERFACE, ServedBus
+from pdgw.recording.recorder import CAPTURE
 from pdgw.recording.recordings import Part, known_from, look_ahead, write_page
 from pdgw.tools.demo.chapters import Chapter
 from pdgw.tools.demo.links import DemoLink, free_ports
@@ -98,8 +99,8 @@ class Demo:
         return path
 
     def _write_page(self) -> None:
-        """Write both captures as an HTML page."""
-        files = [str(self.out / name) for name in (self.link.capture, "can.log")]
+        """Write the gateway's recording as an HTML page."""
+        files = [str(self.out / RECORD / CAPTURE)]
         opening = look_ahead(files, known_from(self.out / "gateway.toml", [], []), None, lambda _: None)
         write_page(opening, Part(), self.out / "trace.html")
 
