@@ -45,12 +45,11 @@ COMPILED = (
     "dsp406/encoder.py",
     "gateway/axis/**/[!_]*.py",
     "gateway/daemon.py",
-    "gateway/links/confirmation.py",
     "gateway/links/cyclic.py",
     "gateway/links/link.py",
+    "gateway/links/new_frames.py",
     "gateway/links/profinet/link.py",
     "gateway/links/profinet/pairing.py",
-    "gateway/links/sequence.py",
     "gateway/links/udp.py",
     "gateway/motion/[!_]*.py",
     "gateway/objects/axis.py",
@@ -59,7 +58,6 @@ COMPILED = (
     "gateway/objects/fault_buffer.py",
     "gateway/service/cycle_times.py",
     "gateway/trace/recorder.py",
-    "gateway/trace/writer.py",
     "profidrive/frame.py",
     "profidrive/normalisation.py",
     "profinet/alarms/diagnosis.py",
@@ -73,7 +71,6 @@ COMPILED = (
 (``ds301/bus/on_canopen.py``), an interpreted class derived from a compiled one, a value of another type than declared, ``...`` as
 a default, a constant tuple of floats. A constant is ``Final``, or it is looked up by its name in every cycle."""
 SOAK = (
-    "gateway/links/history.py",
     "gateway/sync.py",
     "peers/drive/model/[!_]*.py",
     "peers/drive/node.py",

@@ -135,7 +135,7 @@ COMMANDS: Mapping[str, Entry] = {
     ),
     "replay": Entry(
         "capture.replay:replay",
-        "Run a recording through this version of the gateway; exit status 1 if it sends something else.",
+        "Run a recording through this version of the gateway; exit status 1 if it decides or sends something else.",
     ),
     "drives": Entry(
         "commissioning.drives:drives",

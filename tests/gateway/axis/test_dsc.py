@@ -66,7 +66,7 @@ def test_worked_example_105_50_per_second_and_2048_increments() -> None:
     rig = axis(DscForm.SPEED, delay_cycles=0)
     rig.values |= {"KPC": 50_000, "XERR": 0x0800}
     rig.step()
-    gain = min(50_000, highest_gain(dead_time_ns(CYCLE_NS, 0)))
+    gain = min(50_000, highest_gain(dead_time_ns(CYCLE_NS)))
     assert gain == 36_787, "at 4 ms the gain is limited"
     assert rig.stepper.command.target_velocity == round(3000 * gain / 50_000)
 
@@ -153,7 +153,7 @@ def test_loss_of_the_plc_stops_the_axis(form: DscForm) -> None:
     assert rig.feedback.velocity_actual == 0
 
 
-HELD_CYCLES = longest_hold_ns(dead_time_ns(CYCLE_NS, 0)) // CYCLE_NS
+HELD_CYCLES = longest_hold_ns(dead_time_ns(CYCLE_NS)) // CYCLE_NS
 
 
 def turn(rig: Rig, cycles: int = 100) -> int:

@@ -24,7 +24,7 @@ from pdgw.profidrive.telegrams import Telegram
 from tests.long.walk.declarations import OF, kept
 
 _CONTAINERS = (list, dict, deque)
-_PACKAGE = __name__.partition(".")[0]
+_PACKAGE = "pdgw."
 _VALUES = (enum.Enum, Normalisation, DriveFeedback)
 """Objects that no step changes."""
 _FIXED = (Telegram, AxisSettings, DriveFeedback, MappingProxyType)
