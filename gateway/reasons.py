@@ -205,7 +205,7 @@ class Reason(enum.Enum):
         "homing method is not supported: homing is not started",
         _S.WAITS,
         _E.SETPOINT,
-        "choose a homing method that the drive supports",
+        "set a homing_method that the drive supports; fault 108 lists them",
     )
     HOMING_SETUP = (
         "waiting for the drive to accept homing method and speeds (SDO)",
@@ -464,6 +464,18 @@ class Reason(enum.Enum):
         _S.WAITS,
         _E.OPERATION,
         "close STO and the enable input, switch the supply on; then send OFF (STW1.0 = 0) and ON",
+    )
+    HELD_OFF = (
+        "the PLC sends ON (STW1.0 = 1) and keeps the drive off: STW1.1, STW1.2 and STW1.3 must be 1 too",
+        _S.WAITS,
+        _E.ON_EDGE,
+        "find what holds these bits in the PLC's program; when they are 1, send OFF and ON",
+    )
+    HOMING_REFUSED = (
+        "the drive rejects the homing method or its speeds (fault 111): homing is not started",
+        _S.WAITS,
+        _E.SETPOINT,
+        "choose a homing_method that the drive supports (6098h, 60E3h) and speeds inside its limits (6099h)",
     )
 
 

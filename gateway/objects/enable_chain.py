@@ -44,6 +44,9 @@ _STOPS: Final = {
     PowerWish.ON: Reason.ENABLE_MISSING,
 }
 """Stop commands of the PLC. Its OFF1 is first a ramp stop, which the phase shows."""
+_HELD: Final = (Reason.COAST_STOP, Reason.QUICK_STOP)
+_ENABLES: Final = (1, 2, 3)
+"""Bits of STW1 that must be 1 beside ON: no OFF2, no OFF3, enable operation."""
 _PHASES: Final = {
     Phase.RAMP_STOP: Reason.RAMP_STOP,
     Phase.SHUTDOWN: Reason.RAMP_STOP,
@@ -54,6 +57,13 @@ _ACKNOWLEDGE: Final = {
     Reason.DRIVE_FAULT: "then acknowledge (STW1.7)",
     Reason.SENSOR_ERROR: "then acknowledge (G1_STW.15)",
 }
+
+
+_OWN_FAULTS: Final = {
+    Reason.HOMING_METHOD: FaultNumber.HOMING_METHOD,
+    Reason.HOMING_REFUSED: FaultNumber.HOMING_PARAMETERS,
+}
+"""Reasons whose details are in a warning of the gateway."""
 
 
 class ChainLink(NamedTuple):
@@ -235,14 +245,27 @@ def _judge_command(chain: _Chain, axis: Axis) -> None:
         missing = _PHASES.get(phase, Reason.SWITCHED_OFF)
     if missing is None and not axis.released:
         missing = _PHASES.get(phase, Reason.NEEDS_OFF)
+    held = _held_bits(axis) if missing in _HELD else ""
+    if held and not axis.powered:
+        chain.breaks(Reason.HELD_OFF, f"the PLC sends ON (STW1.0 = 1) and keeps the drive off: {held}")
+        return
     if missing is not None:
         chain.breaks(missing)
         return
     chain.passes(Enable.ON_EDGE)
-    if reason is not None and reason.enable is Enable.SETPOINT:
+    if reason in _OWN_FAULTS:
+        chain.judge_own_fault(reason, _OWN_FAULTS[reason])
+    elif reason is not None and reason.enable is Enable.SETPOINT:
         chain.breaks(reason)
     elif reason is None:
         chain.passes(Enable.SETPOINT)
+
+
+def _held_bits(axis: Axis) -> str:
+    """All bits that forbid operation in a word with ON: ``STW1.1 = STW1.3 = 0``; empty without ON."""
+    name, word = axis.telegram.setpoints.names[0], (axis.machine.inputs.setpoints or (0,))[0]
+    held = "".join(f"{name}.{bit} = " for bit in _ENABLES if not word >> bit & 1)
+    return f"{held}0" if held and word & 1 else ""
 
 
 def encoder_enable_status(encoder: EncoderObject) -> EnableStatus:

@@ -161,7 +161,7 @@ def test_homing_that_interrupts_a_task_keeps_halt_until_the_mode_changes() -> No
     assert all(drive(ON | HOMING) & HALT for _ in range(50)), "the drive has not taken the method"
     drive.hand.stepper.sdo_done("refused")
     assert all(drive(ON | HOMING) & HALT for _ in range(50))
-    assert drive.hand.stepper.reason is Reason.HOMING_ERROR
+    assert drive.hand.stepper.reason is Reason.HOMING_REFUSED
     assert drive.moved == 0
 
 

@@ -216,6 +216,7 @@ def test_unsupported_homing_method_warns_and_starts_nothing(method: int | None) 
         assert hand.stepper.sdo_request is None
         assert hand.stepper.command.modes_of_operation == Mode.POSITION
     assert [event.number for event in hand.stepper.events] == [FaultNumber.HOMING_METHOD]
+    assert hand.stepper.reason is Reason.HOMING_METHOD, "not the home switch"
     assert hand.actuals["ZSW1"] & (WARNING | 0x7) == WARNING | 0x7, "beside operation"
     assert hand.stepper.machine.outputs.warning, "P953"
     assert not hand.actuals["ZSW1"] & HOME_SET
@@ -229,6 +230,7 @@ def test_rejected_homing_parameters_end_the_homing_with_a_warning() -> None:
         assert not hand(ON | HOMING) & NEW_SETPOINT
         assert hand.stepper.command.modes_of_operation == Mode.POSITION
     assert [event.number for event in hand.stepper.events] == [FaultNumber.HOMING_PARAMETERS]
+    assert hand.stepper.reason is Reason.HOMING_REFUSED
     assert hand.actuals["ZSW1"] & WARNING
 
 

@@ -153,6 +153,8 @@ SITUATIONS: dict[str, Callable[[Plc, Daemon], None]] = {
     "the PLC's program does not take control": BREAKERS[Enable.CONTROL],
     "the PLC comes back with ON in its first frame": _on_too_early,
     "the PLC's program enables no operation": lambda plc, _: clear_bits(plc, 0x8),
+    "an interlock in the PLC holds OFF2": lambda plc, _: clear_bits(plc, 0x2),
+    "an interlock in the PLC holds OFF3, and enables no operation": lambda plc, _: clear_bits(plc, 0xC),
     "the PLC's program enables no setpoint": BREAKERS[Enable.SETPOINT],
 }
 """What a technician finds, and how to get there from an axis in operation."""

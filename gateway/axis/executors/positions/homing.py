@@ -29,6 +29,8 @@ _SPEEDS = (1, 2)
 _ATTAINED, _REACHED = StatusBit.MODE_12, StatusBit.TARGET_REACHED
 _ENDED = _ATTAINED | _REACHED
 _ERROR = StatusBit.MODE_13
+_METHOD: Final = warning_bits(FaultNumber.HOMING_METHOD)
+_REFUSED: Final = warning_bits(FaultNumber.HOMING_PARAMETERS)
 TASK_WARNINGS: Final = warning_bits(
     FaultNumber.HOMING_METHOD,
     FaultNumber.HOMING_PARAMETERS,
@@ -88,6 +90,14 @@ class Homing:
         """35 is the older number of 37: the one the drive has."""
         return _SAME_METHOD.get(method, method) if method not in self.methods else method
 
+    @property
+    def failure(self) -> Reason:
+        """Why the last homing failed: what was asked for, or how the drive homes."""
+        warned = self._outputs.warned
+        if warned & _METHOD:
+            return Reason.HOMING_METHOD
+        return Reason.HOMING_REFUSED if warned & _REFUSED else Reason.HOMING_ERROR
+
     def begin(self, method: int, speed: int | None) -> None:
         """Method and speeds have to reach the drive first; ``speed`` in its units, None leaves its own ones."""
         self._outputs.reason = Reason.HOMING_SETUP
@@ -128,7 +138,7 @@ class Homing:
             return Progress.WAITS
         if self._answer != "done":
             outputs.warn(FaultNumber.HOMING_PARAMETERS, self._answer)
-            outputs.reason = Reason.HOMING_ERROR
+            outputs.reason = self.failure
             return Progress.FAILED
         self.method = self._writes[0].value
         if not self._mode.request(Mode.HOMING):

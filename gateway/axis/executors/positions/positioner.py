@@ -203,6 +203,8 @@ class PositionerExecutor(MotionExecutor):
             self._probe(asked)
         if asked.operating:
             reason = outputs.reason or outcome.reason
+            if reason is Reason.HOMING_ERROR:
+                reason = self.homing.failure
         self._torque.follow(outcome.motion.torque if asked.operating else None)
         if outcome.warning is not self._warned:
             self._warn(outcome.warning)

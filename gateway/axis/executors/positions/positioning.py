@@ -248,5 +248,5 @@ class PositioningExecutor(MotionExecutor):
             return self._home(motion, 0, None)
         if seen.homing is HomingResult.ATTAINED:
             return NEW_SETPOINT
-        self.outputs.reason = Reason.HOMING_ERROR
+        self.outputs.reason = self.homing.failure
         return self._halt_before_homing()
