@@ -74,7 +74,13 @@ def _signals(reader: RingReader, number: int, chosen: Telegram, item: Document) 
 
 def _device(reader: RingReader, number: int, traced: TracedObject, item: Document) -> Iterator[Curve]:
     def feedback(name: str, factor: float) -> Value:
-        return lambda cycle: (reader.value(cycle, number, "feedback", name) or 0) * factor
+        def value(cycle: Cycle) -> float | None:
+            """None while the drive does not send it: the curve ends."""
+            if not reader.value(cycle, number, "flags", "drive_ok"):
+                return None
+            return (reader.value(cycle, number, "feedback", name) or 0) * factor
+
+        return value
 
     if traced.place("feedback", "velocity_actual") is not None:
         per_rpm = item.get("velocity_per_rpm")

@@ -105,8 +105,16 @@ def _object_status(item: DriveObject) -> dict[str, Any]:
     }
 
 
+def _present(item: DriveObject, values: dict[str, float | None]) -> dict[str, Any]:
+    """Values of a device that sends them; else each is None, and ``last`` has what was known."""
+    if item.good:
+        return values | {"last": None}
+    return dict.fromkeys(values) | {"last": values if item.client.received_ns else None}
+
+
 def axis_status(axis: Axis) -> dict[str, Any]:
-    """One axis as plain data. A value is None if no PDO of the telegram contains it or its unit is unknown."""
+    """One axis as plain data. A value is None if no PDO of the telegram contains it or its unit is unknown, or while the drive
+    sends none: ``last`` has the last ones."""
     feedback, drive_type = axis.drive.feedback, axis.drive.drive_type
     state = state_of(feedback.statusword)
     plan = axis.drive.plan
@@ -114,22 +122,28 @@ def axis_status(axis: Axis) -> dict[str, Any]:
     scaling = drive_type.scaling if drive_type else None
     velocity = feedback.velocity_actual if "velocity_actual" in mapped else None
     per_rpm = scaling.velocity_per_rpm if scaling else None
-    return _object_status(axis) | {
-        "drive_state": state.value if state else "unknown",
-        "statusword": feedback.statusword,
-        "controlword": axis.outputs.command.controlword,
+    values = {
         "velocity": velocity,
         "speed_rpm": round(float(velocity / per_rpm), 3) if velocity is not None and per_rpm else None,
         "position": feedback.position_actual if "position_actual" in mapped else None,
-        "position_unit": scaling.position_unit if scaling else None,
-        "velocity_per_rpm": float(per_rpm) if per_rpm else None,
-        "rated_speed": float(scaling.rated_speed_rpm) if scaling and scaling.rated_speed_rpm else None,
-        "rated_speed_unit": "rpm",
-        "scaling": list(scaling.lines) if scaling else [],
-        "units_witnessed": units_text(axis.units_witnessed, axis.drive.serial_number, scaling) if scaling else "",
-        "pdos": list(plan.lines) if plan is not None else [],
-        "guarding": axis.drive.guarding.text if axis.drive.guarding is not None else "",
     }
+    return (
+        _object_status(axis)
+        | _present(axis, values)
+        | {
+            "drive_state": state.value if state and axis.good else "unknown",
+            "statusword": feedback.statusword,
+            "controlword": axis.outputs.command.controlword,
+            "position_unit": scaling.position_unit if scaling else None,
+            "velocity_per_rpm": float(per_rpm) if per_rpm else None,
+            "rated_speed": float(scaling.rated_speed_rpm) if scaling and scaling.rated_speed_rpm else None,
+            "rated_speed_unit": "rpm",
+            "scaling": list(scaling.lines) if scaling else [],
+            "units_witnessed": units_text(axis.units_witnessed, axis.drive.serial_number, scaling) if scaling else "",
+            "pdos": list(plan.lines) if plan is not None else [],
+            "guarding": axis.drive.guarding.text if axis.drive.guarding is not None else "",
+        }
+    )
 
 
 def _encoder_speed(encoder: EncoderObject) -> float | None:
@@ -143,18 +157,24 @@ def _encoder_speed(encoder: EncoderObject) -> float | None:
 def encoder_status(encoder: EncoderObject) -> dict[str, Any]:
     """One encoder channel as plain data."""
     source = encoder.input
-    return _object_status(encoder) | {
-        "channel": encoder.config.channel,
-        "rated_speed": float(encoder.config.reference_speed),
-        "rated_speed_unit": encoder.config.speed_unit,
-        "sensor_state": encoder.machine.channel.sensor.state.value,
+    values = {
         "velocity": source.speed,
         "speed": _encoder_speed(encoder),
-        "speed_unit": encoder.config.speed_unit,
         "position": source.position if source.valid else None,
-        "alarms": source.alarms,
-        "warnings": source.warnings,
     }
+    return (
+        _object_status(encoder)
+        | _present(encoder, values)
+        | {
+            "channel": encoder.config.channel,
+            "rated_speed": float(encoder.config.reference_speed),
+            "rated_speed_unit": encoder.config.speed_unit,
+            "sensor_state": encoder.machine.channel.sensor.state.value,
+            "speed_unit": encoder.config.speed_unit,
+            "alarms": source.alarms,
+            "warnings": source.warnings,
+        }
+    )
 
 
 def _head(daemon: Daemon) -> dict[str, Any]:

@@ -95,16 +95,27 @@ def status_lines(document: dict[str, Any], width: int = 80, *, counters: bool = 
 def _row(item: dict[str, Any]) -> str:
     """One drive object in one line."""
     parts = [f"node {item['node_id']} {item['drive']}", f"telegram {item['telegram']}"]
-    if item.get("speed_rpm") is not None:
-        parts.append(f"{item['speed_rpm']:g} rpm")
-    elif item.get("speed") is not None:
-        parts.append(f"{item['speed']:g} {item['speed_unit']}")
-    if item["position"] is not None:
-        parts.append(f"position {item['position']}")
+    last = item.get("last")
+    if last is None:
+        parts += _values(item, item)
+    elif known := _values(last, item):
+        parts.append(f"last {', '.join(known)}, {_age(item['heard_age_ms'])} ago")
     active = item["cause"]
     if active is not None and item["state_id"] != AxisState.FAULT.name:
         parts.append(f"fault {active['number']} not acknowledged")
     return f"{item['label']}: {item['state']} ({', '.join(parts)})"
+
+
+def _values(values: dict[str, Any], item: dict[str, Any]) -> list[str]:
+    """Speed and position, as far as they are known."""
+    parts = []
+    if values.get("speed_rpm") is not None:
+        parts.append(f"{values['speed_rpm']:g} rpm")
+    elif values.get("speed") is not None:
+        parts.append(f"{values['speed']:g} {item['speed_unit']}")
+    if values["position"] is not None:
+        parts.append(f"position {values['position']}")
+    return parts
 
 
 def _ages(times: dict[str, Any], limit_ms: float) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 
@@ -96,7 +97,7 @@ def test_a_fault_has_id_time_and_activity_and_only_the_newest_is_in_the_document
 
 def test_a_value_no_pdo_brings_is_null_and_not_0() -> None:
     with running(configuration(axis(1) + axis(3, telegram_number=9) + ENCODER)) as daemon:
-        until(daemon, lambda: all(node.generation for node in daemon.clients), "online")
+        until(daemon, lambda: all(item.good for item in daemon.objects), "online")
         speed, positions = (axis_status(item) for item in daemon.axes)
         assert (speed["position"], speed["velocity"]) == (None, 0)
         assert isinstance(positions["position"], int)
@@ -123,6 +124,21 @@ def test_a_request_nobody_knows_is_refused_with_what_is_allowed(request_: bytes,
         answer = json.loads(b"".join(answered(daemon, request_)))
         assert answer["field"] == field
         assert "allowed" in answer["error"]
+
+
+def test_a_lost_drive_is_not_shown_as_turning() -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.enable()
+        plc.endpoint.set(0, {"NSOLL_A": 0x2000})
+        plc.until(lambda: plc.value("NIST_A") > 0x1F00, "turns")
+        assert axis_status(daemon.axes[0])["speed_rpm"] > 0
+        drive_of(daemon).node.power_off()
+        plc.until(lambda: state(daemon) is AxisState.NOT_ON_THE_BUS, "lost")
+        found = axis_status(daemon.axes[0])
+        assert (found["velocity"], found["speed_rpm"], found["drive_state"]) == (None, None, "unknown")
+        row = next(line for line in status_lines(snapshot(daemon), 400) if line.startswith("axis 1:"))
+        assert re.search(r"last \d+ rpm.*, \S+ m?s ago", row), row
 
 
 _HOMING = warning_bits(FaultNumber.HOMING)

@@ -14,7 +14,9 @@ export function stateWord(state, item) {
 
 export const objectName = (item) => `${"channel" in item ? "Encoder" : "Axis"} ${item.do_id}${item.name ? ` ${item.name}` : ""}`;
 
+// Of a device that is away, the last speed with its age.
 export function speed(item) {
+  if (item.last) return html`<span class="past">last ${speed({ ...item, ...item.last, last: null })}, ${duration(item.heard_age_ms / 1000)} ago</span>`;
   if (item.speed_rpm !== null && item.speed_rpm !== undefined) return withUnit(number(item.speed_rpm), "rpm");
   if (item.speed !== null && item.speed !== undefined) return withUnit(number(item.speed), item.speed_unit);
   return item.velocity === null || item.velocity === undefined ? DASH : withUnit(integer(item.velocity), "units");
