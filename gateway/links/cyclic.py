@@ -44,7 +44,7 @@ _Axis = tuple[int, Callable[[bytes, int], tuple[int, ...]], int, int]
 """Decoding of a drive object: its number, its values, their place, that of its IOPS."""
 _ACCEPTED: Final = Verdict.ACCEPTED
 _PROVIDER_STOP: Final = Verdict.PROVIDER_STOP
-_USUAL: Final = (_ACCEPTED, _PROVIDER_STOP, Verdict.AFTER_LOSS, Verdict.OVERDUE)
+_USUAL: Final = (_ACCEPTED, _PROVIDER_STOP, Verdict.AFTER_LOSS, Verdict.OVERDUE, Verdict.CONNECTING)
 """Verdicts that the status explains without a further text."""
 
 

@@ -26,6 +26,7 @@ _DATAGRAMS_AT_ONCE: Final = 64
 _WAITED_AT_MOST: Final = 10_000
 """More than a socket buffer: a flood must not delay the start."""
 _ACCEPTED: Final = Verdict.ACCEPTED
+_CONNECTING: Final = Verdict.CONNECTING
 _PROVIDER_STOP: Final = Verdict.PROVIDER_STOP
 
 
@@ -212,7 +213,7 @@ class UdpLink:
                 taken += 1
                 if endpoint.changed:
                     break  # the axes step, so that the next frame overwrites no order
-            elif endpoint.counters[verdict] == 1:
+            elif verdict is not _CONNECTING and endpoint.counters[verdict] == 1:
                 log.warning("frame from %s:%d dropped: %s (%d bytes)", *source, verdict.value, len(data))
         if taken > 1:
             self.skipped += taken - 1

@@ -44,6 +44,7 @@ class Verdict(enum.Enum):
     OVERSIZED = "oversized"
     WRONG_FRAME_ID = "wrong FrameID"
     STALE = "stale cycle counter"
+    CONNECTING = "without a tick, before the first one of this gateway can have reached the PLC"
     NO_TICK = "without a tick that this gateway sent"
     TOO_OLD = "older than the age limit"
     AFTER_LOSS = "not connected yet: the axes have to see the loss of the PLC first"
@@ -124,6 +125,8 @@ class NewFrames:
 
     def _why_refused(self, tick: int, now: int) -> Verdict:
         since = self._listening_since
+        if not tick and (since is None or now - since <= (self.age_limit_ns or 0)):
+            return Verdict.CONNECTING
         age_ns = (self._tick(now) - tick) % _TICKS * COUNTER_UNIT_NS
         if not tick or since is None or age_ns > now - since:
             return Verdict.NO_TICK

@@ -48,6 +48,17 @@ def test_a_plc_enables_moves_and_sees_the_age_of_its_frames() -> None:
         assert line.endswith("limit 24 ms")
 
 
+def test_a_normal_connection_is_no_warning(caplog: pytest.LogCaptureFixture) -> None:
+    """The PLC sends first, without a tick: it has none yet."""
+    with running(routed()) as daemon:
+        world_of(daemon).network.conditions = Conditions(delay_ns=3 * MS, jitter_ns=MS)
+        plc = Plc(daemon, [1], PLC)
+        plc.enable()
+        frames = daemon.link.status()["frames"]
+        assert frames[Verdict.CONNECTING.value] > 0  # type: ignore[index]
+        assert [record.getMessage() for record in caplog.records if "dropped" in record.getMessage()] == []
+
+
 def test_a_restarted_gateway_connects_again_and_starts_nothing() -> None:
     with running(routed()) as daemon:
         plc = Plc(daemon, [1], PLC)
