@@ -137,7 +137,7 @@ def test_setpoints_arrive_as_values_and_actual_values_leave_with_their_status(ri
     rig.plc.set_output(AXIS, bytes.fromhex("047f2000"))
     rig.run(20 * MS)
     assert rig.link.setpoints[0] == (0x047F, 0x2000)
-    rig.link.send([(0x0E37, 0x1FFF), (1, 2, 3, 4)], [True, False], [False, False])
+    rig.link.send([(0x0E37, 0x1FFF), (1, 2, 3, 4)], [True, False], 0)
     rig.run(20 * MS)
     assert rig.plc.input(AXIS) == bytes.fromhex("0e371fff")
     assert rig.plc.input((2, 2)) is None, "IOPS of the second object is BAD"
@@ -145,7 +145,7 @@ def test_setpoints_arrive_as_values_and_actual_values_leave_with_their_status(ri
 
 
 def test_the_first_input_frame_after_application_ready_has_valid_data(rig: Rig) -> None:
-    rig.link.send([(0x0270, 5), (1, 2, 3, 4)], [True, False], [False, False])
+    rig.link.send([(0x0270, 5), (1, 2, 3, 4)], [True, False], 0)
     rig.plc.start(rig.loop.now())
     rig.run(5_000 * MS, lambda: (rel := rig.link.device.relation) and rel.state is not State.PARAMETERISING)
     relation = rig.link.device.relation

@@ -133,7 +133,7 @@ class PairedRig(Rig):
             setpoints = self.link.setpoints[0]
             if setpoints is not None:
                 before = len(self.port.sent)
-                self.link.send([setpoints, (0, 0, 0, 0)], [True, True], [False, False])
+                self.link.send([setpoints, (0, 0, 0, 0)], [True, True], 0)
                 self.at_once += len(self.port.sent) - before
 
 
