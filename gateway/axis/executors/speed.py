@@ -9,6 +9,7 @@ from typing import Final
 
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.errors import Dsp402Error
+from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.axis.answer import Answer
 from pdgw.gateway.axis.demand_report import Flag, SpeedWish
@@ -56,6 +57,8 @@ class SpeedExecutor(Executor):
         self._range = (0, 0)
         """Range of Target Velocity."""
         self._tolerance = 0
+        self._unreported = False
+        """The mode has no "target reached" (CiA 402: bit 10 is reserved in velocity mode, vl): the actual speed decides."""
         self._limit = LimitWatch()
         self._stopped = 0
         """The setpoint at which the axis was stopped at a limit; 0: none."""
@@ -75,6 +78,7 @@ class SpeedExecutor(Executor):
         self._setpoint = n4(reference, self._range)
         self._actual = n4(reference, drive.limits("velocity_actual"))
         self._mode_bits = drive.speed_bits
+        self._unreported = drive.speed_mode == Mode.VL_VELOCITY
         self._tolerance = int(reference) * TOLERANCE_PERCENT // 100
         jogs = self.settings.jog_speeds_rpm
         if jogs is not None:
@@ -152,9 +156,9 @@ class SpeedExecutor(Executor):
         if target != self._sent:
             self._sent = target
             self._arrival.command(now)
-        said = statusword & _REACHED != 0
-        answered = self._arrival.read(said, now)
         near = -self._tolerance <= velocity - target <= self._tolerance
+        said = near if self._unreported else statusword & _REACHED != 0
+        answered = self._arrival.read(said, now)
         if not said or not (answered or near) or self.interlock.action is not _ENABLE_OPERATION:
             return False
         own = not self._frozen and not (self._limited and self.demand.speed_wish is _FOLLOW)

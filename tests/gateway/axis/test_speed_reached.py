@@ -6,7 +6,7 @@ from pdgw.dsp402.states import STATUS_OF, State, StatusBit
 from pdgw.durations import MS
 from pdgw.gateway.reasons import Reason
 from tests.gateway.axis.test_velocity import OFF, ON, Bench
-from tests.support.drives.drive_types import References
+from tests.support.drives.drive_types import References, described
 
 REACHED = 0x0400
 """ZSW1.10 and bit 10 of the Statusword."""
@@ -30,6 +30,18 @@ def test_speed_reached_is_not_shown_for_an_older_setpoint() -> None:
     assert not shown(bench, 0x1000, 2000)
     assert not shown(bench, 0x1000, 2000, 0), "the drive follows the new one"
     assert shown(bench, 0x1000, 1500)
+
+
+def test_speed_reached_of_velocity_mode_is_decided_by_the_speed() -> None:
+    """In mode 2 (vl), as of frequency converters, bit 10 of the Statusword is reserved."""
+    bench = Bench()
+    bench.stepper.set_drive(described("vl"))
+    bench.operate(0x2000)
+    target = bench.stepper.command.target_velocity
+    assert target
+    assert not shown(bench, 0x2000, target // 2, 0)
+    assert shown(bench, 0x2000, target, 0)
+    assert not shown(bench, 0x1000, target, 0)
 
 
 def test_speed_reached_is_not_shown_at_a_limit_switch() -> None:
