@@ -67,7 +67,7 @@ def part_of(reader: RingReader, begin_ns: int | None = None, end_ns: int | None 
 
 
 class _Piece(NamedTuple):
-    """What was written with one cycle."""
+    """The blocks of one cycle."""
 
     end: int
     """Place after it in the segment."""

@@ -106,7 +106,7 @@ def _object_status(item: DriveObject) -> dict[str, Any]:
 
 
 def _present(item: DriveObject, values: dict[str, float | None]) -> dict[str, Any]:
-    """Values of a device that sends them; else each is None, and ``last`` has what was known."""
+    """The values while the device sends them. Otherwise each value is None, and ``last`` has the last known ones."""
     if item.good:
         return values | {"last": None}
     return dict.fromkeys(values) | {"last": values if item.client.received_ns else None}

@@ -61,6 +61,7 @@ class FlightRecorder:
         self._limit = daemon.config.trace.megabytes * _MEGABYTE // _SEGMENTS
         self._age_ns = daemon.config.trace.seconds * SECOND // (_SEGMENTS - 1)
         self._plc = len(daemon.networks)
+        self._is_profinet = daemon.config.transport.type == "profinet"
         self.lost = 0
         """Cycles that could not be written."""
         self._token: object = None
@@ -260,10 +261,6 @@ class FlightRecorder:
         if self._is_profinet:
             return bytes(data)
         return blocks.udp_header(self._here, self._peer, len(data)) + data
-
-    @property
-    def _is_profinet(self) -> bool:
-        return self._daemon.config.transport.type == "profinet"
 
     @property
     def _peer(self) -> str:

@@ -29,7 +29,7 @@ class Reaction(enum.Enum):
     """The required reaction; the value is the text of the document. The first four are of drives, the others of encoders."""
 
     STOPS = "power off at standstill, no restart"
-    STANDS = "standstill, reason reported"
+    STANDSTILL = "standstill, reason reported"
     GOES_ON = "stays in operation, OFF works"
     REFUSES = "never enabled"
 
@@ -114,15 +114,15 @@ DRIVE_CASES: tuple[Case, ...] = (
     Case("error-passive", Reaction.GOES_ON, (12,)),
     Case("reboot", Reaction.STOPS, (105,), sent=(CONFIGURES,)),
     Case("reboot", Reaction.STOPS, (105,), telegram=100),
-    Case("no-homing-attained", Reaction.STANDS, (109,), Activity.HOMING, telegram=9),
+    Case("no-homing-attained", Reaction.STANDSTILL, (109,), Activity.HOMING, telegram=9),
     Case("late-status", Reaction.GOES_ON),
     Case("bouncing-status", Reaction.STOPS, (122,), sent=(_QUICK_STOP,)),
     Case("bouncing-status", Reaction.STOPS, (122,), telegram=100),
     Case("unknown-state", Reaction.STOPS, (107,), sent=(_QUICK_STOP,), stopped="quick stop"),
     Case("unknown-state", Reaction.STOPS, (107,), telegram=100, sent=(_QUICK_STOP,)),
     Case("mode-display-stuck", Reaction.REFUSES, (106,), Activity.START),
-    Case("mode-display-stuck", Reaction.STANDS, (110,), Activity.HOMING, telegram=9),
-    Case("limit-switch", Reaction.STANDS, (112,)),
+    Case("mode-display-stuck", Reaction.STANDSTILL, (110,), Activity.HOMING, telegram=9),
+    Case("limit-switch", Reaction.STANDSTILL, (112,)),
     Case("enable-input-dropped", Reaction.STOPS, (122,)),
     Case("enable-input-dropped", Reaction.STOPS, (122,), telegram=100),
     Case("drive-fault", Reaction.STOPS, (10,)),

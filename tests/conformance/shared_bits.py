@@ -270,7 +270,7 @@ def _life(number: int) -> Iterator[Case]:
 
 def walk(number: int) -> list[Case]:
     """All cases of a telegram, in order."""
-    signals = telegram(number).setpoints.names, telegram(number).actuals.names
+    signals = {*telegram(number).setpoints.names, *telegram(number).actuals.names}
     cases = list(_power(number))
     if number in {4, 102, 103}:
         cases += _speed(number)
@@ -278,16 +278,18 @@ def walk(number: int) -> list[Case]:
         cases += _cyclic(number)
     else:
         cases += _positioner(number)
-    if "MDI_TARPOS" in signals[0]:
-        cases += _target(number)
-    if "G1_STW" in signals[0]:
-        cases += _sensor(number)
-    if "G2_STW" in signals[0]:
-        cases += _second_sensor(number)
-    if "STW2" in signals[0]:
-        cases += _not_evaluated(number)
-    if "MELDW" in signals[1]:
-        cases += _message(number)
-    if "STW2" in signals[0]:
-        cases += _life(number)
+    for name, of_signal in _OF_SIGNALS:
+        if name in signals:
+            cases += of_signal(number)
     return cases
+
+
+_OF_SIGNALS = (
+    ("MDI_TARPOS", _target),
+    ("G1_STW", _sensor),
+    ("G2_STW", _second_sensor),
+    ("STW2", _not_evaluated),
+    ("MELDW", _message),
+    ("STW2", _life),
+)
+"""The cases of a telegram with a signal, in the order of the tests."""

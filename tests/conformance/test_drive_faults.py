@@ -37,9 +37,9 @@ _OTHERWISE = {
     ("under-voltage", "shape"): "the fault number is ENGEL's",
     ("duplicated-pdos", "no-event-timer"): "looks like two drives",
     ("heartbeat-stops", "rpdo-timeout"): "it sends no heartbeats",
-    ("heartbeat-stops", "stays-stopped"): "it stands in Quick Stop Active with power",
-    ("lost-pdos", "stays-stopped"): "it stands in Quick Stop Active with power",
-    ("unknown-state", "stays-stopped"): "it stands in Quick Stop Active with power",
+    ("heartbeat-stops", "stays-stopped"): "it stays in Quick Stop Active with power",
+    ("lost-pdos", "stays-stopped"): "it stays in Quick Stop Active with power",
+    ("unknown-state", "stays-stopped"): "it stays in Quick Stop Active with power",
 }
 """Combinations in which the reaction is another one, and why."""
 _ALL = [
@@ -103,17 +103,17 @@ def _check_operation(rig: DriveRig, case: Case) -> None:
     _begin(rig, case)
     if case.reaction is Reaction.STOPS:
         rig.until(lambda: rig.standing() and rig.model.state not in POWERED, "drive stopped")
-    elif case.reaction is Reaction.STANDS:
-        rig.until(rig.standing, "drive stands")
+    elif case.reaction is Reaction.STANDSTILL:
+        rig.until(rig.standing, "standstill")
     if LOSSES.intersection(case.numbers):
         rig.until(lambda: CONFIGURES in rig.sent, "configured again")
-    rig.cycles(_STANDING_CYCLES if case.reaction is Reaction.STANDS else QUIET_CYCLES)
+    rig.cycles(_STANDING_CYCLES if case.reaction is Reaction.STANDSTILL else QUIET_CYCLES)
     rig.check_reports(case)
     assert case.stopped in {"", _stopped_by(rig, mark)}
     if case.reaction is Reaction.GOES_ON:
         _check_goes_on(rig, case, mark)
-    elif case.reaction is Reaction.STANDS:
-        _check_stands(rig)
+    elif case.reaction is Reaction.STANDSTILL:
+        _check_standstill(rig)
     else:
         assert rig.reason
         rig.on()
@@ -153,8 +153,8 @@ def _check_goes_on(rig: DriveRig, case: Case, mark: int) -> None:
     rig.behave()
 
 
-def _check_stands(rig: DriveRig) -> None:
-    """The axis stands also after the end of the fault, until the PLC sends something else."""
+def _check_standstill(rig: DriveRig) -> None:
+    """The axis stays at standstill after the end of the fault too, until the PLC sends something else."""
     assert rig.standing(), "the axis moves again"
     assert rig.reason
     rig.behave()
@@ -205,7 +205,7 @@ def test_gateway_that_starts_a_drive_again_by_itself_fails(monkeypatch: pytest.M
 def test_gateway_that_moves_on_when_a_limit_switch_is_released_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(SpeedExecutor, "_held_at_limit", lambda self, target, *_: target)
     with pytest.raises(AssertionError, match="moves on by itself"):
-        test_gateway_reacts_to_each_fault_of_a_drive(Case("limit-switch", Reaction.STANDS, (112,)))
+        test_gateway_reacts_to_each_fault_of_a_drive(Case("limit-switch", Reaction.STANDSTILL, (112,)))
 
 
 @pytest.mark.parametrize(

@@ -142,9 +142,9 @@ def _encoder(daemon: Daemon, case: Case) -> tuple[SimulatedEncoder, int | None]:
     """The encoder, powered off, and the time of its position 0; None at standstill."""
     loop = daemon.loop
     zero = loop.now()
-    stands = case.activity is Activity.COMMISSIONING
-    motion: Motion = still(1.0) if stands else lambda _: (loop.now() - zero) / SECOND
-    return encoder(daemon, motion), None if stands else zero
+    at_standstill = case.activity is Activity.COMMISSIONING
+    motion: Motion = still(1.0) if at_standstill else lambda _: (loop.now() - zero) / SECOND
+    return encoder(daemon, motion), None if at_standstill else zero
 
 
 def _tables(case: Case, telegram: int) -> str:
@@ -174,7 +174,7 @@ def test_gateway_reacts_to_each_fault_of_an_encoder(case: Case) -> None:
 
 
 def _begin(rig: EncoderRig, case: Case) -> None:
-    """Start the fault of the case and forget what was recorded before."""
+    """Start the fault of the case, and clear what was recorded until then."""
     if case.activity is Activity.COMMISSIONING:
         written = rig.encoder.client.submit(lambda client: client.sdo.write(OPERATING_PARAMETERS, 0, _COMMISSIONING))
         rig.until(written.done, "diagnostics switched on")

@@ -53,7 +53,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def told(folder: Path) -> list[str]:
+def printed(folder: Path) -> list[str]:
     """The timeline's lines."""
     opening = look_ahead([recording(folder)], known_from(None, [], [], [recording(folder)]), None, lambda _: None)
     begin = opening.begin_ns
@@ -67,7 +67,7 @@ def test_a_recording_is_equal(recorded: Path) -> None:
 
 
 def test_timeline_shows_relationships_stops_and_losses(recorded: Path) -> None:
-    lines = told(recorded)
+    lines = printed(recorded)
 
     def has(*parts: str) -> int:
         return sum(all(part in line for part in parts) for line in lines)

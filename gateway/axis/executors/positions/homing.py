@@ -92,7 +92,7 @@ class Homing:
 
     @property
     def failure(self) -> Reason:
-        """Why the last homing failed: what was asked for, or how the drive homes."""
+        """Reason of a failed homing: a method that the drive does not have or rejects, else a homing error of the drive."""
         warned = self._outputs.warned
         if warned & _METHOD:
             return Reason.HOMING_METHOD
