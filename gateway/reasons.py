@@ -513,6 +513,7 @@ class FaultNumber(enum.IntEnum):
     NOT_ENTERED = 131
     TURNS_OFF = 132
     STALLED = 133
+    DSC_OUT_OF_DATE = 134
 
 
 FIRST_WARNING = 108
@@ -573,6 +574,7 @@ GATEWAY_FAULTS: MappingProxyType[int, GatewayFault] = MappingProxyType(
             GatewayFault(
                 FaultNumber.STALLED, "axis at standstill before the end of its motion", 0xFF1E, is_warning=True
             ),
+            GatewayFault(FaultNumber.DSC_OUT_OF_DATE, "DSC stopped the axis: no new setpoint", 0xFF1F, is_warning=True),
             GatewayFault(FaultNumber.NOT_ENTERED, "drive does not enter or leave operation as commanded", 0xFF1C),
             GatewayFault(
                 FaultNumber.TURNS_OFF, "drive reports power off and does not slow down", 0xFF1D, is_warning=True

@@ -12,7 +12,7 @@ from typing import Final
 from pdgw.ds301.errors import CanopenError
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveType, Quantity
-from pdgw.dsp402.states import STATE_OF_STATUS, UNPOWERED, Command, StatusBit
+from pdgw.dsp402.states import STATE_OF_STATUS, UNPOWERED, Command, ControlBit, StatusBit
 from pdgw.gateway.axis.adapters.base import POWER_BITS, WISHES
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.demand_report import (
@@ -48,7 +48,7 @@ from pdgw.gateway.axis.supervision.drive_events import (
 )
 from pdgw.gateway.axis.supervision.enable_guard import EnableGuard
 from pdgw.gateway.axis.supervision.sign_of_life import SignOfLifeWords
-from pdgw.gateway.axis.supervision.stop_supervision import QUICK_STOPS, OperationWatch, StopWatch
+from pdgw.gateway.axis.supervision.stop_supervision import QUICK_STOPS, HaltWatch, OperationWatch, StopWatch
 from pdgw.gateway.axis.supervision.velocity_check import VelocityCheck
 from pdgw.gateway.axis.telegrams import SECOND_SENSOR_NUMBERS, Kind, drive_telegram, make_adapter
 from pdgw.gateway.axis.values import (
@@ -76,6 +76,8 @@ _AT_LIMIT: Final = warning_bits(FaultNumber.INTERNAL_LIMIT)
 _SET_POINT: Final = warning_bits(FaultNumber.SET_POINT)
 _WITHOUT_CONTROL: Final = warning_bits(FaultNumber.CONTROL_LOST)
 _INTERNAL_LIMIT: Final = StatusBit.INTERNAL_LIMIT
+_HALT: Final = ControlBit.HALT
+_ENABLE_OPERATION: Final = Action.ENABLE_OPERATION
 _FOLLOW: Final = Phase.FOLLOW
 _PASS: Final = Phase.PASS
 _LOST: Final = Drive.LOST
@@ -141,6 +143,7 @@ class AxisMachine:
         self.life = SignOfLifeWords(self.telegram, settings.sign_of_life_failures) if has_life else None
         self._stop = StopWatch(settings.reaction_ns, settings.stop_time_ns)
         self._operation = OperationWatch(settings.enter_ns, settings.reaction_ns, settings.stop_time_ns)
+        self._halt = HaltWatch(settings.reaction_ns, settings.stop_time_ns)
         self.check = VelocityCheck(settings.stop_time_ns)
         self._follows_speed = kind is Kind.SPEED or kind is Kind.LOAD
         self._needed = needed_quantities(self.telegram)
@@ -261,6 +264,10 @@ class AxisMachine:
         if self._operation.step(limit, now):
             interlock.distrust()
             self._report_stop(FaultNumber.NOT_ENTERED)
+        halts = interlock.action is _ENABLE_OPERATION and outputs.command.controlword & _HALT != 0
+        if self._halt.step(halts, feedback.velocity_actual, self._window, now):
+            interlock.distrust()
+            self._report_stop(FaultNumber.STOP_IGNORED)
         if limit not in _WITHOUT_BRAKE and not outputs.known_off:
             self._watch_stop(limit)
         elif self._stop.runs:

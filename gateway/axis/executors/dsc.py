@@ -24,6 +24,7 @@ from pdgw.profidrive.datatypes import DataType, n4
 from pdgw.profidrive.normalisation import Normalisation
 
 _GAIN = warning_bits(FaultNumber.DSC_GAIN)
+_OUT_OF_DATE = warning_bits(FaultNumber.DSC_OUT_OF_DATE)
 _ENABLE_OPERATION, _RAMP = Action.ENABLE_OPERATION, Action.RAMP
 _BY_SPEED = DscForm.SPEED
 _FREEZE = SpeedWish.FREEZE
@@ -49,7 +50,6 @@ class DscExecutor(Executor):
         self._rest = 0
         self._velocity = 0
         self._tolerance = 0
-        self._was_clamped = False
         self._frozen = False
         """The speed of the moment STW1.5 fell stays, without DSC."""
         self._limit = LimitWatch()
@@ -122,8 +122,9 @@ class DscExecutor(Executor):
         demand, position = self.demand, self.feedback.position_actual
         if self._is_out_of_date(dsc):
             self._ramp()
-            self.outputs.warned = _GAIN
+            self.outputs.warn(FaultNumber.DSC_OUT_OF_DATE, "DSC stops the axis: no new setpoint for too long")
             return Reason.DSC_OUT_OF_DATE
+        self.outputs.end_warnings(_OUT_OF_DATE)
         if demand.speed_wish is _FREEZE:
             self._freeze(dsc)
             return Reason.SETPOINT_DISABLED
@@ -182,10 +183,11 @@ class DscExecutor(Executor):
         return Reason.STOPPED_AT_LIMIT
 
     def _warn(self, dsc: Dsc, *, clamped: bool) -> None:
-        if clamped and not self._was_clamped:
+        if clamped:
             text = f"KPC is limited to {dsc.gain_limit / 1000:.1f} 1/s (dead time {dsc.dead_time_ns / MS:.1f} ms)"
-            self.outputs.found.append((FaultNumber.DSC_GAIN, text))
-        self._was_clamped, self.outputs.warned = clamped, _GAIN if clamped else 0
+            self.outputs.warn(FaultNumber.DSC_GAIN, text)
+        else:
+            self.outputs.end_warnings(_GAIN)
 
     def _travel(self, velocity: int) -> None:
         """The setpoint of one cycle further on at a speed, without losing fractions."""
@@ -217,4 +219,4 @@ class DscExecutor(Executor):
         command.target_position = feedback.position_actual
         self._velocity = feedback.velocity_actual
         self._rest = 0
-        self._was_clamped, self.outputs.warned = False, 0
+        self.outputs.warned = 0

@@ -150,3 +150,31 @@ class OperationWatch:
         if limit is Limit.ENTER:
             return now - self._since > self._enter
         return limit is Limit.LEAVE and now - self._since > self._leave
+
+
+class HaltWatch:
+    """One axis: whether the speed falls while Halt (CW.8) is commanded in operation, else the drive gets Quick Stop.
+
+    The deceleration may be the PLC's and slow, and a jerk limit may let the speed rise at first: the speed must only fall at all.
+    """
+
+    def __init__(self, reaction_ns: int, stop_time_ns: int) -> None:
+        self._time = reaction_ns + RAMP_MARGIN * stop_time_ns
+        self._began = self._since = -1
+        """When Halt was commanded and when the speed fell last, monotonic ns; -1 while nothing must stop."""
+        self._speed = 0
+        """The speed that it must fall below."""
+
+    def step(self, halts: bool, velocity: int, window: int, now: int) -> bool:
+        """One cycle; True if the drive ignores Halt."""
+        speed = abs(velocity)
+        if not halts or speed <= window:
+            self._began, self._since, self._speed = -1, -1, 0
+            return False
+        if self._began < 0:
+            self._began = now
+        if now - self._began <= self._time:
+            self._speed, self._since = max(speed, self._speed), now
+        elif speed < self._speed:
+            self._speed, self._since = speed, now
+        return now - self._since > self._time

@@ -15,7 +15,7 @@ from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.dsc import DscChoices, DscForm, dead_time_ns, highest_gain, longest_hold_ns
-from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 from tests.support.axis.rig import Rig
 from tests.support.drives.drive_types import References, described, engel
 
@@ -184,7 +184,8 @@ def test_outdated_position_error_stops_the_axis_before_the_watchdog(form: DscFor
     rig.silent(HELD_CYCLES + 1)
     assert rig.stepper.reason is Reason.DSC_OUT_OF_DATE
     rig.silent(30)
-    assert rig.actuals["ZSW1"] & 0x0080, "told as a warning"
+    assert rig.actuals["ZSW1"] & 0x0080, "a warning"
+    assert rig.stepper.machine.outputs.warned == warning_bits(FaultNumber.DSC_OUT_OF_DATE), "not that of the gain"
     stopped = rig.feedback.position_actual
     rig.silent(200)
     assert abs(rig.feedback.position_actual - stopped) <= 1

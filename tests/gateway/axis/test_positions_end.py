@@ -240,3 +240,26 @@ def test_edge_of_homing_in_the_cycle_in_which_a_waiting_task_starts_has_a_reason
     hand(ON | ACTIVATE)
     hand(ON | ACTIVATE | HOMING)
     assert hand.stepper.reason is Reason.FUNCTION_RUNS
+
+
+@pytest.mark.parametrize("name", MAKES)
+def test_drive_that_ignores_halt_gets_quick_stop(name: str) -> None:
+    hand = running(name, stop_time_ns=500_000_000)
+    words = [hand(ON & ~INTERMEDIATE | ACTIVATE) for _ in range(800)]
+    first = next(at for at, word in enumerate(words) if not word & 0b100)
+    assert words[1] & HALT
+    assert 700 <= first <= 720, "2 x (0.4 s + 2 x 0.5 s) in cycles of 4 ms"
+    assert all(not word & 0b100 for word in words[first:]), "and until it is off"
+    assert FaultNumber.STOP_IGNORED in [event.number for event in hand.stepper.events]
+
+
+@pytest.mark.parametrize("name", MAKES)
+def test_slow_ramp_after_halt_is_no_fault(name: str) -> None:
+    """The deceleration is the PLC's choice: 1/3000 of the speed in each cycle, after a jerk limit that lets it rise."""
+    hand = running(name, stop_time_ns=500_000_000)
+    speed = hand.feedback.velocity_actual * 1000
+    for cycle in range(6000):
+        speed = speed * 1001 // 1000 if cycle < 300 else speed * 2999 // 3000
+        hand.feedback.velocity_actual = speed // 1000 + cycle % 3
+        assert hand(ON & ~INTERMEDIATE | ACTIVATE) & 0b100
+    assert not hand.stepper.events

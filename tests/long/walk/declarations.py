@@ -36,7 +36,7 @@ from pdgw.gateway.axis.executors.raw import RawExecutor
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Interlock
 from pdgw.gateway.axis.supervision.drive_events import Acknowledgement, DriveWatch, NodeWatch, Repetitions
-from pdgw.gateway.axis.supervision.stop_supervision import OperationWatch, StopWatch
+from pdgw.gateway.axis.supervision.stop_supervision import HaltWatch, OperationWatch, StopWatch
 from pdgw.gateway.axis.supervision.velocity_check import _COMPARE_NS, _OVERSPEED_NS, SAMPLE_NS, VelocityCheck
 from pdgw.gateway.axis.values import Inputs, Outputs
 from pdgw.gateway.motion.chain import BlockChain
@@ -109,6 +109,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
             "_braked": item._reaction,
         },
     },
+    HaltWatch: {"INSTANTS": lambda item: {"_began": item._time + 1, "_since": item._time + 1}},
     OperationWatch: {"INSTANTS": lambda item: {"_since": max(item._enter, item._leave) + 1}},
     VelocityCheck: {
         "INSTANTS": {
