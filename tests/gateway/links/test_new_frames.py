@@ -200,7 +200,9 @@ class Site:
 
 PHASES = st.lists(
     st.tuples(
-        st.sampled_from(["run", "silent", "plc restarts", "plc moves", "gateway restarts", "other layout"]),
+        st.sampled_from(
+            ["run", "silent", "plc restarts", "plc restarts at once", "plc moves", "gateway restarts", "other layout"]
+        ),
         st.integers(1, 100),
     ),
     min_size=1,
@@ -235,6 +237,8 @@ def test_no_frame_that_counts_is_older_than_the_limit_or_than_the_one_before(
         site.silent = what == "silent"
         if what == "plc restarts":
             site.restart_plc(site.address)
+        elif what == "plc restarts at once":
+            site.start_plc()
         elif what == "plc moves":
             site.restart_plc(SECOND_PLC if site.address == PLC else PLC)
         elif what == "gateway restarts":

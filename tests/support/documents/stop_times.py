@@ -1,10 +1,12 @@
-"""Longest time from a stop in the PLC, and from its death, to the Controlword on a full CAN bus, over UDP in virtual time."""
+"""Longest time from a stop in the PLC, and from its death, to the Controlword on a full CAN bus, in virtual time."""
 
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from random import Random
 
@@ -17,6 +19,9 @@ from pdgw.peers.world import World
 from pdgw.peers.world.can_bus import Member
 from pdgw.profidrive.telegrams import telegram
 from tests.support.gateways.daemon import OFF, ON, axis, configuration
+from tests.support.gateways.profinet_daemon import Plant
+from tests.support.wire.ethernet import FakeEthernet
+from tests.support.wire.profinet import PLC_MAC
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "safety.md"
 _TABLE = re.compile(r"(?<=<!-- stop times -->\n\n).*?(?=\n<!-- end -->)", re.DOTALL)
@@ -39,6 +44,7 @@ LINKS = (
     Link("loopback, or `direct = true`", f'listen = "192.168.0.5"\npeer = "{_PLC}"\ndirect = true'),
     Link("routed, no delay", f'listen = "192.168.0.5"\npeer = "{_PLC}"'),
     Link("routed, delay 1/3 of the age limit each way", f'listen = "192.168.0.5"\npeer = "{_PLC}"', 1 / 3),
+    Link("PROFINET", 'type = "profinet"\ninterface = "eth1"\nstation_name = "press-1"'),
 )
 
 
@@ -66,7 +72,7 @@ class Row:
         return self.delay_ns + 5 * self.cycle_ms * MS + MS
 
 
-class Site:
+class Site(ABC):
     """A gateway with turning axes on a full bus, and the stops that it sends."""
 
     def __init__(self, link: Link, cycle_ms: int) -> None:
@@ -77,36 +83,33 @@ class Site:
         config = configuration("".join(axis(number + 1) for number in range(self.axes)), can=can, transport=transport)
         self.world = World(link.name)
         self.world.simulate(config)
-        self.daemon = build_gateway(config, self.world)
         self.loop = self.world.loop
+        self.port = FakeEthernet(self.loop)
+        self.daemon = build_gateway(config, self.world, self.port)
         self.world.network.conditions.delay_ns += Row(link, cycle_ms, 0, 0).delay_ns
         self.stops: dict[int, int] = {}
         """Time of the first stop by COB-ID."""
         self.world.bus("full").taps.append(self._note)
         self.last_scan = 0
-        self.start_plc()
         self.daemon.start()
+        self.start_plc()
 
+    @abstractmethod
     def start_plc(self) -> None:
-        port = self.world.network.open(_PLC, 0, "PLC")
-        self.plc = CyclingPlc(self.loop, port, self.daemon.address, [telegram(1)] * self.axes, self.daemon.cycle_ns)
-        self.plc.before_frame.append(self._scan)
-        self.plc.start()
+        """Start a PLC, or start it again."""
 
-    def _scan(self, now: int) -> None:
-        if not self.plc.silent:
-            self.last_scan = now
-        for number in range(self.axes):
-            self.plc.set({"NSOLL_A": 0x1000 + self.chance.randrange(0x100)}, number)
+    @abstractmethod
+    def fall_silent(self) -> None:
+        """The PLC dies."""
+
+    @abstractmethod
+    def command(self, word: int) -> None:
+        """STW1 of all axes from now on."""
 
     def _note(self, now: int, sender: Member, can_id: int, data: bytes) -> None:
         word = int.from_bytes(data[-2:], "little")
         if sender.name == "gateway" and 0x200 < can_id < 0x280 and any(command.matches(word) for command in _STOPS):
             self.stops.setdefault(can_id, now)
-
-    def command(self, word: int) -> None:
-        for number in range(self.axes):
-            self.plc.set({"STW1": word}, number)
 
     def turn(self) -> None:
         self.command(OFF)
@@ -132,9 +135,54 @@ class Site:
         return max(self.stops.values()) - since
 
 
+class UdpSite(Site):
+    """The PLC sends frames with the tick."""
+
+    def start_plc(self) -> None:
+        port = self.world.network.open(_PLC, 0, "PLC")
+        self.plc = CyclingPlc(self.loop, port, self.daemon.address, [telegram(1)] * self.axes, self.daemon.cycle_ns)
+        self.plc.before_frame.append(self._scan)
+        self.plc.start()
+
+    def _scan(self, now: int) -> None:
+        self.last_scan = now
+        for number in range(self.axes):
+            self.plc.set({"NSOLL_A": 0x1000 + self.chance.randrange(0x100)}, number)
+
+    def fall_silent(self) -> None:
+        self.plc.stop()
+
+    def command(self, word: int) -> None:
+        for number in range(self.axes):
+            self.plc.set({"STW1": word}, number)
+
+
+class ProfinetSite(Site):
+    """The PLC is an IO controller: its frames have the period of the cycle."""
+
+    @cached_property
+    def plant(self) -> Plant:
+        """The controller and its network."""
+        plant = Plant(self.daemon, self.port, self.world)
+        plant.plc.project = replace(plant.plc.project, reduction_ratio=self.daemon.cycle_ns // MS)
+        return plant
+
+    def start_plc(self) -> None:
+        self.plant.killed = False
+        self.plant.connect()
+
+    def fall_silent(self) -> None:
+        self.plant.killed = True
+        self.last_scan = max(time for time, frame in self.plant.frames if frame[6:12] == PLC_MAC)
+
+    def command(self, word: int) -> None:
+        for number in range(self.axes):
+            self.plant.set(number + 1, word, 0x1000 + self.chance.randrange(0x100))
+
+
 def measure(link: Link, cycle_ms: int, samples: int = 8) -> Row:
     """Stops, and half as many deaths, at several times of the cycle."""
-    site = Site(link, cycle_ms)
+    site = (ProfinetSite if link is LINKS[-1] else UdpSite)(link, cycle_ms)
     stops, deaths = [], []
     for _ in range(samples):
         site.turn()
@@ -142,10 +190,9 @@ def measure(link: Link, cycle_ms: int, samples: int = 8) -> Row:
         stops.append(site.stopped(site.loop.now()))
     for _ in range(samples // 2):
         site.turn()
-        site.plc.silent = True
+        site.fall_silent()
         deaths.append(site.stopped(site.last_scan))
         site.loop.run_for(SECOND)
-        site.plc.stop()
         site.start_plc()
     site.loop.close()
     return Row(link, cycle_ms, max(stops), max(deaths))
