@@ -11,12 +11,17 @@ import pytest
 
 from pdgw.client import dump
 from pdgw.client.dump import Dump
+from pdgw.durations import SECOND
 from pdgw.gateway import store
+from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration import config
 from pdgw.gateway.configuration.file import config_text, load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.store import ParameterStore
 from pdgw.gateway.trace import blocks
+from pdgw.peers.plc.exchange.cycling import CyclingPlc
+from pdgw.peers.world import World
+from pdgw.profidrive.telegrams import telegram
 from tests.formats.write import HERE
 from tests.support import cli
 
@@ -65,6 +70,24 @@ def test_the_parameter_store_is_read_whole_and_not_changed(release: Path) -> Non
     assert found.im1_function == "conveyor 3"
     assert (known.telegram, known.sign_of_life_tolerance, known.name) == (2, 5, "infeed")
     assert path.read_bytes() == before
+
+
+def test_a_gateway_with_these_files_exchanges_frames_of_the_stored_telegram(release: Path) -> None:
+    """P922 = 2 is stored, the file has telegram 1; both have frames with the tick."""
+    given = load_config(release / "gateway.toml")
+    loaded = given.model_copy(update={"store": release / "store.json"})
+    world = World()
+    world.simulate(loaded)
+    daemon = build_gateway(loaded, world)
+    daemon.start()
+    port = world.network.open("127.0.0.1", 0, "PLC")
+    plc = CyclingPlc(world.loop, port, daemon.address, [telegram(2)], daemon.cycle_ns)
+    plc.start()
+    world.loop.until(lambda: plc.value("ZSW1") is not None, "data exchange", 60 * SECOND)
+    assert plc.value("ZSW2") is not None
+    daemon.stop()
+    plc.stop()
+    world.loop.close()
 
 
 def test_the_dump_is_read(release: Path) -> None:
