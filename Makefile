@@ -115,10 +115,10 @@ compiled: $(STAMP)
 	PDGW_COMPILED=$(if $(filter %/soak,$(BUILD)),soak,1) $(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps -w build/wheel .
 	$(BIN)/python -m zipfile -e build/wheel/*.whl $(BUILD)
 
-$(STAMP): pyproject.toml constraints.txt gateway/links/profinet/engine.c
+$(STAMP): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; v < (3, 11) and sys.exit("needs Python 3.11 or newer, this is %d.%d" % v)'
 	$(PYTHON) -m venv $(VENV)
-	PDGW_NATIVE=1 $(INSTALL) -e '.[plot,web,mqtt,dev]'
+	$(INSTALL) -e '.[plot,web,mqtt,dev]'
 	@# As an installation that is not editable does: every start is quicker by what compiling took.
 	$(BIN)/python -m compileall -q $(ROOMS) pdgw
 	@# mypy does not know setuptools' mapping of the rooms to one package: the same tree, as links.

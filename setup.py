@@ -1,6 +1,5 @@
-"""The optional parts of the build: ``PDGW_COMPILED=1`` compiles the cyclic path by mypyc, and the native engine.
+"""The optional part of the build: ``PDGW_COMPILED=1`` compiles the cyclic path by mypyc.
 
-``PDGW_NATIVE=1`` compiles the engine alone (Linux): one module for every Python from 3.11 on, left out without a compiler.
 Everything else is declared in pyproject.toml. The compiled modules are the same typed sources, which stay in the wheel; without
 them it is complete too.
 """
@@ -18,7 +17,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from setuptools import Extension, setup
+from setuptools import setup
 
 COMPILED = (
     "ds301/bus/can_frame.py",
@@ -93,14 +92,6 @@ HEADERS = Path("build/c/pdgw")
 BUILD = os.environ.get("PDGW_COMPILED")
 WANTED = BUILD in {"1", "soak"}
 PATTERNS = COMPILED + SOAK if BUILD == "soak" else COMPILED
-NATIVE = sys.platform == "linux" and (WANTED or os.environ.get("PDGW_NATIVE") == "1")
-ENGINE = Extension(
-    "pdgw.gateway.links.profinet.engine",
-    ["gateway/links/profinet/engine.c"],
-    extra_compile_args=["-std=gnu11", "-Wall", "-Wextra", "-g0"],
-    py_limited_api=True,
-    optional=True,
-)
 
 
 def section(override: dict[str, Any]) -> str:
@@ -142,6 +133,5 @@ def extensions() -> list[Any]:
 
 setup(
     setup_requires=["mypy>=1.13"] if WANTED else [],
-    ext_modules=[*(extensions() if WANTED else []), *([ENGINE] if NATIVE else [])],
-    options={"bdist_wheel": {"py_limited_api": "cp311"}} if NATIVE and not WANTED else {},
+    ext_modules=extensions() if WANTED else [],
 )

@@ -197,8 +197,7 @@ class Daemon:
             from pdgw.gateway.links.profinet.link import ProfinetLink  # noqa: PLC0415
 
             interface = transport.interface or ""
-            native = self.config.realtime.native
-            port = RawEthernet(self.loop, interface, use_engine=native) if ethernet is None else ethernet
+            port = RawEthernet(self.loop, interface) if ethernet is None else ethernet
             opened.callback(port.close)
             self.address = (interface, 0)
             return lambda: ProfinetLink(port, self.config, self.store, self.loop, self.objects)

@@ -58,6 +58,7 @@ REMOVED: Final = MappingProxyType(
         "encoder.sdo_interval_ms": _SDO_INTERVAL,
         "realtime.cpu": "0.9.0: set CPUAffinity= in the systemd unit (realtime.conf), or start the gateway with taskset",
         "realtime.lock_memory": "0.9.0: set MemorySwapMax=0 in the systemd unit (realtime.conf), or switch the swap off",
+        "realtime.native": "0.9.0: Python exchanges the frames with less CPU; delete the key",
         "trace.keep_before_s": _KEEP,
         "trace.keep_after_s": _KEEP,
         "trace.keep_files": _KEEP,

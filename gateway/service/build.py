@@ -1,4 +1,4 @@
-"""Which build of the package runs: its version, whether its cyclic path is compiled, the native engine, and the interpreter.
+"""Which build of the package runs: its version, whether its cyclic path is compiled, and the interpreter.
 
 A pure build takes about twice the time of a compiled one for a cycle, so each log, status and measurement says which it was.
 """
@@ -16,18 +16,12 @@ _HOT: Final = "pdgw.gateway.links.cyclic"
 """A module that every compiled build has compiled."""
 COMPILED: Final = "compiled"
 PURE: Final = "pure Python"
-_ENGINE: Final = "pdgw.gateway.links.profinet.engine"
 
 
 def kind() -> str:
     """``compiled`` or ``pure Python``."""
     spec = find_spec(_HOT)
     return PURE if spec is None or (spec.origin or "").endswith(".py") else COMPILED
-
-
-def build() -> str:
-    """Such as ``compiled with native engine``: the engine is there, used or not (``[realtime] native``)."""
-    return kind() if find_spec(_ENGINE) is None else f"{kind()} with native engine"
 
 
 def interpreter() -> str:
@@ -38,4 +32,4 @@ def interpreter() -> str:
 
 def build_text() -> str:
     """Such as ``0.9.0, compiled, CPython 3.12.1, PGO``."""
-    return f"{__version__}, {build()}, {interpreter()}"
+    return f"{__version__}, {kind()}, {interpreter()}"

@@ -21,7 +21,7 @@ from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
 from pdgw.gateway.objects.happenings import around_the_last_stop
-from pdgw.gateway.service.build import build, interpreter
+from pdgw.gateway.service.build import interpreter, kind
 from pdgw.gateway.service.causes import CAUSE_KEYS, causes
 from pdgw.gateway.service.confirmed_units import units_text
 from pdgw.profidrive.signals import signal
@@ -186,7 +186,7 @@ def _head(daemon: Daemon) -> dict[str, Any]:
         "schema": SCHEMA,
         "name": daemon.name,
         "version": __version__,
-        "build": build(),
+        "build": kind(),
         "python": interpreter(),
         "simulated": any(item.simulate for item in config.objects),
         "time": clock_time(loop.wall()),

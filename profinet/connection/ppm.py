@@ -5,7 +5,7 @@ Source: IEC 61158-6-10 (PPM, RTC-PDU, APDU-Status). The frame is kept as one buf
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Final
 
 from pdgw.profidrive.frame import (
@@ -92,21 +92,6 @@ class Provider:
         if item is None or place not in self._proper:
             return None
         return self._start + item.offset, self._start + item.iops
-
-    @property
-    def statuses(self) -> Sequence[int]:
-        """Places of the IOPS of all submodules in ``frame``."""
-        return [self._start + item.iops for item in self._plan.data.values()]
-
-    def lend(self) -> None:
-        """Another sender sends the frame from now on: ``poll`` returns none."""
-        self.due = NEVER
-
-    def image(self, counter: int) -> bytearray:
-        """The present frame, for another sender; ``counter``: CycleCounter of the last sent frame."""
-        self.counter = counter
-        TRAILER.pack_into(self.frame, self.trailer, counter, self.data_status, 0)
-        return self.frame
 
     def iocs(self, place: Subslot) -> int | None:
         """The device's status of a submodule's output data; None where the frame has none."""

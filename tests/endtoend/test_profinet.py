@@ -18,7 +18,6 @@ from pdgw.decoder.frames.engine import Decoder, Packet
 from pdgw.decoder.frames.profinet.records import DcpRecord
 from pdgw.decoder.frames.records import CyclicRecord
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.links.profinet.native import is_built
 from pdgw.recording.recorder import CAPTURE
 from pdgw.tools.demo import namespaces
 from tests.support.cli import pdgw as in_process
@@ -159,23 +158,12 @@ def test_a_controller_finds_the_gateway_on_ethernet_and_moves_a_drive(tmp_path: 
 
 @pytest.mark.e2e
 def test_third_party_controller_turns_an_axis_with_the_gsdml_file(tmp_path: Path) -> None:
-    """profinet-py knows nothing of this package: modules and lengths are those of the file. Then again with the native engine."""
+    """profinet-py knows nothing of this package: modules and lengths are those of the file."""
     namespaces_or_skip()
     if not find_spec("construct"):
         pytest.skip("the extra controller is not installed")
-    turned_by_the_open_controller(tmp_path, "")
-    if not is_built():
-        pytest.skip("the native engine is not built; without it the axis turned")
-    log = turned_by_the_open_controller(tmp_path, "[realtime]\nnative = true\n")
-    assert "the native engine exchanges the cyclic frames" in log
-
-
-def turned_by_the_open_controller(tmp_path: Path, more: str) -> str:
-    """The gateway's log. ``more``: at the end of its configuration."""
     config = tmp_path / "gateway.toml"
-    config.write_text(
-        CONFIG.replace('station_name = "press-1"', 'station_name = "press-1"\nip = "192.168.0.2/24"') + more
-    )
+    config.write_text(CONFIG.replace('station_name = "press-1"', 'station_name = "press-1"\nip = "192.168.0.2/24"'))
     written = pdgw("map", str(config), "--gsdml", str(tmp_path))
     assert written.returncode == 0, written.stderr
     (gsdml,) = tmp_path.glob("GSDML-*.xml")

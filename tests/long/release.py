@@ -16,7 +16,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-_ENGINE = "pdgw/gateway/links/profinet/engine"
 
 
 class ReleaseError(Exception):
@@ -46,7 +45,7 @@ def check(wheel: Path, pure: Path, compiled: list[str]) -> None:
     if other := [name for name, data in sources.items() if files.get(name) != data]:
         raise ReleaseError(f"{wheel.name}: {other[0]} is not that of the commit, build the wheels again")
     libraries = {name.partition(".")[0]: data for name, data in files.items() if name.endswith(".so")}
-    wanted = [_ENGINE, *(f"pdgw/{module.removesuffix('.py')}" for module in compiled)]
+    wanted = [f"pdgw/{module.removesuffix('.py')}" for module in compiled]
     if missing := [name for name in wanted if name not in libraries]:
         raise ReleaseError(f"{wheel.name}: {missing[0]} is not compiled")
     own = [os.fsencode(path) for path in (Path.home(), ROOT, tempfile.gettempdir())]

@@ -8,7 +8,6 @@ import sys
 import sysconfig
 from collections.abc import Iterator
 from importlib.metadata import version
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -136,7 +135,6 @@ def test_version_is_that_of_the_installed_package_and_names_the_build() -> None:
     result = CliRunner().invoke(app, ["--version"])
     optimised = "PGO" if "--enable-optimizations" in sysconfig.get_config_var("CONFIG_ARGS") else "not PGO"
     build = "compiled" if cyclic.__file__.endswith(".so") else "pure Python"
-    build += " with native engine" if find_spec("pdgw.gateway.links.profinet.engine") else ""
     expected = (
         f"{version('profidrive-gateway')}, {build}, CPython {'.'.join(map(str, sys.version_info[:3]))}, {optimised}"
     )

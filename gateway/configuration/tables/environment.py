@@ -239,5 +239,3 @@ class RealtimeConfig(Section):
 
     priority: Annotated[Integer, Field(ge=0, le=99)] | None = None
     """Priority of SCHED_FIFO. 0: normal scheduling; None: 40 if the system permits it."""
-    native: Boolean = False
-    """PROFINET: the native engine exchanges the cyclic frames, where it was built."""

@@ -25,7 +25,6 @@ from pdgw.gateway.links.packet_filter import (
     Instruction,
     attach,
 )
-from pdgw.gateway.links.profinet import native
 from pdgw.gateway.links.profinet.ethtool import read_medium
 from pdgw.gateway.links.udp import Address
 from pdgw.profinet import ethernet
@@ -108,12 +107,6 @@ class EthernetPort(Protocol):
     def listen(self, *, on: bool) -> None:
         """Whether a real-time frame calls what ``start`` was given (the beginning), or only waits for ``receive``."""
 
-    def engine(self, table: native.Table) -> native.Engine | None:
-        """A native engine that has taken the real-time frames over until ``detach``; None: they stay here."""
-
-    def detach(self, engine: native.Engine) -> None:
-        """End it; real-time frames come here again."""
-
     def receive(self) -> bytes | None:
         """The next real-time frame."""
 
@@ -140,12 +133,11 @@ class EthernetPort(Protocol):
 
 
 class RawEthernet:
-    """An Ethernet interface of the machine; GatewayError if it cannot be opened. ``use_engine``: the native engine, if built."""
+    """An Ethernet interface of the machine; GatewayError if it cannot be opened."""
 
-    def __init__(self, loop: Loop, interface: str, *, use_engine: bool = False) -> None:
+    def __init__(self, loop: Loop, interface: str) -> None:
         self._loop = loop
         self._interface = interface
-        self._use_engine = use_engine
         self._sockets: list[socket.socket] = []
         self.errors = 0
         if not hasattr(socket, "AF_PACKET"):
@@ -229,30 +221,6 @@ class RawEthernet:
             self._loop.add_reader(self._real_time.fileno(), self._on_real_time, urgent=True)
         else:
             self._loop.remove_reader(self._real_time.fileno())
-
-    def engine(self, table: native.Table) -> native.Engine | None:
-        if not self._use_engine:
-            return None
-        engine = native.make(table)
-        if engine is None:
-            log.warning("[realtime] native = true: this installation has no native engine, Python exchanges the frames")
-            return None
-        try:
-            engine.start(self._real_time.fileno())
-        except OSError as error:
-            log.warning(
-                "[realtime] native = true: no thread (%s), Python exchanges the frames", error.strerror or error
-            )
-            return None
-        self.listen(on=False)
-        self._loop.add_reader(engine.fileno(), self._on_real_time, urgent=True)
-        return engine
-
-    def detach(self, engine: native.Engine) -> None:
-        self._loop.remove_reader(engine.fileno())
-        engine.stop()
-        if self._sockets:
-            self.listen(on=True)
 
     @property
     def descriptors(self) -> list[int]:

@@ -19,12 +19,11 @@ from pdgw.ds301.loop.loop import Loop, Mailbox, Task, Timer
 from pdgw.durations import MS
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.links.cyclic import IOPS_IS_BAD, PLC_STOPS
+from pdgw.gateway.links.cyclic import IOPS_IS_BAD, PLC_STOPS, control_mask
 from pdgw.gateway.links.link import FrameRecorder, silence
 from pdgw.gateway.links.profinet.diagnosis import Diagnosed, present_classes
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
 from pdgw.gateway.links.profinet.identity import profinet_model
-from pdgw.gateway.links.profinet.native import COUNTS, VERDICTS, Engine, order_mask, table_of
 from pdgw.gateway.links.profinet.pairing import LONGEST_NS, Pairing
 from pdgw.gateway.links.profinet.station import StationKeeper
 from pdgw.gateway.links.udp import Address
@@ -52,7 +51,6 @@ _WAITING = 64
 _DIAGNOSIS_NS: Final = 50 * MS
 _NOT_IN_FORCE: Final = -1
 """Instead of the orders of a frame that did not count: the next frame is a step of the axes."""
-_ORDERS_LOST: Final = "the gateway was held up, and orders waited for too long or were too many"
 _HELD_UP: Final = "the gateway was held up for longer than the watchdog time, and frames waited meanwhile"
 _SHORTEST_WATCHDOG: Final = 2
 """Cycles: the gateway reads in each cycle, at a time that varies."""
@@ -70,6 +68,18 @@ class _Places:
     def __init__(self, provider: Provider, objects: int) -> None:
         self.data = [provider.place((slot, TELEGRAM_SUBSLOT)) for slot in range(1, objects + 1)]
         self.good: list[bool | None] = [None] * objects
+
+
+def _order_mask(consumer: Consumer, telegrams: Sequence[Telegram]) -> int:
+    """The bits of a frame from its FrameID on that are orders: all but the cycle counter, setpoints and signs of life."""
+    mask = bytearray([0xFF]) * consumer.size
+    mask[consumer.trailer : consumer.trailer + 2] = bytes(2)
+    for index, telegram in enumerate(telegrams):
+        where = consumer.place((index + 1, TELEGRAM_SUBSLOT))
+        orders = control_mask(telegram.setpoints)
+        if where is not None and where[1] - where[0] == len(orders):
+            mask[where[0] : where[1]] = orders
+    return int.from_bytes(mask, "big")
 
 
 class ProfinetLink:
@@ -102,17 +112,6 @@ class ProfinetLink:
         """All bits of a frame that are orders, and the orders of the newest one."""
         self._pairing: Pairing | None = None
         """None: the relationship has two cycles or a long one, or there is none."""
-        self._engine: Engine | None = None
-        """Receives and sends the cyclic frames; None: Python does."""
-        self._lent: Provider | None = None
-        """Data that the engine sends."""
-        self._stepped = 0
-        """When the drive objects had made their last step."""
-        self._orders_lost = False
-        self.invalid = 0
-        """Input frames whose data the engine marked as BAD."""
-        self._held_up = False
-        """Whether this has happened, or no frame was sent, since the last check."""
         self._exchange: Callable[[], None] = lambda: None
         self._closed = False
         self._answering = False
@@ -170,30 +169,9 @@ class ProfinetLink:
         add("errors", "frames", "send or receive failed", lambda: self.port.errors)
         add("sent", "frames", "cyclic frames to the controller", lambda: device.cm.cyclic.sent)
         add("missed", "frames", "cyclic frames not sent in their cycle", lambda: device.cm.cyclic.missed)
-        add("invalid", "frames", "sent with BAD data: the gateway was held up", lambda: self.invalid)
 
     def _count_of(self, verdict: Verdict) -> int:
         return self.device.cm.cyclic.received[verdict]
-
-    def _count(self) -> None:
-        """Count the engine's frames as if Python had received and sent them."""
-        if self._engine is None:
-            return
-        counts = dict(zip(COUNTS, self._engine.counts(), strict=True))
-        cyclic, octets = self.device.cm.cyclic, self.device.cm.records.octets
-        for verdict in VERDICTS:
-            cyclic.received[verdict] += counts[verdict]
-        cyclic.sent += counts["sent"]
-        cyclic.missed += counts["missed"] + counts["withheld"]
-        octets[0] += counts["octets in"]
-        octets[1] += counts["octets out"]
-        self.device.foreign += counts["foreign"]
-        self.port.errors += counts["errors"] + counts["dropped"]
-        held_up = counts["invalid"] + counts["withheld"]
-        if held_up and not self._held_up:
-            log.error("the gateway was held up: %d input frames with BAD data or not sent", held_up)
-        self._held_up = held_up > 0
-        self.invalid += counts["invalid"]
 
     def serve_records(self, records_of: Callable[[str], RecordHandler]) -> None:
         """Set the handler of parameter access and I&M for each requesting host."""
@@ -230,8 +208,6 @@ class ProfinetLink:
     def receive(self, now: int, at_most: int = _AT_ONCE) -> bool:
         device = self.device
         held_up, self._read_at = now - self._read_at > self._held_up_ns, now
-        if self._engine is not None:
-            return self._receive_of(self._engine, now)
         if held_up:
             self._discard_waiting()
         fresh = False
@@ -272,30 +248,6 @@ class ProfinetLink:
         self._ordered = int.from_bytes(consumer.payload, "big") & self._order_mask
         return self._ordered != before
 
-    def _receive_of(self, engine: Engine, now: int) -> bool:
-        """One frame: each with other orders is a step of the axes."""
-        device = self.device
-        taken = engine.take(now - self._held_up_ns)
-        if taken is None:
-            self.more = False
-            return False
-        frame, heard, lost = taken
-        self._orders_lost |= lost and self._receivable  # without a PLC there are no orders to lose
-        if heard >= 0 and self._consumer is not None:
-            self._consumer.counter = (
-                None  # the engine has compared it with all frames, also those that stay in the engine
-            )
-        fresh = bool(frame) and device.on_frame(frame, now if heard < 0 else heard)
-        if not device.quiet:
-            self._pump()
-        elif self._timer is not None and self._timer_due < now + self._limit_ns:
-            self._timer_due = device.next_deadline()  # the data hold time starts again: do not wake at its old end
-            self._timer.postpone(self._timer_due)
-        if fresh:
-            self._read_setpoints(now)
-        self.more = self._engine is engine and engine.more
-        return fresh
-
     def _read_setpoints(self, now: int) -> None:
         consumer, setpoints = self._consumer, self.setpoints
         if consumer is None:
@@ -322,15 +274,12 @@ class ProfinetLink:
             self.loss, self._untold = self._untold, ""
         elif consumer is None or consumer.data_ns is None:
             self.loss = self._end
-        elif self._orders_lost:
-            self.loss = _ORDERS_LOST
-            self.watchdog_expiries += 1
         else:
             if now - consumer.data_ns <= self._limit_ns:
                 return False
             self.loss = silence(self._config.transport.watchdog_factor)
             self.watchdog_expiries += 1
-        self._receivable = self._orders_lost = False
+        self._receivable = False
         self.lose_setpoints()
         return True
 
@@ -361,16 +310,8 @@ class ProfinetLink:
         if relation is not None and relation.provider is not None:
             # Filled from the Connect on: the data must be valid at ApplicationReady.
             self._fill(relation, relation.provider, actuals, good)
-        if self._engine is not None:
-            self._stepped = self._loop.now()
-            self._publish()
-        elif self._answering:
+        if self._answering:
             self._answering = not self._provide(self._loop.now())
-
-    def _publish(self) -> None:
-        """The engine sends the input frame as it is now."""
-        if self._engine is not None and self._lent is not None:
-            self._engine.publish(self._lent.image(self._engine.counter), self._stepped)
 
     def _fill(
         self,
@@ -424,7 +365,6 @@ class ProfinetLink:
         self._keeper.keep(field, text)
 
     def status(self) -> dict[str, object]:
-        self._count()
         relation = self.device.relation
         station = self.station
         return {
@@ -492,7 +432,7 @@ class ProfinetLink:
         while True:
             data, source = self._datagrams.get()
             try:
-                if self._engine is not None or (self._pairing is not None and self._pairing.together):
+                if self._pairing is not None and self._pairing.together:
                     self._exchange()  # the waiting frame arrived before this call
                 self.device.on_datagram(data, source, self._loop.now())
                 relation = self.device.relation
@@ -517,10 +457,6 @@ class ProfinetLink:
             if self._closed:
                 return
             pairing.taken(self._received_at, found=self._received_at != before)
-        elif self._engine is not None:
-            self._exchange()  # take the frames that have arrived before the hold time is checked
-            if self._closed:
-                return
         if self._timer is not None:
             self._timer.cancel()  # the exchange may have set another deadline
             self._timer = None
@@ -543,7 +479,6 @@ class ProfinetLink:
         self._send_waiting()
         for event in self.device.events():
             self._on_event(event)
-        self._publish()
         due = self.device.next_deadline()
         if self._timer is None or due < self._timer_due:
             if self._timer is not None:
@@ -584,11 +519,10 @@ class ProfinetLink:
                     if where is not None:
                         self._outputs.append((index, telegram.setpoints.struct.unpack_from, *where))
                 self._consumer = consumer
-                self._order_mask = int.from_bytes(order_mask(consumer, self._telegrams), "big")
+                self._order_mask = _order_mask(consumer, self._telegrams)
                 self._ordered = int.from_bytes(consumer.payload, "big") & self._order_mask
                 self._end = ""
-                engaged = self._engage(relation, consumer, provider)
-                if not engaged and consumer.cycle_ns == provider.cycle_ns <= LONGEST_NS:
+                if consumer.cycle_ns == provider.cycle_ns <= LONGEST_NS:
                     self._pairing = Pairing(self.port, provider)
                 transport = self._config.transport
                 self._limit_ns = transport.watchdog_factor * consumer.cycle_ns
@@ -614,26 +548,10 @@ class ProfinetLink:
             case _:
                 self._keeper.on_event(event, self.station.name)
 
-    def _engage(self, relation: ApplicationRelation, consumer: Consumer, provider: Provider) -> bool:
-        """Let the native engine exchange the frames; False where there is none."""
-        now = self._stepped = self._loop.now()
-        cycle_ns = int(self._config.transport.cycle_time_ms * MS)
-        table = table_of(relation, consumer, provider, self._telegrams, cycle_ns=cycle_ns, now=now)
-        engine = self.port.engine(table)
-        if engine is not None:
-            provider.lend()
-            self._engine, self._lent = engine, provider
-            log.info("the native engine exchanges the cyclic frames")
-        return engine is not None
-
     def _release(self) -> None:
         """Nothing is taken of the relationship any more."""
         self._outputs.clear()
         self._consumer = None
-        if self._engine is not None:
-            self.port.detach(self._engine)
-            self._count()
-            self._engine = self._lent = None
         if self._pairing is not None:
             self._pairing.end()
             self._pairing = None
@@ -641,7 +559,6 @@ class ProfinetLink:
     def _on_watch(self) -> None:
         """Report problems of the drive objects as diagnosis of their access points."""
         self._watch = self._loop.call_later(_DIAGNOSIS_NS, self._on_watch)
-        self._count()
         changed = False
         for index, item in enumerate(self._objects):
             present = present_classes(item)

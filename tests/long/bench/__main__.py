@@ -18,7 +18,7 @@ from importlib.metadata import version
 from rich.console import Console
 from rich.table import Table
 
-from pdgw.gateway.service.build import build, interpreter
+from pdgw.gateway.service.build import interpreter, kind
 from pdgw.tools.demo import namespaces
 from tests.long.bench import decoding, exchange, profinet, stops
 
@@ -48,7 +48,7 @@ def main() -> None:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
     if names == ["profinet"] and not namespaces.inside():
         namespaces.enter("tests.long.bench")
-    facts = (version("profidrive-gateway"), build(), interpreter(), platform.release(), platform.machine())
+    facts = (version("profidrive-gateway"), kind(), interpreter(), platform.release(), platform.machine())
     priority = "real-time" if chosen.realtime else "usual"
     today = datetime.now(UTC).date().isoformat()
     print(today, "pdgw", *facts, f"{os.cpu_count()} cores, {priority} priority", flush=True)

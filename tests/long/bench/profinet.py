@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from ipaddress import IPv4Interface
-from itertools import pairwise, product
+from itertools import pairwise
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -24,7 +24,6 @@ from pdgw.decoder.frames.engine import Decoder
 from pdgw.decoder.frames.records import CyclicRecord
 from pdgw.durations import MS
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.links.profinet.native import is_built
 from pdgw.peers.controller.controller import Phase
 from pdgw.peers.controller.plc import project_of
 from pdgw.peers.controller.running import RunningController
@@ -58,7 +57,6 @@ cycle_time_ms = {{cycle_ms}}
 
 [realtime]
 priority = 0
-native = {{native}}
 
 [[axis]]
 do_id = 1
@@ -76,11 +74,11 @@ class Cost(NamedTuple):
     cpu_share: float
 
 
-def measure(cycle_ms: float, seconds: float, *, native: bool) -> tuple[Cost, Cost]:
+def measure(cycle_ms: float, seconds: float) -> tuple[Cost, Cost]:
     """Gateway and floor, in a namespace of their own (``namespaces.enter``). GatewayError if the relationship ends early."""
     with tempfile.TemporaryDirectory() as folder, VethPair() as pair:
         capture, config = Path(folder) / "bench.pcapng", Path(folder) / "gateway.toml"
-        text = _CONFIG.format(cycle_ms=cycle_ms, native=str(native).lower())
+        text = _CONFIG.format(cycle_ms=cycle_ms)
         config.write_text(f'store = "{folder}/store.json"\n{text}', encoding="utf-8")
         plc = pair.command(sys.executable, "-m", "tests.long.bench.profinet", str(cycle_ms), str(seconds))
         # Run as a file: the modules that a process loads affect its figures.
@@ -114,14 +112,14 @@ def period(times: Sequence[int]) -> tuple[float, float, float]:
 
 
 def rows(seconds: float) -> Iterator[tuple[str, ...]]:
-    """The lines of the table: the gateway in Python, with the native engine if it was built, and the floor."""
-    for cycle_ms, native in product(_CYCLES_MS, (False, True) if is_built() else (False,)):
+    """The lines of the table: the gateway and the floor."""
+    for cycle_ms in _CYCLES_MS:
         try:
-            found = measure(cycle_ms, seconds, native=native)
+            found = measure(cycle_ms, seconds)
         except GatewayError as error:
             yield (f"{cycle_ms:g} ms", f"refused: {error}")
             continue
-        for name, cost in zip(("native" if native else "Python", "only sends"), found, strict=True):
+        for name, cost in zip(("gateway", "only sends"), found, strict=True):
             times = (f"{value:.3f} ms" for value in cost.period_ms)
             yield (f"{cycle_ms:g} ms", name, *times, str(cost.frames), f"{100 * cost.cpu_share:.1f} %")
 

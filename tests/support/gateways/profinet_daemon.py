@@ -23,7 +23,6 @@ from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.rpc.records import Operation
 from pdgw.profinet.station import Identity, Station
 from tests.support.gateways.daemon import until
-from tests.support.native import NativeEthernet
 from tests.support.readers import captures
 from tests.support.readers.tshark_frames import datagram
 from tests.support.wire.ethernet import FakeEthernet
@@ -155,13 +154,12 @@ def plant(
     config: GatewayConfig,
     *,
     data_hold: int = 100,
-    native: bool = False,
     before: Callable[[Daemon], object] = lambda daemon: None,
 ) -> Iterator[Plant]:
-    """A daemon whose nodes are online, not connected yet. ``native``: with the native engine."""
+    """A daemon whose nodes are online, not connected yet."""
     world = World()
     world.simulate(config)
-    port = NativeEthernet(world.loop) if native else FakeEthernet(world.loop)
+    port = FakeEthernet(world.loop)
     daemon = build_gateway(config, world, port)
     made = Plant(daemon, port, world, data_hold=data_hold)
     before(daemon)

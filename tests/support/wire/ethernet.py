@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 from pdgw.ds301.loop.loop import Loop
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.links.profinet.native import Engine, Table
 from pdgw.gateway.links.udp import Address
 from pdgw.profinet.rpc.dcerpc import ACYCLIC_PORT
 from pdgw.profinet.station import IpSuite, Medium
@@ -48,12 +47,6 @@ class FakeEthernet:
     def _told(self) -> None:
         if self.listening and self.real_time:
             self.on_real_time()
-
-    def engine(self, table: Table) -> Engine | None:
-        return None
-
-    def detach(self, engine: Engine) -> None:
-        raise AssertionError("none was given")
 
     def receive(self) -> bytes | None:
         return self.real_time.popleft() if self.real_time else None

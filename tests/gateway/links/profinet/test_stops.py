@@ -117,12 +117,9 @@ WAYS = [
 ]
 
 
-@pytest.mark.parametrize("native", [False, True], ids=["Python", "native"])
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)
-def test_the_drive_is_stopped_within_the_bound_and_stays_stopped(
-    tmp_path: Path, way: Callable[[Plant], None], native: bool
-) -> None:
-    with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=400, native=native) as site:
+def test_the_drive_is_stopped_within_the_bound_and_stays_stopped(tmp_path: Path, way: Callable[[Plant], None]) -> None:
+    with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=400) as site:
         model = drive_of(site.daemon).model
         site.connect()
         site.enable(1, SPEED)
@@ -162,16 +159,15 @@ def parameterise_at_once(site: Plant) -> None:
     plc._send_call(Operation.CONTROL, block.encode(), lambda *_: None, site.loop.now())
 
 
-@pytest.mark.parametrize("native", [False, True], ids=["Python", "native"])
 @pytest.mark.parametrize("eighths", range(8))
 @pytest.mark.parametrize("way", [restart, parameterise_at_once], ids=lambda way: way.__name__)
 def test_a_controller_that_is_back_before_the_next_step_of_the_axes_was_lost(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, way: Callable[[Plant], None], eighths: int, native: bool
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, way: Callable[[Plant], None], eighths: int
 ) -> None:
     """With a slow cycle it connects and sends ON between two steps: the axes must see the loss all the same."""
     cycle = 128
     config = configuration(axis(1), tmp_path / "store.json", transport=f"cycle_time_ms = {float(cycle)}")
-    with plant(config, data_hold=3, native=native) as site:
+    with plant(config, data_hold=3) as site:
         site.plc.project = replace(site.plc.project, reduction_ratio=cycle)
         site.connect()
         site.enable(1, SPEED)
@@ -202,12 +198,11 @@ LOSSES = {
 }
 
 
-@pytest.mark.parametrize("native", [False, True], ids=["Python", "native"])
 @pytest.mark.parametrize(("way", "reason"), LOSSES.items(), ids=[way.__name__ for way in LOSSES])
 def test_a_loss_of_the_plc_is_told_once_with_what_it_was(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, way: Callable[[Plant], None], reason: str, native: bool
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, way: Callable[[Plant], None], reason: str
 ) -> None:
-    with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=400, native=native) as site:
+    with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=400) as site:
         site.connect()
         site.enable(1, SPEED)
         caplog.clear()
@@ -227,9 +222,8 @@ class _SlowInputs(Project):
         return replace(block, reduction_ratio=512, data_hold=3) if kind is IocrType.INPUT else block
 
 
-@pytest.mark.parametrize("native", [False, True], ids=["Python", "native"])
-def test_silence_is_counted_in_cycles_of_the_output_data(tmp_path: Path, native: bool) -> None:
-    with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=400, native=native) as site:
+def test_silence_is_counted_in_cycles_of_the_output_data(tmp_path: Path) -> None:
+    with plant(configuration(axis(1), tmp_path / "store.json"), data_hold=400) as site:
         model = drive_of(site.daemon).model
         site.plc.project = _SlowInputs("press-1", site.plc.project.modules, data_hold=400)
         site.connect()
