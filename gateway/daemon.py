@@ -50,6 +50,8 @@ log = logging.getLogger("gateway")
 
 _SHUTDOWN_NS: Final = 5_000 * MS
 _OFF_CYCLES = 3
+_IDLE_NS: Final = 20 * MS
+"""Longest time between the steps of a gateway without a PLC."""
 """Number of consecutive cycles without power in any drive before the nodes are stopped."""
 
 
@@ -490,14 +492,26 @@ class Daemon:
         for producer in self.sync_producers.values():
             producer.send()
         self.watch.cycle(now, accepted, answered, link.age_ns if accepted else None)
-        self._deadline = now + (cycle + cycle // 2 if accepted else cycle)
-        if self._due is not None:
-            self._due.postpone(self._deadline)
+        if accepted:
+            self._deadline = now + cycle + cycle // 2
+        else:
+            self._deadline = now + (max(cycle, _IDLE_NS) if self._idles() else cycle)
+        due = self._due
+        if due is not None and self._deadline < due.when:  # the gateway was idle
+            due.cancel()
+            self._due = self.loop.call_at(self._deadline, self._on_due)
+        elif due is not None:
+            due.postpone(self._deadline)
         for network in self._buses:
             network.check_before(now + cycle)
         self.loop.pace(now + cycle)
         if self._stopping:
             self._await_power_off(now)
+
+    def _idles(self) -> bool:
+        """No PLC is connected, no drive has power, and none needs SYNC: a frame of the PLC is a cycle at once."""
+        busy = self.link.connected or self._stopping or self.sync_producers
+        return not busy and not any(item.may_have_power for item in self.objects)
 
     def _await_power_off(self, now: int) -> None:
         powered = any(item.may_have_power for item in self.objects)

@@ -7,8 +7,6 @@ import errno
 import select
 from typing import Final, Protocol
 
-from pdgw.durations import MS_PER_SECOND
-
 READABLE: Final = 0x001
 WRITABLE: Final = 0x004
 """Bits in the state of a ready descriptor. Any other bit (error, end of the peer) is reported to the reader."""
@@ -59,8 +57,7 @@ class SelectReadiness(Readiness):
 class EpollReadiness(Readiness):
     """Readiness by Linux's ``epoll``, whose cost does not grow with the number of buses.
 
-    It waits for whole milliseconds and uses ``select`` on it for the rest in microseconds: one call if a frame arrives
-    earlier.
+    ``epoll`` itself waits for whole milliseconds, so ``select`` waits for it in microseconds: one wake for each time.
     """
 
     def __init__(self) -> None:
@@ -83,10 +80,6 @@ class EpollReadiness(Readiness):
             self._epoll.register(descriptor, mask)
 
     def wait(self, seconds: float) -> list[tuple[int, int]]:
-        milliseconds = int(seconds * MS_PER_SECOND)
-        if milliseconds:
-            # Python rounds up to the next millisecond.
-            return self._epoll.poll((milliseconds - 0.5) / MS_PER_SECOND, _AT_ONCE)
         if seconds and not select.select(self._self, (), (), seconds)[0]:
             return []
         return self._epoll.poll(0, _AT_ONCE)

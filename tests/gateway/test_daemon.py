@@ -33,7 +33,18 @@ from pdgw.gateway.service.status_client import fetch, fetch_faults
 from pdgw.peers.world import World
 from tests.support.buses import PATIENCE_S, wait_for
 from tests.support.gateways import machine
-from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, drive_of, running, until, world_of
+from tests.support.gateways.daemon import (
+    OFF,
+    ON,
+    Plc,
+    axis,
+    configuration,
+    drive_of,
+    exchanging,
+    running,
+    until,
+    world_of,
+)
 from tests.support.gateways.socket_plc import SocketPlc
 from tests.support.processes import free_tcp_port
 
@@ -128,6 +139,31 @@ def test_a_silent_plc_can_watch_the_axis_stop_and_a_standing_on_does_not_restart
             plc.exchange()
         assert plc.state() == 0x40
         plc.enable()
+
+
+def test_a_gateway_without_a_plc_steps_every_20_ms_until_a_drive_has_power() -> None:
+    """A drive that another master enables, and a PLC, have every cycle at once."""
+    with running(configuration(axis(1), transport="cycle_time_ms = 4")) as daemon:
+        until(daemon, lambda: daemon.axes[0].good, "online")
+        loop = world_of(daemon).loop
+
+        def steps() -> int:
+            before = daemon.cycles
+            loop.run_for(SECOND)
+            return daemon.cycles - before
+
+        assert steps() == 50
+        plc = Plc(daemon, [1])
+        with exchanging(plc):
+            plc.endpoint.set(0, {"STW1": OFF})
+            until(daemon, lambda: plc.state() == 0x01, "ready")
+            assert steps() == 250
+            plc.endpoint.set(0, {"STW1": ON, "NSOLL_A": 0x1000})
+            until(daemon, lambda: plc.value("NIST_A") == 0x1000, "750 rpm")
+        before = daemon.cycles
+        until(daemon, lambda: not daemon.axes[0].may_have_power, "the end of the stop")
+        assert daemon.cycles - before > 20, "without the PLC, each cycle of the stop"
+        assert steps() == pytest.approx(50, abs=1)
 
 
 def test_another_controller_takes_over_only_after_the_loss_of_the_first() -> None:

@@ -22,7 +22,7 @@ from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import Values
 from pdgw.profinet.rpc import identification
 from tests.support.cli import pdgw
-from tests.support.gateways.daemon import axis, configuration, reached, serving
+from tests.support.gateways.daemon import axis, configuration, reached, serving, until
 
 
 @pytest.mark.parametrize(
@@ -76,6 +76,7 @@ def test_values_that_do_not_fit_are_reported(text: str, type_name: str) -> None:
 def server() -> Iterator[tuple[str, int]]:
     """Where a gateway with one simulated axis listens."""
     with serving(configuration(axis(1))) as (daemon, client), reached(daemon):
+        until(daemon, lambda: daemon.axes[0].good, "online")
         yield client.address
 
 

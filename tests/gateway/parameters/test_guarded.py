@@ -219,7 +219,8 @@ def test_a_drive_whose_guarded_objects_are_being_written_is_not_there_for_the_cy
 def test_reason_of_a_device_that_is_checked_after_a_write_names_the_write(
     index: int, subindex: int, data_type: DataType, value: int, evidence: str
 ) -> None:
-    with serving(configuration(axis(1)), 1) as (daemon, client):
+    can = '[can]\ninterface = "virtual"\nchannel = "slow"\nbitrate = 100_000\n'
+    with serving(configuration(axis(1), can=can), 1) as (daemon, client):
         item = daemon.axes[0]
         until(daemon, lambda: item.good, "online")
         item.happenings.clear()
