@@ -159,9 +159,18 @@ class Command(enum.Enum):
         return controlword & self.mask == self.word
 
 
+_ENABLE_MASK: Final[int] = Command.ENABLE_OPERATION.mask
+_ENABLE: Final[int] = Command.ENABLE_OPERATION.word
+
+
+def enables(controlword: int) -> bool:
+    """Whether a Controlword is Enable Operation; the same as ``matches`` without reading an enum in every cycle."""
+    return controlword & _ENABLE_MASK == _ENABLE
+
+
 def operates(controlword: int) -> bool:
     """Whether a Controlword lets a drive move: Enable Operation without Halt."""
-    return Command.ENABLE_OPERATION.matches(controlword) and not controlword & ControlBit.HALT
+    return enables(controlword) and not controlword & ControlBit.HALT
 
 
 @dataclass(frozen=True, slots=True)

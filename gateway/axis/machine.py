@@ -12,7 +12,7 @@ from typing import Final
 from pdgw.ds301.errors import CanopenError
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.drive_type import DriveType, Quantity
-from pdgw.dsp402.states import STATE_OF_STATUS, UNPOWERED, Command, ControlBit, StatusBit
+from pdgw.dsp402.states import STATE_OF_STATUS, UNPOWERED, ControlBit, StatusBit, enables
 from pdgw.gateway.axis.adapters.base import POWER_BITS, WISHES
 from pdgw.gateway.axis.adapters.transparent import ACTUAL_ATTRIBUTES, SETPOINT_ATTRIBUTES
 from pdgw.gateway.axis.demand_report import (
@@ -230,7 +230,7 @@ class AxisMachine:
                 report.flags = statusword & interlock.cell.visible | SHOWN_FAULT
         else:
             off = STATE_OF_STATUS[statusword & STATE_MASK] in UNPOWERED
-            powered = not off or Command.ENABLE_OPERATION.matches(commanded)  # which the Statusword may not show yet
+            powered = not off or enables(commanded)  # which the Statusword may not show yet
             condition = _POWERED_UNREAD if powered else _NO_REFERENCES
             interlock.step(wish, demand.acknowledge, condition, statusword, False, now)
             drive_reason = _UNITS_CONTRADICTED if self.check.locked else interlock.reason
@@ -254,7 +254,7 @@ class AxisMachine:
             self._drive.changed(shown, statusword, commanded, reason, now)
             if drive_ok:
                 outputs.known_off = STATE_OF_STATUS[statusword & STATE_MASK] in UNPOWERED
-            elif Command.ENABLE_OPERATION.matches(commanded):
+            elif enables(commanded):
                 outputs.known_off = False  # it may have received Enable Operation and not shown it
         if self._drive.fault_since:
             self._drive.step(self._node, now)

@@ -18,7 +18,7 @@ from pdgw.dsp402.drive.client import DriveClient, DriveStatus
 from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp402.indices import ABORT_OPTION
 from pdgw.dsp402.objects import CONTROLWORD, DRIVE_OBJECTS, ERROR_CODE, HOMING_METHOD, MAX_TORQUE, MODE
-from pdgw.dsp402.states import Command, StatusBit, operates, state_of
+from pdgw.dsp402.states import StatusBit, enables, operates, state_of
 from pdgw.dsp402.units.scaling import SCALING_OBJECTS
 from pdgw.durations import MS
 from pdgw.gateway.axis.demand_report import SHOWN_FAULT
@@ -199,7 +199,7 @@ class Axis(DriveObject):
     def powered(self) -> bool:
         """The power stage may be on: the Statusword shows it, or operation is commanded and not shown yet."""
         return self.drive.status is DriveStatus.ONLINE and (
-            state_of(self.drive.feedback.statusword) in POWERED or Command.ENABLE_OPERATION.matches(self._word)
+            state_of(self.drive.feedback.statusword) in POWERED or enables(self._word)
         )
 
     @property
