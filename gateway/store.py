@@ -20,9 +20,12 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from pdgw.dsp402.drive.own_values import OwnValues
+from pdgw.files import read_file
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.format_version import at_most, problem
 
+_STORE_MAX = 16 << 20
+"""Bytes; the values of an axis take some kilobytes."""
 FORMAT_VERSION = 1
 
 
@@ -175,7 +178,7 @@ class ParameterStore:
 
     def _load(self, path: Path) -> DeviceParameters:
         try:
-            content = path.read_text(encoding="utf-8")
+            content = read_file(path, _STORE_MAX).decode()
         except FileNotFoundError:
             return DeviceParameters()
         except UnicodeDecodeError:
@@ -194,7 +197,7 @@ class ParameterStore:
                 raise GatewayError(f"parameter store {path}: {text}")
             self._remove_positioner(path, values)
             return DeviceParameters.model_validate_json(json.dumps(values))
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             detail = (
                 f"{error.error_count()} bad values" if isinstance(error, ValidationError) else "not a parameter file"
             )

@@ -43,7 +43,7 @@ _COMMAND_LINE = (
     "tools.commissioning tools.demo tools.output tools.plc tools.service"
 )
 """What commands of ``pdgw`` have in common, and what they are made of."""
-FOR_ALL = {"explain", "extras", "durations", "errors", "phrases"}
+FOR_ALL = {"explain", "extras", "durations", "errors", "files", "phrases"}
 """Modules of ``pdgw`` that every package may import."""
 ROWS = {
     "profidrive": "",

@@ -25,6 +25,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
+from pdgw.files import read_file
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.tables.defaults import STATUS_PORT
 from pdgw.gateway.configuration.tables.web import MqttConfig
@@ -34,6 +35,7 @@ from pdgw.web.status.feed import Document
 from pdgw.web.status.watch import Watch, log
 
 _QOS = 1
+_PASSWORD_MAX = 4096
 _KEEP_ALIVE_S = 15
 _RECONNECT_MAX_S = 30
 MESSAGE_MAX = 64 * 1024
@@ -74,7 +76,7 @@ def made_client(config: MqttConfig, client_id: str) -> Client:
         password = None
         if config.password_file is not None:
             try:
-                password = config.password_file.read_text(encoding="utf-8").strip()
+                password = read_file(config.password_file, _PASSWORD_MAX).decode().strip()
             except (OSError, UnicodeDecodeError) as error:
                 raise GatewayError(f"[mqtt] password_file {config.password_file}: cannot be read ({error})") from error
         client.username_pw_set(config.username, password)

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from pdgw.explain import Location, Problem, problems
+from pdgw.files import read_file
 from pdgw.gateway.errors import GatewayError
 
 Root = TypeVar("Root", bound=BaseModel)
@@ -30,11 +31,7 @@ _ARRAY_AND_TABLE = re.compile(r"Cannot (?:overwrite a value|mutate immutable nam
 def read_text(path: Path) -> str:
     """The text of a file, UTF-8 with or without byte order mark; GatewayError when it cannot be read."""
     try:
-        with path.open("rb") as file:
-            data = file.read(FILE_MAX + 1)
-        if len(data) > FILE_MAX:
-            raise GatewayError(f"{path}: longer than {FILE_MAX} bytes; check that it is the right file")
-        return data.decode("utf-8-sig")
+        return read_file(path, FILE_MAX).decode("utf-8-sig")
     except OSError as error:
         raise GatewayError(f"{path}: cannot be read ({error.strerror or error})") from error
     except UnicodeDecodeError as error:

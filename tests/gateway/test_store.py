@@ -121,6 +121,25 @@ def test_arbitrary_files_never_raise(tmp_path_factory: pytest.TempPathFactory, t
     assert len(reports) == 1
 
 
+@pytest.mark.parametrize("place", ["fifo", "directory", "device"])
+def test_a_store_that_is_no_file_is_rejected_at_once(tmp_path: Path, place: str) -> None:
+    path = Path("/dev/zero") if place == "device" else tmp_path / "store.json"
+    if place == "fifo":
+        os.mkfifo(path)
+    elif place == "directory":
+        path.mkdir()
+    with pytest.raises(GatewayError, match=r"cannot be read: a (pipe or a device|directory), expected a file"):
+        ParameterStore(path, print)
+
+
+def test_a_store_of_brackets_is_set_aside(tmp_path: Path) -> None:
+    path = tmp_path / "store.json"
+    path.write_text("[" * 100_000)
+    reports: list[str] = []
+    assert ParameterStore(path, reports.append).parameters == DeviceParameters()
+    assert "not a parameter file; kept as store.json.damaged-1" in reports[0]
+
+
 def test_values_are_checked_when_they_are_set() -> None:
     with pytest.raises(ValidationError, match="telegram"):
         DeviceParameters().drive_object(1).telegram = 0

@@ -18,6 +18,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from pdgw.files import read_file
 from pdgw.gateway.configuration.tables.web import WebConfig
 from pdgw.gateway.errors import GatewayError
 from pdgw.web.server.places import Places, sender
@@ -47,7 +48,7 @@ _LOCAL_NAMES = frozenset({"localhost", "127.0.0.1", "[::1]"})
 def read_token(path: Path) -> str:
     """The token of a file, without the white space around it; GatewayError when it cannot be read or is too short to be one."""
     try:
-        token = path.read_bytes()[: _TOKEN_MAX + 1].decode().strip()
+        token = read_file(path, _TOKEN_MAX).decode().strip()
     except (OSError, UnicodeDecodeError) as error:
         raise GatewayError(f"token_file {path}: cannot be read ({error})") from error
     if not _TOKEN_MIN <= len(token) <= _TOKEN_MAX or not token.isascii() or not token.isprintable():
