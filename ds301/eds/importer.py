@@ -1,62 +1,84 @@
 """Import of EDS and DCF files as they are found in the field: repaired, then read by canopen's own importer.
 
-Source: CiA 306 V1.3. A file is converted to the form that every reader understands. An entry with one possible meaning is
-repaired and listed with its line; one with none, or two, is rejected with every line to correct. Compact sub-objects are
-written out, which is not a repair. Not here: type definitions (DEFTYPE, DEFSTRUCT), modules and ``CompactPDO``; unused sections
-are kept.
+Source: CiA 306 V1.3, CiA 301 (object codes, data types). What canopen's importer cannot read is repaired, or left out, and
+listed with its line. Compact sub-objects and compact PDOs are written out, which is not a repair; lists and counts follow the
+objects. A file is rejected if its identity or the type of an object is missing or has two meanings. Not here: type definitions
+(DEFTYPE, DEFSTRUCT) and modules; unused sections are kept.
 """
 
 from __future__ import annotations
 
 import configparser
-import copy
 import io
 import re
-from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
 from os import PathLike
 from pathlib import Path
 
 import canopen
-from canopen.objectdictionary import ODArray, ODRecord, ODVariable, eds
+from canopen.objectdictionary import eds
 
+from pdgw.ds301.communication import pdo_objects
 from pdgw.ds301.connection_set import NODE_IDS
-from pdgw.ds301.eds.objects import ObjectSections, ObjectWriter, Texts, check_count
-from pdgw.ds301.eds.text import (
-    MAX_SIZE,
-    EdsError,
-    Item,
-    Problem,
-    Repair,
-    Report,
-    Section,
-    decode,
-    parse,
+from pdgw.ds301.eds.text import EdsError, Item, Problem, Repair, Report, Section, decode, parse
+from pdgw.ds301.eds.values import (
+    DATA_TYPES,
+    DOMAIN,
+    UNSIGNED8,
+    is_plain,
+    limit_text,
+    number,
+    value_text,
+    without_comment,
 )
-from pdgw.ds301.eds.values import ValueRefused, is_plain, number
-from pdgw.ds301.eds.writer import MANDATORY
-from pdgw.ds301.objects import COMMUNICATION_AREA, MANUFACTURER_AREA
-from pdgw.ds301.pdo import PDOS_MAX, PdoDirection
+from pdgw.ds301.eds.writer import Texts, object_lists, object_texts, text_of
+from pdgw.ds301.objects import COMMUNICATION_AREA
+from pdgw.ds301.pdo import PDOS_MAX, PdoDirection, is_communication_parameter, is_mapping_parameter
+from pdgw.files import read_file
 
+MAX_SIZE = 4 << 20
+"""Bytes; the largest data sheets are a few hundred kilobytes."""
 MAX_ENTRIES = 1 << 15
 """Objects and sub-indices; a few lines of compact sub-objects make many."""
 
-_TRUE_FALSE = {"true": "1", "yes": "1", "false": "0", "no": "0"}
-
+_NULL, _DOMAIN_OBJECT, _DEFTYPE, _DEFSTRUCT, _VAR, _ARRAY, _RECORD = 0x0, 0x2, 0x5, 0x6, 0x7, 0x8, 0x9
 _IDENTITY_KEYS = ("VendorNumber", "ProductNumber", "RevisionNumber")
 _DEVICE_KEYS = (
     *(f"BaudRate_{rate}" for rate in (10, 20, 50, 125, 250, 500, 800, 1000)),
     *("SimpleBootUpMaster", "SimpleBootUpSlave", "Granularity", "DynamicChannelsSupported", "GroupMessaging"),
     *("NrOfRXPDO", "NrOfTXPDO", "LSS_Supported"),
 )
-_LISTS = ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects")
-_PDO_PARTS = tuple((direction.communication_index, direction.mapping_index) for direction in PdoDirection)
+_NUMBERS = {
+    "DeviceInfo": (*_IDENTITY_KEYS, *_DEVICE_KEYS),
+    "DeviceComissioning": ("Baudrate", "NodeID"),
+    "DummyUsage": tuple(f"Dummy{code:04d}" for code in range(1, 8)),
+}
+"""The entries that canopen reads as numbers, as it spells them."""
+_KEYS = {
+    key.lower(): key
+    for key in ("VendorName", "ProductName", "OrderCode", "StorageLocation", "Factor", "Unit", "Description")
+}
+"""The texts that canopen reads, as it spells them."""
+_SUBINDEX_MAX = 0xFE
+"""Sub-index 255 is the structure of an object."""
+_LIMITS = ("LowLimit", "HighLimit")
+_VALUE_KEYS = ("DefaultValue", "ParameterValue", *_LIMITS)
+_ELEMENT_KEYS = ("accesstype", "datatype", "pdomapping", "defaultvalue", "lowlimit", "highlimit")
+"""Properties that the sub-indices of a compact object inherit from it."""
 
+_HANDLED = frozenset((*_ELEMENT_KEYS, "parametername", "objecttype", "parametervalue", "subnumber", "compactsubobj"))
+
+_ACCESS = ("ro", "wo", "rw", "rwr", "rww", "const")
+_ACCESS_SPELLED = {
+    **dict.fromkeys(("r", "read", "readonly"), "ro"),
+    **dict.fromkeys(("w", "write", "writeonly"), "wo"),
+    **dict.fromkeys(("constant", "c"), "const"),
+}
 
 _FILES = 32
 """Maximum number of parsed files in the cache."""
-_RELATIVE = "$NODEID"
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,301 +102,270 @@ def import_eds(source: str | PathLike[str] | bytes, node_id: int) -> EdsImport:
     if node_id not in NODE_IDS:
         raise EdsError((Problem(0, "", "node-ID", str(node_id), "a node-ID must be 1..127"),))
     sheet, relative = _imported(_read(source))
-    return EdsImport(_at_node(sheet.dictionary, relative, node_id), sheet.repairs, sheet.text)
+    dictionary = eds.import_eds(io.StringIO(relative), node_id)
+    own = dictionary.indices
+    dictionary.indices = {index: own.get(index, item) for index, item in sheet.dictionary.indices.items()}
+    dictionary.names = {name: own.get(item.index, item) for name, item in sheet.dictionary.names.items()}
+    return EdsImport(dictionary, sheet.repairs, sheet.text)
 
 
 @lru_cache(maxsize=_FILES)
-def _imported(content: bytes) -> tuple[EdsImport, tuple[int, ...]]:
-    """A file with what is relative to the node-ID read as for node-ID 0, and the indices where that is.
+def _imported(content: bytes) -> tuple[EdsImport, str]:
+    """A file with its dictionary for node-ID 0, and the text of what is relative to the node-ID.
 
     Reading costs tens of milliseconds, and the devices of a machine are often alike.
     """
     report = Report()
-    sections = parse(decode(content, report), report)
-    text = _written(_normalised(sections, report))
+    others, objects = _repaired(parse(decode(content, report), report), report)
     if report.problems:
         raise EdsError(tuple(sorted(report.problems, key=lambda problem: problem.line)))
+    text = text_of(others | objects)
     try:
         dictionary = eds.import_eds(io.StringIO(text), 0)
     except (KeyError, ValueError, configparser.Error) as error:  # not known to happen with any file
         raise EdsError((Problem(0, "", "file", "", f"canopen cannot import it ({error})"),)) from error
-    repairs = tuple(sorted(report.repairs, key=lambda repair: repair.line))
-    relative = tuple(index for index, item in dictionary.items() if any(map(_is_relative, _variables(item))))
-    return EdsImport(dictionary, repairs, text), relative
-
-
-def _variables(item: ODVariable | ODArray | ODRecord) -> Iterable[ODVariable]:
-    return (item,) if isinstance(item, ODVariable) else item.subindices.values()
-
-
-def _is_relative(variable: ODVariable) -> bool:
-    return variable.relative or _RELATIVE in getattr(variable, "value_raw", "")
-
-
-def _at_node(sheet: canopen.ObjectDictionary, relative: Iterable[int], node_id: int) -> canopen.ObjectDictionary:
-    """The dictionary of one node: objects with values relative to its node-ID are its own."""
-    dictionary = copy.copy(sheet)
-    dictionary.indices, dictionary.names = dict(sheet.indices), dict(sheet.names)
-    if sheet.node_id is not None:
-        dictionary.node_id = node_id
-    for index in relative:
-        shared = sheet.indices[index]
-        if isinstance(shared, ODVariable):
-            own = _variable_at(shared, node_id)
-        else:
-            own = copy.copy(shared)
-            own.subindices, own.names = {}, {}
-            for variable in shared.subindices.values():
-                own.add_member(_variable_at(variable, node_id))
-        own.parent = dictionary
-        dictionary.indices[index] = own
-        if sheet.names[own.name] is shared:  # two objects may have one name
-            dictionary.names[own.name] = own
-    return dictionary
-
-
-def _variable_at(shared: ODVariable, node_id: int) -> ODVariable:
-    own = copy.copy(shared)
-    if own.relative and isinstance(own.default, int):
-        own.default += node_id
-    if _RELATIVE in getattr(own, "value_raw", "") and isinstance(own.value, int):
-        own.value += node_id
-    return own
+    relative = {name[:4] for name, entries in objects.items() if any("$NODEID" in text for text in entries.values())}
+    own = text_of(others | {name: entries for name, entries in objects.items() if name[:4] in relative})
+    return EdsImport(dictionary, tuple(sorted(report.repairs, key=lambda repair: repair.line)), text), own
 
 
 def _read(source: str | PathLike[str] | bytes) -> bytes:
     if isinstance(source, bytes):
         return source
     try:
-        with Path(source).open("rb") as file:
-            return file.read(MAX_SIZE + 1)
+        return read_file(Path(source), MAX_SIZE)
     except OSError as error:
         raise EdsError((Problem(0, "", "file", str(source), error.strerror or str(error)),)) from error
-
-
-def _written(texts: Texts) -> str:
-    lines: list[str] = []
-    for name, entries in texts.items():
-        lines += [f"[{name}]", *(f"{key}={value}" for key, value in entries.items()), ""]
-    return "\n".join(lines)
 
 
 # -- the file ---------------------------------------------------------------------------------------------------------
 
 
-def _normalised(sections: Mapping[str, Section], report: Report) -> Texts:
+@dataclass(slots=True)
+class _Object:
+    """The sections of one object: its own, its sub-indices, and the names and values of compact ones."""
+
+    main: Section
+    subs: dict[int, Section] = field(default_factory=dict)
+    names: Section = field(default_factory=lambda: Section("", 0))
+    values: Section = field(default_factory=lambda: Section("", 0))
+
+
+def _repaired(sections: dict[str, Section], report: Report) -> tuple[Texts, Texts]:
+    """The sections that describe file and device, and those of the objects."""
+    _add_compact_pdos(sections.setdefault("DeviceInfo", Section("DeviceInfo", 0)), sections)
     objects, others = _sorted_out(sections, report)
     if not objects:
         report.refuse(1, "", "objects", "", "not an EDS or DCF: it describes no object, expected at least 1000h")
-    texts: Texts = {}
+    texts = {name: _section_texts(section, report) for name, section in others.items()}
     described: Texts = {}
-    present: list[int] = []
-    user_types = _user_types(others)
-    writers = {index: ObjectWriter(objects[index], user_types, report) for index in sorted(objects)}
-    entries = sum(writer.entries for writer in writers.values())
-    if entries > MAX_ENTRIES:
-        raise EdsError((Problem(0, "", "file", f"{entries} entries", f"too long, allowed: {MAX_ENTRIES}"),))
-    for index, writer in writers.items():
-        written = writer.write()
-        if written:
-            described.update(written)
-            present.append(index)
-    texts["FileInfo"] = _verbatim(_required("FileInfo", others, report))
-    texts["DeviceInfo"] = _device_info(_required("DeviceInfo", others, report), report)
-    for name, section in others.items():
-        if name == "DeviceComissioning":
-            texts[name] = _commissioning(section, report)
-        elif name == "DummyUsage":
-            texts[name] = _dummies(section, report)
-        elif name == "Comments":
-            texts[name] = _comments(section, report)
-        elif name not in texts and name not in _LISTS:
-            texts[name] = _verbatim(section)
-    texts.update(_object_lists(others, present, report))
-    _check_pdos(objects, present, report)
-    return texts | described
+    for index in sorted(objects):
+        described |= _object_texts(f"{index:04X}", objects[index], texts, report)
+        if len(described) > MAX_ENTRIES:
+            raise EdsError((Problem(0, "", "file", f"{len(described)} entries", f"too long, allowed: {MAX_ENTRIES}"),))
+    present = {index: objects[index].main for index in sorted(objects) if f"{index:04X}" in described}
+    for index in filter(is_communication_parameter, present):
+        mapping = index + PDOS_MAX
+        if mapping not in present:
+            line, name = present[index].line, present[index].name
+            report.refuse(line, name, "", f"{index:04X}", f"a PDO without its mapping object {mapping:04X}h")
+    return texts | object_lists([index for index in present if index >= COMMUNICATION_AREA[0]]), described
 
 
-def _sorted_out(
-    sections: Mapping[str, Section], report: Report
-) -> tuple[dict[int, ObjectSections], dict[str, Section]]:
+def _add_compact_pdos(device: Section, sections: dict[str, Section]) -> None:
+    """CompactPDO: the sheet describes only those objects of its PDOs that differ from the default."""
+    try:
+        compact, *counts = (number(device.text(key)) or 0 for key in ("CompactPDO", "NrOfRXPDO", "NrOfTXPDO"))
+    except ValueError:
+        return
+    described = {name[:4] for name in sections}
+    most = (len(direction.bases) for direction in PdoDirection)
+    rpdos, tpdos = (max(0, min(count, limit)) for count, limit in zip(counts, most, strict=True))
+    for spec in pdo_objects(rpdos, tpdos, ()) if compact else ():
+        if f"{spec.index:04X}" not in described:
+            sections.update({name: _section(name, 0, texts) for name, texts in object_texts(spec).items()})
+
+
+def _section(name: str, line: int, texts: Mapping[str, str]) -> Section:
+    return Section(name, line, {key.lower(): Item(key, value, line) for key, value in texts.items()})
+
+
+def _sorted_out(sections: Mapping[str, Section], report: Report) -> tuple[dict[int, _Object], dict[str, Section]]:
     """Objects by index, and the other sections."""
-    objects: dict[int, ObjectSections] = {}
+    objects: dict[int, _Object] = {}
     others: dict[str, Section] = {}
     for name, section in sections.items():
         match = re.fullmatch(r"([0-9A-F]{4})(?:sub([0-9A-F]+)|(Name|Value))?", name)
         if match is None:
             others[name] = section
             continue
-        subindex = None if match[2] is None else int(match[2], 16)
-        if subindex is not None and subindex > 0xFF:
+        item = objects.setdefault(int(match[1], 16), _Object(Section(match[1], section.line)))
+        if match[2] is None:
+            setattr(item, {None: "main", "Name": "names", "Value": "values"}[match[3]], section)
+        elif int(match[2], 16) > 0xFF:
             report.refuse(section.line, name, "sub-index", match[2], "a sub-index must be 0..FF")
-            continue
-        index = int(match[1], 16)
-        item = objects.setdefault(index, ObjectSections(index))
-        if subindex is not None:
-            item.subs[subindex] = section
-        elif match[3] == "Name":
-            item.names = section
-        elif match[3] == "Value":
-            item.values = section
         else:
-            item.main = section
+            item.subs[int(match[2], 16)] = section
     return objects, others
 
 
-def _user_types(others: Mapping[str, Section]) -> dict[int, str]:
-    """Data types that an editor defined in sections of its own, such as [A0sub1]: code -> DefaultValue."""
-    types = {}
-    for name, section in others.items():
-        if match := re.fullmatch(r"([0-9a-f]{2,3})sub1", name, re.IGNORECASE):
-            types[int(match[1], 16)] = section.text("DefaultValue")
-    return types
-
-
-def _required(name: str, others: Mapping[str, Section], report: Report) -> Section:
-    section = others.get(name)
-    if section is None:
-        report.repair(0, name, "", "", "added, empty")
-        return Section(name, 0)
-    return section
-
-
-def _verbatim(section: Section) -> dict[str, str]:
-    return {item.key: item.value for item in section.items.values()}
-
-
-def _check_pdos(objects: Mapping[int, ObjectSections], present: Iterable[int], report: Report) -> None:
-    known = set(present)
-    for communication, mapping in _PDO_PARTS:
-        for pdo in range(PDOS_MAX):
-            if communication + pdo in known and mapping + pdo not in known:
-                item = objects[communication + pdo]
-                section = item.main or next(iter(item.subs.values()))
-                reason = f"a PDO without its mapping object {mapping + pdo:04X}h"
-                report.refuse(section.line, section.name, "", f"{communication + pdo:04X}", reason)
-
-
-# -- sections that describe file and device ---------------------------------------------------------------------------
-
-
-def _pdotext(section: Section, item: Item, report: Report, *, refuse: bool = False) -> str | None:
-    """A plain number, None where the entry is left out: it says nothing, or no number and nothing depends on it."""
-    text = _TRUE_FALSE.get(item.value.lower(), item.value)
-    try:
-        value = number(text)
-    except ValueRefused as error:
-        if refuse:
-            report.refuse(item.line, section.name, item.key, item.value, str(error))
-        else:
-            report.repair(item.line, section.name, item.key, item.value, "")
-        return None
-    if value is None:
-        report.repair(item.line, section.name, item.key, item.value, "")
-        return None
-    if is_plain(item.value):
+def _number(section: Section, key: str, report: Report, *, required: bool = False) -> str:
+    """A number that every reader accepts, "" without one."""
+    item = section.get(key)
+    if is_plain(item.value) or not item.value:
         return item.value
-    report.repair(item.line, section.name, item.key, item.value, str(value))
-    return str(value)
-
-
-def _device_info(section: Section, report: Report) -> dict[str, str]:
-    numbers = {key.lower(): key for key in (*_IDENTITY_KEYS, *_DEVICE_KEYS)}
-    names = {key.lower(): key for key in ("VendorName", "ProductName", "OrderCode")}
-    texts = {}
-    for key, item in section.items.items():
-        if key in numbers:
-            text = _pdotext(section, item, report, refuse=numbers[key] in _IDENTITY_KEYS)
-            if text is not None:
-                texts[numbers[key]] = text
-        else:
-            texts[names.get(key, item.key)] = item.value
-    return texts
-
-
-def _commissioning(section: Section, report: Report) -> dict[str, str]:
-    numbers = {"baudrate": "Baudrate", "nodeid": "NodeID"}
-    texts = {}
-    for key, item in section.items.items():
-        if key not in numbers:
-            texts[item.key] = item.value
-        elif (text := _pdotext(section, item, report)) is not None:
-            texts[numbers[key]] = str(int(text, 0))  # canopen reads decimal numbers only here
-    return texts
-
-
-def _dummies(section: Section, report: Report) -> dict[str, str]:
-    required = {f"dummy{code:04d}": f"Dummy{code:04d}" for code in range(1, 8)}
-    texts = {}
-    for key, name in required.items():
-        item = section.items.get(key)
-        text = None if item is None else _pdotext(section, item, report)
-        if item is None:
-            report.repair(section.line, section.name, name, "", "0")
-        texts[name] = "0" if text is None else str(int(text, 0))
-    return texts | {item.key: item.value for key, item in section.items.items() if key not in required}
-
-
-def _comments(section: Section, report: Report) -> dict[str, str]:
-    lines = {}
-    for key, item in section.items.items():
-        if match := re.fullmatch(r"line([0-9]{1,6})", key):
-            lines[int(match[1])] = item.value
-    texts = {"Lines": str(len(lines))}
-    check_count(section, "Lines", len(lines), report)
-    texts.update({f"Line{line}": lines[key] for line, key in enumerate(sorted(lines), 1)})
-    return texts
-
-
-def _object_lists(others: Mapping[str, Section], present: list[int], report: Report) -> Texts:
-    """The three lists, with exactly the objects that are described."""
-    wanted = dict.fromkeys(index for index in present if index >= COMMUNICATION_AREA[0])
-    listed: dict[str, list[int]] = {name: [] for name in _LISTS}
-    seen: set[int] = set()
-    for name in _LISTS:
-        section = others.get(name)
-        for key, item in () if section is None else section.items.items():
-            if not key.isdecimal():
-                continue
-            index = _listed_index(item.value, wanted)
-            if index is None or index in seen:
-                report.repair(item.line, name, item.key, item.value, "")
-                continue
-            if not is_plain(item.value) or int(item.value, 0) != index:
-                report.repair(item.line, name, item.key, item.value, f"0x{index:04X}")
-            seen.add(index)
-            listed[name].append(index)
-    for index in wanted:
-        if index not in seen:
-            name = _list_of(index)
-            section = others.get(name)
-            report.repair(0 if section is None else section.line, name, "", "", f"0x{index:04X}")
-            listed[name].append(index)
-    texts: Texts = {}
-    for name, indices in listed.items():
-        section = others.get(name)
-        if section is not None:
-            check_count(section, "SupportedObjects", len(indices), report)
-        texts[name] = {"SupportedObjects": str(len(indices))}
-        texts[name].update({str(place): f"0x{index:04X}" for place, index in enumerate(indices, 1)})
-    return texts
-
-
-def _listed_index(text: str, wanted: Collection[int]) -> int | None:
-    """The described object an entry of a list means; hexadecimal without 0x where only that is described."""
     try:
-        value = number(text)
-    except ValueRefused:
+        value = number(item.value)
+    except ValueError as error:
         value = None
-    if value in wanted:
-        return value
-    plain = re.fullmatch(r"[0-9A-Fa-f]{4}", text)
-    if plain is not None and int(text, 16) in wanted:
-        return int(text, 16)
-    return None
+        if required:
+            report.refuse(item.line, section.name, item.key, item.value, str(error))
+    used = "" if value is None else str(value)
+    report.repair(item.line, section.name, item.key, item.value, used)
+    return used
 
 
-def _list_of(index: int) -> str:
-    if index in MANDATORY:
-        return "MandatoryObjects"
-    return "ManufacturerObjects" if index in MANUFACTURER_AREA else "OptionalObjects"
+def _section_texts(section: Section, report: Report) -> dict[str, str]:
+    """A section that describes file or device, or one that only its writer uses."""
+    texts = {_KEYS.get(key, item.key): item.value for key, item in section.items.items()}
+    if section.name == "Comments":
+        lines = [item.value for key, item in section.items.items() if re.fullmatch(r"line[0-9]+", key)]
+        return {"Lines": str(len(lines))} | {f"Line{line}": text for line, text in enumerate(lines, 1)}
+    for key in _NUMBERS.get(section.name, ()):
+        texts.pop(section.get(key).key, None)
+        used = _number(section, key, report, required=key in _IDENTITY_KEYS)
+        if section.name != "DeviceInfo":  # canopen reads decimal numbers only here
+            used = str(int(used or "0", 0)) if used or section.name == "DummyUsage" else ""
+        if used:
+            texts[key] = used
+    return texts
+
+
+# -- one object -------------------------------------------------------------------------------------------------------
+
+
+def _object_texts(name: str, item: _Object, others: Mapping[str, Mapping[str, str]], report: Report) -> Texts:
+    """The sections of an object; none where it is a type definition or has been refused."""
+    main, found = item.main, item.main.text("ObjectType")
+    _write_out_compact(name, item, report)
+    stated = int(_number(main, "ObjectType", report) or str(_VAR), 0)
+    if max(item.subs, default=0) > 0 or (item.subs and not main.text("DataType")):
+        kind = stated if stated in (_ARRAY, _RECORD) else _RECORD
+    elif main.text("DataType") or stated == _DOMAIN_OBJECT or (not found and main.items):
+        kind = stated if stated in (_VAR, _DOMAIN_OBJECT) else _VAR
+    else:
+        if stated not in (_NULL, _DEFTYPE, _DEFSTRUCT):
+            reason = "an object without entries: it has neither sub-indices nor a data type"
+            report.refuse(main.get("ObjectType").line, name, "ObjectType", found, reason)
+        return {}
+    if kind != stated:
+        report.repair(main.get("ObjectType").line, name, "ObjectType", found, f"0x{kind:X}")
+    if kind in (_VAR, _DOMAIN_OBJECT):
+        return {name: _entry_texts(main, kind, others, report)}
+    if 0 not in item.subs:
+        access = "rw" if is_mapping_parameter(int(name, 16)) else "ro"
+        item.subs[0] = _section(f"{name}sub0", main.line, _count_texts(max(item.subs), access))
+        report.repair(main.line, f"{name}sub0", "", "", f"highest sub-index {max(item.subs)}")
+    head = {"ParameterName": _name(main, report), "ObjectType": f"0x{kind:X}"}
+    subs = {
+        f"{name}sub{sub:X}": _entry_texts(item.subs[sub], _VAR, others, report, count=sub == 0)
+        for sub in sorted(item.subs)
+    }
+    return {name: head | {"SubNumber": str(len(subs))} | _further_texts(main)} | subs
+
+
+def _write_out_compact(name: str, item: _Object, report: Report) -> None:
+    """CompactSubObj, [xxxxName] and [xxxxValue] written out as sub-indices; described ones stay."""
+    main = item.main
+    stated = int(_number(main, "CompactSubObj", report) or "0", 0)
+    count = max(0, min(stated, _SUBINDEX_MAX))
+    line = main.get("CompactSubObj").line
+    if count != stated:
+        report.repair(line, name, "CompactSubObj", str(stated), str(count))
+    if count and 0 not in item.subs:
+        item.subs[0] = _section(f"{name}sub0", line, _count_texts(count, "ro"))
+    for sub in set(range(1, count + 1)) - item.subs.keys():
+        found, value = item.names.get(str(sub)), item.values.get(str(sub))
+        texts = {
+            "ParameterName": found.value or f"{main.text('ParameterName')}{sub}",
+            "ParameterValue": value.value,
+        }
+        items = {key: known for key, known in main.items.items() if key in _ELEMENT_KEYS}
+        item.subs[sub] = Section(f"{name}sub{sub:X}", line, items | _section("", value.line, texts).items)
+
+
+def _count_texts(highest: int, access: str) -> dict[str, str]:
+    """Sub-index 0 of an object."""
+    texts = {"ParameterName": "Highest sub-index supported", "DataType": f"0x{UNSIGNED8:04X}", "AccessType": access}
+    return texts | {"DefaultValue": str(highest)}
+
+
+def _name(section: Section, report: Report) -> str:
+    name = section.text("ParameterName")
+    if not name:
+        name = f"Object {section.name}"
+        report.repair(section.get("ParameterName").line, section.name, "ParameterName", "", name)
+    return name
+
+
+def _further_texts(section: Section) -> dict[str, str]:
+    return {_KEYS.get(key, item.key): item.value for key, item in section.items.items() if key not in _HANDLED}
+
+
+def _entry_texts(
+    section: Section, kind: int, others: Mapping[str, Mapping[str, str]], report: Report, *, count: bool = False
+) -> dict[str, str]:
+    """A VAR, or one sub-index; ``count``: sub-index 0."""
+    data_type = _data_type(section, kind, others, report, count=count)
+    access = section.get("AccessType")
+    word = re.sub(r"[\s_/-]", "", without_comment(access.value).lower())
+    used = word if word in _ACCESS else _ACCESS_SPELLED.get(word, "ro" if count else "rw")
+    if access.value.lower() != used:
+        report.repair(access.line, section.name, "AccessType", access.value, used)
+    texts = {
+        "ParameterName": _name(section, report),
+        "ObjectType": f"0x{kind:X}",
+        "DataType": f"0x{data_type:04X}",
+        "AccessType": used,
+        "PDOMapping": str(int(_number(section, "PDOMapping", report) or "0", 0)),
+    }
+    for key in _VALUE_KEYS:
+        item = section.get(key)
+        try:
+            text = (limit_text if key in _LIMITS else value_text)(data_type, item.value)
+        except ValueError:
+            text = ""
+        # Hexadecimal two's complement of a signed number is right, though canopen does not apply its sign.
+        if text != item.value and not (text.startswith("-") and item.value.lower().startswith("0x")):
+            report.repair(item.line, section.name, item.key, item.value, text)
+        if text:
+            texts[key] = text
+    low, high = (texts.get(key, "") for key in _LIMITS)
+    if is_plain(low) and is_plain(high) and int(low, 0) > int(high, 0):
+        for key in _LIMITS:
+            item = section.get(key)
+            report.repair(item.line, section.name, item.key, item.value, "")
+            del texts[key]
+    return texts | _further_texts(section)
+
+
+def _data_type(
+    section: Section, kind: int, others: Mapping[str, Mapping[str, str]], report: Report, *, count: bool
+) -> int:
+    """The simple data type; DOMAIN (bytes) for a type that nobody declares."""
+    item = section.get("DataType")
+    text = _number(section, "DataType", report, required=True)
+    if not text:
+        if not count and kind != _DOMAIN_OBJECT:
+            if not item.value:
+                report.refuse(item.line, section.name, item.key, "", "the data type is missing")
+            return DOMAIN
+        used = UNSIGNED8 if count else DOMAIN
+    else:
+        code = int(text, 0)
+        if code in DATA_TYPES:
+            return code
+        declared = others.get(f"{code:X}sub1", {}).get("DefaultValue", "")  # an editor's own data type
+        used = int(declared, 0) if is_plain(declared) and int(declared, 0) in DATA_TYPES else DOMAIN
+    report.repair(item.line, section.name, item.key, item.value, f"0x{used:04X}")
+    return used

@@ -6,20 +6,16 @@ tabs around them, line ends, comment lines. Not here: the meaning of the section
 
 from __future__ import annotations
 
-import codecs
 import re
 from dataclasses import dataclass, field
 
 from pdgw.ds301.eds.values import same_value
 from pdgw.ds301.errors import CanopenError
 
-MAX_SIZE = 4 << 20
-"""Bytes; the largest data sheets are a few hundred kilobytes."""
-
 
 @dataclass(frozen=True, slots=True)
 class Repair:
-    """One thing of a file that was not right and has only one meaning.
+    """One thing of a file that was not right, and what is used instead.
 
     ``line`` counts from 1 (0: the file as a whole), ``used`` "" means that the entry was left out.
     """
@@ -91,102 +87,85 @@ class Section:
     line: int
     items: dict[str, Item] = field(default_factory=dict)
 
-    def get(self, key: str) -> Item | None:
-        return self.items.get(key.lower())
+    def get(self, key: str) -> Item:
+        """The entry of a key; an empty one where it is missing."""
+        return self.items.get(key.lower()) or Item(key, "", self.line)
 
     def text(self, key: str) -> str:
         """The value of a key, "" where it is missing."""
-        item = self.items.get(key.lower())
-        return "" if item is None else item.value
-
-    def where(self, key: str) -> int:
-        """The line of a key, of the section where it is missing."""
-        item = self.items.get(key.lower())
-        return self.line if item is None else item.line
+        return self.get(key).value
 
 
-KNOWN_SECTIONS = {
+_KNOWN = {
     name.lower(): name
     for name in (
-        "FileInfo",
-        "DeviceInfo",
-        "DeviceComissioning",  # as CiA 306 spells it
-        "DummyUsage",
-        "MandatoryObjects",
-        "OptionalObjects",
-        "ManufacturerObjects",
-        "Comments",
+        *("FileInfo", "DeviceInfo", "DummyUsage", "Comments", "DeviceComissioning"),  # as CiA 306 spells it
+        *("MandatoryObjects", "OptionalObjects", "ManufacturerObjects"),
     )
 } | {"devicecommissioning": "DeviceComissioning"}
 
-_MEANINGFUL = frozenset(
-    (
-        *("objecttype", "datatype", "accesstype", "pdomapping", "lowlimit", "highlimit", "defaultvalue"),
-        *("parametervalue", "compactsubobj", "vendornumber", "productnumber", "revisionnumber"),
-    )
-)
-"""Keys that must not have two different values; of the others the first counts, as for an INI reader."""
+_TYPES = ("objecttype", "datatype", "compactsubobj", "vendornumber", "productnumber", "revisionnumber")
+"""Keys that must not have two different values."""
+_VALUES = ("defaultvalue", "parametervalue", "lowlimit", "highlimit")
+"""Keys that have no value if the file gives two different ones. Of all others the first counts, as for an INI reader."""
+_OBJECT = re.compile(r"(?:0x)?([0-9a-f]{4})h?(?:[\s_.]*sub[\s_]*(?:0x)?([0-9a-f]+)|(name|value))?", re.IGNORECASE)
+_OBJECT_PLAIN = re.compile(r"[0-9a-f]{4}(?:sub0*[0-9a-f]{1,2}|name|value)?", re.IGNORECASE)
 
-_NOT_KEPT = ("", "DEFAULT")
-"""Sections without a name, and the one whose entries canopen's reader would take for defaults of every object."""
-_OBJECT = re.compile(r"(?:0x)?([0-9a-f]{4})h?(?:[\s_.]*sub[\s_]*(?:0x)?([0-9a-f]+))?", re.IGNORECASE)
-_OBJECT_PLAIN = re.compile(r"[0-9a-f]{4}(?:sub0*[0-9a-f]{1,2})?", re.IGNORECASE)
-_OBJECT_LIST = re.compile(r"([0-9a-f]{4})(name|value)", re.IGNORECASE)
+
+_OTHER_FILES = {
+    rb"PK\x03\x04": "a ZIP archive: unpack it",
+    rb"%PDF": "a PDF document",
+    rb"<(?:!doctype\s+)?html": "a web page: download the file itself",
+    rb"<.*<EtherCATInfo": "an ESI file (EtherCAT)",
+    rb"<.*(?:profibus|profinet)": "a GSDML file (PROFINET)",
+    rb"<.*canopen": "an XDD or XDC file (CANopen in XML)",
+    rb"<\?xml": "an XML file",
+}
+"""Other files that are taken for data sheets, by their first bytes."""
 
 
 def decode(data: bytes, report: Report) -> str:
-    """The text of a file; a repair names an encoding other than ASCII or UTF-8. Rejects binary data."""
-    if len(data) > MAX_SIZE:
-        raise EdsError((Problem(0, "", "file size", f"{len(data)} bytes", f"too long, allowed: {MAX_SIZE} bytes"),))
-    for mark, encoding in ((codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be")):
-        if data.startswith(mark):
-            return _wide_text(data[len(mark) :], encoding, report)
-    head = data[:64]
-    for encoding, zeros in (("utf-16-le", head[1::2]), ("utf-16-be", head[::2])):
-        if zeros and not any(zeros):
-            return _wide_text(data, encoding, report)
-    if data.startswith(codecs.BOM_UTF8):
-        report.repair(1, "", "encoding", "utf-8 with byte order mark", "utf-8")
-        data = data[len(codecs.BOM_UTF8) :]
-    try:
-        return _checked(data.decode())
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-    try:
-        encoding, text = "cp1252", data.decode("cp1252")
-    except UnicodeDecodeError:
-        encoding, text = "latin-1", data.decode("latin-1")
-    report.repair(line, "", "encoding", encoding, "utf-8")
-    return _checked(text)
-
-
-def _wide_text(data: bytes, encoding: str, report: Report) -> str:
-    report.repair(1, "", "encoding", encoding, "utf-8")
-    try:
-        return _checked(data.decode(encoding))
-    except UnicodeDecodeError as error:
-        line = data[: error.start].decode(encoding, "replace").count("\n") + 1
-        raise EdsError((Problem(line, "", "encoding", encoding, f"cut or damaged text ({error.reason})"),)) from None
-
-
-def _checked(text: str) -> str:
-    if "\0" in text:
-        line = text.count("\n", 0, text.index("\0")) + 1
+    """The text of a file; a repair names an encoding other than ASCII or UTF-8. Rejects binary data and files of other kinds."""
+    head = data[:4096].removeprefix(b"\xef\xbb\xbf").lstrip()
+    for pattern, kind in _OTHER_FILES.items():
+        if re.match(pattern, head, re.IGNORECASE | re.DOTALL):
+            raise EdsError((Problem(1, "", "file", "", f"{kind}, expected an EDS or DCF"),))
+    encodings: tuple[str, ...] = ("utf-8", "cp1252", "latin-1")
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        encodings = ("utf-16",)
+    elif data.startswith(b"\xef\xbb\xbf"):
+        encodings = ("utf-8-sig", "cp1252", "latin-1")
+    elif data and not any(data[1:64:2]):
+        encodings = ("utf-16-le",)
+    elif data and not any(data[:64:2]):
+        encodings = ("utf-16-be",)
+    line = 0
+    for encoding in encodings:
+        try:
+            text = data.decode(encoding)
+            break
+        except UnicodeDecodeError as error:
+            line = line or data.count(b"\n", 0, error.start) + 1
+    else:
+        raise EdsError((Problem(line, "", "encoding", encoding, "cut or damaged text"),))
+    if encoding != "utf-8":
+        report.repair(line or 1, "", "encoding", encoding, "utf-8")
+    used = text.rstrip("\0\x1a")
+    if "\0" in used:
+        line = used.count("\n", 0, used.index("\0")) + 1
         raise EdsError((Problem(line, "", "text", "\0", "binary data, not an EDS or DCF"),))
-    return text
+    if used != text:
+        report.repair(used.count("\n") + 1, "", "end of file", text[len(used)], "")
+    return used
 
 
-def canonical_name(name: str) -> tuple[str, bool]:
+def _canonical_name(name: str) -> tuple[str, bool]:
     """The name of a section as CiA 306 spells it, and whether more than case and leading zeros had to be changed."""
-    known = KNOWN_SECTIONS.get(name.lower())
-    if known is not None:
+    if known := _KNOWN.get(name.lower()):
         return known, known.lower() != name.lower()
     if match := _OBJECT.fullmatch(name):
-        sub = match[2]
-        canonical = match[1].upper() + ("" if sub is None else f"sub{int(sub, 16):X}")
-        return canonical, not _OBJECT_PLAIN.fullmatch(name)
-    if match := _OBJECT_LIST.fullmatch(name):
-        return match[1].upper() + match[2].capitalize(), False
+        sub = "" if match[2] is None else f"sub{int(match[2], 16):X}"
+        return match[1].upper() + sub + (match[3] or "").capitalize(), not _OBJECT_PLAIN.fullmatch(name)
     return name, False
 
 
@@ -201,24 +180,26 @@ def parse(text: str, report: Report) -> dict[str, Section]:
         if content[0] == "[":
             section = _header(content, line, sections, report)
             continue
-        if section is None:
-            report.repair(line, "", "", content, "")
-            continue
         key, separator, value = content.partition("=")
         key = key.strip()
-        if not separator or not re.fullmatch(r"[^:=\[;#][^:=;]*", key):
-            report.repair(line, section.name, "", content, "")
+        if section is None or not separator or not re.fullmatch(r"[^:=\[;#][^:=;]*", key):
+            report.repair(line, "" if section is None else section.name, "", content, "")
             continue
-        _add(section, Item(key, _without_comment(section.name, key, value.strip(), line, report), line), report)
-    return {name: section for name, section in sections.items() if name not in _NOT_KEPT}
+        # CiA 306 has comment lines only; every reader also accepts text after blank and semicolon as a comment.
+        used = re.split(r"(?:^|\s);", value.strip(), maxsplit=1)[0].strip()
+        if used != value.strip():
+            report.repair(line, section.name, key, value.strip(), used)
+        _add(section, Item(key, used, line), report)
+    # Not the section whose entries canopen's reader uses as defaults of every other.
+    return {name: section for name, section in sections.items() if name not in ("", "DEFAULT")}
 
 
 def _header(content: str, line: int, sections: dict[str, Section], report: Report) -> Section:
     inside, bracket, rest = content[1:].partition("]")
-    name, changed = canonical_name(inside.partition(";")[0].strip())
-    if not bracket and name.lower() not in KNOWN_SECTIONS and not _OBJECT.fullmatch(name):
+    name, changed = _canonical_name(inside.partition(";")[0].strip())
+    if not bracket and name not in _KNOWN.values() and not _OBJECT.fullmatch(name):
         report.refuse(line, name, "", content, "the header of a section must end with ]")
-    elif name in _NOT_KEPT:
+    elif name in ("", "DEFAULT"):
         report.repair(line, name, "", content, "")
     elif changed or not bracket or (rest.strip() and rest.strip()[0] not in ";#"):
         report.repair(line, name, "", content, f"[{name}]")
@@ -230,26 +211,18 @@ def _header(content: str, line: int, sections: dict[str, Section], report: Repor
     return known
 
 
-def _without_comment(section: str, key: str, value: str, line: int, report: Report) -> str:
-    """CiA 306 has comment lines only; every reader also accepts text after blank and semicolon as a comment."""
-    match = re.search(r"(?:^|\s);", value)
-    if match is None:
-        return value
-    used = value[: match.start()].strip()
-    report.repair(line, section, key, value, used)
-    return used
-
-
 def _add(section: Section, item: Item, report: Report) -> None:
     key = item.key.lower()
     known = section.items.get(key)
     if known is None:
         section.items[key] = item
         return
-    if known.value and item.value and key in _MEANINGFUL and not same_value(known.value, item.value):
-        reason = f"contradicts {known.value!r} in line {known.line}"
-        report.refuse(item.line, section.name, item.key, item.value, reason)
-        return
-    used = item if not known.value else known
+    used = known if known.value else item
+    if known.value and item.value and not same_value(known.value, item.value):
+        if key in _TYPES:
+            reason = f"contradicts {known.value!r} in line {known.line}"
+            report.refuse(item.line, section.name, item.key, item.value, reason)
+        elif key in _VALUES:
+            used = Item(item.key, "", item.line)
     report.repair(item.line, section.name, item.key, item.value, used.value)
     section.items[key] = used

@@ -5,7 +5,7 @@ Source: CiA 306 V1.3. Left out: dummy usage, object links and module description
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from pdgw.ds301.communication import DEVICE_TYPE, EMCY_COB_ID, ERROR_REGISTER, IDENTITY
@@ -24,7 +24,9 @@ class DeviceInfo:
     revision: int
 
 
-MANDATORY = (DEVICE_TYPE, ERROR_REGISTER, IDENTITY)
+_MANDATORY = (DEVICE_TYPE, ERROR_REGISTER, IDENTITY)
+Texts = dict[str, dict[str, str]]
+"""Keys and values by section."""
 
 
 def _default(entry: Entry) -> str:
@@ -37,41 +39,52 @@ def _default(entry: Entry) -> str:
     return str(entry.default)
 
 
-def _variable(section: str, entry: Entry) -> list[str]:
-    lines = [
-        f"[{section}]",
-        f"ParameterName={entry.name}",
-        "ObjectType=0x7",
-        f"DataType=0x{entry.type.code:04X}",
-        f"AccessType={entry.access.value}",
-        f"DefaultValue={_default(entry)}",
-        f"PDOMapping={int(entry.pdo)}",
-    ]
-    if entry.low is not None:
-        lines.append(f"LowLimit={entry.low}")
-    if entry.high is not None:
-        lines.append(f"HighLimit={entry.high}")
-    return [*lines, ""]
+def _variable(entry: Entry) -> dict[str, str]:
+    texts = {
+        "ParameterName": entry.name,
+        "ObjectType": "0x7",
+        "DataType": f"0x{entry.type.code:04X}",
+        "AccessType": entry.access.value,
+        "DefaultValue": _default(entry),
+        "PDOMapping": str(int(entry.pdo)),
+    }
+    limits = {"LowLimit": entry.low, "HighLimit": entry.high}
+    return texts | {key: str(limit) for key, limit in limits.items() if limit is not None}
 
 
-def _object(spec: ObjectSpec) -> list[str]:
+def object_texts(spec: ObjectSpec) -> Texts:
+    """The sections of an object."""
+    name = f"{spec.index:04X}"
     if spec.kind is ObjectKind.VAR:
-        return _variable(f"{spec.index:04X}", spec.entries[0])
-    lines = [
-        f"[{spec.index:04X}]",
-        f"ParameterName={spec.name}",
-        f"ObjectType=0x{spec.kind.value:X}",
-        f"SubNumber={len(spec.entries)}",
-        "",
-    ]
-    for entry in spec.entries:
-        lines += _variable(f"{spec.index:04X}sub{entry.subindex:X}", entry)
-    return lines
+        return {name: _variable(spec.entries[0])}
+    head = {
+        "ParameterName": spec.name,
+        "ObjectType": f"0x{spec.kind.value:X}",
+        "SubNumber": str(len(spec.entries)),
+    }
+    return {name: head} | {f"{name}sub{entry.subindex:X}": _variable(entry) for entry in spec.entries}
 
 
-def _list(section: str, indices: Sequence[int]) -> list[str]:
-    lines = [f"[{section}]", f"SupportedObjects={len(indices)}"]
-    return [*lines, *(f"{number}=0x{index:04X}" for number, index in enumerate(indices, 1)), ""]
+def object_lists(indices: Sequence[int]) -> Texts:
+    """The three lists of objects."""
+    lists = {
+        "MandatoryObjects": [index for index in indices if index in _MANDATORY],
+        "OptionalObjects": [index for index in indices if index not in _MANDATORY and index not in MANUFACTURER_AREA],
+        "ManufacturerObjects": [index for index in indices if index in MANUFACTURER_AREA],
+    }
+    return {
+        name: {"SupportedObjects": str(len(listed))}
+        | {str(place): f"0x{index:04X}" for place, index in enumerate(listed, 1)}
+        for name, listed in lists.items()
+    }
+
+
+def text_of(texts: Mapping[str, Mapping[str, str]]) -> str:
+    """Sections as the text of a file."""
+    lines: list[str] = []
+    for name, entries in texts.items():
+        lines += [f"[{name}]", *(f"{key}={value}" for key, value in entries.items()), ""]
+    return "\n".join(lines)
 
 
 def write_eds(info: DeviceInfo, objects: Sequence[ObjectSpec]) -> str:
@@ -80,34 +93,31 @@ def write_eds(info: DeviceInfo, objects: Sequence[ObjectSpec]) -> str:
     indices = [spec.index for spec in ordered]
     pdos = [index for index in indices if is_communication_parameter(index)]
     rpdos = sum(index < PdoDirection.TPDO.communication_index for index in pdos)
-    lines = [
-        "[FileInfo]",
-        "FileVersion=1",
-        "FileRevision=1",
-        "EDSVersion=4.0",
-        f"Description={info.product_name}",
-        "CreatedBy=profidrive-gateway",
-        "",
-        "[DeviceInfo]",
-        f"VendorName={info.vendor_name}",
-        f"VendorNumber=0x{info.vendor_id:X}",
-        f"ProductName={info.product_name}",
-        f"ProductNumber=0x{info.product_code:X}",
-        f"RevisionNumber=0x{info.revision:X}",
-        *(f"BaudRate_{rate}=1" for rate in (10, 20, 50, 125, 250, 500, 800, 1000)),
-        "SimpleBootUpMaster=0",
-        "SimpleBootUpSlave=1",
-        "Granularity=8",
-        "DynamicChannelsSupported=0",
-        "GroupMessaging=0",
-        f"NrOfRXPDO={rpdos}",
-        f"NrOfTXPDO={len(pdos) - rpdos}",
-        "LSS_Supported=0",
-        "",
-    ]
-    lines += _list("MandatoryObjects", [i for i in indices if i in MANDATORY])
-    lines += _list("OptionalObjects", [i for i in indices if i not in MANDATORY and i not in MANUFACTURER_AREA])
-    lines += _list("ManufacturerObjects", [i for i in indices if i in MANUFACTURER_AREA])
+    texts: Texts = {
+        "FileInfo": {
+            "FileVersion": "1",
+            "FileRevision": "1",
+            "EDSVersion": "4.0",
+            "Description": info.product_name,
+            "CreatedBy": "profidrive-gateway",
+        },
+        "DeviceInfo": {
+            "VendorName": info.vendor_name,
+            "VendorNumber": f"0x{info.vendor_id:X}",
+            "ProductName": info.product_name,
+            "ProductNumber": f"0x{info.product_code:X}",
+            "RevisionNumber": f"0x{info.revision:X}",
+            **{f"BaudRate_{rate}": "1" for rate in (10, 20, 50, 125, 250, 500, 800, 1000)},
+            "SimpleBootUpMaster": "0",
+            "SimpleBootUpSlave": "1",
+            "Granularity": "8",
+            "DynamicChannelsSupported": "0",
+            "GroupMessaging": "0",
+            "NrOfRXPDO": str(rpdos),
+            "NrOfTXPDO": str(len(pdos) - rpdos),
+            "LSS_Supported": "0",
+        },
+    } | object_lists(indices)
     for spec in ordered:
-        lines += _object(spec)
-    return "\n".join(lines)
+        texts |= object_texts(spec)
+    return text_of(texts)

@@ -90,9 +90,9 @@ def test_a_right_sheet_with_compact_sub_objects_needs_no_repair() -> None:
     ("encoding", "found"),
     [
         ("utf-8", None),
-        ("utf-8-sig", "utf-8 with byte order mark"),
+        ("utf-8-sig", "utf-8-sig"),
         ("cp1252", "cp1252"),
-        ("utf-16", "utf-16-le"),
+        ("utf-16", "utf-16"),
         ("utf-16-be", "utf-16-be"),
         ("utf-16-le", "utf-16-le"),
     ],
@@ -136,13 +136,11 @@ def test_numbers() -> None:
     assert repairs["DeviceInfo", "ProductNumber"].used == "9"
     assert repairs["DeviceInfo", "RevisionNumber"].used == str(0x10001)
     assert repairs["DeviceInfo", "NrOfRXPDO"].used == ""
-    assert repairs["1000", "PDOMapping"].used == "0"
-    assert repairs["MandatoryObjects", "1"].used == "0x1000"
     assert variable("numbers.eds", 0x1000).default is None
     signed = variable("numbers.eds", 0x2001)
-    assert (signed.default, signed.min, signed.max) == (-32767, -32768, 32767)
+    assert (signed.default, signed.min, signed.max) == (-32767, None, None)
     unsigned = variable("numbers.eds", 0x2002)
-    assert (unsigned.default, unsigned.min, unsigned.max, unsigned.pdo_mappable) == (0xFFFF, 0, 0xFFFF, True)
+    assert (unsigned.default, unsigned.min, unsigned.max, unsigned.pdo_mappable) == (0xFFFF, None, None, True)
     assert variable("numbers.eds", 0x2003).default == 1.5
     assert (variable("numbers.eds", 0x2004).default, variable("numbers.eds", 0x2004).max) == (255, 255)
     assert (variable("numbers.eds", 0x2005).default, variable("numbers.eds", 0x2005).access_type) == (b"\xaa\xbb", "rw")
@@ -185,15 +183,9 @@ def test_every_spelling_of_the_node_id_is_relative_to_it(index: int, default: in
     assert (found.default, found.relative) == (default, True)
 
 
-def test_an_array_of_boolean_and_other_types_is_a_record() -> None:
+def test_the_elements_of_an_array_have_their_own_types() -> None:
     switches = import_eds(CORPUS / "repaired" / "counts.eds", NODE).dictionary[0x2007]
-    assert isinstance(switches, canopen.objectdictionary.ODRecord)
-    assert [switches[sub].default for sub in (0, 1, 2)] == [2, 1, 5]
-    assert repaired("counts.eds")["2007", "SubNumber"].used == "3"
-
-
-def test_missing_elements_of_an_array_are_like_the_others() -> None:
-    assert variable("counts.eds", 0x2008, 1).data_type == variable("counts.eds", 0x2008, 3).data_type == 3
+    assert [(switches[sub].default, switches[sub].data_type) for sub in (1, 2)] == [(1, 1), (5, 6)]
 
 
 def test_missing_sub_index_0_and_missing_objects_are_added() -> None:
@@ -213,11 +205,10 @@ def test_unknown_types_are_bytes_and_an_editors_types_are_looked_up() -> None:
 
 
 def test_lists_name_the_described_objects() -> None:
-    repairs = repaired("counts.eds")
-    assert repairs["MandatoryObjects", "2"].used == ""
-    assert repairs["MandatoryObjects", "SupportedObjects"].used == "1"
     text = import_eds(CORPUS / "repaired" / "counts.eds", NODE).text
-    assert "[ManufacturerObjects]\nSupportedObjects=8\n1=0x2007\n" in text
+    assert "[ManufacturerObjects]\nSupportedObjects=7\n1=0x2007\n" in text
+    assert "[OptionalObjects]\nSupportedObjects=0\n\n" in text
+    assert "[2007]\nParameterName=Switches\nObjectType=0x8\nSubNumber=3\n" in text
 
 
 def test_layout() -> None:
@@ -244,34 +235,32 @@ def test_everything_that_has_to_be_corrected_is_named_with_its_line() -> None:
         assert problem.found in lines[problem.line - 1], problem
     assert [(problem.section, problem.key) for problem in error.value.problems] == [
         ("DeviceInfo", "VendorNumber"),
-        ("1000", "DefaultValue"),
         ("2001", "DataType"),
-        ("2002", "AccessType"),
-        ("2003", "DefaultValue"),
-        ("2004", "LowLimit"),
         ("2005", "ObjectType"),
         ("2006", "DataType"),
-        ("2007", "DefaultValue"),
-        ("2008", "DefaultValue"),
         ("2008sub100", "sub-index"),
         ("1400", ""),
     ]
-    assert "line 7 [1000] DefaultValue '010': octal by CiA 306 (8), decimal to most tools (10)" in str(error.value)
+    assert "line 2 [DeviceInfo] VendorNumber 'abc': not a number" in str(error.value)
 
 
 @pytest.mark.parametrize(
     ("data", "reason"),
     [
         (b"", "describes no object"),
-        (b"PK\x03\x04\0\0\0\0\0\0binary", "binary data"),
+        (b"\x7fELF\0\0\0binary", "binary data"),
         (b"\xff\xfeA", "cut or damaged"),
         (b"[1000]\nParameterName=x\nDataType=7\nAccessType=ro\n[1000x\nDataType=7", "must end with ]"),
-        pytest.param(bytes(5 << 20), "allowed: 4194304 bytes", id="large"),
+        (b"PK\x03\x04\x14\0", "a ZIP archive: unpack it, expected an EDS or DCF"),
+        (b"\r\n<!DOCTYPE html>\n<html>", "a web page: download the file itself"),
+        (b'\xef\xbb\xbf<?xml version="1.0"?>\n<EtherCATInfo Version="1.6">', "an ESI file"),
+        (b'<ISO15745Profile xmlns="http://www.profibus.com/GSDML/2003/11/DeviceProfile">', "a GSDML file"),
+        (b'<ISO15745ProfileContainer xmlns="http://www.canopen.org/xml/1.0">', "an XDD or XDC file"),
         pytest.param(
             b"".join(
                 b"[%04X]\nObjectType=8\nDataType=7\nCompactSubObj=254\n" % index for index in range(0x2000, 0x2100)
             ),
-            "65280 entries",
+            "too long, allowed: 32768",
             id="compact",
         ),
     ],
@@ -287,33 +276,16 @@ def test_impossible_node_id_is_rejected(node_id: int) -> None:
         import_eds(GOOD, node_id)
 
 
+def test_a_file_that_is_too_large_is_rejected(tmp_path: Path) -> None:
+    path = tmp_path / "large.eds"
+    path.write_bytes(bytes(5 << 20))
+    with pytest.raises(EdsError, match="longer than 4194304 bytes"):
+        import_eds(path, NODE)
+
+
 def test_directory_instead_of_a_file_is_rejected() -> None:
     with pytest.raises(CanopenError, match="directory"):
         import_eds(CORPUS, NODE)
-
-
-@pytest.mark.parametrize(
-    ("data_type", "text"),
-    [
-        (0x07, "$NODEID+$NODEID"),
-        (0x07, "0x80-$NODEID"),
-        (0x07, "$NODEID+"),
-        (0x07, "$NODEID 5"),
-        (0x05, "$NODEID+0xF0"),
-        (0x04, "0x1FFFFFFFFFFFFFFFF"),
-        (0x05, "1.5"),
-        (0x05, "bad"),
-        pytest.param(0x07, "9" * 5000, id="long"),
-        pytest.param(0x07, "5" + " " * 1_000_000 + "x", id="blanks"),
-        (0x08, "nan"),
-        (0x08, "0x3F800000"),
-        (0x0A, "text"),
-        (0x01, "maybe"),
-    ],
-)
-def test_values_with_no_or_two_meanings_are_refused(data_type: int, text: str) -> None:
-    with pytest.raises(EdsError, match=r"line 7 \[2000\] DefaultValue"):
-        import_eds(simple(f"DefaultValue={text}", data_type), NODE)
 
 
 @pytest.mark.parametrize(
@@ -332,3 +304,95 @@ def test_right_values_are_no_repair(data_type: int, text: str, default: object) 
     imported = import_eds(simple(f"DefaultValue={text}", data_type), NODE)
     assert imported.repairs == ()
     assert imported.dictionary[0x2000].default == default
+
+
+@pytest.mark.parametrize(
+    ("data_type", "text"),
+    [
+        (0x07, "010"),
+        (0x07, "1e3"),
+        (0x07, "$NODEID*2"),
+        (0x07, "$NODEID+$NODEID"),
+        (0x07, "0x80-$NODEID"),
+        (0x07, "$NODEID+"),
+        (0x07, "$NODEID 5"),
+        (0x05, "300"),
+        (0x04, "0x1FFFFFFFFFFFFFFFF"),
+        (0x05, "1.5"),
+        (0x05, "bad"),
+        pytest.param(0x07, "9" * 5000, id="long"),
+        pytest.param(0x07, "5" + " " * 1_000_000 + "x", id="blanks"),
+        (0x08, "nan"),
+        (0x0A, "text"),
+        (0x01, "maybe"),
+    ],
+)
+def test_a_default_with_no_or_two_meanings_is_omitted(data_type: int, text: str) -> None:
+    imported = import_eds(simple(f"DefaultValue={text}", data_type), NODE)
+    assert imported.repairs == (Repair(7, "2000", "DefaultValue", text, ""),)
+    assert imported.dictionary[0x2000].default is None
+
+
+@pytest.mark.parametrize(
+    ("data_type", "text", "default"),
+    [
+        (0x1B, "0x00000000000000A1LL", 0xA1),
+        (0x07, "42u", 42),
+        (0x07, "0xFFUL", 0xFF),
+        (0x06, "-2", 0xFFFE),
+        (0x04, "0xFFFFFFFFFFFFFFFE", -2),
+        (0x08, "0x3FC00000", 1.5),
+        (0x11, "0x3FF8000000000000", 1.5),
+        (0x08, "1,5", 1.5),
+        (0x0C, "365 43200000", 365 << 32 | 43_200_000),
+    ],
+)
+def test_values_as_makers_write_them(data_type: int, text: str, default: object) -> None:
+    imported = import_eds(simple(f"DefaultValue={text}", data_type), NODE)
+    assert imported.dictionary[0x2000].default == default
+
+
+@pytest.mark.parametrize(
+    ("found", "used"),
+    [("R/O", "ro"), ("read write", "rw"), ("UNKNOWN", "rw"), ("", "rw"), ("rw # both", "rw"), ("Const", "const")],
+)
+def test_access_types_as_makers_write_them(found: str, used: str) -> None:
+    content = simple("").replace(b"AccessType=rw", f"AccessType={found}".encode())
+    assert import_eds(content, NODE).dictionary[0x2000].access_type == used
+
+
+def test_two_values_of_one_key_are_no_value() -> None:
+    imported = import_eds(simple("DefaultValue=1\nDefaultValue=2\nParameterValue=3\nParameterValue=0x3"), NODE)
+    assert (imported.dictionary[0x2000].default, imported.dictionary[0x2000].value) == (None, 3)
+    assert [(repair.line, repair.used) for repair in imported.repairs] == [(8, ""), (10, "3")]
+
+
+def test_a_compact_object_has_at_most_254_elements() -> None:
+    content = simple("ObjectType=8\nCompactSubObj=255\nDefaultValue=1")
+    imported = import_eds(content, NODE)
+    assert (max(imported.dictionary[0x2000]), imported.dictionary[0x2000][254].default) == (254, 1)
+    assert imported.repairs == (Repair(8, "2000", "CompactSubObj", "255", "254"),)
+
+
+def test_zero_bytes_at_the_end_are_a_repair() -> None:
+    imported = import_eds(simple("DefaultValue=5\n") + b"\0\0\0", NODE)
+    assert [repair.key for repair in imported.repairs] == ["end of file"]
+    assert imported.dictionary[0x2000].default == 5
+
+
+COMPACT_PDOS = b"[DeviceInfo]\nNrOfRXPDO=4\nNrOfTXPDO=2\nCompactPDO=0x1F\n"
+
+
+def test_compact_pdos_are_written_out() -> None:
+    imported = import_eds(COMPACT_PDOS + simple("").partition(b"[DeviceInfo]\n")[2], NODE)
+    found = [index for index in imported.dictionary if index < 0x2000]
+    assert found == [*range(0x1400, 0x1404), *range(0x1600, 0x1604), 0x1800, 0x1801, 0x1A00, 0x1A01]
+    assert imported.repairs == ()
+    assert len(canopen.RemoteNode(NODE, imported.dictionary).rpdo) == 4
+
+
+def test_a_described_pdo_stays_as_it_is_beside_compact_ones() -> None:
+    described = b"[1600]\nParameterName=Own\nObjectType=9\n[1600sub0]\nDataType=5\nParameterName=n\nAccessType=rw\n"
+    imported = import_eds(COMPACT_PDOS + simple("").partition(b"[DeviceInfo]\n")[2] + described, NODE)
+    assert (imported.dictionary[0x1600].name, len(imported.dictionary[0x1600])) == ("Own", 1)
+    assert 0x1400 in imported.dictionary

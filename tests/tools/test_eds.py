@@ -29,7 +29,7 @@ def test_check_of_a_refused_file_fails_and_still_reports_the_others() -> None:
     result = CliRunner().invoke(app, ["drives", "--json", *files])
     assert result.exit_code == 1
     refused, good = json.loads(result.output)
-    assert (refused["usable"], len(refused["problems"])) == (False, 12)
+    assert (refused["usable"], len(refused["problems"])) == (False, 6)
     assert refused["problems"][0] == {
         "line": 2,
         "section": "DeviceInfo",
