@@ -1,8 +1,9 @@
-"""CAN logs: candump's two text forms by own readers, every other format by python-can's.
+"""CAN logs: candump's two text forms and SavvyCAN's CSV by own readers, every other format by python-can's.
 
 Source: can-utils (candump -l / -L writes ``(time) interface id#data``; on a terminal ``(time) interface id [n] bytes``, the time
-in seconds or, with ``-tA``, a date).
-A line or file that cannot be understood is a ``CaptureError`` with the offset, after all frames before it.
+in seconds or, with ``-tA``, a date); SavvyCAN (native CSV, time stamps in microseconds).
+Text around a frame and lines without one (prompts, titles, comments, quotation marks) are ignored and counted. A frame that is
+cut or contradicts itself is a ``CaptureError`` with the offset, after all frames before it.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from pdgw.decoder.frames.engine import CanPacket
 from pdgw.decoder.frames.link import CanFrame
 from pdgw.ds301.bus.can_frame import ERROR, EXTENDED_ID, STANDARD_ID
 from pdgw.durations import SECOND, US
+from pdgw.phrases import counted
 
 if TYPE_CHECKING:
     import can
@@ -27,21 +29,27 @@ _SHOWN: Final = 40
 """Bytes of a bad line in its message."""
 _US_PER_SECOND: Final = SECOND // US
 _LOG = re.compile(rb"\((\d{1,12})\.(\d{1,9})\) +(\S+) +([0-9A-Fa-f]{3,8})#([0-9A-Fa-f]*)(?: +[RT])?\s*\Z")
+_BEGIN: Final = rb"(?<![^\s>|:])"
+"""A frame begins a line or follows a blank, a quotation mark or a line number."""
 _LOG_OTHER = re.compile(
-    rb"\((\d{1,12})\.(\d{1,9})\) +(\S+) +([0-9A-Fa-f]{3,8})#(?:([Rr])(\d?)|#[0-9A-Fa-f]([0-9A-Fa-f]*))(?: +[RT])?\s*\Z"
+    _BEGIN
+    + rb"\((\d{1,12})\.(\d{1,9})\) +(\S+) +([0-9A-Fa-f]{3,8})#(?:([Rr])(\d?)|(?:#[0-9A-Fa-f])?([0-9A-Fa-f]*))(?!\S)"
 )
 _TERMINAL = re.compile(
-    rb"\s*(?:\((\d{1,12}|\d{4}-\d\d-\d\d \d\d:\d\d:\d\d)\.(\d{1,9})\) +)?"
-    rb"(\S+) +(?:[RT]X? +(?:[B-] +[E-] +)?)?([0-9A-Fa-f]{3,8}) +\[(\d{1,2})\] *"
-    rb"(?:(remote request)|((?:[0-9A-Fa-f]{2}(?: +|\Z))*))\s*(?:ERRORFRAME)?\s*\Z"
+    _BEGIN + rb"(?:\((\d{1,12}|\d{4}-\d\d-\d\d \d\d:\d\d:\d\d)\.(\d{1,9})\) +)?"
+    rb"([^\s>|:]\S*) +(?:[RT]X? +(?:[B-] +[E-] +)?)?([0-9A-Fa-f]{3,8}) +\[(\d{1,2})\] *"
+    rb"(?:(remote request)|((?:[0-9A-Fa-f]{2}(?:\s+|\Z))*))"
 )
 _EXTENDED_DIGITS: Final = 8
 
 
+SAVVYCAN: Final = b"Time Stamp,ID,Extended,"
+"""First bytes of a native CSV file of SavvyCAN."""
+
+
 def is_candump(head: bytes) -> bool:
-    """Whether text begins like a candump log."""
-    lines = head.lstrip().splitlines()
-    return bool(lines) and any(form.match(lines[0]) for form in (_LOG, _LOG_OTHER, _TERMINAL))
+    """Whether a line of text is one of a candump log."""
+    return any(form.search(line) for line in head.splitlines() for form in (_LOG_OTHER, _TERMINAL))
 
 
 def _lines(source: ByteSource, name: str) -> Iterator[tuple[int, bytes]]:
@@ -61,26 +69,61 @@ def _lines(source: ByteSource, name: str) -> Iterator[tuple[int, bytes]]:
         window.at = min(end + 1, len(window.data))
 
 
-def read_candump(source: ByteSource, name: str) -> Iterator[CanPacket]:
-    """The frames of a candump log."""
-    number = 0
+def read_candump(source: ByteSource, name: str, notices: list[str]) -> Iterator[CanPacket]:
+    """The frames of a candump log; at its end ``notices`` has the number of lines without a frame."""
+    number = ignored = 0
+    first = ""
     channels: dict[bytes, str] = {}
     for offset, line in _lines(source, name):
         match = _LOG.match(line)
         if match is not None:
             seconds, fraction, channel, identifier, digits = match.groups()
-            if len(digits) % 2:
-                raise CaptureError(name, offset, f"{line[:_SHOWN]!r}: the data ends with half a byte")
-            frame = _frame(identifier, bytes.fromhex(digits.decode()))
+            frame = _frame(identifier, _octets(digits, line, offset, name))
         else:
-            if not line.strip():
+            parts = _other_forms(line, offset, name)
+            if parts is None:
+                ignored += bool(line.strip())
+                first = first or f"the first at offset {offset}: {line[:_SHOWN]!r}"
                 continue
-            seconds, fraction, channel, frame = _other_forms(line, offset, name)
+            seconds, fraction, channel, frame = parts
         number += 1
         text = channels.get(channel)
         if text is None:
             text = channels[channel] = channel.decode("utf-8", "replace")
         yield CanPacket(number, int(seconds) * SECOND + int(fraction.ljust(9, b"0")), text, frame)
+    if not number:
+        raise CaptureError(name, 0, f"not a candump log: no frame in {ignored} lines")
+    if ignored:
+        notices.append(f"{counted(ignored, 'line')} without a frame ignored, {first}")
+
+
+def read_savvycan(source: ByteSource, name: str) -> Iterator[CanPacket]:
+    """The frames of a native CSV file of SavvyCAN."""
+    header: list[bytes] = []
+    number = 0
+    for offset, line in _lines(source, name):
+        columns = [column.strip() for column in line.split(b",")]
+        if not header:
+            header = columns
+            continue
+        if not line.strip():
+            continue
+        found = dict(zip(header, columns, strict=False))
+        try:
+            data = b"".join(found[b"D%d" % place] for place in range(1, int(found[b"LEN"]) + 1))
+            identifier = int(found[b"ID"], 16)
+            time_us = float(found[b"Time Stamp"])
+            frame = CanFrame(identifier, bytes.fromhex(data.decode()), found[b"Extended"].lower() == b"true")
+        except (ValueError, KeyError) as error:
+            raise CaptureError(name, offset, f"{line[:_SHOWN]!r}: not a frame of SavvyCAN") from error
+        number += 1
+        yield CanPacket(number, round(time_us * US), found.get(b"Bus", b"").decode("latin-1"), frame)
+
+
+def _octets(digits: bytes, line: bytes, offset: int, name: str) -> bytes:
+    if len(digits) % 2:
+        raise CaptureError(name, offset, f"{line[:_SHOWN]!r}: the data ends with half a byte")
+    return bytes.fromhex(digits.decode())
 
 
 def _frame(identifier: bytes, data: bytes, remote: bool = False) -> CanFrame:
@@ -101,24 +144,24 @@ def _date(text: bytes, line: bytes, offset: int, name: str) -> bytes:
     return b"%d" % moment.timestamp()
 
 
-def _other_forms(line: bytes, offset: int, name: str) -> tuple[bytes, bytes, bytes, CanFrame]:
-    match = _LOG_OTHER.match(line)
+def _other_forms(line: bytes, offset: int, name: str) -> tuple[bytes, bytes, bytes, CanFrame] | None:
+    """Time, interface and frame of a line; None for a line without a frame."""
+    match = _LOG_OTHER.search(line)
     if match is not None:
         seconds, fraction, channel, identifier, remote, length, digits = match.groups()
-        data = bytes(int(length or 0)) if remote else bytes.fromhex((digits or b"")[: len(digits or b"") & ~1].decode())
+        data = bytes(int(length or 0)) if remote else _octets(digits, line, offset, name)
         return seconds, fraction, channel, _frame(identifier, data, bool(remote))
-    match = _TERMINAL.match(line)
-    if match is not None:
-        seconds, fraction, channel, identifier, length, remote, digits = match.groups()
-        data = bytes(int(length)) if remote else bytes.fromhex((digits or b"").decode())
-        if len(data) != int(length):
-            raise CaptureError(
-                name, offset, f"{line[:_SHOWN]!r}: {len(data)} data bytes, but the line announces {int(length)}"
-            )
-        if b":" in (seconds or b""):
-            seconds = _date(seconds, line, offset, name)
-        return seconds or b"0", fraction or b"0", channel, _frame(identifier, data, bool(remote))
-    raise CaptureError(name, offset, f"{line[:_SHOWN]!r}: not a line of a candump log")
+    match = _TERMINAL.search(line)
+    if match is None:
+        return None
+    seconds, fraction, channel, identifier, length, remote, digits = match.groups()
+    size = int(length)
+    data = bytes(size) if remote else bytes.fromhex(digits.decode())[:size]
+    if len(data) != size:
+        raise CaptureError(name, offset, f"{line[:_SHOWN]!r}: {len(data)} data bytes, but the line announces {size}")
+    if b":" in (seconds or b""):
+        seconds = _date(seconds, line, offset, name)
+    return seconds or b"0", fraction or b"0", channel, _frame(identifier, data, bool(remote))
 
 
 def candump_line(message: can.Message) -> str:

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final
 
-from pdgw.decoder.capture.canlog import is_candump, read_candump, read_messages
+from pdgw.decoder.capture.canlog import SAVVYCAN, is_candump, read_candump, read_messages, read_savvycan
 from pdgw.decoder.capture.errors import CaptureError
 from pdgw.decoder.capture.pcap import is_pcap, read_capture
 from pdgw.decoder.frames.engine import CanPacket, Packet
@@ -25,11 +25,15 @@ _BLF: Final = ".blf"
 _BLF_SIZE: Final = slice(16, 24)
 """Place of the file length in the header."""
 _BINARY_READERS: Final = {_BLF: "BLFReader", ".mf4": "MF4Reader"}
-_TEXT_READERS: Final = {".asc": "ASCReader", ".csv": "CSVReader", ".trc": "TRCReader"}
+_CSV: Final = ".csv"
+_CSV_HEADER: Final = b"timestamp,arbitration_id,"
+_TEXT_READERS: Final = {".asc": "ASCReader", _CSV: "CSVReader", ".trc": "TRCReader"}
 _DATABASE: Final = ".db"
-_CONTENT: Final = ((b"LOGG", _BLF), (b"MDF ", ".mf4"), (b"date ", ".asc"), (b";", ".trc"), (b"timestamp,", ".csv"))
+_CONTENT: Final = ((b"LOGG", _BLF), (b"MDF ", ".mf4"), (b"date ", ".asc"), (b";", ".trc"), (_CSV_HEADER, _CSV))
 """First bytes of the formats of python-can."""
-FORMATS: Final = "pcap, pcapng, candump, .asc, .blf, .csv, .db, .mf4, .trc"
+_ENCODINGS: Final = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"\xef\xbb\xbf": "utf-8-sig"}
+"""Byte order marks of text; Notepad and PowerShell write them."""
+FORMATS: Final = "pcap, pcapng, candump, .asc, .blf, .csv (python-can, SavvyCAN), .db, .mf4, .trc"
 
 
 @dataclass
@@ -42,6 +46,8 @@ class Source:
     position: Callable[[], int] = field(default=lambda: 0)
     """Number of bytes read."""
     closing: ExitStack = field(default_factory=ExitStack)
+    notices: list[str] = field(default_factory=list)
+    """What the reader ignored; complete at the end of the packets."""
 
     def __enter__(self) -> Source:
         return self
@@ -82,16 +88,44 @@ def source_of_stream(
     head = bytes(stream.peek(_HEAD)[:_HEAD])
     if not head:
         raise CaptureError(name, 0, "is empty")
+    position = _position(stream)
+    for mark, encoding in _ENCODINGS.items():
+        if head.startswith(mark):
+            stream = io.BufferedReader(_Recoded(io.TextIOWrapper(stream, encoding, "replace")))
+            head = bytes(stream.peek(_HEAD)[:_HEAD])
     if is_pcap(head):
-        return Source(name, read_capture(stream, name, steps=steps), size, _position(stream), closing)
+        return Source(name, read_capture(stream, name, steps=steps), size, position, closing)
     if is_candump(head) or suffix == ".log":
-        return Source(name, read_candump(stream, name), size, _position(stream), closing)
+        notices: list[str] = []
+        return Source(name, read_candump(stream, name, notices), size, position, closing, notices)
+    if head.startswith(SAVVYCAN):
+        return Source(name, read_savvycan(stream, name), size, position, closing)
     for begin, kind in _CONTENT:
         if head.startswith(begin):
             return _messages(name, kind, stream, size, closing)
+    if suffix == _CSV:
+        headers = f"{_CSV_HEADER.decode()}... (python-can) or {SAVVYCAN.decode()}... (SavvyCAN)"
+        raise CaptureError(name, 0, f"unknown CSV file: its first line must be {headers}")
     if suffix in _BINARY_READERS or suffix in _TEXT_READERS:
         return _messages(name, suffix, stream, size, closing)
     raise CaptureError(name, 0, f"unknown format: the file begins with {head[:8].hex(' ')}; known formats: {FORMATS}")
+
+
+class _Recoded(io.RawIOBase):
+    """Text of any encoding as UTF-8."""
+
+    def __init__(self, text: io.TextIOWrapper) -> None:
+        self._text = text
+        self._rest = b""
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        self._rest = self._rest or self._text.read(len(buffer)).encode()
+        size = min(len(buffer), len(self._rest))
+        buffer[:size], self._rest = self._rest[:size], self._rest[size:]
+        return size
 
 
 def _position(stream: Any) -> Callable[[], int]:

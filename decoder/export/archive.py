@@ -145,6 +145,7 @@ def write_part(file: str, root: Path, options: ArchiveOptions) -> Part:
                         place.mkdir(parents=True)
                         table = tables[axis] = ParquetTable(place / "part.parquet", columns.titles[1:], known.names)
                     table.add([(record.time_ns, row[1:])])
+            notices |= dict.fromkeys(source.notices)
     except CaptureError as damage:
         error = str(damage)
     finally:

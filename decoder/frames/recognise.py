@@ -44,6 +44,8 @@ from pdgw.profinet.rpc.records import (
 _SKIPPED = re.compile(r"0[xX]|[\s,:]+")
 _FRAME_IDS = {Direction.SETPOINT: FRAME_ID_TO_DEVICE, Direction.ACTUAL: FRAME_ID_TO_CONTROLLER}
 _USED_STATUS = STATUS_DATA_VALID | STATUS_RUN | STATUS_PRIMARY
+_ALWAYS_SET = {"STW1": ("NO_COAST_STOP", "NO_QUICK_STOP", "CONTROL_BY_PLC"), "ZSW1": ("CONTROL_REQUESTED",)}
+"""Bits that an axis in use has, in the first word of its telegram."""
 _UDP = struct.Struct(">BxHxxxxxB10xHHHxx")
 """Headers of IPv4 and UDP."""
 
@@ -101,6 +103,21 @@ def packet_of(
     for number in telegrams:
         expected += f" ({wanted.value}s of telegram {number} have {telegram(number).half(wanted).size} bytes)"
     raise ProfidriveError("data", f"{len(data)} bytes {data[:8].hex(' ')}", expected)
+
+
+def swapped_words(data: bytes, number: int, direction: Direction) -> str:
+    """A hint where the words of a telegram make sense only with their bytes swapped; "" elsewhere."""
+    half = telegram(number).half(direction)
+    if half.names[0] not in _ALWAYS_SET or len(data) != half.size:
+        return ""
+    mask = sum(half.signals[0].bit(name).mask for name in _ALWAYS_SET[half.names[0]])
+    found, swapped = (int.from_bytes(data[:2], order) for order in ("big", "little"))
+    if found & mask == mask or swapped & mask != mask:
+        return ""
+    return (
+        f"{half.names[0]} {found:04X}h is {swapped:04X}h with its bytes swapped: check the byte order, "
+        "PROFIdrive sends the high byte first"
+    )
 
 
 def _c_sdu(data: bytes, telegrams: Sequence[int], direction: Direction) -> bytes | None:

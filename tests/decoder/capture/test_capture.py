@@ -128,7 +128,7 @@ def test_cyclic_frame_is_found_with_every_link_layer(link: int, data: bytes) -> 
 def test_slow_pipe_gives_the_same_packets() -> None:
     for data in (captures.pcap(PLC), captures.pcapng(BOTH)):
         assert list(read_capture(Dribble(data), "pipe")) == read(data)
-    assert list(read_candump(Dribble(captures.candump()), "pipe")) == can_packets(captures.candump())
+    assert list(read_candump(Dribble(captures.candump()), "pipe", [])) == can_packets(captures.candump())
 
 
 @pytest.mark.parametrize("make", [captures.pcap, captures.pcapng])
@@ -167,7 +167,7 @@ def test_damaged_lengths_are_refused_before_memory_is_taken() -> None:
 
 
 def can_packets(data: bytes) -> list[CanPacket]:
-    return list(read_candump(io.BytesIO(data), "can.log"))
+    return list(read_candump(io.BytesIO(data), "can.log", []))
 
 
 def test_candump_log() -> None:
@@ -190,16 +190,16 @@ def test_candump_log() -> None:
         (" (1.500000)  can0  181   [2]  01 02", 0x181, "0102", ""),
         (" (1.500000)  can0  RX - -  181   [2]  01 02", 0x181, "0102", ""),
         (" (1970-01-01 00:00:01.500000)  can0  181   [2]  01 02", 0x181, "0102", ""),
-        (" (1.500000)  can0  181  01 02", None, "", ""),
+        ("  can0  181   [2]  01 02   '..'", 0x181, "0102", ""),
+        ("> > (1.5) can0 181#0102", 0x181, "0102", ""),
+        (">(1.5) can0 181#0102 <-- here", 0x181, "0102", ""),
+        ("12:  can0  181   [2]  01 02 ab", 0x181, "0102", ""),
+        ("user@host:~$   can0  181   [2]  01 02\r", 0x181, "0102", ""),
         ("  can0  00000123   [1]  AA", 0x123, "AA", "extended"),
         ("  can0  701   [0]  remote request", 0x701, "", "remote"),
     ],
 )
-def test_forms_of_candump_lines(line: str, cob_id: int | None, data: str, flags: str) -> None:
-    if cob_id is None:
-        with pytest.raises(CaptureError, match=r"can.log: offset 0: .*: not a line of a candump log"):
-            can_packets(line.encode())
-        return
+def test_forms_of_candump_lines(line: str, cob_id: int, data: str, flags: str) -> None:
     (packet,) = can_packets(line.encode())
     frame = packet.frame
     assert (frame.cob_id, frame.data) == (cob_id, bytes.fromhex(data))
@@ -209,19 +209,60 @@ def test_forms_of_candump_lines(line: str, cob_id: int | None, data: str, flags:
 
 def test_bad_line_is_reported_with_its_offset() -> None:
     good = captures.candump()
-    packets, error = until_damage(read_candump(io.BytesIO(good + b"(1.0) can0 18#1\n"), "can.log"))
+    packets, error = until_damage(read_candump(io.BytesIO(good + b"(1.0) can0 181#1\n"), "can.log", []))
     assert len(packets) == len(CANOPEN)
     assert error is not None
     assert error.offset == len(good)
-    _, error = until_damage(read_candump(io.BytesIO(good + b"x" * (MAX_LINE + 2)), "can.log"))
+    _, error = until_damage(read_candump(io.BytesIO(good + b"x" * (MAX_LINE + 2)), "can.log", []))
     assert error is not None
     assert "no line end" in str(error)
-    _, error = until_damage(read_candump(io.BytesIO(b" (2026-13-01 00:00:00.5)  can0  181   [1]  01\n"), "can.log"))
+    _, error = until_damage(read_candump(io.BytesIO(b" (2026-13-01 00:00:00.5)  can0  181   [1]  01\n"), "can.log", []))
     assert error is not None
     assert "month must be in 1..12" in str(error)
-    _, error = until_damage(read_candump(io.BytesIO(good[:-2]), "can.log"))
+    _, error = until_damage(read_candump(io.BytesIO(good[:-2]), "can.log", []))
     assert error is not None
     assert "half a byte" in str(error)
+
+
+PASTED = b"""$ candump can0   # with a drive
+  can0  701   [1]  00
+= after the reset =
+  can0  181   [2]  31 02
+^C
+"""
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_text_around_the_frames_is_ignored_and_counted(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "pasted.txt"
+    path.write_bytes(PASTED.decode().encode(encoding))
+    with open_source(str(path)) as source:
+        frames = [packet.frame for packet in source.packets if isinstance(packet, CanPacket)]
+    assert [(frame.cob_id, frame.data) for frame in frames] == [(0x701, b"\0"), (0x181, b"\x31\x02")]
+    assert source.notices == [
+        "3 lines without a frame ignored, the first at offset 0: b'$ candump can0   # with a drive'"
+    ]
+
+
+SAVVYCAN = b"""Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8
+1500000,00000701,false,Rx,0,1,00,,,,,,,
+1500100,00000181,false,Rx,0,2,31,02
+1500200,18DA00F1,true,Tx,1,0
+"""
+
+
+def test_csv_of_savvycan(tmp_path: Path) -> None:
+    path = tmp_path / "savvy.csv"
+    path.write_bytes(SAVVYCAN)
+    with open_source(str(path)) as source:
+        packets = [packet for packet in source.packets if isinstance(packet, CanPacket)]
+    assert [
+        (item.time_ns, item.channel, item.frame.cob_id, item.frame.data, item.frame.extended) for item in packets
+    ] == [
+        (1_500_000_000, "0", 0x701, b"\0", False),
+        (1_500_100_000, "0", 0x181, b"\x31\x02", False),
+        (1_500_200_000, "1", 0x18DA00F1, b"", True),
+    ]
 
 
 WRITERS = {
@@ -253,7 +294,7 @@ def test_every_format_of_python_can_gives_the_same_frames(ending: str, tmp_path:
     [
         (".asc", b"0.02 1 181 Rx d 2 zz zz\n"),
         (".csv", b"1.0,0xZZ,0,0,0,2,AAAA\n"),
-        (".log", b"\xff\xfe 1,2 \xff\n"),
+        (".log", b"(1.0) can0 181#1\n"),
         (".trc", b"99) 1.0 DT 1 0181 Rx - 2 ZZ 01\n"),
     ],
 )
@@ -294,7 +335,13 @@ def test_shortened_blf_file_is_reported(tmp_path: Path) -> None:
         ("a.blf", b"LOGG" + bytes(200), "cannot be read"),
         ("a.db", b"no database", "cannot be read"),
         ("a.mf4", b"MDF     4.10" + bytes(100), "needs another Python package|cannot be read"),
-        ("a.log", b"nonsense\n", "not a line of a candump log"),
+        ("a.log", b"nonsense\n", "not a candump log: no frame in 1 lines"),
+        ("a.csv", b"time;id\n", r"its first line must be timestamp,.*python-can.* or Time Stamp,.*SavvyCAN"),
+        (
+            "b.csv",
+            b"Time Stamp,ID,Extended,Dir,Bus,LEN\n5,181,false,Rx,0,two\n",
+            "offset 35: .*: not a frame of SavvyCAN",
+        ),
     ],
 )
 def test_unreadable_file_is_reported(name: str, data: bytes, message: str, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdgw.decoder.frames.recognise import parse_hex, recognise
+from pdgw.decoder.frames.recognise import parse_hex, recognise, swapped_words
 from pdgw.decoder.frames.records import CyclicRecord, OtherRecord
 from pdgw.decoder.view.render import line_parts
 from pdgw.profidrive.errors import ProfidriveError
@@ -152,3 +152,27 @@ def test_the_command_prints_the_documented_object_and_one_line_for_an_error() ->
     assert bad.returncode == 1
     assert "telegram 1 have 4 bytes" in bad.stderr
     assert "Traceback" not in bad.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "direction", "hint"),
+    [
+        ("7E04 0020", Direction.SETPOINT, "STW1 7E04h is 047Eh with its bytes swapped: check the byte order"),
+        ("31EB 0000", Direction.ACTUAL, "ZSW1 31EBh is EB31h"),
+        ("047F 2000", Direction.SETPOINT, ""),
+        ("0000 0000", Direction.SETPOINT, ""),
+        ("0400 0000", Direction.SETPOINT, ""),
+        ("EB31 0000", Direction.ACTUAL, ""),
+        ("7E04", Direction.SETPOINT, ""),
+    ],
+)
+def test_words_with_swapped_bytes_get_a_hint(words: str, direction: Direction, hint: str) -> None:
+    found = swapped_words(parse_hex(words), 1, direction)
+    assert found.startswith(hint)
+    assert bool(found) == bool(hint)
+
+
+def test_the_command_prints_the_hint_of_swapped_words() -> None:
+    result = pdgw("decode", "--hex", "7F04 0020")
+    assert result.returncode == 0
+    assert "note: STW1 7F04h is 047Fh with its bytes swapped" in result.stderr

@@ -104,7 +104,7 @@ def decode(
     from pdgw.decoder.export.archive import ArchiveOptions, is_data_set
     from pdgw.decoder.export.writers import CsvWriter, JsonWriter, ParquetWriter, StatsWriter, TextWriter
     from pdgw.decoder.frames.engine import Decoder
-    from pdgw.decoder.frames.recognise import packet_of, parse_hex
+    from pdgw.decoder.frames.recognise import packet_of, parse_hex, swapped_words
     from pdgw.decoder.view.changes import Changes
     from pdgw.decoder.view.filter import Filter
     from pdgw.decoder.view.selection import Selection
@@ -116,8 +116,11 @@ def decode(
     packet = None
     if hex_text is not None:
         data = parse_hex(sys.stdin.read() if hex_text == "-" else hex_text)
-        packet, telegrams = packet_of(data, telegram or [], Direction(direction.value) if direction else None)
+        side = Direction(direction.value) if direction else None
+        packet, telegrams = packet_of(data, telegram or [], side)
         telegram = list(telegrams)
+        if len(telegram) == 1 and (hint := swapped_words(data, telegram[0], side or Direction.SETPOINT)):
+            _print_notices([hint])
     elif direction is not None:
         raise GatewayError("--direction: allowed only with --hex; a capture contains the direction in its FrameIDs")
     signals = [name.strip() for text in signal or [] for name in text.split(",")]
@@ -239,6 +242,7 @@ def _run(
             packets = islice(with_progress(source.packets, Path(source.name).name, source.size, source.position), count)
             with contextlib.suppress(KeyboardInterrupt):
                 _loop(packets, decoder, selection, writers, limits, zero_ns)
+            _print_notices(source.notices)
         finally:
             for writer in writers:
                 writer.finish()
