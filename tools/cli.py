@@ -8,6 +8,7 @@ from __future__ import annotations
 import errno
 import io
 import os
+import re
 import sys
 from collections.abc import Mapping
 from typing import Annotated, Final, NoReturn
@@ -16,12 +17,17 @@ import typer
 
 from pdgw.ds301.errors import CanopenError
 from pdgw.gateway.errors import GatewayError
+from pdgw.phrases import printable
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.tools.command_table import COMMANDS, Entry, lazy_group
 from pdgw.tools.termination import INTERRUPTED
 
 _NO_MORE_OUTPUT: Final = (errno.ENOSPC, errno.EIO, errno.EPIPE)
 """Errors of standard output: the disk is full, or the reader has closed the pipe."""
+
+
+_OWN_SEQUENCES = re.compile(r"(\x1b\[(?:[0-9;]*[A-HJKm]|\?(?:25|1049)[hl]))")
+"""Colours and the cursor movements of tables that are drawn again."""
 
 
 class _Options:
@@ -70,6 +76,7 @@ def main(commands: typer.Typer | None = None) -> None:
     """Run a command line, by default that of ``pdgw``. An error that the user can correct is printed as one line."""
     _open_missing_streams()
     _replace_unknown_characters()
+    _guard_terminal()
     try:
         try:
             (commands or app)()
@@ -103,6 +110,23 @@ def _replace_unknown_characters() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper) and not stream.encoding.lower().startswith("utf"):
             stream.reconfigure(errors="replace")
+
+
+class _Terminal(io.TextIOWrapper):
+    """A terminal that shows control characters as escapes, except those of colours and tables."""
+
+    def write(self, text: str, /) -> int:
+        parts = _OWN_SEQUENCES.split(text)
+        return super().write("".join(part if place % 2 else printable(part) for place, part in enumerate(parts)))
+
+
+def _guard_terminal() -> None:
+    """Keep texts of files, devices and networks from controlling the terminal."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if isinstance(stream, io.TextIOWrapper) and stream.isatty():
+            guarded = _Terminal(stream.buffer, stream.encoding, stream.errors, line_buffering=stream.line_buffering)
+            setattr(sys, name, guarded)
 
 
 def _forget_output() -> None:

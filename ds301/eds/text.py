@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 from pdgw.ds301.eds.values import same_value
 from pdgw.ds301.errors import CanopenError
+from pdgw.phrases import printable
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +157,10 @@ def decode(data: bytes, report: Report) -> str:
         raise EdsError((Problem(line, "", "text", "\0", "binary data, not an EDS or DCF"),))
     if used != text:
         report.repair(used.count("\n") + 1, "", "end of file", text[len(used)], "")
-    return used
+    shown = printable(used)
+    if shown != used:
+        report.repair(0, "", "control characters", "", "escaped")
+    return shown
 
 
 def _canonical_name(name: str) -> tuple[str, bool]:

@@ -107,7 +107,9 @@ def test_encodings_and_line_ends(encoding: str, found: str | None, end: str) -> 
 
 def test_bytes_no_windows_code_page_has_are_read_as_latin_1() -> None:
     data = GOOD.read_bytes().replace(b"=Gain", b"=G\x81in")
-    assert import_eds(data, NODE).repairs[0] == Repair(87, "", "encoding", "latin-1", "utf-8")
+    imported = import_eds(data, NODE)
+    assert Repair(87, "", "encoding", "latin-1", "utf-8") in imported.repairs
+    assert imported.dictionary[0x2000].name == r"G\x81in", "a control character in Latin-1"
 
 
 @pytest.mark.parametrize("path", REPAIRED, ids=lambda path: path.stem)

@@ -95,6 +95,21 @@ def test_data_sheet_without_a_family_describes_the_drive_itself(tmp_path: Path) 
     assert "family engel" in _run(str(EDS_PATH))
 
 
+def test_a_sheet_of_another_device_is_no_drive(tmp_path: Path) -> None:
+    file = tmp_path / "io.eds"
+    file.write_text("[DeviceInfo]\n[1000]\nParameterName=x\nDataType=7\nAccessType=ro\nDefaultValue=0x00030191\n")
+    assert "no CiA 402 drive: 6040h and 6041h missing, device profile 401" in _run(str(file))
+    assert json.loads(_run("--json", str(file)))[0]["notes"] == [
+        "no CiA 402 drive: 6040h and 6041h missing, device profile 401"
+    ]
+
+
+def test_an_identity_that_contradicts_1018h_is_named(tmp_path: Path) -> None:
+    file = Path(_eds(tmp_path, 0x77, "Mine"))
+    file.write_text(file.read_text().replace("VendorNumber=0x77", "VendorNumber=0x78"))
+    assert "[DeviceInfo] VendorNumber is 78h, but 1018h/1 is " in _run(str(file))
+
+
 def test_a_misspelt_family_is_rejected_with_the_similar_name() -> None:
     result = CliRunner().invoke(app, ["drives", "epos5"])
     assert result.exit_code == 1

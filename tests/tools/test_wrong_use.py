@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import socket
+import sys
 from contextlib import redirect_stdout
 from pathlib import Path
 
@@ -153,6 +154,37 @@ def test_unknown_characters_of_a_code_page_end_no_command(
         main()
     printed.flush()
     assert len(printed.buffer.getvalue()) > 100  # type: ignore[attr-defined]
+
+
+class TerminalOutput(io.TextIOWrapper):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize("command", ["decode", "drives"])
+def test_control_characters_of_a_file_do_not_reach_the_terminal(
+    command: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    title = "\x1b]0;title\x07"
+    files = {
+        "decode": f"(1.5) can{title} 701#00\n",
+        "drives": f"[DeviceInfo]\n[1000]\nParameterName=x\x1b[31m\nDataType=7\nAccessType={title}\n",
+    }
+    path = tmp_path / "file"
+    path.write_text(files[command])
+    monkeypatch.setattr("sys.argv", ["pdgw", command, str(path)])
+    monkeypatch.setenv("COLUMNS", "150")
+    printed = TerminalOutput(io.BytesIO(), encoding="utf-8")
+    with redirect_stdout(printed):
+        with contextlib.suppress(SystemExit):
+            main()
+        sys.stdout.flush()
+        found = printed.buffer.getvalue().decode()  # type: ignore[attr-defined]
+    assert found
+    assert "\x07" not in found
+    assert "\x1b]" not in found
+    assert "\x1b[31m" not in found
+    assert command == "decode" or r"\x1b]0;title\x07" in found
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")

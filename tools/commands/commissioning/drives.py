@@ -118,12 +118,17 @@ def _check(files: Sequence[Path], node_id: int, write: Path | None, *, as_json: 
 
     results = [(file, imported(file, node_id)) for file in files]
     if as_json:
-        documents = [import_document(file, result) | _match_document(result) for file, result in results]
+        documents = [
+            import_document(file, result) | {"notes": _notes(result)} | _match_document(result)
+            for file, result in results
+        ]
         typer.echo(json.dumps(documents, indent=2))
     else:
         console = Console()
         for file, result in results:
             print_import(console, file, result)
+            for note in _notes(result):
+                typer.echo(note)
             drive = _drive_of(result)
             if drive is not None:
                 _print_match(drive)
@@ -143,6 +148,36 @@ def _drive_of(result: EdsImport | EdsError) -> DriveType | None:
     if isinstance(result, EdsError) or not {CONTROLWORD[0], STATUSWORD[0]} <= set(result.dictionary):
         return None
     return described_by_sheet(result.dictionary)
+
+
+def _notes(result: EdsImport | EdsError) -> list[str]:
+    """What a usable file describes instead of a drive, and where it contradicts itself."""
+    from pdgw.ds301.communication import DEVICE_TYPE, IDENTITY, profile_of
+    from pdgw.ds301.eds.text import EdsError
+    from pdgw.dsp402.identification.describe import variable
+    from pdgw.dsp402.objects import CONTROLWORD, STATUSWORD
+
+    if isinstance(result, EdsError):
+        return []
+    dictionary = result.dictionary
+    missing = [f"{index:04X}h" for index, _ in (CONTROLWORD, STATUSWORD) if index not in dictionary]
+    notes = []
+    if missing:
+        device_type = variable(dictionary, DEVICE_TYPE)
+        profile = profile_of(device_type.default) if device_type and isinstance(device_type.default, int) else 0
+        notes.append(
+            f"no CiA 402 drive: {' and '.join(missing)} missing" + (f", device profile {profile}" if profile else "")
+        )
+    info = dictionary.device_information
+    stated = {"VendorNumber": info.vendor_number, "ProductNumber": info.product_number}
+    for subindex, (key, number) in enumerate(stated.items(), 1):
+        entry = variable(dictionary, IDENTITY, subindex)
+        if number and entry is not None and entry.default and entry.default != number:
+            notes.append(
+                f"[DeviceInfo] {key} is {number:X}h, but 1018h/{subindex} is {entry.default:X}h: correct the wrong one; "
+                "the gateway compares the device with [DeviceInfo]"
+            )
+    return notes
 
 
 def _not_available(drive: DriveType, numbers: Iterable[int]) -> dict[int, Sequence[str]]:
