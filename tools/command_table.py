@@ -207,7 +207,7 @@ EXAMPLES: Mapping[str, str] = {
     "trace watch": "trace watch --on fault --to traces",
     "web": "web gateway.toml --listen 127.0.0.1:8420",
     "param read": "param read P922 6041h 1018h.1 --do 1",
-    "param write": "param write P2000 3000 --do 1",
+    "param write": "param write 6085h 3000 --do 1",
     "param list": "param list --do 1",
     "param describe": "param describe P922",
     "param identify": "param identify --gateway 192.168.0.2",

@@ -25,9 +25,9 @@ def kind() -> str:
 
 
 def interpreter() -> str:
-    """Such as ``CPython 3.12.1, PGO``: built with profile-guided optimisation, as most distributions do."""
+    """Such as ``CPython 3.12.1, PGO``: built with profile-guided optimisation, if the interpreter says so. Debian's does not."""
     optimised = "--enable-optimizations" in str(sysconfig.get_config_var("CONFIG_ARGS") or "")
-    return f"{platform.python_implementation()} {platform.python_version()}, {'PGO' if optimised else 'not PGO'}"
+    return f"{platform.python_implementation()} {platform.python_version()}{', PGO' * optimised}"
 
 
 def build_text() -> str:

@@ -21,6 +21,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.parameters.codec import Values
 from pdgw.profinet.rpc import identification
+from pdgw.tools.command_table import EXAMPLES
 from tests.support.cli import pdgw
 from tests.support.gateways.daemon import axis, configuration, reached, serving, until
 
@@ -111,6 +112,7 @@ def test_write_takes_the_type_from_the_device_and_reports_each_failure(server: t
         (3, None),
     ]
     assert json.loads(pdgw("param", "read", "6085h", "--json", *option(server)).stdout)[0]["value"] == 900
+    assert pdgw(*EXAMPLES["param write"].split(), *option(server)).returncode == 0
     assert pdgw("param", "write", "6085h", "--type", "u32", *option(server)).stderr.count("value is missing") == 1
 
 
