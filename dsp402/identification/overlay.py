@@ -1,7 +1,7 @@
 """Overlay files: facts that the data sheets of a family of drives lack, one TOML file per family in ``dsp402/families``.
 
-An overlay is selected by the identity object 1018h or by name. It adds to the data sheet and the answers of the device, and
-never replaces them. Every file names its sources and what is unverified.
+``add_family`` adds those of the user. An overlay is selected by the identity object 1018h or by name. It adds to the data sheet
+and the answers of the device, and never replaces them. Every file names its sources and what is unverified.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import replace
 from fnmatch import fnmatchcase
 from fractions import Fraction
 from functools import cache, cached_property, lru_cache
+from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,7 +26,9 @@ from pdgw.dsp402.faults import ChannelErrorType, DriveFault
 from pdgw.dsp402.units.unit_keys import FamilyUnits
 from pdgw.dsp402.units.units import parse_unit
 from pdgw.explain import Problem, problems
+from pdgw.files import read_file
 
+_FILE_MAX = 1 << 20
 FAMILIES = Path(__file__).parents[1] / "families"
 _DATA_SHEETS = Path(__file__).parents[1] / "eds"
 _ADDRESS = re.compile(r"([0-9A-Fa-f]{4})h(?:/([0-9]{1,3}))?")
@@ -282,10 +285,40 @@ def parse_overlay(name: str, text: str) -> Overlay:
         raise OverlayError(name, problems(error, Overlay)[0]) from error
 
 
+_added: dict[str, Overlay] = {}
+"""The user's own families."""
+
+
 @cache
 def overlays() -> Mapping[str, Overlay]:
-    """Every overlay of the package by its name."""
-    return {path.stem: parse_overlay(path.stem, path.read_text("utf-8")) for path in sorted(FAMILIES.glob("*.toml"))}
+    """Every overlay by its name: those of the package, then those of ``add_family``."""
+    return {
+        path.stem: parse_overlay(path.stem, path.read_text("utf-8")) for path in sorted(FAMILIES.glob("*.toml"))
+    } | _added
+
+
+def add_family(file: str | PathLike[str]) -> Overlay:
+    """Make a user's own family of drives known to this process, by the name of its file; the path of ``eds`` is relative to it.
+
+    Dsp402Error names the file, the key and what is allowed. Another family of that name is an error, the same one again is not.
+    """
+    path = Path(file).resolve()
+    try:
+        text = read_file(path, _FILE_MAX).decode()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not UTF-8 text"
+        raise Dsp402Error("drive family", str(path), f"a file that can be read ({reason})") from error
+    own = parse_overlay(path.stem, text)
+    if own.eds:
+        own = own.model_copy(update={"eds": str(path.parent / own.eds)})
+    known = overlays().get(own.name)
+    if known is None:
+        _added[own.name] = own
+        for found in (overlays, all_families, families_of):
+            found.cache_clear()
+    elif known != own:
+        raise Dsp402Error("drive family", str(path), f"another file name: there is a family {own.name} already")
+    return own
 
 
 @cache

@@ -13,14 +13,14 @@ from math import ceil
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
 from pdgw.ds301.bus.load import DEFAULT_BITRATE, check_load
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.errors import Dsp402Error
-from pdgw.dsp402.identification.overlay import overlay
+from pdgw.dsp402.identification.overlay import add_family, overlay
 from pdgw.dsp402.pdo.layouts import PdoLayout
 from pdgw.dsp402.units.mechanics import unit_object
 from pdgw.dsp402.units.unit_keys import UnitKeys, check_unit_keys
@@ -95,6 +95,18 @@ def as_list(value: object) -> object:
     return [value] if isinstance(value, dict) else value
 
 
+def _family(family: str, info: ValidationInfo) -> str:
+    """A family by name, or the path of the file of an own one, which is added."""
+    try:
+        if not family.endswith(".toml"):
+            return overlay(family).name
+        path = (info.context or Path()) / family
+        add_family(path)
+        return str(path.resolve())
+    except Dsp402Error as error:
+        raise ValueError(str(error)) from error
+
+
 class AxisConfig(DriveObjectSection):
     """One drive and its telegram."""
 
@@ -117,7 +129,7 @@ class AxisConfig(DriveObjectSection):
     """Telegrams with G1: the do_id of the encoder that it is; None: the drive's own position."""
     g2: Annotated[Integer, Field(ge=1, le=254)] | Literal["drive"] | None = None
     """Telegrams with G2: the do_id of the encoder that it is, or the drive's second encoder (60E4h); None: error 0F01h."""
-    family: str | None = None
+    family: Annotated[str, AfterValidator(_family)] | None = None
     """The overlay of the drive; None: the one that fits its identity."""
     rated_speed_rpm: Ratio | None = None
     velocity_unit: str = ""
@@ -152,11 +164,14 @@ class AxisConfig(DriveObjectSection):
             frozenset(self.ignored_unit_objects or ()),
         )
 
+    @property
+    def family_name(self) -> str:
+        """The name of the drive's family; "" if the identity of the drive selects it."""
+        return Path(self.family or "").stem
+
     @model_validator(mode="after")
     def _units_are_units(self) -> AxisConfig:
         try:
-            if self.family is not None:
-                overlay(self.family)
             check_unit_keys(self.units)
         except Dsp402Error as error:
             raise ValueError(str(error)) from error
@@ -264,7 +279,7 @@ class AxisConfig(DriveObjectSection):
             allow_unguarded=self.allow_unguarded,
             initial_mode=initial_mode(number, self.dsc_form),
             units=self.units,
-            family=self.family or "",
+            family=self.family_name,
         )
 
 

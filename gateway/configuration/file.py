@@ -79,7 +79,7 @@ def load_config(file: str | PathLike[str]) -> GatewayConfig:
     """Read and validate a file; GatewayError has one line for each thing that is wrong."""
     path = Path(file)
     text = read_text(path)
-    config = parse_config(text, str(path))
+    config = parse_config(text, str(path), path.parent)
     axes = tuple(_resolved(axis, path) for axis in config.axis)
     encoders = tuple(_resolved(encoder, path) for encoder in config.encoder)
     sections: tuple[tuple[str, Sequence[AxisConfig | EncoderConfig]], ...] = (("axis", axes), ("encoder", encoders))
@@ -112,9 +112,9 @@ def _files_resolved(section: FileSection, path: Path) -> FileSection:
     return section.model_copy(update=files)
 
 
-def parse_config(text: str, name: str = "configuration") -> GatewayConfig:
-    """Validate configuration text; see ``load_config``."""
-    return parse_toml(GatewayConfig, SECTIONS, text, name, REMOVED)
+def parse_config(text: str, name: str = "configuration", folder: Path = Path()) -> GatewayConfig:
+    """Validate configuration text; see ``load_config``. Drive families with a relative path are in ``folder``."""
+    return parse_toml(GatewayConfig, SECTIONS, text, name, REMOVED, folder)
 
 
 def config_text(config: GatewayConfig) -> str:

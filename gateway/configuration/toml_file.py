@@ -41,11 +41,17 @@ def read_text(path: Path) -> str:
 
 
 def parse_toml(
-    root: type[Root], sections: Sections, text: str, name: str, removed: Mapping[str, str] = MappingProxyType({})
+    root: type[Root],
+    sections: Sections,
+    text: str,
+    name: str,
+    removed: Mapping[str, str] = MappingProxyType({}),
+    folder: Path = Path(),
 ) -> Root:
     """Validate TOML text by the model of the whole file; GatewayError has one line for each thing that is wrong.
 
     ``sections``: the models of the file's tables, by their name. ``removed``: see ``problems``.
+    ``folder``: the context of the validation.
     """
     try:
         document = tomllib.loads(text.removeprefix("\ufeff"))
@@ -53,7 +59,7 @@ def parse_toml(
         raise GatewayError(f"{name}: not valid TOML: {error}{_hint(str(error))}") from error
     check_depth(document, name)
     try:
-        return root.model_validate(document)
+        return root.model_validate(document, context=folder)
     except ValidationError as error:
         lines = [problem_text(problem, text, name, sections) for problem in problems(error, root, removed)]
         raise GatewayError("\n".join(lines)) from error

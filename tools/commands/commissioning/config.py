@@ -128,7 +128,7 @@ def _print_missing_objects(axis: AxisConfig, settings: AxisSettings) -> None:
     from pdgw.gateway.commissioning.telegram_check import not_available
 
     if axis.eds is not None:
-        drive = described_by_sheet(load_eds(axis.eds, axis.node_id), axis.units, axis.family or "")
+        drive = described_by_sheet(load_eds(axis.eds, axis.node_id), axis.units, axis.family_name)
         for line in not_available(drive, axis.telegram, settings):
             typer.echo(f"DO {axis.do_id}: {line}")
 
@@ -145,7 +145,7 @@ def _ask(config: GatewayConfig, axis: AxisConfig) -> PdoPlan | None:
     try:
         dictionary = load_eds(axis.eds, axis.node_id) if axis.eds else None
         with opened(config.bus_of(axis)) as network, Inquiry(network, axis.node_id, axis.sdo_timeout_ms / 1000) as node:
-            drive = complete(network.loop, lambda: probe(node, dictionary, axis.units, axis.family or ""))
+            drive = complete(network.loop, lambda: probe(node, dictionary, axis.units, axis.family_name))
     except CanopenError as error:
         typer.echo(f"DO {axis.do_id}: {error}")  # the text names what is wrong with the node, its bus or its data sheet
         return None

@@ -23,7 +23,11 @@ if TYPE_CHECKING:
 def drives(
     items: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[FAMILY | FILE]...", help="Families, or EDS and DCF files.", show_default=False),
+        typer.Argument(
+            metavar="[FAMILY | FILE]...",
+            help="Families by name or TOML file, or EDS and DCF files.",
+            show_default=False,
+        ),
     ] = None,
     node_id: Annotated[
         int, typer.Option(min=NODE_IDS[0], max=NODE_IDS[-1], help="Node-ID for values of a file that depend on it.")
@@ -38,10 +42,11 @@ def drives(
 
     The exit status is 1 if a file cannot be used.
     """
-    from pdgw.dsp402.identification.overlay import overlay, overlays
+    from pdgw.dsp402.identification.overlay import add_family, overlay, overlays
 
-    families = [name for name in items or () if name in overlays()]
-    files = [Path(name) for name in items or () if name not in overlays()]
+    items = [add_family(name).name if name.endswith(".toml") else name for name in items or ()]
+    families = [name for name in items if name in overlays()]
+    files = [Path(name) for name in items if name not in overlays()]
     if families and files:
         raise GatewayError(f"{files[0]}: give either families or files")
     if write is not None and len(files) != 1:
