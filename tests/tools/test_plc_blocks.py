@@ -331,6 +331,19 @@ def test_encoder_block_shows_position_and_presets(number: int) -> None:
         plc.until(lambda block: block["VALID"], "acknowledged")
 
 
+def test_encoder_block_ends_its_acknowledge_when_the_sensor_confirms_it() -> None:
+    with running(config_of(81)) as daemon:
+        plc, encoder = TextPlc(daemon, program(daemon.config)), encoder_of(daemon, 1)
+        plc.set(Enable=True)
+        plc.until(lambda block: block["VALID"], "valid")
+        encoder.node.model.inject("position-error")
+        plc.until(lambda block: block["ERROR"], "fault")
+        encoder.node.model.clear()
+        plc.exchange(100)
+        plc.set(AckError=True)
+        plc.until(lambda block: block["VALID"], "the sensor keeps its error until G1_STW.15 is 0")
+
+
 def test_block_of_telegram_100_enables_turns_and_recovers() -> None:
     with axis_with(100) as (plc, drive):
         plc.exchange(500)
