@@ -8,6 +8,7 @@ from pdgw.tools.plc.tokens import Token, pieces
 
 _UNITS = ("TYPE", "FUNCTION_BLOCK", "FUNCTION")
 _VERSION = "\nVERSION : 0.1"
+_BLOCK = f"\n{{ S7_Optimized_Access := 'TRUE' }}{_VERSION}"
 
 
 def scl(text: str) -> str:
@@ -48,13 +49,13 @@ class _Scl:
                 declares = False
                 yield text if behind.key.startswith("VAR") else f"{text}\nBEGIN"
             elif previous in _UNITS:
-                yield f'"{text}"{_VERSION if unit != "FUNCTION" else ""}'
+                yield f'"{text}"' + {"TYPE": _VERSION, "FUNCTION_BLOCK": _BLOCK}.get(unit, "")
             elif unit == "TYPE" and text == ":" and behind.key == "STRUCT":
                 yield "\n"
             elif unit == "FUNCTION" and key == "VAR":
                 yield "VAR_TEMP"
             elif unit == "FUNCTION" and previous == ":" and not declares and not self._begun(at):
-                yield f"{text}{_VERSION}"
+                yield f"{text}{_BLOCK}"
             elif token.kind != "word" or previous == ".":
                 yield text
             elif key in self._local and not (declares and behind.text in {":", ","} and previous not in {":=", "("}):
