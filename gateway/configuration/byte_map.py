@@ -47,6 +47,7 @@ class AxisMap:
     """The bytes of one axis in one direction."""
 
     do_id: int
+    name: str | None
     half: TelegramHalf
     offset: int
     iops: int
@@ -89,7 +90,7 @@ def _frame_map(config: GatewayConfig, direction: Direction) -> FrameMap:
         )
         places = _signals(item, half, offset)
         places += [Place(at, 1, name, "BYTE", item.do_id, full=_GOOD, description=text) for at, name, text in states]
-        axes.append(AxisMap(item.do_id, half, offset, iops, iocs, tuple(places)))
+        axes.append(AxisMap(item.do_id, item.name, half, offset, iops, iocs, tuple(places)))
     copied = "the PLC copies it to its frame" if direction is Direction.ACTUAL else "copy of the gateway's newest frame"
     of_frame = [
         Place(0, HEADER.size, "FrameID", "WORD", description="constant"),

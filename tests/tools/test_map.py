@@ -14,10 +14,12 @@ from pdgw.gateway.configuration.file import load_config
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
+from pdgw.profidrive.frame import IOPS_GOOD, TICK
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.commands.commissioning.map import Format, map_
 from pdgw.tools.plc.code import siemens_scl, structured_text
-from pdgw.tools.plc.frames import LOST_AFTER, identifier
+from pdgw.tools.plc.frames import identifier
+from pdgw.tools.plc.udp import LOST_AFTER
 from tests.support.structured_text.compiler import Compiler
 
 CONFIG = """
@@ -32,18 +34,22 @@ telegram = 1
 rated_speed_rpm = 2500
 [[axis]]
 do_id = 7
+name = "table"
 node_id = 2
 telegram = 9
 [[axis]]
 do_id = 9
+name = "axis 1"
 node_id = 4
 telegram = 100
 [[encoder]]
 do_id = 3
+name = "Line: encoder"
 node_id = 3
 telegram = 83
 [[encoder]]
 do_id = 4
+name = "3rd"
 node_id = 5
 telegram = 84
 """
@@ -123,32 +129,32 @@ def test_map_shows_configured_100_percent_values(config: GatewayConfig) -> None:
 
 
 def test_the_blocks_make_and_read_the_frames(config: GatewayConfig) -> None:
-    blocks = Compiler(lambda: 0, structured_text(config)).units
+    block = Compiler(lambda: 0, structured_text(config)).units["PDGW_UDP"]
     plc, setpoints = plc_of(config)
-    expected = bytes(plc.build())
-    ids = [item.do_id for item in config.objects]
-    build = blocks["PDGW_BUILD"]
-    made = build.initial
-    for do_id, values in zip(ids, setpoints, strict=True):
-        made[f"AXIS_{do_id}"] = {identifier(name).upper(): value for name, value in values.items()}
-    build.body(made)
-    assert bytes(made["FRAME"]) == expected
+    expected = bytearray(plc.build())
     answer, actuals = answer_of(config)
-    reading = blocks["PDGW_READ"]
-    read = reading.initial | {"FRAME": list(answer)}
-    reading.body(read)
-    for do_id, values in zip(ids, actuals, strict=True):
-        assert read[f"AXIS_{do_id}"] == {identifier(name).upper(): value for name, value in values.items()}
-        assert (read[f"GOOD_{do_id}"], read[f"USED_{do_id}"]) == (True, False)
+    names = ["AXIS_1", "TABLE", "AXIS_9", "LINE_ENCODER", "AXIS_4"]
+    io = block.initial | {"RECEIVED": list(answer)}
+    for name, values in zip(names, setpoints, strict=True):
+        io[f"{name}_SET"] = {identifier(signal).upper(): value for signal, value in values.items()}
+    block.body(io)
+    sending, receiving = frame_maps(config)
+    for axis in sending.axes:
+        expected[axis.iocs] = IOPS_GOOD
+    expected[sending.trailer - TICK.size : sending.trailer] = answer[receiving.trailer - TICK.size : receiving.trailer]
+    assert bytes(io["SENT"]) == expected
+    for name, values in zip(names, actuals, strict=True):
+        assert io[f"{name}_ACTUAL"] == {identifier(signal).upper(): value for signal, value in values.items()}
+        assert (io[f"{name}_GOOD"], io[f"{name}_USED"]) == (True, False)
     for _ in range(LOST_AFTER):
-        reading.body(read)
-        assert read["GOOD_1"], "the same frame again: the gateway may be late"
+        block.body(io)
+        assert io["AXIS_1_GOOD"], "the same frame again: the gateway may be late"
     for _ in range(3):
-        reading.body(read)
-        assert not read["GOOD_1"], "no new frame for too long"
-    read["FRAME"][-4] ^= 1
-    reading.body(read)
-    assert read["GOOD_1"], "a new frame"
+        block.body(io)
+        assert not io["AXIS_1_GOOD"], "no new frame for too long"
+    io["RECEIVED"][receiving.trailer] ^= 1
+    block.body(io)
+    assert io["AXIS_1_GOOD"], "a new frame"
 
 
 def test_scl_marks_variables_and_quotes_types(config: GatewayConfig) -> None:
@@ -160,11 +166,12 @@ def test_scl_marks_variables_and_quotes_types(config: GatewayConfig) -> None:
     ):
         assert line not in text
     for line in (
-        'FUNCTION_BLOCK "PDGW_Build"\nVERSION : 0.1\n',
-        '    axis_1 : "PDGW_T1_SET";\n',
+        "FUNCTION_BLOCK \"PDGW_Udp\"\n{ S7_Optimized_Access := 'TRUE' }\nVERSION : 0.1\n",
+        '    axis_1_set : "PDGW_T1_SET";\n',
         "END_VAR\nBEGIN\n",
-        "    #frame[4] := WORD_TO_BYTE(SHR(IN := INT_TO_WORD(#axis_1.NSOLL_A), N := 8));\n",
-        "    #result := DPRD_DAT(LADDR := #hw_1, RECORD => #axis_1_actual);\n    #good_1 := #result = 0;\n",
+        "    #sent[4] := WORD_TO_BYTE(SHR(IN := INT_TO_WORD(#axis_1_set.NSOLL_A), N := 8));\n",
+        "    #send(REQ := TRUE, ID := #connection_id, LEN := 0, DATA := #sent, ADDR := #partner);\n",
+        "#partner.REM_IP_ADDR := #gateway;\n",
     ):
         assert line in text, line
 
@@ -201,7 +208,12 @@ def test_the_device_description_is_written_beside_the_map(
     map_(file, Format.SCL, tmp_path / "pdgw.scl", tmp_path)
     (description,) = tmp_path.glob("GSDML-V2.4-*.xml")
     assert 'DeviceID="0x0016"' in description.read_text()
-    assert "PDGW_Profinet" in (tmp_path / "pdgw.scl").read_text()
+    text = (tmp_path / "pdgw.scl").read_text()
+    assert 'FUNCTION_BLOCK "PDGW_Udp"' not in text
+    assert (
+        "    #result := DPRD_DAT(LADDR := #table_hw, RECORD => #table_actual);\n    #table_good := #result = 0;\n"
+        in text
+    )
     assert capsys.readouterr() == ("", f"device description: {description}\n")
     with pytest.raises(GatewayError, match=r"--gsdml .*: GSDML.* cannot be written"):
         map_(file, gsdml=tmp_path / "nowhere")

@@ -1,4 +1,4 @@
-"""The generated code before independent readers: blark (pip install blark), and matiec's iec2c where it is installed."""
+"""The generated code before independent readers: blark (pip install blark), and matiec and STruC++ where they are in the path."""
 
 from __future__ import annotations
 
@@ -15,10 +15,13 @@ import pytest
 from pdgw.profidrive.telegrams import TELEGRAMS
 from tests.support.plc.structured_text import config_of, program
 
-IEC2C = shutil.which("iec2c")
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LIBRARY = os.environ.get("MATIEC_LIBRARY", "/usr/share/matiec/lib")
-
+COMPILERS = {
+    "iec2c": ["-l", "-I", LIBRARY, "-T", ".", "plc.st"],  # matiec
+    "strucpp": ["plc.st", "-o", "plc.cpp"],
+}
+"""Commands with their arguments."""
 
 UNIT = re.compile(r"^(TYPE|FUNCTION_BLOCK|FUNCTION|PROGRAM) .*?^(?:END_STRUCT; )?END_\1$", re.DOTALL | re.MULTILINE)
 
@@ -51,12 +54,12 @@ def test_blark_refuses_a_damaged_unit() -> None:
     assert complaints_of_blark("FUNCTION_BLOCK Damaged\nVAR\n    a : INT\nEND_VAR\nEND_FUNCTION_BLOCK")
 
 
-@pytest.mark.skipif(IEC2C is None, reason="no iec2c of matiec in the path (with MATIEC_LIBRARY, its folder lib)")
 @pytest.mark.parametrize("number", TELEGRAMS)
-def test_matiec_compiles_the_code_of_every_telegram(number: int, tmp_path: Path) -> None:
-    source = tmp_path / "plc.st"
-    source.write_text(program(config_of(number)))
-    done = subprocess.run(
-        [str(IEC2C), "-l", "-I", LIBRARY, "-T", str(tmp_path), str(source)], capture_output=True, text=True, check=False
-    )
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_compilers_accept_the_code_of_every_telegram(compiler: str, number: int, tmp_path: Path) -> None:
+    if shutil.which(compiler) is None:
+        pytest.skip(f"no {compiler} in the path (iec2c of matiec needs MATIEC_LIBRARY, its folder lib)")
+    (tmp_path / "plc.st").write_text(program(config_of(number)))
+    command = [compiler, *COMPILERS[compiler]]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, [line for line in done.stderr.splitlines() if "error" in line]) == (0, [])

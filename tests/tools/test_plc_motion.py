@@ -254,8 +254,8 @@ def test_the_program_of_the_document_homes_and_moves_three_revolutions() -> None
     with running(config) as daemon:
         plc, model = TextPlc(daemon, structured_text(config) + text), drive_of(daemon).node.model
         variables = plc.controller.variables
-        plc.until(lambda block: variables["READ"]["GOOD_1"] and not variables["REASON"], "no reason")
+        plc.until(lambda block: variables["IO"]["AXIS_1_GOOD"] and not variables["REASON"], "no reason")
         variables["START"] = True
-        plc.until(lambda block: variables["MOVE"]["DONE"], "the move")
+        plc.until(lambda block: variables["ABSOLUTE"]["DONE"], "the move")
         plc.exchange(100)
         assert model.position_actual / 4096 == pytest.approx(3, abs=0.01)

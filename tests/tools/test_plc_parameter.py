@@ -100,7 +100,7 @@ VARIABLES = """\
     finished : BOOL;
 """
 PROGRAM = """\
-    drive(Actual := read.axis_1, Good := read.good_1, ReferenceSpeed := 3000.0);
+    drive(Actual := io.axis_1_actual, Good := io.axis_1_good, ReferenceSpeed := 3000.0);
     IF asks AND answered THEN
         asks := FALSE;
         answered := FALSE;

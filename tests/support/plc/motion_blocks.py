@@ -46,7 +46,7 @@ class Axis(TextPlc):
         if number == 9:
             factors += ", HomingMethod := 35"
         calls = "\n".join(f"    {name}(Axis := axis);" for name in BLOCKS)
-        calls += f"\n    drive(Axis := axis, Actual := read.axis_1, Good := read.good_1{factors});"
+        calls += f"\n    drive(Axis := axis, Actual := io.axis_1_actual, Good := io.axis_1_good{factors});"
         variables = "\n".join(f"    {name} : {kind};" for name, kind in {**BLOCKS, "axis": "PDGW_AXIS"}.items())
         text = program(daemon.config, calls, variables, f"PDGW_Axis_T{number}")
         super().__init__(daemon, text)

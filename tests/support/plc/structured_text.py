@@ -33,7 +33,7 @@ def config_of(number: int, blocks: str = "") -> GatewayConfig:
 
 
 def program(config: GatewayConfig, body: str = "", variables: str = "", block: str = "") -> str:
-    """The generated blocks, and a program that calls the block of the first axis between reading and building the frames."""
+    """The generated blocks, and a program that calls the block of the first axis, then exchanges the frames."""
     sending, receiving = frame_maps(config)
     return f"""{structured_text(config)}
 PROGRAM Main
@@ -44,14 +44,12 @@ VAR_OUTPUT
     sent : ARRAY[0..{sending.size - 1}] OF BYTE;
 END_VAR
 VAR
-    read : PDGW_Read;
-    build : PDGW_Build;
+    io : PDGW_Udp;
     drive : {block or block_name(telegram(config.objects[0].telegram))};
 {variables}
 END_VAR
-    read(frame := received);
-{body or "    drive(Actual := read.axis_1, Good := read.good_1);"}
-    build(axis_1 := drive.Setpoints, good_1 := read.good_1, frame => sent);
+{body or "    drive(Actual := io.axis_1_actual, Good := io.axis_1_good);"}
+    io(received := received, axis_1_set := drive.Setpoints, sent => sent);
 END_PROGRAM
 """
 
@@ -72,11 +70,11 @@ def restarted(text: str) -> Controller:
 class TextPlc:
     """``block`` has the inputs and outputs of the block under test, by names in upper case."""
 
-    def __init__(self, daemon: Daemon, text: str) -> None:
+    def __init__(self, daemon: Daemon, text: str, host: str = "plc") -> None:
         self.daemon = daemon
         self.controller = restarted(text)
         self.loop = world_of(daemon).loop
-        self.port = world_of(daemon).network.open("plc", 0, "PLC")
+        self.port = world_of(daemon).network.open(host, 0, "PLC")
         self.port.start(self._take)
         self._newest: bytes | None = None
         self.deaf = False

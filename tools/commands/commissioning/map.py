@@ -52,6 +52,7 @@ class Format(StrEnum):
     SCL = "scl"
     UDT = "udt"
     PLCOPEN = "plcopen"
+    CODESYS = "codesys"
 
 
 def map_(
@@ -63,7 +64,8 @@ def map_(
         Format,
         typer.Option(
             "--format",
-            help="text, csv, st (IEC 61131-3 Structured Text), plcopen (XML of it), scl (Siemens) or udt (its data types).",
+            help="text, csv, st (IEC 61131-3 Structured Text), plcopen (XML of it), codesys (XML with sockets), scl (Siemens) or "
+            "udt (its data types).",
         ),
     ] = Format.TEXT,
     out: Annotated[Path | None, typer.Option(help="Output file (default: standard output).")] = None,
@@ -79,6 +81,7 @@ def map_(
     from pdgw.tools.output.gsdml import write_gsdml
     from pdgw.tools.plc.code import siemens_scl, siemens_types, structured_text
     from pdgw.tools.plc.plcopen import plcopen_xml
+    from pdgw.tools.plc.udp import Sockets
 
     if config is None:
         if gsdml is None:
@@ -99,6 +102,7 @@ def map_(
         Format.SCL: lambda: siemens_scl(loaded),
         Format.UDT: lambda: siemens_types(loaded),
         Format.PLCOPEN: lambda: plcopen_xml(structured_text(loaded)),
+        Format.CODESYS: lambda: plcopen_xml(structured_text(loaded, Sockets.CODESYS)),
     }
     text = formats[format_]()
     if out is None:
