@@ -53,6 +53,20 @@ def test_scan_of_a_configuration_reports_missing_nodes(tmp_path: Path) -> None:
     assert "DO 3 of the configuration is missing" in result.stdout
 
 
+def test_a_written_configuration_replaces_no_file(tmp_path: Path) -> None:
+    file = tmp_path / "gateway.toml"
+    with ServedBus(0) as hub, SimulatedDrive(open_bus(INTERFACE, hub.channel), 5):
+        words = ("bus", "scan", "--interface", INTERFACE, "--channel", hub.channel, "--write", str(file))
+        result = pdgw(*words)
+        again = pdgw(*words)
+    assert result.returncode == 0, result.stderr
+    assert result.stderr == f"{file}: written; next: pdgw config check {file}\n"
+    assert "node_id = 5\ntelegram = 1\n" in file.read_text()
+    assert (again.returncode, again.stderr) == (1, f"error: --write {file}: the file exists; name a new one\n")
+    refused = pdgw("bus", "scan", str(file), "--write", str(tmp_path / "other.toml"))
+    assert "describes the buses already; scan without a configuration" in refused.stderr
+
+
 def test_an_interface_that_is_not_there_is_named() -> None:
     result = pdgw("bus", "scan", "--interface", "socketcan", "--channel", "can77", *_QUICK)
     assert result.returncode == 1

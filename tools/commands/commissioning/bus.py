@@ -12,6 +12,7 @@ import typer
 from pdgw.dsp402.objects import DRIVE_PROFILE
 from pdgw.dsp406.kinds import ENCODER_PROFILE
 from pdgw.durations import SECOND
+from pdgw.gateway.errors import GatewayError, writing
 
 if TYPE_CHECKING:
     from pdgw.gateway.commissioning.scan import Expected, FoundNode
@@ -39,14 +40,25 @@ def scan(
     eds: Annotated[list[Path] | None, typer.Option(help="Data sheet, or a folder of them; repeat for several.")] = None,
     listen_s: Annotated[float, typer.Option(min=0.0, max=60, help="Listen for this time first.")] = 1.0,
     timeout_ms: Annotated[int, typer.Option(min=10, max=60_000, help="Timeout for the answer of a drive.")] = 1000,
+    write: Annotated[
+        Path | None,
+        typer.Option(help="Write a first configuration of what is found to this new file.", show_default=False),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="A JSON list, one object per bus.")] = False,
 ) -> None:
     """List the nodes on a bus, their types and what they lack for each telegram; read-only."""
+    from pdgw.gateway.commissioning.draft import draft
     from pdgw.gateway.commissioning.scan import Scan, expected_on, load_sheets
     from pdgw.gateway.configuration.file import load_config
     from pdgw.gateway.configuration.tables.environment import CanConfig
     from pdgw.tools.bus_task import complete, opened
 
+    if write is not None and (config is not None or write.exists()):
+        raise GatewayError(
+            f"--write {write}: the file exists; name a new one"
+            if config is None
+            else f"--write {write}: {config} describes the buses already; scan without a configuration"
+        )
     places: list[tuple[CanConfig, dict[int, Expected]]]
     if config is None:
         places = [(CanConfig(interface=interface, channel=channel, bitrate=bitrate, name=channel), {})]
@@ -71,6 +83,11 @@ def scan(
         else:
             for line in _lines(bus, found):
                 typer.echo(line)
+        if write is not None:
+            text = draft(bus, found)
+            with writing(f"--write {write}"), write.open("x", encoding="utf-8") as file:
+                file.write(text)
+            typer.echo(f"{write}: written; next: pdgw config check {write}", err=True)
     if as_json:
         typer.echo(json.dumps(documents, indent=2))
 
