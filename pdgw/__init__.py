@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pdgw.gateway.configuration.file import load_config, parse_config
     from pdgw.gateway.daemon import Daemon
     from pdgw.gateway.errors import GatewayError
-    from pdgw.peers.world import Plc, World
+    from pdgw.peers.world import Gateway, Plc, World
     from pdgw.profidrive.errors import ProfidriveError
     from pdgw.profidrive.signals import Signal, signal
     from pdgw.profidrive.telegrams import Telegram, telegram
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 __all__ = [
     "CanopenError",
     "Daemon",
+    "Gateway",
     "GatewayConfig",
     "GatewayError",
     "PdgwError",
@@ -58,6 +59,7 @@ __all__ = [
 _ROOMS = {
     "CanopenError": "ds301.errors",
     "Daemon": "gateway.daemon",
+    "Gateway": "peers.world",
     "GatewayConfig": "gateway.configuration.config",
     "GatewayError": "gateway.errors",
     "PdgwError": "errors",

@@ -108,7 +108,7 @@ ROWS = {
     "peers.plc": f"{_FIELD} gateway client peers.plc.exchange",
     "peers.controller": f"{_FIELD} gateway peers.plc",
     "peers.simulation": f"{_FIELD} gateway peers.bus peers.drive peers.encoder peers.node peers.option_values",
-    "peers.world": f"{_FIELD} gateway client peers.plc.exchange peers.drive peers.encoder peers.simulation",
+    "peers.world": f"{_FIELD} gateway client peers.plc peers.plc.exchange peers.drive peers.encoder peers.simulation",
     "tools": _ALL,
     "tools.commands": "",
     "tools.commands.capture": f"{_FIELD} gateway decoder recording peers {_COMMAND_LINE}",

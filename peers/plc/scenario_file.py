@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import yaml
@@ -47,10 +48,13 @@ def parse_step(text: str) -> dict[str, Any]:
     return {name.removesuffix(":"): document}
 
 
-def scenario_of(telegrams: Sequence[int], steps: Sequence[Mapping[str, Any]]) -> Scenario:
+def scenario_of(
+    telegrams: Sequence[int], steps: Sequence[Mapping[str, Any]], references: Mapping[str, float] = MappingProxyType({})
+) -> Scenario:
     """Build a scenario from steps without a file; GatewayError describes errors."""
+    document = {"telegrams": list(telegrams), "steps": [dict(step) for step in steps], "references": dict(references)}
     try:
-        return Scenario.model_validate({"telegrams": list(telegrams), "steps": [dict(step) for step in steps]})
+        return Scenario.model_validate(document)
     except ValidationError as error:
         raise GatewayError("; ".join(_step_problem(problem) for problem in problems(error, Scenario))) from error
 

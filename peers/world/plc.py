@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from pdgw.durations import SECOND
+from pdgw.gateway.configuration.config import AxisConfig
 from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.errors import GatewayError
+from pdgw.peers.plc.engine import Engine
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
+from pdgw.peers.plc.scenario_file import scenario_of
 from pdgw.peers.world.world import World
 from pdgw.profidrive.telegrams import telegram
 
 
 class Plc(PlcEndpoint):
-    """A PLC in a world. ``actuals`` maps names to values for each axis; None while they are invalid.
+    """A PLC in a world. ``actuals`` maps names to values for each axis in the order of the
+    configuration; None while they are invalid.
 
     It reads telegrams and cycle time from the gateway's configuration and sends only while a test calls it.
     """
@@ -28,17 +34,56 @@ class Plc(PlcEndpoint):
         while (datagram := self._port.receive()) is not None:
             self.receive(datagram[0], self._world.loop.now())
 
-    def exchange(self, seconds: float, axis: int = 0, **setpoints: int) -> None:
-        """Send one frame per cycle for this number of seconds. ``setpoints`` of an axis change first, as raw values by name.
+    def exchange(self, seconds: float, do_id: int | None = None, **setpoints: int) -> None:
+        """Send one frame per cycle for this number of seconds. ``setpoints`` change first, as raw values by name.
 
-        Raises ProfidriveError for a signal that the telegram lacks or a value that does not fit.
+        ``do_id``: None for the first drive object. Raises ProfidriveError for a signal that the telegram lacks or a value that
+        does not fit, GatewayError for an unknown DO-ID.
         """
-        self.set(axis, setpoints)
+        self.set(self._index(do_id), setpoints)
         for _ in range(max(1, round(seconds * SECOND) // self._gateway.cycle_ns)):
-            now = self._world.loop.now()
-            self.poll(now)
-            self._port.send(self.build(now), self._gateway.address)
-            self._world.loop.run_for(self._gateway.cycle_ns)
+            self._cycle()
+
+    def run(self, seconds: float, do_id: int | None = None, *, on: bool | None = None, **steps: Any) -> None:
+        """Run steps for this number of seconds: ``run(2, on=True, speed="1500 rpm")``.
+
+        ``on``: True sends OFF, then ON when the drive is ready; False is OFF1. ``steps``: those of a scenario of the PLC
+        simulator by name, in order. 100 % of a speed in rpm is ``rated_speed_rpm`` of the axis, else 3000 rpm. Raises
+        GatewayError for a step that the telegram does not have, AssertionError if a step does not succeed or needs more time.
+        """
+        index = self._index(do_id)
+        named = ({} if on is None else {"enable" if on else "off1": True}) | steps
+        numbers = [item.number for item in self.telegrams]
+        chosen = self._gateway.config.objects[index]
+        rated = chosen.rated_speed_rpm if isinstance(chosen, AxisConfig) else None
+        references = {} if rated is None else {"speed_rpm": float(rated)}
+        scenario = scenario_of(numbers, [{"axis": index + 1, name: value} for name, value in named.items()], references)
+        engine = Engine(scenario, self)
+        for _ in range(max(1, round(seconds * SECOND) // self._gateway.cycle_ns)):
+            engine.step(self._world.loop.now())
+            self._cycle()
+        failed = [f"{result.name}: {result.measured}" for result in engine.results if not result.passed]
+        if failed or not engine.finished:
+            raise AssertionError("; ".join(failed) or f"{engine.current}: not within {seconds:g} s")
+
+    def actual(self, name: str, do_id: int | None = None) -> int | None:
+        """A raw actual value; None while the values are invalid. Raises KeyError for a signal that the telegram lacks."""
+        values = self.actuals[self._index(do_id)]
+        return None if values is None else values[name]
+
+    def _index(self, do_id: int | None) -> int:
+        known = [item.do_id for item in self._gateway.config.objects]
+        if do_id is None:
+            return 0
+        if do_id not in known:
+            raise GatewayError(f"do_id = {do_id}: not in the configuration, allowed: {known}")
+        return known.index(do_id)
+
+    def _cycle(self) -> None:
+        now = self._world.loop.now()
+        self.poll(now)
+        self._port.send(self.build(now), self._gateway.address)
+        self._world.loop.run_for(self._gateway.cycle_ns)
 
     def until(self, condition: Callable[[], object], what: str, seconds: float = 10) -> None:
         """Exchange frames until a condition is true; AssertionError with ``what`` after this number of seconds."""

@@ -178,7 +178,7 @@ def test_faulty_axis_does_not_stop_another_one() -> None:
         rig.device.start()
         rig.plc.set(1, {"STW1": 0x047E})
         rig.enable()
-        rig.plc.exchange(0, 1, STW1=0x047F)
+        rig.plc.exchange(0, 2, STW1=0x047F)
         rig.until(lambda: state_of(daemon.axes[1].drive.feedback.statusword) is State.OPERATION_ENABLED, "operation")
         rig.misbehave("unknown-state", {})
         rig.until(lambda: rig.plc.actuals[0] and rig.plc.actuals[0]["ZSW1"] & 0x4F == 0x08, "fault in ZSW1")

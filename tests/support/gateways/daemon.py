@@ -10,7 +10,6 @@ from unittest.mock import patch
 from pdgw.client import udp as client_module
 from pdgw.client.udp import ParameterClient
 from pdgw.durations import SECOND
-from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.configuration.file import parse_config
 from pdgw.gateway.configuration.tables.defaults import SIMULATED_KEYS
@@ -21,7 +20,7 @@ from pdgw.gateway.service.status import snapshot
 from pdgw.peers.drive import SimulatedDrive
 from pdgw.peers.encoder import SimulatedEncoder
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
-from pdgw.peers.world import World, WorldChannel
+from pdgw.peers.world import Gateway, World, WorldChannel
 from pdgw.profidrive.telegrams import telegram
 
 D = TypeVar("D", SimulatedDrive, SimulatedEncoder)
@@ -121,19 +120,13 @@ class Plc:
 
 @contextmanager
 def running(config: GatewayConfig, before: Callable[[Daemon], None] | None = None, seed: int = 0) -> Iterator[Daemon]:
-    world = World(seed)
-    world.simulate(config)
-    daemon = build_gateway(config, world)
+    gateway = Gateway(config, seed)
     if before is not None:
-        before(daemon)
-    daemon.start()
-    try:
-        yield daemon
-    finally:
-        daemon.stop()
-        until(daemon, daemon.stopped.is_set, "the end of the daemon")
-    assert world.loop.task_errors == 0
-    world.loop.close()
+        before(gateway.daemon)
+    with gateway:
+        yield gateway.daemon
+    assert gateway.world.loop.task_errors == 0
+    gateway.world.loop.close()
 
 
 def client(daemon: Daemon, address: tuple[str, int], do_id: int, **options: object) -> ParameterClient:

@@ -1,0 +1,61 @@
+"""``pdgw.Gateway``, its PLC and the fixtures for pytest, as a test of a machine uses them."""
+
+from __future__ import annotations
+
+import pytest
+
+import pdgw
+from tests.support.gateways.daemon import axis, configuration
+
+pytest_plugins = "pdgw.pytest_plugin"
+
+
+@pytest.fixture
+def gateway_config() -> pdgw.GatewayConfig:
+    encoder = axis(9, telegram_number=81, more='simulate = true\nmotion = "shaft=7"').replace("[[axis]]", "[[encoder]]")
+    return configuration(axis(4) + axis(7, more="simulate = true\nrated_speed_rpm = 2000") + encoder)
+
+
+def test_one_axis_by_its_do_id_turns_with_a_speed_in_rpm(gateway: pdgw.Gateway, plc: pdgw.Plc) -> None:
+    plc.run(3, 7, on=True, speed="1000 rpm")
+    assert plc.actual("NIST_A", 7) == pytest.approx(0x2000, abs=0x20)
+    assert plc.actual("NIST_A") == 0
+    assert "in operation" in gateway.sentence(7).lower()
+    plc.run(2, 7, on=False, expect={"ZSW1.OPERATION_ENABLED": 0})
+    plc.exchange(1, 4, STW1=0x047E)
+    assert plc.setpoints[0]["STW1"] == 0x047E
+
+
+def test_a_fault_is_injected_and_the_reason_is_shown(gateway: pdgw.Gateway, plc: pdgw.Plc) -> None:
+    plc.run(3, 7, on=True)
+    gateway.device(7).inject(5)
+    plc.exchange(0.1)
+    assert gateway.sentence(7) == gateway.status()["axes"][1]["sentence"]
+    assert gateway.sentence(7).startswith("Fault: EMCY 7305h motor feedback")
+    with pytest.raises(AssertionError, match="READY_TO_SWITCH_ON = 0"):
+        plc.run(4, 7, on=True)
+    gateway.device(7).clear()
+    plc.run(3, 7, ack=True)
+    plc.run(3, 7, on=True)
+
+
+def test_the_fixtures_are_of_one_gateway(gateway: pdgw.Gateway, world: pdgw.World, plc: pdgw.Plc) -> None:
+    assert world is gateway.world
+    assert plc is gateway.plc
+    plc.run(3, 9, on=True)
+    gateway.device(9).inject("position-error")
+    plc.until(lambda: gateway.sentence(9).startswith("Fault: EMCY 1000h"), "the encoder reports its error")
+
+
+def test_errors_name_what_is_allowed(gateway: pdgw.Gateway, plc: pdgw.Plc) -> None:
+    for wrong, text in (
+        (lambda: plc.exchange(0, 5), r"do_id = 5: not in the configuration, allowed: \[4, 7, 9\]"),
+        (lambda: gateway.device(5), r"do_id = 5: no simulated device, allowed: \[4, 7, 9\]"),
+        (lambda: gateway.sentence(5), "do_id = 5: not in the configuration"),
+        (lambda: plc.run(1, speeed="5 rpm"), "speeed"),
+        (lambda: plc.run(1, 7, mdi={"to": 5}), "mdi"),
+    ):
+        with pytest.raises(pdgw.GatewayError, match=text):
+            wrong()
+    with pytest.raises(AssertionError, match=r"not within 0\.1 s"):
+        plc.run(0.1, 7, on=True)
