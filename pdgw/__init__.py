@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
     from pdgw.client.session import read_parameters
     from pdgw.decoder.capture.reading import read_records
+    from pdgw.decoder.export.archive import read_table
     from pdgw.decoder.frames.recognise import recognise
     from pdgw.decoder.frames.records import Record
     from pdgw.ds301.eds.importer import import_eds
@@ -51,6 +52,7 @@ __all__ = [
     "parse_config",
     "read_parameters",
     "read_records",
+    "read_table",
     "recognise",
     "signal",
     "telegram",
@@ -77,6 +79,7 @@ _ROOMS = {
     "parse_config": "gateway.configuration.file",
     "read_parameters": "client.session",
     "read_records": "decoder.capture.reading",
+    "read_table": "decoder.export.archive",
     "recognise": "decoder.frames.recognise",
     "signal": "profidrive.signals",
     "telegram": "profidrive.telegrams",

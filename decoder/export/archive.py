@@ -15,18 +15,21 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 from urllib.parse import quote
 
 from pdgw.decoder.capture.errors import CaptureError
 from pdgw.decoder.capture.knowledge import Knowledge, known_beforehand, look_ahead
 from pdgw.decoder.capture.pcapng_file import configuration_in
 from pdgw.decoder.capture.source import open_source
-from pdgw.decoder.export.parquet import ParquetTable
+from pdgw.decoder.export.parquet import ParquetTable, arrow_schema, arrow_table
 from pdgw.decoder.frames.engine import Decoder
 from pdgw.decoder.view.columns import Columns
 from pdgw.decoder.view.filter import Filter
 from pdgw.gateway.errors import GatewayError
+
+if TYPE_CHECKING:
+    import pyarrow
 
 ENDINGS: Final = frozenset((".pcap", ".pcapng", ".log", ".asc", ".blf", ".trc", ".csv", ".mf4", ".db"))
 """Suffixes of the files in a folder that count as captures."""
@@ -114,6 +117,38 @@ def _known(file: str, options: ArchiveOptions) -> tuple[Knowledge, str]:
         return options.knowledge(embedded), "the configuration of the gateway is read from the capture"
     except GatewayError as error:
         return options.knowledge(), f"the configuration in the capture is ignored: {error}"
+
+
+def read_table(path: str | os.PathLike[str], signals: Sequence[str], telegrams: Sequence[int] = ()) -> pyarrow.Table:
+    """Read signals of a capture of either bus: ``time_ns``, ``axis``, ``node``, then a column for each signal.
+
+    ``signals``: names as in ``pdgw decode --signal``, such as ``NIST_A`` or ``ZSW1.FAULT``. The metadata of a column's field has
+    its unit: ``table.field("NIST_A").metadata[b"unit"]``. ``telegrams``: those of the axes in the order of the frame; without
+    them from the configuration in the capture, else inferred. Raises CaptureError for a file that cannot be opened, has an
+    unknown format or ends early, ProfidriveError for an unknown name, GatewayError without pyarrow or signals.
+    """
+    if not signals:
+        raise GatewayError("signals: none is given; name at least one, such as NIST_A")
+    file = os.fspath(path)
+    known, _ = _known(file, ArchiveOptions(tuple(signals), tuple(telegrams)))
+    columns = Columns(["axis", "node", *signals], known.names)
+    schema = arrow_schema(columns.titles, known.names, "read_table")
+    decoder = Decoder(look_ahead(file, known.settings)[0])
+    layouts, rows = {}, []
+    with open_source(file) as source:
+        for packet in source.packets:
+            record = decoder.decode(packet)
+            for unit, row in columns.rows(record):
+                rows.append((record.time_ns, row))
+                if unit is not None:
+                    layouts[id(unit.layout)] = unit.layout
+    units = {field.identifier: field.unit for layout in layouts.values() for field in layout.fields}
+    for position, title in enumerate(columns.titles, 1):
+        name, part = known.names.split(title)
+        schema = schema.set(
+            position, schema.field(position).with_metadata({"unit": "" if part else units.get(name, "")})
+        )
+    return arrow_table(schema, rows)
 
 
 def write_part(file: str, root: Path, options: ArchiveOptions) -> Part:

@@ -1,4 +1,4 @@
-"""Rows as a Parquet file."""
+"""Rows as a table of Apache Arrow, and as a Parquet file."""
 
 from __future__ import annotations
 
@@ -14,20 +14,38 @@ from pdgw.gateway.errors import GatewayError
 _ROWS_AT_ONCE: Final = 1 << 16
 
 
+def arrow_schema(titles: Sequence[str], names: Names, asked_by: str) -> Any:
+    """``time_ns`` (integer) and a column for each title; GatewayError when pyarrow is not installed."""
+    try:
+        import pyarrow  # noqa: PLC0415
+    except ImportError as error:
+        raise GatewayError(missing("pyarrow", asked_by)) from error
+    kinds = [pyarrow.string() if names.is_text(title) else pyarrow.float64() for title in titles]
+    return pyarrow.schema([("time_ns", pyarrow.int64()), *zip(titles, kinds, strict=True)])
+
+
+def arrow_table(schema: Any, rows: Sequence[tuple[int, Row]]) -> Any:
+    """Rows with their times as a table."""
+    import pyarrow  # noqa: PLC0415
+
+    columns = [pyarrow.array([time_ns for time_ns, _ in rows], pyarrow.int64())]
+    for position, field in enumerate(list(schema)[1:]):
+        values: list[Any] = [row[position] for _, row in rows]
+        if field.type == pyarrow.float64():
+            values = [None if value is None else float(value) for value in values]
+        columns.append(pyarrow.array(values, field.type))
+    return pyarrow.Table.from_arrays(columns, schema=schema)
+
+
 class ParquetTable:
-    """``time_ns`` (integer) and a column for each title; GatewayError when pyarrow is not there or the file not writable."""
+    """A file with the columns of ``arrow_schema``; GatewayError when pyarrow is not there or the file not writable."""
 
     def __init__(self, path: Path, titles: Sequence[str], names: Names) -> None:
-        try:
-            import pyarrow  # noqa: PLC0415
-            from pyarrow import parquet  # noqa: PLC0415
-        except ImportError as error:
-            raise GatewayError(missing("pyarrow", "--parquet")) from error
         self.rows = 0
-        self._arrow: Any = pyarrow
-        kinds = [pyarrow.string() if names.is_text(title) else pyarrow.float64() for title in titles]
-        self._schema = pyarrow.schema([("time_ns", pyarrow.int64()), *zip(titles, kinds, strict=True)])
+        self._schema = arrow_schema(titles, names, "--parquet")
         self._waiting: list[tuple[int, Row]] = []
+        from pyarrow import parquet  # noqa: PLC0415
+
         try:
             self._file = parquet.ParquetWriter(str(path), self._schema)
         except OSError as error:
@@ -42,13 +60,7 @@ class ParquetTable:
     def _flush(self) -> None:
         rows, self._waiting = self._waiting, []
         self.rows += len(rows)
-        columns = [self._arrow.array([time_ns for time_ns, _ in rows], self._arrow.int64())]
-        for position, field in enumerate(list(self._schema)[1:]):
-            values: list[Any] = [row[position] for _, row in rows]
-            if field.type == self._arrow.float64():
-                values = [None if value is None else float(value) for value in values]
-            columns.append(self._arrow.array(values, field.type))
-        self._file.write_table(self._arrow.Table.from_arrays(columns, schema=self._schema))
+        self._file.write_table(arrow_table(self._schema, rows))
 
     def close(self) -> None:
         """Everything is in the file afterwards."""

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 import typer
 
+import pdgw
 from pdgw.decoder.capture.pcapng_file import PcapngWriter
 from pdgw.decoder.export.archive import ArchiveOptions, Part, captures_of, is_data_set, write_part
 from pdgw.decoder.frames.records import LinkType
@@ -61,6 +62,26 @@ def test_a_capture_with_its_configuration_is_known_by_it(tmp_path: Path, text: s
     assert not part.error
     assert axis in part.axes
     assert part.notices[0].startswith(told)
+
+
+def test_signals_of_a_capture_are_a_table_with_units(plant: Path) -> None:
+    file = plant / "monday" / "a.pcapng"
+    table = pdgw.read_table(file, SIGNALS, telegrams=[1])
+    assert table.column_names == ["time_ns", "axis", "node", *SIGNALS]
+    assert [table.field(name).metadata[b"unit"] for name in SIGNALS] == [b"%", b"%", b""]
+    expected = [
+        (record.time_ns, field.value(raw))
+        for record in pdgw.read_records(file, [1])
+        for unit in record.units
+        for field, raw in unit.items()
+        if field.name == "NIST_A"
+    ]
+    times, speeds = table["time_ns"].to_pylist(), table["NIST_A"].to_pylist()
+    assert [(time, speed) for time, speed in zip(times, speeds, strict=True) if speed is not None] == expected
+    with pytest.raises(GatewayError, match="name at least one"):
+        pdgw.read_table(file, [])
+    with pytest.raises(ProfidriveError, match="nist_a"):
+        pdgw.read_table(file, ["NIST_X"])
 
 
 def rows(root: Path) -> list[dict[str, Any]]:
