@@ -171,6 +171,8 @@ def _float(name: str, description: str, unit: str, quantity: SignalQuantity) -> 
     return Signal(name, 0, _U32, description, unit, confidence=Confidence.UNVERIFIED, is_float=True, quantity=quantity)
 
 
+USER_WORDS = ("USER", "USER_2", "USER_3", "USER_4", "USER_5", "USER_6")
+"""Words without a meaning for the gateway; a user's own telegram may have several."""
 CATALOGUE: tuple[Signal, ...] = (
     Signal("STW1", 1, _V2, "control word 1", "", STW1_BITS, STW1_POSITIONING),
     Signal("ZSW1", 2, _V2, "status word 1", "", ZSW1_BITS, ZSW1_POSITIONING),
@@ -348,7 +350,7 @@ CATALOGUE: tuple[Signal, ...] = (
     Signal("POS_ZSW2", 223, _V2, "positioner status word 2", "", POS_ZSW2_BITS),
     Signal("FAULT_CODE", 301, _U16, "number of the first active fault (P947)"),
     Signal("WARN_CODE", 303, _U16, "number of the first warning (P953)"),
-    Signal("USER", 0, _U16, "for the user"),
+    *(Signal(name, 0, _U16, "for the user") for name in USER_WORDS),
     # Telegram 112: numbers in a unit of length that the user selects. Two sources confirm the layout, none the units.
     _float("MDI_TARPOS_F", "MDI target position", "unit of length", SignalQuantity.POSITION),
     _float("MDI_VELOCITY_F", "MDI velocity", "unit of length per minute or second", SignalQuantity.MOTION_VELOCITY),

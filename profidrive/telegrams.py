@@ -18,7 +18,7 @@ from types import MappingProxyType
 from typing import Final
 
 from pdgw.profidrive.errors import ProfidriveError
-from pdgw.profidrive.signals import POSITIONER_FORMS, Signal, signal
+from pdgw.profidrive.signals import POSITIONER_FORMS, USER_WORDS, Signal, signal
 from pdgw.profidrive.words import Confidence
 
 
@@ -320,15 +320,22 @@ def telegram(number: int) -> Telegram:
 def own_telegram(number: int, like: Telegram, setpoints: Sequence[str], actuals: Sequence[str]) -> Telegram:
     """A user's own telegram: signals by name in the form that ``like`` gives them, with its mode and classes.
 
-    ProfidriveError for a number outside of ``OWN_NUMBERS``, an unknown signal, or a repeated one.
+    The second USER has the name USER_2, and so on. ProfidriveError for a number outside of ``OWN_NUMBERS``, an unknown signal, or
+    a repeated one.
     """
     if number not in OWN_NUMBERS:
         raise ProfidriveError("number of a telegram of your own", number, f"{OWN_NUMBERS[0]}..{OWN_NUMBERS[-1]}")
 
     def half(direction: Direction, names: Sequence[str]) -> TelegramHalf:
+        words = iter(USER_WORDS)
+        names = [next(words, name) if name == USER_WORDS[0] else name for name in names]
         twice = [name for position, name in enumerate(names) if name in names[:position]]
         if twice:
-            raise ProfidriveError(f"{direction.value}s of telegram {number}", ", ".join(twice), "each signal once")
+            raise ProfidriveError(
+                f"{direction.value}s of telegram {number}",
+                ", ".join(twice),
+                f"each signal once, {USER_WORDS[0]} {len(USER_WORDS)} times",
+            )
         forms = {item.name: item for item in like.half(direction).signals}
         return _half(number, direction, like.mode, names, forms)
 

@@ -17,7 +17,7 @@ from pdgw.gateway.axis.adapters.transparent import TransparentAdapter
 from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.dsc import DscForm
-from pdgw.profidrive.signals import SignalQuantity
+from pdgw.profidrive.signals import USER_WORDS, SignalQuantity
 from pdgw.profidrive.telegrams import (
     TELEGRAMS,
     ApplicationClass,
@@ -139,7 +139,7 @@ ENCODER_TELEGRAM_NUMBERS: Final = tuple(
 """The telegrams an encoder can be given (P922)."""
 
 _LIKE: Final = (*SPEED_TELEGRAM_NUMBERS, *DSC_TELEGRAM_NUMBERS)
-_FILLERS: Final = frozenset({"USER", "RESERVED", "RESERVED_2"})
+_FILLERS: Final = frozenset({*USER_WORDS, "RESERVED", "RESERVED_2"})
 _PAIRS: Final = (("STW2", "ZSW2"), ("G1_STW", "G1_ZSW"), ("G2_STW", "G2_ZSW"))
 """A control word and the status word that answers it."""
 

@@ -8,7 +8,7 @@ from typing import Final
 from pdgw.gateway.axis.demand_report import Demand, Flag, PowerWish, Report
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost
 from pdgw.gateway.errors import GatewayError
-from pdgw.profidrive.signals import signal
+from pdgw.profidrive.signals import USER_WORDS, signal
 from pdgw.profidrive.telegrams import Telegram, TelegramHalf
 
 _STW1: Final = signal("STW1")
@@ -37,7 +37,7 @@ WISHES: Final = tuple(_wish(word) for word in range(POWER_BITS + 1))
 """The power wish by bits 0-3 of STW1 (docs/translation.md "States")."""
 
 
-_SERVED_ELSEWHERE: Final = frozenset({"STW2", "ZSW2", "USER", "RESERVED", "RESERVED_2"})
+_SERVED_ELSEWHERE: Final = frozenset({"STW2", "ZSW2", *USER_WORDS, "RESERVED", "RESERVED_2"})
 """STW2 and ZSW2 carry the sign of life, which the machine serves; the others have no meaning."""
 
 

@@ -81,6 +81,22 @@ def test_map_and_device_description_contain_the_own_telegram(tmp_path: Path) -> 
     assert parse_config(config_text(config)) == config
 
 
+def test_own_telegram_has_six_words_of_the_user_each_way() -> None:
+    words = ["USER"] * 4
+    own = telegrams.add_telegram(
+        1001, 1, ["STW1", *words, "NSOLL_A", "USER", "USER"], ["ZSW1", "NIST_A", *words, "USER"]
+    )
+    assert own.setpoints.names == ("STW1", "USER", "USER_2", "USER_3", "USER_4", "NSOLL_A", "USER_5", "USER_6")
+    assert own.actuals.names[-1] == "USER_5"
+
+
+def test_telegram_of_the_document_has_the_words_of_352() -> None:
+    document = (Path(__file__).parents[3] / "docs" / "sinamics.md").read_text(encoding="utf-8")
+    parse_config(file(1352, document.partition("```toml\n")[2].partition("```")[0]))
+    own = catalogue.telegram(1352)
+    assert (own.setpoints.size, own.actuals.size) == (12, 12)
+
+
 @pytest.mark.parametrize(
     ("number", "like", "names", "told"),
     [
@@ -99,7 +115,18 @@ def test_map_and_device_description_contain_the_own_telegram(tmp_path: Path) -> 
         (1001, 1, (SPEED[0], SPEED[1][::-1]), "actuals: ZSW1 must come first"),
         (1001, 1, ([*SPEED[0], "STW2"], SPEED[1]), "STW2 and ZSW2 belong together"),
         (1001, 1, (["STW1", "NSOL_A"], SPEED[1]), "did you mean NSOLL_A"),
-        (1001, 1, (["STW1", "NSOLL_A", "STW1"], SPEED[1]), "'STW1' is not allowed, expected each signal once"),
+        (
+            1001,
+            1,
+            (["STW1", "NSOLL_A", "STW1"], SPEED[1]),
+            "'STW1' is not allowed, expected each signal once, USER 6 times",
+        ),
+        (
+            1001,
+            1,
+            ([*SPEED[0], *["USER"] * 7], SPEED[1]),
+            "'USER' is not allowed, expected each signal once, USER 6 times",
+        ),
         (
             1001,
             3,
