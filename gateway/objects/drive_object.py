@@ -252,7 +252,8 @@ class DriveObject(abc.ABC):
         enable_status = self.enable_status
         shown = None if enable_status.broken is None else enable_status.broken.reason
         if shown is not self._shown_reason:
-            self._happened(enable_status.text, stops=self._operated and shown is not None)
+            text, _, _ = enable_status.text.partition(", since ")  # a happening has its own time
+            self._happened(text, stops=self._operated and shown is not None)
             self._operated = shown is None
             self._shown_reason = shown
             log.info("%s: %s", self.label, enable_status.sentence, extra={"event": "reason", "do": self.do_id})

@@ -1,8 +1,13 @@
-"""Events around the last fault or stop, in at most ten lines; each drive object stores its own."""
+"""Events around the last fault or stop, in at most ten lines; each drive object stores its own.
+
+They are kept beside the flight recorder, which may be switched off and forgets after some minutes; its steps have the reasons as
+numbers, and not the texts.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from pdgw.durations import SECOND
@@ -32,47 +37,68 @@ class Happening(NamedTuple):
     """A fault, or the end of operation."""
 
 
-class Line(NamedTuple):
+@dataclass(eq=False, slots=True)
+class Line:
     """One line: the same thing at the same time of several drive objects is one, and so are its repetitions."""
 
-    time_ns: int
-    labels: tuple[str, ...]
     text: str
+    labels: dict[int, str]
+    """By DO-ID."""
+    begin_ns: int
+    time_ns: int
+    """The last time."""
+    order: int
+    """Place of the last time among all happenings."""
+    stops: bool = False
+    count: int = 1
+    last: set[int] = field(default_factory=set)
+    """DO-IDs of the last time."""
+
+    @property
+    def counted(self) -> str:
+        """The text, and how often."""
+        seconds = max(1, (self.time_ns - self.begin_ns) // SECOND)
+        return self.text if self.count == 1 else f"{self.text} ({self.count} times in {seconds} s)"
 
 
 def around_the_last_stop(happenings: Iterable[Happening]) -> list[Line]:
     """The lines around the last fault or stop, the oldest first; empty when there was none."""
-    lines: list[Line] = []
-    stops: list[int] = []
-    repeated: dict[int, list[int]] = {}
-    """Times of the repetitions of each line, by its place."""
-    places: dict[tuple[str, str], int] = {}
-    for item in sorted(happenings, key=lambda item: item.time_ns):
-        last = lines[-1] if lines else None
-        place = places.get((item.label, item.text))
-        if last is not None and last.text == item.text and item.time_ns - last.time_ns < SECOND:
-            place = len(lines) - 1
-            lines[-1] = last._replace(labels=tuple(dict.fromkeys((*last.labels, item.label))))
-        elif place is not None and item.time_ns - repeated.get(place, [lines[place].time_ns])[-1] < _REPEATS_NS:
-            repeated.setdefault(place, [lines[place].time_ns]).append(item.time_ns)
-        else:
-            place = len(lines)
-            lines.append(Line(item.time_ns, (item.label,), item.text))
-        places[item.label, item.text] = place
-        if item.stops and (not stops or stops[-1] != place):
-            stops.append(place)
+    lines = _folded(happenings)
+    stops = [place for place, line in enumerate(lines) if line.stops]
     if not stops:
         return []
-    for place, times in repeated.items():
-        line = lines[place]
-        text = f"{line.text} ({len(times)} times in {max(1, (times[-1] - times[0]) // SECOND)} s)"
-        lines[place] = line._replace(text=text)
     # Shorten a long series in its middle: its first fault or stop and the last one stay among the lines.
-    first, end = _first(lines, stops), min(len(lines), max(stops) + _AFTER)
+    first, end = _first(lines, stops), min(len(lines), stops[-1] + _AFTER)
     begin = max(0, first - _BEFORE)
     if end - begin <= LINES:
         return lines[begin : begin + LINES]
     return [lines[first], *lines[max(first + 1, end - LINES + 1) : end]][:LINES]
+
+
+def _folded(happenings: Iterable[Happening]) -> list[Line]:
+    """All lines in the order of their last times."""
+    lines: list[Line] = []
+    newest: dict[str, Line] = {}
+    """By text."""
+    own: dict[tuple[int, str], Line] = {}
+    """By DO-ID and text."""
+    for order, item in enumerate(sorted(happenings, key=lambda item: item.time_ns)):
+        key = item.do_id, item.text
+        line = newest.get(item.text)
+        if line is None or item.do_id in line.last or item.time_ns - line.time_ns >= SECOND:
+            line = own.get(key)
+            if line is None or item.time_ns - line.time_ns >= _REPEATS_NS:
+                line = Line(item.text, {}, item.time_ns, item.time_ns, order)
+                lines.append(line)
+            else:
+                line.time_ns, line.order = item.time_ns, order
+                line.count += 1
+                line.last.clear()
+        line.last.add(item.do_id)
+        line.labels[item.do_id] = item.label
+        line.stops |= item.stops
+        newest[item.text] = own[key] = line
+    return sorted(lines, key=lambda line: line.order)
 
 
 def _first(lines: Sequence[Line], stops: Sequence[int]) -> int:

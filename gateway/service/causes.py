@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import Any, Final
 
@@ -41,7 +41,7 @@ def _cause(members: list[dict[str, Any]]) -> dict[str, Any]:
         "reason": reason,
         "reason_id": first["reason_id"],
         "remedy": first["remedy"],
-        "who": _who(members),
+        "who": who({item["do_id"]: item["label"] for item in members}),
         "objects": [item["do_id"] for item in members],
     }
 
@@ -52,20 +52,19 @@ def _common(texts: set[str]) -> str:
     return names.pop() if len(names) == 1 else ""
 
 
-def _who(members: list[dict[str, Any]]) -> str:
-    """``axis 3 "slide"``, or ``axes 1-4, 7; encoder 9``."""
-    kinds: dict[str, list[dict[str, Any]]] = {}
-    for item in members:
-        kinds.setdefault(item["label"].partition(" ")[0], []).append(item)
+def who(labels: Mapping[int, str]) -> str:
+    """``axis 3 "slide"``, or ``axes 1-4, 7; encoder 9``; ``labels`` by DO-ID."""
+    kinds: dict[str, list[int]] = {}
+    for do_id, label in labels.items():
+        kinds.setdefault(label.partition(" ")[0], []).append(do_id)
     plurals = {"axis": "axes", "encoder": "encoders"}
     return "; ".join(
-        found[0]["label"] if len(found) == 1 else f"{plurals[kind]} {', '.join(_ranges(found))}"
+        labels[found[0]] if len(found) == 1 else f"{plurals[kind]} {', '.join(_ranges(found))}"
         for kind, found in kinds.items()
     )
 
 
-def _ranges(members: list[dict[str, Any]]) -> Iterator[str]:
-    numbers = sorted(item["do_id"] for item in members)
-    for _, run in groupby(enumerate(numbers), lambda pair: pair[1] - pair[0]):
+def _ranges(numbers: Sequence[int]) -> Iterator[str]:
+    for _, run in groupby(enumerate(sorted(numbers)), lambda pair: pair[1] - pair[0]):
         found = [number for _, number in run]
         yield str(found[0]) if len(found) == 1 else f"{found[0]}-{found[-1]}"

@@ -22,7 +22,7 @@ from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
 from pdgw.gateway.objects.happenings import around_the_last_stop
 from pdgw.gateway.service.build import interpreter, kind
-from pdgw.gateway.service.causes import CAUSE_KEYS, causes
+from pdgw.gateway.service.causes import CAUSE_KEYS, causes, who
 from pdgw.gateway.service.confirmed_units import units_text
 from pdgw.profidrive.signals import signal
 
@@ -245,7 +245,7 @@ def explanation(daemon: Daemon, items: Sequence[DriveObject]) -> list[dict[str, 
     now, wall = daemon.loop.now(), daemon.loop.wall()
     found = around_the_last_stop(happening for item in items for happening in item.happenings)
     return [
-        {"time": clock_time(wall - (now - line.time_ns) / SECOND), "who": ", ".join(line.labels), "text": line.text}
+        {"time": clock_time(wall - (now - line.time_ns) / SECOND), "who": who(line.labels), "text": line.counted}
         for line in found
     ]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import zipfile
 from pathlib import Path
 
@@ -10,11 +11,12 @@ import pytest
 
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.objects.happenings import LINES, Happening, around_the_last_stop
+from pdgw.gateway.reasons import Enable
 from pdgw.gateway.service import status_client
 from pdgw.gateway.service.status import answered, explanation, snapshot
 from pdgw.tools.commands.gateway import explain as command
-from tests.support.documents.situations import settle
-from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, running
+from tests.support.documents.situations import BREAKERS, settle
+from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, drive_of, running, until
 
 
 def happening(time_ns: int, text: str, do_id: int = 1, *, stops: bool = False) -> Happening:
@@ -45,27 +47,95 @@ def test_last_fault_of_a_long_series_is_among_the_lines() -> None:
 def test_one_thing_of_many_axes_is_one_line() -> None:
     found = around_the_last_stop(happening(number * MS, "PLC lost", number, stops=True) for number in range(1, 33))
     assert len(found) == 1
-    assert found[0].labels[::31] == ("axis 1", "axis 32")
+    assert list(found[0].labels) == list(range(1, 33))
 
 
 def test_what_is_repeated_is_counted() -> None:
     series = [happening(number * 2 * SECOND, "contactor open", stops=True) for number in range(21)]
     (line,) = around_the_last_stop(series)
-    assert line.text == "contactor open (21 times in 40 s)"
-    assert (
-        around_the_last_stop([series[0], happening(60 * SECOND, "contactor open", stops=True)])[0].text
-        == "contactor open"
-    )
+    assert line.counted == "contactor open (21 times in 40 s)"
+    later = around_the_last_stop([series[0], happening(60 * SECOND, "contactor open", stops=True)])
+    assert [line.counted for line in later] == ["contactor open"] * 2
 
 
-def test_the_axis_that_began_is_among_the_lines_of_64() -> None:
-    cause = happening(SECOND, "fault 7", 40, stops=True)
-    others = [
-        happening(SECOND + number * MS, f"follows axis 40, {number}", number, stops=True) for number in range(1, 65)
+def test_repetition_of_several_axes_is_counted_once_and_stays_in_order() -> None:
+    series = [
+        happening(number * 4 * SECOND + place * MS, text, do_id, stops=bool(place))
+        for number in range(10)
+        for do_id in (1, 2, 3)
+        for place, text in enumerate(("In operation", "contactor open", "fault"))
     ]
-    found = around_the_last_stop([happening(0, "In operation"), cause, *others])
-    assert len(found) == LINES
-    assert (found[0].labels, found[0].text) == (("axis 40",), "fault 7")
+    found = around_the_last_stop(series)
+    assert [line.counted for line in found] == [
+        f"{text} (10 times in 36 s)" for text in ("In operation", "contactor open", "fault")
+    ]
+    assert all(len(line.labels) == 3 for line in found)
+
+
+CAUSES = {
+    Enable.BUS: "fault 102: CAN bus-off or CAN interface lost",
+    Enable.NODE: "Not on the bus: node 1 on bus can sends no data in time",
+    Enable.SUPPLY: "fault 122: drive left operation without a command",
+    Enable.NO_FAULT: "fault 7: EMCY 2310h over-current",
+    Enable.OPERATION: "fault 122: drive left operation without a command",
+    Enable.PLC: "fault 103: PLC lost: no valid frame for 75 cycles",
+    Enable.CONTROL: "warning 120: control by PLC removed in operation",
+    Enable.ON_EDGE: "Stopping: OFF1 ramp in progress",
+    Enable.SETPOINT: "Waits: no setpoint",
+}
+
+
+@pytest.mark.parametrize("enable", CAUSES)
+def test_the_cause_of_every_stop_follows_the_operation(enable: Enable) -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc = Plc(daemon, [1])
+        plc.enable()
+        settle(plc)
+        BREAKERS[enable](plc, daemon)
+        settle(plc)
+        texts = [line["text"] for line in explanation(daemon, daemon.objects)]
+    assert texts[texts.index("In operation") + 1].startswith(CAUSES[enable])
+
+
+def test_a_fault_that_returns_is_one_line_with_its_count() -> None:
+    with running(configuration(axis(1) + axis(2))) as daemon:
+        plc = Plc(daemon, [1, 1])
+        plc.endpoint.set(1, {"STW1": OFF})
+        plc.enable()
+        for _ in range(12):
+            drive_of(daemon).inject(7)
+            settle(plc)
+            drive_of(daemon).clear()
+            plc.endpoint.set(0, {"STW1": OFF | 0x80})
+            settle(plc)
+            plc.enable()
+        texts = [line["text"] for line in explanation(daemon, daemon.objects)]
+    assert len(texts) <= LINES
+    for text in ("fault 7: EMCY 2310h over-current", "Fault: EMCY 2310h over-current"):
+        (line,) = (item for item in texts if item.startswith(text))
+        assert re.fullmatch(re.escape(text) + r" \(12 times in \d\d s\)", line)
+
+
+def test_the_axis_that_stopped_the_machine_is_shown_among_64_objects() -> None:
+    with running(
+        configuration("".join(axis(number) for number in range(1, 65)), transport="cycle_time_ms = 50")
+    ) as daemon:
+        plc = Plc(daemon, [1] * 64)
+        until(daemon, lambda: all(item.drive.generation for item in daemon.axes), "online", 100 * SECOND)
+        for word in (OFF, ON):
+            for place in range(64):
+                plc.endpoint.set(place, {"STW1": word})
+            settle(plc)
+        drive_of(daemon, 40).inject(7)
+        plc.exchange()
+        plc.exchange()
+        for place in range(64):
+            plc.endpoint.set(place, {"STW1": 0x047B})
+        settle(plc)
+        lines = [f"{line['who']}: {line['text']}" for line in explanation(daemon, daemon.objects)]
+    assert len(lines) <= LINES
+    assert "axis 40: fault 7: EMCY 2310h over-current" in lines
+    assert any(line.startswith("axes 1-39, 41-64: Stopping: quick stop") for line in lines)
 
 
 @pytest.mark.parametrize("frames", [1, 20])
