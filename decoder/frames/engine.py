@@ -78,7 +78,7 @@ class Decoder:
     def __post_init__(self) -> None:
         names = StationNames()
         self._cyclic = CyclicDecoder(self.settings.axes, self.notices.append, self.settings.station)
-        self._acyclic = AcyclicDecoder(self._cyclic.observe, self._cyclic.connect, names)
+        self._acyclic = AcyclicDecoder(self._cyclic, names)
         self._frames = FrameDecoder(names, self._acyclic.relations.between)
         self._buses: dict[str, CanopenDecoder] = {}
 

@@ -103,6 +103,10 @@ class ProcessData:
         return document
 
 
+Base = tuple[int, int, str, bytes]
+"""Number, time, channel and bytes of a packet."""
+
+
 @dataclass(slots=True)
 class Record:
     """One packet. ``data`` are its bytes on its bus: RT frame, UDP payload, CAN data."""

@@ -246,11 +246,13 @@ class _Exchange:
     def relate(self, record: RelationRecord) -> None:
         """A PROFINET relationship comes or goes."""
         change, connection = record.change, record.connection
-        who = " and ".join(name for name in (connection.controller, connection.station) if name)
-        self._put(Event(record.time_ns, 0, "PLC", f"relationship of {who} {change.value}"))
-        if change is Change.GRANTED:
+        if change in {Change.REQUESTED, Change.GRANTED}:
             for counter in self._counters.values():
                 counter.restart()
+        if change is Change.REQUESTED:
+            return  # the answer names the station
+        who = " and ".join(name for name in (connection.controller, connection.station) if name)
+        self._put(Event(record.time_ns, 0, "PLC", f"relationship of {who} {change.value}"))
         if change in {Change.ENDED, Change.PAUSED}:
             self.end()
 

@@ -1,7 +1,7 @@
 """Connectionless DCE/RPC packets: the 80-byte header, packet types, fragments.
 
 Source: C706 chapter 12 (connectionless PDUs) as PROFINET uses it (IEC 61158-6-10), docs/transport.md section 3. Left out:
-authentication and cancels, which PROFINET does not use.
+authentication, which PROFINET does not use, and the bodies of cancels.
 """
 
 from __future__ import annotations
@@ -65,6 +65,8 @@ class RejectStatus(enum.IntEnum):
 
     FAILED = 0x1C000012
     """nca_s_fault_unspec: the call was begun, and ended by a mistake of the server."""
+    CANCELLED = 0x1C00000D
+    """nca_s_fault_cancel: the caller cancelled the call."""
     OPERATION_OUT_OF_RANGE = 0x1C010002
     UNKNOWN_INTERFACE = 0x1C010003
     PROTOCOL_ERROR = 0x1C01000B

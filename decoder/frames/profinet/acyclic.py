@@ -7,7 +7,7 @@ the entries of the endpoint mapper, which is named only.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Hashable
 from typing import Final
 from uuid import UUID
 
@@ -15,10 +15,11 @@ from pdgw.decoder.frames.bounded_dict import BoundedDict
 from pdgw.decoder.frames.fields import Document, parameter_text
 from pdgw.decoder.frames.profinet.blocks import IM_INDEXES, documents, named, place_text, status_text
 from pdgw.decoder.frames.profinet.calls import OPERATIONS, RelationCalls
-from pdgw.decoder.frames.profinet.connect import Connection
+from pdgw.decoder.frames.profinet.cyclic import CyclicDecoder
 from pdgw.decoder.frames.profinet.stations import StationNames
 from pdgw.decoder.frames.records import (
     AcyclicRecord,
+    Base,
     OtherRecord,
     ParameterRequestRecord,
     ParameterResponseRecord,
@@ -59,22 +60,17 @@ def is_profinet_call(data: bytes) -> bool:
     )
 
 
+_CANCELS: Final = {dcerpc.PacketType.CANCEL: "cancelled", dcerpc.PacketType.CANCEL_ACK: "cancel acknowledged"}
+
+
 class AcyclicDecoder:
-    """All RPC packets of a capture.
+    """All RPC packets of a capture. ``cyclic`` gets each telegram in P922 and each Connect."""
 
-    ``observe`` is called with the telegram (DO-ID, number) of every P922 that is read or written, ``connect`` with every
-    accepted Connect; it returns whether that is of interest.
-    """
-
-    def __init__(
-        self,
-        observe: Callable[[int, int], None],
-        connect: Callable[[Connection], bool],
-        names: StationNames | None = None,
-    ) -> None:
-        self._observe = observe
-        self.relations = RelationCalls(connect, names or StationNames())
-        self._calls: BoundedDict[tuple[UUID, int], int] = BoundedDict()
+    def __init__(self, cyclic: CyclicDecoder, names: StationNames) -> None:
+        self._cyclic = cyclic
+        self.relations = RelationCalls(cyclic, names)
+        self._calls: BoundedDict[tuple[UUID, int], tuple[int, str]] = BoundedDict()
+        """Time and text of each request."""
         self._bodies: BoundedDict[tuple[UUID, int, bool], dcerpc.Reassembly] = BoundedDict()
         self._requests: BoundedDict[tuple[Hashable, int, int], tuple[int, Request]] = BoundedDict()
 
@@ -91,8 +87,28 @@ class AcyclicDecoder:
             "activity": str(header.activity),
             "sequence": header.sequence,
         }
-        latency = self._latency(header, time_ns)
-        head = f"{fields['operation']} {fields['packet']}"
+        call = (header.activity, header.sequence)
+        if header.packet_type is dcerpc.PacketType.REQUEST:
+            record = self._record(base, header, body, fields, None, peers)
+            self._calls.put(call, (time_ns, record.text))
+            return record
+        asked_ns, asked = self._calls.get(call) or (time_ns, "")
+        latency = max(0, time_ns - asked_ns) if asked else None
+        record = self._record(base, header, body, fields, latency, peers)
+        if asked and (header.packet_type in _CANCELS or fields.get("reject_status") == dcerpc.RejectStatus.CANCELLED):
+            record.text += f": {asked}"
+        return record
+
+    def _record(
+        self,
+        base: Base,
+        header: dcerpc.RpcHeader,
+        body: bytes,
+        fields: Document,
+        latency: int | None,
+        peers: frozenset[bytes],
+    ) -> AcyclicRecord:
+        head = f"{fields['operation']} {_CANCELS.get(header.packet_type, fields['packet'])}"
         if header.packet_type in {dcerpc.PacketType.REJECT, dcerpc.PacketType.FAULT}:
             fields["reject_status"], text = _reject(header, body)
             return AcyclicRecord(*base, f"{head}: {text}", fields, latency)
@@ -112,14 +128,6 @@ class AcyclicDecoder:
             fields["error"] = str(error)
             return AcyclicRecord(*base, f"{head}: {error}", fields, latency)
 
-    def _latency(self, header: dcerpc.RpcHeader, time_ns: int) -> int | None:
-        key = (header.activity, header.sequence)
-        if header.packet_type is dcerpc.PacketType.REQUEST:
-            self._calls.put(key, time_ns)
-            return None
-        asked = self._calls.get(key)
-        return None if asked is None else max(0, time_ns - asked)
-
     def _whole(self, header: dcerpc.RpcHeader, body: bytes) -> bytes | None:
         if dcerpc.Flags.FRAGMENT not in header.flags:
             return body
@@ -133,13 +141,13 @@ class AcyclicDecoder:
 
     def _call(
         self,
-        base: tuple[int, int, str, bytes],
+        base: Base,
         header: dcerpc.RpcHeader,
         body: bytes,
         fields: Document,
         latency: int | None,
         peers: frozenset[bytes],
-    ) -> Record:
+    ) -> AcyclicRecord:
         is_request = header.packet_type is dcerpc.PacketType.REQUEST
         head = f"{fields['operation']} {fields['packet']}"
         first, arguments = records.decode_arguments(body, little=header.little_endian)
@@ -147,6 +155,8 @@ class AcyclicDecoder:
         if not is_request:
             fields["status"] = {"raw": status.value, "text": status_text(status)}
         outcome = "" if is_request or not status.value else f": {status_text(status)}"
+        if status.value:
+            self.relations.refuse(header)
         if header.operation in OPERATIONS and arguments and not status.value:
             return self.relations.record(base, header, head, arguments, fields, latency, is_request=is_request)
         if (
@@ -190,16 +200,16 @@ class AcyclicDecoder:
         return f"{_length(block, record)}: {named(blocks)}" if blocks else _length(block, record)
 
     def _request(
-        self, base: tuple[int, int, str, bytes], head: str, record: bytes, fields: Document, peers: frozenset[bytes]
-    ) -> Record:
+        self, base: Base, head: str, record: bytes, fields: Document, peers: frozenset[bytes]
+    ) -> AcyclicRecord:
         request = decode_request(record)
         self._requests.put((peers, request.do_id, request.reference), (base[1], request))
         fields["parameter"] = document = _request_document(request)
         return ParameterRequestRecord(*base, f"{head}: {_parameters(document)}", fields, request=request)
 
     def _response(
-        self, base: tuple[int, int, str, bytes], head: str, record: bytes, fields: Document, peers: frozenset[bytes]
-    ) -> Record:
+        self, base: Base, head: str, record: bytes, fields: Document, peers: frozenset[bytes]
+    ) -> AcyclicRecord:
         response = decode_response(record)
         asked, request = self._requests.pop((peers, response.do_id, response.reference)) or (None, None)
         latency = None if asked is None else max(0, base[1] - asked)
@@ -220,7 +230,7 @@ class AcyclicDecoder:
             value = request.values[position] if change else answer
             number = _first(value)
             if number is not None:
-                self._observe(request.do_id, number)
+                self._cyclic.observe(request.do_id, number)
 
 
 def _first(value: Values | None) -> int | None:

@@ -5,7 +5,6 @@ Source: IEC 61158-5-10/-6-10 (CMRPC, CMSM). Cyclic data counts once the controll
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 from uuid import UUID
@@ -14,9 +13,10 @@ from pdgw.decoder.frames.bounded_dict import BoundedDict
 from pdgw.decoder.frames.fields import Document
 from pdgw.decoder.frames.profinet.blocks import documents, named, read_blocks
 from pdgw.decoder.frames.profinet.connect import Connection, read_request
+from pdgw.decoder.frames.profinet.cyclic import CyclicDecoder
 from pdgw.decoder.frames.profinet.records import Change, RelationRecord
 from pdgw.decoder.frames.profinet.stations import StationNames
-from pdgw.decoder.frames.records import AcyclicRecord
+from pdgw.decoder.frames.records import AcyclicRecord, Base
 from pdgw.durations import MS
 from pdgw.profinet.blocks.control import ApplicationReadyRes, ControlBlock, PrmBeginRes, ReleaseRes
 from pdgw.profinet.rpc.dcerpc import RpcHeader
@@ -29,15 +29,13 @@ _CHANGES: Final[dict[type[ControlBlock], Change]] = {
     ReleaseRes: Change.ENDED,
 }
 """Answers that change a relationship."""
-Base = tuple[int, int, str, bytes]
-"""Number, time, channel and bytes of a packet."""
 
 
 class RelationCalls:
-    """All relationships of a capture. ``connect`` is called with every accepted Connect and returns whether it is of interest."""
+    """All relationships of a capture. ``cyclic`` decodes their frames."""
 
-    def __init__(self, connect: Callable[[Connection], bool], names: StationNames) -> None:
-        self._connect = connect
+    def __init__(self, cyclic: CyclicDecoder, names: StationNames) -> None:
+        self._cyclic = cyclic
         self._names = names
         self._asked: BoundedDict[tuple[UUID, int], Connection] = BoundedDict()
         self._granted: BoundedDict[UUID, Connection] = BoundedDict()
@@ -64,7 +62,10 @@ class RelationCalls:
             if is_request:
                 connection = read_request(arguments)
                 self._asked.put(key, connection)
-                return AcyclicRecord(*base, f"{head}: {_asked_text(connection, fields)}", fields, latency)
+                text = f"{head}: {_asked_text(connection, fields)}"
+                if not self._cyclic.request(connection):
+                    return AcyclicRecord(*base, text, fields, latency)
+                return RelationRecord(*base, text, fields, latency, change=Change.REQUESTED, connection=connection)
             return self._answered(base, head, self._asked.pop(key), arguments, fields, latency)
         text = f"{head}: {named(blocks)}"
         if not is_request:
@@ -75,6 +76,12 @@ class RelationCalls:
                     if known is not None:
                         return RelationRecord(*base, text, fields, latency, change=change, connection=known)
         return AcyclicRecord(*base, text, fields, latency)
+
+    def refuse(self, header: RpcHeader) -> None:
+        """The device has rejected a call."""
+        connection = self._asked.pop((header.activity, header.sequence))
+        if connection is not None:
+            self._cyclic.end_request(connection)
 
     def _answered(
         self,
@@ -95,7 +102,7 @@ class RelationCalls:
         if connection.ar is not None:
             self._names.learn(connection.ar.initiator_mac, connection.controller)
         text = f"{head}: {_asked_text(connection, fields)}"
-        if not self._connect(connection) or connection.ar is None:
+        if not self._cyclic.connect(connection) or connection.ar is None:
             return AcyclicRecord(*base, text, fields, latency)
         self._granted.put(connection.ar.ar_uuid, connection)
         return RelationRecord(*base, text, fields, latency, change=Change.GRANTED, connection=connection)

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
+from pdgw.decoder.frames.bounded_dict import BoundedDict
 from pdgw.decoder.frames.fields import half_fields
 from pdgw.decoder.frames.profinet.connect import Connection
 from pdgw.decoder.frames.profinet.frames import named_frame
@@ -46,6 +47,7 @@ _MAX_KINDS = 4096
 _MAX_INFERRED_AXES = 8
 _MAX_TICKS = 8192
 """Ticks remembered: more than the gateway sends within the longest age limit."""
+_MAC = 6
 _LIVE = STATUS_RUN | STATUS_DATA_VALID
 
 
@@ -199,6 +201,8 @@ class CyclicDecoder:
         """Frames with unknown telegrams: their number, and the layout without signals."""
         self._relations: dict[tuple[int, bytes], tuple[Direction, CyclicPlan, Connection]] = {}
         """By FrameID, destination and source of the frames; empty where these are unknown."""
+        self._requested: BoundedDict[tuple[int, bytes], tuple[CyclicPlan, Connection]] = BoundedDict()
+        """Inputs of a Connect without an answer, by FrameID and controller: the device may send before it answers."""
         self._connection: Connection | None = None
         """The last Connect that has telegrams."""
         self._sent_ticks: dict[int, int] = {}
@@ -231,9 +235,24 @@ class CyclicDecoder:
         """Whether live frames of both directions were checked, so that ``inferred`` is final."""
         return len(self._seen) == len(Direction)
 
+    def request(self, connection: Connection) -> bool:
+        """Use the FrameID of the inputs until the answer. False if the Connect has no telegrams."""
+        self._layouts.clear()
+        plan = connection.plan(Direction.ACTUAL)
+        if plan is not None and connection.ar is not None:
+            self._requested.put((plan.frame_id, connection.ar.initiator_mac), (plan, connection))
+        return bool(self._connected(connection))
+
+    def end_request(self, connection: Connection) -> None:
+        """The Connect is answered."""
+        self._layouts.clear()
+        plan = connection.plan(Direction.ACTUAL)
+        if plan is not None and connection.ar is not None:
+            self._requested.pop((plan.frame_id, connection.ar.initiator_mac))
+
     def connect(self, connection: Connection) -> bool:
         """Use the FrameIDs of a new Connect. False if it is not from the chosen station."""
-        self._layouts.clear()
+        self.end_request(connection)
         for direction, plan in connection.relations:
             if len(self._relations) >= _MAX_KINDS:
                 self._relations.clear()
@@ -289,6 +308,10 @@ class CyclicDecoder:
 
     def _relation(self, frame_id: int, addresses: bytes) -> tuple[Direction, CyclicPlan, Connection] | None:
         """The relationship of a frame; the newest one if its addresses are ambiguous."""
+        requested = self._requested.get((frame_id, addresses[:_MAC]))
+        if requested is not None:
+            plan, connection = requested
+            return Direction.ACTUAL, plan, replace(connection, device_mac=addresses[_MAC:])
         if addresses:
             return self._relations.get((frame_id, addresses)) or self._relations.get((frame_id, b""))
         found = (item for (known, _), item in reversed(self._relations.items()) if known == frame_id)

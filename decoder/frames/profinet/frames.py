@@ -12,11 +12,10 @@ from typing import Final
 from pdgw.decoder.frames.bounded_dict import BoundedDict
 from pdgw.decoder.frames.fields import Document
 from pdgw.decoder.frames.profinet.blocks import DIAGNOSES, diagnoses, documents, place_text
-from pdgw.decoder.frames.profinet.calls import Base
 from pdgw.decoder.frames.profinet.connect import Connection
 from pdgw.decoder.frames.profinet.records import AlarmRecord, DcpRecord, LldpRecord
 from pdgw.decoder.frames.profinet.stations import StationNames
-from pdgw.decoder.frames.records import OtherRecord, Record
+from pdgw.decoder.frames.records import Base, OtherRecord, Record
 from pdgw.durations import SECOND
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profinet.alarms.apmx import ALARM_FRAME_IDS, PDU, PduType

@@ -13,6 +13,7 @@ from pdgw.decoder.frames.records import AcyclicRecord
 class Change(enum.Enum):
     """Changes of a relationship."""
 
+    REQUESTED = "requested"
     GRANTED = "granted"
     READY = "confirmed: cyclic data is valid"
     PAUSED = "parameterised again: cyclic data is not valid"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 from uuid import UUID
 
 import pytest
@@ -10,6 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.decoder.frames.profinet.acyclic import AcyclicDecoder
+from pdgw.decoder.frames.profinet.cyclic import CyclicDecoder
+from pdgw.decoder.frames.profinet.stations import StationNames
 from pdgw.decoder.frames.records import (
     AcyclicRecord,
     OtherRecord,
@@ -30,7 +33,7 @@ from pdgw.profidrive.parameters.codec import (
     encode_response,
 )
 from pdgw.profinet.rpc.client import RecordCall, RecordCaller
-from pdgw.profinet.rpc.dcerpc import MAX_BODY, object_uuid
+from pdgw.profinet.rpc.dcerpc import MAX_BODY, PacketType, decode_packet, encode_packet, object_uuid
 from pdgw.profinet.rpc.records import RECORD_GLOBAL, AccessError, RecordBlock, RecordRefused
 from pdgw.profinet.rpc.server import RecordServer
 
@@ -84,9 +87,20 @@ def change(pnu: int, value: int, reference: int = 3, do_id: int = 1) -> Request:
     )
 
 
+class Observer(CyclicDecoder):
+    """Keeps the telegrams that were observed."""
+
+    def __init__(self) -> None:
+        super().__init__((), lambda _: None)
+        self.telegrams: list[tuple[int, int]] = []
+
+    def observe(self, do_id: int, number: int) -> None:
+        self.telegrams.append((do_id, number))
+
+
 def observed() -> tuple[AcyclicDecoder, list[tuple[int, int]]]:
-    telegrams: list[tuple[int, int]] = []
-    return AcyclicDecoder(lambda do_id, number: telegrams.append((do_id, number)), lambda _: True), telegrams
+    observer = Observer()
+    return AcyclicDecoder(observer, StationNames()), observer.telegrams
 
 
 def test_a_response_is_paired_with_its_request_over_repeated_reads() -> None:
@@ -182,6 +196,24 @@ def test_data_other_than_a_parameter_request_is_reported() -> None:
     record = exchange.call(decoder, exchange.caller.write(0, 1, 1, RECORD_GLOBAL, b"\x01\x07\x00\x01"), 0)[0]
     assert not isinstance(record, ParameterRequestRecord)
     assert "Request ID: '07h'" in record.summary
+
+
+def test_a_cancelled_write_is_named_by_its_request() -> None:
+    decoder, _ = observed()
+    exchange = Exchange()
+    (packet,) = exchange.caller.write(0, 1, 1, RECORD_GLOBAL, encode_request(change(922, 9))).packets
+    header, _ = decode_packet(packet)
+    peers = frozenset((PLC, DEVICE))
+    asked = decoder.decode(1, 0, "", packet, peers)
+    assert isinstance(asked, ParameterRequestRecord)
+    of = f": {asked.text} after 2.000 ms"
+    for kind, body, text in (
+        (PacketType.CANCEL, struct.pack("<II", 0, 1), "write cancelled"),
+        (PacketType.CANCEL_ACK, struct.pack("<III", 0, 1, 1), "write cancel acknowledged"),
+        (PacketType.FAULT, struct.pack("<I", 0x1C00000D), "write fault: cancelled (1C00000Dh)"),
+    ):
+        record = decoder.decode(1, 2 * MS, "", encode_packet(replace(header, packet_type=kind), body), peers)
+        assert record.summary == text + of
 
 
 @pytest.mark.parametrize("size", [0, 1, 79, 80, 99, 140])

@@ -28,6 +28,9 @@ from pdgw.decoder.frames.engine import Decoder, Packet, Settings
 from pdgw.decoder.frames.profinet.connect import read_request
 from pdgw.decoder.frames.profinet.cyclic import given_axes
 from pdgw.decoder.frames.records import CyclicRecord, LinkType, Record
+from pdgw.decoder.timeline.builder import TimelineBuilder
+from pdgw.decoder.timeline.entries import Anomaly
+from pdgw.durations import MS
 from pdgw.peers.controller.project import Project
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.frame import IOPS_GOOD, STATUS_NORMAL
@@ -197,9 +200,35 @@ def test_a_device_may_answer_from_a_port_of_its_own(little: bool) -> None:
     assert other.summary == "UDP port 50000 -> 49155, 101 bytes"
 
 
-def test_rejected_connect_defines_no_layout() -> None:
+def test_input_frames_before_the_response_belong_to_the_connect() -> None:
+    """A device may send first; a later Connect of the same controller has other places."""
     decoder = Decoder()
-    decode(decoder, connect_packets(status=0xDB813F00))
+    asked, answered = connect_packets()
+    early = frame(Direction.ACTUAL, VALUES[Direction.ACTUAL])
+    for _ in range(2):
+        _, record, _ = decode(decoder, [asked, early, answered])
+        assert isinstance(record, CyclicRecord)
+        assert {unit.axis: unit.values for unit in record.units} == VALUES[Direction.ACTUAL]
+
+
+def test_cycle_counter_of_a_new_connect_starts_before_its_response() -> None:
+    decoder = Decoder(Settings(given_axes((9, 1, 100))))
+    builder = TimelineBuilder(decoder.settings.axes, cycle_ns=4 * MS)
+    asked, answered = connect_packets()
+    late, early = (
+        frame(Direction.ACTUAL, VALUES[Direction.ACTUAL])[:-4] + struct.pack(">HBB", counter, STATUS_NORMAL, 0)
+        for counter in (20_000, 0)
+    )
+    for record in decode(decoder, [asked, answered, late, asked, early, answered]):
+        builder.add(record)
+    assert not [entry for entry in builder.finish() if isinstance(entry, Anomaly)]
+
+
+@pytest.mark.parametrize("early", [(), (frame(Direction.ACTUAL, VALUES[Direction.ACTUAL]),)])
+def test_rejected_connect_defines_no_layout(early: tuple[bytes, ...]) -> None:
+    decoder = Decoder()
+    asked, answered = connect_packets(status=0xDB813F00)
+    decode(decoder, [asked, *early, answered])
     (record,) = decode(decoder, [frame(Direction.ACTUAL, VALUES[Direction.ACTUAL])])
     assert not record.units
     assert "FrameID of another relationship" in record.summary

@@ -98,7 +98,7 @@ def test_relationships_start_and_end() -> None:
         elif isinstance(record, AlarmRecord) and record.ended is not None:
             assert "ends the relationship, requested" in record.summary
             changes.append((Change.ENDED, record.ended.controller))
-    once = [(change, "plc-1") for change in (Change.GRANTED, Change.READY, Change.ENDED)]
+    once = [(change, "plc-1") for change in (Change.REQUESTED, Change.GRANTED, Change.READY, Change.ENDED)]
     assert changes == once * 2
 
 
