@@ -110,8 +110,8 @@ class Link(Protocol):
     def places(self) -> FramePlaces:
         """The present layout of the frames."""
 
-    def newest(self) -> tuple[bool, bytes, bytes | bytearray]:
-        """Whether a PLC is connected, its newest frame and the newest one to it, empty before there was one.
+    def newest(self) -> tuple[bool, Address | None, bytes, bytes | bytearray]:
+        """Whether a PLC is connected, its address on UDP, its newest frame and the newest one to it, empty before there was one.
 
         The buffer of the last one is used again.
         """
@@ -269,9 +269,9 @@ class UdpLink:
         endpoint = self.endpoint
         return FramePlaces("udp", endpoint.consumer.offsets, endpoint.provider.offsets)
 
-    def newest(self) -> tuple[bool, bytes, bytes | bytearray]:
+    def newest(self) -> tuple[bool, Address | None, bytes, bytes | bytearray]:
         endpoint = self.endpoint
-        return endpoint.connected, endpoint.received, endpoint.frame
+        return endpoint.connected, endpoint.peer, endpoint.received, endpoint.frame
 
     @property
     def received_ns(self) -> int | None:

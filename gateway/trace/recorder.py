@@ -65,6 +65,9 @@ class FlightRecorder:
         self.lost = 0
         """Cycles that could not be written."""
         self._token: object = None
+        self._peer: tuple[str, int] | None = None
+        self._here, self._there = f"{daemon.address[0]}:{CYCLIC_PORT}", ""
+        """The gateway and its PLC in the headers of recorded frames."""
         self._first = True
         self._number = 0
         self._count = 0
@@ -126,7 +129,9 @@ class FlightRecorder:
         link = self._link
         if link.layout_token is not self._token:
             self._observe()
-        connected, received, sent = link.newest()
+        connected, peer, received, sent = link.newest()
+        if peer != self._peer:
+            self._peer, self._there = peer, "" if peer is None else "{}:{}".format(*peer)
         flags = blocks.CONNECTED if connected else 0
         if self._whole:
             flags |= blocks.WHOLE
@@ -255,20 +260,12 @@ class FlightRecorder:
     def _received(self, data: bytes, sent: bytes | bytearray) -> bytes:
         if self._is_profinet:
             return header(bytes(sent[_SOURCE]), bytes(sent[_TARGET])) + data
-        return blocks.udp_header(self._peer, self._here, len(data)) + data
+        return blocks.udp_header(self._there, self._here, len(data)) + data
 
     def _sent(self, data: bytes | bytearray) -> bytes:
         if self._is_profinet:
             return bytes(data)
-        return blocks.udp_header(self._here, self._peer, len(data)) + data
-
-    @property
-    def _peer(self) -> str:
-        return self._link.peer or ""
-
-    @property
-    def _here(self) -> str:
-        return f"{self._daemon.address[0]}:{CYCLIC_PORT}"
+        return blocks.udp_header(self._here, self._there, len(data)) + data
 
 
 def _prepared(directory: Path, name: str) -> tuple[Path, int]:

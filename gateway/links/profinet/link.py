@@ -349,11 +349,11 @@ class ProfinetLink:
         data = [None] * len(self._telegrams) if self._places is None else self._places.data
         return FramePlaces("profinet", setpoints, tuple(None if place is None else place[0] for place in data))
 
-    def newest(self) -> tuple[bool, bytes, bytes | bytearray]:
+    def newest(self) -> tuple[bool, Address | None, bytes, bytes | bytearray]:
         relation = self.device.relation
         if relation is None or relation.consumer is None or relation.provider is None:
-            return False, b"", b""
-        return relation.connected, relation.consumer.payload, relation.provider.frame
+            return False, None, b"", b""
+        return relation.connected, None, relation.consumer.payload, relation.provider.frame
 
     @property
     def received_ns(self) -> int | None:

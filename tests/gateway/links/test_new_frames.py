@@ -330,11 +330,11 @@ def test_a_pulse_of_one_frame_acts_from_the_first_frame_on() -> None:
 def test_old_frames_of_a_connection_before_do_not_count_after_a_loss() -> None:
     """An attacker repeats the OFF and ON frames of an earlier connection, in their order and rhythm."""
     site = Site().run(10)
-    recorded = [bytes(site.link.newest()[1])]
+    recorded = [bytes(site.link.newest()[2])]
     for word in (0x043E, 0x043F):
         site.word = word
         site.run(1)
-        recorded.append(bytes(site.link.newest()[1]))
+        recorded.append(bytes(site.link.newest()[2]))
     site.silent = True
     site.run(100)
     assert site.losses == 1
