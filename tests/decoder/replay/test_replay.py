@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import lzma
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -16,119 +17,45 @@ from pdgw.gateway.trace.reader import RingReader
 from pdgw.peers.drive import shape
 from pdgw.recording.recordings import replayed
 from pdgw.recording.trace_file import save
-from tests.support.gateways.daemon import (
-    OFF,
-    ON,
-    SIMULATED_POSITIONER,
-    Plc,
-    axis,
-    configuration,
-    drive_of,
-    encoder_of,
-    until,
-    world_of,
+from tests.decoder.replay.runs import KEPT, RUNS, run, speeds
+from tests.long.soak.planted import DEFECTS
+from tests.support.gateways.daemon import axis, configuration, until, world_of
+from tests.support.gateways.recorded_daemon import differences, recorded, recording, replay_of
+
+
+@pytest.mark.parametrize("path", sorted(KEPT.iterdir()), ids=lambda path: path.name)
+def test_a_kept_recording_is_equal(path: Path, tmp_path: Path) -> None:
+    """See ``runs``: what this version decides otherwise needs a line in the changelog, and new recordings."""
+    file = tmp_path / "gateway.pcapng"
+    file.write_bytes(lzma.decompress(path.read_bytes()))
+    results = replayed([str(file)])
+    assert not differences(results)
+    assert all(result.steps > 200 for result in results)
+
+
+FOUND = (
+    "a lost PLC does not stop the drive",
+    "an EMCY is not in the fault buffer",
+    "the drive gets twice the speed",
+    "ZSW1.10 is always 1",
+    "an ON without an OFF before it starts the drive",
+    "OFF2 does not lock",
+    "OFF3 does not lock",
+    "a fault of the drive does not lock",
+    "Quick Stop is sent as Shutdown",
 )
-from tests.support.gateways.recorded_daemon import recorded, recording, replay_of
-
-ENCODER = "[[encoder]]\ndo_id = 9\nnode_id = 20\ntelegram = 83\nsimulate = true\n"
-TASK = {"SATZANW": 0x8000, "MDI_TARPOS": 0x0200_0000, "MDI_VELOCITY": 1 << 29, "MDI_ACC": 0x4000, "MDI_DEC": 0x2000}
+"""The planted defects of the axis machine."""
 
 
-def run(plc: Plc, cycles: int) -> None:
-    for _ in range(cycles):
-        plc.exchange()
-
-
-def speeds(plc: Plc) -> None:
-    """Operation, a loss of the PLC, a fault, OFF1."""
-    plc.enable()
-    plc.endpoint.set(0, {"NSOLL_A" if plc.daemon.axes[0].telegram.number == 1 else "NSOLL_B": 0x1000})
-    run(plc, 60)
-    plc.silent = True
-    run(plc, 120)
-    plc.silent = False
-    plc.enable()
-    drive_of(plc.daemon).inject(7)
-    run(plc, 60)
-    drive_of(plc.daemon).clear()
-    plc.endpoint.set(0, {"STW1": OFF | 0x80})
-    run(plc, 20)
-    plc.enable()
-    plc.endpoint.set(0, {"STW1": OFF})
-    run(plc, 60)
-
-
-def tasks(plc: Plc) -> None:
-    """Homing, a task, an intermediate stop, a rejected task."""
-    plc.endpoint.set(0, {"STW1": 0x043E})
-    run(plc, 150)
-    plc.endpoint.set(0, {"STW1": 0x043F, "SATZANW": 0x8000 | 35})
-    run(plc, 50)
-    for word, more in (
-        (0x0C3F, {}),
-        (0x043F, {}),
-        (0x047F, TASK | {"MDI_MOD": 1}),
-        (0x045F, {}),
-        (0x047F, {}),
-        (0x046F, {}),
-    ):
-        plc.endpoint.set(0, {"STW1": word, **more})
-        run(plc, 60)
-
-
-def jogs(plc: Plc) -> None:
-    """A positioner homes at its position, jogs and is switched off."""
-    plc.enable()
-    for word in (ON | 1 << 8, ON, ON & ~2):
-        plc.endpoint.set(0, {"STW1": word})
-        run(plc, 100)
-
-
-def raw(plc: Plc) -> None:
-    """The Controlword itself."""
-    run(plc, 150)
-    for word in (0, 6, 7, 15):
-        plc.endpoint.set(0, {"Controlword": word, "Modes of Operation": 3, "Target Velocity": 2000})
-        run(plc, 30)
-
-
-def another_telegram(plc: Plc) -> None:
-    """P922 while the axis is off."""
-    run(plc, 150)
-    plc.daemon.change_telegram(plc.daemon.axes[0], 2)
-    other = Plc(plc.daemon, [2], host="plc")
-    other.enable()
-    other.endpoint.set(0, {"NSOLL_B": 0x1000_0000})
-    run(other, 60)
-
-
-def presets(plc: Plc) -> None:
-    """An encoder turns and takes a preset."""
-    run(plc, 150)
-    plc.endpoint.set(0, {"STW2_ENC": 0x0400, "G1_STW": 0})
-    run(plc, 20)
-    plc.endpoint.set(0, {"G1_STW": 1 << 12})
-    run(plc, 60)
-    encoder_of(plc.daemon).node.restart()
-    run(plc, 100)
-
-
-RUNS: dict[str, tuple[str, Callable[[Plc], None]]] = {
-    "telegram 1": (axis(1), speeds),
-    "telegram 3": (axis(1, telegram_number=3), speeds),
-    "telegram 102": (axis(1, telegram_number=102), speeds),
-    "telegram 9": (axis(1, telegram_number=9), tasks),
-    "telegram 100": (axis(1, telegram_number=100), raw),
-    "telegram 111": (axis(1, telegram_number=111, more=SIMULATED_POSITIONER), jogs),
-    "P922": (axis(1), another_telegram),
-    "encoder": (ENCODER, presets),
-    "encoder as G1": (axis(1, telegram_number=3, more="simulate = true\ng1 = 9") + ENCODER, speeds),
-    "two axes": (axis(1) + axis(2, telegram_number=3), speeds),
-}
-
-
-def differences(results: list[Replayed]) -> list[object]:
-    return [difference for result in results for difference in result.differences]
+@pytest.mark.planted
+@pytest.mark.parametrize("name", FOUND)
+def test_a_planted_defect_is_a_difference_of_a_kept_recording(
+    name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    file = tmp_path / "gateway.pcapng"
+    file.write_bytes(lzma.decompress((KEPT / "telegram-1.pcapng.xz").read_bytes()))
+    DEFECTS[name](monkeypatch)
+    assert differences(replayed([str(file)]))
 
 
 @pytest.mark.parametrize("name", RUNS)

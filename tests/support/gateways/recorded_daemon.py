@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from pdgw.decoder.replay.replay import Replayed
+from pdgw.decoder.replay.replay import Difference, Replayed
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.trace.reader import RingReader
@@ -50,3 +50,8 @@ def recording(folder: Path) -> str:
 def replay_of(folder: Path) -> list[Replayed]:
     """Replay a recording from its start."""
     return replayed([recording(folder)])
+
+
+def differences(results: Sequence[Replayed]) -> list[Difference]:
+    """Those of all drive objects."""
+    return [difference for result in results for difference in result.differences]

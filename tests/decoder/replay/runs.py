@@ -1,0 +1,138 @@
+"""What a gateway and a PLC do in the recordings that are replayed, and the kept ones: recorded by the version that wrote them.
+
+``python -m tests.decoder.replay.runs`` records all of them again with this version. Do so only for a wanted change of the axis
+machine, after you have read the differences.
+"""
+
+from __future__ import annotations
+
+import lzma
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from tests.support.gateways.daemon import OFF, ON, SIMULATED_POSITIONER, Plc, axis, configuration, drive_of, encoder_of
+from tests.support.gateways.recorded_daemon import recorded, recording
+
+COAST, QUICK_STOP = ON & ~2, ON & ~4
+KEPT = Path(__file__).parent / "kept"
+ENCODER = "[[encoder]]\ndo_id = 9\nnode_id = 20\ntelegram = 83\nsimulate = true\n"
+TASK = {"SATZANW": 0x8000, "MDI_TARPOS": 0x0200_0000, "MDI_VELOCITY": 1 << 29, "MDI_ACC": 0x4000, "MDI_DEC": 0x2000}
+
+
+def run(plc: Plc, cycles: int) -> None:
+    for _ in range(cycles):
+        plc.exchange()
+
+
+def speeds(plc: Plc) -> None:
+    """ON without OFF, operation, a loss of the PLC, a fault, OFF1; after OFF2 and OFF3 an ON that was not taken back."""
+    plc.endpoint.set(0, {"STW1": ON})
+    run(plc, 120)
+    for word in (COAST, QUICK_STOP):
+        plc.enable()
+        plc.endpoint.set(0, {"STW1": word})
+        run(plc, 20)
+        plc.endpoint.set(0, {"STW1": ON})
+        run(plc, 20)
+    plc.enable()
+    plc.endpoint.set(0, {"NSOLL_A" if plc.daemon.axes[0].telegram.number == 1 else "NSOLL_B": 0x1000})
+    run(plc, 60)
+    plc.silent = True
+    run(plc, 120)
+    plc.silent = False
+    plc.enable()
+    drive_of(plc.daemon).inject(7)
+    run(plc, 60)
+    drive_of(plc.daemon).clear()
+    plc.endpoint.set(0, {"STW1": OFF | 0x80})
+    run(plc, 20)
+    plc.enable()
+    plc.endpoint.set(0, {"STW1": OFF})
+    run(plc, 60)
+
+
+def tasks(plc: Plc) -> None:
+    """Homing, a task, an intermediate stop, a rejected task."""
+    plc.endpoint.set(0, {"STW1": 0x043E})
+    run(plc, 150)
+    plc.endpoint.set(0, {"STW1": 0x043F, "SATZANW": 0x8000 | 35})
+    run(plc, 50)
+    for word, more in (
+        (0x0C3F, {}),
+        (0x043F, {}),
+        (0x047F, TASK | {"MDI_MOD": 1}),
+        (0x045F, {}),
+        (0x047F, {}),
+        (0x046F, {}),
+    ):
+        plc.endpoint.set(0, {"STW1": word, **more})
+        run(plc, 60)
+
+
+def jogs(plc: Plc) -> None:
+    """A positioner homes at its position, jogs and is switched off."""
+    plc.enable()
+    for word in (ON | 1 << 8, ON, ON & ~2):
+        plc.endpoint.set(0, {"STW1": word})
+        run(plc, 100)
+
+
+def raw(plc: Plc) -> None:
+    """The Controlword itself."""
+    run(plc, 150)
+    for word in (0, 6, 7, 15):
+        plc.endpoint.set(0, {"Controlword": word, "Modes of Operation": 3, "Target Velocity": 2000})
+        run(plc, 30)
+
+
+def another_telegram(plc: Plc) -> None:
+    """P922 while the axis is off."""
+    run(plc, 150)
+    plc.daemon.change_telegram(plc.daemon.axes[0], 2)
+    other = Plc(plc.daemon, [2], host="plc")
+    other.enable()
+    other.endpoint.set(0, {"NSOLL_B": 0x1000_0000})
+    run(other, 60)
+
+
+def presets(plc: Plc) -> None:
+    """An encoder turns and takes a preset."""
+    run(plc, 150)
+    plc.endpoint.set(0, {"STW2_ENC": 0x0400, "G1_STW": 0})
+    run(plc, 20)
+    plc.endpoint.set(0, {"G1_STW": 1 << 12})
+    run(plc, 60)
+    encoder_of(plc.daemon).node.restart()
+    run(plc, 100)
+
+
+RUNS: dict[str, tuple[str, Callable[[Plc], None]]] = {
+    "telegram 1": (axis(1), speeds),
+    "telegram 3": (axis(1, telegram_number=3), speeds),
+    "telegram 102": (axis(1, telegram_number=102), speeds),
+    "telegram 9": (axis(1, telegram_number=9), tasks),
+    "telegram 100": (axis(1, telegram_number=100), raw),
+    "telegram 111": (axis(1, telegram_number=111, more=SIMULATED_POSITIONER), jogs),
+    "P922": (axis(1), another_telegram),
+    "encoder": (ENCODER, presets),
+    "encoder as G1": (axis(1, telegram_number=3, more="simulate = true\ng1 = 9") + ENCODER, speeds),
+    "two axes": (axis(1) + axis(2, telegram_number=3), speeds),
+}
+
+
+def keep() -> None:
+    """Record every run, and replace the kept recordings."""
+    KEPT.mkdir(exist_ok=True)
+    for path in KEPT.iterdir():
+        path.unlink()
+    for name, (tables, happens) in RUNS.items():
+        with tempfile.TemporaryDirectory() as folder:
+            with recorded(configuration(tables), Path(folder)) as plc:
+                happens(plc)
+            data = Path(recording(Path(folder))).read_bytes()
+        (KEPT / f"{name.replace(' ', '-')}.pcapng.xz").write_bytes(lzma.compress(data, preset=9))
+
+
+if __name__ == "__main__":
+    keep()
