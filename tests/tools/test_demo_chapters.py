@@ -21,6 +21,7 @@ from pdgw.tools.demo.links import OnLoopback
 from pdgw.tools.demo.run import Demo, Outcome
 from pdgw.tools.demo.trace import plot
 from tests.support.gateways.daemon import Plc, drive_of, running
+from tests.support.gateways.recorded_daemon import differences, recorded, replay_of
 
 CAN = {"interface": "virtual", "channel": "world"}
 FREE_PORTS = "cyclic_port = 0\nacyclic_port = 0\n"
@@ -67,17 +68,17 @@ def movements(name: str) -> Scenario:
 
 
 @pytest.mark.parametrize("name", CHAPTERS)
-def test_scenario_of_a_chapter_passes(name: str) -> None:
+def test_scenario_of_a_chapter_passes_and_is_replayed_equal(name: str, tmp_path: Path) -> None:
     chapter = CHAPTERS[name]
     scenario = movements(name)
-    with running(parse_config(chapter.gateway(CAN, FREE_PORTS, simulate=True))) as daemon:
-        plc = Plc(daemon, scenario.telegrams)
+    with recorded(parse_config(chapter.gateway(CAN, FREE_PORTS, simulate=True)), tmp_path) as plc:
         engine = Engine(scenario, plc.endpoint)
         while not engine.finished:
             engine.step(plc.loop.now())
             plc.exchange()
     assert engine.passed, [result for result in engine.results if not result.passed]
     assert len(engine.results) > 10
+    assert not differences(replay_of(tmp_path))
 
 
 def test_dsc_scenario_fails_with_a_drive_in_fault() -> None:
