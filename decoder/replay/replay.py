@@ -7,12 +7,12 @@ decisions. A drive object is compared until its first difference. Without I/O.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
-from pdgw.ds301.bus.can_frame import EXTENDED
 from pdgw.dsp402.drive.images import DriveFeedback
+from pdgw.dsp402.states import ControlBit
 from pdgw.gateway.axis.encoder_machine import EncoderMachine
 from pdgw.gateway.axis.machine import AxisMachine
 from pdgw.gateway.axis.values import PresetAnswer, ProbeAnswer, SdoAnswer
@@ -69,7 +69,7 @@ class _Object:
         traced = description.objects[place]
         self._traced = traced
         self._place = place
-        self.bus = description.buses.index(traced.bus)
+        self._bus = description.buses.index(traced.bus)
         self._reasons = description.reasons
         self._offsets = description.places.setpoints[place], description.places.actuals[place]
         self._telegram = telegram(traced.telegram)
@@ -82,8 +82,8 @@ class _Object:
         """Values of the TPDOs since the drive was configured."""
         self._sent: list[tuple[tuple[str, ...], tuple[int, ...]]] = []
         """RPDOs since the last step."""
-        self._commands: tuple[dict[str, int], dict[str, int]] = ({}, {})
-        """Of the last step and the one before."""
+        self._command: dict[str, int] = {}
+        """Of the last step."""
         self._orders: tuple[object, ...] = (None, None, None, None)
         self._controlword: int | None = None
         self._last: Step | None = None
@@ -97,7 +97,7 @@ class _Object:
         self.result.telegram = self._traced.telegram
         self._machine, self._feedback, self._sensors = before._machine, before._feedback, before._sensors
         self._pdos, self._shown = before._pdos, before._shown
-        self._commands, self._controlword, self._orders = before._commands, before._controlword, before._orders
+        self._command, self._controlword, self._orders = before._command, before._controlword, before._orders
         if self._traced.groups == before._traced.groups:
             self._setters, self._last = before._setters, before._last
 
@@ -108,8 +108,8 @@ class _Object:
 
     # -- what the machine was given -----------------------------------------------------------------------------------
 
-    def take(self, identifier: int, data: bytes) -> None:
-        """A frame on the bus."""
+    def _take(self, identifier: int, data: bytes) -> None:
+        """A frame on the bus since the last step."""
         known = self._pdos.get(identifier)
         if known is None or len(data) < known[0].size:
             return
@@ -197,10 +197,13 @@ class _Object:
 
     # -- what it decides ----------------------------------------------------------------------------------------------
 
-    def step(self, cycle: Cycle) -> None:
-        """Give the inputs of a cycle, make the step, and compare."""
+    def step(self, cycle: Cycle, frames: Sequence[tuple[int, int, bytes]]) -> None:
+        """Give the inputs of a cycle, make the step, and compare. ``frames``: bus, identifier and data of those before it."""
         step = cycle.steps[self._place]
         self._give(step)
+        for bus, identifier, data in frames:
+            if bus == self._bus:
+                self._take(identifier, data)
         machine = self._machine
         if machine is None:
             return
@@ -246,27 +249,30 @@ class _Object:
             for name, recorded, now in zip(self._telegram.actuals.names, sent, outputs.actuals, strict=True):
                 if recorded != now:
                     yield name, recorded, now
+        command = outputs.command
+        now = {name: getattr(command, name) for name in self._traced.groups["command"] if hasattr(command, name)}
+        before, self._command = self._command or now, now
         if getattr(inputs, "drive_ok", False):
             for name, value in self._shown.items():
                 if (given := getattr(self._feedback, name, value)) != value:
                     yield f"{name} in the TPDO", value, given
-            yield from self._compared_rpdos(outputs.command)
+            yield from self._compared_rpdos(now, before)
         self._sent.clear()
 
-    def _compared_rpdos(self, command: Any) -> Iterator[tuple[str, object, object]]:
-        """An RPDO has the values of this step, or of the one before where it waited. A Controlword may wait for other RPDOs."""
-        now = {name: getattr(command, name) for name in self._traced.groups["command"] if hasattr(command, name)}
-        before = self._commands[0] or now
+    def _compared_rpdos(self, now: dict[str, int], before: dict[str, int]) -> Iterator[tuple[str, object, object]]:
+        """An RPDO has the values of this step, or of the one before where it waited. A Controlword may wait for other RPDOs, and
+        its new setpoint for other data."""
         for names, values in self._sent:
             for name, value in zip(names, values, strict=True):
                 allowed = {now.get(name, value), before.get(name, value)}
                 if name == _CONTROL and self._controlword is not None:
                     allowed.add(self._controlword)
+                if name == _CONTROL:
+                    allowed |= {word & ~ControlBit.NEW_SETPOINT for word in allowed}
                 if value not in allowed:
                     yield f"{name} in the RPDO", value, now.get(name)
                 if name == _CONTROL:
                     self._controlword = value
-        self._commands = now, before
 
 
 def _setter(item: object, name: str) -> Callable[[int], None]:
@@ -292,6 +298,7 @@ def replay(items: Iterable[Description | Frame | Cycle]) -> list[Replayed]:
     objects: list[_Object] = []
     results: dict[int, Replayed] = {}
     number: int | None = None
+    frames: list[tuple[int, int, bytes]] = []
     for item in items:
         if isinstance(item, Cycle):
             if number is None and item.number != 1:
@@ -301,9 +308,12 @@ def replay(items: Iterable[Description | Frame | Cycle]) -> list[Replayed]:
             number = item.number
             for each in objects:
                 if not each.done:
-                    each.step(item)
+                    each.step(item, frames)
+            frames.clear()
         elif isinstance(item, Frame):
-            _take(objects, item)
+            if len(item.data) >= _CAN_HEAD.size:
+                identifier, size = _CAN_HEAD.unpack_from(item.data)
+                frames.append((item.interface, identifier, item.data[8 : 8 + size]))
         elif item.first or objects:
             known = {} if item.first else {each.result.who: each for each in objects}
             number = None if item.first else number
@@ -318,14 +328,3 @@ def replay(items: Iterable[Description | Frame | Cycle]) -> list[Replayed]:
     if not results:
         raise GatewayError("no steps of a gateway: only a recording of the gateway itself can be replayed")
     return list(results.values())
-
-
-def _take(objects: Iterable[_Object], frame: Frame) -> None:
-    if len(frame.data) < _CAN_HEAD.size:
-        return
-    identifier, size = _CAN_HEAD.unpack_from(frame.data)
-    if not identifier & EXTENDED:
-        data = frame.data[8 : 8 + size]
-        for each in objects:
-            if each.bus == frame.interface:
-                each.take(identifier, data)

@@ -1,6 +1,6 @@
 """What a gateway and a PLC do in the recordings that are replayed, and the kept ones: recorded by the version that wrote them.
 
-``python -m tests.decoder.replay.runs`` records all of them again with this version. Do so only for a wanted change of the axis
+``python -m tests.decoder.replay.runs`` records all of them again with this version. Do so only for an intended change of the axis
 machine, after you have read the differences.
 """
 
