@@ -326,6 +326,11 @@ def test_failure_names_the_command_that_shows_its_moment(capsys: pytest.CaptureF
     assert re.findall(r"^\d\d:\d\d:\d\d\.\d{6} axis 1: .*", failed, re.MULTILINE)[-1] in shown
 
 
+def test_command_replays_what_the_gateways_recorded(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--hours", "0.005", "--seed", "3", "--axes", "1", "--telegrams", "9", "--replay"]) == 0
+    assert re.search(r"^\d{4,} steps replayed without a difference$", capsys.readouterr().out, re.MULTILINE)
+
+
 def test_wrong_telegrams_are_rejected(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["--telegrams", "1,x"])

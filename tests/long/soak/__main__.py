@@ -34,6 +34,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--until", type=float, help="run only up to this second; print what happened, with all CAN frames"
     )
     parser.add_argument("--calm", action="store_true", help="no faults, one day of each telegram")
+    parser.add_argument("--replay", action="store_true", help="record each part, and replay it without a difference")
     parser.add_argument("--planted", action="store_true", help="print when the soak finds each planted defect")
     options = parser.parse_args(arguments)
     known = CALM_TELEGRAMS if options.calm else DRIVE_TELEGRAM_NUMBERS
@@ -54,10 +55,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     done = "tasks" if options.calm else "starts"
     print(f"| telegrams | virtual hours | {done} | violations | virtual s per CPU s | MiB |\n{'| --- ' * 6}|")
     for numbers in days:
-        begun, count, memory = time.process_time(), 0, 0
+        begun, count, memory, steps = time.process_time(), 0, 0, 0
         for run, stop in _runs(options, numbers, end):
             try:
                 run.play(stop)
+                steps += run.replayed()
                 memory = memory or (_memory() if stop > _HOUR_NS else 0)
                 if memory and _memory() > memory + _GROWTH_KIB:
                     raise ViolationError(f"memory grew by {(_memory() - memory) // 1024} MiB after the first hour")
@@ -71,6 +73,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         speed = end / SECOND / (time.process_time() - begun)
         chosen = ",".join(map(str, numbers)) or "all"
         print(f"| {chosen} | {end / _HOUR_NS:g} | {count} | 0 | {speed:.0f} | {_memory() // 1024} |", flush=True)
+        if options.replay:
+            print(f"{steps} steps replayed without a difference")
     return 0
 
 
@@ -80,8 +84,10 @@ def _runs(options: argparse.Namespace, numbers: Sequence[int], end: int) -> Iter
     for part in parts(options.seed, axes, numbers, draw):
         if options.until is None or part.end >= end:
             frames = options.until is not None
-            calm = CalmRun(part, frames=frames) if options.calm else None
-            yield calm or SoakRun(part, keep_telegrams=bool(numbers), frames=frames), min(end, part.end)
+            records = options.replay
+            calm = CalmRun(part, frames=frames, records=records) if options.calm else None
+            run = calm or SoakRun(part, keep_telegrams=bool(numbers), frames=frames, records=records)
+            yield run, min(end, part.end)
         if part.end >= end:
             return
 

@@ -95,8 +95,8 @@ class CalmRun(SoakRun):
 
     linear = ROTARY_AXIS  # a healthy machine does not reach its limit switches
 
-    def __init__(self, part: Part, *, frames: bool = False) -> None:
-        super().__init__(part, keep_telegrams=True, frames=frames)
+    def __init__(self, part: Part, *, frames: bool = False, records: bool = False) -> None:
+        super().__init__(part, keep_telegrams=True, frames=frames, records=records)
         self.working = False
         """The PLC has switched on, and the drive has shown operation."""
         self._reason: Reason | None = None

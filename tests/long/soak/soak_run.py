@@ -22,14 +22,18 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.assembly import build_gateway
 from pdgw.gateway.axis.telegrams import TASK_TELEGRAM_NUMBERS
 from pdgw.gateway.configuration.config import GatewayConfig
+from pdgw.gateway.configuration.tables.environment import TraceConfig
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.links.udp import Address
+from pdgw.gateway.trace.reader import RingReader
+from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.peers.drive import LINEAR_AXIS, ROTARY_AXIS, Machine, shape
 from pdgw.peers.node.faults import WrongIdentity
 from pdgw.peers.plc.exchange.cycling import CyclingPlc
 from pdgw.peers.world import Conditions, Member, SimulatedCan, World
 from pdgw.profidrive.frame import IOPS_GOOD, STATUS_RUN, CSduLayout
 from pdgw.profidrive.telegrams import Direction, telegram
+from pdgw.recording.recordings import replayed
 from tests.long.rules import Seen
 from tests.long.soak.disturbances import DISTURBANCES, PLC_HOST, UNPLUGGED, Disturbance, Undo
 from tests.long.soak.emcy_check import PendingEmcys
@@ -62,6 +66,8 @@ _TIMERS_MAX: Final = 2000
 _FRAMES_UNDER_WAY: Final = 1000
 """More frames than the PLC sends during the longest delay."""
 _RUNNING_STATE: Final = 0x4F
+_WHOLE: Final = TraceConfig(seconds=3600, megabytes=1024)
+"""The recording of a part from its start."""
 _IDENTITY: Final = f"drive: {WrongIdentity.name}"
 """Without a data sheet a gateway accepts the first identity it reads, so this fault needs a data sheet."""
 _REACTION_CYCLES: Final = 2
@@ -72,12 +78,17 @@ _CHANGES: Final = 0.3
 
 
 class SoakRun:
-    """Runs one part of a day. ``keep_telegrams``: the PLC changes none. ``frames``: the trace has every CAN frame."""
+    """Runs one part of a day. ``keep_telegrams``: the PLC changes none. ``frames``: the trace has every CAN frame.
+
+    ``records``: each gateway records itself, for ``replayed``.
+    """
 
     linear: ClassVar[Machine] = LINEAR_AXIS
     """The machine of an axis with tasks."""
 
-    def __init__(self, part: Part, *, keep_telegrams: bool = False, frames: bool = False) -> None:
+    def __init__(
+        self, part: Part, *, keep_telegrams: bool = False, frames: bool = False, records: bool = False
+    ) -> None:
         self.begin = part.begin
         self.world: World = World(part.world_seed, self.begin)
         self.loop = self.world.loop
@@ -88,6 +99,9 @@ class SoakRun:
         """Of the parameter store, which one gateway after the other uses."""
         # Not of this object: a compiled class allows no weak references.
         weakref.finalize(self.world, shutil.rmtree, self._folder)
+        self._records = records
+        self._recorders: list[FlightRecorder] = []
+        """One for each gateway."""
         self._config = self._configuration()
         self._may_change_telegrams = not keep_telegrams
         self.daemon = self._gateway()
@@ -120,10 +134,13 @@ class SoakRun:
 
     def _configuration(self) -> GatewayConfig:
         config = self.plan.configuration(CHANNEL, PLC_HOST, ENGINEER_HOST)
-        return config.model_copy(update={"store": self._folder / "store.json"})
+        return config.model_copy(update={"store": self._folder / "store.json", "trace": _WHOLE})
 
     def _gateway(self) -> Daemon:
         daemon = build_gateway(self._config, self.world)
+        if self._records:
+            self._recorders.append(FlightRecorder(daemon, self._folder, f"gateway-{len(self._recorders)}"))
+            daemon.services.append(self._recorders[-1])
         self._origin = self.loop.now()
         return daemon
 
@@ -160,7 +177,20 @@ class SoakRun:
 
     def close(self) -> None:
         """End this world; otherwise its waiting tasks would keep it in memory."""
+        for recorder in self._recorders:
+            recorder.stop()
         self.loop.close()
+
+    def replayed(self) -> int:
+        """Replay what the gateways have recorded; the number of steps. ViolationError for the first difference."""
+        count = 0
+        for recorder in self._recorders:
+            with RingReader(recorder.path) as reader:
+                for result in replayed([str(path) for path in reader.segments()]):
+                    count += result.steps
+                    if result.differences:
+                        raise ViolationError(f"replayed otherwise: {result.differences[0]}")
+        return count
 
     def play(self, until: int) -> None:
         """Run until a time of the day. ViolationError when a safety rule is violated."""
