@@ -61,7 +61,7 @@ class TimelineBuilder:
         self._heap: list[tuple[int, int, Entry]] = []
         self._count = 0
         self._due = 0
-        self._objects = [ObjectFollower(axis, self._put, cycle_ns, HOLD_NS, uncertainty_ns) for axis in axes]
+        self._objects = [ObjectFollower(axis, self._put, cycle_ns, uncertainty_ns) for axis in axes]
         self._by_do = {item.axis.do_id: item for item in self._objects}
         self._nodes: dict[int, list[ObjectFollower]] = {}
         for item in self._objects:
@@ -122,8 +122,6 @@ class TimelineBuilder:
 
     def finish(self) -> Sequence[Entry]:
         """The rest, at the end of the recording."""
-        for item in self._objects:
-            item.finish()
         for do_id, text in self._missing():
             self._put(Event(self._last_ns, do_id, "missing", text))
         return self._release(None)

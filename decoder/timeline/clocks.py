@@ -91,11 +91,6 @@ class Clocks:
     origin: str = "given"
 
     @property
-    def exact(self) -> bool:
-        """Both were recorded with the same clock."""
-        return self.origin == ONE_CLOCK
-
-    @property
     def ambiguous(self) -> bool:
         """Another offset fits nearly as well."""
         return self.origin == "correlated" and self.rivals >= _AMBIGUOUS * self.pairs
@@ -106,7 +101,7 @@ class Clocks:
         said = f"the CAN clock differs by {self.offset_ns / SECOND:+.6f} s from the clock of the PLC's frames"
         if self.origin == "given":
             return f"{said}, as given"
-        if self.exact:
+        if self.origin == ONE_CLOCK:
             return ONE_CLOCK
         if self.origin == "not known":
             return "no edges in common: clock offset unknown, both captures are treated as one clock"

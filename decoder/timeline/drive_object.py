@@ -6,7 +6,7 @@ Without I/O.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 from pdgw.decoder.frames.canopen.records import CanRecord, EmcyRecord, HeartbeatRecord, NmtRecord, PdoRecord, SdoRecord
@@ -53,37 +53,6 @@ _DRIVES: Final = frozenset(DRIVE_TELEGRAM_NUMBERS)
 _LEAVING: Final = {State.OPERATION_ENABLED, State.FAULT, State.FAULT_REACTION_ACTIVE}
 
 
-@dataclass
-class _Bad:
-    """Process data marked as bad, the side that marked it, and its entry."""
-
-    who: str
-    entry: Anomaly
-    reported: bool = False
-
-
-@dataclass
-class _Settling:
-    """An edge of the PLC and the reasons it passes through."""
-
-    edge: Edge
-    reasons: dict[Reason | None, None] = field(default_factory=dict)
-    last: Reason | None = None
-    time_ns: int = SETTLE_NS
-    """Time from the edge to its result: a drive that starts has as long as for any answer."""
-
-    def add(self, reason: Reason | None) -> None:
-        self.reasons[reason] = None
-        self.last = reason
-        self.time_ns = RESPONSE_NS if reason is not None and reason.state is AxisState.STARTING else SETTLE_NS
-
-    def close(self) -> None:
-        self.edge.outcome = self.last
-        passed = [reason for reason in self.reasons if reason not in {None, self.last}]
-        self.edge.reasons = tuple(reason for reason in (*passed, self.last) if reason is not None)
-        self.edge.is_decided = True
-
-
 @dataclass(frozen=True)
 class _Command:
     """A Controlword that the drive must answer with a change of one of the ``bits`` of its Statusword."""
@@ -94,20 +63,18 @@ class _Command:
 
 
 class ObjectFollower:
-    """Follows one drive object. ``put`` takes the entries, whose details may still change for ``hold_ns``. ``uncertainty_ns``: of
-    the clocks of both buses."""
+    """Follows one drive object. ``put`` takes the entries, whose details may still change for ``RESPONSE_NS``.
+    ``uncertainty_ns``: of the clocks of both buses."""
 
-    def __init__(
-        self, axis: Axis, put: Callable[[Entry], None], cycle_ns: int, hold_ns: int, uncertainty_ns: int
-    ) -> None:
+    def __init__(self, axis: Axis, put: Callable[[Entry], None], cycle_ns: int, uncertainty_ns: int) -> None:
         self.axis = axis
         self.has_frames = False
         """Whether a frame of the node has arrived."""
         self._put = put
-        self._hold_ns = hold_ns
         self._window = _CYCLES * cycle_ns
         self._early = uncertainty_ns
-        self._bad: dict[Direction, _Bad] = {}
+        self._bad_since: dict[Direction, int] = {}
+        """Process data that is marked as bad."""
         chosen, families = telegram(axis.telegram), all_families()
         self._fields: dict[WordKind, Field] = {
             WordKind.CONTROL: half_fields(chosen.setpoints)[0],
@@ -125,7 +92,8 @@ class ObjectFollower:
         self._mode_since: int | None = None
         self._control: Edge | None = None
         """An edge of the PLC that no step has used yet."""
-        self._settling: _Settling | None = None
+        self._settling: Edge | None = None
+        """An edge of the PLC without its final result."""
         self._reason: Reason | str | None = ""
 
     # -- words and their causes ---------------------------------------------------------------------------------------
@@ -141,7 +109,7 @@ class ObjectFollower:
         if self._early:
             self._follow_up(edge)
         if kind is WordKind.CONTROL:
-            self._settled()
+            self._settling = None
             self._control = edge
         elif kind is WordKind.STATUSWORD:
             self._answered(edge)
@@ -243,55 +211,42 @@ class ObjectFollower:
                 text = f"{fault.number} {fault.text}"
                 self._put(Anomaly(now, self.axis.do_id, AnomalyKind.GATEWAY_FAULT, text))
         control, self._control = self._control, None
+        settling = self._settling
+        if settling is not None and now > settling.time_ns + _result_after(settling.outcome):
+            settling = None
         if control is not None:
-            self._settled()
+            settling = None
             if step.setpoints is None:
                 control.note = NOT_VALID
             elif step.setpoints[0] != control.after:
                 control.note = OVERTAKEN
             else:
-                self._settling = _Settling(control)
-        settling = self._settling
-        if settling is not None and settling.reasons and now > settling.edge.time_ns + settling.time_ns:
-            self._settled()
-            settling = None
+                settling = control
         if settling is not None:
-            settling.add(reason)
+            settling.decide(reason)
+        self._settling = settling
         if reason is not self._reason:
             self._reason = reason
             self._put(ReasonChange(now, self.axis.do_id, reason, settling is not None))
-
-    def _settled(self) -> None:
-        if self._settling is not None:
-            self._settling.close()
-            self._settling = None
 
     # -- time -----------------------------------------------------------------------------------------------------------
 
     def quality(self, now: int, direction: Direction, *, good: bool) -> None:
         """Whether the process data of one direction are marked good."""
-        bad = self._bad.get(direction)
-        if good is (bad is None):
+        since = self._bad_since.get(direction)
+        if good is (since is None):
             return
-        if bad is None:
-            who = "of the PLC" if direction is Direction.SETPOINT else "of the gateway"
-            entry = Anomaly(now, self.axis.do_id, AnomalyKind.IOPS_BAD, f"data {who} bad until the end")
-            self._bad[direction] = _Bad(who, entry)
-            self._put(entry)
-            return
-        del self._bad[direction]
-        how_long = f"{(now - bad.entry.time_ns) / MS:.1f} ms"
-        if bad.reported:
-            self._put(Event(now, self.axis.do_id, "IOPS", f"data {bad.who} good again after {how_long}"))
+        who = "of the PLC" if direction is Direction.SETPOINT else "of the gateway"
+        if since is None:
+            self._bad_since[direction] = now
+            self._put(Anomaly(now, self.axis.do_id, AnomalyKind.IOPS_BAD, f"data {who} bad"))
         else:
-            bad.entry.text = f"data {bad.who} bad for {how_long}"
+            del self._bad_since[direction]
+            text = f"data {who} good again after {(now - since) / MS:.1f} ms"
+            self._put(Event(now, self.axis.do_id, "IOPS", text))
 
     def tick(self, now: int) -> None:
         """Report overdue answers."""
-        for bad in self._bad.values():
-            if not bad.reported and now >= bad.entry.time_ns + self._hold_ns:
-                bad.reported = True
-                bad.entry.text = f"data {bad.who} bad for more than {self._hold_ns / SECOND:g} s"
         command = self._command
         if command is not None and now > command.edge.time_ns + RESPONSE_NS:
             self._command = None
@@ -304,9 +259,10 @@ class ObjectFollower:
                 self._put(Anomaly(self._mode_since, self.axis.do_id, AnomalyKind.MODE, text))
             self._mode_since = None
 
-    def finish(self) -> None:
-        """The recording ends."""
-        self._settled()
+
+def _result_after(reason: Reason | None) -> int:
+    """Time from an edge to its result: a drive that starts has as long as for any answer."""
+    return RESPONSE_NS if reason is not None and reason.state is AxisState.STARTING else SETTLE_NS
 
 
 def _expectation(statusword: int, command: Edge) -> int | None:

@@ -11,6 +11,7 @@ An edge without a cause is the doing of the drive, of time, or of a value. Witho
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 from collections import Counter
 from dataclasses import dataclass
@@ -39,8 +40,8 @@ _CAN_WORDS = (WordKind.CONTROLWORD.value, WordKind.STATUSWORD.value)
 class Edge:
     """A word that changed. ``latency_ns`` counts from ``cause``.
 
-    On edges of the PLC's control word: ``reasons`` are those of the gateway until the next edge or for 100 ms (1 s while the
-    drive has not started), ``outcome`` the last one (None: the drive follows), ``note`` another result of the frame.
+    On edges of the PLC's control word: ``decided`` are the reasons of the gateway until the next edge or for 100 ms (1 s while
+    the drive has not started), ``outcome`` the last one (None: the drive follows), ``note`` another result of the frame.
     """
 
     time_ns: int
@@ -50,15 +51,25 @@ class Edge:
     before: int
     after: int
     cause: Edge | None = None
-    reasons: tuple[Reason, ...] = ()
+    decided: dict[Reason | None, None] = dataclasses.field(default_factory=dict)
+    """Each reason once; empty: the recording does not have them."""
     outcome: Reason | None = None
     note: str = ""
     root: Edge | None = None
     """The first cause of all, once the edge is out."""
     answered: bool = False
     """Whether a ZSW1 caused by this edge was sent."""
-    is_decided: bool = False
-    """``outcome`` is what the gateway decided; False: the recording does not have it."""
+
+    def decide(self, reason: Reason | None) -> None:
+        """The gateway has this reason now."""
+        self.decided[reason] = None
+        self.outcome = reason
+
+    @property
+    def reasons(self) -> tuple[Reason, ...]:
+        """All reasons, the outcome last."""
+        found = [*(reason for reason in self.decided if reason is not self.outcome), self.outcome]
+        return tuple(reason for reason in found if reason is not None)
 
     @property
     def name(self) -> str:
@@ -173,52 +184,39 @@ class Event:
 Entry = Edge | ReasonChange | Anomaly | Event
 
 
-class Latencies:
-    """Latencies of one hop, kept to three digits each: as many as there are different ones, not as many as there are edges."""
+class Latency:
+    """Latencies of one hop in nanoseconds, to three digits each: as many as there are different ones, not as many as edges.
 
-    def __init__(self) -> None:
+    Percentiles are those of the nearest rank.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.count = self.max_ns = 0
         self._counts: Counter[int] = Counter()
-        self._count = 0
-        self._max = 0
 
     def add(self, value_ns: int) -> None:
         """One more."""
         digits = len(str(abs(value_ns))) - _DIGITS
         self._counts[round(value_ns, -digits) if digits > 0 else value_ns] += 1
-        self._max = max(self._max, value_ns) if self._count else value_ns
-        self._count += 1
+        self.max_ns = max(self.max_ns, value_ns) if self.count else value_ns
+        self.count += 1
 
-    def result(self, name: str) -> Latency | None:
-        """Percentiles by nearest rank; None without any."""
-        if not self._count:
-            return None
-        return Latency(name, self._count, self._rank(50), self._rank(99), self._max)
-
-    def _rank(self, percent: int) -> int:
-        wanted = -(-percent * self._count // 100)
+    def rank(self, percent: int) -> int:
+        """The value that this percentage of them does not exceed."""
+        below = 0
         for value in sorted(self._counts):
-            wanted -= self._counts[value]
-            if wanted <= 0:
+            below += self._counts[value]
+            if 100 * below >= percent * self.count:
                 break
-        return min(value, self._max)
-
-
-@dataclass(frozen=True)
-class Latency:
-    """Duration of one hop in nanoseconds; percentiles by nearest rank, to three digits."""
-
-    name: str
-    count: int
-    p50_ns: int
-    p99_ns: int
-    max_ns: int
+        return min(value, self.max_ns)
 
     def document(self) -> Document:
         return {
             "hop": self.name,
             "count": self.count,
-            "p50_ns": self.p50_ns,
-            "p99_ns": self.p99_ns,
+            "p50_ns": self.rank(50),
+            "p99_ns": self.rank(99),
             "max_ns": self.max_ns,
         }
 
@@ -241,7 +239,7 @@ class Summary:
         """Number of anomalies of each kind."""
         self.refusals: Counter[Reason] = Counter()
         """Number of edges with each reason."""
-        self._hops = {name: Latencies() for name in (*HOPS.values(), FULL_PATH)}
+        self._hops = {name: Latency(name) for name in (*HOPS.values(), FULL_PATH)}
 
     def add(self, entry: Entry) -> None:
         """One more entry."""
@@ -264,8 +262,7 @@ class Summary:
     @property
     def latencies(self) -> list[Latency]:
         """Latencies of each hop, and from the PLC's edge to the first answer in ZSW1."""
-        found = (values.result(name) for name, values in self._hops.items())
-        return [item for item in found if item is not None]
+        return [item for item in self._hops.values() if item.count]
 
     def document(self) -> Document:
         """Latencies and anomalies as plain data."""

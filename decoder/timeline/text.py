@@ -75,7 +75,7 @@ def edge_text(edge: Edge) -> str:
 def _outcome(edge: Edge, *, verbose: bool) -> Iterator[str]:
     if edge.note:
         yield f"{_INDENT}-> {edge.note}"
-    elif not edge.is_decided:
+    elif not edge.decided:
         return
     elif edge.outcome is not None:
         yield f"{_INDENT}-> {'; then: '.join(reason.value for reason in edge.reasons)}"
@@ -93,7 +93,7 @@ def summary_lines(summary: Summary, clocks: Clocks, assumed: Sequence[str] = ())
     if latencies:
         yield f"{'latency, ms':<28}{'count':>7}{'p50':>10}{'p99':>10}{'max':>10}"
         for item in latencies:
-            values = "".join(f"{value / MS:>10.3f}" for value in (item.p50_ns, item.p99_ns, item.max_ns))
+            values = "".join(f"{value / MS:>10.3f}" for value in (item.rank(50), item.rank(99), item.max_ns))
             yield f"{item.name:<28}{item.count:>7}{values}"
     for reason, count in summary.refusals.items():
         yield f"commands without effect: {reason.value}: {count}"

@@ -131,6 +131,18 @@ def test_frames_rejected_by_the_gateway_are_reported_once(tmp_path: Path) -> Non
     assert texts(timeline(rig, tmp_path), AnomalyKind.DROPPED) == ["the gateway does not use the frames (IOCS BAD)"]
 
 
+def test_data_that_the_plc_marks_as_bad_is_reported_with_its_end(tmp_path: Path) -> None:
+    rig = speed()
+    rig.plc.bad = {0}
+    rig.step(5)
+    rig.plc.bad = set()
+    rig.step(5)
+    found = timeline(rig, tmp_path)
+    assert texts(found, AnomalyKind.IOPS_BAD) == ["data of the PLC bad"]
+    (event,) = (entry for entry in found.entries if isinstance(entry, Event) and entry.kind == "IOPS")
+    assert event.text == "data of the PLC good again after 20.0 ms"
+
+
 def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
     rig = positioning()
     opening = rig.open(tmp_path)

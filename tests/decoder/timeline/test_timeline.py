@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pdgw.decoder.timeline.entries import Edge, Latencies, Latency, WordKind
+from pdgw.decoder.timeline.entries import Edge, Latency, WordKind
 from pdgw.decoder.timeline.text import entry_lines, summary_lines
 from pdgw.durations import MS
 from pdgw.recording.recordings import Part, entries_of
@@ -44,7 +44,7 @@ def test_an_edge_is_followed_over_both_buses(clock_ns: int, tmp_path: Path) -> N
         assert {item[:2] for item in shown} == {item[:2] for item in expected}
         return
     assert shown == expected
-    assert not on.is_decided
+    assert not on.decided
     latencies = [edge.latency_ns for edge in chain if edge is not on]
     assert all(latency is not None and 0 < latency < 3 * CYCLE_NS for latency in latencies)
     assert latencies[:3] == [100_000, 500_000, 3_500_000]
@@ -52,28 +52,32 @@ def test_an_edge_is_followed_over_both_buses(clock_ns: int, tmp_path: Path) -> N
 
 def test_latencies_are_shown_for_each_hop(tmp_path: Path) -> None:
     found = {item.name: item for item in timeline(speed(), tmp_path).summary.latencies}
-    assert found["STW1 -> Controlword"].p50_ns == 100_000
+    assert found["STW1 -> Controlword"].rank(50) == 100_000
     assert found["Controlword -> Statusword"].max_ns < CYCLE_NS
     assert found["Statusword -> ZSW1"].count >= 5
-    assert found["STW1 -> ZSW1 (gateway)"].p50_ns == 300_000  # the ramp stop is the gateway's own
+    assert found["STW1 -> ZSW1 (gateway)"].rank(50) == 300_000  # the ramp stop is the gateway's own
     assert found["STW1 -> ... -> ZSW1"].max_ns < 3 * CYCLE_NS
 
 
 def test_percentiles_are_those_of_the_nearest_rank() -> None:
-    latencies = Latencies()
-    assert latencies.result("hop") is None
-    latencies.add(7)
-    assert latencies.result("hop") == Latency("hop", 1, 7, 7, 7)
+    latency = Latency("hop")
+    latency.add(7)
+    assert latency.document() == {"hop": "hop", "count": 1, "p50_ns": 7, "p99_ns": 7, "max_ns": 7}
     for value in (item for item in range(1, 201) if item != 7):
-        latencies.add(value)
-    assert latencies.result("hop") == Latency("hop", 200, 100, 198, 200)
+        latency.add(value)
+    assert (latency.count, latency.rank(50), latency.rank(99), latency.max_ns) == (200, 100, 198, 200)
 
 
 def test_latencies_are_kept_to_three_digits() -> None:
-    latencies = Latencies()
+    latency = Latency("hop")
     for value in range(1_000_000, 1_001_000):
-        latencies.add(value)
-    assert latencies.result("hop") == Latency("hop", 1000, 1_000_000, 1_000_000, 1_000_999)
+        latency.add(value)
+    assert (latency.count, latency.rank(50), latency.rank(99), latency.max_ns) == (
+        1000,
+        1_000_000,
+        1_000_000,
+        1_000_999,
+    )
 
 
 def test_an_ordinary_run_has_no_anomalies(tmp_path: Path) -> None:
