@@ -130,8 +130,8 @@ class Daemon:
                 for bus in config.can:
                     self._selected().check_load(bus)
             self.link: Link = open_link()
-            for item in self.objects:
-                item.refused_frames = lambda: self.link.refused
+            for index, item in enumerate(self.objects):
+                item.link_finding = partial(self.link.finding, index)
             opened.callback(self.link.close)
             self._opened = opened.pop_all()
         self._heartbeat_ns = min(client.settings.heartbeat_ms for client in self.clients) * MS // HEARTBEATS
@@ -469,7 +469,9 @@ class Daemon:
             item.fresh = accepted
             given = setpoints[index]
             if given is None and item.supplied and link.connected and not self._stopping:
-                item.report_unusable(link.unusable)
+                finding = link.finding(index)
+                if finding is not None:
+                    item.report_unusable(finding.evidence)
             item.supplied = given is not None
             outputs = item.step(given, now)
             if item.stops:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import NamedTuple
 
 from pdgw.ds301.emcy import BUS_OFF_RECOVERED, HEARTBEAT_ERROR
 
@@ -477,6 +478,84 @@ class Reason(enum.Enum):
         _E.SETPOINT,
         "choose a homing_method that the drive supports (6098h, 60E3h) and speeds inside its limits (6099h)",
     )
+    FRAME_LAYOUT = (
+        "the PLC's frames have another layout: another telegram, or another number of axes",
+        _S.WAITS,
+        _E.PLC,
+        "give the PLC the layout that pdgw map prints, or set the telegram of each axis to that of the PLC",
+    )
+    FRAME_INVALID = (
+        "the PLC's frames are not valid: FrameID or DataStatus",
+        _S.WAITS,
+        _E.PLC,
+        "the PLC must send FrameID and DataStatus as pdgw map prints them",
+    )
+    FRAME_TICK = (
+        "the PLC's frames are without a tick of this gateway",
+        _S.WAITS,
+        _E.PLC,
+        "the PLC must receive the gateway's frames and copy the tick of the newest one (docs/plc.md)",
+    )
+    FRAME_OLD = (
+        "the PLC's frames are older than age_limit_ms",
+        _S.WAITS,
+        _E.PLC,
+        "raise age_limit_ms; if the age rises steadily, the PLC must read all waiting frames in each scan",
+    )
+    FRAME_COUNTER = (
+        "the cycle counter of the PLC's frames does not increase",
+        _S.WAITS,
+        _E.PLC,
+        "the PLC must raise the cycle counter with each frame (docs/plc.md)",
+    )
+    PLC_STOP = (
+        "the PLC is in STOP: its frames come, but the provider state is not RUN",
+        _S.WAITS,
+        _E.PLC,
+        "set the PLC to RUN; then OFF and ON",
+    )
+    PLC_BAD = (
+        "the PLC marks its data for this drive object as bad (IOPS)",
+        _S.WAITS,
+        _E.PLC,
+        "the PLC must set the IOPS of this drive object to 80h, at its place in pdgw map; then OFF and ON",
+    )
+    OTHER_SENDER = (
+        "frames of another sender than the PLC do not count",
+        _S.WAITS,
+        _E.PLC,
+        "switch the other sender off, or give it another gateway",
+    )
+    WATCHDOG_SHORT = (
+        "the PLC is lost repeatedly: its frames come later than the watchdog time",
+        _S.WAITS,
+        _E.PLC,
+        "raise cycle_time_ms or watchdog_factor, or find what delays the PLC's frames; then OFF and ON",
+    )
+    NO_RELATIONSHIP = (
+        "the PROFINET controller has no relationship with this drive object",
+        _S.WAITS,
+        _E.PLC,
+        "compare name of station, modules and telegrams of the controller's project with pdgw map",
+    )
+
+
+class Finding(NamedTuple):
+    """What a link finds wrong with the PLC's frames."""
+
+    reason: Reason
+    evidence: str
+    remedy: str
+
+    @classmethod
+    def of(cls, reason: Reason, evidence: str = "", remedy: str = "") -> Finding:
+        """The texts of the reason, where none is known that says more."""
+        return cls(reason, evidence or reason.value, remedy or reason.remedy)
+
+    @property
+    def text(self) -> str:
+        """Evidence and remedy in one line."""
+        return f"{self.evidence}; {self.remedy}"
 
 
 class FaultNumber(enum.IntEnum):

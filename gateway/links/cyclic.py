@@ -2,12 +2,13 @@
 
 Source: docs/transport.md chapters 1 and 2. A frame counts only if it comes from the relationship's peer, has its FrameID and
 length, is new (``new_frames``), is valid and primary. Provider STOP and IOPS BAD are losses of the PLC. All other frames are
-counted by their verdict and dropped.
+counted by their verdict and dropped; ``finding`` names the reason.
 """
 
 from __future__ import annotations
 
 import struct
+from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Final
 
@@ -15,6 +16,7 @@ from pdgw.durations import MS, SECOND
 from pdgw.gateway.configuration.tables.defaults import WATCHDOG_FACTOR
 from pdgw.gateway.links.new_frames import NewFrames, Verdict
 from pdgw.gateway.links.udp import Address
+from pdgw.gateway.reasons import Finding, Reason
 from pdgw.profidrive.frame import (
     C_SDU_MIN,
     COUNTER_UNIT_NS,
@@ -36,7 +38,11 @@ from pdgw.profidrive.telegrams import Direction, Telegram, TelegramHalf
 _TICK_AND_COUNTER: Final = struct.Struct(">IH")
 """The end of a frame: the tick, then the CycleCounter."""
 _NAMED_NS: Final = 10 * SECOND
-"""Time for which another sender is named."""
+"""Time for which another sender, frames that do not count, and repeated losses are named."""
+_REPEATED: Final = 3
+"""Losses in this time that have one reason."""
+_LONGEST_PAUSE_NS: Final = SECOND
+"""A PLC that sends nothing for longer does not only send too slowly."""
 _STATUS_OFFSET: Final = 2
 """DataStatus follows the CycleCounter."""
 _STATUS_USED: Final = STATUS_DATA_VALID | STATUS_PRIMARY | STATUS_RUN
@@ -59,8 +65,39 @@ def control_mask(half: TelegramHalf) -> bytes:
     return half.struct.pack(*mask)
 
 
-PLC_STOPS: Final = "the PLC is in STOP: its frames come, but the provider state is not RUN"
-IOPS_IS_BAD: Final = "the PLC marks its data for this drive object as bad (IOPS)"
+class RepeatedLosses:
+    """Losses of a PLC that keeps sending. Three of them in a short time have one reason until they end: the newest one."""
+
+    def __init__(self, limit_ns: int) -> None:
+        self._limit_ns = limit_ns
+        self._losses: deque[tuple[int, int, Finding | None]] = deque(maxlen=_REPEATED)
+        """When, the time without a frame, and why the frames did not count; None if there were none."""
+        self._until = 0
+
+    def add(self, now: int, silence_ns: int, cause: Finding | None = None) -> None:
+        """The PLC sends again at ``now``, or (``cause``) its frames have not counted for too long."""
+        self._losses.append((now, silence_ns, cause))
+        if len(self._losses) == _REPEATED and now - self._losses[0][0] <= _NAMED_NS:
+            self._until = now + _NAMED_NS
+
+    def returned(self, now: int, silence_ns: int) -> None:
+        """A frame came after this time without one."""
+        if self._limit_ns < silence_ns <= _LONGEST_PAUSE_NS:
+            self.add(now, silence_ns)
+
+    def finding(self, now: int) -> Finding | None:
+        """The reason of all losses, None unless they are repeated."""
+        if now >= self._until:
+            return None
+        cause = self._losses[-1][2]
+        if cause is not None:
+            return cause
+        pauses = sorted({f"{pause / MS:.0f}" for _, pause, why in self._losses if why is None}, key=int)
+        apart = " to ".join(pauses[:1] + pauses[1:][-1:])
+        return Finding.of(
+            Reason.WATCHDOG_SHORT,
+            f"the PLC is lost repeatedly: its frames come {apart} ms apart, the limit is {self._limit_ns / MS:g} ms",
+        )
 
 
 class CyclicEndpoint:
@@ -98,8 +135,9 @@ class CyclicEndpoint:
         self._fixed_peer = peer
         self.new_frames = NewFrames(age_limit_ns, tick_offset)
         self._last_time = 0
-        self._heard = 0
-        """When the peer sent the last frame that fits, whether it counted or not."""
+        self._heard = -_NAMED_NS
+        """Arrival of the last frame that fits, whether it counted or not."""
+        self._losses = RepeatedLosses(self._watchdog_ns)
         self._read_at = 0
         self._read_before = 0
         self._late = False
@@ -132,10 +170,11 @@ class CyclicEndpoint:
         self._runs = False
         """Provider state of the PLC."""
         self._telegrams = tuple(item.number for item in telegrams)
-        self._refused: tuple[Verdict, Address, int] | None = None
-        """The newest frame of the PLC that does not count, if none has counted since: why, its sender and its length."""
+        self._refused: tuple[Verdict, Address, bytes] | None = None
+        """The newest frame of the PLC that does not count, if none has counted since: why, its sender and its bytes."""
+        self._refused_at = 0
         self._foreign: Address | None = None
-        """Another sender than the PLC, if it sent a short time ago."""
+        """Another sender than the PLC."""
         self._foreign_at = 0
         self.counters: dict[Verdict, int] = dict.fromkeys(Verdict, 0)
         self.watchdog_expiries = 0
@@ -148,59 +187,74 @@ class CyclicEndpoint:
         """Bytes of a frame from the PLC."""
         return self.consumer.frame_size
 
-    @property
-    def refused(self) -> str:
-        """Why the PLC's frames, or those of another sender, do not count, and the remedy; empty if they do."""
-        text = ""
-        if not self.connected and self._refused is not None:
-            text = self._why_refused(*self._refused)
-        elif self.connected and self._runs and not any(item is not None for item in self.setpoints):
+    def finding(self, index: int | None = None) -> Finding | None:
+        """Why the PLC's frames, or those of another sender, do not count; ``index``: for this axis. None if they do."""
+        now = self._read_at
+        if (repeated := self._losses.finding(now)) is not None:
+            return repeated
+        if not self.connected:
+            if self._refused is not None and now - self._refused_at <= _NAMED_NS:
+                return self._why_refused(*self._refused)
+        elif not self._runs:
+            return Finding.of(Reason.PLC_STOP)
+        elif not any(item is not None for item in self.setpoints):
             # Short frames of several layouts have equal lengths: one has its IOPS where another has padding.
-            text = f"every IOPS of the PLC is BAD; {self._expected}"
-        if text or self._foreign is None:
-            return text
-        peer = self._fixed_peer if self.peer is None else "{}:{}".format(*self.peer)
-        return (
-            "frames of {}:{} do not count: ".format(*self._foreign)
-            + f"the PLC is {peer}; switch the other sender off, or give it another gateway"
-        )
+            text = "every IOPS of the PLC is BAD" if index is None else Reason.PLC_BAD.value
+            return Finding.of(Reason.PLC_BAD, f"{text}; {self._expected}")
+        elif index is not None and self.setpoints[index] is None:
+            return Finding.of(Reason.PLC_BAD)
+        return None if self._foreign is None or now - self._foreign_at > _NAMED_NS else self._of_other(self._foreign)
 
-    @property
-    def unusable(self) -> str:
-        """Why frames of a connected PLC have no setpoints for an axis."""
-        return IOPS_IS_BAD if self._runs else PLC_STOPS
+    def _of_other(self, sender: Address) -> Finding:
+        peer = self._fixed_peer if self.peer is None else "{}:{}".format(*self.peer)
+        host, port = sender
+        remedy = Reason.OTHER_SENDER.remedy
+        if self._fixed_peer not in (None, host):
+            remedy += f'; if {host} is the PLC, set peer = "{host}"'
+        return Finding(Reason.OTHER_SENDER, f"frames of {host}:{port} do not count: the PLC is {peer}", remedy)
 
     @property
     def _expected(self) -> str:
         return f"expected: {self.frame_size} bytes for telegrams {', '.join(map(str, self._telegrams))}"
 
-    def _why_refused(self, verdict: Verdict, source: Address, size: int) -> str:
+    def _why_refused(self, verdict: Verdict, source: Address, data: bytes) -> Finding:
         frames = "frames of {}:{} do not count".format(*source)
         new_frames, place = self.new_frames, self.consumer.tick
         match verdict:
             case Verdict.NO_TICK:
-                of_gateway = self.provider.tick
-                return (
-                    f"{frames}: without a tick of this gateway; the PLC must receive its frames and copy bytes {of_gateway} to "
-                    f"{of_gateway + 3} of the newest one to bytes {place} to {place + 3} of its own, before the cycle counter "
-                    "(docs/plc.md)"
-                )
+                return Finding.of(Reason.FRAME_TICK, f"{frames}: without a tick of this gateway", self._copy_tick)
             case Verdict.TOO_OLD:
                 limit_ns = new_frames.age_limit_ns or 0
-                return (
-                    f"{frames}: they are {new_frames.refused_age_ns / MS:.0f} ms old, limit {limit_ns / MS:g} ms; raise "
-                    "age_limit_ms, or if the age rises steadily, the PLC must read all waiting frames in each scan"
-                )
+                age = f"{new_frames.refused_age_ns / MS:.0f} ms old, limit {limit_ns / MS:g} ms"
+                return Finding.of(Reason.FRAME_OLD, f"{frames}: they are {age}")
             case Verdict.STALE:
-                return f"{frames}: their cycle counter does not increase; the PLC must raise it with each frame"
-            case Verdict.TRUNCATED | Verdict.OVERSIZED | Verdict.WRONG_TELEGRAM:
-                text = f"frame of {size} bytes from {source[0]} does not fit; {self._expected}"
-                without_tick = HEADER.size + max(C_SDU_MIN, self.consumer.used) + TRAILER.size
-                if size == without_tick != self.frame_size:
-                    text += f", the tick in bytes {place} to {place + 3}: this one is of the layout without a tick (docs/plc.md)"
-                return text
+                return Finding.of(Reason.FRAME_COUNTER, f"{frames}: their cycle counter does not increase")
+            case Verdict.WRONG_TELEGRAM:
+                byte = next(at for at in range(self._padding_start, place) if data[at])
+                text = f"{frames}: byte {byte} is not 0, and the last object ends before it; {self._expected}"
+                return Finding.of(Reason.FRAME_LAYOUT, text)
+            case Verdict.WRONG_FRAME_ID:
+                text = f"{frames}: FrameID {data[: HEADER.size].hex().upper()}h, expected {self._header.hex().upper()}h"
+                return Finding.of(Reason.FRAME_INVALID, text)
+            case Verdict.NOT_VALID | Verdict.NOT_PRIMARY:
+                status = data[self.consumer.trailer + _STATUS_OFFSET]
+                bit = "bit 2 (data valid)" if verdict is Verdict.NOT_VALID else "bit 0 (primary)"
+                text = f"{frames}: DataStatus {status:02X}h, {bit} is 0, expected {STATUS_NORMAL:02X}h"
+                return Finding.of(Reason.FRAME_INVALID, text)
             case _:
-                return f"{frames}: {verdict.value}"
+                text = f"{frames}: {len(data)} bytes; {self._expected}"
+                without_tick = HEADER.size + max(C_SDU_MIN, self.consumer.used) + TRAILER.size
+                if len(data) == without_tick != self.frame_size:
+                    return Finding.of(Reason.FRAME_TICK, f"{text}, this is the layout without a tick", self._copy_tick)
+                return Finding.of(Reason.FRAME_LAYOUT, text)
+
+    @property
+    def _copy_tick(self) -> str:
+        of_gateway, place = self.provider.tick, self.consumer.tick
+        return (
+            f"the PLC must receive the gateway's frames and copy bytes {of_gateway} to {of_gateway + 3} of the newest one to "
+            f"bytes {place} to {place + 3} of its own, before the cycle counter (docs/plc.md)"
+        )
 
     def continue_from(self, previous: CyclicEndpoint) -> None:
         """Follow an endpoint with other telegrams: continue its counts and its cycle counter, or the PLC would see old frames."""
@@ -230,13 +284,15 @@ class CyclicEndpoint:
             self._lose()
         verdict = Verdict.OVERDUE if now - arrived > self._watchdog_ns else self._check(data, source)
         if verdict is _ACCEPTED or verdict is _PROVIDER_STOP:
-            verdict = self._check_new(data, source, now, verdict)
+            if arrived - self._heard > self._watchdog_ns and source == self.peer and not self._late:
+                self._losses.returned(now, arrived - self._heard)
+            verdict = self._check_new(data, source, arrived, now, verdict)
         if verdict is _ACCEPTED or verdict is _PROVIDER_STOP:
             self._take(data, source, arrived, runs=verdict is _ACCEPTED)
         elif verdict is Verdict.FOREIGN_SENDER:
             self._foreign, self._foreign_at = source, now
         elif verdict not in _USUAL:
-            self._refused = verdict, source, len(data)
+            self._refused, self._refused_at = (verdict, source, data), now
         self.counters[verdict] += 1
         return verdict
 
@@ -266,15 +322,14 @@ class CyclicEndpoint:
             return Verdict.NOT_VALID
         return _PROVIDER_STOP if status & STATUS_PRIMARY else Verdict.NOT_PRIMARY
 
-    def _check_new(self, data: bytes, source: Address, now: int, verdict: Verdict) -> Verdict:
+    def _check_new(self, data: bytes, source: Address, arrived: int, now: int, verdict: Verdict) -> Verdict:
         """The verdict on a frame that fits: the same if it is new."""
         if self._loss_to_report or self._lost_at == self._read_at:
             return Verdict.AFTER_LOSS
         new_frames = self.new_frames
-        if new_frames.age_limit_ns is not None:
-            if not self._answers_to(source, now):
-                return Verdict.FOREIGN_SENDER
-            self._heard = now
+        if new_frames.age_limit_ns is not None and not self._answers_to(source, now):
+            return Verdict.FOREIGN_SENDER
+        self._heard = arrived
         tick, counter = _TICK_AND_COUNTER.unpack_from(data, self.consumer.tick)
         newness = new_frames.check(tick, counter, now)
         return verdict if newness is _ACCEPTED else newness
@@ -296,8 +351,6 @@ class CyclicEndpoint:
         self._last_time = arrived
         self.received = data
         self._refused = None
-        if self._foreign is not None and arrived - self._foreign_at > _NAMED_NS:
-            self._foreign = None
         controls = int.from_bytes(data, "big") & self._control_mask
         self.changed = controls != self._controls
         self._controls = controls
@@ -319,6 +372,8 @@ class CyclicEndpoint:
             self.setpoints[index] = None
 
     def _lose(self) -> None:
+        if self._refused is not None:
+            self._losses.add(self._read_at, 0, self._why_refused(*self._refused))
         self.connected = False
         self.new_frames.lose()
         self.watchdog_expiries += 1

@@ -17,6 +17,7 @@ from pdgw.gateway.links.cyclic import CyclicEndpoint
 from pdgw.gateway.links.new_frames import Verdict
 from pdgw.gateway.links.udp import Address
 from pdgw.gateway.platform import DatagramPort
+from pdgw.gateway.reasons import Finding
 from pdgw.gateway.trace.blocks import FramePlaces
 from pdgw.profidrive.telegrams import Telegram
 
@@ -81,17 +82,12 @@ class Link(Protocol):
     def loss(self) -> str:
         """Reason for the loss of the PLC, after ``poll`` has reported it."""
 
-    @property
-    def refused(self) -> str:
-        """Why frames of the PLC, or of another sender, do not count, and the remedy; empty if they do."""
+    def finding(self, index: int | None = None) -> Finding | None:
+        """Why frames of the PLC, or of another sender, do not count; ``index``: for this drive object. None if they do."""
 
     @property
     def age_ns(self) -> int | None:
         """Greatest possible age of the last frame that counted; None where no frame is late."""
-
-    @property
-    def unusable(self) -> str:
-        """Why a drive object has no setpoints although a PLC is connected."""
 
     def lose_setpoints(self) -> None:
         """No drive object has a valid PLC until its next data."""
@@ -235,20 +231,15 @@ class UdpLink:
 
     @property
     def loss(self) -> str:
-        text, refused = silence(self._transport.watchdog_factor), self.endpoint.refused
-        return f"{text}: {refused}" if refused else text
+        text, finding = silence(self._transport.watchdog_factor), self.endpoint.finding()
+        return text if finding is None else f"{text}: {finding.text}"
 
-    @property
-    def refused(self) -> str:
-        return self.endpoint.refused
+    def finding(self, index: int | None = None) -> Finding | None:
+        return self.endpoint.finding(index)
 
     @property
     def age_ns(self) -> int | None:
         return self.endpoint.new_frames.age_ns
-
-    @property
-    def unusable(self) -> str:
-        return self.endpoint.unusable
 
     def lose_setpoints(self) -> None:
         self.endpoint.lose_setpoints()
@@ -282,7 +273,6 @@ class UdpLink:
         return {
             "connected": endpoint.connected,
             "peer": list(endpoint.peer) if endpoint.peer else None,
-            "refused": endpoint.refused,
             "watchdog_ms": self._transport.cycle_time_ms * self._transport.watchdog_factor,
             "age_limit_ms": None if (limit_ns := endpoint.new_frames.age_limit_ns) is None else limit_ns / MS,
             "frames": {verdict.value: count for verdict, count in endpoint.counters.items()},

@@ -36,7 +36,7 @@ from pdgw.gateway.configuration.tables.encoder import EncoderConfig
 from pdgw.gateway.objects.enable_chain import EnableStatus
 from pdgw.gateway.objects.fault_buffer import FaultLog, ReportedFault
 from pdgw.gateway.objects.happenings import KEPT, Happening
-from pdgw.gateway.reasons import FaultNumber, Reason
+from pdgw.gateway.reasons import FaultNumber, Finding, Reason
 from pdgw.profidrive.telegrams import Telegram
 
 log = logging.getLogger("gateway")
@@ -78,8 +78,8 @@ class DriveObject(abc.ABC):
         self.fault_log = FaultLog(network.loop.now())
         self.last_setpoints: Sequence[int] | None = None
         """The last setpoints of the PLC, also after its loss."""
-        self.refused_frames: Callable[[], str] = lambda: ""
-        """Why the PLC's frames do not count; empty if they do, or if none come."""
+        self.link_finding: Callable[[], Finding | None] = lambda: None
+        """Why the PLC's frames do not count; None if they do, or if none come."""
         self.supplied = False
         """The last step had setpoints of the PLC."""
         self.fresh = True

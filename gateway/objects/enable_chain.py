@@ -161,14 +161,17 @@ class _Chain:
         self.breaks(reason, next(told, ""))
 
     def judge_plc(self, *, connected: bool, never: Reason, lost: bool) -> bool:
+        finding = self.item.link_finding()
+        if finding is not None and finding.reason is Reason.OTHER_SENDER and (connected or lost):
+            finding = None  # it does not stop the PLC
         if self.item.gateway_stops:
             self.breaks(Reason.GATEWAY_STOPS)
+        elif finding is not None:
+            self.breaks(*finding)
         elif connected:
             self.passes(Enable.PLC)
         else:
-            refused = self.item.refused_frames()
-            evidence, _, remedy = refused.partition("; ")
-            self.breaks(Reason.PLC_LOST if lost else never, evidence, remedy)
+            self.breaks(Reason.PLC_LOST if lost else never)
         return connected and not self.item.gateway_stops
 
     def keep(self, reason: Reason | None) -> None:

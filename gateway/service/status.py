@@ -181,7 +181,7 @@ def _head(daemon: Daemon) -> dict[str, Any]:
     """Everything but the drive objects."""
     loop, config = daemon.loop, daemon.config
     uptime_s = (loop.now() - daemon.started_ns) / SECOND
-    received_ns = daemon.link.received_ns
+    received_ns, finding = daemon.link.received_ns, daemon.link.finding()
     return {
         "schema": SCHEMA,
         "name": daemon.name,
@@ -196,6 +196,8 @@ def _head(daemon: Daemon) -> dict[str, Any]:
             "type": config.transport.type,
             "cycle_ms": config.transport.cycle_time_ms,
             "heard_age_ms": None if received_ns is None else round((loop.now() - received_ns) / MS, 1),
+            "refused": "" if finding is None else finding.text,
+            "refused_id": "" if finding is None else finding.reason.name,
         }
         | daemon.link.status(),
         "store": str(daemon.store.path) if daemon.store.path is not None else "",

@@ -5,10 +5,12 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Any, NamedTuple
 
-from pdgw.gateway.reasons import AxisState
+from pdgw.gateway.reasons import AxisState, Reason
 from pdgw.tools.output.status_text import cause_sentence
 
 _BAD = (AxisState.FAULT.name, AxisState.NOT_ON_THE_BUS.name)
+_CONNECTED = ("", *(reason.name for reason in (Reason.PLC_STOP, Reason.PLC_BAD, Reason.OTHER_SENDER)))
+"""Findings of a link whose PLC is connected. With another one the PLC is lost repeatedly."""
 
 
 class Health(IntEnum):
@@ -33,8 +35,11 @@ class Finding(NamedTuple):
 def findings(document: dict[str, Any]) -> list[Finding]:
     """All problems in a status document, the worst first."""
     found: list[Finding] = []
-    if not document["plc"]["connected"]:
+    plc = document["plc"]
+    if not plc["connected"] or plc["refused_id"] not in _CONNECTED:
         found.append(Finding(Health.CRITICAL, "no PLC"))
+    if plc["refused_id"] == Reason.OTHER_SENDER.name:
+        found.append(Finding(Health.WARNING, plc["refused"]))
     found += [Finding(Health.CRITICAL, f"bus {bus['name']} lost") for bus in document["buses"] if not bus["healthy"]]
     stopped: set[int] = set()
     for cause in document["causes"]:

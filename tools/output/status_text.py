@@ -76,7 +76,7 @@ def status_lines(document: dict[str, Any], width: int = 80, *, counters: bool = 
         yield from _folded(_station(plc["station"]), width, 2, "")
     if plc.get("age_limit_ms"):
         yield from _folded(_ages(document["age_times"], plc["age_limit_ms"]), width, 2, "")
-    if plc.get("refused"):
+    if plc["refused"]:
         yield from _folded(plc["refused"], width, 5, "  -> ")
     if document.get("store"):
         yield from _folded(f"parameters are stored in {document['store']}", width, 4, "")

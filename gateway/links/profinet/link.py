@@ -19,7 +19,7 @@ from pdgw.ds301.loop.loop import Loop, Mailbox, Task, Timer
 from pdgw.durations import MS
 from pdgw.gateway.configuration.config import GatewayConfig
 from pdgw.gateway.errors import GatewayError
-from pdgw.gateway.links.cyclic import IOPS_IS_BAD, PLC_STOPS, control_mask
+from pdgw.gateway.links.cyclic import RepeatedLosses, control_mask
 from pdgw.gateway.links.link import FrameRecorder, silence
 from pdgw.gateway.links.profinet.diagnosis import Diagnosed, present_classes
 from pdgw.gateway.links.profinet.ethernet import EthernetPort
@@ -27,6 +27,7 @@ from pdgw.gateway.links.profinet.identity import profinet_model
 from pdgw.gateway.links.profinet.pairing import LONGEST_NS, Pairing
 from pdgw.gateway.links.profinet.station import StationKeeper
 from pdgw.gateway.links.udp import Address
+from pdgw.gateway.reasons import Finding, Reason
 from pdgw.gateway.store import ParameterStore
 from pdgw.gateway.trace.blocks import FramePlaces
 from pdgw.profidrive.frame import IOPS_GOOD
@@ -119,6 +120,8 @@ class ProfinetLink:
         self._watch: Timer | None = None
         self._receivable = False
         self._limit_ns = 0
+        self._losses = RepeatedLosses(0)
+        """Of this relationship."""
         self._held_up_ns = NEVER
         """If the port was not read for longer, the frames in it are not used, and the PLC is lost."""
         self._read_at = 0
@@ -260,6 +263,8 @@ class ProfinetLink:
         if self._untold:
             self._ordered = _NOT_IN_FORCE
             return
+        if since > self._limit_ns:
+            self._losses.returned(now, since)
         payload = consumer.payload
         for index, unpack_from, offset, iops in self._outputs:
             good = consumer.running and payload[iops] & IOPS_GOOD
@@ -288,17 +293,40 @@ class ProfinetLink:
         if self._receivable:
             self._untold = loss
 
-    @property
-    def refused(self) -> str:
-        return ""
+    def finding(self, index: int | None = None) -> Finding | None:
+        now, consumer = self._loop.now(), self._consumer
+        if consumer is None:
+            return self._without_relationship(now)
+        if (repeated := self._losses.finding(now)) is not None:
+            return repeated
+        if consumer.data_ns is not None and not consumer.running:
+            return Finding.of(Reason.PLC_STOP)
+        if index is None or self.setpoints[index] is not None:
+            return None
+        if all(index != known for known, *_ in self._outputs):
+            number = self._telegrams[index].number
+            return Finding.of(
+                Reason.NO_RELATIONSHIP, f"the controller's project has no telegram {number} in slot {index + 1}"
+            )
+        return Finding.of(Reason.PLC_BAD)
+
+    def _without_relationship(self, now: int) -> Finding | None:
+        station = self.station
+        if not station.link_up:
+            text = f"the Ethernet cable of {self._config.transport.interface} is off"
+            return Finding.of(
+                Reason.NO_RELATIONSHIP, text, "plug the cable; check the switch and the controller's port"
+            )
+        if refused := self._keeper.refused(now):
+            return Finding.of(Reason.NO_RELATIONSHIP, refused)
+        if not station.name:
+            text = "this device has no name of station"
+            return Finding.of(Reason.NO_RELATIONSHIP, text, "give it the name of the controller's project (DCP)")
+        return Finding.of(Reason.PLC_LOST, f"PLC lost: {self._end}") if self._end else None
 
     @property
     def age_ns(self) -> int | None:
         return None
-
-    @property
-    def unusable(self) -> str:
-        return IOPS_IS_BAD if self._consumer is not None and self._consumer.running else PLC_STOPS
 
     def lose_setpoints(self) -> None:
         for index in range(len(self.setpoints)):
@@ -526,6 +554,7 @@ class ProfinetLink:
                     self._pairing = Pairing(self.port, provider)
                 transport = self._config.transport
                 self._limit_ns = transport.watchdog_factor * consumer.cycle_ns
+                self._losses = RepeatedLosses(self._limit_ns)
                 cycles = max(transport.watchdog_factor, _SHORTEST_WATCHDOG)
                 self._held_up_ns = cycles * max(int(transport.cycle_time_ms * MS), consumer.cycle_ns)
                 self.layout_token = object()

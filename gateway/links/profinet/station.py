@@ -20,7 +20,8 @@ FLASH_NS = 3_000 * MS
 """Duration of the signal after a DCP flash request."""
 _SAME_REFUSAL_NS, _OTHER_REFUSAL_NS = 60_000 * MS, 1_000 * MS
 """Times after which a refused Connect is logged again: for the same reason, for another reason."""
-
+_NAMED_NS = 30_000 * MS
+"""Time for which a refused Connect is named: longer than a controller waits before the next one."""
 
 _CLEARED = (
     *("im1_function", "im1_location", "im2_date", "im3_descriptor", "im4_signature"),
@@ -39,7 +40,9 @@ class StationKeeper:
         self._store = store
         self._loop = loop
         self._flashing_until = 0
-        self._refused: Refused | None = None
+        self._logged: Refused | None = None
+        self._logged_at = 0
+        self._refused = ""
         self._refused_at = 0
         self.address = IpSuite()
         """The address of the interface; one that was not set here belongs to another program."""
@@ -118,13 +121,19 @@ class StationKeeper:
             case Refused():
                 self._log_refused(event)
 
+    def refused(self, now: int) -> str:
+        """Why the newest Connect was rejected; empty if that was long ago, or if there was none."""
+        return self._refused if now - self._refused_at <= _NAMED_NS else ""
+
     def _log_refused(self, refused: Refused) -> None:
         """A controller repeats its Connect every few seconds, an unknown sender at any rate: log each reason, with a limit."""
         now = self._loop.now()
-        silent = _SAME_REFUSAL_NS if refused == self._refused else _OTHER_REFUSAL_NS
-        if self._refused is None or now - self._refused_at >= silent:
-            self._refused, self._refused_at = refused, now
-            log.error("Connect from %s rejected, %s: %s", refused.host, refused.status.text, refused.reason)
+        self._refused = f"Connect from {refused.host} rejected, {refused.status.text}: {refused.reason}"
+        self._refused_at = now
+        silent = _SAME_REFUSAL_NS if refused == self._logged else _OTHER_REFUSAL_NS
+        if self._logged is None or now - self._logged_at >= silent:
+            self._logged, self._logged_at = refused, now
+            log.error("%s", self._refused)
 
     def keep(self, field: str, value: str | None) -> None:
         """Store without waiting for the disk."""

@@ -330,7 +330,7 @@ def test_another_address_does_not_change_the_telegram_while_a_plc_is_connected()
         assert not write(client, 922, word(9)).failed
 
 
-@pytest.mark.parametrize(("chosen", "told"), [(100, "does not fit"), (9, "every IOPS of the PLC is BAD")])
+@pytest.mark.parametrize(("chosen", "told"), [(100, "46 bytes; expected"), (9, "every IOPS of the PLC is BAD")])
 def test_the_plc_that_changes_a_telegram_sees_in_all_drive_objects_that_its_frame_has_to_change(
     chosen: int, told: str
 ) -> None:

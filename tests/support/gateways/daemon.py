@@ -83,13 +83,15 @@ class Plc:
         self.port = world_of(daemon).network.open(host, 0, "PLC")
         self.port.start(self._take)
         self.silent = False
+        self.change: Callable[[bytearray], bytes] = bytes
+        """Make of a frame what is sent."""
 
     def _take(self) -> None:
         while (datagram := self.port.receive()) is not None:
             self.endpoint.receive(datagram[0], self.loop.now())
 
     def send(self) -> None:
-        self.port.send(self.endpoint.build(self.loop.now()), self.daemon.address)
+        self.port.send(self.change(self.endpoint.build(self.loop.now())), self.daemon.address)
 
     def exchange(self) -> None:
         if not self.silent:

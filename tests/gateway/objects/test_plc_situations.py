@@ -1,0 +1,82 @@
+"""What the first line reports when the PLC's frames or words are the cause; the remedy cures it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.reasons import AxisState, Reason
+from pdgw.gateway.service.status import snapshot
+from pdgw.tools.output.status_check import Health, check_line
+from pdgw.tools.output.status_text import cause_sentence, status_lines
+from tests.support.documents.plc_situations import (
+    CONTROLLER_SITUATIONS,
+    PLC_SITUATIONS,
+    ControllerSituation,
+    PlcSituation,
+)
+from tests.support.documents.situations import SETTLED, settle
+from tests.support.gateways import profinet_daemon
+from tests.support.gateways.daemon import Plc, axis, configuration, running
+
+_ASKED = 10
+"""Calls of ``--check`` that have the same result."""
+
+
+def judge(daemon: Daemon, situation: PlcSituation | ControllerSituation) -> None:
+    document = snapshot(daemon)
+    line = cause_sentence(document["causes"][0])
+    assert [text for text in situation.says if text.lower() not in line.lower()] == [], line
+    assert [text for text in situation.lacks if text.lower() in line.lower()] == [], line
+    health, checked = check_line(document)
+    assert (health, line in checked) == (situation.health, True), checked
+
+
+@pytest.mark.parametrize("situation", PLC_SITUATIONS.values(), ids=PLC_SITUATIONS.keys())
+def test_first_line_names_what_the_plc_sends_and_its_remedy_cures_it(situation: PlcSituation) -> None:
+    with running(configuration(axis(1), transport=situation.transport)) as daemon:
+        plc = Plc(daemon, list(situation.numbers or (1,)), situation.host)
+        if not situation.numbers:
+            plc.enable()
+        situation.begin(plc, daemon)
+        settle(plc)
+        for _ in range(_ASKED):
+            plc.exchange()
+            judge(daemon, situation)
+        situation.cure(plc, daemon)
+        settle(plc)
+        plc.until(lambda: daemon.axes[0].enable_status.state is AxisState.OBEYS, "in operation")
+
+
+@pytest.mark.parametrize("situation", CONTROLLER_SITUATIONS.values(), ids=CONTROLLER_SITUATIONS.keys())
+def test_first_line_names_what_the_controller_does_and_its_remedy_cures_it(
+    situation: ControllerSituation, tmp_path: Path
+) -> None:
+    config = profinet_daemon.configuration(axis(1), tmp_path / "store.json")
+    with profinet_daemon.plant(config) as site:
+        site.connect()
+        site.enable()
+        situation.begin(site)
+        site.run(SETTLED)
+        judge(site.daemon, situation)
+        situation.cure(site)
+        site.enable()
+        assert site.daemon.axes[0].enable_status.state is AxisState.OBEYS
+
+
+def test_a_second_plc_is_a_warning_beside_the_first_one() -> None:
+    with running(configuration(axis(1))) as daemon:
+        plc, second = Plc(daemon, [1]), Plc(daemon, [1], "other")
+        plc.enable()
+        for _ in range(100):
+            plc.exchange()
+            second.send()
+        document = snapshot(daemon)
+        assert document["axes"][0]["state_id"] == AxisState.OBEYS.name
+        assert document["plc"]["refused_id"] == Reason.OTHER_SENDER.name
+        health, line = check_line(document)
+        assert health is Health.WARNING
+        assert document["plc"]["refused"] in line
+        assert "switch the other sender off" in " ".join(status_lines(document, 400))
