@@ -18,7 +18,7 @@ from pdgw.dsp402.drive.client import DriveClient, DriveStatus
 from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp402.indices import ABORT_OPTION
 from pdgw.dsp402.objects import CONTROLWORD, DRIVE_OBJECTS, ERROR_CODE, HOMING_METHOD, MAX_TORQUE, MODE
-from pdgw.dsp402.states import StatusBit, enables, operates, state_of
+from pdgw.dsp402.states import ControlBit, StatusBit, enables, operates, state_of
 from pdgw.dsp402.units.scaling import SCALING_OBJECTS
 from pdgw.durations import MS
 from pdgw.gateway.axis.demand_report import SHOWN_FAULT
@@ -87,6 +87,8 @@ class Axis(DriveObject):
         self._brake: Brake = _NO_BRAKE
         self._word = 0
         """The Controlword of the last step."""
+        self.acknowledged_at = 0
+        """When a fault reset was sent to the drive last."""
         self._probe = ProbeReader(self.drive, self._news)
         self._probing = False
         self.shows_supply = False
@@ -158,6 +160,8 @@ class Axis(DriveObject):
         if word != self._word:
             self._word = word
             self.stops = not operates(word)
+            if word & ControlBit.FAULT_RESET:
+                self.acknowledged_at = now
         elif self.stops:
             self.stops = False
         if self._probing or outputs.probe is not None:

@@ -45,6 +45,8 @@ _STOPS: Final = {
 }
 """Stop commands of the PLC. Its OFF1 is first a ramp stop, which the phase shows."""
 _HELD: Final = (Reason.COAST_STOP, Reason.QUICK_STOP)
+_ACKNOWLEDGE: Final = 1 << 7
+"""STW1.7, and bit 7 of the Controlword: fault reset."""
 _ENABLES: Final = (1, 2, 3)
 """Bits of STW1 that must be 1 beside ON: no OFF2, no OFF3, enable operation."""
 _PHASES: Final = {
@@ -53,10 +55,6 @@ _PHASES: Final = {
     Phase.QUICK_STOP: Reason.QUICK_STOP,
 }
 """Stops that have to end before an ON counts; in the other phases an OFF is missing."""
-_ACKNOWLEDGE: Final = {
-    Reason.DRIVE_FAULT: "then acknowledge (STW1.7)",
-    Reason.SENSOR_ERROR: "then acknowledge (G1_STW.15)",
-}
 
 
 _OWN_FAULTS: Final = {
@@ -143,17 +141,15 @@ class _Chain:
                 self.breaks(offline, f"node {self.item.node_id} on bus {network.name}: {client.status_text}")
         return False
 
-    def judge_fault(self, reason: Reason) -> None:
-        """Name the device's own fault, as far as it is known."""
+    def judge_fault(self, reason: Reason, acknowledge: str) -> None:
+        """Name the device's own fault, as far as it is known. ``acknowledge``: what remains to be done after its cause."""
         cause = self.item.cause
         if cause is None or not cause.record.of_device:
-            self.breaks(reason)
+            self.breaks(reason, remedy=f"remove the cause; {acknowledge}")
             return
         record, loop = cause.record, self.item.client.loop
         since = datetime.fromtimestamp(loop.wall() - (loop.now() - record.time_ns) / SECOND)
-        self.breaks(
-            reason, f"{record.text}, since {since:%H:%M:%S}", f"{emcy_remedy(record.code)}; {_ACKNOWLEDGE[reason]}"
-        )
+        self.breaks(reason, f"{record.text}, since {since:%H:%M:%S}", f"{emcy_remedy(record.code)}; {acknowledge}")
 
     def judge_own_fault(self, reason: Reason, number: FaultNumber) -> None:
         """Name what the gateway itself reported with a fault of its own."""
@@ -218,7 +214,7 @@ def _judge_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
     missing = (Reason.NOT_OPERATING, Reason.INHIBITED)
     commanded = asks_for_operation(machine.demand) and machine.interlock.reason in missing
     if state in FAULTY:
-        chain.judge_fault(Reason.DRIVE_FAULT)
+        chain.judge_fault(Reason.DRIVE_FAULT, _acknowledge(axis))
     elif state is None:
         chain.breaks(Reason.DRIVE_UNKNOWN_STATE, f"Statusword {statusword:04X}h is not a state of a CiA 402 drive")
     elif machine.check.locked:
@@ -264,9 +260,35 @@ def _judge_command(chain: _Chain, axis: Axis) -> None:
         chain.passes(Enable.SETPOINT)
 
 
+def _control_word(axis: Axis) -> tuple[str, int]:
+    """Name and value of the first word of the PLC, STW1 or Controlword; 0 without a PLC."""
+    return axis.telegram.setpoints.names[0], (axis.machine.inputs.setpoints or (0,))[0]
+
+
+def _acknowledge(axis: Axis) -> str:
+    """What is missing for the acknowledge of a drive in fault."""
+    machine, (name, word) = axis.machine, _control_word(axis)
+    bit = f"{name}.7"
+    edge = f"set {bit} to 0 and then to 1"
+    if machine.inputs.setpoints is not None and not machine.demand.in_control:
+        return f"{bit} has no effect while {name}.10 = 0: set {name}.10, then acknowledge ({bit})"
+    if machine.acknowledgement.pending:
+        return f"the acknowledge ({bit}) is sent to the drive"
+    if axis.acknowledged_at > machine.fault_began:
+        return f"it was acknowledged, but the cause is still there: remove it, then {edge}"
+    return f"then acknowledge: it needs an edge, {edge}" if word & _ACKNOWLEDGE else f"then acknowledge ({bit})"
+
+
+def _acknowledge_sensor(encoder: EncoderObject) -> str:
+    """What is missing for the acknowledge of an encoder in fault."""
+    if encoder.machine.adapter.control is not None and not encoder.machine.control.has_control:
+        return "G1_STW.15 has no effect while STW2_ENC.10 = 0: set STW2_ENC.10, then acknowledge (G1_STW.15)"
+    return "then acknowledge (G1_STW.15)"
+
+
 def _held_bits(axis: Axis) -> str:
     """All bits that forbid operation in a word with ON: ``STW1.1 = STW1.3 = 0``; empty without ON."""
-    name, word = axis.telegram.setpoints.names[0], (axis.machine.inputs.setpoints or (0,))[0]
+    name, word = _control_word(axis)
     held = "".join(f"{name}.{bit} = " for bit in _ENABLES if not word >> bit & 1)
     return f"{held}0" if held and word & 1 else ""
 
@@ -277,7 +299,7 @@ def encoder_enable_status(encoder: EncoderObject) -> EnableStatus:
     reason = machine.outputs.reason
     if chain.judge_node(Reason.ENCODER_OFFLINE):
         if machine.in_error:
-            chain.judge_fault(Reason.SENSOR_ERROR)
+            chain.judge_fault(Reason.SENSOR_ERROR, _acknowledge_sensor(encoder))
         elif not machine.usable:
             chain.judge_own_fault(Reason.REFERENCE_INVALID, FaultNumber.REFERENCE)
         else:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from pdgw.dsp402.states import State
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.links.profinet.identity import profinet_model
 from pdgw.peers.controller.controller import Phase
@@ -12,7 +13,7 @@ from pdgw.peers.controller.project import Project
 from pdgw.profidrive.frame import STATUS_DATA_VALID, STATUS_NORMAL, STATUS_RUN, TRAILER
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.output.status_check import Health
-from tests.support.gateways.daemon import OFF, Plc
+from tests.support.gateways.daemon import OFF, Plc, drive_of
 from tests.support.gateways.profinet_daemon import Plant
 
 Step = Callable[[Plc, Daemon], None]
@@ -108,6 +109,47 @@ def _use_another_byte_after_the_last_object(plc: Plc, _: Daemon) -> None:
     plc.endpoint.set(len(plc.endpoint.setpoints) - 1, {"STW1": OFF})
 
 
+def _trip(plc: Plc, daemon: Daemon) -> None:
+    """The drive is in fault, and its cause is gone."""
+    model = drive_of(daemon).model
+    drive_of(daemon).inject(7)
+    plc.until(lambda: model.state is State.FAULT, "the fault")
+    model.clear()
+
+
+def _acknowledge_without_control(plc: Plc, daemon: Daemon) -> None:
+    _trip(plc, daemon)
+    for word in (0x007E, 0x00FE):
+        plc.endpoint.set(0, {"STW1": word})
+        for _ in range(50):
+            plc.exchange()
+
+
+def _hold_the_acknowledge(plc: Plc, daemon: Daemon) -> None:
+    """The program has set STW1.7 before the fault."""
+    plc.endpoint.set(0, {"STW1": OFF | 0x80})
+    for _ in range(50):
+        plc.exchange()
+    _trip(plc, daemon)
+
+
+def _acknowledge_while_the_cause_is_there(plc: Plc, daemon: Daemon) -> None:
+    drive_of(daemon).inject(7)
+    for word in (OFF, OFF | 0x80):
+        plc.endpoint.set(0, {"STW1": word})
+        for _ in range(50):
+            plc.exchange()
+
+
+def _acknowledge(plc: Plc, daemon: Daemon) -> None:
+    drive_of(daemon).model.clear()
+    for word in (OFF, OFF | 0x80):
+        plc.endpoint.set(0, {"STW1": word})
+        for _ in range(50):
+            plc.exchange()
+    plc.enable()
+
+
 PLC_SITUATIONS: dict[str, PlcSituation] = {
     "the PLC sends a longer telegram": PlcSituation(
         numbers=(111,),
@@ -172,6 +214,17 @@ PLC_SITUATIONS: dict[str, PlcSituation] = {
         cure=lambda plc, daemon: Plc.__init__(plc, daemon, [1], "192.168.0.10") or plc.enable(),
         transport=_ROUTED,
         host="192.168.0.11",
+    ),
+    "the PLC acknowledges without control": PlcSituation(
+        begin=_acknowledge_without_control, says=("EMCY", "STW1.7 has no effect while STW1.10 = 0"), cure=_acknowledge
+    ),
+    "the PLC holds the acknowledge": PlcSituation(
+        begin=_hold_the_acknowledge, says=("EMCY", "needs an edge", "STW1.7 to 0 and then to 1"), cure=_acknowledge
+    ),
+    "the PLC acknowledges while the cause is there": PlcSituation(
+        begin=_acknowledge_while_the_cause_is_there,
+        says=("EMCY", "the cause is still there", "STW1.7 to 0 and then to 1"),
+        cure=_acknowledge,
     ),
 }
 """By what a technician finds."""
