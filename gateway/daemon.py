@@ -147,15 +147,16 @@ class Daemon:
         try:
             yield
         except PdgwError as error:
-            stored = [
-                f"DO {item.do_id} has the stored telegram {number} (P922), configured: {item.telegram}; to return to it, "
-                f'correct this for one start and run "pdgw param write P922 {item.telegram} --do {item.do_id}"'
-                for item in self.config.objects
-                if (number := self.store.parameters.drive_object(item.do_id).telegram) not in {None, item.telegram}
-            ]
-            if not stored:
+            if not self.replaced_telegrams:
                 raise
-            raise GatewayError("; ".join((str(error), *stored))) from error
+            raise GatewayError(
+                "; ".join((str(error), "correct this for one start", *self.replaced_telegrams))
+            ) from error
+
+    @property
+    def replaced_telegrams(self) -> list[str]:
+        """One line for each stored telegram (P922) that differs from that of the configuration."""
+        return self.config.replaced_telegrams(self.store.parameters.telegrams)
 
     def _leave_room(self, bus: CanConfig) -> None:
         """Bring-ups take what the cyclic frames leave of a bus."""
@@ -267,11 +268,8 @@ class Daemon:
 
     def _selected(self, changed: DriveObject | None = None, number: int = 0) -> GatewayConfig:
         """The configuration with the telegrams in use (P922), and telegram ``number`` for ``changed``."""
-        axes = tuple(
-            axis.config.model_copy(update={"telegram": number if axis is changed else axis.telegram.number})
-            for axis in self.axes
-        )
-        return self.config.model_copy(update={"axis": axes})
+        numbers = {item.do_id: item.telegram.number for item in (*self.axes, *self.encoders)}
+        return self.config.with_telegrams(numbers if changed is None else numbers | {changed.do_id: number})
 
     def change_telegram(self, changed: DriveObject, number: int, asked_by: str | None = None) -> None:
         """Select a telegram (P922). The frame layout follows, and every drive object waits for frames that fit.
@@ -351,6 +349,8 @@ class Daemon:
             self.cycle_ns / MS,
             self.config.transport.watchdog_factor,
         )
+        for text in self.replaced_telegrams:
+            log.warning("%s", text)
         for name, network in self.networks.items():
             network.start()
             drives = [axis.node_id for axis in self.axes if axis.network is network]

@@ -83,6 +83,11 @@ class DeviceParameters(BaseModel):
     objects: dict[int, DoParameters] = Field(default_factory=dict)
     """Parameters by DO-ID."""
 
+    @property
+    def telegrams(self) -> dict[int, int]:
+        """The stored telegrams (P922) by DO-ID."""
+        return {do_id: item.telegram for do_id, item in self.objects.items() if item.telegram is not None}
+
     def drive_object(self, do_id: int) -> DoParameters:
         """The stored parameters of a DO, created on first use."""
         return self.objects.setdefault(do_id, DoParameters())
@@ -125,6 +130,55 @@ def default_store(config: Path) -> Path | None:
 
 def _checksum(parameters: str) -> str:
     return f"{zlib.crc32(parameters.encode()):08x}"
+
+
+class _DamagedError(Exception):
+    """The file is no parameter file, or not a whole one."""
+
+
+def stored_parameters(path: Path | None) -> DeviceParameters:
+    """The parameters that a gateway with this store starts with. GatewayError when the file cannot be read."""
+    try:
+        return DeviceParameters() if path is None else _read(path, lambda _: None)
+    except _DamagedError:
+        return DeviceParameters()
+
+
+def _read(path: Path, report: Callable[[str], None]) -> DeviceParameters:
+    try:
+        content = read_file(path, _STORE_MAX).decode()
+    except FileNotFoundError:
+        return DeviceParameters()
+    except UnicodeDecodeError:
+        raise _DamagedError("not UTF-8 text") from None
+    except OSError as error:
+        raise GatewayError(f"parameter store {path}: cannot be read: {error.strerror}") from error
+    try:
+        document = json.loads(content)
+        parameters = document["parameters"]
+        if document["checksum"] != _checksum(parameters):
+            raise _DamagedError("checksum does not match")
+        values = json.loads(parameters)
+        version = values.get("version", FORMAT_VERSION)
+        if isinstance(version, int) and (text := problem(version, FORMAT_VERSION)):
+            # Its values may limit a movement: if one is unusable, none is used and the file is kept.
+            raise GatewayError(f"parameter store {path}: {text}")
+        _remove_positioner(path, values, report)
+        return DeviceParameters.model_validate_json(json.dumps(values))
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        bad = f"{error.error_count()} bad values" if isinstance(error, ValidationError) else "not a parameter file"
+        raise _DamagedError(bad) from error
+
+
+def _remove_positioner(path: Path, values: dict[str, Any], report: Callable[[str], None]) -> None:
+    """Ignore what drafts of 0.9.0 stored of a positioner, with a line for each DO that has it."""
+    for do_id, item in values.get("objects", {}).items():
+        stored = [item.pop(name, {}) for name in ("positioner", "positioner_blocks")]
+        if any(stored):
+            report(
+                f"parameter store {path}: DO {do_id}: stored positioner values (P2571 to P2623) are ignored: set them"
+                f" in [axis.positioner] and [[axis.block]]; parameters {stored[0]}, blocks {stored[1]}"
+            )
 
 
 class ParameterStore:
@@ -178,40 +232,9 @@ class ParameterStore:
 
     def _load(self, path: Path) -> DeviceParameters:
         try:
-            content = read_file(path, _STORE_MAX).decode()
-        except FileNotFoundError:
-            return DeviceParameters()
-        except UnicodeDecodeError:
-            return self._set_aside(path, "not UTF-8 text")
-        except OSError as error:
-            raise GatewayError(f"parameter store {path}: cannot be read: {error.strerror}") from error
-        try:
-            document = json.loads(content)
-            parameters = document["parameters"]
-            if document["checksum"] != _checksum(parameters):
-                return self._set_aside(path, "checksum does not match")
-            values = json.loads(parameters)
-            version = values.get("version", FORMAT_VERSION)
-            if isinstance(version, int) and (text := problem(version, FORMAT_VERSION)):
-                # Its values may limit a movement: if one is unusable, none is used and the file is kept.
-                raise GatewayError(f"parameter store {path}: {text}")
-            self._remove_positioner(path, values)
-            return DeviceParameters.model_validate_json(json.dumps(values))
-        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-            detail = (
-                f"{error.error_count()} bad values" if isinstance(error, ValidationError) else "not a parameter file"
-            )
-            return self._set_aside(path, detail)
-
-    def _remove_positioner(self, path: Path, values: dict[str, Any]) -> None:
-        """Ignore what drafts of 0.9.0 stored of a positioner, with a line for each DO that has it."""
-        for do_id, item in values.get("objects", {}).items():
-            stored = [item.pop(name, {}) for name in ("positioner", "positioner_blocks")]
-            if any(stored):
-                self._report(
-                    f"parameter store {path}: DO {do_id}: stored positioner values (P2571 to P2623) are ignored: set them"
-                    f" in [axis.positioner] and [[axis.block]]; parameters {stored[0]}, blocks {stored[1]}"
-                )
+            return _read(path, self._report)
+        except _DamagedError as error:
+            return self._set_aside(path, str(error))
 
     def _set_aside(self, path: Path, why: str) -> DeviceParameters:
         number = 1

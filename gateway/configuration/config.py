@@ -7,11 +7,11 @@ what surrounds the drive objects in ``gateway.configuration.tables.environment``
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from math import ceil
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, TypeVar
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
@@ -287,6 +287,9 @@ FORMAT_VERSION: Final = 1
 _PARAMETER_TIMEOUT_MS: Final = 2000
 
 
+Item = TypeVar("Item", AxisConfig, EncoderConfig)
+
+
 class GatewayConfig(Section):
     """The whole file."""
 
@@ -321,6 +324,24 @@ class GatewayConfig(Section):
     def objects(self) -> tuple[AxisConfig | EncoderConfig, ...]:
         """In the order of the frame."""
         return (*self.axis, *self.encoder)
+
+    def with_telegrams(self, numbers: Mapping[int, int]) -> GatewayConfig:
+        """The same with these telegrams, by DO-ID: those that are stored (P922) replace those of the file."""
+
+        def changed(item: Item) -> Item:
+            return item.model_copy(update={"telegram": numbers.get(item.do_id, item.telegram)})
+
+        axes, encoders = tuple(map(changed, self.axis)), tuple(map(changed, self.encoder))
+        return self.model_copy(update={"axis": axes, "encoder": encoders})
+
+    def replaced_telegrams(self, numbers: Mapping[int, int]) -> list[str]:
+        """One line for each telegram that differs from those of the file."""
+        return [
+            f"DO {item.do_id}: telegram {number} is stored (P922) and replaces telegram {item.telegram} of the configuration; "
+            f'to return to it, run "pdgw param write P922 {item.telegram} --do {item.do_id}"'
+            for item in self.objects
+            if (number := numbers.get(item.do_id, item.telegram)) != item.telegram
+        ]
 
     def bus_of(self, axis: AxisConfig | EncoderConfig) -> CanConfig:
         """The bus an axis or encoder is on."""

@@ -13,7 +13,7 @@ from typing import Final, TypeVar
 from pydantic import BaseModel
 
 from pdgw.explain import Problem
-from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
+from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig, Item
 from pdgw.gateway.configuration.tables.encoder import EncoderConfig
 from pdgw.gateway.configuration.tables.environment import (
     CanConfig,
@@ -28,7 +28,6 @@ from pdgw.gateway.configuration.toml_file import parse_toml, problem_text, read_
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.store import default_store
 
-Item = TypeVar("Item", AxisConfig, EncoderConfig)
 FileSection = TypeVar("FileSection", WebConfig, MqttConfig)
 SECTIONS: dict[str, type[BaseModel]] = {
     "telegram": TelegramConfig,

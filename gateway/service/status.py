@@ -201,6 +201,7 @@ def _head(daemon: Daemon) -> dict[str, Any]:
         }
         | daemon.link.status(),
         "store": str(daemon.store.path) if daemon.store.path is not None else "",
+        "notes": daemon.replaced_telegrams,
         "trace": str(daemon.recorder.path) if daemon.recorder is not None else "",
         "buses": [
             {

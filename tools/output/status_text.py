@@ -80,6 +80,8 @@ def status_lines(document: dict[str, Any], width: int = 80, *, counters: bool = 
         yield from _folded(plc["refused"], width, 5, "  -> ")
     if document.get("store"):
         yield from _folded(f"parameters are stored in {document['store']}", width, 4, "")
+    for note in document["notes"]:
+        yield from _folded(note, width, 5, "  -> ")
     for bus in document["buses"]:
         yield f"bus {bus['name']}: {'healthy' if bus['healthy'] else 'LOST'}"
         if bus.get("sync"):

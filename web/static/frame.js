@@ -56,6 +56,7 @@ export function banners(state) {
     for (const bus of status.buses) {
       if (!bus.healthy) shown.push(html`<p class="banner bad" role="alert">Bus ${bus.name} is lost.</p>`);
     }
+    shown.push(...status.notes.map(note));
     if (status.simulated) shown.push(note("Simulated devices: no real machine moves."));
   }
   return shown;

@@ -398,7 +398,7 @@ def test_a_stored_telegram_that_refuses_the_start_is_named_with_the_remedy(
     text = str(refused.value)
     assert text.startswith(problem)
     for do_id in (1, 2):
-        assert f"DO {do_id} has the stored telegram {number} (P922), configured: 1" in text
+        assert f"DO {do_id}: telegram {number} is stored (P922) and replaces telegram 1" in text
         assert f"pdgw param write P922 1 --do {do_id}" in text
 
 

@@ -40,17 +40,24 @@ def check(
     from pdgw.gateway.configuration.check import references_wrong
     from pdgw.gateway.configuration.file import load_config
     from pdgw.gateway.service.realtime import NEEDED_BELOW_MS
+    from pdgw.gateway.store import stored_parameters
 
     config = load_config(file)
     wrong = references_wrong(config, file)
     if wrong:
         raise GatewayError("\n".join(wrong))
     _start(config)
+    stored = stored_parameters(config.store).telegrams
+    if replaced := config.replaced_telegrams(stored):
+        config = config.with_telegrams(stored)
+        _start(config)
     buses = ", ".join(f"{bus.name} ({bus.interface} {bus.channel or ''})".replace(" )", ")") for bus in config.can)
     objects = counted(len(config.axis), "axis", "axes") + (
         f" and {counted(len(config.encoder), 'encoder')}" if config.encoder else ""
     )
     typer.echo(f"{file}: ok, {objects} on {buses}, cycle {config.transport.cycle_time_ms:g} ms")
+    for line in replaced:
+        typer.echo(line)
     refused = False
     if bus:
         refused = _check_buses(config)

@@ -78,6 +78,7 @@ def map_(
     from pdgw.gateway.configuration.byte_map import frame_maps
     from pdgw.gateway.configuration.file import load_config
     from pdgw.gateway.configuration.tables.environment import TransportConfig
+    from pdgw.gateway.store import stored_parameters
     from pdgw.tools.output.gsdml import write_gsdml
     from pdgw.tools.plc.code import siemens_scl, siemens_types, structured_text
     from pdgw.tools.plc.plcopen import plcopen_xml
@@ -89,6 +90,10 @@ def map_(
         typer.echo(str(write_gsdml(TransportConfig(), gsdml, "--gsdml")))
         return
     loaded = load_config(config)
+    stored = stored_parameters(loaded.store).telegrams
+    for line in loaded.replaced_telegrams(stored):
+        typer.echo(line, err=True)
+    loaded = loaded.with_telegrams(stored)
     maps = frame_maps(loaded)
     profinet = loaded.transport.type == "profinet"
     if gsdml is not None:
