@@ -133,7 +133,7 @@ def _checksum(parameters: str) -> str:
 
 
 class _DamagedError(Exception):
-    """The file is no parameter file, or not a whole one."""
+    """The file is damaged, or something else than a parameter file."""
 
 
 def stored_parameters(path: Path | None) -> DeviceParameters:

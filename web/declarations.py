@@ -1,11 +1,10 @@
-"""What the page has to know to show words by name and values by unit, taken from the declarations: nothing is said twice."""
+"""What the page has to know to show words by name and by bit, taken from the declarations: nothing is said twice."""
 
 from __future__ import annotations
 
 from functools import lru_cache
 from typing import Any
 
-from pdgw.gateway.axis.required_scaling import quantity_of
 from pdgw.gateway.reasons import AxisState
 from pdgw.profidrive.signals import Signal
 from pdgw.profidrive.telegrams import TELEGRAMS, ApplicationMode, Telegram, TelegramHalf, telegram
@@ -23,15 +22,10 @@ SYMBOLS = {
 
 
 def _signal(signal: Signal, *, positioning: bool) -> dict[str, Any]:
-    percent = signal.percent(1)
-    quantity = quantity_of(signal)
     return {
         "name": signal.name,
         "description": signal.description,
-        "unit": signal.unit,
         "digits": 2 * signal.type.size,
-        "percent_of_one": percent,
-        "quantity": quantity.value if quantity is not None else None,
         "bits": [
             {"position": bit.position, "width": bit.width, "name": bit.name, "meaning": bit.meaning}
             for bit in signal.fields(positioning=positioning)

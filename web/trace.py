@@ -20,7 +20,9 @@ from pdgw.gateway.axis.required_scaling import quantity_of
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.trace.blocks import TracedObject
 from pdgw.gateway.trace.reader import Cycle, RingReader
-from pdgw.profidrive.telegrams import Telegram, telegram
+from pdgw.profidrive.signal_text import Rated, scale
+from pdgw.profidrive.signals import Signal, SignalQuantity
+from pdgw.profidrive.telegrams import ApplicationMode, Telegram, telegram
 from pdgw.web.errors import RequestError
 from pdgw.web.status.feed import Document
 
@@ -60,14 +62,15 @@ def _signals(reader: RingReader, number: int, chosen: Telegram, item: Document) 
         for place, signal in enumerate(half.signals):
             if signal.bits:
                 continue
-            percent = signal.percent(1)
-            rated = item.get("rated_speed") if quantity_of(signal) is Quantity.SPEED else None
-            factor = 1.0 if percent is None else percent if rated is None else percent * rated / 100
-            unit = signal.unit if percent is None else "%" if rated is None else item["rated_speed_unit"]
+            factor, unit = scale(
+                signal, Rated(item["rated_speed"], item["rated_speed_unit"]) if item["rated_speed"] else None
+            )
 
-            def value(cycle: Cycle, place: int = place, get: Any = get, factor: float = factor) -> float | None:
+            def value(
+                cycle: Cycle, place: int = place, get: Any = get, signal: Signal = signal, factor: float = factor
+            ) -> float | None:
                 values = get(cycle, number)
-                return None if values is None else values[place] * factor
+                return None if values is None else signal.value_of(values[place]) * factor
 
             yield Curve(signal.name, signal.name, unit, value)
 
@@ -92,13 +95,18 @@ def _device(reader: RingReader, number: int, traced: TracedObject, item: Documen
 
 
 def usual(found: dict[str, Curve], chosen: Telegram) -> list[str]:
-    """Setpoint and actual value: of the speed where the telegram has both, else what the device reports, else what is sent."""
+    """Setpoint and actual value of the speed, with a positioning telegram of the position, where the telegram has both; else what
+    the device reports, else what is sent.
+    """
+    positioning = chosen.mode is ApplicationMode.POSITIONING
+
+    def shown(item: Signal) -> bool:
+        return item.quantity is SignalQuantity.POSITION if positioning else quantity_of(item) is Quantity.SPEED
+
     halves = (chosen.setpoints, chosen.actuals)
-    speeds = [
-        next((item.name for item in half.signals if quantity_of(item) is Quantity.SPEED), None) for half in halves
-    ]
-    if None not in speeds:
-        return [name for name in speeds if name is not None]
+    pair = [next((item.name for item in half.signals if shown(item)), None) for half in halves]
+    if None not in pair:
+        return [name for name in pair if name is not None]
     wanted = ("velocity", "position", "NIST_B", "NIST_A", "G1_XIST1")
     return [name for name in found if name in wanted][:2]
 

@@ -24,7 +24,9 @@ from pdgw.gateway.objects.happenings import around_the_last_stop
 from pdgw.gateway.service.build import interpreter, kind
 from pdgw.gateway.service.causes import CAUSE_KEYS, causes, who
 from pdgw.gateway.service.confirmed_units import units_text
-from pdgw.profidrive.signals import signal
+from pdgw.profidrive.signal_text import Rated, scale, texts
+from pdgw.profidrive.signals import SignalQuantity
+from pdgw.profidrive.telegrams import ApplicationMode
 
 log = logging.getLogger("gateway")
 
@@ -64,9 +66,12 @@ def _fault(item: DriveObject, reported: ReportedFault) -> dict[str, Any]:
     }
 
 
-def _object_status(item: DriveObject) -> dict[str, Any]:
+def _object_status(item: Axis | EncoderObject) -> dict[str, Any]:
     """The common status of axes and encoders."""
-    setpoints, enable_status, cause = item.last_setpoints, item.enable_status, item.cause
+    enable_status, cause = item.enable_status, item.cause
+    raw, chosen = item.last_setpoints, item.telegram
+    setpoints, actuals = None if raw is None else chosen.setpoints.as_dict(raw), chosen.actuals.as_dict(item.actuals)
+    rated = rated_speed(item)
     broken = enable_status.broken
     received_ns = item.client.received_ns
     return {
@@ -94,8 +99,12 @@ def _object_status(item: DriveObject) -> dict[str, Any]:
         ],
         "drive": item.client.status.value,
         "drive_text": item.client.status_text,
-        "setpoints": item.telegram.setpoints.as_dict(setpoints) if setpoints is not None else None,
-        "actuals": item.telegram.actuals.as_dict(item.actuals),
+        "setpoints": setpoints,
+        "actuals": actuals,
+        "setpoint_texts": {} if setpoints is None else texts(chosen.setpoints, setpoints, rated),
+        "actual_texts": texts(chosen.actuals, actuals, rated),
+        "rated_speed": None if rated is None else rated.speed,
+        "rated_speed_unit": "rpm" if rated is None else rated.unit,
         "iops_good": item.good,
         "heard_age_ms": round((item.client.loop.now() - received_ns) / MS, 1) if received_ns else None,
         "saturations": item.outputs.saturations,
@@ -103,6 +112,15 @@ def _object_status(item: DriveObject) -> dict[str, Any]:
         "faults": fault_status(item, 1),
         "fault_count": len(item.faults),
     }
+
+
+def rated_speed(item: Axis | EncoderObject) -> Rated | None:
+    """100 % of the speeds of its telegram; None if unknown."""
+    if isinstance(item, EncoderObject):
+        return Rated(float(item.config.reference_speed), item.config.speed_unit)
+    drive_type = item.drive.drive_type
+    rpm = drive_type.scaling.rated_speed_rpm if drive_type is not None else None
+    return Rated(float(rpm), "rpm") if rpm else None
 
 
 def _present(item: DriveObject, values: dict[str, float | None]) -> dict[str, Any]:
@@ -121,11 +139,15 @@ def axis_status(axis: Axis) -> dict[str, Any]:
     mapped = set(plan.shown) if plan is not None else set()
     scaling = drive_type.scaling if drive_type else None
     velocity = feedback.velocity_actual if "velocity_actual" in mapped else None
+    position, position_unit = _position(axis) or (
+        feedback.position_actual if "position_actual" in mapped else None,
+        scaling.position_unit if scaling else None,
+    )
     per_rpm = scaling.velocity_per_rpm if scaling else None
     values = {
         "velocity": velocity,
         "speed_rpm": round(float(velocity / per_rpm), 3) if velocity is not None and per_rpm else None,
-        "position": feedback.position_actual if "position_actual" in mapped else None,
+        "position": position,
     }
     return (
         _object_status(axis)
@@ -134,10 +156,8 @@ def axis_status(axis: Axis) -> dict[str, Any]:
             "drive_state": state.value if state and axis.good else "unknown",
             "statusword": feedback.statusword,
             "controlword": axis.outputs.command.controlword,
-            "position_unit": scaling.position_unit if scaling else None,
+            "position_unit": position_unit,
             "velocity_per_rpm": float(per_rpm) if per_rpm else None,
-            "rated_speed": float(scaling.rated_speed_rpm) if scaling and scaling.rated_speed_rpm else None,
-            "rated_speed_unit": "rpm",
             "scaling": list(scaling.lines) if scaling else [],
             "units_witnessed": units_text(axis.units_witnessed, axis.drive.serial_number, scaling) if scaling else "",
             "pdos": list(plan.lines) if plan is not None else [],
@@ -148,9 +168,19 @@ def axis_status(axis: Axis) -> dict[str, Any]:
 
 def _encoder_speed(encoder: EncoderObject) -> float | None:
     """The speed that the PLC gets (NIST_A or NIST_B) in the unit of the configuration: 6030h ends at 16 bits."""
-    for name, raw in encoder.telegram.actuals.as_dict(encoder.actuals).items():
-        if name.startswith("NIST_"):
-            return round((signal(name).percent(raw) or 0.0) / 100 * float(encoder.config.reference_speed), 3)
+    for item, raw in zip(encoder.telegram.actuals.signals, encoder.actuals, strict=True):
+        if item.quantity is SignalQuantity.SPEED:
+            return round(raw * scale(item, rated_speed(encoder)).factor, 3)
+    return None
+
+
+def _position(axis: Axis) -> tuple[float | None, str | None] | None:
+    """Position and unit of a telegram that has them in units of length; None of one in fractions or the drive's own units."""
+    half = axis.telegram.actuals
+    if half.mode is ApplicationMode.POSITIONING:
+        for item, raw in zip(half.signals, axis.actuals, strict=True):
+            if item.quantity is SignalQuantity.POSITION and item.percent(raw) is None:
+                return round(item.value_of(raw), 4), item.unit
     return None
 
 
@@ -167,8 +197,6 @@ def encoder_status(encoder: EncoderObject) -> dict[str, Any]:
         | _present(encoder, values)
         | {
             "channel": encoder.config.channel,
-            "rated_speed": float(encoder.config.reference_speed),
-            "rated_speed_unit": encoder.config.speed_unit,
             "sensor_state": encoder.machine.channel.sensor.state.value,
             "speed_unit": encoder.config.speed_unit,
             "alarms": source.alarms,

@@ -297,7 +297,7 @@ def test_one_axis_is_named_and_a_block_is_shown_by_its_number() -> None:
     desk.cycles(2)
     console = Console(width=150, record=True, file=io.StringIO())
     console.print(tables(snapshot(desk.plc, "")))
-    assert "0005h  BLOCK=5" in console.export_text()
+    assert "0005h BLOCK=5" in console.export_text()
 
 
 def test_met_expectation_is_reported() -> None:

@@ -8,8 +8,10 @@ from typing import Any
 import pytest
 
 from pdgw.gateway.service.status import snapshot
+from pdgw.profidrive.signal_text import texts
+from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.output.status_text import duration, object_lines, status_lines
-from tests.support.gateways.daemon import axis, configuration, running
+from tests.support.gateways.daemon import SIMULATED_POSITIONER, axis, configuration, running, until
 
 
 def fault(number: int, age_s: float) -> dict[str, Any]:
@@ -56,14 +58,25 @@ def test_no_line_is_longer_than_the_terminal_and_nothing_is_cut(document: dict[s
 
 def test_values_are_shown_with_bits_and_percent(document: dict[str, Any]) -> None:
     item = document["axes"][0]
-    setpoints = dict.fromkeys(item["actuals"], 0)
     setpoints = {"STW1": 0x043F, "SATZANW": 0x8000, "STW2": 0, "MDI_TARPOS": 0x20000000, "MDI_VELOCITY": 0}
     setpoints |= {"MDI_ACC": 0x2000, "MDI_DEC": 0, "MDI_MOD": 1}
-    lines = object_lines(document | {"axes": [item | {"setpoints": setpoints}]}, item["do_id"], 400)
+    lines = object_lines(
+        document | {"axes": [item | {"setpoint_texts": texts(telegram(9).setpoints, setpoints)}]}, item["do_id"], 400
+    )
     (line,) = [line for line in lines if "from PLC" in line and "STW1" in line]
     assert "STW1 043Fh ON NO_COAST_STOP" in line
     assert "MDI_TARPOS 50.00 %" in line
     assert "MDI_ACC 50.00 %" in line
+
+
+def test_position_is_in_the_unit_of_the_telegram() -> None:
+    with running(configuration(axis(1, telegram_number=111, more=SIMULATED_POSITIONER))) as daemon:
+        until(daemon, lambda: daemon.axes[0].good, "online")
+        document = snapshot(daemon)
+        item = document["axes"][0]
+        assert item["position_unit"] == "LU"
+        assert item["position"] == item["actuals"]["XIST_A"]
+        assert f"position {item['position']} LU" in "\n".join(status_lines(document, 200))
 
 
 def test_only_abnormal_counters_are_shown_by_default(document: dict[str, Any]) -> None:

@@ -17,11 +17,13 @@ from pdgw.decoder.capture.pcap import read_capture
 from pdgw.decoder.frames.records import LinkType
 from pdgw.gateway.reasons import Reason
 from pdgw.gateway.trace.recorder import FlightRecorder
+from pdgw.profidrive.telegrams import telegram
 from pdgw.web.app import READS_PER_S, Allowance
 from pdgw.web.server.guard import HEADERS
 from pdgw.web.server.places import CONNECTIONS_MAX
 from pdgw.web.status.events import KEPT, EventLog
 from pdgw.web.stream import STREAMS_MAX
+from pdgw.web.trace import usual
 from tests.support.buses import PATIENCE_S
 from tests.support.gateways.daemon import Plc, axis, configuration, drive_of, running
 from tests.support.page import TOKEN, Page, ShownGateway, events_of, page, until
@@ -159,7 +161,7 @@ def test_words_are_declared_with_bits_and_units(still: Page) -> None:
     stw1, *_ = telegram["setpoints"]
     assert [bit["name"] for bit in stw1["bits"] if bit["position"] in {4, 10}] == ["DO_NOT_REJECT", "CONTROL_BY_PLC"]
     nsoll = still.document("/api/v1/telegrams/1")["setpoints"][1]
-    assert (nsoll["name"], nsoll["quantity"], nsoll["percent_of_one"] * 0x4000) == ("NSOLL_A", "speed", 100)
+    assert (nsoll["name"], nsoll["digits"], nsoll["bits"]) == ("NSOLL_A", 4, [])
     states = still.document("/api/v1/states")
     assert states["OBEYS"] == {"text": "In operation", "symbol": "●"}
     assert len(states) == 7
@@ -347,6 +349,14 @@ def test_a_trend_has_set_and_actual_values_in_their_unit(turning: Turning) -> No
     assert [column[-1] for column in document["values"]] == [1500, 1500]
     assert document["time"] == sorted(document["time"])
     assert 200 < len(document["time"]) <= 251, "a second at 4 ms"
+
+
+@pytest.mark.parametrize(
+    ("number", "names"),
+    [(9, ["MDI_TARPOS", "XIST_A"]), (111, ["MDI_TARPOS", "XIST_A"]), (112, ["MDI_TARPOS_F", "XIST_F"])],
+)
+def test_the_usual_trend_of_a_positioning_axis_has_positions(number: int, names: list[str]) -> None:
+    assert usual({}, telegram(number)) == names
 
 
 def test_a_trend_in_bins_keeps_the_extremes(turning: Turning) -> None:

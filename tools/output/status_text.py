@@ -12,8 +12,6 @@ from typing import Any
 from pdgw.durations import MS_PER_SECOND
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.reasons import AxisState
-from pdgw.profidrive.signals import Signal, signal
-from pdgw.profidrive.telegrams import ApplicationMode, telegram
 
 _USUAL = {"accepted", "answered", "sent", "received", "syncs", "cycles", "generation", "no_tick", "after_loss"}
 """Counters that also rise in normal operation. Each connect, for example, begins with frames without a tick."""
@@ -116,7 +114,7 @@ def _values(values: dict[str, Any], item: dict[str, Any]) -> list[str]:
     elif values.get("speed") is not None:
         parts.append(f"{values['speed']:g} {item['speed_unit']}")
     if values["position"] is not None:
-        parts.append(f"position {values['position']}")
+        parts.append(f"position {values['position']} {item.get('position_unit') or ''}".rstrip())
     return parts
 
 
@@ -202,14 +200,9 @@ def _object(item: dict[str, Any], kind: str, width: int) -> Iterator[str]:
     for link in item["chain"]:
         if link["ok"] is False and link["evidence"] != item["reason"]:
             yield from _folded(f"also missing: {link['text']} ({link['evidence']})", width, 5, "     ")
-    chosen = telegram(item["telegram"])
-    positioning = chosen.mode is ApplicationMode.POSITIONING
-    for title, values in (("from PLC", item["setpoints"]), ("to PLC", item["actuals"])):
-        if values is None:
-            yield f"  {title:<9} nothing valid"
-            continue
-        parts = [_value(signal(name), raw, positioning) for name, raw in values.items()]
-        yield from _folded(",  ".join(parts), width, 12, f"  {title:<9} ")
+    for title, values in (("from PLC", item["setpoint_texts"]), ("to PLC", item["actual_texts"])):
+        parts = [f"{name} {text}" for name, text in values.items()]
+        yield from _folded(",  ".join(parts) or "nothing valid", width, 12, f"  {title:<9} ")
     if not item["iops_good"]:
         yield "  its values are marked as bad (IOPS)"
     guarding = [f"if the gateway dies, it is stopped by: {item['guarding']}"] if item.get("guarding") else []
@@ -234,15 +227,3 @@ def _faults(item: dict[str, Any], width: int) -> Iterator[str]:
         what = ("active " if fault["active"] else "") + ("warning" if fault["is_warning"] else "fault")
         text = f"{what} {fault['number']} at {_time_of_day(fault['time'])}, {duration(fault['age_s'])} ago: {fault['text']}"
         yield from _folded(text, width, 4, "  ")
-
-
-def _value(item: Signal, raw: int, positioning: bool) -> str:
-    """Name, value and meaning of a signal."""
-    percent = item.percent(raw)
-    if percent is not None:
-        return f"{item.name} {percent:.2f} %"
-    bits = [bit for bit in item.fields(positioning=positioning) if bit.width == 1 and bit.of(raw)]
-    if item.bits:
-        names = " ".join(bit.name for bit in bits)
-        return f"{item.name} {raw:0{2 * item.type.size}X}h" + (f" {names}" if names else "")
-    return f"{item.name} {item.value_of(raw)}"

@@ -11,8 +11,8 @@ from rich.table import Table
 from rich.text import Text
 
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
-from pdgw.profidrive.signals import Signal
-from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf, telegram
+from pdgw.profidrive.signal_text import texts
+from pdgw.profidrive.telegrams import telegram
 
 
 def snapshot(endpoint: PlcEndpoint, title: str) -> dict[str, Any]:
@@ -41,25 +41,6 @@ def line_of(document: Mapping[str, Any]) -> str:
     return "" if result["passed"] else f"{result['time_s']:7.3f} s  FAILED {result['name']}: {result['measured']}"
 
 
-def _rows(half: TelegramHalf, values: Mapping[str, int]) -> list[tuple[str, str]]:
-    positioning = half.mode is ApplicationMode.POSITIONING
-    return [(name, _value(half.signal(name), value, positioning)) for name, value in values.items()]
-
-
-def _value(item: Signal, raw: int, positioning: bool) -> str:
-    if item.bits and item.name not in {"Modes of Operation", "Modes of Operation Display"}:
-        names = [
-            bit.name if bit.width == 1 else f"{bit.name}={bit.of(raw)}"
-            for bit in item.fields(positioning=positioning)
-            if bit.of(raw)
-        ]
-        return f"{raw:04X}h  {' '.join(names)}"
-    percent = item.percent(raw)
-    if percent is None:
-        return f"{item.value_of(raw):g} {item.unit}".rstrip() if item.is_float else f"{raw} {item.unit}".rstrip()
-    return f"{raw}  ({percent:.2f} %)"
-
-
 def tables(found: dict[str, Any], reasons: Sequence[str] = ()) -> RenderableType:
     """A snapshot as tables. ``reasons``: why the gateway does not execute an axis' command, if known."""
     parts: list[RenderableType] = [Text(found["title"], style="bold")]
@@ -72,8 +53,8 @@ def tables(found: dict[str, Any], reasons: Sequence[str] = ()) -> RenderableType
         grid = Table(
             "setpoint", "", "actual value", "", title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False
         )
-        sent = _rows(chosen.setpoints, axis["setpoints"])
-        got = _rows(chosen.actuals, axis["actuals"] or {})
+        sent = list(texts(chosen.setpoints, axis["setpoints"]).items())
+        got = list(texts(chosen.actuals, axis["actuals"] or {}).items())
         for row in range(max(len(sent), len(got))):
             left = sent[row] if row < len(sent) else ("", "")
             right = got[row] if row < len(got) else ("", "")

@@ -2,7 +2,7 @@
 
 import { html, nothing } from "../vendor/lit-html/lit-html.js";
 import { get, getOnce } from "../api.js";
-import { DASH, hex, integer, number, withUnit } from "../format.js";
+import { DASH, hex, number, withUnit } from "../format.js";
 import { Trend } from "../trend.js";
 import { explain } from "./explain.js";
 import { faultTable, objectName, position, speed, stateWord } from "./state.js";
@@ -17,36 +17,27 @@ function link(item) {
     ${item.ok === false ? html`<strong class="todo">${item.todo}</strong>` : nothing}</li>`;
 }
 
-// What a value is on the wire, and in its unit as far as that is known.
-function physical(item, signal, raw) {
-  if (signal.bits.length) return "";
-  if (signal.percent_of_one === null) return withUnit(integer(raw), signal.unit);
-  const share = raw * signal.percent_of_one;
-  const rated = signal.quantity === "speed" ? item.rated_speed : null;
-  return withUnit(number(share, 2), "%") + (rated ? ` = ${withUnit(number((share / 100) * rated), item.rated_speed_unit)}` : "");
-}
-
 function bit(field, raw) {
   const value = Math.floor(raw / 2 ** field.position) % 2 ** field.width;
   return html`<li class=${value ? "set" : ""}><span class="bit">${field.width > 1 ? `${field.position}–${field.position + field.width - 1}` : field.position}</span>
     <span class="value">${value}</span> <span>${field.name}<small>${field.meaning}</small></span></li>`;
 }
 
-function word(item, signal, raw) {
+function word(signal, raw, text) {
   const wire = hex(raw, signal.digits);
   if (!signal.bits.length) {
     return html`<div class="word"><div class="row"><b>${signal.name}</b> <span class="wire" data-live>${wire}</span>
-      <span data-live>${physical(item, signal, raw)}</span></div><small>${signal.description}</small></div>`;
+      <span data-live>${text}</span></div><small>${signal.description}</small></div>`;
   }
   const unsigned = raw < 0 ? raw + 2 ** (4 * signal.digits) : raw;
   return html`<details class="word" ?open=${ROOMY}><summary><b>${signal.name}</b> <span class="wire" data-live>${wire}</span> <small>${signal.description}</small></summary>
     <ul class="bits">${signal.bits.map((field) => bit(field, unsigned))}</ul></details>`;
 }
 
-function words(item, title, signals, values) {
+function words(title, signals, values, texts) {
   const known = signals.filter((signal) => values && signal.name in values);
   return html`<section><h3>${title}</h3>${values
-    ? known.map((signal) => word(item, signal, values[signal.name]))
+    ? known.map((signal) => word(signal, values[signal.name], texts[signal.name]))
     : html`<p>No valid data yet.</p>`}</section>`;
 }
 
@@ -106,8 +97,8 @@ export function axis(state, draw) {
     ${held.trend.view(state)}
     ${facts(item)}
     <div class="columns">
-      ${words(item, "From the PLC", held.telegram?.setpoints ?? [], item.setpoints)}
-      ${words(item, "To the PLC", held.telegram?.actuals ?? [], item.actuals)}
+      ${words("From the PLC", held.telegram?.setpoints ?? [], item.setpoints, item.setpoint_texts)}
+      ${words("To the PLC", held.telegram?.actuals ?? [], item.actuals, item.actual_texts)}
     </div>
     ${item.iops_good ? nothing : html`<p>The PLC receives its values marked as bad (IOPS).</p>`}
     ${item.scaling?.length ? html`<details><summary>What 100 % is</summary><ul>${item.scaling.map((line) => html`<li>${line}</li>`)}</ul></details>` : nothing}
