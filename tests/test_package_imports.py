@@ -82,7 +82,7 @@ ROWS = {
     "gateway.links": f"{_FIELD} gateway.trace gateway.configuration {_LOW}",
     "gateway.links.profinet": f"{_FIELD} gateway.links gateway.trace gateway.objects gateway.daemon gateway.configuration {_LOW}",
     "gateway.parameters": f"{_FIELD} gateway.links gateway.objects gateway.motion gateway.configuration gateway.daemon {_LOW}",
-    "gateway.service": f"{_FIELD} gateway.axis gateway.objects gateway.configuration gateway.daemon {_LOW}",
+    "gateway.service": f"{_FIELD} gateway.axis gateway.objects gateway.configuration gateway.daemon gateway.last_words {_LOW}",
     "gateway.commissioning": f"{_FIELD} gateway.axis gateway.motion gateway.links gateway.configuration {_LOW}",
     "decoder": "",
     "decoder.frames": f"{_FIELD} gateway",

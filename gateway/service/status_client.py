@@ -8,6 +8,7 @@ import time
 from typing import Any
 
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.last_words import last_words
 
 _PATIENCE_S = 5.0
 _LEAST_S = 0.001
@@ -54,7 +55,8 @@ def _ask(port: int, request: str, patience_s: float) -> dict[str, Any]:
                 text += part
                 connection.settimeout(max(_LEAST_S, end - time.monotonic()))
     except OSError as error:
-        raise GatewayError(f"no gateway answers on 127.0.0.1 port {port} ({error.strerror or error})") from error
+        silent = f"no gateway answers on 127.0.0.1 port {port} ({error.strerror or error})"
+        raise GatewayError("; ".join(filter(None, (silent, last_words(port))))) from error
     try:
         document = json.loads(text)
     except ValueError as error:

@@ -75,16 +75,15 @@ def locked(directory: Path, name: str) -> tuple[Path, int]:
     raise OSError(0, f"{_NAMES} gateways with the name {name} are already running")
 
 
+def run_directories() -> set[Path]:
+    """The run directory, and those of the gateways that are services."""
+    return {path for path in (run_directory(), _SERVICES, *_SERVICES.glob("*/")) if path is not None}
+
+
 def rings(directory: Path | None = None) -> list[Path]:
-    """The rings in a directory, the newest first; None: in the run directory and in those of the gateways that are services."""
-    places: set[Path] = set()
-    if directory is not None:
-        places.add(directory)
-    else:
-        own = run_directory()
-        places.update(path for path in (own, _SERVICES, *_SERVICES.glob("*/")) if path is not None)
+    """The rings in a directory, the newest first; None: in all run directories."""
     found: list[tuple[float, Path]] = []
-    for place in places:
+    for place in run_directories() if directory is None else {directory}:
         try:
             found += [(path.stat().st_mtime, path) for path in place.glob(f"*{SUFFIX}")]
         except OSError:

@@ -46,7 +46,7 @@ export function banners(state) {
     shown.push(alert(`${why} Values below are old. Trying again.`));
   } else if (state.connection === "live" && status?.stale) {
     const since = status.answered ? clock(status.answered * 1000) : "this page was opened";
-    shown.push(alert(`The gateway does not answer since ${since}. Values below are old.`));
+    shown.push(alert(`The gateway does not answer since ${since}: ${status.failure}. Values below are old.`));
   }
   if (status?.axes && !status.stale) {
     if (!status.plc.connected) {

@@ -92,8 +92,12 @@ class Feed:
         tick.set()
 
     def status(self) -> Document:
-        """The answer of ``/api/v1/status``: the newest document, whether it is old, and since when."""
-        return (self.document or {}) | {"stale": self.stale, "answered": self.answered}
+        """The answer of ``/api/v1/status``: the newest document, whether it is old, since when, and why."""
+        return (self.document or {}) | {
+            "stale": self.stale,
+            "answered": self.answered,
+            "failure": self.failure if self.stale else "",
+        }
 
     @property
     def message(self) -> bytes:

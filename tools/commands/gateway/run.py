@@ -113,6 +113,7 @@ def run(
     from pdgw.gateway.assembly import build_gateway
     from pdgw.gateway.configuration.example import simulated
     from pdgw.gateway.configuration.file import load_config
+    from pdgw.gateway.last_words import kept_last_words
     from pdgw.gateway.service import realtime
     from pdgw.gateway.service.build import build_text
     from pdgw.gateway.service.measured import beyond_measured
@@ -145,6 +146,7 @@ def run(
     if sys.__stderr__ is not None:  # without a console, as on Windows
         faulthandler.enable(sys.__stderr__)  # on SIGABRT of a service manager's watchdog, print where each thread was
     with ExitStack() as at_end:
+        at_end.enter_context(kept_last_words(chosen.transport.status_port))
         keep = at_end.enter_context(trace_keeper(chosen.trace))
         scheduling = realtime.apply(chosen.realtime, chosen.transport.cycle_time_ms)
         run_log = RunLog(log_level, log_file, log_format)
