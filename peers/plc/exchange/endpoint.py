@@ -111,7 +111,10 @@ class PlcEndpoint:
                     f"received {others} datagrams, but none is a frame of {size} bytes as these telegrams need; "
                     "does the gateway have other telegrams, or another number of axes?"
                 )
-            return f"no datagram from a gateway: start one ({self._simulation()}) or give its address"
+            return (
+                f"no datagram from a gateway: start one ({self._simulation()}) or give its address; if it runs, another PLC may "
+                "be connected to it, see pdgw status"
+            )
         if self._last_counter is None:
             return "the gateway's frames have stopped"
         if self.actuals[axis] is None:
