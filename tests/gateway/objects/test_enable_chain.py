@@ -17,13 +17,12 @@ from pdgw.gateway.objects.enable_chain import AXIS_CHAIN, ENCODER_CHAIN, ChainLi
 from pdgw.gateway.reasons import AxisState, Enable, FaultNumber, Reason
 from pdgw.gateway.service.status import snapshot
 from pdgw.tools.output.status_check import Health, check_line
+from tests.support.documents.situation_table import situation_table, written_table
 from tests.support.documents.situations import (
     BREAKERS,
     settle,
     show_no_supply,
     shown,
-    situation_table,
-    written_table,
 )
 from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, drive_of, encoder_of, running, until
 

@@ -16,9 +16,10 @@ from tests.support.documents.plc_situations import (
     PLC_SITUATIONS,
     ControllerSituation,
     PlcSituation,
+    at_controller_situation,
+    at_plc_situation,
 )
-from tests.support.documents.situations import SETTLED, settle
-from tests.support.gateways import profinet_daemon
+from tests.support.documents.situations import settle
 from tests.support.gateways.daemon import Plc, axis, configuration, running
 
 _ASKED = 10
@@ -36,12 +37,7 @@ def judge(daemon: Daemon, situation: PlcSituation | ControllerSituation) -> None
 
 @pytest.mark.parametrize("situation", PLC_SITUATIONS.values(), ids=PLC_SITUATIONS.keys())
 def test_first_line_names_what_the_plc_sends_and_its_remedy_cures_it(situation: PlcSituation) -> None:
-    with running(configuration(axis(1), transport=situation.transport)) as daemon:
-        plc = Plc(daemon, list(situation.numbers or (1,)), situation.host)
-        if not situation.numbers:
-            plc.enable()
-        situation.begin(plc, daemon)
-        settle(plc)
+    with at_plc_situation(situation) as (daemon, plc):
         for _ in range(_ASKED):
             plc.exchange()
             judge(daemon, situation)
@@ -54,12 +50,7 @@ def test_first_line_names_what_the_plc_sends_and_its_remedy_cures_it(situation: 
 def test_first_line_names_what_the_controller_does_and_its_remedy_cures_it(
     situation: ControllerSituation, tmp_path: Path
 ) -> None:
-    config = profinet_daemon.configuration(axis(1), tmp_path / "store.json")
-    with profinet_daemon.plant(config) as site:
-        site.connect()
-        site.enable()
-        situation.begin(site)
-        site.run(SETTLED)
+    with at_controller_situation(situation, tmp_path / "store.json") as site:
         judge(site.daemon, situation)
         situation.cure(site)
         site.enable()

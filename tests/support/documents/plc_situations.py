@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from pdgw.dsp402.states import State
 from pdgw.gateway.daemon import Daemon
@@ -13,8 +15,10 @@ from pdgw.peers.controller.project import Project
 from pdgw.profidrive.frame import STATUS_DATA_VALID, STATUS_NORMAL, STATUS_RUN, TRAILER
 from pdgw.profidrive.telegrams import telegram
 from pdgw.tools.output.status_check import Health
-from tests.support.gateways.daemon import OFF, Plc, drive_of
-from tests.support.gateways.profinet_daemon import Plant
+from tests.support.documents.situations import SETTLED, settle
+from tests.support.gateways import profinet_daemon
+from tests.support.gateways.daemon import OFF, Plc, axis, configuration, drive_of, running
+from tests.support.gateways.profinet_daemon import Plant, plant
 
 Step = Callable[[Plc, Daemon], None]
 _SHORT = "cycle_time_ms = 4\nwatchdog_factor = 3"
@@ -148,6 +152,18 @@ def _acknowledge(plc: Plc, daemon: Daemon) -> None:
         for _ in range(50):
             plc.exchange()
     plc.enable()
+
+
+@contextmanager
+def at_plc_situation(situation: PlcSituation) -> Iterator[tuple[Daemon, Plc]]:
+    """A gateway and its PLC in this situation."""
+    with running(configuration(axis(1), transport=situation.transport)) as daemon:
+        plc = Plc(daemon, list(situation.numbers or (1,)), situation.host)
+        if not situation.numbers:
+            plc.enable()
+        situation.begin(plc, daemon)
+        settle(plc)
+        yield daemon, plc
 
 
 PLC_SITUATIONS: dict[str, PlcSituation] = {
@@ -291,6 +307,17 @@ class ControllerSituation:
     lacks: tuple[str, ...] = ("bring the PLC to RUN", "pdgw map prints")
     health: Health = Health.CRITICAL
     cure: Callable[[Plant], None]
+
+
+@contextmanager
+def at_controller_situation(situation: ControllerSituation, store: Path) -> Iterator[Plant]:
+    """A gateway and its controller in this situation."""
+    with plant(profinet_daemon.configuration(axis(1), store)) as site:
+        site.connect()
+        site.enable()
+        situation.begin(site)
+        site.run(SETTLED)
+        yield site
 
 
 CONTROLLER_SITUATIONS: dict[str, ControllerSituation] = {

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
 from pdgw.durations import MS
@@ -19,7 +17,7 @@ from pdgw.tools.output.status_text import cause_sentence, object_lines, status_l
 from pdgw.web.metrics import exposition
 from pdgw.web.mqtt import object_message
 from pdgw.web.status.watch import Watch
-from tests.support.gateways.daemon import OFF, ON, Plc, axis, configuration, drive_of, running, world_of
+from tests.support.gateways.daemon import OFF, ON, Plc, drive_of, world_of
 from tests.support.page import ShownGateway, look
 
 SETTLED = 1500 * MS
@@ -158,31 +156,3 @@ SITUATIONS: dict[str, Callable[[Plc, Daemon], None]] = {
     "the PLC's program enables no setpoint": BREAKERS[Enable.SETPOINT],
 }
 """What a technician finds, and how to get there from an axis in operation."""
-DOCUMENT = Path(__file__).parents[3] / "docs" / "axis-does-not-move.md"
-_BEGIN, _END = "<!-- situations: written by make docs -->\n", "<!-- end of situations -->\n"
-
-
-def situation_table() -> str:
-    """The first line and the remedy that each situation gives, as a table."""
-    rows = ["| situation | first line | remedy |", "| --- | --- | --- |"]
-    for title, begin in SITUATIONS.items():
-        with running(configuration(axis(1))) as daemon:
-            plc = Plc(daemon, [1])
-            plc.enable()
-            begin(plc, daemon)
-            settle(plc)
-            item = snapshot(daemon)["axes"][0]
-        line = re.sub(r"\d\d:\d\d:\d\d", "14:02:11", f"{item['state']}: {item['reason']}")
-        rows.append(f"| {title} | {line} | {item['remedy']} |")
-    return "\n".join(rows) + "\n"
-
-
-def written_table() -> str:
-    """The table in the document."""
-    return DOCUMENT.read_text(encoding="utf-8").partition(_BEGIN)[2].partition(_END)[0]
-
-
-def write() -> None:
-    """Put the table into the document."""
-    before, _, rest = DOCUMENT.read_text(encoding="utf-8").partition(_BEGIN)
-    DOCUMENT.write_text(f"{before}{_BEGIN}{situation_table()}{_END}{rest.partition(_END)[2]}", encoding="utf-8")

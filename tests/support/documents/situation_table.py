@@ -1,0 +1,61 @@
+"""The table of situations in docs/axis-does-not-move.md: what the gateway reports in each of them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from pdgw.gateway.daemon import Daemon
+from pdgw.gateway.service.status import snapshot
+from tests.support.documents.plc_situations import (
+    CONTROLLER_SITUATIONS,
+    PLC_SITUATIONS,
+    at_controller_situation,
+    at_plc_situation,
+)
+from tests.support.documents.situations import SITUATIONS, settle
+from tests.support.gateways.daemon import Plc, axis, configuration, running
+
+DOCUMENT = Path(__file__).parents[3] / "docs" / "axis-does-not-move.md"
+_BEGIN, _END = "<!-- situations: written by make docs -->\n", "<!-- end of situations -->\n"
+
+
+def situation_table() -> str:
+    """The first line and the remedy that each situation gives, as a table."""
+    return "\n".join(["| situation | first line | remedy |", "| --- | --- | --- |", *_rows()]) + "\n"
+
+
+def _rows() -> Iterator[str]:
+    for title, begin in SITUATIONS.items():
+        with running(configuration(axis(1))) as daemon:
+            plc = Plc(daemon, [1])
+            plc.enable()
+            begin(plc, daemon)
+            settle(plc)
+            yield _row(title, daemon)
+    for title, situation in PLC_SITUATIONS.items():
+        with at_plc_situation(situation) as (daemon, _):
+            yield _row(title, daemon)
+    with TemporaryDirectory() as folder:
+        for title, found in CONTROLLER_SITUATIONS.items():
+            with at_controller_situation(found, Path(folder) / "store.json") as site:
+                yield _row(title, site.daemon)
+
+
+def _row(title: str, daemon: Daemon) -> str:
+    item = snapshot(daemon)["axes"][0]
+    line = re.sub(r"\d\d:\d\d:\d\d", "14:02:11", f"{item['state']}: {item['reason']}")
+    return f"| {title} | {line} | {item['remedy']} |"
+
+
+def written_table() -> str:
+    """The table in the document."""
+    return DOCUMENT.read_text(encoding="utf-8").partition(_BEGIN)[2].partition(_END)[0]
+
+
+def write() -> None:
+    """Put the table into the document."""
+    before, _, rest = DOCUMENT.read_text(encoding="utf-8").partition(_BEGIN)
+    DOCUMENT.write_text(f"{before}{_BEGIN}{situation_table()}{_END}{rest.partition(_END)[2]}", encoding="utf-8")
