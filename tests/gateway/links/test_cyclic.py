@@ -10,10 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdgw.ds301.loop.loop import SystemLoop
-from pdgw.durations import MS
-from pdgw.gateway.links.cyclic import CyclicEndpoint
+from pdgw.durations import MS, SECOND
+from pdgw.gateway.links.cyclic import CyclicEndpoint, RepeatedLosses
 from pdgw.gateway.links.new_frames import Verdict
 from pdgw.gateway.links.udp import UdpSocket, arrival
+from pdgw.gateway.reasons import Reason
 from pdgw.peers.plc.exchange.endpoint import PlcEndpoint
 from pdgw.profidrive import frame as rt
 from pdgw.profidrive.telegrams import Direction, telegram
@@ -284,3 +285,40 @@ def test_a_datagram_that_waits_in_the_socket_keeps_the_time_at_which_it_came() -
         assert port.receive() is None
     finally:
         port.close()
+
+
+@pytest.mark.parametrize(
+    ("times", "pauses", "said"),
+    [
+        ([1, 2, 3], [20 * MS] * 3, "20 ms apart, the limit is 12 ms"),
+        ([1, 2, 3], [30 * MS, 15 * MS, 20 * MS], "15 to 30 ms apart"),
+        ([1, 2], [20 * MS] * 2, ""),
+        ([1, 7, 12], [20 * MS] * 3, ""),
+        ([1, 2, 3], [2 * SECOND] * 3, ""),
+        ([1, 2, 3], [12 * MS] * 3, ""),
+    ],
+)
+def test_three_pauses_in_ten_seconds_are_one_reason(times: list[int], pauses: list[int], said: str) -> None:
+    """Rare losses, a cable that is pulled, and frames inside the limit are none."""
+    losses = RepeatedLosses(12 * MS)
+    for time, pause in zip(times, pauses, strict=True):
+        losses.returned(time * SECOND, pause)
+    now = times[-1] * SECOND
+    found = losses.finding(now)
+    assert (found is not None) == bool(said)
+    if found is not None:
+        assert said in found.evidence
+        assert losses.finding(now + 10 * SECOND - 1) is not None
+        assert losses.finding(now + 10 * SECOND) is None, "it ends without further losses"
+
+
+def test_frames_that_did_not_count_are_no_longer_named_when_none_come() -> None:
+    endpoint = device()
+    endpoint.receive(frame()[:-1], PLC, SECOND)
+    found = endpoint.finding()
+    assert found is not None
+    assert found.reason is Reason.FRAME_LAYOUT
+    endpoint.poll(11 * SECOND)
+    assert endpoint.finding() is not None
+    endpoint.poll(11 * SECOND + 1)
+    assert endpoint.finding() is None

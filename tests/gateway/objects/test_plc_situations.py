@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pdgw.gateway.daemon import Daemon
-from pdgw.gateway.reasons import AxisState, Reason
+from pdgw.gateway.reasons import AxisState, Enable, Reason
 from pdgw.gateway.service.status import snapshot
 from pdgw.tools.output.status_check import Health, check_line
 from pdgw.tools.output.status_text import cause_sentence, status_lines
@@ -19,7 +19,7 @@ from tests.support.documents.plc_situations import (
     at_controller_situation,
     at_plc_situation,
 )
-from tests.support.documents.situations import settle
+from tests.support.documents.situations import BREAKERS, settle
 from tests.support.gateways.daemon import Plc, axis, configuration, running
 
 _ASKED = 10
@@ -55,6 +55,19 @@ def test_first_line_names_what_the_controller_does_and_its_remedy_cures_it(
         situation.cure(site)
         site.enable()
         assert site.daemon.axes[0].enable_status.state is AxisState.OBEYS
+
+
+@pytest.mark.parametrize("title", [title for title, item in PLC_SITUATIONS.items() if "EMCY" not in item.says])
+def test_a_drive_without_power_is_named_before_the_frames_of_the_plc(title: str) -> None:
+    """Both are in the chain: the page and the axis view show the second one beside the first."""
+    situation = PLC_SITUATIONS[title]
+    with at_plc_situation(situation) as (daemon, plc):
+        BREAKERS[Enable.NODE](plc, daemon)
+        settle(plc)
+        chain = {link.enable: link for link in daemon.axes[0].enable_status.chain}
+        assert daemon.axes[0].enable_status.broken == chain[Enable.NODE]
+        text = f"{chain[Enable.PLC].evidence}. {chain[Enable.PLC].remedy}"
+        assert [part for part in situation.says if part.lower() not in text.lower()] == [], text
 
 
 def test_a_second_plc_is_a_warning_beside_the_first_one() -> None:
