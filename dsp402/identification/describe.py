@@ -62,7 +62,7 @@ _MODE_OBJECTS = (
     (Mode.TORQUE, TARGET_TORQUE),
     (Mode.HOMING, 0x6098),
 )
-"""The object a mode cannot do without, for a drive that has no 6502h."""
+"""The object a mode cannot do without, for a drive whose 6502h is missing or 0."""
 
 
 def questions(dictionary: canopen.ObjectDictionary) -> tuple[ObjectAddress, ...]:
@@ -220,7 +220,7 @@ def _modes(
     dictionary: canopen.ObjectDictionary, answers: Mapping[ObjectAddress, int], family: Overlay | None
 ) -> dict[int, str]:
     supported = answers.get((SUPPORTED_DRIVE_MODES, 0))
-    if supported is None:
+    if not supported:  # missing, or 0: not filled in
         modes = [mode for mode, index in _MODE_OBJECTS if index in dictionary]
     else:
         modes = [mode for bit, mode in SUPPORTED_MODES.items() if supported >> bit & 1]

@@ -73,8 +73,9 @@ def test_drive_without_overlay_is_described_by_its_answers() -> None:
         drive.limits("dynamic_speed_limit")
 
 
-def test_without_6502h_the_modes_follow_from_the_objects() -> None:
-    drive = describe(engel_dictionary(), {IDENTITY_VENDOR: 1})
+@pytest.mark.parametrize("answers", [{}, {(SUPPORTED_DRIVE_MODES, 0): 0}], ids=["missing", "zero"])
+def test_without_modes_in_6502h_they_follow_from_the_objects(answers: dict[tuple[int, int], int]) -> None:
+    drive = describe(engel_dictionary(), {IDENTITY_VENDOR: 1} | answers)
     assert {*drive.modes} == {Mode.POSITION, Mode.VELOCITY, Mode.TORQUE, Mode.HOMING}
     assert {*drive.homing_methods} == {*STANDARD_HOMING_METHODS}
 
