@@ -425,7 +425,8 @@ class GatewayConfig(Section):
                             f"{item.node_id}, in a key that applies to the whole device",
                             *place,
                         )
-            _no_twice(f"node_id on bus {bus.name}", nodes, node_places, "node_id")
+            one = "one node is one [[axis]] or [[encoder]], and further axes of a device (6800h) are not supported"
+            _no_twice(f"node_id on bus {bus.name}", nodes, node_places, "node_id", one)
             _no_twice(f"node_id and channel on bus {bus.name}", channels, channel_places, "channel")
 
     def _check_sensors(self) -> None:
@@ -461,7 +462,9 @@ class GatewayConfig(Section):
         return [axis for axis in self.axis if self.bus_of(axis).name == bus.name]
 
 
-def _no_twice(what: str, values: Sequence[Any], places: Sequence[Place], key: str) -> None:
+def _no_twice(
+    what: str, values: Sequence[Any], places: Sequence[Place], key: str, allowed: str = "each must be different"
+) -> None:
     for position, (value, place) in enumerate(zip(values, places, strict=True)):
         if value in values[:position]:
-            raise misplaced(f"{what}: {value!r} is used twice; each must be different", *place, key)
+            raise misplaced(f"{what}: {value!r} is used twice; {allowed}", *place, key)

@@ -209,7 +209,11 @@ def test_a_telegram_no_drive_axis_supports_is_refused_however_well_it_can_be_dec
 
 
 @pytest.mark.parametrize(
-    ("key", "message"), [("do_id = 1", "do_id: 1 is used twice"), ("node_id = 3", "node_id on bus can: 3")]
+    ("key", "message"),
+    [
+        ("do_id = 1", "do_id: 1 is used twice"),
+        ("node_id = 3", r"node_id on bus can: 3 .* further axes of a device \(6800h\)"),
+    ],
 )
 def test_a_number_used_twice_is_refused(key: str, message: str) -> None:
     second = "[[axis]]\ndo_id = 2\nnode_id = 4\ntelegram = 1\n".replace(
