@@ -18,7 +18,7 @@ from pdgw.ds301.communication import DEVICE_TYPE, ERROR_REGISTER, PRODUCER_HEART
 from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, SdoStep
 from pdgw.ds301.eds.data_sheet import load_dictionary
 from pdgw.ds301.emcy import emcy_text
-from pdgw.ds301.node.client import ACYCLIC_FAILURES, NodeClient
+from pdgw.ds301.node.client import ACYCLIC_FAILURES, SHORTEST_EMCY, NodeClient
 from pdgw.ds301.node.configuring import DeviceKind
 from pdgw.ds301.node.node import NodeEvent, NodeSettings
 from pdgw.ds301.node.plan import PdoPlan, plan_steps, straight_plan
@@ -216,7 +216,7 @@ class EncoderClient(NodeClient[EncoderSettings]):
         return ENCODER_EMCY.get(code) or emcy_text(code)
 
     def _on_emcy(self, can_id: int, data: Any, timestamp: float) -> None:
-        if len(data) == 8:
+        if len(data) >= SHORTEST_EMCY:
             self.feedback.error_code = int.from_bytes(data[:2], "little")
             self.feedback.error_register = data[2]
         self._diagnose = True

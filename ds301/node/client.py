@@ -12,6 +12,7 @@ import logging
 import struct
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Future
+from contextlib import suppress
 from typing import Any, ClassVar, Final, Generic, Self, TypeVar
 
 import canopen
@@ -19,10 +20,10 @@ from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.bus.can_frame import STANDARD_ID
 from pdgw.ds301.bus.network import UNUSED, CanNetwork, PdoCallback
-from pdgw.ds301.communication import DEVICE_TYPE
+from pdgw.ds301.communication import DEVICE_TYPE, EMCY_COB_ID, ERROR_REGISTER
 from pdgw.ds301.configuration import SdoStep
 from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, NMT, SDO_REQUEST
-from pdgw.ds301.emcy import emcy_text
+from pdgw.ds301.emcy import emcy_text, error_register_text
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop.jobs import Jobs
 from pdgw.ds301.loop.loop import Event, Task
@@ -61,6 +62,9 @@ _DISCOVERY: Final = 200
 _CONFIGURATION: Final = 100
 """and of accesses that configure a known device."""
 _CHECKED: Final = "another tool wrote to its configuration"
+_NOT_STARTED: Final = "not started"
+SHORTEST_EMCY: Final = 3
+"""Bytes of an EMCY of a device that sends only error code and error register."""
 _ONLINE: Final = NodeStatus.ONLINE
 
 
@@ -92,7 +96,9 @@ class NodeClient(abc.ABC, Generic[S]):
         """The PDOs of this node with their contents; None before its first start."""
         self.on_event = on_event
         self.status = NodeStatus.OFFLINE
-        self.status_text = "not started"
+        self.status_text = _NOT_STARTED
+        self.refusal = ""
+        """Why the node was rejected, also during the next attempt to configure it; "; " separates the remedy."""
         self.generation = 0
         """Counts completed configurations, so that the owner sees each restart exactly once."""
         self._old_length_errors = 0
@@ -116,6 +122,8 @@ class NodeClient(abc.ABC, Generic[S]):
         self._guarded_by_requests = False
         """The node is monitored by remote requests, which it answers with a toggle bit (node guarding)."""
         self._toggle = -1
+        self._moved_emcy = 0
+        """COB-ID of its EMCY if 1014h has another one than usual, else 0."""
         self._expected_accesses = 0
         self._slow = 0
         """The time for SDO answers of a node that was found to need more than configured."""
@@ -149,7 +157,9 @@ class NodeClient(abc.ABC, Generic[S]):
 
     def _identify(self, device_type: int) -> None:
         """In the node's task, after its first SDO answer (1000h) and before anything else: it takes no RPDO from now on."""
-        self.sdo.check_identity(device_type)
+        own = self.settings.eds is not None
+        sheet = "the EDS" if own else "the built-in data sheet; set the key eds to the EDS of the manufacturer"
+        self.sdo.check_identity(device_type, sheet=sheet)
 
     @abc.abstractmethod
     def _configure(self) -> None:
@@ -180,6 +190,11 @@ class NodeClient(abc.ABC, Generic[S]):
         return self._old_length_errors + sum(slot.errors for slot in self._slots)
 
     @property
+    def is_first_request(self) -> bool:
+        """The first request to the node was neither answered nor missed yet."""
+        return self.status_text == _NOT_STARTED
+
+    @property
     def progress(self) -> str:
         """How far the configuration of the node is; empty if it is not configured now."""
         if self.status is not NodeStatus.CONFIGURING or not self.sdo.patient:
@@ -202,9 +217,9 @@ class NodeClient(abc.ABC, Generic[S]):
         """Start the task: waits for the node, checks identity, configures, goes operational, supervises."""
         node_id = self.settings.node_id
         network = self.network.canopen
+        self.sdo.node.emcy.on_emcy = self._on_emcy  # canopen stores every EMCY permanently, and accepts 8 bytes only
         network.add_node(self.sdo.node)
         network.subscribe(ERROR_CONTROL + node_id, self._on_heartbeat)
-        network.subscribe(EMCY + node_id, self._on_emcy)
         network.subscribe(SDO_REQUEST + node_id, self._on_other_request)
         self._task = self.loop.spawn(self._run, f"{self.kind.name} {node_id}")
 
@@ -236,8 +251,9 @@ class NodeClient(abc.ABC, Generic[S]):
         if network.nodes.get(node_id) is self.sdo.node:
             del network[node_id]
             network.unsubscribe(ERROR_CONTROL + node_id, self._on_heartbeat)
-            network.unsubscribe(EMCY + node_id, self._on_emcy)
             network.unsubscribe(SDO_REQUEST + node_id, self._on_other_request)
+            if self._moved_emcy:
+                network.unsubscribe(self._moved_emcy, self._on_emcy)
 
     def _change(self, layout: PdoLayout, settings: S) -> None:
         """Map other PDOs with other settings; the device must not be in operation."""
@@ -342,6 +358,8 @@ class NodeClient(abc.ABC, Generic[S]):
         changed = status is not self.status or text != self.status_text
         self.status = status
         self.status_text = text
+        if status is not NodeStatus.CONFIGURING:
+            self.refusal = text if status is NodeStatus.REFUSED else ""
         if status is not NodeStatus.ONLINE:
             self._jobs.fail(self._not_online)
         if changed:
@@ -404,6 +422,7 @@ class NodeClient(abc.ABC, Generic[S]):
         self._booted.clear()  # a boot-up before this answer is the expected one
         self._set_status(NodeStatus.CONFIGURING, "checking identity")
         self._identify(device_type)
+        self._find_emcy()
         self._expected_accesses = self.sdo.accesses + _CONFIGURATION
         self._set_status(NodeStatus.CONFIGURING, "mapping PDOs")
         self._configure_pdos()
@@ -419,6 +438,20 @@ class NodeClient(abc.ABC, Generic[S]):
         produced = self._heartbeat_expected and not self._guarded_by_requests
         self._heartbeat_rate = FrameRate(self.settings.heartbeat_ms * MS) if produced else None
         self._nmt(NmtCommand.START)
+
+    def _find_emcy(self) -> None:
+        """Also take the EMCY from the COB-ID in 1014h, unless other frames have it."""
+        cob_id, network = 0, self.network.canopen
+        with suppress(SdoAbortedError):
+            cob_id = self.sdo.read_number(EMCY_COB_ID)
+        if cob_id == self._moved_emcy:
+            return
+        if self._moved_emcy:
+            network.unsubscribe(self._moved_emcy, self._on_emcy)
+        moved = EMCY < cob_id <= STANDARD_ID and cob_id not in network.subscribers
+        self._moved_emcy = cob_id if moved else 0
+        if moved:
+            network.subscribe(cob_id, self._on_emcy)
 
     def _receiver(self, slot: TpdoSlot) -> PdoCallback:
         """What takes the frames of a TPDO. Only one on SYNC has a rate: the others are also sent on change."""
@@ -509,13 +542,36 @@ class NodeClient(abc.ABC, Generic[S]):
             if self._interrupted:
                 return
             if self.loop.now() > deadline:
-                other = "" if self.settings.sync else ", or sync = true for TPDOs that are sent on SYNC only"
-                raise self.kind.error_type(
+                other = "" if self.settings.sync else "; set sync = true for TPDOs that are sent on SYNC only"
+                raise self._not_started() or self.kind.error_type(
                     f"TPDOs of the {self.kind.name}",
                     f"none of {', '.join(missing)}",
                     f"each within 1 s of NMT start{other}",
                 )
             self.loop.sleep(_RECHECK_NS)
+
+    def _not_started(self) -> CanopenError | None:
+        """What the node shows after NMT start that explains a missing TPDO or heartbeat; None: nothing."""
+        node, state = f"node {self.settings.node_id}", self._heartbeat_state
+        if state not in (NmtState.BOOT_UP, NmtState.OPERATIONAL):
+            error, register = "", 0
+            with suppress(SdoAbortedError):
+                register = self.sdo.read_number(ERROR_REGISTER)
+            if register:
+                error = f", error register 1001h = {register:02X}h ({error_register_text(register)})"
+            return self.kind.error_type(
+                f"NMT state of {node} after NMT start",
+                f"{NmtState.text(state)}{error}",
+                "Operational; remove the errors of the device, then restart the node (P972, or power off and on)",
+            )
+        for slot in self._slots:
+            if slot.data is None and slot.short is not None:
+                return self.kind.error_type(
+                    f"{slot.pdo} of {node}",
+                    f"{slot.short} bytes",
+                    f"{slot.pdo.size} bytes as mapped; check the firmware of the {self.kind.name}",
+                )
+        return None
 
     def _await_heartbeat(self) -> None:
         """A node whose heartbeat is dead would only be lost again: one that says operational comes first."""
@@ -525,10 +581,14 @@ class NodeClient(abc.ABC, Generic[S]):
             if self._interrupted:
                 return
             if self.loop.now() > deadline:
-                raise self.kind.error_type(
-                    f"heartbeat of node {self.settings.node_id}",
-                    "no heartbeat with the state operational",
-                    f"one within {limit / SECOND:g} s of NMT start",
+                if self._guarded_by_requests:
+                    missing, todo = "answer to node guarding", "check that the CAN adapter sends remote frames"
+                else:
+                    missing, todo = "heartbeat", "check the firmware of the device: it accepted 1017h"
+                raise self._not_started() or self.kind.error_type(
+                    f"{missing} of node {self.settings.node_id}",
+                    "none",
+                    f"one within {limit / SECOND:g} s of NMT start; {todo}",
                 )
             self.loop.sleep(_RECHECK_NS)
 
@@ -642,7 +702,7 @@ class NodeClient(abc.ABC, Generic[S]):
     # -- frames of the node ---------------------------------------------------------------------------------------------
 
     def _on_heartbeat(self, _can_id: int, data: bytes | bytearray, _timestamp: float) -> None:
-        if len(data) != 1 or data[0] & HEARTBEAT_STATE not in NMT_STATES:
+        if not data or data[0] & HEARTBEAT_STATE not in NMT_STATES:
             return
         if self._guarded_by_requests:
             toggle, before = data[0] & GUARD_TOGGLE, self._toggle
@@ -663,9 +723,7 @@ class NodeClient(abc.ABC, Generic[S]):
         self.sdo.second_answers.requested(data)
 
     def _on_emcy(self, _can_id: int, data: Any, _timestamp: float) -> None:
-        # canopen stores every EMCY permanently; the relevant ones are in our own buffer.
-        self.sdo.node.emcy.reset()
-        if len(data) != 8:
+        if len(data) < SHORTEST_EMCY:
             return
         code = int.from_bytes(data[:2], "little")
         text = f"EMCY {code:04X}h {self._emcy_text(code)}"

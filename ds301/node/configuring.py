@@ -39,10 +39,10 @@ class ConfiguringAccess(SdoAccess):
         super().__init__(loop, node_id, dictionary, kind.error_type)
         self.kind = kind
 
-    def check_identity(self, device_type: int, device: tuple[int, int] = (0, 0)) -> None:
+    def check_identity(self, device_type: int, device: tuple[int, int] = (0, 0), sheet: str = "the EDS") -> None:
         """Compare device type (1000h), vendor and product with profile and EDS; the package's error names a difference.
 
-        ``device``: vendor-ID and product code if they were read already, else 0.
+        ``device``: vendor-ID and product code if they were read already, else 0. ``sheet``: name of the EDS for people.
         """
         name = f"node {self._node_id} device type 1000h"
         if profile_of(device_type) != self.kind.profile:
@@ -59,7 +59,7 @@ class ConfiguringAccess(SdoAccess):
             found = device[subindex - 1] or self.require(IDENTITY, subindex)
             if found != expected:
                 raise self.error_type(
-                    f"node {self._node_id} {what}", f"{found:08X}h", f"{expected:08X}h, as in the EDS"
+                    f"node {self._node_id} {what}", f"{found:08X}h", f"{expected:08X}h, as in {sheet}"
                 )
 
     def do(self, step: SdoStep) -> None:

@@ -87,11 +87,14 @@ class TpdoSlot:
         self.rate: FrameRate | None = None
         """Of a TPDO that one device sends once for each SYNC."""
         self.errors = 0
+        self.short: int | None = None
+        """Bytes of the last frame that was shorter than the mapping."""
 
     def receive(self, data: bytes, now: int) -> None:
         """A frame of the TPDO. One shorter than the mapping is not a sign of life: its values would be kept permanently."""
         if len(data) < self.pdo.size:
             self.errors += 1
+            self.short = len(data)
             return
         before, self.data = self.data, data
         if before is not None and data != before:

@@ -325,5 +325,5 @@ class SdoAccess:
         return self.error_type(
             f"node {self._node_id} object {index:04X}h/{subindex}",
             abort_text(error.code),
-            "an object that can be read, as described in the EDS",
+            "an object that can be read",
         )

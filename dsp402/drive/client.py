@@ -189,7 +189,7 @@ class DriveClient(NodeClient[DriveSettings]):
                     raise Dsp402Error(
                         f"node {self.settings.node_id} object {address[0]:04X}h/{address[1]}",
                         abort_text(error.code),
-                        "an object that can be read, because it defines units or 100 %; or one of ignored_unit_objects",
+                        "an object that can be read, because it defines units or 100 %; else list it in ignored_unit_objects",
                     ) from error
                 if address in OPTIONAL_OBJECTS and error.code not in NOT_THERE:
                     answers[address] = 0  # the drive has the object, and keeps its own value unless it is written
@@ -394,8 +394,8 @@ class DriveClient(NodeClient[DriveSettings]):
                 "guarding of the gateway by the drive",
                 guarding.refusal,
                 (
-                    "1016h, 100Ch and 100Dh, or 1400h/5 with 6007h, writable; or a family that stops without SYNC; "
-                    "or allow_unguarded = true"
+                    "1016h, 100Ch and 100Dh, or 1400h/5 with 6007h, writable, or a family that stops without SYNC; "
+                    "set allow_unguarded = true if something else stops the drive when the gateway fails"
                 ),
             )
         if guarding.refusal:

@@ -69,13 +69,13 @@ def _by_service(
 ) -> Guarding:
 
     def try_write(step: SdoStep) -> str:
-        """Write a value. The result is why the drive rejects it, empty if it accepts it."""
+        """Write a value. The result is the object and why the drive rejects it, empty if it accepts it."""
         try:
             write_checked(step)
         except CanopenError as error:
-            return str(error)
+            return f"{step.index:04X}h: {error.value}"
         except SdoAbortedError as error:
-            return abort_text(error.code)
+            return f"{step.index:04X}h: {abort_text(error.code)}"
         return ""
 
     limit = wanted.heartbeat_ms * wanted.heartbeat_factor

@@ -128,8 +128,11 @@ class _Chain:
             self.passes(Enable.NODE)
             return True
         match client.status:
-            case NodeStatus.REFUSED:
-                self.breaks(Reason.NODE_REFUSED, f"node {self.item.node_id} is rejected: {client.status_text}")
+            case NodeStatus.REFUSED | NodeStatus.CONFIGURING if client.refusal:
+                refusal, _, remedy = client.refusal.partition("; ")
+                self.breaks(Reason.NODE_REFUSED, f"node {self.item.node_id} is rejected: {refusal}", remedy)
+            case NodeStatus.OFFLINE if client.is_first_request:
+                self.breaks(Reason.NODE_CONFIGURING, f"node {self.item.node_id} is asked for its device type")
             case NodeStatus.CONFIGURING:
                 progress = client.progress and f": {client.progress}"
                 self.breaks(Reason.NODE_CONFIGURING, f"node {self.item.node_id} is being configured{progress}")

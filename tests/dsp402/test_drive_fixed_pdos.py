@@ -118,7 +118,7 @@ def test_rejection_of_a_drive_without_tpdos_names_sync(plant: Plant, sync: bool)
     client = plant.connect(Operation.VELOCITY, sync=sync)
     site.wait_for(lambda: client.status is DriveStatus.REFUSED, "refused")
     assert "none of TPDO1, TPDO2" in client.status_text
-    assert ("or sync = true" in client.status_text) is not sync
+    assert ("set sync = true" in client.status_text) is not sync
 
 
 class _Keeps(SimulatedDriveNode):

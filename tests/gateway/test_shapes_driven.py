@@ -170,6 +170,26 @@ def test_allow_unguarded_operates_a_drive_that_has_nothing_and_says_so() -> None
         assert status["guarding"] == "nothing"
 
 
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        (
+            "node-guarding",
+            ("answer to node guarding of node 1: 'none'", "check that the CAN adapter sends remote frames"),
+        ),
+        ("unguarded", ("guarding of the gateway by the drive: '1016h: ", "set allow_unguarded = true")),
+    ],
+)
+def test_drive_that_cannot_be_guarded_is_rejected_with_what_is_missing(name: str, says: tuple[str, ...]) -> None:
+    with running(configuration(axis(1, more=""))) as daemon:
+        drive = _drive(daemon, name)
+        drive.do(lambda node: setattr(node, "receive_remote", lambda can_id, now: None))
+        until(daemon, lambda: daemon.axes[0].drive.refusal, "rejected")
+        sentence = daemon.axes[0].enable_status.sentence
+        assert [text for text in says if text.lower() not in sentence.lower()] == [], sentence
+        assert sentence.count("is not allowed") == 1
+
+
 def test_a_drive_that_answers_node_guarding_with_the_same_toggle_bit_is_lost() -> None:
     with running(configuration(axis(1, more=""))) as daemon:
         drive = _drive(daemon, "node-guarding")

@@ -253,7 +253,7 @@ def test_device_that_is_refused_is_told_apart_from_an_absent_one() -> None:
         settle(plc)
         assert first(daemon).reason is Reason.DRIVE_OFFLINE
         client = daemon.axes[0].client
-        client.status, client.status_text = NodeStatus.REFUSED, "1018h/1 is 5, not 4"
+        client.status, client.refusal = NodeStatus.REFUSED, "1018h/1 is 5, not 4"
         assert first(daemon).reason is Reason.NODE_REFUSED, daemon.axes[0].enable_status.sentence
 
 
@@ -288,7 +288,9 @@ def test_gateway_that_is_stopped_has_not_lost_its_plc(caplog: pytest.LogCaptureF
 
 def test_chain_of_an_axis_that_goes_online() -> None:
     with running(configuration(axis(1))) as daemon:
-        assert daemon.axes[0].enable_status.state is AxisState.NOT_ON_THE_BUS
+        assert daemon.axes[0].enable_status.state is AxisState.STARTING, (
+            "nothing is wrong before the first answer is due"
+        )
         assert first(daemon).enable is Enable.NODE
         assert links(daemon)[Enable.PLC].ok is False
         until(daemon, lambda: daemon.axes[0].enable_status.state is AxisState.WAITS, "online")
