@@ -538,6 +538,48 @@ class Reason(enum.Enum):
         _E.PLC,
         "compare name of station, modules and telegrams of the controller's project with pdgw map",
     )
+    MODE_KEPT = (
+        "the drive does not change its mode of operation while it is in operation (6061h)",
+        _S.WAITS,
+        _E.OPERATION,
+        "end the request; then check whether the drive has this mode (6502h) and changes it in Operation Enabled",
+    )
+    LOST_EDGE = (
+        "STW1.4, STW1.5 or SATZANW.15 was 0 at the edge of STW1.6 or after it: no task",
+        _S.WAITS,
+        _E.SETPOINT,
+        "set STW1.6 to 0 and to 1, with STW1.4 = STW1.5 = 1 (telegram 9: SATZANW.15 = 1 too)",
+    )
+    EARLY_EDGE = (
+        "STW1.6 was 1 before operation: this starts no task",
+        _S.WAITS,
+        _E.SETPOINT,
+        "set STW1.6 to 0 and, in operation, to 1",
+    )
+    LOST_HOMING = (
+        "STW1.11 was 1 before operation, or STW1.4 was 0 at its edge or after it: no homing",
+        _S.WAITS,
+        _E.SETPOINT,
+        "set STW1.11 to 0 and to 1, with STW1.4 = 1",
+    )
+    LOST_JOG = (
+        "STW1.8 or STW1.9 was 1 before operation or while STW1.4 was 0, or both are 1: no jog",
+        _S.WAITS,
+        _E.SETPOINT,
+        "set STW1.8 = STW1.9 = 0, then one of them to 1",
+    )
+    BYTES_SWAPPED = (
+        "the two bytes of STW1 are swapped",
+        _S.WAITS,
+        _E.CONTROL,
+        "swap the bytes of each word in the PLC's program: PROFIdrive sends the high byte first",
+    )
+    CONTROL_HELD = (
+        'STW1.10 = 0 (control by PLC): the drive continues with its last setpoint (control_lost = "hold")',
+        _S.WAITS,
+        _E.CONTROL,
+        "the PLC's program must set STW1.10 = 1; OFF1, OFF2 and OFF3 stop the drive",
+    )
 
 
 class Finding(NamedTuple):

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from pdgw.gateway.motion.positioner import Positioner
+from pdgw.gateway.motion.positioner import HELD, Positioner
 from pdgw.gateway.motion.requests import Asked, HomingResult, MotionKind, Outcome, PositionerSettings, Seen
 from pdgw.gateway.motion.states import MDI_TRANSITIONS, Action, Event, State
 from pdgw.gateway.motion.travel import Goal
@@ -79,8 +79,8 @@ class MdiPositioner(Positioner):
         self._go_on(self._calm_rows if calm else self._rows)
         if self._state is not _HOMING:
             course.follow(asked, now)
-        if not asked.do_not_reject and outcome.warning is not Reason.REJECTED:
-            self._warn(None)
+        if not asked.do_not_reject:
+            self._clear()
         outcome.reason = self._reason(asked)
         if self._state is not _BRAKING:
             self._braking_reason = None
@@ -92,8 +92,14 @@ class MdiPositioner(Positioner):
         if state is _BRAKING or before is _BRAKING:
             return self._braking_reason
         idle = before is _IDLE or (before is _HOMING and self._seen.homing is not HomingResult.RUNNING)
-        if state is _IDLE and idle and not asked.mdi:
-            return Reason.MDI_OFF
+        warning = self.outcome.warning
+        if state is _IDLE and idle and (warning is None or warning in HELD):
+            if warning is not None and not asked.do_not_reject:
+                return Reason.REJECTED
+            if not asked.mdi:
+                return Reason.MDI_OFF
+            if warning is Reason.LOST_EDGE and not asked.no_intermediate_stop:
+                return Reason.INTERMEDIATE_STOP
         return self._course.held
 
     def _events(self) -> dict[Event, Callable[[], bool]]:
@@ -119,9 +125,8 @@ class MdiPositioner(Positioner):
         """The edge of a homing that the drive has."""
         asked, edge = self._asked, self._homing_edge
         if edge and not asked.do_not_reject:
-            edge = False
-            self._warn(Reason.REJECTED)
-        if not self._drive.require_homing(edge=edge):
+            self._warn(Reason.LOST_HOMING)
+        if not self._drive.require_homing(edge=edge and asked.do_not_reject):
             return False
         self.homing = (asked.homing_method, asked.velocity)
         return True
@@ -146,22 +151,16 @@ class MdiPositioner(Positioner):
         asked = self._asked
         if not self._activated:
             return
-        if not asked.mdi:
-            self._warn(Reason.MDI_OFF)
-        elif not asked.do_not_reject:
-            self._warn(Reason.REJECTED)
-        elif not asked.no_intermediate_stop and self._state is not _MDI:
-            self._warn(Reason.INTERMEDIATE_STOP)
+        refusal: Reason | None = None
+        if not (asked.mdi and asked.do_not_reject and (asked.no_intermediate_stop or self._state is _MDI)):
+            refusal = Reason.LOST_EDGE
+        elif not (goal := self._drive.converted(asked)).velocity:
+            refusal = Reason.TASK_SPEED_ZERO
+        elif asked.acceleration <= 0 or asked.deceleration <= 0:
+            refusal = Reason.TASK_RAMP_ZERO
         else:
-            goal = self._drive.converted(asked)
-            refusal = None
-            if not goal.velocity:
-                refusal = Reason.TASK_SPEED_ZERO
-            elif asked.acceleration <= 0 or asked.deceleration <= 0:
-                refusal = Reason.TASK_RAMP_ZERO
-            else:
-                self._waiting = goal
-            self._warn(refusal)
+            self._waiting = goal
+        self._warn(refusal)
 
     def _take_while_braking(self, asked: Asked) -> None:
         if self._take_homing():
@@ -185,13 +184,17 @@ class MdiPositioner(Positioner):
     def _drop(self) -> None:
         super()._drop()
         self.homing = None
-        self._warn(None)
+        self._warn_early()
 
     def _brake(self) -> None:
         self._finish()
         asked, homes = self._asked, self._state is _HOMING
         if homes:
             self._take_while_braking(asked)
+        if asked.homing and (homes or self._homing_edge):
+            self._warn(Reason.LOST_HOMING)
+        elif asked.activate and not homes:
+            self._warn(Reason.LOST_EDGE)
         stopped = Reason.HOMING_STOPPED if homes else Reason.MDI_OFF
         self._braking_reason = stopped if asked.do_not_reject else Reason.REJECTED
 

@@ -39,6 +39,8 @@ _HOMING, _TRACKING = State.HOMING, State.TRACKING
 _MDI_TASK, _SETTING_UP_TASK, _BLOCK_TASK = Event.MDI, Event.SETTING_UP, Event.BLOCK
 _SHORTEST, _POSITIVE, _NEGATIVE = Direction.SHORTEST, Direction.POSITIVE, Direction.NEGATIVE
 _REJECTED = Reason.REJECTED
+HELD = (Reason.LOST_EDGE, Reason.EARLY_EDGE, Reason.LOST_HOMING)
+"""Warnings of an edge that started nothing: they end with the next task, with operation, or (all but the first) with the bit."""
 
 
 @dataclass(slots=True, unsafe_hash=True)
@@ -147,7 +149,7 @@ class Positioner:
         return {
             Action.NOTHING: lambda: None,
             Action.DROP: self._drop,
-            Action.CLEAR: lambda: self._warn(None),
+            Action.CLEAR: self._clear,
             Action.BRAKE: self._brake,
             Action.REFUSE: self._refuse,
             Action.REFUSE_AND_BRAKE: self._refuse_and_brake,
@@ -231,14 +233,20 @@ class Positioner:
             self._homing_waits = False
         if self._state is _OFF:
             return
-        if self._activated and asked.do_not_reject:
-            if self._state not in TASK_STATES:
+        if self._activated:
+            if not asked.do_not_reject:
+                self._warn(Reason.LOST_EDGE)
+            elif self._state not in TASK_STATES:
                 self._warn(Reason.FUNCTION_RUNS)
             elif asked.no_intermediate_stop or self._state in _KEPT:
                 self._pending = self._captured()
+            else:
+                self._warn(Reason.LOST_EDGE)
         if self._homing_edge and not asked.passive_homing:
-            if self._state is _IDLE or self._state is State.BRAKING:
-                self._homing_waits = asked.do_not_reject
+            if not asked.do_not_reject:
+                self._warn(Reason.LOST_HOMING)
+            elif self._state is _IDLE or self._state is State.BRAKING:
+                self._homing_waits = True
             else:
                 self._warn(Reason.FUNCTION_RUNS)
         if self._external_edge:
@@ -254,6 +262,11 @@ class Positioner:
         edges = [is_set and not was_set for is_set, was_set in zip(self._levels, before, strict=True)]
         self._activated, self._external_edge, self._reference_edge, self._homing_edge = edges
         self._edges = any(edges)
+        warning = self.outcome.warning
+        if (warning is Reason.EARLY_EDGE and not asked.activate) or (
+            warning is Reason.LOST_HOMING and not asked.homing
+        ):
+            self._warn(None)
 
     def _captured(self) -> _Task:
         """The present request, and why it is impossible."""
@@ -317,6 +330,19 @@ class Positioner:
     def _warn(self, reason: Reason | None) -> None:
         self.outcome.warning = reason
 
+    def _warn_early(self) -> None:
+        """Operation begins: a bit that is 1 already has no edge."""
+        asked = self._asked
+        homing = Reason.LOST_HOMING if asked.homing and not asked.passive_homing else None
+        self._warn(Reason.EARLY_EDGE if asked.activate else homing)
+
+    def _clear(self) -> None:
+        """Operation begins, or a reject without a function. An edge that started nothing stays named."""
+        if self._state is _OFF:
+            self._warn_early()
+        elif self.outcome.warning not in HELD:
+            self._warn(None)
+
     def _forget(self) -> None:
         self._pending = self._task = None
         self._homing_waits = False
@@ -339,8 +365,10 @@ class Positioner:
 
     def _brake(self) -> None:
         self._forget()
-        if not self._asked.do_not_reject:
-            self._warn(None)
+        asked = self._asked
+        if not asked.do_not_reject:
+            task = Reason.LOST_EDGE if asked.activate and self._state in _KEPT else None
+            self._warn(Reason.LOST_HOMING if asked.homing and self._state is _HOMING else task)
         self.outcome.shown = _IDLE
 
     def _refuse(self) -> None:
@@ -477,6 +505,9 @@ class Positioner:
         else:
             outcome.at_minus = outcome.at_plus = False
         outcome.reason = course.held or (None if asked.do_not_reject else _REJECTED) or outcome.warning
+        jog = (asked.jog_1 or asked.jog_2) and not asked.jog_incremental
+        if jog and state is _IDLE and outcome.reason is None and not self._jog_asked():
+            outcome.reason = Reason.LOST_JOG
 
     def _show_acknowledge(self) -> None:
         """Show the acknowledgement of a task. The drive acknowledges position tasks, the gateway all others."""

@@ -228,7 +228,7 @@ def test_a_drive_that_refuses_the_mode_does_not_continue_the_stopped_task(name: 
     drive = interrupted(reject=True, takes_modes=False, speed=speed)
     for _ in range(300):
         run(drive, name)
-    assert drive.hand.stepper.reason is Reason.MODE_NOT_CONFIRMED
+    assert drive.hand.stepper.reason is Reason.MODE_KEPT
     for _ in range(100):
         drive(ON & ~REJECT)
     for _ in range(100):
@@ -258,7 +258,7 @@ def test_telegram_9_halts_a_drive_that_refuses_homing_and_continues_the_task(*, 
         return words
 
     homing(ON | HOMING, 300)
-    assert drive.hand.stepper.reason is Reason.MODE_NOT_CONFIRMED
+    assert drive.hand.stepper.reason is Reason.MODE_KEPT
     homing(ON, 100)
     assert drive.moved <= 6
     words = [drive(ON | ACTIVATE, **values) for _ in range(6)]

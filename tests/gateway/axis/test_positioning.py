@@ -201,7 +201,7 @@ def test_homing_in_the_frame_of_a_reject_does_not_start(withheld: int) -> None:
     rig.step(200)
     assert not rig.actuals["ZSW1"] & HOME_SET
     assert rig.stepper.command.modes_of_operation == Mode.POSITION
-    assert rig.stepper.reason is None
+    assert rig.stepper.reason is Reason.LOST_HOMING
 
 
 @pytest.mark.parametrize("relative", [False, True])

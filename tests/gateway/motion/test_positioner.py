@@ -508,4 +508,54 @@ def test_reason_of_a_refused_task_ends_when_operation_begins_anew() -> None:
     assert rig.outcome.reason is Reason.TASK_SPEED_ZERO
     rig.step(operating=False)
     rig.step(3, operating=True)
+    assert rig.outcome.reason is Reason.EARLY_EDGE
+
+
+@pytest.mark.parametrize(
+    ("bit", "reason"),
+    [("activate", Reason.EARLY_EDGE), ("homing", Reason.LOST_HOMING), ("jog_1", Reason.LOST_JOG)],
+)
+def test_bit_that_was_1_before_operation_is_named_until_it_falls(bit: str, reason: Reason) -> None:
+    rig = PositionerRig()
+    rig.step(operating=False)
+    rig.step(operating=False, **{bit: True})
+    rig.step(3, operating=True)
+    assert rig.outcome.reason is reason
+    rig.step(2, **{bit: False})
+    assert rig.outcome.reason is None
+
+
+@pytest.mark.parametrize("bit", ["do_not_reject", "no_intermediate_stop"])
+def test_edge_that_came_while_a_bit_was_0_is_named_until_the_next_edge(bit: str) -> None:
+    rig = PositionerRig()
+    rig.step(**ABSOLUTE, **{bit: False})
+    rig.step(2, activate=True)
+    rig.step(3, **{bit: True})
+    assert (rig.outcome.state, rig.outcome.reason) == (State.IDLE, Reason.LOST_EDGE)
+    rig.step(2, activate=False)
+    assert rig.outcome.reason is Reason.LOST_EDGE, "also after a pulse"
+    rig.step(activate=True)
+    assert (rig.outcome.state, rig.outcome.reason) == (State.MDI, None)
+
+
+def test_task_that_has_ended_is_no_lost_edge_and_one_that_was_rejected_is() -> None:
+    rig = PositionerRig()
+    move(rig, target=1_000, **ABSOLUTE)
+    rig.step(2000)
+    assert (rig.outcome.state, rig.outcome.reason) == (State.IDLE, None)
+    rig.step(activate=False)
+    move(rig, target=30_000, **ABSOLUTE)
+    rig.step(do_not_reject=False)
+    rig.step(2000)
+    rig.step(do_not_reject=True)
+    assert (rig.outcome.state, rig.outcome.reason) == (State.IDLE, Reason.LOST_EDGE)
+
+
+def test_homing_whose_edge_came_during_a_reject_is_named_until_it_is_withdrawn() -> None:
+    rig = PositionerRig()
+    rig.step(do_not_reject=False)
+    rig.step(2, homing=True)
+    rig.step(3, do_not_reject=True)
+    assert (rig.outcome.state, rig.outcome.reason) == (State.IDLE, Reason.LOST_HOMING)
+    rig.step(2, homing=False)
     assert rig.outcome.reason is None

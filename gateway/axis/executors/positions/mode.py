@@ -79,4 +79,5 @@ class ModeSwitch:
             shown = executor.feedback.modes_of_operation_display
             detail = f"6060h = {mode}, 6061h = {shown} for {MODE_CONFIRM_NS / SECOND:g} s"
             outputs.warn(FaultNumber.MODE_NOT_CONFIRMED, detail)
+            outputs.reason = Reason.MODE_KEPT
         return False

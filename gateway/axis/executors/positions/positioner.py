@@ -54,8 +54,15 @@ _FOLLOWING_ERROR = StatusBit.MODE_13
 """Following error bit of mode 1."""
 _ENDLESS = (-(1 << 62), (1 << 62) - 1)
 """Range of a modulo axis whose position continues across its ends."""
-_REPORTED = (Reason.HOMING_ERROR, Reason.MOVES_UNASKED, Reason.NOT_ACKNOWLEDGED)
-"""Warnings that are reported where they are detected."""
+_REPORTED = (
+    Reason.HOMING_ERROR,
+    Reason.MOVES_UNASKED,
+    Reason.NOT_ACKNOWLEDGED,
+    Reason.LOST_EDGE,
+    Reason.EARLY_EDGE,
+    Reason.LOST_HOMING,
+)
+"""Warnings that are reported where they are detected, and lost edges: a reason without a warning of P953."""
 _AT_LIMIT = 20
 """Divisor of the torque limit: within this part, the torque is at its limit."""
 

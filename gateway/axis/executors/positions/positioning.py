@@ -71,9 +71,7 @@ class PositioningExecutor(MotionExecutor):
         homes = outcome.state is _HOMING
         flags = _STANDING if self.inputs.standstill else 0
         if asked.operating:
-            reason = self.outputs.reason
-            if outcome.warning is not None and (reason is None or reason is Reason.MDI_OFF):
-                reason = outcome.warning
+            reason = self.outputs.reason or outcome.warning
             waits = outcome.state is _IDLE and self.inputs.standstill and (not self._continued or self.stopped)
             if waits or (homes and self._seen.homing is HomingResult.ATTAINED):
                 flags |= _REACHED
