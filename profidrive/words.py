@@ -69,6 +69,18 @@ STW1_BITS = (
     Bit(14, "DEVICE_14", "device specific"),
     Bit(15, "DEVICE_15", "device specific"),
 )
+_USUAL = 0x043E
+"""Bits of STW1 that a program keeps 1 from OFF to operation: no OFF2, no OFF3, STW1.3 to .5, control by PLC."""
+_UPPER = 0xF000
+
+
+def unswapped(word: int) -> int | None:
+    """STW1 as the PLC means it if the two bytes of ``word`` are swapped; None if they are not."""
+    meant = (word & 0xFF) << 8 | word >> 8
+    usual = [value & (_USUAL | _UPPER) == _USUAL for value in (word, meant)]
+    return meant if usual == [False, True] else None
+
+
 STW1_POSITIONING = (
     Bit(4, "DO_NOT_REJECT", "do not reject traversing task"),
     Bit(5, "NO_INTERMEDIATE_STOP", "no intermediate stop"),

@@ -18,7 +18,7 @@ from pdgw.dsp402.states import Command, ControlBit, StatusBit, state_of
 from pdgw.profidrive.datatypes import N2_100_PERCENT, N4_100_PERCENT, DataType
 from pdgw.profidrive.signals import Signal, float_of
 from pdgw.profidrive.telegrams import ApplicationMode, TelegramHalf
-from pdgw.profidrive.words import Bit
+from pdgw.profidrive.words import Bit, unswapped
 
 Raw = int | float | bytes
 Document = dict[str, Any]
@@ -110,6 +110,11 @@ def _status_word(word: int) -> str:
     return state.value if state else "not a state of CiA 402"
 
 
+def _control_word(word: int) -> str:
+    meant = unswapped(word)
+    return "" if meant is None else f"bytes swapped? {meant:04X}h"
+
+
 def _command_word(word: int) -> str:
     """The command a Controlword gives; of several that match, the one that decides on more bits."""
     matching = [command for command in Command if command is not Command.FAULT_RESET and command.matches(word)]
@@ -173,7 +178,7 @@ def signal_field(signal: Signal, mode: ApplicationMode) -> Field:
         float_of if signal.is_float else _PERCENT.get(signal.type),
         "g" if signal.is_float else ".3f",
         2 * signal.type.size if bits or word_bits or signal.type is DataType.V2 else 0,
-        explain,
+        _control_word if signal.name == "STW1" else explain,
     )
 
 

@@ -648,7 +648,10 @@ class NodeClient(abc.ABC, Generic[S]):
         if doubled := self._doubled:
             return str(self.sdo.two_devices(doubled))
         if now - self._heartbeat > self._heartbeat_limit_ms * MS and self._heartbeat_expected:
-            return f"no heartbeat for {self._heartbeat_limit_ms} ms"
+            limit = self._heartbeat_limit_ms
+            runs = any(slot.time > self._heartbeat + limit * MS // 2 for slot in self._slots)
+            but = " while its TPDOs arrive; check the firmware of the device, and who writes 1017h" if runs else ""
+            return f"no heartbeat for {limit} ms{but}"
         if self._heartbeat_state != NmtState.OPERATIONAL and self._heartbeat_expected:
             return f"the heartbeat of node {self.settings.node_id} says {NmtState.text(self._heartbeat_state)}"
         overdue = [str(slot.pdo) for slot in self._slots if slot.watched and now - slot.time > self._timeout_ns]

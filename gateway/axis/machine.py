@@ -85,6 +85,8 @@ _POWERED_UNREAD: Final = Drive.POWERED_UNREAD
 _NO_REFERENCES: Final = Drive.NO_REFERENCES
 _DRIVE_OFFLINE: Final = Reason.DRIVE_OFFLINE
 _NO_CONTROL: Final = Reason.NO_CONTROL
+_CONTROL_HELD: Final = Reason.CONTROL_HELD
+_HOLD: Final = PowerWish.HOLD
 _UNITS_CONTRADICTED: Final = Reason.UNITS_CONTRADICTED
 _STOPS_WITHOUT_PLC: Final = {
     PowerWish.COAST: PowerWish.NO_PLC_COAST,
@@ -240,7 +242,7 @@ class AxisMachine:
             if not drive_ok:
                 executor.lost()
         if not demand.in_control:
-            reason = _NO_CONTROL
+            reason = _CONTROL_HELD if demand.power is _HOLD and interlock.operates else _NO_CONTROL
         if not self._guard.step(wish, outputs.command.controlword):
             reason = self._stop_unasked(now)
         if self.sensor is not None:
@@ -344,7 +346,7 @@ class AxisMachine:
         """STW1.10 = 0: if control is removed in operation, stop the axis and report it."""
         demand, interlock = self.demand, self.interlock
         interlock.plc_was_there = True
-        if interlock.operates and demand.connected and demand.power is not PowerWish.HOLD and not self._control_lost:
+        if interlock.operates and demand.connected and demand.power is not _HOLD and not self._control_lost:
             self._control_lost = True
             self.outputs.found.append((FaultNumber.CONTROL_LOST, "STW1.10 = 0"))
 

@@ -14,10 +14,14 @@ from pdgw.ds301.emcy import emcy_remedy
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.dsp402.states import State, StatusBit, state_of
 from pdgw.durations import SECOND
+from pdgw.gateway.axis.adapters.base import ControlWordAdapter
+from pdgw.gateway.axis.adapters.speed import DEVICE_BITS, SpeedAdapter
 from pdgw.gateway.axis.demand_report import Demand, PowerWish
 from pdgw.gateway.axis.power_states import Phase
 from pdgw.gateway.axis.supervision.drive_events import FAULTY, POWERED
 from pdgw.gateway.reasons import AxisState, Enable, FaultNumber, Reason
+from pdgw.profidrive.signals import SignalQuantity
+from pdgw.profidrive.words import unswapped
 
 if TYPE_CHECKING:
     from pdgw.gateway.objects.axis import Axis
@@ -49,6 +53,8 @@ _ACKNOWLEDGE: Final = 1 << 7
 """STW1.7, and bit 7 of the Controlword: fault reset."""
 _ENABLES: Final = (1, 2, 3)
 """Bits of STW1 that must be 1 beside ON: no OFF2, no OFF3, enable operation."""
+_SPEEDS: Final = (SignalQuantity.SPEED, SignalQuantity.MOTION_VELOCITY)
+_FULL: Final = 100.0
 _PHASES: Final = {
     Phase.RAMP_STOP: Reason.RAMP_STOP,
     Phase.SHUTDOWN: Reason.RAMP_STOP,
@@ -60,8 +66,10 @@ _PHASES: Final = {
 _OWN_FAULTS: Final = {
     Reason.HOMING_METHOD: FaultNumber.HOMING_METHOD,
     Reason.HOMING_REFUSED: FaultNumber.HOMING_PARAMETERS,
+    Reason.REFERENCE_INVALID: FaultNumber.REFERENCE,
+    Reason.UNITS_CONTRADICTED: FaultNumber.VELOCITY,
 }
-"""Reasons whose details are in a warning of the gateway."""
+"""Reasons whose details are in a fault or warning of the gateway."""
 
 
 class ChainLink(NamedTuple):
@@ -112,10 +120,12 @@ class _Chain:
     def passes(self, enable: Enable) -> None:
         self._links[enable] = ChainLink(enable, True)
 
-    def breaks(self, reason: Reason, evidence: str = "", remedy: str = "", at: Enable | None = None) -> None:
-        """``at``: another link than the one the reason declares."""
-        enable = reason.enable if at is None else at
-        self._links[enable] = ChainLink(enable, False, reason, evidence or reason.value, remedy or reason.remedy)
+    def breaks(self, reason: Reason, evidence: str = "", remedy: str = "") -> None:
+        """The link of a reason is broken. Without ``evidence``, its fault or warning of the gateway names the details."""
+        if not evidence and (number := _OWN_FAULTS.get(reason)) is not None:
+            evidence = next((record.text for record in reversed(self.item.faults) if record.number == number), "")
+        link = ChainLink(reason.enable, False, reason, evidence or reason.value, remedy or reason.remedy)
+        self._links[reason.enable] = link
 
     def judge_node(self, offline: Reason) -> bool:
         """Bus and node; False if the device cannot be judged."""
@@ -127,21 +137,22 @@ class _Chain:
         if self.item.good:
             self.passes(Enable.NODE)
             return True
+        node = f"node {self.item.node_id}"
+        text, _, remedy = (client.refusal or client.status_text).partition("; ")
         match client.status:
             case NodeStatus.REFUSED | NodeStatus.CONFIGURING if client.refusal:
-                refusal, _, remedy = client.refusal.partition("; ")
-                self.breaks(Reason.NODE_REFUSED, f"node {self.item.node_id} is rejected: {refusal}", remedy)
-            case NodeStatus.OFFLINE if client.is_first_request:
-                self.breaks(Reason.NODE_CONFIGURING, f"node {self.item.node_id} is asked for its device type")
+                self.breaks(Reason.NODE_REFUSED, f"{node} is rejected: {text}", remedy)
             case NodeStatus.CONFIGURING:
                 progress = client.progress and f": {client.progress}"
-                self.breaks(Reason.NODE_CONFIGURING, f"node {self.item.node_id} is being configured{progress}")
+                self.breaks(Reason.NODE_CONFIGURING, f"{node} is being configured{progress}")
             case NodeStatus.ONLINE if client.unconfirmed:
-                self.breaks(Reason.NODE_WRITTEN, f"node {self.item.node_id} is being checked: {client.unconfirmed}")
+                self.breaks(Reason.NODE_WRITTEN, f"{node} is being checked: {client.unconfirmed}")
             case NodeStatus.ONLINE:
-                self.breaks(offline, f"node {self.item.node_id} on bus {network.name} sends no data in time")
+                self.breaks(offline, f"{node} on bus {network.name} sends no data in time")
+            case _ if client.is_first_request:
+                self.breaks(Reason.NODE_CONFIGURING, f"{node} is asked for its device type")
             case _:
-                self.breaks(offline, f"node {self.item.node_id} on bus {network.name}: {client.status_text}")
+                self.breaks(offline, f"{node} on bus {network.name}: {text}", remedy)
         return False
 
     def judge_fault(self, reason: Reason, acknowledge: str) -> None:
@@ -153,11 +164,6 @@ class _Chain:
         record, loop = cause.record, self.item.client.loop
         since = datetime.fromtimestamp(loop.wall() - (loop.now() - record.time_ns) / SECOND)
         self.breaks(reason, f"{record.text}, since {since:%H:%M:%S}", f"{emcy_remedy(record.code)}; {acknowledge}")
-
-    def judge_own_fault(self, reason: Reason, number: FaultNumber) -> None:
-        """Name what the gateway itself reported with a fault of its own."""
-        told = (record.text for record in reversed(self.item.faults) if record.number == number)
-        self.breaks(reason, next(told, ""))
 
     def judge_plc(self, *, connected: bool, never: Reason, lost: bool) -> bool:
         finding = self.item.link_finding()
@@ -199,10 +205,14 @@ def axis_enable_status(axis: Axis) -> EnableStatus:
     life = machine.life
     connected = machine.inputs.setpoints is not None
     if chain.judge_plc(connected=connected, never=Reason.NO_PLC, lost=machine.interlock.plc_was_there):
+        name, word = _control_word(axis)
+        meant = unswapped(word) if name == "STW1" else None
         if life is not None and life.lost:
             chain.breaks(Reason.PLC_STALLED)
-        if not demand.in_control:
-            chain.breaks(Reason.NO_CONTROL)
+        if meant is not None:
+            chain.breaks(Reason.BYTES_SWAPPED, f"STW1 = {word:04X}h: its two bytes are swapped ({meant:04X}h)")
+        elif not demand.in_control:
+            chain.breaks(Reason.CONTROL_HELD if reason is Reason.CONTROL_HELD else Reason.NO_CONTROL)
         else:
             chain.passes(Enable.CONTROL)
             _judge_command(chain, axis)
@@ -221,16 +231,16 @@ def _judge_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
     elif state is None:
         chain.breaks(Reason.DRIVE_UNKNOWN_STATE, f"Statusword {statusword:04X}h is not a state of a CiA 402 drive")
     elif machine.check.locked:
-        chain.judge_own_fault(Reason.UNITS_CONTRADICTED, FaultNumber.VELOCITY)
+        chain.breaks(Reason.UNITS_CONTRADICTED)
     elif not machine.usable:
-        chain.judge_own_fault(Reason.REFERENCE_INVALID, FaultNumber.REFERENCE)
+        chain.breaks(Reason.REFERENCE_INVALID)
     else:
         chain.passes(Enable.NO_FAULT)
     if powered or statusword & StatusBit.VOLTAGE_ENABLED:
         chain.passes(Enable.SUPPLY)
     elif axis.shows_supply or commanded:
         chain.breaks(Reason.NO_SUPPLY)
-    if reason is Reason.MODE_NOT_CONFIRMED or reason is Reason.INHIBITED:
+    if reason in (Reason.MODE_NOT_CONFIRMED, Reason.MODE_KEPT, Reason.INHIBITED):
         chain.breaks(reason)
     elif state is State.OPERATION_ENABLED:
         chain.passes(Enable.OPERATION)
@@ -255,9 +265,7 @@ def _judge_command(chain: _Chain, axis: Axis) -> None:
         chain.breaks(missing)
         return
     chain.passes(Enable.ON_EDGE)
-    if reason in _OWN_FAULTS:
-        chain.judge_own_fault(reason, _OWN_FAULTS[reason])
-    elif reason is not None and reason.enable is Enable.SETPOINT:
+    if reason is not None and reason.enable is Enable.SETPOINT:
         chain.breaks(reason)
     elif reason is None:
         chain.passes(Enable.SETPOINT)
@@ -289,6 +297,25 @@ def _acknowledge_sensor(encoder: EncoderObject) -> str:
     return "then acknowledge (G1_STW.15)"
 
 
+
+def notes(axis: Axis) -> list[str]:
+    """What the PLC sends without an effect, while no link is broken by it."""
+    adapter, word = axis.machine.adapter, _control_word(axis)[1]
+    found: list[str] = []
+    ignored = word & adapter.IGNORED if isinstance(adapter, ControlWordAdapter) else 0
+    if bits := [f"STW1.{bit} = 1" for bit in range(16) if ignored >> bit & 1]:
+        speed = "; a negative setpoint turns backwards" if isinstance(adapter, SpeedAdapter) else ""
+        found.append(f"without effect in telegram {axis.telegram.number}: {', '.join(bits)}{speed}")
+    if passed := word & DEVICE_BITS if isinstance(adapter, SpeedAdapter) else 0:
+        bits = [f"STW1.{bit}" for bit in range(16) if passed >> bit & 1]
+        found.append(f"sent to the drive as the same bits of the Controlword: {', '.join(bits)}")
+    for item, raw in zip(axis.telegram.setpoints.signals, axis.machine.inputs.setpoints or (), strict=False):
+        percent = item.percent(raw) if item.quantity in _SPEEDS else None
+        if percent is not None and abs(percent) > _FULL:
+            found.append(f"{item.name} is {percent:.2f} %: above 100 % the speed limits of the drive are in force")
+    return found
+
+
 def _held_bits(axis: Axis) -> str:
     """All bits that forbid operation in a word with ON: ``STW1.1 = STW1.3 = 0``; empty without ON."""
     name, word = _control_word(axis)
@@ -304,7 +331,7 @@ def encoder_enable_status(encoder: EncoderObject) -> EnableStatus:
         if machine.in_error:
             chain.judge_fault(Reason.SENSOR_ERROR, _acknowledge_sensor(encoder))
         elif not machine.usable:
-            chain.judge_own_fault(Reason.REFERENCE_INVALID, FaultNumber.REFERENCE)
+            chain.breaks(Reason.REFERENCE_INVALID)
         else:
             chain.passes(Enable.NO_FAULT)
             if reason is not None and reason.enable is Enable.SENSOR:

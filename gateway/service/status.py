@@ -18,6 +18,7 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.objects.axis import Axis
 from pdgw.gateway.objects.drive_object import DriveObject
+from pdgw.gateway.objects.enable_chain import notes
 from pdgw.gateway.objects.encoder import EncoderObject
 from pdgw.gateway.objects.fault_buffer import ReportedFault
 from pdgw.gateway.objects.happenings import around_the_last_stop
@@ -154,6 +155,7 @@ def axis_status(axis: Axis) -> dict[str, Any]:
         | _present(axis, values)
         | {
             "drive_state": state.value if state and axis.good else "unknown",
+            "notes": notes(axis),
             "statusword": feedback.statusword,
             "controlword": axis.outputs.command.controlword,
             "position_unit": position_unit,

@@ -452,6 +452,15 @@ def test_a_drive_without_heartbeat_never_becomes_online(plant: Plant) -> None:
     site.wait_for(lambda: drive.node.state is NmtState.PRE_OPERATIONAL, "obeys and sends no PDOs")
 
 
+def test_stopped_heartbeat_is_distinguished_from_a_cut_cable(plant: Plant) -> None:
+    drive = plant.power_on()
+    client = plant.connect()
+    plant.online()
+    drive.do(lambda node: node.write(node.entry(0x1017, 0), 0))
+    site.wait_for(lambda: client.status is DriveStatus.LOST, "lost")
+    assert client.status_text.startswith("no heartbeat for 300 ms while its TPDOs arrive; check the firmware")
+
+
 def test_loss_of_the_heartbeat_is_reported_once(plant: Plant) -> None:
     drive = plant.power_on()
     plant.connect(heartbeat_ms=20, heartbeat_factor=5)

@@ -200,6 +200,8 @@ def _object(item: dict[str, Any], kind: str, width: int) -> Iterator[str]:
     for link in item["chain"]:
         if link["ok"] is False and link["evidence"] != item["reason"]:
             yield from _folded(f"also missing: {link['text']} ({link['evidence']})", width, 5, "     ")
+    for note in item.get("notes", ()):
+        yield from _folded(f"note: {note}", width, 5, "     ")
     for title, values in (("from PLC", item["setpoint_texts"]), ("to PLC", item["actual_texts"])):
         parts = [f"{name} {text}" for name, text in values.items()]
         yield from _folded(",  ".join(parts) or "nothing valid", width, 12, f"  {title:<9} ")

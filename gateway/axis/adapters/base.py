@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import ClassVar, Final
 
 from pdgw.gateway.axis.demand_report import Demand, Flag, PowerWish, Report
 from pdgw.gateway.axis.settings import AxisSettings, ControlLost
@@ -108,6 +108,9 @@ _UNCONTROLLED: Final = {item: _without_control(item) for item in ControlLost}
 
 class ControlWordAdapter(Adapter):
     """A telegram with STW1 and ZSW1, and possibly the words of a sensor. STW1 is evaluated when it changes."""
+
+    IGNORED: ClassVar[int]
+    """Bits of STW1 without an effect."""
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram)

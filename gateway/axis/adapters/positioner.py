@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from math import isfinite
 from operator import itemgetter
+from typing import ClassVar
 
 from pdgw.gateway.axis.adapters.base import Adapter, ControlWordAdapter
 from pdgw.gateway.axis.demand_report import Demand, PowerWish, Report
@@ -106,6 +107,8 @@ class PositionerAdapter(ControlWordAdapter):
 
     The adapter of each telegram names its control words and evaluates them. Without control by a PLC, no motion is requested.
     """
+
+    IGNORED: ClassVar[int] = _STW1.word("OPEN_BRAKE", "DEVICE_14", "DEVICE_15", positioning=True)
 
     def __init__(self, telegram: Telegram, settings: AxisSettings, *controls: str) -> None:
         super().__init__(telegram, settings)

@@ -7,6 +7,7 @@ jogging, which the drives do not have; STW2 is not evaluated.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 from pdgw.gateway.axis.adapters.positioner import PositionerAdapter
 from pdgw.gateway.axis.demand_report import Report
@@ -26,6 +27,10 @@ _NEGATIVE = signal("MDI_MOD").bit("NEGATIVE_DIRECTION").mask
 
 class PositioningAdapter(PositionerAdapter):
     """Positions, speeds and ramps are fractions of the references."""
+
+    IGNORED: ClassVar[int] = PositionerAdapter.IGNORED | signal("STW1").word(
+        "JOG_1_ON", "JOG_2_ON", "EXTERNAL_BLOCK_CHANGE", positioning=True
+    )
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram, settings, "SATZANW", "MDI_MOD")

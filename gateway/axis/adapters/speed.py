@@ -6,7 +6,7 @@ Source: docs/telegrams.md, docs/translation.md "Standard telegrams" 2.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import ClassVar, Final
 
 from pdgw.gateway.axis.adapters.base import ControlWordAdapter
 from pdgw.gateway.axis.demand_report import Demand, Report, SpeedWish
@@ -16,7 +16,7 @@ from pdgw.profidrive.signals import SignalQuantity, signal
 from pdgw.profidrive.telegrams import Telegram, TelegramHalf
 
 _STW1: Final = signal("STW1")
-_DEVICE_BITS: Final = sum(_STW1.bit(f"DEVICE_{number}").mask for number in (12, 13, 14, 15))
+DEVICE_BITS: Final = sum(_STW1.bit(f"DEVICE_{number}").mask for number in (12, 13, 14, 15))
 _RUN: Final = _STW1.bit("ENABLE_RAMP_GENERATOR").mask | _STW1.bit("ENABLE_SETPOINT").mask
 _FOLLOW: Final = _RUN | _STW1.bit("UNFREEZE_RAMP_GENERATOR").mask
 _JOG_1, _JOG_2 = _STW1.bit("JOG_1_ON").mask, _STW1.bit("JOG_2_ON").mask
@@ -26,6 +26,8 @@ _JOGS: Final = {_JOG_1: SpeedWish.JOG_1, _JOG_2: SpeedWish.JOG_2}
 
 class SpeedAdapter(ControlWordAdapter):
     """Words by name; an N2 is promoted to the demand's N4 and a report's N4 truncated toward zero, as N2 itself is."""
+
+    IGNORED: ClassVar[int] = _STW1.bit("DEVICE_11").mask
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram, settings)
@@ -50,7 +52,7 @@ class SpeedAdapter(ControlWordAdapter):
         self._follows = False
         if not self.take(word, demand) or word is None:
             return
-        demand.device_bits = word & _DEVICE_BITS
+        demand.device_bits = word & DEVICE_BITS
         if word & _FOLLOW == _FOLLOW:
             demand.speed_wish = SpeedWish.FOLLOW
             self._follows = True

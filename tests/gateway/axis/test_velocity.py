@@ -147,7 +147,7 @@ def test_control_lost_hold_keeps_the_last_valid_words() -> None:
     bench.step(ON & ~CONTROL, 0x1000, cycles=5)
     assert bench.drive.state is State.OPERATION_ENABLED
     assert bench.stepper.command.target_velocity == 3000
-    assert bench.stepper.reason is Reason.NO_CONTROL
+    assert bench.stepper.reason is Reason.CONTROL_HELD
     assert not bench.stepper.events
 
 

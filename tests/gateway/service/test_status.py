@@ -35,9 +35,9 @@ def state(daemon: Daemon) -> AxisState:
 def test_the_chain_follows_an_axis_from_silence_to_operation_and_back() -> None:
     with running(configuration(axis(1))) as daemon:
         plc = Plc(daemon, [1])
-        assert state(daemon) is AxisState.NOT_ON_THE_BUS
+        assert state(daemon) is AxisState.STARTING
         # Two links are broken; the physical one speaks.
-        assert broken(daemon) is Reason.DRIVE_OFFLINE
+        assert broken(daemon) is Reason.NODE_CONFIGURING
         until(daemon, lambda: state(daemon) is AxisState.WAITS, "online")
         plc.endpoint.set(0, {"STW1": OFF & ~0x400})
         plc.until(lambda: state(daemon) is AxisState.WAITS and broken(daemon) is not Reason.NO_PLC, "a PLC")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from pdgw.ds301.communication import EMCY_COB_ID
@@ -13,11 +14,29 @@ from pdgw.gateway.daemon import Daemon
 from pdgw.peers.node.misbehaviour import Misbehaviour
 from pdgw.peers.node.node import SimulatedNode
 from pdgw.tools.output.status_check import Health
-from tests.support.gateways.daemon import OFF, Plc, axis, drive_of, encoder_of
+from tests.support.documents.situations import settle
+from tests.support.gateways.daemon import (
+    OFF,
+    ON,
+    SIMULATED_POSITIONER,
+    Plc,
+    axis,
+    configuration,
+    drive_of,
+    encoder_of,
+    running,
+)
 
 Step = Callable[[Plc, Daemon], None]
 Frame = tuple[int, bytes]
 _ENCODER = "[[encoder]]\ndo_id = 2\nnode_id = 20\ntelegram = 81\nsimulate = true\n"
+_POSITIONER = axis(1, telegram_number=111, more=SIMULATED_POSITIONER)
+_MDI = {"POS_STW1": 0x8100, "OVERRIDE": 0x4000, "MDI_VELOCITY": 12_000, "MDI_ACC": 0x4000, "MDI_DEC": 0x4000}
+_TASK = (
+    (0x043E, {"SATZANW": 0x8000, "MDI_MOD": 1, "MDI_VELOCITY": 1 << 29, "MDI_ACC": 0x2000, "MDI_DEC": 0x2000}),
+    (0x043F, {}),
+)
+_SOME_FRAMES = 100
 _VENDOR = 0x406
 """Vendor-ID of the simulated encoder."""
 _MOVED = 0xC1
@@ -89,6 +108,24 @@ def _short(node: SimulatedNode, can_id: int, data: bytes) -> Frame:
 
 def _ignores_start(can_id: int, data: bytes) -> bool:
     return can_id == 0 and data[0] == NmtCommand.START
+
+
+def _words(*frames: tuple[int, dict[str, int]]) -> Step:
+    """The PLC sends STW1 and other words for a time each."""
+
+    def begin(plc: Plc, _: Daemon) -> None:
+        for word, others in frames:
+            plc.endpoint.set(0, {"STW1": word} | others)
+            for _ in range(_SOME_FRAMES):
+                plc.exchange()
+
+    return begin
+
+
+def _keep_mode(daemon: Daemon) -> Daemon:
+    """6061h stays as it is while the operation is enabled."""
+    drive_of(daemon).node.misbehave("mode-display-stuck")
+    return daemon
 
 
 def _move_emcy(daemon: Daemon) -> None:
@@ -170,5 +207,75 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
     "the drive sends heartbeats of two bytes, and has a fault": DeviceSituation(
         spoil=spoil(sent=_long_heartbeat), begin=_overcurrent, says=_OVERCURRENT, cure=acknowledge
     ),
+    "telegram 9: STW1.6 rises while STW1.4 = 0": DeviceSituation(
+        tables=axis(1, telegram_number=9),
+        telegram=9,
+        begin=_words(*_TASK, (0x042F, {}), (0x046F, {}), (0x047F, {})),
+        says=("Waits", "was 0 at the edge of STW1.6", "set STW1.6 to 0 and to 1"),
+        lacks=("STW1.4 = 0:",),
+        health=Health.WARNING,
+        cure=_words((0x043F, {}), (0x047F, {})),
+    ),
+    "telegram 111: STW1.6 rises while STW1.5 = 0": DeviceSituation(
+        tables=_POSITIONER,
+        telegram=111,
+        begin=_words((0x043F, _MDI), (0x041F, {}), (0x045F, {}), (0x047F, {})),
+        says=("Waits", "was 0 at the edge of STW1.6", "set STW1.6 to 0 and to 1"),
+        lacks=("In operation",),
+        health=Health.WARNING,
+        cure=_words((0x043F, {}), (0x047F, {})),
+    ),
+    "telegram 111: STW1.6 is 1 before ON": DeviceSituation(
+        tables=_POSITIONER,
+        telegram=111,
+        begin=_words((0x047E, _MDI), (0x047F, {})),
+        says=("Waits", "STW1.6 was 1 before operation"),
+        health=Health.WARNING,
+        cure=_words((0x043F, {}), (0x047F, {})),
+    ),
+    "telegram 111: STW1.11 is 1 before ON": DeviceSituation(
+        tables=_POSITIONER,
+        telegram=111,
+        begin=_words((0x0C3E, {}), (0x0C3F, {})),
+        says=("Waits", "STW1.11 was 1 before operation"),
+        health=Health.WARNING,
+        cure=_words((0x043F, {}), (0x0C3F, {}), (0x043F, {})),
+    ),
+    'STW1.10 falls in operation, with control_lost = "hold"': DeviceSituation(
+        tables=axis(1, more='simulate = true\ncontrol_lost = "hold"'),
+        begin=_words((ON, {"NSOLL_A": 0x1000}), (ON & ~0x400, {})),
+        says=("Waits", "STW1.10 = 0", "continues with its last setpoint", "must set STW1.10 = 1"),
+        lacks=("does not start",),
+        health=Health.WARNING,
+        cure=_words((ON, {})),
+    ),
+    "the PLC's program sends the bytes of each word swapped": DeviceSituation(
+        begin=_words((0x7E04, {}), (0x7F04, {})),
+        says=("Waits", "STW1 = 7F04h: its two bytes are swapped (047Fh)", "swap the bytes"),
+        lacks=("coast stop", "Off:"),
+        health=Health.WARNING,
+        cure=_words((OFF, {}), (ON, {})),
+    ),
+    "the drive accepts another mode only while it is off": DeviceSituation(
+        tables=_POSITIONER,
+        telegram=111,
+        begin=lambda plc, daemon: _words((0x043F, {}), (0x053F, {}))(plc, _keep_mode(daemon)),
+        says=("Waits", "does not change its mode of operation while it is in operation", "end the request"),
+        lacks=("Use a drive",),
+        health=Health.WARNING,
+        cure=_words((0x043F, {})),
+    ),
 }
 """By what a technician finds."""
+
+
+@contextmanager
+def at_device_situation(situation: DeviceSituation) -> Iterator[tuple[Daemon, Plc]]:
+    """A daemon and a PLC in a situation whose cause is the device."""
+    with running(configuration(situation.tables), situation.spoil) as daemon:
+        plc = Plc(daemon, [situation.telegram])
+        if not situation.is_refused:
+            plc.enable()
+        situation.begin(plc, daemon)
+        settle(plc)
+        yield daemon, plc

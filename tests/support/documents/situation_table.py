@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.service.status import snapshot
+from tests.support.documents.device_situations import DEVICE_SITUATIONS, at_device_situation
 from tests.support.documents.plc_situations import (
     CONTROLLER_SITUATIONS,
     PLC_SITUATIONS,
@@ -38,6 +39,9 @@ def _rows() -> Iterator[str]:
     for title, situation in PLC_SITUATIONS.items():
         with at_plc_situation(situation) as (daemon, _):
             yield _row(title, daemon)
+    for title, device in DEVICE_SITUATIONS.items():
+        with at_device_situation(device) as (daemon, _):
+            yield _row(title, daemon)
     with TemporaryDirectory() as folder:
         for title, found in CONTROLLER_SITUATIONS.items():
             with at_controller_situation(found, Path(folder) / "store.json") as site:
@@ -45,7 +49,8 @@ def _rows() -> Iterator[str]:
 
 
 def _row(title: str, daemon: Daemon) -> str:
-    item = snapshot(daemon)["axes"][0]
+    document = snapshot(daemon)
+    item = (*document["axes"], *document["encoders"])[0]
     line = re.sub(r"\d\d:\d\d:\d\d", "14:02:11", f"{item['state']}: {item['reason']}")
     return f"| {title} | {line} | {item['remedy']} |"
 
