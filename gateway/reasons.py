@@ -149,16 +149,16 @@ class Reason(enum.Enum):
         "check limit switches and the drive's own limits; move away from them",
     )
     STOPPED_AT_LIMIT = (
-        "stopped at a limit of the drive: setpoint 0 until the PLC sends setpoint 0, or OFF and ON",
+        "stopped at a limit of the drive (Statusword.11)",
         _S.WAITS,
         _E.SETPOINT,
-        "send setpoint 0, or OFF and ON",
+        "send a setpoint in the other direction; after the limit is free, setpoint 0 (or OFF and ON) ends this stop",
     )
     TASK_AT_LIMIT = (
-        "task stopped at a limit of the drive: needs an intermediate stop (STW1.5 = 0, 1), a new task or a reject",
+        "task stopped at a limit of the drive (Statusword.11)",
         _S.WAITS,
         _E.SETPOINT,
-        "send an intermediate stop (STW1.5 = 0, 1), a new task or a reject",
+        "send a task in the other direction; after the limit is free, STW1.5 = 0 and 1 continues the task",
     )
     SET_POINT_REFUSED = (
         "the drive rejected the data of the setpoint (SDO): not started, needs a new edge",

@@ -61,26 +61,24 @@ _NEAR_STEPS = 4
 
 
 class SensorError(enum.IntEnum):
-    """Error codes in G1_XIST2."""
+    """Error codes in G1_XIST2; ``text`` for people."""
 
-    SENSOR_GROUP = 0x0001
-    """The position is wrong or missing."""
-    REFERENCE_ABORTED = 0x0004
-    """The reference mark search is not carried out by the device."""
-    NO_REFERENCE_VALUE = 0x0005
-    """There is no value of a reference mark to read."""
-    MEASUREMENT_ABORTED = 0x0006
-    """The measurement on the fly is not carried out by the device."""
-    NO_MEASURED_VALUE = 0x0007
-    """There is no measured value to read."""
-    MEMORY = 0x1001
-    """Offset or preset could not be stored or read."""
-    COMMAND_NOT_SUPPORTED = 0x0F01
-    """A command in G1_STW that the sensor does not have, or a preset value outside its range."""
-    CONTROLLER_SIGN_OF_LIFE = 0x0F02
-    """More failures of the controller's sign of life than P925 tolerates."""
-    SYNCHRONISATION = 0x0F04
-    """The device is not synchronous with the controller's cycle."""
+    text: str
+
+    def __new__(cls, code: int, text: str) -> SensorError:
+        member = int.__new__(cls, code)
+        member._value_, member.text = code, text
+        return member
+
+    SENSOR_GROUP = 0x0001, "the position is wrong or missing"
+    REFERENCE_ABORTED = 0x0004, "the device does not carry out the reference mark search"
+    NO_REFERENCE_VALUE = 0x0005, "there is no value of a reference mark to read"
+    MEASUREMENT_ABORTED = 0x0006, "the device does not carry out the measurement on the fly"
+    NO_MEASURED_VALUE = 0x0007, "there is no measured value to read"
+    MEMORY = 0x1001, "offset or preset could not be stored or read"
+    COMMAND_NOT_SUPPORTED = 0x0F01, "G1_STW has a command that the sensor does not have, or a preset out of range"
+    CONTROLLER_SIGN_OF_LIFE = 0x0F02, "the PLC's sign of life failed more often than P925 tolerates"
+    SYNCHRONISATION = 0x0F04, "the device is not synchronous with the cycle of the PLC"
 
 
 class SensorState(enum.Enum):

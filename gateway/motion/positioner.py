@@ -176,6 +176,14 @@ class Positioner:
         """The axis is at standstill, and the end of its motion to a position is due."""
         return self._course.expects_end()
 
+    @property
+    def way(self) -> int:
+        """What is left of the way to the goal, or its signed speed; 0 without a goal."""
+        goal = self._course.goal
+        if goal is None:
+            return 0
+        return goal.velocity if goal.kind is MotionKind.SPEED else goal.target - self._seen.position
+
     def forget_home(self) -> None:
         """The drive has new coordinates: its home position is unknown."""
         self.outcome.home_set = False

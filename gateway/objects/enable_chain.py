@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from pdgw.ds301.emcy import emcy_remedy
 from pdgw.ds301.node.node import NodeStatus
+from pdgw.dsp402.objects import NEGATIVE_LIMIT_SWITCH, POSITIVE_LIMIT_SWITCH
 from pdgw.dsp402.states import State, StatusBit, state_of
 from pdgw.durations import SECOND
 from pdgw.gateway.axis.adapters.base import ControlWordAdapter
@@ -19,6 +20,7 @@ from pdgw.gateway.axis.adapters.speed import DEVICE_BITS, SpeedAdapter
 from pdgw.gateway.axis.demand_report import Demand, PowerWish
 from pdgw.gateway.axis.power_states import Phase
 from pdgw.gateway.axis.supervision.drive_events import FAULTY, POWERED
+from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.reasons import AxisState, Enable, FaultNumber, Reason
 from pdgw.profidrive.signals import SignalQuantity
 from pdgw.profidrive.words import unswapped
@@ -53,6 +55,7 @@ _ACKNOWLEDGE: Final = 1 << 7
 """STW1.7, and bit 7 of the Controlword: fault reset."""
 _ENABLES: Final = (1, 2, 3)
 """Bits of STW1 that must be 1 beside ON: no OFF2, no OFF3, enable operation."""
+_AT_LIMIT: Final = (Reason.STOPPED_AT_LIMIT, Reason.TASK_AT_LIMIT, Reason.INTERNAL_LIMIT)
 _SPEEDS: Final = (SignalQuantity.SPEED, SignalQuantity.MOTION_VELOCITY)
 _FULL: Final = 100.0
 _PHASES: Final = {
@@ -155,15 +158,28 @@ class _Chain:
                 self.breaks(offline, f"{node} on bus {network.name}: {text}", remedy)
         return False
 
-    def judge_fault(self, reason: Reason, acknowledge: str) -> None:
-        """Name the device's own fault, as far as it is known. ``acknowledge``: what remains to be done after its cause."""
+    def judge_fault(self, reason: Reason, acknowledge: str, what: str = "") -> None:
+        """Name the device's own fault, as far as it is known.
+
+        ``acknowledge``: what remains to be done after its cause. ``what``: the error that it is to the PLC.
+        """
         cause = self.item.cause
         if cause is None or not cause.record.of_device:
-            self.breaks(reason, remedy=f"remove the cause; {acknowledge}")
+            self.breaks(reason, what, f"remove the cause; {acknowledge}")
             return
-        record, loop = cause.record, self.item.client.loop
+        evidence = self._since(cause.record)
+        remedy = f"{emcy_remedy(cause.record.code)}; {acknowledge}"
+        self.breaks(reason, f"{what}: {evidence}" if what else evidence, remedy)
+
+    def judge_on(self) -> None:
+        """ON does not count: name what used it up, if that is not acknowledged."""
+        cause, reason = self.item.cause, Reason.NEEDS_OFF
+        self.breaks(reason, "" if cause is None else f"{reason.value}, because of {self._since(cause.record)}")
+
+    def _since(self, record: FaultRecord) -> str:
+        loop = self.item.client.loop
         since = datetime.fromtimestamp(loop.wall() - (loop.now() - record.time_ns) / SECOND)
-        self.breaks(reason, f"{record.text}, since {since:%H:%M:%S}", f"{emcy_remedy(record.code)}; {acknowledge}")
+        return f"{record.text}, since {since:%H:%M:%S}"
 
     def judge_plc(self, *, connected: bool, never: Reason, lost: bool) -> bool:
         finding = self.item.link_finding()
@@ -261,14 +277,33 @@ def _judge_command(chain: _Chain, axis: Axis) -> None:
     if held and not axis.powered:
         chain.breaks(Reason.HELD_OFF, f"the PLC sends ON (STW1.0 = 1) and keeps the drive off: {held}")
         return
+    if missing is Reason.NEEDS_OFF:
+        chain.judge_on()
+        return
     if missing is not None:
         chain.breaks(missing)
         return
     chain.passes(Enable.ON_EDGE)
-    if reason is not None and reason.enable is Enable.SETPOINT:
+    if reason in _AT_LIMIT:
+        chain.breaks(reason, *_limit_texts(axis, reason))
+    elif reason is not None and reason.enable is Enable.SETPOINT:
         chain.breaks(reason)
     elif reason is None:
         chain.passes(Enable.SETPOINT)
+
+
+def _limit_texts(axis: Axis, reason: Reason) -> tuple[str, str]:
+    """Evidence and remedy of an axis at a limit: which one, and the direction that is free."""
+    inputs = axis.drive.feedback.digital_inputs
+    side = 0 if reason is Reason.INTERNAL_LIMIT else axis.machine.executor.limit_side
+    positive, negative = inputs & POSITIVE_LIMIT_SWITCH != 0, inputs & NEGATIVE_LIMIT_SWITCH != 0
+    side = side or positive - negative
+    if not side:
+        return "", ""
+    stopped, free = ("positive", "negative") if side > 0 else ("negative", "positive")
+    switch = f", the {stopped} limit switch is active (60FDh)" if (positive if side > 0 else negative) else ""
+    evidence = f"{reason.value}, in {stopped} direction{switch}"
+    return evidence, f"the {free} direction is free: send a setpoint or a task in {free} direction"
 
 
 def _control_word(axis: Axis) -> tuple[str, int]:
@@ -329,7 +364,9 @@ def encoder_enable_status(encoder: EncoderObject) -> EnableStatus:
     reason = machine.outputs.reason
     if chain.judge_node(Reason.ENCODER_OFFLINE):
         if machine.in_error:
-            chain.judge_fault(Reason.SENSOR_ERROR, _acknowledge_sensor(encoder))
+            error = machine.channel.sensor.error
+            what = f"sensor error {error:04X}h, {error.text}" if error else ""
+            chain.judge_fault(Reason.SENSOR_ERROR, _acknowledge_sensor(encoder), what)
         elif not machine.usable:
             chain.breaks(Reason.REFERENCE_INVALID)
         else:

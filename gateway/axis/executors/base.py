@@ -59,6 +59,11 @@ class Executor:
     def restarted(self) -> None:
         """The drive booted or was configured again; cycles out of operation follow (``power_table``)."""
 
+    @property
+    def limit_side(self) -> int:
+        """1 or -1: the direction in which a limit of the drive has stopped the axis; 0: none, or unknown."""
+        return 0
+
     def lost(self) -> None:
         """The drive is not there; called after the step of such a cycle."""
 

@@ -53,7 +53,7 @@ class DscExecutor(Executor):
         self._frozen = False
         """The speed of the moment STW1.5 fell stays, without DSC."""
         self._limit = LimitWatch()
-        self._held = False
+        self._held = 0
         self._last_frame_ns = 0
         """Arrival of the newest setpoints; this cycle while DSC is off."""
         self._out_of_date = False
@@ -87,6 +87,10 @@ class DscExecutor(Executor):
         self._way = (counts / velocity / SECONDS_PER_MINUTE * cycle).as_integer_ratio()
         self._tolerance = int(reference * self.settings.standstill_window)
 
+    @property
+    def limit_side(self) -> int:
+        return self._held
+
     def refuse(self) -> None:
         self._track_actual_position()
         self.command.controlword = self.interlock.controlword
@@ -105,7 +109,8 @@ class DscExecutor(Executor):
         elif enabled and action is _RAMP:
             self._ramp()
         else:
-            self._held = self._out_of_date = self._frozen = False
+            self._held = 0
+            self._out_of_date = self._frozen = False
             self._track_actual_position()
         command.controlword = interlock.controlword
         command.max_torque = reduced_torque(self._torque, demand.torque_reduction if demand.connected else 0)
@@ -172,11 +177,11 @@ class DscExecutor(Executor):
     def _held_at_limit(self) -> Reason | None:
         """An axis that was stopped at a limit of the drive does not move after the release until speed 0 and KPC 0."""
         demand = self.demand
-        wants = self._velocity != 0 or self.command.target_position != self.feedback.position_actual
-        if self._limit.step(wants, self):
-            self._held = True
+        way = self._velocity or self.command.target_position - self.feedback.position_actual
+        if self._limit.step(way != 0, self):
+            self._held = 1 if way > 0 else -1
         elif not demand.kpc and not demand.speed:
-            self._held = False
+            self._held = 0
         if not self._held:
             return None
         self._track_actual_position()

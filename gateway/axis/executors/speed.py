@@ -86,6 +86,10 @@ class SpeedExecutor(Executor):
             first, second = (max(low, min(round(rpm * unit), high)) for rpm in jogs)
             self._jog_speeds = first, second
 
+    @property
+    def limit_side(self) -> int:
+        return (self._stopped > 0) - (self._stopped < 0)
+
     def refuse(self) -> None:
         self.outputs.warned = 0
         self.command.controlword, self.command.target_velocity = self.interlock.controlword, 0

@@ -122,6 +122,37 @@ def _words(*frames: tuple[int, dict[str, int]]) -> Step:
     return begin
 
 
+def _both(*steps: Step) -> Step:
+    def begin(plc: Plc, daemon: Daemon) -> None:
+        for step in steps:
+            step(plc, daemon)
+
+    return begin
+
+
+def _limit_switch(_: Plc, daemon: Daemon, positive: int = 1) -> None:
+    drive_of(daemon).node.misbehave("limit-switch", positive=positive)
+
+
+def _lose(plc: Plc, daemon: Daemon) -> None:
+    drive_of(daemon).node.misbehave("bus-off", recovery_ms=1000)
+    plc.until(lambda: not daemon.axes[0].good, "lost")
+    plc.until(lambda: daemon.axes[0].good, "found again")
+
+
+def _sensor_error(plc: Plc, daemon: Daemon) -> None:
+    _built_in_encoder(plc, daemon)
+    plc.endpoint.set(0, {"STW2_ENC": 0x0400, "G1_STW": 0x0001 | 1 << 4})
+    plc.exchange()
+
+
+def _sound_sensor(plc: Plc, _: Daemon) -> None:
+    for word in (0, 0x8000, 0):
+        plc.endpoint.set(0, {"G1_STW": word})
+        for _ in range(_SOME_FRAMES):
+            plc.exchange()
+
+
 def _keep_mode(daemon: Daemon) -> Daemon:
     """6061h stays as it is while the operation is enabled."""
     drive_of(daemon).node.misbehave("mode-display-stuck")
@@ -255,6 +286,44 @@ DEVICE_SITUATIONS: dict[str, DeviceSituation] = {
         lacks=("coast stop", "Off:"),
         health=Health.WARNING,
         cure=_words((OFF, {}), (ON, {})),
+    ),
+    "a positive limit switch stops the axis at a speed setpoint": DeviceSituation(
+        begin=_both(_words((ON, {"NSOLL_A": 0x1000})), _limit_switch),
+        says=("Waits", "stopped at a limit of the drive", "in positive direction", "negative direction is free"),
+        lacks=("send setpoint 0",),
+        health=Health.WARNING,
+        cure=_words((ON, {"NSOLL_A": -0x1000})),
+    ),
+    "telegram 111: a negative limit switch stops a task": DeviceSituation(
+        tables=_POSITIONER,
+        telegram=111,
+        begin=_both(
+            _words((0x043F, _MDI | {"MDI_TARPOS": -200_000}), (0x047F, {})),
+            lambda plc, daemon: _limit_switch(plc, daemon, positive=0),
+        ),
+        says=(
+            "Waits",
+            "task stopped at a limit",
+            "in negative direction",
+            "the negative limit switch is active (60FDh)",
+        ),
+        lacks=("an intermediate stop",),
+        health=Health.WARNING,
+        cure=_words((0x043F, {"MDI_TARPOS": 2000}), (0x047F, {})),
+    ),
+    "the drive was lost for a second in operation": DeviceSituation(
+        begin=_lose,
+        says=("Waits", "ON ignored", "because of node lost", "no TPDO2 for 200 ms, since "),
+        health=Health.WARNING,
+        cure=_words((OFF, {}), (ON, {})),
+    ),
+    "the PLC's program sends a sensor command that the encoder does not have": DeviceSituation(
+        tables=_ENCODER,
+        telegram=81,
+        is_refused=True,
+        begin=_sensor_error,
+        says=("Fault", "sensor error 0F01h, G1_STW has a command that the sensor does not have"),
+        cure=_sound_sensor,
     ),
     "the drive accepts another mode only while it is off": DeviceSituation(
         tables=_POSITIONER,

@@ -88,6 +88,11 @@ class MotionExecutor(Executor):
         if any(before.get(address, value) != value for address, value in now.items()):
             self._forget_home()
 
+    @property
+    def limit_side(self) -> int:
+        way = self.positioner.way
+        return (way > 0) - (way < 0)
+
     def restarted(self) -> None:
         self._forget_home()
 
