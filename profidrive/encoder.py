@@ -61,24 +61,33 @@ _NEAR_STEPS = 4
 
 
 class SensorError(enum.IntEnum):
-    """Error codes in G1_XIST2; ``text`` for people."""
+    """Error codes in G1_XIST2."""
 
-    text: str
+    SENSOR_GROUP = 0x0001
+    REFERENCE_ABORTED = 0x0004
+    NO_REFERENCE_VALUE = 0x0005
+    MEASUREMENT_ABORTED = 0x0006
+    NO_MEASURED_VALUE = 0x0007
+    MEMORY = 0x1001
+    COMMAND_NOT_SUPPORTED = 0x0F01
+    CONTROLLER_SIGN_OF_LIFE = 0x0F02
+    SYNCHRONISATION = 0x0F04
 
-    def __new__(cls, code: int, text: str) -> SensorError:
-        member = int.__new__(cls, code)
-        member._value_, member.text = code, text
-        return member
 
-    SENSOR_GROUP = 0x0001, "the position is wrong or missing"
-    REFERENCE_ABORTED = 0x0004, "the device does not carry out the reference mark search"
-    NO_REFERENCE_VALUE = 0x0005, "there is no value of a reference mark to read"
-    MEASUREMENT_ABORTED = 0x0006, "the device does not carry out the measurement on the fly"
-    NO_MEASURED_VALUE = 0x0007, "there is no measured value to read"
-    MEMORY = 0x1001, "offset or preset could not be stored or read"
-    COMMAND_NOT_SUPPORTED = 0x0F01, "G1_STW has a command that the sensor does not have, or a preset out of range"
-    CONTROLLER_SIGN_OF_LIFE = 0x0F02, "the PLC's sign of life failed more often than P925 tolerates"
-    SYNCHRONISATION = 0x0F04, "the device is not synchronous with the cycle of the PLC"
+SENSOR_ERROR_TEXTS: MappingProxyType[SensorError, str] = MappingProxyType(
+    {
+        SensorError.SENSOR_GROUP: "the position is wrong or missing",
+        SensorError.REFERENCE_ABORTED: "the device does not carry out the reference mark search",
+        SensorError.NO_REFERENCE_VALUE: "there is no value of a reference mark to read",
+        SensorError.MEASUREMENT_ABORTED: "the device does not carry out the measurement on the fly",
+        SensorError.NO_MEASURED_VALUE: "there is no measured value to read",
+        SensorError.MEMORY: "offset or preset could not be stored or read",
+        SensorError.COMMAND_NOT_SUPPORTED: "G1_STW has a command that the sensor does not have, or a preset out of range",
+        SensorError.CONTROLLER_SIGN_OF_LIFE: "the PLC's sign of life failed more often than P925 tolerates",
+        SensorError.SYNCHRONISATION: "the device is not synchronous with the cycle of the PLC",
+    }
+)
+"""Meaning of each error code."""
 
 
 class SensorState(enum.Enum):

@@ -22,6 +22,7 @@ from pdgw.gateway.axis.power_states import Phase
 from pdgw.gateway.axis.supervision.drive_events import FAULTY, POWERED
 from pdgw.gateway.axis.values import FaultRecord
 from pdgw.gateway.reasons import AxisState, Enable, FaultNumber, Reason
+from pdgw.profidrive.encoder import SENSOR_ERROR_TEXTS
 from pdgw.profidrive.signals import SignalQuantity
 from pdgw.profidrive.words import unswapped
 
@@ -153,7 +154,7 @@ class _Chain:
             case NodeStatus.ONLINE:
                 self.breaks(offline, f"{node} on bus {network.name} sends no data in time")
             case _ if client.is_first_request:
-                self.breaks(Reason.NODE_CONFIGURING, f"{node} is asked for its device type")
+                self.breaks(Reason.NODE_CONFIGURING, f"{node} has not answered yet")
             case _:
                 self.breaks(offline, f"{node} on bus {network.name}: {text}", remedy)
         return False
@@ -365,8 +366,9 @@ def encoder_enable_status(encoder: EncoderObject) -> EnableStatus:
     if chain.judge_node(Reason.ENCODER_OFFLINE):
         if machine.in_error:
             error = machine.channel.sensor.error
-            what = f"sensor error {error:04X}h, {error.text}" if error else ""
-            chain.judge_fault(Reason.SENSOR_ERROR, _acknowledge_sensor(encoder), what)
+            chain.judge_fault(
+                Reason.SENSOR_ERROR, f"sensor error {error:04X}h, {SENSOR_ERROR_TEXTS[error]}" if error else ""
+            )
         elif not machine.usable:
             chain.breaks(Reason.REFERENCE_INVALID)
         else:

@@ -109,7 +109,7 @@ _UNCONTROLLED: Final = {item: _without_control(item) for item in ControlLost}
 class ControlWordAdapter(Adapter):
     """A telegram with STW1 and ZSW1, and possibly the words of a sensor. STW1 is evaluated when it changes."""
 
-    IGNORED: ClassVar[int]
+    IGNORED: ClassVar[int] = 0
     """Bits of STW1 without an effect."""
 
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
