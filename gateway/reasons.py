@@ -45,8 +45,6 @@ class Enable(enum.Enum):
 
 
 _S, _E = AxisState, Enable
-_UNUSED_CODE = 48
-"""Code of a reason that earlier versions had."""
 
 
 class Reason(enum.Enum):
@@ -54,7 +52,7 @@ class Reason(enum.Enum):
 
     _value_: str
     code: int
-    """1 for the first; 0 is left for no reason."""
+    """Its place, 1 for the first: recordings have the names in this order. 0 is no reason."""
     state: AxisState
     """State of the object with this reason, unless power is on and it is being stopped."""
     enable: Enable
@@ -65,8 +63,7 @@ class Reason(enum.Enum):
     def __new__(cls, text: str, state: AxisState, enable: Enable, remedy: str) -> Reason:
         member = object.__new__(cls)
         member._value_ = text
-        number = len(cls.__members__) + 1
-        member.code = number + (number >= _UNUSED_CODE)
+        member.code = len(cls.__members__) + 1
         member.state, member.enable, member.remedy = state, enable, remedy
         return member
 
