@@ -333,7 +333,6 @@ def _acknowledge_sensor(encoder: EncoderObject) -> str:
     return "then acknowledge (G1_STW.15)"
 
 
-
 def notes(axis: Axis) -> list[str]:
     """What the PLC sends without an effect, while no link is broken by it."""
     adapter, word = axis.machine.adapter, _control_word(axis)[1]
@@ -366,9 +365,8 @@ def encoder_enable_status(encoder: EncoderObject) -> EnableStatus:
     if chain.judge_node(Reason.ENCODER_OFFLINE):
         if machine.in_error:
             error = machine.channel.sensor.error
-            chain.judge_fault(
-                Reason.SENSOR_ERROR, f"sensor error {error:04X}h, {SENSOR_ERROR_TEXTS[error]}" if error else ""
-            )
+            what = f"sensor error {error:04X}h, {SENSOR_ERROR_TEXTS[error]}" if error else ""
+            chain.judge_fault(Reason.SENSOR_ERROR, _acknowledge_sensor(encoder), what)
         elif not machine.usable:
             chain.breaks(Reason.REFERENCE_INVALID)
         else:
