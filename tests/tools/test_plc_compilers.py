@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import re
 import shutil
@@ -13,7 +14,10 @@ from typing import cast
 import pytest
 
 from pdgw.profidrive.telegrams import TELEGRAMS
-from tests.support.plc.structured_text import config_of, program
+from pdgw.tools.plc.code import structured_text
+from tests.support.gateways.daemon import running
+from tests.support.plc.structured_text import TextPlc, config_of, program
+from tests.tools.test_plc_motion import program_of, run_example
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LIBRARY = os.environ.get("MATIEC_LIBRARY", "/usr/share/matiec/lib")
@@ -23,6 +27,25 @@ COMPILERS = {
 }
 """Commands with their arguments."""
 
+RUNTIME = """\
+#include <string.h>
+#include "iec_std_lib.h"
+TIME __CURRENT_TIME;
+BOOL __DEBUG;
+#include "POUS.h"
+#include "POUS.c"
+static MAIN main_program;
+void start(void) { MAIN_init__(&main_program, 0); }
+void cycle(long long now, const void *received, void *sent) {
+    __CURRENT_TIME.tv_sec = now / 1000000000;
+    __CURRENT_TIME.tv_nsec = now % 1000000000;
+    if (received)
+        memcpy(main_program.RECEIVED.value.table, received, sizeof main_program.RECEIVED.value.table);
+    MAIN_body__(&main_program);
+    memcpy(sent, main_program.SENT.value.table, sizeof main_program.SENT.value.table);
+}
+"""
+"""Runs a compiled program as ``Controller`` runs an interpreted one."""
 UNIT = re.compile(r"^(TYPE|FUNCTION_BLOCK|FUNCTION|PROGRAM) .*?^(?:END_STRUCT; )?END_\1$", re.DOTALL | re.MULTILINE)
 
 
@@ -63,3 +86,25 @@ def test_compilers_accept_the_code_of_every_telegram(compiler: str, number: int,
     command = [compiler, *COMPILERS[compiler]]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, [line for line in done.stderr.splitlines() if "error" in line]) == (0, [])
+
+
+@pytest.mark.parametrize("number", [9, 111])
+def test_compiled_example_sends_the_frames_of_the_interpreter(number: int, tmp_path: Path) -> None:
+    if shutil.which("iec2c") is None or shutil.which("cc") is None:
+        pytest.skip("no iec2c of matiec, or no C compiler in the path")
+    config = config_of(number)
+    text = structured_text(config) + program_of(number)
+    (tmp_path / "plc.st").write_text(text)
+    (tmp_path / "run.c").write_text(RUNTIME)
+    subprocess.run(["iec2c", *COMPILERS["iec2c"]], cwd=tmp_path, check=True, capture_output=True)
+    command = ["cc", "-shared", "-fPIC", "-w", "-I", f"{LIBRARY}/C", "-o", "plc.so", "run.c"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    compiled = ctypes.CDLL(str(tmp_path / "plc.so"))
+    compiled.start()
+    with running(config) as daemon:
+        plc = TextPlc(daemon, text)
+        run_example(plc)
+    for place, (now, received, expected) in enumerate(plc.cycles):
+        sent = ctypes.create_string_buffer(len(expected))
+        compiled.cycle(ctypes.c_longlong(now), received, sent)
+        assert sent.raw == expected, place

@@ -219,26 +219,33 @@ def test_reset_reports_a_fault_that_stays() -> None:
         assert not axis.at("reset")["ERROR"]
 
 
+def run_example(plc: TextPlc) -> dict[int, float]:
+    """Run the program of the examples with a fault in the third move; the position at the begin of each stage, in revolutions."""
+    model = drive_of(plc.daemon).node.model
+    turns = {}
+    stage = 0
+    for _ in range(8000):
+        plc.exchange()
+        now = plc.controller.variables["STAGE"]
+        if now != stage:
+            turns[now] = model.position_actual / 4096
+            stage = now
+        if stage == 5 and model.position_actual > 6 * 4096:
+            model.inject(5)
+        if stage == 6:
+            model.clear()
+        if plc.controller.finished:
+            break
+    assert plc.controller.finished, (stage, plc.controller.variables["AXIS_1"])
+    return turns
+
+
 @pytest.mark.parametrize("number", [9, 111])
 def test_example_program_passes(number: int) -> None:
     config = config_of(number)
     with running(config) as daemon:
-        plc, model = TextPlc(daemon, structured_text(config) + program_of(number)), drive_of(daemon).node.model
-        turns = {}
-        stage = 0
-        for _ in range(8000):
-            plc.exchange()
-            now = plc.controller.variables["STAGE"]
-            if now != stage:
-                turns[now] = model.position_actual / 4096
-                stage = now
-            if stage == 5 and model.position_actual > 6 * 4096:
-                model.inject(5)
-            if stage == 6:
-                model.clear()
-            if plc.controller.finished:
-                break
-        assert plc.controller.finished, (stage, plc.controller.variables["AXIS_1"])
+        turns = run_example(TextPlc(daemon, structured_text(config) + program_of(number)))
+        model = drive_of(daemon).node.model
         assert [turns[n] for n in (2, 3, 4, 5)] == pytest.approx([0, 0, 3, 2], abs=0.01)
         assert turns[6] > 6, "the third move was under way"
         assert turns[8] == pytest.approx(turns[7], abs=0.01), "nothing moves after the fault before the jog"

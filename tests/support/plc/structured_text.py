@@ -79,6 +79,8 @@ class TextPlc:
         self._newest: bytes | None = None
         self.deaf = False
         """No frame of the gateway arrives."""
+        self.cycles: list[tuple[int, bytes | None, bytes]] = []
+        """Time, received frame and sent frame of each cycle."""
 
     @property
     def block(self) -> dict[str, Any]:
@@ -99,6 +101,7 @@ class TextPlc:
     def exchange(self, cycles: int = 1) -> None:
         for _ in range(cycles):
             frame = self.controller.cycle(self.loop.now(), self._newest)
+            self.cycles.append((self.loop.now(), self._newest, frame))
             self._newest = None
             self.port.send(frame, self.daemon.address)
             self.loop.run_for(self.daemon.cycle_ns)
