@@ -84,8 +84,6 @@ class ObjectFollower:
         }
         self._values: dict[WordKind, int] = {}
         self._newest: dict[WordKind, Edge] = {}
-        self._used: dict[WordKind, set[int]] = {WordKind.CONTROLWORD: set(), WordKind.STATUS: set()}
-        """Edges that are a cause of each kind of word, by their identity."""
         self._command: _Command | None = None
         self._mode_asked: int | None = None
         self._mode_shown: int | None = None
@@ -127,15 +125,15 @@ class ObjectFollower:
                 continue
             if cause.time_ns - effect.time_ns <= self._early:
                 effect.cause = cause
-                self._used[kind].add(id(cause))
+                cause.effects.add(kind)
 
     def _cause(self, kind: WordKind, now: int) -> Edge | None:
         """The newest edge that the gateway can have read for this word and for no earlier one."""
-        used = self._used[kind]
         found = [edge for cause in _CAUSES[kind] if (edge := self._newest.get(cause)) is not None]
-        found = [edge for edge in found if now - edge.time_ns <= self._window and id(edge) not in used]
+        found = [edge for edge in found if now - edge.time_ns <= self._window and kind not in edge.effects]
         cause = max(found, key=lambda edge: edge.time_ns, default=None)
-        self._used[kind] = {id(edge) for edge in self._newest.values() if id(edge) in used or edge is cause}
+        if cause is not None:
+            cause.effects.add(kind)
         return cause
 
     def _commanded(self, edge: Edge) -> None:

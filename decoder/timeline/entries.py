@@ -51,6 +51,8 @@ class Edge:
     before: int
     after: int
     cause: Edge | None = None
+    effects: set[WordKind] = dataclasses.field(default_factory=set)
+    """Kinds of words that it has caused."""
     decided: dict[Reason | None, None] = dataclasses.field(default_factory=dict)
     """Each reason once; empty: the recording does not have them."""
     outcome: Reason | None = None
