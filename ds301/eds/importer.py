@@ -352,7 +352,7 @@ def _entry_texts(
 def _data_type(
     section: Section, kind: int, others: Mapping[str, Mapping[str, str]], report: Report, *, count: bool
 ) -> int:
-    """The simple data type; DOMAIN (bytes) for a type that nobody declares."""
+    """The simple data type; DOMAIN (bytes) for an unknown one."""
     item = section.get("DataType")
     text = _number(section, "DataType", report, required=True)
     if not text:

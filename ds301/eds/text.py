@@ -122,7 +122,7 @@ _OTHER_FILES = {
     rb"<.*canopen": "an XDD or XDC file (CANopen in XML)",
     rb"<\?xml": "an XML file",
 }
-"""Other files that are taken for data sheets, by their first bytes."""
+"""Files of other kinds by their first bytes."""
 
 
 def decode(data: bytes, report: Report) -> str:

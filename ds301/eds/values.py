@@ -136,7 +136,7 @@ def _real_text(data_type: int, text: str) -> str:
 
 
 def limit_text(data_type: int, text: str) -> str:
-    """A LowLimit or HighLimit as a number of the type, "" where it limits nothing; ValueError for a text that is no number."""
+    """A LowLimit or HighLimit as a number of the type, "" where it limits nothing; ValueError for a text without a number."""
     if data_type not in INTEGERS:
         return text
     value = number(text)
