@@ -52,7 +52,7 @@ class Reason(enum.Enum):
 
     _value_: str
     code: int
-    """Its place, 1 for the first: recordings have the names in this order. 0 is no reason."""
+    """Its place, 1 for the first: recordings have the names in this order. 0 is left for the absence of a reason."""
     state: AxisState
     """State of the object with this reason, unless power is on and it is being stopped."""
     enable: Enable

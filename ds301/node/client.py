@@ -442,8 +442,9 @@ class NodeClient(abc.ABC, Generic[S]):
     def _find_emcy(self) -> None:
         """Also take the EMCY from the COB-ID in 1014h, unless other frames have it."""
         cob_id, network = 0, self.network.canopen
-        with suppress(SdoAbortedError):
-            cob_id = self.sdo.read_number(EMCY_COB_ID)
+        if self.settings.eds is None or EMCY_COB_ID in self.sdo.dictionary:
+            with suppress(SdoAbortedError):
+                cob_id = self.sdo.read_number(EMCY_COB_ID)
         if cob_id == self._moved_emcy:
             return
         if self._moved_emcy:
