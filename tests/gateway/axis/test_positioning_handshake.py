@@ -123,6 +123,8 @@ def test_pending_task_is_stopped_with_bit_4_at_0(word: int) -> None:
     assert hand(ON & ~REJECT) & (HALT | NEW_SETPOINT) == HALT
     assert hand(ON) & (HALT | NEW_SETPOINT) == HALT, "until standstill"
     hand.feedback.velocity_actual = 0
+    late = [hand(ON) & (HALT | NEW_SETPOINT) for _ in range(AxisSettings().latency_ns // 4_000_000)]
+    assert late[:50] == [HALT] * 50, "the drive has not acknowledged the setpoint and may still start"
     assert not any(hand(ON) & (HALT | NEW_SETPOINT) for _ in range(10))
 
 

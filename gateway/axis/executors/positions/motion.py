@@ -64,6 +64,8 @@ class MotionExecutor(Executor):
         """When CW.4 rose for a setpoint, monotonic ns; -1 while it is 0."""
         self._arrival = Answer(self.settings.latency_ns)
         """Target reached, in answer to the setpoint that the drive executes."""
+        self._taking = Answer(self.settings.latency_ns)
+        """The acknowledge, in answer to the newest setpoint: a drive that has not shown it may still start."""
         self._blocked = False
         """A setpoint waits for the drive to clear its last acknowledge."""
         self._stall = Stall(self.settings.stall_ns)
@@ -122,6 +124,11 @@ class MotionExecutor(Executor):
             feedback.statusword & StatusBit.TARGET_REACHED != 0 or feedback.velocity_actual == 0
         )
 
+    @property
+    def _rests(self) -> bool:
+        """The axis has stopped, and no setpoint is on its way that the drive may still start: Halt may fall."""
+        return self.stopped and self._taking.due(self.inputs.now)
+
     def _stop_reached(self, asked: Asked) -> bool:
         """An intermediate stop of a traversing task has ended. With setting up, "target reached" may be that of its speed."""
         if not asked.operating or asked.no_intermediate_stop or asked.jog_1 or asked.jog_2 or asked.homing:
@@ -138,6 +145,8 @@ class MotionExecutor(Executor):
         if operates:
             self.outputs.reason = None
         mode.read()
+        taken = self.feedback.statusword & StatusBit.MODE_12 != 0 and mode.shows_base()
+        self._taking.read(taken, self.inputs.now)
         self._read_state()
         outcome = self.positioner.step(asked, self._seen, self.inputs.now)
         self._blocked = False
@@ -206,7 +215,7 @@ class MotionExecutor(Executor):
     def _stand(self) -> int:
         """Without a function: Halt while the axis turns, and until the next function if it turns again when Halt falls."""
         if not self._stays_halted():
-            if self.stopped:
+            if self._rests:
                 return 0
             self._halted = True
         return HALT
@@ -218,6 +227,7 @@ class MotionExecutor(Executor):
     def _stop(self) -> None:
         """Not in operation: the present setpoint is cancelled, and a waiting one is never sent."""
         self._seen.given = self.positioner.outcome.motion.serial
+        self._taking.withdraw()
         self._end_set_point()
         self._settle()
         self._mode.abandon()
@@ -244,6 +254,7 @@ class MotionExecutor(Executor):
         self.command.target_position = max(low, min(target, high))
         self._bits = bits
         self._set_at = self.inputs.now
+        self._taking.command(self.inputs.now, level=True)
         self._settle()
 
     def _acknowledged(self) -> None:

@@ -132,7 +132,7 @@ class PositioningExecutor(MotionExecutor):
         seen, feedback = self._seen, self.feedback
         statusword = feedback.statusword
         seen.position = feedback.position_actual
-        seen.standstill, seen.stopped = self.inputs.standstill, self.stopped
+        seen.standstill, seen.stopped = self.inputs.standstill, self._rests
         seen.internal_limit = statusword & StatusBit.INTERNAL_LIMIT != 0
         if self._set_at >= 0 and seen.taken != seen.given:
             if statusword & ACKNOWLEDGED and self._mode.shows_base():
