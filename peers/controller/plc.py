@@ -98,7 +98,7 @@ class ProfinetPlc(PlcRunner):
         controller.silent = muted
         if muted or controller.provider is None:
             return
-        controller.provider.data_status = STATUS_NORMAL if self.endpoint.in_run else STATUS_STOP
+        controller.provider.data_status = STATUS_NORMAL if self.endpoint.run else STATUS_STOP
         self.endpoint.count_sign_of_life()
         for place, telegram, values in zip(self._places, self.endpoint.telegrams, self.endpoint.setpoints, strict=True):
             controller.set_output(place, telegram.setpoints.encode(tuple(values.values())))

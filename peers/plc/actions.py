@@ -143,7 +143,7 @@ def mute(_: Telegram, muted: bool) -> Program:
 
 def run(_: Telegram, running: bool) -> Program:
     """The provider state."""
-    return [lambda engine, _: setattr(engine.endpoint, "in_run", running)]
+    return [lambda engine, _: setattr(engine.endpoint, "run", running)]
 
 
 def drive(_: Telegram, line: str) -> Program:

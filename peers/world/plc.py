@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from pdgw.durations import SECOND
@@ -16,15 +16,14 @@ from pdgw.peers.world.world import World
 from pdgw.profidrive.telegrams import telegram
 
 
-class Plc(PlcEndpoint):
-    """A PLC in a world. ``actuals`` maps names to values for each axis in the order of the
-    configuration; None while they are invalid.
+class Plc:
+    """A PLC in a world: what ``endpoint`` sends and receives.
 
     It reads telegrams and cycle time from the gateway's configuration and sends only while a test calls it.
     """
 
     def __init__(self, world: World, gateway: Daemon) -> None:
-        super().__init__([telegram(item.telegram) for item in gateway.config.objects], gateway.cycle_ns)
+        self.endpoint = PlcEndpoint([telegram(item.telegram) for item in gateway.config.objects], gateway.cycle_ns)
         self._world = world
         self._gateway = gateway
         self._port = world.network.open("plc", 0, "PLC")
@@ -32,7 +31,12 @@ class Plc(PlcEndpoint):
 
     def _take(self) -> None:
         while (datagram := self._port.receive()) is not None:
-            self.receive(datagram[0], self._world.loop.now())
+            self.endpoint.receive(datagram[0], self._world.loop.now())
+
+    @property
+    def actuals(self) -> Sequence[Mapping[str, int] | None]:
+        """Raw actual values by name, for each axis in the order of the configuration; None while they are invalid."""
+        return self.endpoint.actuals
 
     def exchange(self, seconds: float, do_id: int | None = None, **setpoints: int) -> None:
         """Send one frame per cycle for this number of seconds. ``setpoints`` change first, as raw values by name.
@@ -40,7 +44,7 @@ class Plc(PlcEndpoint):
         ``do_id``: None for the first drive object. Raises ProfidriveError for a signal that the telegram lacks or a value that
         does not fit, GatewayError for an unknown DO-ID.
         """
-        self.set(self._index(do_id), setpoints)
+        self.endpoint.set(self._index(do_id), setpoints)
         for _ in range(max(1, round(seconds * SECOND) // self._gateway.cycle_ns)):
             self._cycle()
 
@@ -53,12 +57,12 @@ class Plc(PlcEndpoint):
         """
         index = self._index(do_id)
         named = ({} if on is None else {"enable" if on else "off1": True}) | steps
-        numbers = [item.number for item in self.telegrams]
+        numbers = [item.number for item in self.endpoint.telegrams]
         chosen = self._gateway.config.objects[index]
         rated = chosen.rated_speed_rpm if isinstance(chosen, AxisConfig) else None
         references = {} if rated is None else {"speed_rpm": float(rated)}
         scenario = scenario_of(numbers, [{"axis": index + 1, name: value} for name, value in named.items()], references)
-        engine = Engine(scenario, self)
+        engine = Engine(scenario, self.endpoint)
         for _ in range(max(1, round(seconds * SECOND) // self._gateway.cycle_ns)):
             engine.step(self._world.loop.now())
             self._cycle()
@@ -81,8 +85,8 @@ class Plc(PlcEndpoint):
 
     def _cycle(self) -> None:
         now = self._world.loop.now()
-        self.poll(now)
-        self._port.send(self.build(now), self._gateway.address)
+        self.endpoint.poll(now)
+        self._port.send(self.endpoint.build(now), self._gateway.address)
         self._world.loop.run_for(self._gateway.cycle_ns)
 
     def until(self, condition: Callable[[], object], what: str, seconds: float = 10) -> None:

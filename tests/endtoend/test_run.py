@@ -57,9 +57,9 @@ def test_axis_and_encoder_turn_despite_other_traffic_until_provider_stop(tmp_pat
         assert frames["oversized"] >= 1
         assert frames["wrong FrameID"] >= 1
 
-        plc.endpoint.in_run = False
+        plc.endpoint.run = False
         plc.until(lambda: plc.signal(0, "NIST_A") == 0 and plc.signal(0, "ZSW1") & 0x4F == 0x40, "stopped")
-        plc.endpoint.in_run = True
+        plc.endpoint.run = True
         plc.stays_off(0)
         process.send_signal(signal.SIGTERM)
         assert process.wait(PATIENCE_S) == 0

@@ -228,7 +228,7 @@ def test_mute_provider_stop_hold_and_drive_commands_reach_the_edge() -> None:
     steps = [{"mute": True}, {"run": False}, {"drive": "fault 7"}, {"hold": "20 ms"}]
     engine, sent = play({"steps": steps}, [{}])
     assert engine.muted
-    assert not engine.endpoint.in_run
+    assert not engine.endpoint.run
     assert engine.drive_commands == ["fault 7"]
     assert len(sent) == 6
 

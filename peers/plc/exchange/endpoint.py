@@ -56,7 +56,7 @@ class PlcEndpoint:
         """Whether the gateway uses the setpoints (its IOCS)."""
         self._counting: dict[int, tuple[str, Bit]] = {}
         """Axes whose sign of life counts, with its word and bits."""
-        self.in_run = True
+        self.run = True
         """Provider state of the PLC: RUN or STOP."""
         self.bad: set[int] = set()
         """Axes whose setpoints the PLC marks BAD (its IOPS)."""
@@ -95,9 +95,7 @@ class PlcEndpoint:
             frame[layout.iocs[index]] = IOPS_GOOD if self.actuals[index] is not None else IOPS_BAD
         self._counts = self._counts + self._step if now is None else max(self._counts + 1, now // COUNTER_UNIT_NS)
         frame[layout.tick : layout.trailer] = self.tick
-        TRAILER.pack_into(
-            frame, layout.trailer, self._counts & 0xFFFF, STATUS_NORMAL if self.in_run else STATUS_STOP, 0
-        )
+        TRAILER.pack_into(frame, layout.trailer, self._counts & 0xFFFF, STATUS_NORMAL if self.run else STATUS_STOP, 0)
         self.counters["sent"] += 1
         return frame
 

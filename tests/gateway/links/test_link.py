@@ -60,7 +60,7 @@ class Scene:
 
     def frame(self, speed: int, *, word: int = 0x047F, run: bool = True, good: bool = True) -> None:
         self.plc.set(0, {"STW1": word, "NSOLL_A": speed})
-        self.plc.in_run = run
+        self.plc.run = run
         self.plc.bad = set() if good else {0}
         self.port.waiting.append(bytes(self.plc.build()))
 

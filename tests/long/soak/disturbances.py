@@ -140,9 +140,7 @@ DISTURBANCES: tuple[Disturbance, ...] = (
     Disturbance("network: delay", 3, _network("delay_ns", lambda chance: chance.randrange(MS, 300 * MS))),
     Disturbance("network: PLC cut off", 6, _switch(lambda run, _: partial(run.world.network.cut, PLC_HOST))),
     Disturbance("PLC: silent", 5, _switch(lambda run, _: partial(setattr, run.plc, "silent"))),
-    Disturbance(
-        "PLC: provider STOP", 4, _switch(lambda run, _: partial(setattr, run.plc.endpoint, "in_run"), on=False)
-    ),
+    Disturbance("PLC: provider STOP", 4, _switch(lambda run, _: partial(setattr, run.plc.endpoint, "run"), on=False)),
     Disturbance("PLC: restarts", 3, _once(lambda run, _, __: run.restart_plc())),
     Disturbance("PLC: IOPS BAD", 4, _iops_bad),
     Disturbance("network: second PLC", 3, _second_plc),
