@@ -29,6 +29,7 @@ from pdgw.gateway.configuration.bus_load import HEARTBEATS, cyclic_frames
 from pdgw.gateway.configuration.config import AxisConfig, GatewayConfig
 from pdgw.gateway.configuration.tables.environment import CanConfig
 from pdgw.gateway.errors import GatewayError
+from pdgw.gateway.links.cyclic import IDLE_NS
 from pdgw.gateway.links.link import Link, UdpLink
 from pdgw.gateway.masters import LISTEN_NS, watch_for_masters, watch_for_writes
 from pdgw.gateway.objects.axis import Axis
@@ -50,8 +51,6 @@ log = logging.getLogger("gateway")
 
 _SHUTDOWN_NS: Final = 5_000 * MS
 _OFF_CYCLES = 3
-_IDLE_NS: Final = 20 * MS
-"""Longest time between the steps of a gateway without a PLC."""
 """Number of consecutive cycles without power in any drive before the nodes are stopped."""
 
 
@@ -497,7 +496,7 @@ class Daemon:
         if accepted:
             self._deadline = now + cycle + cycle // 2
         else:
-            self._deadline = now + (max(cycle, _IDLE_NS) if self._idles() else cycle)
+            self._deadline = now + (max(cycle, IDLE_NS) if self._idles() else cycle)
         due = self._due
         if due is not None and self._deadline < due.when:  # the gateway was idle
             due.cancel()

@@ -37,6 +37,8 @@ from pdgw.profidrive.telegrams import Direction, Telegram, TelegramHalf
 
 _TICK_AND_COUNTER: Final = struct.Struct(">IH")
 """The end of a frame: the tick, then the CycleCounter."""
+IDLE_NS: Final = 20 * MS
+"""Longest time between two readings while no PLC is connected and no drive has power."""
 _NAMED_NS: Final = 10 * SECOND
 """Time for which another sender, frames that do not count, and repeated losses are named."""
 _REPEATED: Final = 3
@@ -299,7 +301,8 @@ class CyclicEndpoint:
     def _note_reading(self, now: int) -> None:
         self._read_before = self._read_at
         self._read_at = now
-        self._late = now - self._read_before > self._watchdog_ns
+        idle = 0 if self.connected else IDLE_NS
+        self._late = now - self._read_before > self._watchdog_ns + idle
 
     def _check(self, data: bytes, source: Address) -> Verdict:
         if self.connected:

@@ -312,6 +312,17 @@ def test_three_pauses_in_ten_seconds_are_one_reason(times: list[int], pauses: li
         assert losses.finding(now + 10 * SECOND) is None, "it ends without further losses"
 
 
+def test_plc_that_begins_is_not_lost_because_an_idle_gateway_read_seldom() -> None:
+    """An idle gateway reads every 20 ms, longer than the watchdog time: that delays nothing of a PLC that begins."""
+    endpoint = device()
+    endpoint.poll(20 * MS)
+    now = 40 * MS
+    assert endpoint.receive(frame(), PLC, now, now - MS) is Verdict.ACCEPTED
+    assert endpoint.receive(frame(1 + STEP), PLC, now, now) is Verdict.ACCEPTED
+    assert not endpoint.poll(now)
+    assert endpoint.watchdog_expiries == 0
+
+
 def test_frames_that_did_not_count_are_no_longer_named_when_none_come() -> None:
     endpoint = device()
     endpoint.receive(frame()[:-1], PLC, SECOND)
