@@ -328,6 +328,8 @@ class CyclicEndpoint:
     def _check_new(self, data: bytes, source: Address, arrived: int, now: int, verdict: Verdict) -> Verdict:
         """The verdict on a frame that fits: the same if it is new."""
         if self._loss_to_report or self._lost_at == self._read_at:
+            if source == self.peer:
+                self._heard = arrived
             return Verdict.AFTER_LOSS
         new_frames = self.new_frames
         if new_frames.age_limit_ns is not None and not self._answers_to(source, now):

@@ -323,6 +323,20 @@ def test_plc_that_begins_is_not_lost_because_an_idle_gateway_read_seldom() -> No
     assert endpoint.watchdog_expiries == 0
 
 
+def test_pause_of_the_plc_is_one_loss_also_if_a_frame_shows_it_first() -> None:
+    endpoint = device()
+    now, counter = SECOND, 1
+    for pauses in range(1, 4):
+        for cycle in range(100):
+            now += 13 * MS if cycle == 50 else CYCLE
+            counter = counter + STEP & 0xFFFF
+            endpoint.poll(now - MS)
+            endpoint.receive(frame(counter), PLC, now, now)
+            endpoint.poll(now)
+        assert endpoint.watchdog_expiries == pauses
+        assert (endpoint.finding() is None) == (pauses < 3)
+
+
 def test_frames_that_did_not_count_are_no_longer_named_when_none_come() -> None:
     endpoint = device()
     endpoint.receive(frame()[:-1], PLC, SECOND)
