@@ -182,10 +182,13 @@ class _Chain:
         since = datetime.fromtimestamp(loop.wall() - (loop.now() - record.time_ns) / SECOND)
         return f"{record.text}, since {since:%H:%M:%S}"
 
-    def judge_plc(self, *, connected: bool, never: Reason, lost: bool) -> bool:
+    def judge_plc(self, *, connected: bool, obeys: bool, never: Reason, lost: bool) -> bool:
+        """Whether its setpoints count. ``obeys``: the object follows a connected PLC."""
         finding = self.item.link_finding()
         if finding is not None and finding.reason is Reason.OTHER_SENDER and (connected or lost):
             finding = None  # it does not stop the PLC
+        if connected and obeys:
+            finding = None  # repeated losses, which are over
         if self.item.gateway_stops:
             self.breaks(Reason.GATEWAY_STOPS)
         elif finding is not None:
@@ -221,7 +224,8 @@ def axis_enable_status(axis: Axis) -> EnableStatus:
         _judge_drive(chain, axis, state_of(axis.drive.feedback.statusword))
     life = machine.life
     connected = machine.inputs.setpoints is not None
-    if chain.judge_plc(connected=connected, never=Reason.NO_PLC, lost=machine.interlock.plc_was_there):
+    obeys, was_there = axis.powered and axis.released, machine.interlock.plc_was_there
+    if chain.judge_plc(connected=connected, obeys=obeys, never=Reason.NO_PLC, lost=was_there):
         name, word = _control_word(axis)
         meant = unswapped(word) if name == "STW1" else None
         if life is not None and life.lost:
@@ -376,8 +380,9 @@ def encoder_enable_status(encoder: EncoderObject) -> EnableStatus:
             else:
                 chain.passes(Enable.SENSOR)
     connected = machine.adapter.control is not None
-    if chain.judge_plc(connected=connected, never=Reason.ENCODER_NO_PLC, lost=False):
-        if machine.control.has_control:
+    has_control = machine.control.has_control
+    if chain.judge_plc(connected=connected, obeys=has_control, never=Reason.ENCODER_NO_PLC, lost=False):
+        if has_control:
             chain.passes(Enable.CONTROL)
         else:
             chain.breaks(Reason.ENCODER_NO_CONTROL)

@@ -85,6 +85,21 @@ def test_axis_in_operation_has_a_whole_chain() -> None:
         assert document(daemon)["remedy"] == ""
 
 
+def test_repeated_losses_are_named_until_the_axis_operates_again() -> None:
+    with operating() as (daemon, plc):
+        for _ in range(3):
+            assert daemon.axes[0].enable_status.state is AxisState.OBEYS
+            plc.silent = True
+            plc.until(lambda: not daemon.link.connected, "the loss")
+            plc.exchange()
+            plc.silent = False
+            plc.enable()
+        assert daemon.axes[0].enable_status.state is AxisState.OBEYS, "an axis that moves does not wait"
+        plc.endpoint.set(0, {"STW1": OFF})
+        plc.until(lambda: not daemon.axes[0].powered, "power off")
+        assert first(daemon).reason is Reason.WATCHDOG_SHORT
+
+
 @pytest.mark.parametrize("enable", BREAKERS, ids=lambda enable: enable.name)
 def test_each_broken_link_names_itself_with_its_own_remedy(enable: Enable) -> None:
     with operating() as (daemon, plc):
