@@ -94,6 +94,19 @@ def test_worked_example_111_absolute_to_50000_lu_at_12000() -> None:
     assert (rig.actuals["ZSW1"], rig.actuals["XIST_A"]) == (0x3F37, 0xC350)
 
 
+def test_edge_that_started_nothing_ends_the_warning_of_the_task_before() -> None:
+    rig = positioner()
+    send(rig, "047F 8100 0000 0000 4000 0000 C350 0000 0000 4000 4000 0000")
+    rig.step(5)
+    assert rig.stepper.reason is Reason.TASK_SPEED_ZERO
+    assert "WARNING" in bits(rig, "ZSW1")
+    for word in (0x041F, 0x045F, 0x043F):
+        rig.values["STW1"] = word
+        rig.step(5)
+    assert rig.stepper.reason is Reason.LOST_EDGE
+    assert "WARNING" not in bits(rig, "ZSW1")
+
+
 def test_worked_example_111_with_override_2000h() -> None:
     rig = positioner()
     send(rig, "047F 8100 0000 0000 2000 0000 C350 0000 2EE0 4000 4000 0000")

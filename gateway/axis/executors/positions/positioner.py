@@ -28,7 +28,7 @@ from pdgw.gateway.errors import GatewayError
 from pdgw.gateway.motion.blocks import BlockTable, BlockTask
 from pdgw.gateway.motion.messages import MessageWord
 from pdgw.gateway.motion.modulo import Ring
-from pdgw.gateway.motion.positioner import Positioner
+from pdgw.gateway.motion.positioner import HELD, Positioner
 from pdgw.gateway.motion.requests import (
     Asked,
     HomingResult,
@@ -54,15 +54,8 @@ _FOLLOWING_ERROR = StatusBit.MODE_13
 """Following error bit of mode 1."""
 _ENDLESS = (-(1 << 62), (1 << 62) - 1)
 """Range of a modulo axis whose position continues across its ends."""
-_REPORTED = (
-    Reason.HOMING_ERROR,
-    Reason.MOVES_UNASKED,
-    Reason.NOT_ACKNOWLEDGED,
-    Reason.LOST_EDGE,
-    Reason.EARLY_EDGE,
-    Reason.LOST_HOMING,
-)
-"""Warnings that are reported where they are detected, and lost edges: a reason without a warning of P953."""
+_REPORTED = (Reason.HOMING_ERROR, Reason.MOVES_UNASKED, Reason.NOT_ACKNOWLEDGED)
+"""Warnings that are reported where they are detected."""
 _AT_LIMIT = 20
 """Divisor of the torque limit: within this part, the torque is at its limit."""
 
@@ -225,10 +218,10 @@ class PositionerExecutor(MotionExecutor):
         return reason
 
     def _warn(self, warning: Reason | None) -> None:
-        """Report another warning of the positioner once; it is shown while it is active."""
+        """Report another warning of the positioner once; it is shown while it is active. An edge that started nothing is none."""
         if warning not in _REPORTED:
             self.outputs.end_warnings(TASK_WARNINGS)
-            if warning is not None:
+            if warning is not None and warning not in HELD:
                 self.outputs.warn(FaultNumber.POSITIONER, warning.value)
         self._warned = warning
 
