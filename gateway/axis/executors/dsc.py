@@ -92,6 +92,7 @@ class DscExecutor(Executor):
         return self._held
 
     def refuse(self) -> None:
+        self.outputs.warned = 0
         self._track_actual_position()
         self.command.controlword = self.interlock.controlword
         self.report.speed = self.report.message = 0
@@ -109,7 +110,7 @@ class DscExecutor(Executor):
         elif enabled and action is _RAMP:
             self._ramp()
         else:
-            self._held = 0
+            self._held = self.outputs.warned = 0
             self._out_of_date = self._frozen = False
             self._track_actual_position()
         command.controlword = interlock.controlword
@@ -216,7 +217,7 @@ class DscExecutor(Executor):
             self._travel(speed)
 
     def _track_actual_position(self) -> None:
-        """Not in operation: where the axis is, so that nothing jumps when it is enabled."""
+        """Not in operation, or held: where the axis is, so that nothing jumps when it is enabled."""
         if self.dsc is not None:
             self.dsc.stop()
         command, feedback = self.command, self.feedback
@@ -224,4 +225,3 @@ class DscExecutor(Executor):
         command.target_position = feedback.position_actual
         self._velocity = feedback.velocity_actual
         self._rest = 0
-        self.outputs.warned = 0

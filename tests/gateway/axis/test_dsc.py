@@ -312,6 +312,19 @@ def test_axis_at_a_limit_switch_follows_a_setpoint_away_from_it(form: DscForm) -
     assert rig.feedback.velocity_actual < -1400
 
 
+def test_limited_gain_of_an_axis_at_a_limit_switch_is_one_warning() -> None:
+    rig = axis(DscForm.SPEED)
+    rig.values |= {"KPC": 60_000, "XERR": 1000, "NSOLL_B": 1 << 27}
+    rig.step(100)
+    limit_switch(rig, reached=True)
+    rig.step(200)
+    assert [record.number for record in rig.stepper.events].count(FaultNumber.DSC_GAIN) == 1
+    assert rig.stepper.machine.outputs.warning & warning_bits(FaultNumber.DSC_GAIN)
+    rig.values["STW1"] = OFF
+    rig.step(200)
+    assert not rig.stepper.machine.outputs.warning & warning_bits(FaultNumber.DSC_GAIN)
+
+
 def test_torque_reduction_works_with_dsc() -> None:
     rig = axis(DscForm.SPEED)
     rig.values["MOMRED"] = 0x2000
