@@ -299,7 +299,7 @@ class ProfinetLink:
             return self._without_relationship(now)
         if (repeated := self._losses.finding(now)) is not None:
             return repeated
-        if consumer.data_ns is not None and not consumer.running:
+        if self._receivable and not consumer.running:
             return Finding.of(Reason.PLC_STOP)
         if index is None or self.setpoints[index] is not None:
             return None
@@ -308,7 +308,7 @@ class ProfinetLink:
             return Finding.of(
                 Reason.NO_RELATIONSHIP, f"the controller's project has no telegram {number} in slot {index + 1}"
             )
-        return Finding.of(Reason.PLC_BAD)
+        return Finding.of(Reason.PLC_BAD) if self._receivable else None
 
     def _without_relationship(self, now: int) -> Finding | None:
         station = self.station

@@ -23,6 +23,7 @@ from pdgw.gateway.links.profinet.diagnosis import MESSAGE_CLASSES, message_class
 from pdgw.gateway.links.profinet.ethernet import dcp_filter, real_time_filter
 from pdgw.gateway.links.profinet.link import ProfinetLink
 from pdgw.gateway.objects.fault_buffer import FaultLog, FaultRecord
+from pdgw.gateway.reasons import Reason
 from pdgw.gateway.store import ParameterStore
 from pdgw.peers.controller.controller import IoController, Phase
 from pdgw.peers.controller.project import Project
@@ -169,6 +170,7 @@ def test_an_axis_loses_its_plc_long_before_the_data_hold_time(rig: Rig) -> None:
     assert rig.loop.now() - since <= 3 * 4 * MS + MS
     assert rig.link.setpoints == [None, None]
     assert rig.link.device.connected, "the relationship itself waits for its data hold time of 800 ms"
+    assert rig.link.finding(0) is None, "the controller did not mark its data as bad"
     assert rig.link.watchdog_expiries == 1
 
 
@@ -201,6 +203,15 @@ def test_a_controller_in_stop_gives_no_setpoints(rig: Rig) -> None:
     rig.run(20 * MS)
     assert rig.link.setpoints == [None, None]
     assert rig.link.connected
+
+
+def test_data_that_the_controller_marks_as_bad_is_named(rig: Rig) -> None:
+    rig.connect()
+    rig.plc.set_output(AXIS, bytes.fromhex("047f2000"), good=False)
+    rig.run(20 * MS)
+    found = rig.link.finding(0)
+    assert found is not None
+    assert found.reason is Reason.PLC_BAD
 
 
 def cyclic(rig: Rig, values: bytes) -> bytes:
