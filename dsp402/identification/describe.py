@@ -184,8 +184,8 @@ def _entries(dictionary: canopen.ObjectDictionary, family: Overlay | None, *, vl
         kind = None if declared is None else _type_of(attribute, _TYPES.get(declared.data_type))
         if declared is None or kind is None:
             continue
-        low, high = kind.integer_range
         known = DRIVE_OBJECTS.get(index, subindex)
+        low, high = _limits(declared, kind, attribute)
         found[attribute] = Entry(
             index,
             subindex,
@@ -194,13 +194,24 @@ def _entries(dictionary: canopen.ObjectDictionary, family: Overlay | None, *, vl
             Access(declared.access_type) if declared.access_type in _ACCESSES else Access.RW,
             bool(declared.pdo_mappable),
             default=declared.default if isinstance(declared.default, int) else None,
-            low=None if declared.min is None else max(declared.min, low),
-            high=None if declared.max is None else min(declared.max, high),
+            low=low,
+            high=high,
             unit=(family.unit_of(index, subindex) if family else "") or (known.unit if known is not None else ""),
             attribute=attribute,
         )
     return found
 
+
+def _limits(declared: ODVariable, kind: CanType, attribute: str) -> tuple[int | None, int | None]:
+    """Limits of the data sheet inside the type; None without one. A range that forbids 0 is none: the setpoint 0 stops."""
+    low, high = declared.min, declared.max
+    if attribute in _STOPS_AT_ZERO and ((low or 0) > 0 or (high or 0) < 0):
+        return None, None
+    lowest, highest = kind.integer_range
+    return None if low is None else max(low, lowest), None if high is None else min(high, highest)
+
+
+_STOPS_AT_ZERO: Final = ("target_velocity", "target_torque", "velocity_offset")
 
 _ACCESSES = {item.value for item in Access}
 

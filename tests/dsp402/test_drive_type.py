@@ -123,6 +123,16 @@ def test_limits_of_a_data_sheet_do_not_go_beyond_the_type() -> None:
     assert describe(dictionary, {IDENTITY_VENDOR: 0}).limits("profile_velocity") == (0, 5000)
 
 
+@pytest.mark.parametrize(("low", "high"), [(None, -1), (100, 5000)])
+def test_range_of_a_speed_that_forbids_0_is_none(low: int | None, high: int) -> None:
+    """FFFFFFFFh as the high limit of a signed number is -1: it made the setpoint 0 a slow motion."""
+    dictionary = copy.deepcopy(engel_dictionary())
+    dictionary[0x60FF].min, dictionary[0x60FF].max = low, high
+    assert describe(dictionary, {IDENTITY_VENDOR: 0}).limits("target_velocity") == CanType.I32.integer_range
+    dictionary[0x607A].min, dictionary[0x607A].max = 100, 5000
+    assert describe(dictionary, {IDENTITY_VENDOR: 0}).limits("target_position") == (100, 5000)
+
+
 def test_scaling_of_the_reference_objects() -> None:
     scaling = engel().scaling
     assert [scaling.reference(quantity) for quantity in Quantity] == [6000, 6000, 1000, 1000, 500_000]
