@@ -16,8 +16,8 @@ from tests.test_package import PROJECT, ROOMS, ROOT
 
 CORE = {"can", "canopen", "greenlet", "pydantic", "pydantic_core", "typer", "click", "rich", "yaml", "pdgw"}
 """What every installation can import beside the standard library."""
-WITH_ANOTHER = {"h11"}
-"""What a package of an extra always brings along: uvicorn needs h11."""
+WITH_ANOTHER = {"h11", "pytest"}
+"""What a package of an extra always brings along, as uvicorn h11, and what loads the module: pytest its plugin."""
 NOT_OPTIONAL = CORE | WITH_ANOTHER | sys.stdlib_module_names
 BY_WEB_COMMAND = "web"
 """The package that ``pdgw web`` imports in a ``try``, and nothing else does."""
@@ -31,13 +31,18 @@ def imports(path: Path) -> Iterator[tuple[str, bool]]:
     if not words - NOT_OPTIONAL:
         return
     tree = ast.parse(text)
-    tried = {id(below) for item in ast.walk(tree) if isinstance(item, ast.Try) for below in ast.walk(item)}
+    guarded = [item for item in ast.walk(tree) if isinstance(item, ast.Try) or _is_for_types(item)]
+    tried = {id(below) for item in guarded for below in ast.walk(item)}
     for item in ast.walk(tree):
         names = [alias.name for alias in item.names] if isinstance(item, ast.Import) else []
         if isinstance(item, ast.ImportFrom) and item.module:
             names = [item.module]
         for name in names:
             yield name.partition(".")[0], id(item) in tried
+
+
+def _is_for_types(item: ast.AST) -> bool:
+    return isinstance(item, ast.If) and isinstance(item.test, ast.Name) and item.test.id == "TYPE_CHECKING"
 
 
 def optional() -> set[tuple[str, str, bool]]:

@@ -14,20 +14,24 @@ from pdgw.gateway.errors import GatewayError
 _ROWS_AT_ONCE: Final = 1 << 16
 
 
-def arrow_schema(titles: Sequence[str], names: Names, asked_by: str) -> Any:
-    """``time_ns`` (integer) and a column for each title; GatewayError when pyarrow is not installed."""
+def _pyarrow(asked_by: str) -> Any:
     try:
         import pyarrow  # noqa: PLC0415
     except ImportError as error:
         raise GatewayError(missing("pyarrow", asked_by)) from error
+    return pyarrow
+
+
+def arrow_schema(titles: Sequence[str], names: Names, asked_by: str) -> Any:
+    """``time_ns`` (integer) and a column for each title; GatewayError when pyarrow is not installed."""
+    pyarrow = _pyarrow(asked_by)
     kinds = [pyarrow.string() if names.is_text(title) else pyarrow.float64() for title in titles]
     return pyarrow.schema([("time_ns", pyarrow.int64()), *zip(titles, kinds, strict=True)])
 
 
 def arrow_table(schema: Any, rows: Sequence[tuple[int, Row]]) -> Any:
     """Rows with their times as a table."""
-    import pyarrow  # noqa: PLC0415
-
+    pyarrow = _pyarrow("a table")
     columns = [pyarrow.array([time_ns for time_ns, _ in rows], pyarrow.int64())]
     for position, field in enumerate(list(schema)[1:]):
         values: list[Any] = [row[position] for _, row in rows]

@@ -145,7 +145,7 @@ class AxisMachine:
         self.life = SignOfLifeWords(self.telegram, settings.sign_of_life_failures) if has_life else None
         self._stop = StopWatch(settings.reaction_ns, settings.stop_time_ns)
         self._operation = OperationWatch(settings.enter_ns, settings.reaction_ns, settings.stop_time_ns)
-        self._halt = HaltWatch(settings.reaction_ns, settings.stop_time_ns)
+        self._halt = HaltWatch(settings.reaction_ns, settings.stop_time_ns, settings.enter_ns)
         self.check = VelocityCheck(settings.stop_time_ns)
         self._follows_speed = kind is Kind.SPEED or kind is Kind.LOAD
         self._needed = needed_quantities(self.telegram)

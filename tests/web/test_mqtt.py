@@ -124,7 +124,7 @@ def test_states_on_change_events_and_the_last_will() -> None:
         until(lambda: len(heard.texts) >= 4, f"axis, encoder, online and events: {heard.texts}")
         assert heard.texts["pdgw/line-3/online"] == "1"
         state = json.loads(heard.texts["pdgw/line-3/axis/1/state"])
-        assert (state["state"], state["reason_id"], state["fault"]) == ("Not on the bus", "DRIVE_OFFLINE", None)
+        assert (state["state"], state["reason_id"], state["fault"]) == ("Starting", "NODE_CONFIGURING", None)
         assert "pdgw/line-3/encoder/2/state" in heard.texts
 
         told = heard.states

@@ -158,8 +158,9 @@ class HaltWatch:
     The deceleration may be the PLC's and slow, and a jerk limit may let the speed rise at first: the speed must only fall at all.
     """
 
-    def __init__(self, reaction_ns: int, stop_time_ns: int) -> None:
-        self._time = reaction_ns + RAMP_MARGIN * stop_time_ns
+    def __init__(self, reaction_ns: int, stop_time_ns: int, shortest_ns: int) -> None:
+        self._time = max(reaction_ns + RAMP_MARGIN * stop_time_ns, shortest_ns)
+        """``shortest_ns``: in less time, noise may hide a slow ramp."""
         self._began = self._since = -1
         """When Halt was commanded and when the speed fell last, monotonic ns; -1 while nothing must stop."""
         self._speed = 0

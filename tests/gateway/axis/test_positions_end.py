@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from random import Random
+
 import pytest
 
 from pdgw.dsp402.modes import Mode
 from pdgw.dsp402.states import State, StatusBit
+from pdgw.durations import SECOND
 from pdgw.gateway.axis.settings import AxisSettings
 from pdgw.gateway.reasons import FaultNumber, Reason
 from tests.gateway.axis.test_halt_continues import (
@@ -244,7 +247,7 @@ def test_edge_of_homing_in_the_cycle_in_which_a_waiting_task_starts_has_a_reason
 
 @pytest.mark.parametrize("name", MAKES)
 def test_drive_that_ignores_halt_gets_quick_stop(name: str) -> None:
-    hand = running(name, stop_time_ns=500_000_000)
+    hand = running(name, stop_time_ns=500_000_000, enter_ns=SECOND)
     words = [hand(ON & ~INTERMEDIATE | ACTIVATE) for _ in range(800)]
     first = next(at for at, word in enumerate(words) if not word & 0b100)
     assert words[1] & HALT
@@ -257,9 +260,10 @@ def test_drive_that_ignores_halt_gets_quick_stop(name: str) -> None:
 def test_slow_ramp_after_halt_is_no_fault(name: str) -> None:
     """The deceleration is the PLC's choice: 1/3000 of the speed in each cycle, after a jerk limit that lets it rise."""
     hand = running(name, stop_time_ns=500_000_000)
+    noise = Random(1)
     speed = hand.feedback.velocity_actual * 1000
     for cycle in range(6000):
         speed = speed * 1001 // 1000 if cycle < 300 else speed * 2999 // 3000
-        hand.feedback.velocity_actual = speed // 1000 + cycle % 3
+        hand.feedback.velocity_actual = speed // 1000 + round(noise.gauss(0, 20))
         assert hand(ON & ~INTERMEDIATE | ACTIVATE) & 0b100
     assert not hand.stepper.events
