@@ -57,7 +57,7 @@ class Gateway:
         raise GatewayError(f"do_id = {do_id}: no simulated device, allowed: {known}")
 
     def status(self) -> dict[str, Any]:
-        """The document of ``pdgw status --json`` (docs/status.md)."""
+        """The document of ``pdgw status --json`` (docs/operation.md)."""
         return snapshot(self.daemon)
 
     def sentence(self, do_id: int) -> str:

@@ -11,12 +11,12 @@ from tests.long.documents.markdown import table
 
 COMMANDS_PATH: Final = Path(__file__).parents[3] / "docs" / "commands.md"
 _GUIDES: Final[Mapping[str, str]] = {
-    "run": "service.md",
+    "run": "operation.md",
     "bus": "commissioning.md",
     "axis": "commissioning.md",
     "map": "plc.md",
-    "status": "axis-does-not-move.md",
-    "explain": "axis-does-not-move.md",
+    "status": "operation.md",
+    "explain": "operation.md",
     "trace": "flight-recorder.md",
     "web": "web.md",
     "param": "parameter-channel.md",

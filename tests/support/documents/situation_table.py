@@ -1,4 +1,4 @@
-"""The table of situations in docs/axis-does-not-move.md: what the gateway reports in each of them."""
+"""The table of situations in docs/operation.md: what the gateway reports in each of them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.support.documents.plc_situations import (
 from tests.support.documents.situations import SITUATIONS, settle
 from tests.support.gateways.daemon import Plc, axis, configuration, running
 
-DOCUMENT = Path(__file__).parents[3] / "docs" / "axis-does-not-move.md"
+DOCUMENT = Path(__file__).parents[3] / "docs" / "operation.md"
 _BEGIN, _END = "<!-- situations: written by make docs -->\n", "<!-- end of situations -->\n"
 
 

@@ -95,7 +95,7 @@ def _scheduling(config: GatewayConfig) -> str:
         if config.realtime.priority == 0
         else "the log shows whether it is granted"
     )
-    return f"a cycle below {NEEDED_BELOW_MS} ms needs real-time priority on a busy machine (docs/service.md); {asked}"
+    return f"a cycle below {NEEDED_BELOW_MS} ms needs real-time priority on a busy machine (docs/operation.md); {asked}"
 
 
 def _print_bus_load(config: GatewayConfig, bus: CanConfig, plans: Mapping[int, PdoPlan]) -> None:
