@@ -3,7 +3,7 @@ side.
 
 There is one ``Record`` for every packet, in capture order. Times are nanoseconds of the capture's own clock. Process data is
 in ``units``: one ``ProcessData`` for each axis of a cyclic frame, one for a PDO. It is unpacked on first use, so an unused
-record costs little. ``document`` makes plain data of a record (docs/decoder-schema.md).
+record costs little. ``document`` makes plain data of a record (docs/recordings.md).
 """
 
 from __future__ import annotations
