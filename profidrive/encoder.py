@@ -1,7 +1,7 @@
 """Encoder objects: the handshake of G1_STW and G1_ZSW, the position values, STW2_ENC and ZSW2_ENC. Sans-I/O.
 
 Source: PROFIdrive encoder profile 4.1 (3.162), PROFIdrive profile 4.1 chapter 6.3.6 (sensor interface);
-docs/dsp406-encoder.md, docs/telegrams.md. Reference mark search and measurement on the fly (G1_STW bits 0-7) are in
+docs/devices.md, docs/telegrams.md. Reference mark search and measurement on the fly (G1_STW bits 0-7) are in
 ``measuring``; CiA 406 encoders have neither and answer them with error 0F01h.
 
 | state | G1_ZSW | entered by | left by |

@@ -1,7 +1,7 @@
 """One revolution of a motor in the units of its drive: positions, gear and lengths, each with its source object.
 
 Exact rational arithmetic. A ratio of 1/1 is the default of an object that the drive does not use: it states nothing. Source:
-CiA 402 (608Fh, 6091h to 6093h, 60A8h, 6089h, 608Ah), docs/units.md.
+CiA 402 (608Fh, 6091h to 6093h, 60A8h, 6089h, 608Ah), docs/devices.md.
 """
 
 from __future__ import annotations

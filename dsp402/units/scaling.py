@@ -1,7 +1,7 @@
 """100 % of a speed, an acceleration or a position in a drive's own units, or why it is unknown.
 
 ``dsp402.units.velocity`` finds the unit of velocities, ``dsp402.units.mechanics`` the units of a revolution. Exact rational
-arithmetic. Nothing is assumed: an unknown value is refused with the key that sets it. Source: CiA 402, docs/units.md.
+arithmetic. Nothing is assumed: an unknown value is refused with the key that sets it. Source: CiA 402, docs/devices.md.
 """
 
 from __future__ import annotations

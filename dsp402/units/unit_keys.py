@@ -1,6 +1,6 @@
 """What a configuration and the overlay of a family say about the units of a drive; ``scaling`` makes its scaling of them.
 
-Source: docs/units.md.
+Source: docs/devices.md.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Objects of a drive to read again in operation: those that define its units, and its position if no TPDO contains it.
 
-Another tool may write a unit object at any time; then the drive turns faster than commanded. Source: docs/units.md.
+Another tool may write a unit object at any time; then the drive turns faster than commanded. Source: docs/devices.md.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Each source makes a claim: the number of units of 60FFh in one rpm of the motor. Claims that differ are refused with both
 texts; the configuration decides between them. Objects that describe only positions (608Fh, 6091h, 6092h) count if 607Fh
-confirms them. Source: CiA 402, docs/units.md.
+confirms them. Source: CiA 402, docs/devices.md.
 """
 
 from __future__ import annotations

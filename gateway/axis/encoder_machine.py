@@ -1,6 +1,6 @@
 """The encoder machine: one ``step`` is one cycle of one channel of an encoder with telegrams 81 to 84.
 
-Sensor commands become presets (6003h, 6010h/n), position and speed G1_XIST1/2/3 and NIST_A/B. Source: docs/dsp406-encoder.md
+Sensor commands become presets (6003h, 6010h/n), position and speed G1_XIST1/2/3 and NIST_A/B. Source: docs/devices.md
 "Encoder telegrams".
 """
 

@@ -1,6 +1,6 @@
 """Scaling of a drive that a telegram requires: the quantities whose fractions its signals are.
 
-Source: docs/units.md "What each signal needs". A signal in the drive's own units needs no 100 %.
+Source: docs/devices.md "What each signal needs". A signal in the drive's own units needs no 100 %.
 """
 
 from __future__ import annotations

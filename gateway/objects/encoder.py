@@ -1,6 +1,6 @@
 """An encoder as a drive object: a channel of a CiA 406 encoder with telegrams 81 to 84, or as G1 of a drive's telegram 3.
 
-Several channels of a multi-sensor device are several drive objects with one client. Source: docs/dsp406-encoder.md "Encoder
+Several channels of a multi-sensor device are several drive objects with one client. Source: docs/devices.md "Encoder
 telegrams".
 """
 

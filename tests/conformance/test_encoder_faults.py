@@ -1,6 +1,6 @@
 """Every fault of a simulated encoder: is its position marked, the fault reported, and the recovery automatic?
 
-Source: docs/dsp406-encoder.md, docs/translation.md "Losses". Rules of all cases: no position is shown as good that is older
+Source: docs/devices.md, docs/translation.md "Losses". Rules of all cases: no position is shown as good that is older
 than the timeouts allow. A position error stays until the PLC acknowledges it. The shaft turns at constant speed, so that
 each position has a known time. ``Device.SENSOR``: the same encoder as G1 of a drive's telegram 3.
 """

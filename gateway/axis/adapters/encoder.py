@@ -1,6 +1,6 @@
 """Telegrams 81 to 84: an encoder's control word and sensor words, its position and speed.
 
-Source: docs/dsp406-encoder.md "Encoder telegrams", docs/telegrams.md; PROFIdrive encoder profile 4.1.
+Source: docs/devices.md "Encoder telegrams", docs/telegrams.md; PROFIdrive encoder profile 4.1.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The sensor interface (G1, G2) joined to a position: of a channel of an encoder, or a drive's own.
 
-Source: docs/dsp406-encoder.md; PROFIdrive encoder profile 4.1. Left out: cams, work area and the reading of alarms, which the
+Source: docs/devices.md; PROFIdrive encoder profile 4.1. Left out: cams, work area and the reading of alarms, which the
 encoder's owner hands in.
 """
 

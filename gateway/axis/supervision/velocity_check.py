@@ -1,7 +1,7 @@
 """Whether an axis turns as fast as it shows and as commanded: position against clock, speed against setpoint.
 
 60FFh and 606Ch share their unit and agree even if it is wrong; the position 6064h over time does not. The check is pure: the
-values of a cycle in, a contradiction out. Source: docs/units.md "The check in operation".
+values of a cycle in, a contradiction out. Source: docs/devices.md "The check in operation".
 """
 
 from __future__ import annotations

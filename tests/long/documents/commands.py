@@ -23,7 +23,7 @@ _GUIDES: Final[Mapping[str, str]] = {
     "decode": "recordings.md",
     "timeline": "recordings.md",
     "replay": "recordings.md",
-    "drives": "drives.md",
+    "drives": "devices.md",
     "sim plc": "plc-simulator.md",
     "sim bus": "simulated-buses.md",
     "sim inject": "misbehaviour.md",
@@ -54,7 +54,7 @@ _LONG: Final = """\
 
 In a checkout of the repository: `make bench` prints [benchmarks](benchmarks.md), `python -m tests.long.soak` runs the
 [soak](soak.md), `python -m tests.long.walk` the walk. `make conformance` tests telegrams, [simulated
-drives](drives.md#simulated-drives) and [faults](misbehaviour.md).
+drives](devices.md#simulated-drives) and [faults](misbehaviour.md).
 """
 
 
