@@ -48,7 +48,23 @@ your shell. Examples:
 `pdgw run --web` also starts the [page](web.md), `pdgw run --record FOLDER` a recording of both buses.
 
 """
+_EXIT_CODES: Final = (
+    ("0", "done; every expectation, check or comparison passed"),
+    (
+        "1",
+        "a failed expectation, check, comparison or parameter, a damaged capture, a difference of `pdgw replay`, a file that "
+        "`pdgw config check` or `pdgw drives` rejects; or an error, reported in one line",
+    ),
+    ("2", "the command line is wrong: an unknown option, a number out of range"),
+    (
+        "130",
+        "interrupted (Ctrl-C, SIGTERM; `pdgw sim plc` and `pdgw demo` also by the end of the terminal); recordings are "
+        "complete. `pdgw run` ends with 0",
+    ),
+)
 _LONG: Final = """\
+
+`pdgw status --check` has its own codes ([monitoring](operation.md#monitoring)).
 
 ## Long tests
 
@@ -76,7 +92,8 @@ def generate_commands() -> str:
     """Generate the document."""
     commands = (found for name, entry in COMMANDS.items() for found in _commands(entry.load(name), name))
     rows = ((f"`pdgw {name}`", text, _guide(name)) for name, text in commands)
-    return _INTRODUCTION + table(("command", "purpose", "document"), rows) + _LONG
+    commands_table = table(("command", "purpose", "document"), rows)
+    return f"{_INTRODUCTION}{commands_table}\n## Exit codes\n\n{table(('exit code', 'means'), _EXIT_CODES)}{_LONG}"
 
 
 if __name__ == "__main__":

@@ -42,6 +42,9 @@ a step. A scenario is YAML with `telegrams` (one for each axis), `references` (`
 
 Values: `1234`, `0x4D2`, `2000h`, `50 %`, `1500 rpm`, `2000 inc`. Expected values also: `<= 5`, `100 +- 2`, `& 0x4F = 0x40`.
 [Examples](../tools/scenarios).
+
+`--junit FILE` (JUnit XML for CI systems), `--html FILE` (one page without other files) and `--json` write the results: date,
+version, the text of the scenario and the measured values, also of failed checks.
 """
 
 
