@@ -156,7 +156,7 @@ def load_bus(path: Path) -> BusConfig:
 def example() -> str:
     """A commented, valid example."""
     return """\
-# Simulated devices on one bus, for `pdgw sim bus`. The faults and their parameters: docs/misbehaviour.md.
+# Simulated devices on one bus, for `pdgw sim bus`. The faults and their parameters: docs/simulation.md.
 
 [can]
 interface = "virtual"        # any python-can interface

@@ -1,6 +1,6 @@
 """Each fault of a simulated device in one situation, and the required reaction of the gateway.
 
-Source: docs/translation.md "Losses", docs/devices.md. docs/misbehaviour.md is generated from these cases.
+Source: docs/translation.md "Losses", docs/devices.md. docs/simulation.md is generated from these cases.
 """
 
 from __future__ import annotations

@@ -7,7 +7,8 @@ import re
 import pytest
 
 from pdgw.durations import MS
-from tests.support.documents.stop_times import BUSES, DOCUMENT, LINKS, Link, Row, measure
+from tests.support.documents.parts import read_part
+from tests.support.documents.stop_times import BUSES, LINKS, PLACE, Link, Row, measure
 
 
 @pytest.mark.parametrize("link", LINKS, ids=lambda link: link.name)
@@ -20,7 +21,7 @@ def test_stops_reach_a_full_bus_within_their_bounds(link: Link, cycle_ms: int) -
 
 def test_the_document_has_all_times_within_their_bounds() -> None:
     cells = r"\| (\d+) ms \| ([\d.]+) ms \| ([\d.]+) ms \|"
-    text = DOCUMENT.read_text("utf-8")
+    text = read_part(*PLACE)
     for link in LINKS:
         found = re.findall(rf"\| {re.escape(link.name)} {cells}", text)
         assert [int(cycle) for cycle, _, _ in found] == list(BUSES)

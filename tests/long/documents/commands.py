@@ -25,9 +25,8 @@ _GUIDES: Final[Mapping[str, str]] = {
     "replay": "recordings.md",
     "drives": "devices.md",
     "sim plc": "plc-simulator.md",
-    "sim bus": "simulated-buses.md",
-    "sim inject": "misbehaviour.md",
-    "demo": "demo.md",
+    "sim": "simulation.md",
+    "demo": "simulation.md",
 }
 """The document of a command or of its group."""
 _INTRODUCTION: Final = """\
@@ -70,7 +69,7 @@ _LONG: Final = """\
 
 In a checkout of the repository: `make bench` prints [benchmarks](benchmarks.md), `python -m tests.long.soak` runs the
 [soak](soak.md), `python -m tests.long.walk` the walk. `make conformance` tests telegrams, [simulated
-drives](devices.md#simulated-drives) and [faults](misbehaviour.md).
+drives](devices.md#simulated-drives) and [faults](simulation.md#faults).
 """
 
 

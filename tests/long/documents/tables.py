@@ -47,11 +47,12 @@ from pdgw.profinet.model import TELEGRAM_IDENT, TELEGRAM_SUBSLOT
 from tests.conformance.fault_cases import DRIVE_CASES, ENCODER_CASES, Case, Device
 from tests.long.documents.markdown import table
 from tests.long.documents.simulator_words import generate_words
+from tests.support.documents.parts import write_part
 
 _ROOT = Path(__file__).parents[3]
 _DOCS = _ROOT / "docs"
 PATH = _DOCS / "tables.md"
-MISBEHAVIOUR_PATH = _DOCS / "misbehaviour.md"
+MISBEHAVIOUR_PLACE = ("simulation.md", "faults")
 POWER_PATH = _DOCS / "power-table.md"
 _WALK_PATH = _DOCS / "walk.txt"
 """Result of the walk of ``make docs``."""
@@ -461,7 +462,7 @@ def _faults(title: str, kinds: Iterable[type[Misbehaviour]], types: Sequence[str
         "parameters",
         *(f"what the gateway does with the {name}" for name in types),
     )
-    return f"## {title}\n\n" + table(header, rows)
+    return f"### {title}\n\n" + table(header, rows)
 
 
 def _reaction(case: Case, kind: type[Misbehaviour]) -> str:
@@ -476,13 +477,8 @@ def _reaction(case: Case, kind: type[Misbehaviour]) -> str:
 
 
 def generate_misbehaviour() -> str:
-    """Generate the document of the faults of simulated devices."""
-    out = [
-        "# Faults of simulated devices\n",
-        "Generated from the declarations by `make docs`; do not edit.\n",
-        _MISBEHAVIOUR_INTRODUCTION,
-        _faults("Any CANopen node", NODE_MISBEHAVIOURS.values(), list(_DEVICES)),
-    ]
+    """Generate the tables of the faults of simulated devices."""
+    out = [_faults("Any CANopen node", NODE_MISBEHAVIOURS.values(), list(_DEVICES))]
     for name, kind in DEVICE_TYPES.items():
         own = [fault for fault in kind.node.catalogue.values() if fault.name not in NODE_MISBEHAVIOURS]
         if own:
@@ -490,27 +486,8 @@ def generate_misbehaviour() -> str:
     return "\n".join(out)
 
 
-_MISBEHAVIOUR_INTRODUCTION = """\
-You give a simulated device a fault by its name, with parameters (integers):
-
-* From power-on: `[[device.fault]]` tables with `name` and parameters in the file of `pdgw sim bus FILE` (`pdgw sim bus
-  --example` prints one).
-* While it runs: `pdgw sim inject --port P [@NODE] fault NAME parameter=value ...`, with the port of `--control-port` or
-  `[control] port`. Other commands are `clear [NAME]`, `faults`, `status` and `probe 1|2 on|off` (touch probe of a drive). A
-  program sends the same commands, one in a line, to this TCP port on 127.0.0.1. The simulator answers each with one line.
-
-The latency of a simulated drive, 0 to 100 ms in each direction, is not a fault. `command_latency_ms` of a `[[device]]` is the
-time from an RPDO until its values apply, `status_latency_ms` the time from a change of the drive until the Statusword shows
-it. Positions and speeds are up to date.
-
-`pytest tests/conformance` runs every fault with a simulated drive and a simulated encoder, and `-k deaf` one of them. The last
-columns are the required reaction of the gateway, with its fault numbers ([tables.md](tables.md)). In all cases, no drive starts
-again before a new OFF and ON, and no position older than its time-out is valid.
-"""
-
-
 if __name__ == "__main__":
     PATH.write_text(generate(), encoding="utf-8")
-    MISBEHAVIOUR_PATH.write_text(generate_misbehaviour(), encoding="utf-8")
+    write_part(*MISBEHAVIOUR_PLACE, generate_misbehaviour())
     POWER_PATH.write_text(generate_power_table(), encoding="utf-8")
     WORDS_PATH.write_text(generate_words(), encoding="utf-8")

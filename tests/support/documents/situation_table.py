@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 from pdgw.gateway.daemon import Daemon
 from pdgw.gateway.service.status import snapshot
 from tests.support.documents.device_situations import DEVICE_SITUATIONS, at_device_situation
+from tests.support.documents.parts import read_part, write_part
 from tests.support.documents.plc_situations import (
     CONTROLLER_SITUATIONS,
     PLC_SITUATIONS,
@@ -19,8 +20,7 @@ from tests.support.documents.plc_situations import (
 from tests.support.documents.situations import SITUATIONS, settle
 from tests.support.gateways.daemon import Plc, axis, configuration, running
 
-DOCUMENT = Path(__file__).parents[3] / "docs" / "operation.md"
-_BEGIN, _END = "<!-- situations: written by make docs -->\n", "<!-- end of situations -->\n"
+_PLACE = ("operation.md", "situations")
 
 
 def situation_table() -> str:
@@ -57,10 +57,9 @@ def _row(title: str, daemon: Daemon) -> str:
 
 def written_table() -> str:
     """The table in the document."""
-    return DOCUMENT.read_text(encoding="utf-8").partition(_BEGIN)[2].partition(_END)[0]
+    return read_part(*_PLACE)
 
 
 def write() -> None:
     """Put the table into the document."""
-    before, _, rest = DOCUMENT.read_text(encoding="utf-8").partition(_BEGIN)
-    DOCUMENT.write_text(f"{before}{_BEGIN}{situation_table()}{_END}{rest.partition(_END)[2]}", encoding="utf-8")
+    write_part(*_PLACE, situation_table())

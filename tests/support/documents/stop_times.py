@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from random import Random
 
 from pdgw.dsp402.states import Command, State
@@ -18,13 +16,13 @@ from pdgw.peers.plc.exchange.cycling import CyclingPlc
 from pdgw.peers.world import World
 from pdgw.peers.world.can_bus import Member
 from pdgw.profidrive.telegrams import telegram
+from tests.support.documents.parts import write_part
 from tests.support.gateways.daemon import OFF, ON, axis, configuration
 from tests.support.gateways.profinet_daemon import Plant
 from tests.support.wire.ethernet import FakeEthernet
 from tests.support.wire.profinet import PLC_MAC
 
-DOCUMENT = Path(__file__).parents[3] / "docs" / "safety.md"
-_TABLE = re.compile(r"(?<=<!-- stop times -->\n\n).*?(?=\n<!-- end -->)", re.DOTALL)
+PLACE = ("safety.md", "stop times")
 BUSES = {1: (3, 1_000_000), 2: (3, 500_000), 4: (3, 250_000), 8: (2, 125_000), 16: (2, 62_500)}
 """Axes and bit rate by cycle in ms: the worst-case load is 63 to 82 %."""
 _PLC = "192.168.0.10"
@@ -212,5 +210,4 @@ def write() -> None:
         f"| {row.link.name} | {row.cycle_ms} ms | {row.stop_ns / MS:.1f} ms | {row.death_ns / MS:.1f} ms |"
         for row in rows()
     ]
-    text = "\n".join(lines)
-    DOCUMENT.write_text(_TABLE.sub(lambda _: text, DOCUMENT.read_text("utf-8")), "utf-8")
+    write_part(*PLACE, "\n".join(lines) + "\n")
