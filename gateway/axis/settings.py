@@ -86,7 +86,7 @@ class AxisSettings:
     dsc: DscChoices | None = None
     """Needed by telegrams 5, 6, 105 and 106."""
     intermediate_stop_reached: bool = False
-    """ZSW1.10 = 1 at standstill in an intermediate stop; makers differ (docs/profile-statements.md)."""
+    """ZSW1.10 = 1 at standstill in an intermediate stop; makers differ (docs/telegrams.md)."""
     positioner: PositionerChoices | None = None
     """Needed by telegrams 7, 110 and 111."""
 

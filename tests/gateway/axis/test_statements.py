@@ -1,4 +1,4 @@
-"""The statements of docs/profile-statements.md, one test each."""
+"""The statements of docs/telegrams.md, one test each."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from pdgw.profidrive.telegrams import telegram, word_positions
 from tests.gateway.axis.test_velocity import Bench
 from tests.support.axis.positioner import CHOICES
 from tests.support.axis.rig import Rig
-from tests.support.documents.statements import DOCUMENT, document, statement
+from tests.support.documents.parts import read_part
+from tests.support.documents.statements import PLACE, statement, statement_table
 
 PROFILE = "profile 4.1, general state diagram"
 MANUALS = "drive manuals (STW1, ZSW1)"
@@ -302,4 +303,4 @@ def test_p60000_is_in_its_documented_unit() -> None:
 
 
 def test_the_document_has_the_statements() -> None:
-    assert DOCUMENT.read_text(encoding="utf-8") == document()
+    assert read_part(*PLACE) == statement_table()

@@ -1,21 +1,16 @@
-"""Statements of the profile, each shown by a test: the table of docs/profile-statements.md is made from them."""
+"""Statements of the profile, each shown by a test: the table of docs/telegrams.md is made from them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from pathlib import Path
 
-DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "profile-statements.md"
+from tests.support.documents.parts import write_part
+
+PLACE = ("telegrams.md", "statements")
 MODULE = "tests.gateway.axis.test_statements"
-_HEAD = """# Profile statements
-
-Each row is a statement of PROFIdrive, or of the maker of a telegram, with its public source. If the gateway differs, the row
-has the reason. `tests/gateway/axis/test_statements.py` checks each statement; `tests/profidrive/test_profile_oracle.py`
-compares random words and times with published tables.
-
-| statement | source | gateway |
+_HEAD = """| statement | source | gateway |
 | --- | --- | --- |
 """
 
@@ -42,8 +37,8 @@ def statement(text: str, source: str, differs: str = "") -> Callable[[Callable[[
     return kept
 
 
-def document() -> str:
-    """The whole document."""
+def statement_table() -> str:
+    """The table of all statements."""
     import_module(MODULE)
     return _HEAD + "".join(
         f"| {item.text} | {item.source} | {f'differs: {item.differs}' if item.differs else 'agrees'} |\n"
@@ -52,5 +47,5 @@ def document() -> str:
 
 
 def write() -> None:
-    """Rewrite the document (``make docs``)."""
-    DOCUMENT.write_text(document(), encoding="utf-8")
+    """Write the table into the document (``make docs``)."""
+    write_part(*PLACE, statement_table())
