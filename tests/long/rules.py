@@ -31,7 +31,7 @@ _OFFS: Final = "PROFIdrive profile 4.1, OFF1 to OFF3; docs/translation.md, Losse
 _WORDS: Final = "docs/translation.md, Standard telegrams"
 _MOTION: Final = "docs/motion.md; docs/translation.md, Positioning"
 _STOP: Final = "docs/safety.md, A drive that does not stop; CiA 301, node guarding and heartbeat"
-_CALM: Final = "docs/soak.md, Calm days"
+_CALM: Final = "docs/verification.md, Calm days"
 
 
 @dataclass(slots=True)

@@ -67,8 +67,8 @@ _LONG: Final = """\
 
 ## Long tests
 
-In a checkout of the repository: `make bench` prints [benchmarks](benchmarks.md), `python -m tests.long.soak` runs the
-[soak](soak.md), `python -m tests.long.walk` the walk. `make conformance` tests telegrams, [simulated
+In a checkout of the repository: `make bench` prints [benchmarks](verification.md#benchmarks), `python -m tests.long.soak`
+runs the [soak](verification.md#soak), `python -m tests.long.walk` the walk. `make conformance` tests telegrams, [simulated
 drives](devices.md#simulated-drives) and [faults](simulation.md#faults).
 """
 
