@@ -103,7 +103,7 @@ def test_every_public_name_of_pdgw_exists_and_is_documented(name: str) -> None:
     found = getattr(pdgw, name)
     assert documentation(found)
     assert name in dir(pdgw)
-    assert f"`{name}" in (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
+    assert f"`{name}" in (ROOT / "docs" / "tutorials" / "python-developer.md").read_text(encoding="utf-8")
 
 
 def test_every_public_error_has_the_common_base() -> None:
