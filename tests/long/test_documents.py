@@ -9,11 +9,9 @@ from tests.long.documents.simulator_words import generate_words
 from tests.long.documents.tables import (
     MISBEHAVIOUR_PLACE,
     PATH,
-    POWER_PATH,
     WORDS_PATH,
     generate,
     generate_misbehaviour,
-    generate_power_table,
 )
 from tests.support.documents.parts import read_part
 from tests.support.documents.plc_blocks import BLOCKS_PATH, generate_blocks
@@ -25,7 +23,6 @@ DOCS = Path(__file__).parents[2] / "docs"
 def test_docs_tables_are_up_to_date() -> None:
     assert (DOCS / PATH.name).read_text(encoding="utf-8") == generate(), "run: make docs"
     assert read_part(*MISBEHAVIOUR_PLACE) == generate_misbehaviour(), "run: make docs"
-    assert (DOCS / POWER_PATH.name).read_text(encoding="utf-8") == generate_power_table(), "run: make docs"
     assert (DOCS / WORDS_PATH.name).read_text(encoding="utf-8") == generate_words(), "run: make docs"
 
 

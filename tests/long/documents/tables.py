@@ -53,9 +53,6 @@ _ROOT = Path(__file__).parents[3]
 _DOCS = _ROOT / "docs"
 PATH = _DOCS / "tables.md"
 MISBEHAVIOUR_PLACE = ("simulation.md", "faults")
-POWER_PATH = _DOCS / "power-table.md"
-_WALK_PATH = _DOCS / "walk.txt"
-"""Result of the walk of ``make docs``."""
 WORDS_PATH = _DOCS / "plc-simulator.md"
 
 
@@ -374,6 +371,10 @@ def generate() -> str:
             ("reason", "text", "state", "first broken link", "what to do"),
             ((item.name, item.value, item.state.value, item.enable.value, item.remedy) for item in Reason),
         ),
+        "## Power table\n",
+        "In each cycle and for every telegram, the first matching row of `gateway/axis/power_table.py` decides what the gateway "
+        "does with the power stage of a drive.\n",
+        *_power_table(),
     ]
     return "\n".join(out)
 
@@ -386,8 +387,8 @@ def _name(member: enum.IntEnum) -> str:
     return member.name.lower().replace("_", " ")
 
 
-def generate_power_table() -> str:
-    """Generate the document of the power table."""
+def _power_table() -> Sequence[str]:
+    """The power table and its limits of time."""
     rows = (
         (
             number,
@@ -403,34 +404,15 @@ def generate_power_table() -> str:
     )
     limits = ((_names(d, ANY_DRIVE), _names(a, tuple(Action)), _name(limit)) for d, a, limit in LIMITS)
     words = ("of the telegram" if a is Action.PASS else f"{CONTROLWORDS[a]:04X}h" for a in Action)
-    return "\n".join(
-        (
-            "# The power table\n",
-            "Generated from `gateway/axis/power_table.py`; change it there and run `make docs`.\n",
-            "In each cycle and for every telegram, the first matching row decides what the gateway does with the power",
-            "stage of a drive. After any uncertain state, the drive stops and needs an OFF and then an ON. `pdgw status`",
-            "shows the reason; without a PLC it shows that instead.\n",
-            table(("row", "phase", "drive shows", "requested", "next phase", "command", "reason", "why"), rows),
-            f"Phases: {', '.join(map(_name, Phase))}. Drive states: {', '.join(map(_name, Drive))}.",
-            f"Requests: {', '.join(map(_name, PowerWish))}.\n",
-            table(("command", "Controlword bits 0-3"), zip(map(_name, Action), words, strict=True)),
-            "## Limits of time\n",
-            "What the drive shows must end in time under a command. The first matching row counts.\n",
-            table(("drive shows", "command", "limit"), limits),
-            table(("limit", "meaning"), ((_name(limit), LIMIT_TEXTS[limit]) for limit in Limit)),
-            "## Proof\n",
-            "The tests run the axis machine with this table through every reachable state: every class of control word,",
-            "every drive state at any moment, loss and restart of the drive. A monitor that does not use the table checks",
-            "each step. From every state the axis must return to operation, also with a slow drive. `make long LONG=walk`",
-            "runs every telegram, every setting once, the sign of life and the guarding. `make long LONG=walk-all` runs all",
-            "settings with all telegrams, homing and jog, in some hours.\n",
-            "A second walk has a drive with a shaft: setpoint acknowledge, Halt, homing, mode change, jog and touch probe of",
-            "telegrams 7, 9, 110, 111 and 112. Words are up to three cycles late in each direction, and the drive may report",
-            "SW.10, SW.12, SW.13 or 6061h wrongly. Its rules check the shaft: it moves only after an edge, every stop order",
-            "stops it, ZSW1.10, ZSW1.11 and ZSW1.12 are true, and every order is carried out or has a reason.\n",
-            "```text",
-            _WALK_PATH.read_text(encoding="utf-8") + "```\n",
-        )
+    return (
+        table(("row", "phase", "drive shows", "requested", "next phase", "command", "reason", "why"), rows),
+        f"Phases: {', '.join(map(_name, Phase))}. Drive states: {', '.join(map(_name, Drive))}.",
+        f"Requests: {', '.join(map(_name, PowerWish))}.\n",
+        table(("command", "Controlword bits 0-3"), zip(map(_name, Action), words, strict=True)),
+        "## Limits of time\n",
+        "What the drive shows must end in time under a command. The first matching row counts.\n",
+        table(("drive shows", "command", "limit"), limits),
+        table(("limit", "meaning"), ((_name(limit), LIMIT_TEXTS[limit]) for limit in Limit)),
     )
 
 
@@ -489,5 +471,4 @@ def generate_misbehaviour() -> str:
 if __name__ == "__main__":
     PATH.write_text(generate(), encoding="utf-8")
     write_part(*MISBEHAVIOUR_PLACE, generate_misbehaviour())
-    POWER_PATH.write_text(generate_power_table(), encoding="utf-8")
     WORDS_PATH.write_text(generate_words(), encoding="utf-8")
