@@ -1,6 +1,6 @@
 """The PROFINET cyclic (RT) frame: FrameID, C_SDU, APDU status, and the C_SDU layout of a static relationship.
 
-Source: IEC 61158-6-10 (RTC-PDU, APDU-Status), transport decisions of docs/transport.md. The same bytes are in a UDP datagram
+Source: IEC 61158-6-10 (RTC-PDU, APDU-Status), transport decisions of docs/plc.md. The same bytes are in a UDP datagram
 (port 34962) or after an Ethernet header with EtherType 8892h; the transport adds both headers.
 """
 
@@ -27,7 +27,7 @@ HEADER: Final = struct.Struct(">H")
 TRAILER: Final = struct.Struct(">HBB")
 """CycleCounter, DataStatus, TransferStatus."""
 TICK: Final = struct.Struct(">I")
-"""The gateway's clock in its last bytes before the trailer, which the PLC copies back (docs/transport.md)."""
+"""The gateway's clock in its last bytes before the trailer, which the PLC copies back (docs/plc.md)."""
 
 IOPS_GOOD: Final = 0x80
 IOPS_BAD: Final = 0x00

@@ -1,6 +1,6 @@
 """Hexadecimal data as a packet for the decoder: telegram words, a C_SDU, a cyclic frame, a parameter request or response.
 
-Source: docs/telegrams.md, docs/transport.md, docs/parameter-channel.md.
+Source: docs/telegrams.md, docs/plc.md, docs/parameter-channel.md.
 """
 
 from __future__ import annotations

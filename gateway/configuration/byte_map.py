@@ -1,6 +1,6 @@
 """Byte map: the place of every value in the frames of a configuration, for the PLC programmer.
 
-Source: docs/transport.md chapters 1 and 2; the offsets are those of ``profidrive.frame.CSduLayout``, which the gateway uses. On
+Source: docs/plc.md "Frames over UDP"; the offsets are those of ``profidrive.frame.CSduLayout``, which the gateway uses. On
 PROFINET each axis is a submodule: ``in_object`` counts from its first byte.
 """
 

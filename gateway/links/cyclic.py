@@ -1,6 +1,6 @@
 """Device side of a static cyclic relationship, sans-I/O: which frames count, and the answers.
 
-Source: docs/transport.md chapters 1 and 2. A frame counts only if it comes from the relationship's peer, has its FrameID and
+Source: docs/plc.md "Frames over UDP". A frame counts only if it comes from the relationship's peer, has its FrameID and
 length, is new (``new_frames``), is valid and primary. Provider STOP and IOPS BAD are losses of the PLC. All other frames are
 counted by their verdict and dropped; ``finding`` names the reason.
 """

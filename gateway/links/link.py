@@ -1,6 +1,6 @@
 """The link to the PLC. The loop uses a ``Link`` and knows no transport.
 
-``UdpLink`` is the PROFINET cyclic frame over UDP (docs/transport.md).
+``UdpLink`` is the PROFINET cyclic frame over UDP (docs/plc.md).
 """
 
 from __future__ import annotations

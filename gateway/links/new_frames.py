@@ -1,4 +1,4 @@
-"""Which frames of a PLC are new. Sans-I/O, monotonic nanoseconds. Source: docs/transport.md chapter 1.
+"""Which frames of a PLC are new. Sans-I/O, monotonic nanoseconds. Source: docs/plc.md "Which frames are new".
 
 A network may delay, repeat and reorder frames. Nothing in a frame itself shows when it was sent: the CycleCounter is the PLC's
 clock, and it repeats every 2.048 s. So the gateway writes a tick of its own clock into each frame that it sends, and the PLC

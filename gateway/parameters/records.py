@@ -1,7 +1,7 @@
 """The records of the gateway: parameter access points B02Eh, B02Fh and 2Fh, and I&M0 to I&M4, for every slot.
 
 Slot 0 is the device, slot n the n-th axis; subslot 1 is the parameter access point, and the telegram's submodule serves the same
-requests: function blocks address either. Source: docs/transport.md section 3.
+requests: function blocks address either. Source: docs/plc.md "Acyclic channel".
 """
 
 from __future__ import annotations

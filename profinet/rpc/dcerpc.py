@@ -1,6 +1,6 @@
 """Connectionless DCE/RPC packets: the 80-byte header, packet types, fragments.
 
-Source: C706 chapter 12 (connectionless PDUs) as PROFINET uses it (IEC 61158-6-10), docs/transport.md section 3. Left out:
+Source: C706 chapter 12 (connectionless PDUs) as PROFINET uses it (IEC 61158-6-10), docs/plc.md "Acyclic channel". Left out:
 authentication, which PROFINET does not use, and the bodies of cancels.
 """
 

@@ -1,6 +1,6 @@
 """PROFINET IO record services inside DCE/RPC: NDR arguments, IODRead/IODWrite blocks, PNIO status.
 
-Source: IEC 61158-6-10 as scapy's ``pnio_rpc`` and the tshark dissector read it (docs/transport.md section 3). Blocks are
+Source: IEC 61158-6-10 as scapy's ``pnio_rpc`` and the tshark dissector read it (docs/plc.md "Acyclic channel"). Blocks are
 big-endian whatever the data representation of the RPC packet. Left out: Connect, Control, Release.
 """
 

@@ -1,6 +1,6 @@
 """Acyclic PROFINET: DCE/RPC packets, record access, parameter requests and responses paired with each other.
 
-Source: docs/transport.md section 3, docs/parameter-channel.md; the codecs are ``profinet.rpc`` and
+Source: docs/plc.md "Acyclic channel", docs/parameter-channel.md; the codecs are ``profinet.rpc`` and
 ``profidrive.parameters.codec``. Connect, Control and Release are read by ``decoder.frames.profinet.calls``. Left out:
 the entries of the endpoint mapper, which is named only.
 """

@@ -1,6 +1,6 @@
 """Cyclic RT frames: their telegrams, and the struct that decodes a whole frame in one call.
 
-Source: docs/transport.md (C_SDU of a static relationship), IEC 61158-6-10 (FrameIDs). The telegrams are given, observed in
+Source: docs/plc.md (C_SDU of a static relationship), IEC 61158-6-10 (FrameIDs). The telegrams are given, observed in
 P922 or in a Connect, or inferred from the places of IOPS and IOCS. Not here: fragments.
 """
 

@@ -91,7 +91,7 @@ def test_own_telegram_has_six_words_of_the_user_each_way() -> None:
 
 
 def test_telegram_of_the_document_has_the_words_of_352() -> None:
-    document = (Path(__file__).parents[3] / "docs" / "sinamics.md").read_text(encoding="utf-8")
+    document = (Path(__file__).parents[3] / "docs" / "plc.md").read_text(encoding="utf-8")
     parse_config(file(1352, document.partition("```toml\n")[2].partition("```")[0]))
     own = catalogue.telegram(1352)
     assert (own.setpoints.size, own.actuals.size) == (12, 12)
