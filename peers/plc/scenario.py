@@ -141,7 +141,7 @@ class Step(Model):
                 hint = did_you_mean(name, [*cls.model_fields, *telegrams_of()])
                 raise misplaced(
                     f"{name}: unknown word{hint} (actions: {', '.join(ACTIONS)}; and every value and bit of the "
-                    "telegram in lower case, like override, tracking: docs/plc-simulator.md)",
+                    "telegram in lower case, like override, tracking: docs/simulation.md)",
                     name,
                 )
         if words:

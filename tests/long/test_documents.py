@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from tests.long.documents.commands import COMMANDS_PATH, generate_commands
-from tests.long.documents.simulator_words import generate_words
+from tests.long.documents.simulator_steps import generate_steps
 from tests.long.documents.tables import (
     MISBEHAVIOUR_PLACE,
     PATH,
-    WORDS_PATH,
+    STEPS_PLACE,
     generate,
     generate_misbehaviour,
 )
@@ -23,7 +23,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 def test_docs_tables_are_up_to_date() -> None:
     assert (DOCS / PATH.name).read_text(encoding="utf-8") == generate(), "run: make docs"
     assert read_part(*MISBEHAVIOUR_PLACE) == generate_misbehaviour(), "run: make docs"
-    assert (DOCS / WORDS_PATH.name).read_text(encoding="utf-8") == generate_words(), "run: make docs"
+    assert read_part(*STEPS_PLACE) == generate_steps(), "run: make docs"
 
 
 def test_table_of_the_commands_is_up_to_date() -> None:

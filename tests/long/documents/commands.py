@@ -24,7 +24,6 @@ _GUIDES: Final[Mapping[str, str]] = {
     "timeline": "recordings.md",
     "replay": "recordings.md",
     "drives": "devices.md",
-    "sim plc": "plc-simulator.md",
     "sim": "simulation.md",
     "demo": "simulation.md",
 }

@@ -46,14 +46,14 @@ from pdgw.profinet.blocks.alarm import MESSAGE_CLASS_TEXTS
 from pdgw.profinet.model import TELEGRAM_IDENT, TELEGRAM_SUBSLOT
 from tests.conformance.fault_cases import DRIVE_CASES, ENCODER_CASES, Case, Device
 from tests.long.documents.markdown import table
-from tests.long.documents.simulator_words import generate_words
+from tests.long.documents.simulator_steps import generate_steps
 from tests.support.documents.parts import write_part
 
 _ROOT = Path(__file__).parents[3]
 _DOCS = _ROOT / "docs"
 PATH = _DOCS / "tables.md"
 MISBEHAVIOUR_PLACE = ("simulation.md", "faults")
-WORDS_PATH = _DOCS / "plc-simulator.md"
+STEPS_PLACE = ("simulation.md", "actions and keys")
 
 
 def _half(half: TelegramHalf) -> str:
@@ -471,4 +471,4 @@ def generate_misbehaviour() -> str:
 if __name__ == "__main__":
     PATH.write_text(generate(), encoding="utf-8")
     write_part(*MISBEHAVIOUR_PLACE, generate_misbehaviour())
-    WORDS_PATH.write_text(generate_words(), encoding="utf-8")
+    write_part(*STEPS_PLACE, generate_steps())
