@@ -14,11 +14,23 @@ from tests.long.documents.markdown import table
 _DOCS = Path(__file__).parents[3] / "docs"
 BLOCKS_PATH = _DOCS / "plc-blocks.md"
 _SECTIONS = {"VAR_INPUT": "in", "VAR_OUTPUT": "out", "VAR_IN_OUT": "in and out"}
+_COMMON = {
+    ("Axis", ""),
+    ("Execute", "FALSE to TRUE starts it"),
+    ("Busy", "the command is active"),
+    ("ErrorID", "number of the reason"),
+}
+"""Variables of PLCopen's blocks that the introduction describes."""
 _INTRODUCTION = """\
 # Function blocks for a PLC: inputs and outputs
 
 Generated from the templates by `make docs`; do not edit. [plc.md](plc.md) shows how to use them. "Telegrams" is empty if all
 telegrams of the block have the variable. `Actual` and `Setpoints` are the structures of the telegram.
+
+The tables leave out `Axis` (in and out, PDGW_AXIS) of `PDGW_Axis_Tn` and of all `MC_...` blocks, and what is equal in every
+`MC_...` block that has it: `Execute` starts the command when it becomes TRUE, `Busy` is TRUE while the command is active,
+`ErrorID` is the number of the reason of an `Error`. Blocks with `Done` or `InVelocity` have `Execute` and `Busy`, all have
+`ErrorID`.
 
 The picture shows MC_Power, MC_Home and MC_MoveAbsolute with the simulated drive of `pdgw run --simulate --telegram 111`, in
 virtual time, 4 ms per cycle: power on, homing at the present position, a move by 0.6 revolutions, power off.
@@ -40,7 +52,7 @@ def generate_blocks() -> str:
         for unit in declarations(text):
             if unit.kind != "TYPE":
                 rows = _rows({0: unit.variables})
-                rows_text = table(("", "name", "type", "initial", "meaning"), rows)
+                rows_text = table(("", "name", "type", "meaning"), rows)
                 parts.append(f"## {unit.name}\n\n{unit.comment}\n\n{rows_text}")
     return "\n".join(parts)
 
@@ -49,7 +61,7 @@ def _family(name: str, texts: dict[int, str]) -> str:
     found = {number: next(iter(declarations(text))) for number, text in texts.items()}
     numbers = ", ".join(map(str, found))
     rows = _rows({number: item.variables for number, item in found.items()})
-    rows_text = table(("", "name", "type", "initial", "meaning", "telegrams"), rows)
+    rows_text = table(("", "name", "type", "meaning", "telegrams"), rows)
     return f"## {name}_Tn\n\nTelegrams {numbers}.\n\n{rows_text}"
 
 
@@ -64,11 +76,14 @@ def _rows(variables: dict[int, Sequence[Declared]]) -> Iterator[tuple[str, ...]]
         for (of, name), items in merged.items():
             if of == section:
                 types = dict.fromkeys(item.type for item in items.values())
-                initials = dict.fromkeys(item.initial for item in items.values())
+                initial = "".join(
+                    dict.fromkeys(f" (initially {item.initial})" for item in items.values() if item.initial)
+                )
                 comments = dict.fromkeys(item.comment for item in items.values())
                 telegrams = () if 0 in items else ("" if len(items) == len(variables) else ", ".join(map(str, items)),)
                 said = next(iter(comments)) if len(comments) == 1 or name != "ModePos" else max(comments, key=len)
-                yield direction, f"`{name}`", ", ".join(types), "".join(initials), said, *telegrams
+                if (name, said) not in _COMMON:
+                    yield direction, f"`{name}`", ", ".join(types), said + initial, *telegrams
 
 
 if __name__ == "__main__":
