@@ -95,15 +95,15 @@ def _device(reader: RingReader, number: int, traced: TracedObject, item: Documen
 
 
 def usual(found: dict[str, Curve], chosen: Telegram) -> list[str]:
-    """Setpoint and actual value of the speed, with a positioning telegram of the position, where the telegram has both; else what
-    the device reports, else what is sent.
+    """Actual value and setpoint of the speed, with a positioning telegram of the position, where the telegram has both; else what
+    the device reports, else what is sent. The page draws the last one on top.
     """
     positioning = chosen.mode is ApplicationMode.POSITIONING
 
     def shown(item: Signal) -> bool:
         return item.quantity is SignalQuantity.POSITION if positioning else quantity_of(item) is Quantity.SPEED
 
-    halves = (chosen.setpoints, chosen.actuals)
+    halves = (chosen.actuals, chosen.setpoints)
     pair = [next((item.name for item in half.signals if shown(item)), None) for half in halves]
     if None not in pair:
         return [name for name in pair if name is not None]

@@ -219,9 +219,11 @@ def test_axis_view_has_words_by_bits_and_a_live_trend(shown: Shown) -> None:
     reads(tab, ".word", "NSOLL_A 2000h 50.00 % = 1500.0 rpm")
     tab.wait_for_selector("#main canvas")
     reads(tab, ".u-legend", "NIST_A (rpm)")
+    reads(tab, ".u-series", "NSOLL_A (rpm)1500.0")
     shown.plc.endpoint.set(0, {"NSOLL_A": 0x3000})
     shown.until(lambda: shown.plc.value("NIST_A") == 0x3000, "three quarters")
     reads(tab, ".word", "= 2250.0 rpm")
+    reads(tab, ".u-series", "NIST_A (rpm)2250.0")
     tab.get_by_role("button", name="Pause").click()
     assert tab.get_by_role("button", name="Pause").get_attribute("aria-pressed") == "true"
     tab.get_by_role("button", name="60 s").click()

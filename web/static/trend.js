@@ -3,7 +3,7 @@
 import { html, nothing } from "./vendor/lit-html/lit-html.js";
 import uPlot from "./vendor/uplot/uPlot.esm.js";
 import { get } from "./api.js";
-import { DASH, clock } from "./format.js";
+import { DASH, clock, number } from "./format.js";
 
 const WINDOWS = [[10, "10 s"], [60, "60 s"], [600, "10 min"]];
 const BINS = 800;
@@ -91,7 +91,8 @@ export class Trend {
     const axis = { stroke: colour("--text"), grid: { stroke: colour("--line"), width: 1 }, ticks: { stroke: colour("--line"), width: 1 } };
     const times = { ...axis, space: 90, values: (plot, splits) => splits.map((moment) => clock(moment * 1000)), incrs: [1, 2, 5, 10, 30, 60, 120, 300] };
     const units = [...new Set(this.signals.map((signal) => signal.unit))];
-    const [styles, dashes] = [["--set", "--actual", "--third", "--fourth"], [[6, 4], undefined, [2, 3], [8, 3, 2, 3]]];
+    const [styles, dashes] = [["--actual", "--set", "--third", "--fourth"], [undefined, [6, 4], [2, 3], [8, 3, 2, 3]]];
+    const legend = (text) => (plot, raw, place, index) => text((index === null ? plot.data[place].at(-1) : raw) ?? null); // without a pointer: the newest
     const options = {
       width: this.element.clientWidth || 600,
       height: HEIGHT,
@@ -99,7 +100,7 @@ export class Trend {
       legend: { live: true },
       cursor: { drag: { x: false, y: false } },
       series: [
-        { value: (plot, raw) => (raw === null ? DASH : new Date(raw * 1000).toISOString().slice(11, 23)) },
+        { value: legend((time) => (time === null ? DASH : new Date(time * 1000).toISOString().slice(11, 23))) },
         ...this.signals.map((signal, place) => ({
           label: `${signal.label} (${signal.unit})`,
           scale: signal.unit,
@@ -107,7 +108,7 @@ export class Trend {
           dash: dashes[place % dashes.length],
           width: 2,
           points: { show: false },
-          value: (plot, raw) => (raw === null || raw === undefined ? DASH : raw.toFixed(1)),
+          value: legend(number),
         })),
       ],
       axes: [times, ...units.map((unit, place) => ({ ...axis, scale: unit, label: unit, side: place ? 1 : 3, size: 78, labelSize: 18, grid: place ? { show: false } : axis.grid }))],
