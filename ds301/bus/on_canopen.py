@@ -21,7 +21,7 @@ from canopen.sdo.constants import (
 )
 
 from pdgw.ds301.aborts import abort_text
-from pdgw.ds301.connection_set import SDO_REQUEST, SDO_RESPONSE
+from pdgw.ds301.connection_set import ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.loop.loop import Loop, Mailbox
 from pdgw.durations import SECOND
 
@@ -44,6 +44,9 @@ class AcyclicNetwork(canopen.Network):  # type: ignore[misc]
         super().__init__()
         # No LSS master reads the answers to LSS, so they would stay in canopen's queue permanently.
         self.unsubscribe(self.lss.LSS_RX_COBID)
+        self.scanner.SERVICES = (
+            ERROR_CONTROL,
+        )  # a PDO can have any COB-ID: only heartbeat and boot-up name their node
         self._send = send
         self.send_first = send_first
         """Send before what waits: for a stop by SDO."""

@@ -207,6 +207,11 @@ def encoder_status(encoder: EncoderObject) -> dict[str, Any]:
     )
 
 
+def _node_ids(daemon: Daemon, bus: str) -> set[int]:
+    """The node-IDs of drives and encoders in the configuration of a bus."""
+    return {item.node_id for item in daemon.objects if item.network.name == bus}
+
+
 def _head(daemon: Daemon) -> dict[str, Any]:
     """Everything but the drive objects."""
     loop, config = daemon.loop, daemon.config
@@ -240,6 +245,9 @@ def _head(daemon: Daemon) -> dict[str, Any]:
                 "channel": bus.channel,
                 "bitrate": bus.bitrate,
                 "healthy": daemon.networks[bus.name].healthy,
+                "unconfigured": sorted(
+                    set(daemon.networks[bus.name].canopen.scanner.nodes) - _node_ids(daemon, bus.name)
+                ),
                 "sync": producer.status() if (producer := daemon.sync_producers.get(bus.name)) else None,
             }
             for bus in config.can

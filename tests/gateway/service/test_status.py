@@ -126,6 +126,16 @@ def test_a_request_nobody_knows_is_refused_with_what_is_allowed(request_: bytes,
         assert "allowed" in answer["error"]
 
 
+def test_only_a_heartbeat_names_a_node_that_is_not_in_the_configuration() -> None:
+    with running(configuration(axis(1))) as daemon:
+        until(daemon, lambda: daemon.axes[0].good, "online")
+        bus = daemon.networks["can"]
+        bus.on_frame(0x1C5, bytes(8))  # a PDO of node 1 can have this COB-ID
+        assert snapshot(daemon)["buses"][0]["unconfigured"] == []
+        bus.on_frame(0x700 + 77, b"\x05")
+        assert snapshot(daemon)["buses"][0]["unconfigured"] == [77]
+
+
 def test_a_lost_drive_is_not_shown_as_turning() -> None:
     with running(configuration(axis(1))) as daemon:
         plc = Plc(daemon, [1])

@@ -29,9 +29,10 @@ function one(status, bus) {
       <thead><tr><th>Node</th><th>State</th><th class="number">Last frame</th><th>Used by</th></tr></thead>
       <tbody>${nodes(status, bus).map((node) => html`<tr>
         <td>${node.node_id}</td>
-        <td>${node.drive === "online" ? "●" : "■"} ${node.drive}${node.drive_text ? html` <small>${node.drive_text}</small>` : nothing}</td>
+        <td class=${node.drive === "online" ? "" : "past"}>${node.drive === "online" ? "●" : "■"} ${node.drive}${node.drive_text ? html` <small>${node.drive_text}</small>` : nothing}</td>
         <td class="number" data-live>${node.heard_age_ms === null ? DASH : withUnit(number(node.heard_age_ms, 0), "ms ago")}</td>
-        <td>${node.names.map((item) => html`<a href=${`#/axis/${item.do_id}`}>${objectName(item)}</a> `)}</td></tr>`)}</tbody>
+        <td>${node.names.map((item) => html`<a href=${`#/axis/${item.do_id}`}>${objectName(item)}</a> `)}</td></tr>`)}
+        ${bus.unconfigured.map((number) => html`<tr class="past"><td>${number}</td><td>? not in the configuration</td><td class="number">${DASH}</td><td></td></tr>`)}</tbody>
     </table></div>
     <details><summary>Counters</summary><div class="scroll"><table>
       <tbody>${counters.map((item) => html`<tr><td class="number" data-live>${integer(item.value)}</td><td>${item.part}: ${item.name.replaceAll("_", " ")} <small>${item.unit} ${item.meaning}</small></td></tr>`)}</tbody>
