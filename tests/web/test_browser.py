@@ -324,6 +324,16 @@ def test_views_and_pages_of_files_are_accessible_fit_a_telephone_and_need_no_mou
     assert tab.locator(".complaints li").count() == 1
     assert tab.locator(".tiles li").count() == 64
     reads(tab, ".tiles li", "Axis 64 slide")
+    shown.go(tab, "#/events")
+    reads(tab, "#main", "1 to 25 of")
+    assert tab.locator(".events li").count() == 25
+    first = tab.locator(".events li").first.get_attribute("data-event")
+    tab.get_by_role("button", name="Older").click()
+    reads(tab, "#main", "26 to 50 of")
+    tab.get_by_role("button", name="Newer").click()
+    reads(tab, "#main", "1 to 25 of")
+    assert tab.locator(".events li").first.get_attribute("data-event") == first
+    shown.go(tab, "#/axes")
     bottom = tab.evaluate("document.querySelector('.tiles').getBoundingClientRect().bottom")
     assert bottom <= tab.evaluate("innerHeight"), "one screen"
 
@@ -377,11 +387,11 @@ def test_parameters_are_read_and_events_filtered_on_request_and_texts_of_devices
     reads(tab, "tbody tr", "P922 Telegram 1")
 
     tab = shown.open("#/events")
-    reads(tab, "tbody tr", "In operation")
-    before = tab.locator("tbody tr").count()
+    reads(tab, ".events li", "In operation")
+    before = tab.locator(".events li").count()
     tab.get_by_label("Kind").select_option("plc")
-    tab.wait_for_function("count => document.querySelectorAll('tbody tr').length < count", arg=before)
-    assert {cell.inner_text() for cell in tab.locator("td.kind").all()} == {"plc"}
+    tab.wait_for_function("count => document.querySelectorAll('.events li').length < count", arg=before)
+    assert {kind.inner_text() for kind in tab.locator(".events .kind").all()} == {"plc"}
 
     script = "<img src=x onerror=alert(1)><b>bold</b>"
     shown.gateway.document["axes"][0]["faults"] = [

@@ -1,19 +1,32 @@
-// What happened, newest first.
+// What happened, newest first, one page at a time.
 
-import { html } from "../vendor/lit-html/lit-html.js";
+import { html, nothing } from "../vendor/lit-html/lit-html.js";
 import { moment } from "../format.js";
 
 const KINDS = ["fault", "warning", "reason", "plc", "node", "bus", "gateway"];
-const held = { kind: "", text: "", copied: "" };
+const PAGE = 25;
+const held = { kind: "", text: "", copied: "", first: Infinity }; // `first`: id of the first event shown, Infinity for the newest
 
 const times = (event) => (event.count > 1 ? ` (${event.count} times since ${moment(event.since)})` : "");
 const line = (event) => `${event.time} ${event.kind} ${event.do_id === null ? "" : `DO ${event.do_id} `}${event.text}${times(event)}`;
 
+function card(event) {
+  return html`<li data-event=${event.id}><span class="number">${moment(event.time)}</span> <span class=${`kind ${event.kind}`}>${event.kind}</span>
+    <span>${event.do_id === null ? nothing : html`<a href=${`#/axis/${event.do_id}`}>DO ${event.do_id}</a>`}</span>
+    <span class="text">${event.text}<small>${times(event)}</small></span></li>`;
+}
+
 export function events(state, draw) {
   const wanted = held.text.toLowerCase();
   const shown = state.events.filter((event) => (!held.kind || event.kind === held.kind) && line(event).toLowerCase().includes(wanted));
+  const begin = Math.max(0, shown.findIndex((event) => event.id <= held.first));
+  const turn = (place) => () => {
+    held.first = place > 0 ? shown[place].id : Infinity;
+    draw();
+    scrollTo(0, 0);
+  };
   const change = (key) => (event) => {
-    held[key] = event.target.value;
+    Object.assign(held, { [key]: event.target.value, first: Infinity });
     draw();
   };
   const copy = async () => {
@@ -33,9 +46,9 @@ export function events(state, draw) {
       <button type="button" @click=${copy}>Copy for support</button>
       <output>${held.copied}</output>
     </form>
-    ${shown.length ? html`<div class="scroll"><table>
-      <thead><tr><th>Time</th><th>Kind</th><th>DO</th><th>What</th></tr></thead>
-      <tbody>${shown.map((event) => html`<tr data-event=${event.id}><td class="number">${moment(event.time)}</td><td class=${`kind ${event.kind}`}>${event.kind}</td>
-        <td class="number">${event.do_id === null ? "" : html`<a href=${`#/axis/${event.do_id}`}>${event.do_id}</a>`}</td><td>${event.text}<small>${times(event)}</small></td></tr>`)}</tbody>
-    </table></div>` : html`<p>Nothing.</p>`}`;
+    ${shown.length ? html`<ol class="events">${shown.slice(begin, begin + PAGE).map(card)}</ol>` : html`<p>Nothing.</p>`}
+    ${shown.length > PAGE ? html`<div class="row">
+      <button type="button" ?disabled=${begin === 0} @click=${turn(begin - PAGE)}>Newer</button>
+      <button type="button" ?disabled=${begin + PAGE >= shown.length} @click=${turn(begin + PAGE)}>Older</button>
+      <span>${begin + 1} to ${Math.min(begin + PAGE, shown.length)} of ${shown.length}</span></div>` : nothing}`;
 }
