@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from pdgw.gateway.reasons import Enable, Reason
+from pdgw.gateway.reasons import AxisState, Enable, Reason
 from pdgw.gateway.trace.recorder import FlightRecorder
 from pdgw.recording.recordings import Part, write_page
 from pdgw.tools.output.reports import Check, Report
@@ -134,6 +134,9 @@ def test_home_shows_every_axis_changes_by_itself_and_greys_old_values(shown: Sho
     reads(tab, "[data-do='1']", "● In operation")
     reads(tab, "[data-do='1'] [data-live]", "1500.0 rpm")
     reads(tab, "[data-do='2']", Reason.NO_CONTROL.value)
+    assert tab.locator("[data-do='1'] .lamps .holds").count() == 9
+    assert tab.locator("[data-do='2'] .lamps").get_attribute("title") == "Enables: missing: control by PLC"
+    tab.wait_for_function("() => document.querySelector(\"[data-do='1'] .curve path\").getAttribute('d').includes('L')")
     assert tab.locator("[data-do]").count() == 3
     shown.plc.endpoint.set(0, {"NSOLL_A": 0x1000})
     shown.until(lambda: shown.plc.value("NIST_A") == 0x1000, "a quarter of the speed")
@@ -404,6 +407,33 @@ def test_parameters_are_read_and_events_filtered_on_request_and_texts_of_devices
         shown.go(shown.tab, f"#/{view}")
         reads(shown.tab, "#main", script)
         assert shown.tab.locator("#main img, #main b:text-is('bold')").count() == 0
+
+
+def test_an_axis_that_is_off_is_not_red_and_one_off_the_bus_is_grey(shown: Shown) -> None:
+    shown.daemon.networks["can"].on_frame(0x700 + 77, b"\x05")
+    for number in (0, 1):
+        shown.plc.endpoint.set(number, {"STW1": OFF})
+    shown.plc.endpoint.set(2, {"STW2_ENC": 1 << 10})
+    shown.until(
+        lambda: all(item.enable_status.state is AxisState.OFF for item in shown.daemon.axes), "both axes are off"
+    )
+    tab = shown.tab
+    reads(tab, "[role=status].live", "0 of 2 axes in operation")
+    assert tab.locator(".lamps .broken").count() == 0
+    shown.go(tab, "#/axis/1")
+    reads(tab, "[data-chain] li.off", Enable.ON_EDGE.value)
+    assert tab.locator("[data-chain] li.broken").count() == 0
+    shown.go(tab, "#/buses")
+    reads(tab, "tbody tr", "77 ? not in the configuration")
+
+    drive_of(shown.daemon).node.power_off()
+    shown.until(lambda: shown.daemon.axes[0].reason is Reason.DRIVE_OFFLINE, "off the bus")
+    shown.go(tab, "#/axes")
+    reads(tab, "[data-do='1']", "Not on the bus")
+    reads(tab, "[role=status].old", "0 of 2 axes")
+    colour = "s => getComputedStyle(document.querySelector(s)).color"
+    assert tab.evaluate(colour, "[data-do='1'] .state") == tab.evaluate(colour, "[data-do='1'] small")
+    assert shown.noise == []
 
 
 def test_the_token_opens_the_page_and_stays_out_of_reach_of_scripts(shown: Shown) -> None:

@@ -2,6 +2,7 @@
 
 import { html, render } from "./vendor/lit-html/lit-html.js";
 import { get } from "./api.js";
+import { keep } from "./curves.js";
 import { banners, header } from "./frame.js";
 import { login } from "./login.js";
 import { Stream } from "./stream.js";
@@ -33,7 +34,10 @@ const state = {
 const stream = new Stream({
   onStatus: (status) => {
     state.status = status;
-    if (!status.stale) state.received = Date.now();
+    if (!status.stale) {
+      state.received = Date.now();
+      keep(status, state.received / 1000);
+    }
     document.title = `${status.name ?? "gateway"}: ${TITLES[state.route.view] ?? `Axis ${state.route.argument}`}`;
     draw();
   },

@@ -1,8 +1,9 @@
 // Home: each cause in a sentence, then one line for each drive object; many of them are tiles first.
 
 import { html } from "../vendor/lit-html/lit-html.js";
+import { curve } from "../curves.js";
 import { explain } from "./explain.js";
-import { lastFault, objectName, position, speed, stateWord } from "./state.js";
+import { lamps, lastFault, objectName, position, speed, stateWord } from "./state.js";
 
 const MANY = 16;
 
@@ -22,8 +23,8 @@ function row(state, item) {
   return html`<tr data-do=${item.do_id}>
     <th scope="row"><a href=${`#/axis/${item.do_id}`}>${objectName(item)}</a> <small>node ${item.node_id}, telegram ${item.telegram}</small></th>
     <td data-label="State">${stateWord(state, item)}</td>
-    <td data-label="Why" class="why">${item.reason}</td>
-    <td data-label="Speed" class="number" data-live>${speed(item)}</td>
+    <td data-label="Enables" class="why">${lamps(item)} ${item.reason}</td>
+    <td data-label="Speed" class="number"><span data-live>${speed(item)}</span>${curve(item)}</td>
     <td data-label="Position" class="number" data-live>${position(item)}</td>
     <td data-label="Last fault">${lastFault(item)}</td>
   </tr>`;
@@ -41,7 +42,7 @@ export function axes(state, draw) {
 
 function table(state, items) {
   return html`<table class="cards">
-      <thead><tr><th>DO</th><th>State</th><th>Why</th><th class="number">Speed</th><th class="number">Position</th><th>Last fault</th></tr></thead>
+      <thead><tr><th>DO</th><th>State</th><th>Enables</th><th class="number">Speed</th><th class="number">Position</th><th>Last fault</th></tr></thead>
       <tbody>${items.map((item) => row(state, item))}</tbody>
     </table>`;
 }

@@ -5,16 +5,17 @@ import { get, getOnce } from "../api.js";
 import { DASH, hex, number, withUnit } from "../format.js";
 import { Trend } from "../trend.js";
 import { explain } from "./explain.js";
-import { faultTable, objectName, position, speed, stateWord } from "./state.js";
+import { faultTable, lamp, objectName, position, speed, stateWord } from "./state.js";
 
 const ROOMY = matchMedia("(min-width: 46rem)").matches; // on a phone the bits of a word are unfolded by hand
 const held = { doId: null, trend: null, telegram: null, faults: [], seen: "" };
 
-function link(item) {
-  const [kind, mark, word] = item.ok === null ? ["unknown", "·", "not judged"] : item.ok ? ["holds", "✓", "OK"] : ["broken", "✗", item.evidence];
+function link(item, enable) {
+  const [kind, mark] = lamp(item, enable);
+  const word = enable.ok === null ? "not checked" : enable.ok ? "OK" : enable.evidence;
   return html`<li class=${kind}><span class="mark" aria-hidden="true">${mark}</span>
-    <span>${item.text}<small>${word}</small></span>
-    ${item.ok === false ? html`<strong class="todo">${item.todo}</strong>` : nothing}</li>`;
+    <span>${enable.text}<small>${word}</small></span>
+    ${enable.ok === false ? html`<strong class="todo">${enable.todo}</strong>` : nothing}</li>`;
 }
 
 function bit(field, raw) {
@@ -92,7 +93,7 @@ export function axis(state, draw) {
     <h2>${objectName(item)}</h2>
     <p class="large">${stateWord(state, item)}</p>
     ${item.reason ? html`<p class="reason">${item.reason}</p>` : nothing}
-    <ol class="chain" data-chain aria-label="Chain of enables">${item.chain.map(link)}</ol>
+    <ol class="chain" data-chain aria-label="Chain of enables">${item.chain.map((enable) => link(item, enable))}</ol>
     ${explain(item.do_id, draw)}
     ${held.trend.view(state)}
     ${facts(item)}

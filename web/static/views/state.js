@@ -14,6 +14,20 @@ export function stateWord(state, item) {
 
 export const objectName = (item) => `${"channel" in item ? "Encoder" : "Axis"} ${item.do_id}${item.name ? ` ${item.name}` : ""}`;
 
+// Kind and symbol of a link of the chain of enables. What is missing while an axis is off is no defect.
+export function lamp(item, link) {
+  if (link.ok === null) return ["unknown", "·"];
+  if (link.ok) return ["holds", "✓"];
+  return FINE.includes(item.state_id) ? ["off", "○"] : ["broken", "✗"];
+}
+
+export function lamps(item) {
+  const missing = item.chain.find((link) => link.ok === false);
+  const text = `Enables: ${missing ? `missing: ${missing.text}` : "all OK"}`;
+  const marks = item.chain.map((link) => lamp(item, link));
+  return html`<span class="lamps" role="img" aria-label=${text} title=${text}>${marks.map(([kind, mark]) => html`<span class=${kind}>${mark}</span>`)}</span>`;
+}
+
 // Of a device that is away, the last speed with its age.
 export function speed(item) {
   if (item.last) return html`<span class="past">last ${speed({ ...item, ...item.last, last: null })}, ${duration(item.heard_age_ms / 1000)} ago</span>`;

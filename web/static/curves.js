@@ -1,0 +1,32 @@
+// A small curve of the speed of each drive object: the last minute, as far as this page has received it.
+
+import { html } from "./vendor/lit-html/lit-html.js";
+
+const SECONDS = 60;
+const [EVERY_S, GAP_S] = [0.5, 3];
+const [WIDTH, HEIGHT] = [120, 24];
+const samples = new Map(); // by DO-ID: [time in seconds, speed or null]
+
+// Keep the speeds of a new status. A device that is away has none: its curve ends.
+export function keep(status, now) {
+  for (const item of [...status.axes, ...status.encoders]) {
+    const kept = (samples.get(item.do_id) ?? []).filter(([time]) => time > now - SECONDS);
+    if (!kept.length || now - kept.at(-1)[0] >= EVERY_S) kept.push([now, item.speed_rpm ?? item.speed ?? item.velocity]);
+    samples.set(item.do_id, kept);
+  }
+}
+
+export function curve(item) {
+  const kept = samples.get(item.do_id) ?? [];
+  const speeds = kept.map(([, speed]) => speed ?? 0);
+  const high = Math.max(0, ...speeds);
+  const span = Math.max(high - Math.min(0, ...speeds), (item.rated_speed ?? 100) / 100); // 1 %: noise stays flat
+  let [path, before] = ["", -Infinity];
+  for (const [time, speed] of kept) {
+    if (speed === null) continue;
+    const x = WIDTH * (1 - (kept.at(-1)[0] - time) / SECONDS);
+    path += `${time - before < GAP_S ? "L" : "M"}${x.toFixed(1)} ${(1 + (HEIGHT - 2) * (high - speed) / span).toFixed(1)}`;
+    before = time;
+  }
+  return html`<svg class="curve" viewBox=${`0 0 ${WIDTH} ${HEIGHT}`} role="img" aria-label="Speed in the last minute"><path d=${path}/></svg>`;
+}
