@@ -430,6 +430,7 @@ def test_an_axis_that_is_off_is_not_red_and_one_off_the_bus_is_grey(shown: Shown
     shown.until(lambda: shown.daemon.axes[0].reason is Reason.DRIVE_OFFLINE, "off the bus")
     shown.go(tab, "#/axes")
     reads(tab, "[data-do='1']", "Not on the bus")
+    assert "NaN" not in str(tab.locator("[data-do='1'] .curve path").get_attribute("d"))
     reads(tab, "[role=status].old", "0 of 2 axes")
     colour = "s => getComputedStyle(document.querySelector(s)).color"
     assert tab.evaluate(colour, "[data-do='1'] .state") == tab.evaluate(colour, "[data-do='1'] small")

@@ -37,21 +37,25 @@ def main(folder: Path) -> None:
         for index, word in enumerate((0x047E, 0x047E, 0x007F)):
             plc.endpoint.set(index, {"STW1": word})
         plc.exchange(5)
-        for percent in (0, 20, 60, -30, 80, 45):
-            plc.exchange(3, STW1=0x047F, NSOLL_A=percent * 0x4000 // 100)
         scene: Any = SimpleNamespace(
-            status=lambda: copy.deepcopy(snapshot(daemon)),
+            status=lambda: copy.deepcopy(scene.shown),
+            shown=snapshot(daemon),
             explanation=lambda do_id: explanation(daemon, [o for o in daemon.objects if do_id in (None, o.do_id)]),
             faults=lambda do_id: next(fault_status(o) for o in daemon.objects if o.do_id == do_id),
         )
         with in_background(Watch(config, scene), PageParameters(None), captured) as port, sync_playwright() as engine:
             browser = engine.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
             for name, view in _SHOTS.items():
+                scene.shown = snapshot(daemon)
                 size = _TELEPHONE if "telephone" in name else _DESK
                 tab = browser.new_page(viewport=size, color_scheme="dark" if "dark" in name else "light")
                 tab.goto(f"http://127.0.0.1:{port}/#/{view}")
                 tab.get_by_text("live, PLC connected").wait_for()
-                tab.wait_for_timeout(1000)  # a curve has no text to wait for
+                for percent in (0, 20, 60, -30, 80, 45):
+                    tab.wait_for_timeout(1000)  # a curve has no text to wait for
+                    plc.exchange(1, STW1=0x047F, NSOLL_A=percent * 0x4000 // 100)
+                    scene.shown = snapshot(daemon)
+                tab.wait_for_timeout(1000)
                 tab.screenshot(path=folder / f"{name}.png")
 
 
