@@ -44,9 +44,8 @@ class AcyclicNetwork(canopen.Network):  # type: ignore[misc]
         super().__init__()
         # No LSS master reads the answers to LSS, so they would stay in canopen's queue permanently.
         self.unsubscribe(self.lss.LSS_RX_COBID)
-        self.scanner.SERVICES = (
-            ERROR_CONTROL,
-        )  # a PDO can have any COB-ID: only heartbeat and boot-up name their node
+        # A PDO can have any COB-ID: only heartbeat and boot-up name their node.
+        self.scanner.SERVICES = (ERROR_CONTROL,)
         self._send = send
         self.send_first = send_first
         """Send before what waits: for a stop by SDO."""
