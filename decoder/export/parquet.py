@@ -48,9 +48,9 @@ class ParquetTable:
         self.rows = 0
         self._schema = arrow_schema(titles, names, "--parquet")
         self._waiting: list[tuple[int, Row]] = []
-        from pyarrow import parquet  # noqa: PLC0415
-
         try:
+            from pyarrow import parquet  # noqa: PLC0415
+
             self._file = parquet.ParquetWriter(str(path), self._schema)
         except OSError as error:
             raise GatewayError(f"--parquet {path}: cannot be written ({error})") from error
