@@ -38,6 +38,10 @@ class Plc:
         """Raw actual values by name, for each axis in the order of the configuration; None while they are invalid."""
         return self.endpoint.actuals
 
+    def set(self, axis: int, values: Mapping[str, int]) -> None:
+        """Change raw setpoints by name from the next frame on, of an axis in the order of the configuration."""
+        self.endpoint.set(axis, values)
+
     def exchange(self, seconds: float, do_id: int | None = None, **setpoints: int) -> None:
         """Send one frame per cycle for this number of seconds. ``setpoints`` change first, as raw values by name.
 

@@ -197,7 +197,7 @@ class DriveRig(Rig):
 
     def command(self, word: int) -> None:
         """Set the control word."""
-        self.plc.endpoint.set(0, {self.word: word})
+        self.plc.set(0, {self.word: word})
 
     def off(self) -> None:
         self.command(0x06 if self.raw else _OFF)
@@ -235,16 +235,16 @@ class DriveRig(Rig):
             free = limits is None or limits.scaling.position_range is None
             target = (TURNS << 30) // (_FREE_RANGE if free else _LIMITED_RANGE)
             task = {"SATZANW": 0x8000, "MDI_MOD": 1, "MDI_TARPOS": target, "MDI_VELOCITY": 1 << 29}
-            self.plc.endpoint.set(0, {**task, "MDI_ACC": 0x4000, "MDI_DEC": 0x4000, "STW1": 0x043F})
+            self.plc.set(0, {**task, "MDI_ACC": 0x4000, "MDI_DEC": 0x4000, "STW1": 0x043F})
             self.settle()
             self.command(_ON)
         elif self.raw:
             ramps = {"Profile Velocity": 6000, "Profile Acceleration": 300, "Profile Deceleration": 300}
-            self.plc.endpoint.set(0, {"Modes of Operation": Mode.VELOCITY, "Target Velocity": 2 * RPM, **ramps})
+            self.plc.set(0, {"Modes of Operation": Mode.VELOCITY, "Target Velocity": 2 * RPM, **ramps})
         elif self.number == 3:
-            self.plc.endpoint.set(0, {"NSOLL_B": _QUARTER << 16})
+            self.plc.set(0, {"NSOLL_B": _QUARTER << 16})
         else:
-            self.plc.endpoint.set(0, {"NSOLL_A": _QUARTER})
+            self.plc.set(0, {"NSOLL_A": _QUARTER})
 
     def turning(self) -> bool:
         return abs(self.model.ramp.speed) > RPM / 2

@@ -110,8 +110,8 @@ class BitsPlc(Plc):
 
         Returns what the PLC saw last.
         """
-        numbers = [item.number for item in self.telegrams]
-        engine = Engine(Scenario.model_validate({"telegrams": numbers, "steps": list(steps)}), self)
+        numbers = [item.number for item in self.endpoint.telegrams]
+        engine = Engine(Scenario.model_validate({"telegrams": numbers, "steps": list(steps)}), self.endpoint)
         end = self._loop.now() + _LIMIT_NS
         while not engine.finished and self._loop.now() < end:
             engine.step(self._loop.now())

@@ -122,7 +122,7 @@ def _check_operation(rig: DriveRig, case: Case) -> None:
 
 
 def _begin(rig: DriveRig, case: Case) -> None:
-    word = rig.plc.setpoints[0][rig.word]
+    word = rig.plc.endpoint.setpoints[0][rig.word]
     if case.activity is not Activity.START:
         rig.misbehave(case.fault, case.values)
     if case.activity is Activity.STOPPING:

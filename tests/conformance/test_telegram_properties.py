@@ -56,7 +56,7 @@ def test_off_stops_and_on_starts_a_drive_after_any_setpoints(number: int, data: 
         for values, cycles in data.draw(frames(number)):
             rig.plc.set(0, values)
             rig.cycles(cycles)
-        rig.plc.set(0, dict.fromkeys(rig.plc.setpoints[0], 0))
+        rig.plc.set(0, dict.fromkeys(rig.plc.endpoint.setpoints[0], 0))
         rig.off()
         rig.until(lambda: rig.standing() and rig.model.state not in POWERED, "OFF obeyed")
         rig.enable()

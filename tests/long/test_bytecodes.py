@@ -44,12 +44,12 @@ def test_gateway_executes_no_more_bytecodes_than_before(axes: int, per_bus: int,
         plc = Plc(world, daemon)
         for word, state in ((0x047E, 0x01), (0x047F, 0x07)):
             for axis in range(axes):
-                plc.endpoint.set(axis, {"STW1": word})
+                plc.set(axis, {"STW1": word})
             plc.until(lambda: all(shown and shown["ZSW1"] & 0x4F == state for shown in plc.actuals), f"{state}")  # noqa: B023
         found = 0
         for cycle in range(_CYCLES):
             for axis in range(axes):
-                plc.endpoint.set(axis, {"NSOLL_A": 4 * cycle})
+                plc.set(axis, {"NSOLL_A": 4 * cycle})
             found += _bytecodes(plc)
     count = found // _CYCLES
     known = KNOWN[axes, per_bus, cycle_ms].get(sys.version_info[:2])

@@ -30,6 +30,7 @@ _ZERO: Final = SpeedWish.ZERO
 _JOG_1: Final = SpeedWish.JOG_1
 _INTERNAL_LIMIT: Final = StatusBit.INTERNAL_LIMIT
 _REACHED: Final = Flag.REACHED
+_UNREPORTED: Final = (Mode.VL_VELOCITY, Mode.CYCLIC_VELOCITY)
 _WITHIN_TOLERANCE: Final = Flag.WITHIN_TOLERANCE
 
 
@@ -58,7 +59,7 @@ class SpeedExecutor(Executor):
         """Range of Target Velocity."""
         self._tolerance = 0
         self._unreported = False
-        """The mode has no "target reached" (CiA 402: bit 10 is reserved in velocity mode, vl): the actual speed decides."""
+        """The mode has no "target reached" (CiA 402: bit 10 is reserved in vl and csv): the actual speed decides."""
         self._limit = LimitWatch()
         self._stopped = 0
         """The setpoint at which the axis was stopped at a limit; 0: none."""
@@ -78,7 +79,7 @@ class SpeedExecutor(Executor):
         self._setpoint = n4(reference, self._range)
         self._actual = n4(reference, drive.limits("velocity_actual"))
         self._mode_bits = drive.speed_bits
-        self._unreported = drive.speed_mode == Mode.VL_VELOCITY
+        self._unreported = drive.speed_mode in _UNREPORTED
         self._tolerance = int(reference) * TOLERANCE_PERCENT // 100
         jogs = self.settings.jog_speeds_rpm
         if jogs is not None:

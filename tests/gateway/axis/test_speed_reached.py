@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from pdgw.dsp402.states import STATUS_OF, State, StatusBit
 from pdgw.durations import MS
 from pdgw.gateway.reasons import Reason
@@ -32,10 +34,11 @@ def test_speed_reached_is_not_shown_for_an_older_setpoint() -> None:
     assert shown(bench, 0x1000, 1500)
 
 
-def test_speed_reached_of_velocity_mode_is_decided_by_the_speed() -> None:
-    """In mode 2 (vl), as of frequency converters, bit 10 of the Statusword is reserved."""
+@pytest.mark.parametrize("shape", ["vl", "csv"])
+def test_speed_reached_of_a_mode_without_bit_10_is_decided_by_the_speed(shape: str) -> None:
+    """In modes 2 (vl, frequency converters) and 9 (csv), bit 10 of the Statusword is reserved."""
     bench = Bench()
-    bench.stepper.set_drive(described("vl"))
+    bench.stepper.set_drive(described(shape))
     bench.operate(0x2000)
     target = bench.stepper.command.target_velocity
     assert target

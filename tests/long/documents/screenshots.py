@@ -35,7 +35,7 @@ def main(folder: Path) -> None:
     with running(config, lambda d: d.services.append(FlightRecorder(d, folder_of_trace, "pictures"))) as daemon:
         plc = Plc(world_of(daemon), daemon)
         for index, word in enumerate((0x047E, 0x047E, 0x007F)):
-            plc.endpoint.set(index, {"STW1": word})
+            plc.set(index, {"STW1": word})
         plc.exchange(5)
         scene: Any = SimpleNamespace(
             status=lambda: copy.deepcopy(scene.shown),
