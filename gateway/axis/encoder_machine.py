@@ -180,6 +180,7 @@ class EncoderMachine:
         outputs.good = ok
         if self._acknowledgement.step(control.acknowledged, ok, cause, now):
             outputs.acknowledged = outputs.eventful = True
+            self._node.acknowledged()
         outputs.reason = self._reason(ok)
         if not self.in_error:
             outputs.warned = 0

@@ -282,6 +282,7 @@ class AxisMachine:
             if acknowledgement.step(demand.connected and demand.acknowledge, drive_ok, faulty, now):
                 outputs.acknowledged = outputs.eventful = True
                 outputs.no_drive_error()
+                self._node.acknowledged()
                 self.check.locked = False
         limited, refused = shown & _INTERNAL_LIMIT != 0, inputs.set_point_refused
         if reason is None and (limited or refused):

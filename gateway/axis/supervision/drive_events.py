@@ -109,6 +109,10 @@ class NodeWatch:
             before.drive_error,
         )
 
+    def acknowledged(self) -> None:
+        """The fault buffer has moved on: an EMCY that comes again is a new fault."""
+        self._emergencies.clear()
+
     def restart_asked(self) -> None:
         """The gateway itself restarts the node."""
         self._restart_asked = True

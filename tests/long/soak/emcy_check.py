@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -26,6 +26,8 @@ class Emergency:
 
     time: int
     code: int
+    repeats: bool = False
+    """An equal fault was not acknowledged when it came: both are one entry, which may be acknowledged before it is read."""
 
 
 class PendingEmcys:
@@ -35,11 +37,11 @@ class PendingEmcys:
         self.name = name
         self.waiting: list[Emergency] = []
 
-    def sent(self, now: int, data: bytes) -> None:
-        """An EMCY has reached the gateway's controller."""
+    def sent(self, now: int, data: bytes, present: Collection[int] = ()) -> None:
+        """An EMCY has reached the gateway's controller. ``present``: codes of the faults that are not acknowledged."""
         code, register = int.from_bytes(data[:2], "little"), data[2]
         if code and register:
-            self.waiting.append(Emergency(now, code))
+            self.waiting.append(Emergency(now, code, code in present))
 
     def due(self, now: int) -> bool:
         """Whether an EMCY must be in the buffer now."""
@@ -54,7 +56,8 @@ class PendingEmcys:
         oldest = min((time for _, time in entries), default=0) if all(codes[::_SITUATION]) else 0
         for item in due:
             # An equal fault that is not acknowledged is one entry.
-            shown = item.code in codes[:_SITUATION] or any(
+            places = 2 * _SITUATION if item.repeats else _SITUATION
+            shown = item.code in codes[:places] or any(
                 code == item.code and -_SAME_NS <= time - item.time <= STORED_NS for code, time in entries
             )
             unstored = not shown and not full and item.time >= origin + _LISTENS_NS and item.time > oldest

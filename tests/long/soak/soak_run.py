@@ -475,7 +475,8 @@ class SoakRun:
             with suppress(KeyError):  # no gateway on the bus yet
                 port = self.gateway_port
                 if port.connected and not port.bus_off and not port.closed:
-                    self.pending[node - 1].sent(now, data)
+                    present = self.daemon.axes[node - 1].fault_log.unacknowledged()
+                    self.pending[node - 1].sent(now, data, {record.code for record in present})
         if self.trace.frames:
             self.trace.note(f"CAN {sender.name}: {can_id:03X}h {data.hex(' ')}")
 

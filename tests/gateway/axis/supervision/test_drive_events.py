@@ -12,12 +12,13 @@ from pdgw.dsp402.faults import ChannelErrorType, DriveFault
 from pdgw.dsp402.states import STATUS_OF, Command, State, StatusBit
 from pdgw.gateway.axis.supervision.drive_events import ACKNOWLEDGE_NS, Acknowledgement, DriveWatch
 from pdgw.gateway.axis.supervision.stop_supervision import Brake
-from pdgw.gateway.axis.values import FaultRead, Outputs
+from pdgw.gateway.axis.values import FaultRead, NodeNotice, Notice, Outputs
 from tests.gateway.axis.supervision.test_stop_supervision import CYCLE, QUICK_STOP, REACTION, deaf, turning
 from tests.gateway.axis.test_velocity import CONTROL
 from tests.support.axis.hand import OFF, ON, Hand
 from tests.support.drives.drive_types import engel
 
+_ACKNOWLEDGE = 0x80
 WITH_POWER = {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE}
 
 
@@ -146,3 +147,21 @@ def test_loss_of_control_needs_control_before() -> None:
         hand(OFF, status)
     assert not hand.stepper.events
     assert not hand.stepper.machine.outputs.warning
+
+
+def test_emcy_that_comes_again_after_the_acknowledge_is_a_new_fault() -> None:
+    """Within a second it is else a repetition of the one that has left the buffer."""
+    hand = Hand(1, engel(), 3, {}).enable()
+
+    def emcy() -> None:
+        hand.stepper.machine.inputs.news.append(NodeNotice(Notice.EMERGENCY, "EMCY", 1, 0x8130, 0x11))
+
+    emcy()
+    hand(ON)
+    emcy()
+    hand(OFF)
+    assert len(hand.stepper.events) == 1
+    hand(OFF | _ACKNOWLEDGE)
+    emcy()
+    hand(OFF)
+    assert len(hand.stepper.events) == 2
