@@ -54,6 +54,8 @@ from pdgw.dsp402.objects import (
     DRIVE_PROFILE,
     HOMING_METHOD,
     MAX_TORQUE,
+    MODE,
+    MODE_DISPLAY,
     STATUSWORD,
 )
 from pdgw.dsp402.pdo.mapping import DriveMapping
@@ -314,8 +316,11 @@ class DriveClient(NodeClient[DriveSettings]):
             self._count_from_demand()
         if HOMING_METHOD[0] in self.sdo.dictionary:
             self.homing_method = self.sdo.require(*HOMING_METHOD, signed=True)
+        shown = (
+            {MODE} if MODE_DISPLAY[0] in self.sdo.dictionary else set()
+        )  # 6060h may be write-only: 6061h shows the mode
         for entry in self.rpdos.written_entries:
-            if entry.address not in self.own_values:
+            if entry.address not in shown and entry.address not in self.own_values:
                 self.sdo.require(*entry.address)
         for entry in self.rpdos.entries:
             if entry.attribute in _LIMITS_AND_RAMPS:

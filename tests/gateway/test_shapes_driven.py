@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from pdgw.client.session import Session
+from pdgw.ds301.objects import Access
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.identification.overlay import Overlay, QuirkKeys
+from pdgw.dsp402.objects import MODE
 from pdgw.dsp402.states import State
 from pdgw.durations import MS
 from pdgw.gateway.axis.executors.positions.homing import Homing
@@ -114,6 +118,18 @@ def test_a_task_of_telegram_9_ends_at_its_target(name: str) -> None:
         plc = Plc(daemon, [9])
         plc.enable()
         _asks_for_ten_turns(plc, 1 << 30 if name == "no-range" else 500_000)
+        plc.until(lambda: abs(drive.model.position_actual - TEN_TURNS) <= 1, "ten revolutions")
+
+
+def test_a_mode_that_can_only_be_written_is_confirmed_by_6061h() -> None:
+    with running(configuration(axis(1, telegram_number=9, more=KEYS["no-range"]))) as daemon:
+        drive = _drive(daemon, "no-range")
+        entries = drive.node.entries
+        drive.node.entries = {**entries, MODE: replace(entries[MODE], access=Access.WO)}
+        until(daemon, lambda: daemon.axes[0].drive.generation, "online", PATIENCE)
+        plc = Plc(daemon, [9])
+        plc.enable()
+        _asks_for_ten_turns(plc, 1 << 30)
         plc.until(lambda: abs(drive.model.position_actual - TEN_TURNS) <= 1, "ten revolutions")
 
 
