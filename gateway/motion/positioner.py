@@ -178,7 +178,7 @@ class Positioner:
 
     @property
     def way(self) -> int:
-        """What is left of the way to the goal, or its signed speed; 0 without a goal."""
+        """Remaining distance to the target, or the speed of a speed task with its sign; 0 without a task."""
         goal = self._course.goal
         if goal is None:
             return 0

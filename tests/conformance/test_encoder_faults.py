@@ -174,7 +174,7 @@ def test_gateway_reacts_to_each_fault_of_an_encoder(case: Case) -> None:
 
 
 def _begin(rig: EncoderRig, case: Case) -> None:
-    """Start the fault of the case, and clear what was recorded until then."""
+    """Start the fault of this case, and delete the records from before it."""
     if case.activity is Activity.COMMISSIONING:
         written = rig.encoder.client.submit(lambda client: client.sdo.write(OPERATING_PARAMETERS, 0, _COMMISSIONING))
         rig.until(written.done, "diagnostics switched on")

@@ -28,6 +28,11 @@ _SLOWER: Final = 0.95
 """A shaft that coasts loses this share of its speed in the time of a stop."""
 
 
+def _longest_stop(reaction_ns: int, stop_time_ns: int) -> int:
+    """Time in which a drive has stopped from 100 % speed, with margin."""
+    return reaction_ns + RAMP_MARGIN * stop_time_ns
+
+
 class Brake(enum.IntEnum):
     """Stops beside the Controlword."""
 
@@ -42,7 +47,7 @@ class StopWatch:
     def __init__(self, reaction_ns: int, stop_time_ns: int) -> None:
         self._reaction = reaction_ns
         self._stop_time = stop_time_ns
-        self._stopped_within = reaction_ns + RAMP_MARGIN * stop_time_ns
+        self._stopped_within = _longest_stop(reaction_ns, stop_time_ns)
         self.reference = 0
         """100 % speed in the drive's units."""
         self.brake: Brake = Brake.NONE
@@ -137,7 +142,7 @@ class OperationWatch:
 
     def __init__(self, enter_ns: int, reaction_ns: int, stop_time_ns: int) -> None:
         self._enter = enter_ns
-        self._leave = reaction_ns + RAMP_MARGIN * stop_time_ns
+        self._leave = _longest_stop(reaction_ns, stop_time_ns)
         self._limit: Limit = Limit.NONE
         self._since = 0
         """When the limit began, monotonic ns."""
@@ -159,7 +164,7 @@ class HaltWatch:
     """
 
     def __init__(self, reaction_ns: int, stop_time_ns: int, shortest_ns: int) -> None:
-        self._time = max(reaction_ns + RAMP_MARGIN * stop_time_ns, shortest_ns)
+        self._time = max(_longest_stop(reaction_ns, stop_time_ns), shortest_ns)
         """``shortest_ns``: in less time, noise may hide a slow ramp."""
         self._began = self._since = -1
         """When Halt was commanded and when the speed fell last, monotonic ns; -1 while nothing must stop."""

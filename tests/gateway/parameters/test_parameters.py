@@ -330,9 +330,9 @@ def test_another_address_does_not_change_the_telegram_while_a_plc_is_connected()
         assert not write(client, 922, word(9)).failed
 
 
-@pytest.mark.parametrize(("chosen", "told"), [(100, "46 bytes; expected"), (9, "every IOPS of the PLC is BAD")])
+@pytest.mark.parametrize(("chosen", "text"), [(100, "46 bytes; expected"), (9, "every IOPS of the PLC is BAD")])
 def test_the_plc_that_changes_a_telegram_sees_in_all_drive_objects_that_its_frame_has_to_change(
-    chosen: int, told: str
+    chosen: int, text: str
 ) -> None:
     """Also where the new frame is as long as the old one."""
     with gateway(axis(1) + axis(2)) as (daemon, client):
@@ -341,14 +341,14 @@ def test_the_plc_that_changes_a_telegram_sees_in_all_drive_objects_that_its_fram
         plc.until(lambda: plc.state() == 0x01, "ready")
         with exchanging(plc):
             assert not write(client, 922, word(chosen)).failed
-            until(daemon, lambda: told in str(snapshot(daemon)["plc"]["refused"]), "told")
+            until(daemon, lambda: text in str(snapshot(daemon)["plc"]["refused"]), "the reason")
             document = snapshot(daemon)
         assert f"for telegrams {chosen}, 1" in document["plc"]["refused"]
         assert document["axes"][0]["setpoints"] is None, "those of the other telegram are not shown"
         for do_id in (1, 2):
             with client_of(daemon, client.address, do_id, slot=do_id) as other:
                 assert FaultNumber.FRAME_CHANGED in value(other, 947, 0, 8).values
-        assert f"{told}" in "\n".join(status_lines(document, 200))
+        assert text in "\n".join(status_lines(document, 200))
         until(daemon, lambda: not daemon.link.connected, "the old frames ended")
         changed = Plc(daemon, [chosen, 1], "engineer")
         changed.until(lambda: changed.endpoint.setpoints_used[0], "connected with the new frame")
