@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt
 STAMP := $(VENV)/.installed
-ROOMS := profidrive profinet ds301 dsp402 dsp406 gateway decoder web client recording peers tools
+ROOMS := $(filter-out pdgw tests,$(patsubst %/__init__.py,%,$(wildcard */__init__.py)))
 
 .PHONY: demo test test-can test-plc tour lint format conformance bench long fuzz docs site compiled pins wheels wheels-docker release clean
 
@@ -116,7 +116,7 @@ compiled: $(STAMP)
 	PDGW_COMPILED=$(if $(filter %/soak,$(BUILD)),soak,1) $(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps -w build/wheel .
 	$(BIN)/python -m zipfile -e build/wheel/*.whl $(BUILD)
 
-$(STAMP): pyproject.toml constraints.txt
+$(STAMP): pyproject.toml setup.py constraints.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; v < (3, 11) and sys.exit("needs Python 3.11 or newer, this is %d.%d" % v)'
 	$(PYTHON) -m venv $(VENV)
 	$(INSTALL) -e '.[plot,web,mqtt,dev]'

@@ -1,7 +1,7 @@
-"""The optional part of the build: ``PDGW_COMPILED=1`` compiles the cyclic path by mypyc.
+"""The packages, and the optional part of the build: ``PDGW_COMPILED=1`` compiles the cyclic path by mypyc.
 
-Everything else is declared in pyproject.toml. The compiled modules are the same typed sources, which stay in the wheel; without
-them it is complete too.
+Everything else is declared in pyproject.toml. The rooms are top-level folders of the repository and sub-packages of ``pdgw`` when
+installed. The compiled modules are the same typed sources, which stay in the wheel; without them it is complete too.
 """
 
 from __future__ import annotations
@@ -19,6 +19,9 @@ from typing import Any
 
 from setuptools import setup
 
+ROOMS = sorted(
+    file.parent.name for file in Path().glob("[!.]*/__init__.py") if file.parent.name not in {"pdgw", "tests"}
+)
 COMPILED = (
     "ds301/bus/can_frame.py",
     "ds301/bus/network.py",
@@ -111,8 +114,7 @@ def extensions() -> list[Any]:
     package = TREE / "pdgw"
     package.mkdir(parents=True)
     tools = tomllib.loads(Path("pyproject.toml").read_text(encoding="utf-8"))["tool"]
-    folders = set(tools["setuptools"]["package-dir"].values()) - {"pdgw"}
-    for path in [*Path("pdgw").glob("*.py"), *map(Path, folders)]:
+    for path in [*Path("pdgw").glob("*.py"), *map(Path, ROOMS)]:
         (package / path.name).symlink_to(path.resolve())
     rules = TREE / "mypy.ini"
     rules.write_text("[mypy]\n" + "".join(map(section, tools["mypy"]["overrides"])), encoding="utf-8")
@@ -132,6 +134,11 @@ def extensions() -> list[Any]:
 
 
 setup(
+    packages=[
+        "pdgw",
+        *(".".join(("pdgw", *file.parent.parts)) for room in ROOMS for file in Path(room).rglob("__init__.py")),
+    ],
+    package_dir={"pdgw": "pdgw"} | {f"pdgw.{room}": room for room in ROOMS},
     setup_requires=["mypy>=1.13"] if WANTED else [],
     ext_modules=extensions() if WANTED else [],
 )

@@ -6,7 +6,6 @@ Hooks of mkdocs (``make site``). Pages that only list what stands elsewhere are 
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,8 +16,7 @@ from mkdocs.structure.pages import Page
 import pdgw
 
 _ROOT = Path(__file__).parent.parent
-_SETUPTOOLS = tomllib.loads((_ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
-_ROOMS = [folder for folder in _SETUPTOOLS["package-dir"].values() if folder != "pdgw"]
+_ROOMS = sorted(file.parent.name for file in _ROOT.glob("*/__init__.py") if file.parent.name not in {"pdgw", "tests"})
 """Packages with a page of the API reference."""
 _FOLDERS = {"examples": "python", "tools/scenarios": "yaml", "docs/measured": "text"}
 """Folders the documents link to, each a page with its files."""

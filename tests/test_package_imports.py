@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import re
 import tokenize
-import tomllib
 from collections.abc import Iterator
 from functools import cache
 from graphlib import TopologicalSorter
@@ -14,12 +13,8 @@ from pathlib import Path
 import pytest
 
 from pdgw.profidrive.signals import SIGNALS
-from tests.support.documents.sources import statements
+from tests.support.documents.sources import ROOMS, ROOT, statements
 
-ROOT = Path(__file__).parent.parent
-_PACKAGES: list[str] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"][
-    "packages"
-]
 PRODUCT = ("profidrive", "profinet", "ds301", "dsp402", "dsp406", "gateway")
 
 _FIELD = "profidrive profinet ds301 dsp402 dsp406"
@@ -198,7 +193,7 @@ BUDGET = {
     "tools.output": 4350,
     "tools.plc": 6063,
     "tools.service": 3294,
-    "beside": 2042,
+    "beside": 2097,
     "tests/long": 61021,
     "tests": 549569,
     "*.c": 0,
@@ -229,7 +224,8 @@ def _imports(file: Path) -> Iterator[str]:
 
 
 def test_every_package_has_its_row() -> None:
-    assert set(ROWS) == {name.removeprefix("pdgw.") for name in _PACKAGES} - {"pdgw"}
+    found = {file.parent.relative_to(ROOT) for room in ROOMS for file in (ROOT / room).rglob("__init__.py")}
+    assert set(ROWS) == {".".join(folder.parts) for folder in found} - {"pdgw"}
 
 
 def code_tokens(file: Path) -> int:
@@ -257,9 +253,8 @@ def sizes() -> dict[str, int]:
         name: sum(map(code_tokens, found))
         for name, found in {**files, "beside": beside, "tests/long": long, "tests": tests}.items()
     }
-    rooms = sorted({ROOT / package.partition(".")[0] for package in ROWS})
     for suffix in ("c", "js", "toml"):
-        files_of = (file for room in rooms for file in room.rglob(f"*.{suffix}") if "vendor" not in file.parts)
+        files_of = (file for room in ROOMS for file in (ROOT / room).rglob(f"*.{suffix}") if "vendor" not in file.parts)
         made[f"*.{suffix}"] = sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files_of)
     return made
 

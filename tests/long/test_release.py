@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.long.release import ReleaseError, check, main, modules, patterns
+from tests.support.documents.sources import ROOMS
 from tests.test_forge import PYTHONS, workflow
 from tests.test_package import PROJECT, ROOT
 
@@ -100,6 +101,5 @@ def test_the_source_distribution_has_every_folder_and_file_of_a_commit() -> None
     grafted = {name for word, *names in lines if word == "graft" for name in names}
     included = {name for word, *names in lines if word == "include" for name in names}
     by_setuptools = {"LICENSE", "MANIFEST.in", "README.md", "pyproject.toml"}
-    packages = PROJECT["tool"]["setuptools"]["package-dir"].values()
     listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    assert {path.partition("/")[0] for path in listed.split()} == {*grafted, *included, *by_setuptools, *packages}
+    assert {path.partition("/")[0] for path in listed.split()} == {*grafted, *included, *by_setuptools, *ROOMS}

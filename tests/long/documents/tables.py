@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import ast
 import enum
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -48,6 +47,7 @@ from tests.conformance.fault_cases import DRIVE_CASES, ENCODER_CASES, Case, Devi
 from tests.long.documents.markdown import table
 from tests.long.documents.simulator_steps import generate_steps
 from tests.support.documents.parts import write_part
+from tests.support.documents.sources import ROOMS
 
 _ROOT = Path(__file__).parents[3]
 _DOCS = _ROOT / "docs"
@@ -159,9 +159,7 @@ def _positioner(transitions: Mapping[State, Sequence[Transition]]) -> str:
 
 def _packages() -> Iterable[Sequence[object]]:
     """Each package with the first line of its docstring."""
-    project = tomllib.loads((_ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    folders = project["tool"]["setuptools"]["package-dir"].values()
-    for path in sorted(path.parent for folder in folders for path in (_ROOT / folder).rglob("__init__.py")):
+    for path in sorted(path.parent for room in ROOMS for path in (_ROOT / room).rglob("__init__.py")):
         text = ast.get_docstring(ast.parse((path / "__init__.py").read_text(encoding="utf-8"))) or ""
         yield f"`{path.relative_to(_ROOT).as_posix()}/`", text.partition("\n")[0].replace("``", "`")
 

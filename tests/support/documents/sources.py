@@ -1,4 +1,4 @@
-"""Sources as syntax trees, for tests of imports and classes."""
+"""The packages and their sources as syntax trees, for tests of imports and classes."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
+ROOT = Path(__file__).parents[3]
+ROOMS = sorted(file.parent.name for file in ROOT.glob("[!.]*/__init__.py") if file.parent.name != "tests")
+"""Folders of the repository that are installed: ``pdgw`` and its sub-packages."""
 _BLOCKS = ("body", "orelse", "finalbody", "handlers", "cases")
 
 
