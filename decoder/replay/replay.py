@@ -234,8 +234,9 @@ class _Object:
         found = {name: getattr(outputs, name) for name in EVENTS} | {"orders": orders if orders != before else []}
         for name, values in found.items():
             now = to_json(values) or []
-            if now != events.get(name, []):
-                yield name, events.get(name, []), now
+            recorded = events.get(name, [])
+            if now not in (recorded, to_json(from_json(recorded))):  # the second has this version's names of classes
+                yield name, recorded, now
 
     def _compared_frames(self, cycle: Cycle, step: Step, outputs: Any) -> Iterator[tuple[str, object, object]]:
         setpoints_at, actuals_at = self._offsets

@@ -1,6 +1,7 @@
 """Values of the gateway as JSON with named fields: frozen dataclasses, enums, fractions, bytes, tuples and mappings of them.
 
-A reader ignores a field that this version does not have, and gives a new one its default.
+A value has the name of its class, so a recording does not depend on the module that defines it. A reader ignores a field that
+this version does not have, and gives a new one its default.
 """
 
 from __future__ import annotations
@@ -17,18 +18,31 @@ from pdgw.gateway.errors import GatewayError
 _KIND: Final = ""
 """Key of the kind of a value that JSON does not have."""
 _VALUE: Final = "is"
-_PACKAGE: Final = __name__.partition(".")[0]
+HOMES: Final = (
+    "pdgw.ds301.objects",
+    "pdgw.dsp402.drive_type",
+    "pdgw.dsp402.faults",
+    "pdgw.gateway.axis.executors.sensor",
+    "pdgw.gateway.axis.settings",
+    "pdgw.gateway.axis.values",
+    "pdgw.gateway.motion.blocks",
+    "pdgw.gateway.motion.dsc",
+    "pdgw.gateway.motion.requests",
+    "pdgw.gateway.reasons",
+    "pdgw.gateway.trace.blocks",
+)
+"""Modules with the classes of recorded values."""
 
 
 def to_json(value: object) -> Any:
     """Plain data for ``json.dumps``; TypeError for a value of another kind."""
     kind = type(value)
     if isinstance(value, enum.Enum):
-        return {_KIND: _name(kind), _VALUE: value.name}
+        return {_KIND: kind.__name__, _VALUE: value.name}
     if value is None or isinstance(value, str | int | float):
         return value
     if is_dataclass(value):
-        return {_KIND: _name(kind)} | {item.name: to_json(getattr(value, item.name)) for item in fields(value)}
+        return {_KIND: kind.__name__} | {item.name: to_json(getattr(value, item.name)) for item in fields(value)}
     if isinstance(value, Mapping):
         return {_KIND: "dict", _VALUE: [[to_json(key), to_json(item)] for key, item in value.items()]}
     if isinstance(value, tuple | list):
@@ -51,7 +65,7 @@ def from_json(value: Any) -> Any:
     kind = value[_KIND]
     if kind in _BUILT_IN:
         return _BUILT_IN[kind](from_json(value[_VALUE]))
-    made = _class(kind)
+    made = recorded_class(kind)
     if issubclass(made, enum.Enum):
         return made[value[_VALUE]]
     return made(**{item.name: from_json(value[item.name]) for item in fields(made) if item.name in value})
@@ -65,16 +79,11 @@ _BUILT_IN: Final[dict[str, Any]] = {
 }
 
 
-def _name(kind: type) -> str:
-    return f"{kind.__module__.removeprefix(_PACKAGE + '.')}.{kind.__qualname__}"
-
-
-def _class(name: str) -> Any:
-    module, _, kind = name.rpartition(".")
-    try:
-        found = getattr(importlib.import_module(f"{_PACKAGE}.{module}"), kind)
-    except (ImportError, AttributeError):
-        found = None
-    if not is_dataclass(found) and not (isinstance(found, type) and issubclass(found, enum.Enum)):
-        raise GatewayError(f"{name}: this version has no such value")
-    return found
+def recorded_class(name: str) -> Any:
+    """The dataclass or enum with this name. GatewayError: there is none."""
+    kind = name.rpartition(".")[2]  # 0.9.0 wrote the module before it
+    for home in HOMES:
+        found = getattr(importlib.import_module(home), kind, None)
+        if is_dataclass(found) or (isinstance(found, type) and issubclass(found, enum.Enum)):
+            return found
+    raise GatewayError(f"{name}: this version has no such value")

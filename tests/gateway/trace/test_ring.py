@@ -184,8 +184,8 @@ def test_what_an_earlier_run_left_is_kept_once(tmp_path: Path) -> None:
         lambda data: data[:100],
         lambda data: b"x" * len(data),
         lambda data: data.replace(b'"version": 1', b'"version": 2'),
-        lambda data: data.replace(b'{"": "gateway', b'["": "gateway', 1),
-        lambda data: data.replace(b"gateway.trace.blocks.Description", b"os.system.xxxxxxxxxxxxDescription"),
+        lambda data: data.replace(b'{"": "Description', b'["": "Description', 1),
+        lambda data: data.replace(b'{"": "Description', b'{"": "os.system '),
     ],
 )
 def test_a_file_that_is_no_recording_or_damaged_is_refused_in_one_line(tmp_path: Path, spoil: object) -> None:
