@@ -21,7 +21,7 @@ from pdgw.gateway.errors import GatewayError
 
 def example() -> str:
     """A commented configuration that is itself valid: ``example.toml`` beside this module."""
-    return Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
+    return Path(__file__).with_name("example.toml").read_text(encoding="utf-8")
 
 
 SIMULATED_WATCHDOG_FACTOR = 250

@@ -13,7 +13,7 @@ from typing import Final
 from pdgw.gateway.service.build import kind
 from pdgw.phrases import counted
 
-PATH: Final = Path(__file__).with_suffix(".toml")
+PATH: Final = Path(__file__).with_name("measured.toml")
 Row = tuple[int, float]
 """Number of axes and cycle time in milliseconds that were measured with at most 0.1 % of the cycles missed."""
 
