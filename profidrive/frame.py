@@ -114,6 +114,9 @@ class CSduLayout:
         self.trailer = HEADER.size + max(C_SDU_MIN, self.used + TICK.size)
         self.tick = self.trailer - TICK.size
         self.frame_size = self.trailer + TRAILER.size
+        codes = "".join(f"{half.struct.format[1:]}B" for half in self.halves) + "B" * len(self.halves)
+        self.struct = struct.Struct(f">H{codes}{self.tick - offset - len(self.halves)}xIHBB")
+        """The whole frame: FrameID, the words and IOPS of each axis, the IOCS, tick, CycleCounter, DataStatus, TransferStatus."""
 
     def new_frame(self, frame_id: int) -> bytearray:
         """An empty frame to fill in place: all IOPS and IOCS BAD, counter 0, status 0."""

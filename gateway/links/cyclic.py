@@ -29,7 +29,6 @@ from pdgw.profidrive.frame import (
     STATUS_NORMAL,
     STATUS_PRIMARY,
     STATUS_RUN,
-    TICK,
     TRAILER,
     CSduLayout,
 )
@@ -127,8 +126,9 @@ class CyclicEndpoint:
         self._header = HEADER.pack(setpoint_frame_id)
         self._padding_start = HEADER.size + self.consumer.used
         self._padding = bytes(self.consumer.tick - self._padding_start)
-        self.frame = self.provider.new_frame(actual_frame_id)
-        """The newest frame to the PLC; the buffer is used again."""
+        self._actual_frame_id = actual_frame_id
+        self.frame = b""
+        """The newest frame to the PLC."""
         self.received = b""
         """The newest frame of the PLC that was accepted."""
         self._step = max(1, cycle_ns // COUNTER_UNIT_NS)
@@ -160,11 +160,6 @@ class CyclicEndpoint:
         self._controls = 0
         self.changed = False
         """The newest frame has other control words, IOPS or provider state than the one before: the axes step before the next."""
-        provider = self.provider
-        self._answers = tuple(
-            (index, half.struct.pack_into, provider.offsets[index], provider.iops[index], provider.iocs[index])
-            for index, half in enumerate(provider.halves)
-        )
         self.setpoints: list[tuple[int, ...] | None] = [None] * len(telegrams)
         self.peer: Address | None = None
         """Source and target of frames; kept after a loss, so that the PLC sees the axes stop and gets a tick."""
@@ -400,17 +395,15 @@ class CyclicEndpoint:
         lost, self._loss_to_report = self._loss_to_report, False
         return lost
 
-    def build(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], now: int = 0) -> bytearray:
-        """The frame to the PLC that is sent now; the buffer is reused. ``good[i]``: axis i's values are valid (its IOPS)."""
-        frame = self.frame
-        layout = self.provider
-        setpoints = self.setpoints
-        for index, pack_into, offset, iops, iocs in self._answers:
-            pack_into(frame, offset, *actuals[index])
-            frame[iops] = IOPS_GOOD if good[index] else IOPS_BAD
-            frame[iocs] = IOPS_GOOD if setpoints[index] is not None else IOPS_BAD
-        TICK.pack_into(frame, layout.tick, self.new_frames.tick(now))
+    def build(self, actuals: Sequence[Sequence[int]], good: Sequence[bool], now: int = 0) -> bytes:
+        """The frame to the PLC that is sent now. ``good[i]``: axis i's values are valid (its IOPS)."""
+        values = [self._actual_frame_id]
+        for index, words in enumerate(actuals):
+            values += words
+            values.append(IOPS_GOOD if good[index] else IOPS_BAD)
+        values += [IOPS_BAD if item is None else IOPS_GOOD for item in self.setpoints]
         self._counter = (self._counter + self._step) & 0xFFFF
-        TRAILER.pack_into(frame, layout.trailer, self._counter, STATUS_NORMAL, 0)
+        values += (self.new_frames.tick(now), self._counter, STATUS_NORMAL, 0)
+        self.frame = self.provider.struct.pack(*values)
         self.sent += 1
-        return frame
+        return self.frame
