@@ -59,7 +59,7 @@ class VirtualLoop(Loop):
 
     @property
     def waiting(self) -> int:
-        """Timers that are not due, with cancelled ones."""
+        """Timers that are not due, with some cancelled ones."""
         return len(self._timers)
 
     def run(self) -> None:

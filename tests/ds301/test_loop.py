@@ -69,6 +69,18 @@ def test_a_postponed_timer_fires_once_at_its_later_time(loop: Loop) -> None:
     assert seen == ["between", "same time", "postponed"]
 
 
+def test_cancelled_timers_do_not_stay_until_their_time() -> None:
+    loop = VirtualLoop()
+    seen: list[int] = []
+    for number in range(1000):
+        loop.call_later(SECOND, lambda: seen.append(-1)).cancel()
+        if number % 100 == 0:
+            loop.call_later(SECOND, lambda number=number: seen.append(number))
+    assert loop.waiting < 200
+    loop.run()
+    assert seen == list(range(0, 1000, 100))
+
+
 def test_the_loop_does_not_wake_for_the_time_before_a_timer_was_postponed() -> None:
     waits: list[float] = []
 
