@@ -22,13 +22,13 @@ _TIMESPEC: Final = struct.Struct("@ll")
 _ANCILLARY: Final = socket.CMSG_SPACE(_TIMESPEC.size) if hasattr(socket, "CMSG_SPACE") else 0
 
 
-def arrival(stamp: int, wall: int, now: int, emptied: int) -> int:
+def arrival(stamp: int, wall: int, now: int, earliest: int) -> int:
     """Monotonic arrival time of a datagram that the kernel stamped with the wall clock; all in nanoseconds.
 
     ``wall`` and ``now`` were read together. A change of the wall clock cannot move a datagram after ``now``, or before
-    ``emptied``, when nothing waited.
+    ``earliest``, when nothing waited or when the datagram before it arrived.
     """
-    return max(emptied, min(now, now - (wall - stamp)))
+    return max(earliest, min(now, now - (wall - stamp)))
 
 
 class UdpSocket:
@@ -48,7 +48,8 @@ class UdpSocket:
         self._socket.setblocking(False)
         self._closed = False
         self._only: Address | None = None
-        self._emptied = loop.now()
+        self._earliest = loop.now()
+        """No datagram that waits has arrived before."""
         self._stamped = False
         if sys.platform == "linux":
             try:
@@ -96,7 +97,7 @@ class UdpSocket:
             self.received_at = self._arrival(*ancillary[0]) if ancillary else None
             return data, source
         except BlockingIOError:
-            self._emptied = self._loop.now()
+            self._earliest = self._loop.now()
             return None
         except OSError:
             self.errors += 1
@@ -107,7 +108,9 @@ class UdpSocket:
         if kind != SO_TIMESTAMPNS or len(data) != _TIMESPEC.size:
             return None
         seconds, nanoseconds = _TIMESPEC.unpack(data)
-        return arrival(seconds * SECOND + nanoseconds, time.time_ns(), self._loop.now(), self._emptied)
+        stamp = seconds * SECOND + nanoseconds
+        self._earliest = arrival(stamp, time.time_ns(), self._loop.now(), self._earliest)
+        return self._earliest
 
     def send(self, data: bytes | bytearray, address: Address) -> None:
         """Send without waiting; a failure is counted, and the next cycle sends again."""

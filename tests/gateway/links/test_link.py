@@ -90,6 +90,20 @@ def test_one_datagram_can_be_taken_without_a_look_at_what_is_behind_it() -> None
     assert (scene.speed, scene.port.looks - before, len(scene.port.waiting)) == (1, 1, 1)
 
 
+def test_frames_behind_a_punctual_one_are_left_for_the_next_turn() -> None:
+    scene = connected()
+    now = 0
+    seen = []
+    for later in (CYCLE, 3 * CYCLE, CYCLE // 8):  # punctual, after a pause, at the heels of the one before
+        now += later
+        scene.frame(1)
+        assert scene.link.receive(now, 1)
+        seen.append(scene.link.more)
+    assert seen == [False, True, True]
+    assert not scene.link.receive(now)
+    assert scene.link.more
+
+
 def test_of_frames_that_piled_up_the_newest_counts() -> None:
     scene = connected()
     for speed in (1, 2, 3):
