@@ -106,9 +106,11 @@ class DscExecutor(Executor):
         enabled = OPERATION_ENABLED[feedback.statusword & STATE_MASK]
         if enabled and action is _ENABLE_OPERATION:
             reason = self._control(dsc)
+            self._report_gain(dsc)
             reason = self._held_at_limit() or reason
         elif enabled and action is _RAMP:
             self._ramp()
+            self._report_gain(dsc)
         else:
             self._held = self.outputs.warned = 0
             self._out_of_date = self._frozen = False
@@ -136,7 +138,6 @@ class DscExecutor(Executor):
             return Reason.SETPOINT_DISABLED
         self._frozen = False
         result = dsc.step(demand.speed, demand.xerr, demand.kpc, position, fresh=demand.fresh)
-        self._warn(dsc, clamped=result.gain_clamped)
         command, self._velocity = self.command, result.velocity
         if self.choices.form is _BY_SPEED:
             command.target_velocity = result.velocity
@@ -156,7 +157,6 @@ class DscExecutor(Executor):
             self._frozen = True
             low, high = dsc.settings.velocity_range
             self._velocity = max(low, min(demanded_speed(self.feedback), high))
-        self._warn(dsc, clamped=False)
         dsc.stop()
         if self.choices.form is _BY_SPEED:
             command.target_velocity = self._velocity
@@ -188,12 +188,12 @@ class DscExecutor(Executor):
         self._track_actual_position()
         return Reason.STOPPED_AT_LIMIT
 
-    def _warn(self, dsc: Dsc, *, clamped: bool) -> None:
-        if clamped:
+    def _report_gain(self, dsc: Dsc) -> None:
+        if not dsc.setpoint.gain_clamped:
+            self.outputs.end_warnings(_GAIN)
+        elif not self.outputs.warned & _GAIN:
             text = f"KPC is limited to {dsc.gain_limit / 1000:.1f} 1/s (dead time {dsc.dead_time_ns / MS:.1f} ms)"
             self.outputs.warn(FaultNumber.DSC_GAIN, text)
-        else:
-            self.outputs.end_warnings(_GAIN)
 
     def _travel(self, velocity: int) -> None:
         """The setpoint of one cycle further on at a speed, without losing fractions."""

@@ -192,6 +192,21 @@ def test_outdated_position_error_stops_the_axis_before_the_watchdog(form: DscFor
     assert rig.state is State.OPERATION_ENABLED, "whether the PLC is lost is for the watchdog"
 
 
+def test_out_of_date_setpoint_and_off1_end_the_warning_of_a_limited_gain() -> None:
+    rig = axis(DscForm.SPEED)
+    outputs = rig.stepper.machine.outputs
+    gain = warning_bits(FaultNumber.DSC_GAIN)
+    control(rig, 2000, 20, kpc=400_000)
+    assert outputs.warned == gain
+    rig.silent(HELD_CYCLES + 1)
+    assert outputs.warned == warning_bits(FaultNumber.DSC_OUT_OF_DATE)
+    control(rig, rig.feedback.position_actual, 200, kpc=400_000)
+    assert outputs.warned == gain
+    rig.values["STW1"] = OFF
+    rig.step()
+    assert not outputs.warned
+
+
 @pytest.mark.parametrize("form", FORMS)
 def test_dsc_restarts_after_late_frames_only_near_the_axis(form: DscForm) -> None:
     rig = axis(form)
