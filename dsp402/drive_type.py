@@ -190,6 +190,8 @@ class DriveType:
     """6067h as it was found; None for a drive without it, or that does not use it."""
     position_objects: Mapping[ObjectAddress, int] = field(default_factory=dict)
     """The objects that define the unit and the sign of positions, as they were found."""
+    ignored_ranges: tuple[str, ...] = ()
+    """For the log: ranges of setpoints in the data sheet that forbid 0."""
 
     def has(self, attribute: str) -> bool:
         return attribute in self.entries

@@ -267,6 +267,8 @@ class DriveClient(NodeClient[DriveSettings]):
         carried = {entry.address for pdo in self.layout.rpdos for entry in pdo.entries}
         self.own_values.carry(carried, off=self._is_off)
         drive = self._describe()
+        for line in drive.ignored_ranges:
+            self._notify("status", line)
         if self.settings.tasks:
             drive.require_profile_position()
         self._mapping.survey(drive, found)

@@ -5,7 +5,7 @@ Source: CiA 402 (6502h, 60E3h, 6098h), CiA 301 (1400h-1BFFh), CiA 306 (access, l
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import Final
 
@@ -121,6 +121,7 @@ def describe(
         max_torque=answers.get(MAX_TORQUE, 0),
         position_window=None if window == _NO_WINDOW else window,
         position_objects=MappingProxyType({key: value for key, value in answers.items() if key[0] in POSITION_OBJECTS}),
+        ignored_ranges=tuple(_ignored_ranges(dictionary, entries)),
     )
 
 
@@ -202,11 +203,26 @@ def _entries(dictionary: canopen.ObjectDictionary, family: Overlay | None, *, vl
     return found
 
 
+def _forbids_stop(declared: ODVariable, attribute: str) -> bool:
+    """Whether a data sheet forbids the setpoint 0, which stops the axis."""
+    return attribute in _STOPS_AT_ZERO and ((declared.min or 0) > 0 or (declared.max or 0) < 0)
+
+
+def _ignored_ranges(dictionary: canopen.ObjectDictionary, entries: Mapping[str, Entry]) -> Iterator[str]:
+    for attribute, entry in entries.items():
+        declared = variable(dictionary, *entry.address)
+        if declared is not None and _forbids_stop(declared, attribute):
+            yield (
+                f"{entry.index:04X}h: the range {declared.min}..{declared.max} in the data sheet forbids the "
+                "setpoint 0: ignored, the range of the data type is used"
+            )
+
+
 def _limits(declared: ODVariable, kind: CanType, attribute: str) -> tuple[int | None, int | None]:
-    """Limits of the data sheet inside the type; None without one. A range that forbids 0 is none: the setpoint 0 stops."""
-    low, high = declared.min, declared.max
-    if attribute in _STOPS_AT_ZERO and ((low or 0) > 0 or (high or 0) < 0):
+    """Limits of the data sheet inside the type; None without one, or where it forbids 0 as a setpoint that must stop."""
+    if _forbids_stop(declared, attribute):
         return None, None
+    low, high = declared.min, declared.max
     lowest, highest = kind.integer_range
     return None if low is None else max(low, lowest), None if high is None else min(high, highest)
 

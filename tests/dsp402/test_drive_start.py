@@ -24,6 +24,7 @@ from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.dsp402.units.unit_keys import UnitKeys
 from pdgw.durations import MS, SECOND
 from pdgw.peers.drive import SimulatedDrive, SimulatedDriveNode
+from pdgw.peers.drive.device import EDS_PATH
 from pdgw.peers.node.node import Value
 from tests.support.drives.drive_types import engel
 from tests.support.drives.plant import NODE, Plant, eds_without, observe
@@ -51,6 +52,19 @@ def test_the_order_of_the_start_up_on_the_bus(plant: Plant) -> None:
     assert {index for index, sub, data in seen if sub == 1 and 0x1400 <= index < 0x1A00 and data[-1:] == b"\x80"} >= {
         0x1401, 0x1402, 0x1403, 0x1404, 0x1801, 0x1802, 0x1803, 0x1804,
     }  # fmt: skip
+
+
+def test_an_ignored_setpoint_range_is_reported_once_in_a_bring_up(plant: Plant, tmp_path: Path) -> None:
+    plant.power_on()
+    text = EDS_PATH.read_text(encoding="ascii")
+    eds = tmp_path / "forbids-0.eds"
+    before, section, after = text.partition("[60FF]")
+    eds.write_text(before + section + after.replace("LowLimit=-32767", "LowLimit=100", 1), encoding="ascii")
+    plant.connect(Operation.VELOCITY, eds=eds)
+    plant.online()
+    assert [event.text for event in plant.events if "forbids" in event.text] == [
+        "60FFh: the range 100..32767 in the data sheet forbids the setpoint 0: ignored, the range of the data type is used"
+    ]
 
 
 def test_no_rpdo_is_sent_in_any_cycle_before_the_configuration(plant: Plant) -> None:

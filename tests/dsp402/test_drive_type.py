@@ -128,7 +128,9 @@ def test_range_of_a_speed_that_forbids_0_is_none(low: int | None, high: int) -> 
     """FFFFFFFFh as the high limit of a signed number is -1: it made the setpoint 0 a slow motion."""
     dictionary = copy.deepcopy(engel_dictionary())
     dictionary[0x60FF].min, dictionary[0x60FF].max = low, high
-    assert describe(dictionary, {IDENTITY_VENDOR: 0}).limits("target_velocity") == CanType.I32.integer_range
+    drive = describe(dictionary, {IDENTITY_VENDOR: 0})
+    assert drive.limits("target_velocity") == CanType.I32.integer_range
+    assert [text.partition(":")[0] for text in drive.ignored_ranges] == ["60FFh"]
     dictionary[0x607A].min, dictionary[0x607A].max = 100, 5000
     assert describe(dictionary, {IDENTITY_VENDOR: 0}).limits("target_position") == (100, 5000)
 
