@@ -6,6 +6,7 @@ an acknowledge is an edge of this connection.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 from pdgw.dsp402.states import STATE_OF_STATUS, ControlBit
@@ -33,7 +34,6 @@ _RAMP_STOP: Final = Phase.RAMP_STOP
 _QUICK_STOP: Final = Phase.QUICK_STOP
 _OPERATING: Final = Drive.OPERATING
 _STANDING: Final = Drive.STANDING
-_IN_OPERATION: Final = (_OPERATING, _STANDING)
 _SWITCHED_ON: Final = Drive.SWITCHED_ON
 _LEAVING: Final = Drive.LEAVING
 _OFF1S: Final = OFF1S
@@ -46,9 +46,7 @@ _ENABLED: Final = (PowerWish.ENABLE, PowerWish.OFF, PowerWish.QUICK_STOP)
 _STOPPING: Final = STOPPING
 _ENABLE: Final = PowerWish.ENABLE
 _STOP: Final = PowerWish.STOP
-_PASSES: Final = Action.PASS
 _PLC_LOST: Final = Reason.PLC_LOST
-_OPERATES: Final = (Action.ENABLE_OPERATION, Action.PASS)
 _WITHOUT_PLC: Final = NO_PLC
 _NO_PLC: Final = {
     PlcLossReaction.RAMP: PowerWish.NO_PLC_RAMP,
@@ -57,63 +55,185 @@ _NO_PLC: Final = {
 }
 
 
+@dataclass(slots=True, eq=False)
+class Request:
+    """What the PLC has requested in this connection: a request alone does not show what came before it."""
+
+    no_plc: PowerWish
+    """Reaction to a loss of the PLC."""
+    resume: bool
+    """ENABLE after an OFF ends a ramp stop."""
+    connected: bool = False
+    """The last request was of a PLC."""
+    off_seen: bool = False
+    """With ``resume``: an OFF of this connection came, and no loss of control since."""
+    disable_armed: bool = False
+    """STW1.3 was 1 during the present stop: its fall to 0 ends that."""
+    acknowledge_armed: bool = False
+    """The bit of the acknowledge was 0 with the drive in sight: the next 1 is an edge."""
+
+    def step(self, wish: PowerWish | None, acknowledge: bool, seen: Drive | None, phase: Phase) -> PowerWish:
+        """The column of the power table. ``seen``: what the drive shows, None if it does not count."""
+        if wish is None:
+            wish = self.no_plc
+        connected = wish not in _WITHOUT_PLC
+        if connected is not self.connected:
+            self.connected = connected
+            self.off_seen = self.acknowledge_armed = False
+        if seen is None:
+            self.acknowledge_armed = False
+        elif connected and not acknowledge:
+            self.acknowledge_armed = True
+        if not connected:
+            return max(wish, self.no_plc)
+        if wish in _WITHOUT_DISABLE and not self.disable_armed:
+            wish = _WITHOUT_DISABLE[wish]  # a stop that starts with STW1.3 = 0 brakes
+        if wish in _OFF1S:
+            self.off_seen = self.resume
+        elif wish is _STOP:
+            self.off_seen = False  # without control an OFF does not count, and an earlier one no longer counts
+        elif phase is _RAMP_STOP and wish is _ENABLE and self.off_seen:
+            # After a loss, an ON that is already active in the new connection does not resume: it needs its own OFF first.
+            return PowerWish.RESUME
+        return wish
+
+    def done(self, wish: PowerWish | None, before: Phase, phase: Phase) -> None:
+        """The table has led from one phase to another."""
+        self.disable_armed = phase in _STOPPING and (wish in _ENABLED or (self.disable_armed and phase is before))
+
+
+@dataclass(slots=True, eq=False)
+class Commanded:
+    """What the drive was commanded and showed: a Statusword alone does not show whether it is an answer."""
+
+    latency: int
+    enable: Answer
+    """Operation Enabled, in answer to Enable Operation."""
+    enabling: bool = False
+    """The last Controlword was Enable Operation."""
+    late_until: int = 0
+    """Until then, Operation Enabled may be the answer to an Enable Operation that was withdrawn; 0: it was answered."""
+    shutdown_since: int = -1
+    """Since when Shutdown is commanded to a drive without power; -1 while it is not."""
+    standing_since: int = -1
+    """Since when a quick stop is at standstill; -1 while it is not."""
+    shown: Drive | None = None
+    """The Statusword of the previous cycle, while the drive follows the PLC."""
+
+    def drive(self, seen: Drive, phase: Phase, standstill: bool, now: int) -> Drive:
+        """The row of the power table for a Statusword."""
+        shown = self.shown
+        drive = seen if shown is None or seen is shown else self._changed(seen, shown, phase, now)
+        if drive is _OPERATING:
+            self.standing_since = -1
+            if not self.enabling:
+                return _LEAVING
+            return _STANDING if standstill else _OPERATING
+        if drive is _SWITCHED_ON and self.enabling:
+            return Drive.ENTERING
+        if drive in _BELOW_READY and 0 <= self.shutdown_since <= now - self.latency:
+            return Drive.INHIBITED
+        if phase is _QUICK_STOP and drive is Drive.QUICK_STOPPING:
+            return self._quick_stopping(standstill, now)
+        return drive
+
+    def _changed(self, drive: Drive, shown: Drive, phase: Phase, now: int) -> Drive:
+        """The drive shows another state while it follows the PLC: by itself, or as the answer to a command?"""
+        if drive is _OPERATING:
+            # The command of the previous step counts, at any cycle time.
+            commanded = self.enabling or now < self.late_until
+            return drive if commanded or phase is _PASS else Drive.UNKNOWN
+        if drive is Drive.DISABLED:
+            return Drive.FELL_OFF if shown in _ABOVE_DISABLED else drive
+        if self.enabling and shown is _SWITCHED_ON and drive in _FELL:
+            return Drive.FELL_BACK  # instead of reaching operation
+        operated = self.enabling and (self.enable.given or self.enable.due(now))
+        return Drive.FELL_BACK if operated and shown is _OPERATING and drive in _FELL else drive
+
+    def _quick_stopping(self, standstill: bool, now: int) -> Drive:
+        if not standstill:
+            self.standing_since = -1
+        elif self.standing_since < 0:
+            self.standing_since = now
+        elif now - self.standing_since >= QUICK_STOP_STANDING_NS:
+            return Drive.QUICK_STOPPED
+        return Drive.QUICK_STOPPING
+
+    def done(self, cell: Cell, column: PowerWish, seen: Drive | None, before: Phase, now: int) -> None:
+        """The table has led from the phase ``before`` to a command for a drive that shows ``seen``."""
+        phase, action = cell.phase, cell.action
+        if phase is not before:
+            self.standing_since = -1
+        self.shown = seen if phase is _FOLLOW or phase is _PASS else None
+        if action is not Action.SHUTDOWN:
+            self.shutdown_since = -1
+        elif self.shutdown_since < 0:
+            self.shutdown_since = now
+        enabling = cell.controlword == _ENABLING or (action is Action.PASS and column is _ENABLE)
+        if enabling is not self.enabling:
+            self.enabling = enabling
+            self.late_until = 0
+            if enabling:
+                self.enable.command(now)
+            else:
+                if not self.enable.given:
+                    self.late_until = now + self.latency
+                self.enable.withdraw()
+        elif self.late_until and now >= self.late_until:
+            self.late_until = 0
+        if enabling and not self.enable.given:
+            self.enable.read(seen is _OPERATING, now)
+
+
 class Interlock:
-    """Call ``step`` once per cycle. ``phase``, ``action``, ``controlword`` and ``reason`` show the result."""
+    """Call ``step`` once per cycle. ``phase``, ``cell``, ``controlword`` and ``reason`` show the result."""
 
     def __init__(self, settings: AxisSettings) -> None:
         self.phase: Phase = Phase.LOCKED
-        self.action: Action = Action.DISABLE_VOLTAGE
+        self.cell: Cell = CELLS[0]
+        """The last result of the table."""
         self.controlword = 0
         """Bits 0-3 and 7 of the Controlword; of ``Action.PASS`` they are the telegram's."""
         self.reason: Reason | None = Reason.NO_PLC
-        self.cell: Cell = CELLS[0]
-        """The last result of the table."""
-        self._no_plc = _NO_PLC[settings.on_plc_loss]
-        self._resume = settings.ramp_stop_resume
-        self._connected = False
         self.plc_was_there = False
         """There was a PLC, also one without control: its absence is a loss, not a wait for the first frame."""
-        self._acknowledge_armed = False
-        self._disable_armed = False
-        """STW1.3 was 1 during the present stop: its fall to 0 ends that."""
-        self._enable = Answer(settings.latency_ns)
-        """Operation Enabled, in answer to Enable Operation."""
-        self._shutdown_since = -1
-        """Since when Shutdown is commanded to a drive without power; -1 while it is not."""
-        self._latency = settings.latency_ns
-        self._late_until = 0
-        """Until then, Operation Enabled may be the answer to an Enable Operation that was withdrawn; 0: it was answered."""
-        self._enabling = False
-        """The last Controlword was Enable Operation."""
-        self._off_seen = False
-        self._standing_since = -1
-        self._shown: Drive | None = None
-        """The Statusword of the previous cycle, while the drive follows the PLC."""
-        self._steady = False
-        """Fast path: in operation as requested, nothing to report."""
-        self._steady_status = 0
+        self._steady = -1
+        """Fast path: the state bits of the Statusword in operation as requested with nothing to report; else -1."""
+        self._request = Request(_NO_PLC[settings.on_plc_loss], settings.ramp_stop_resume)
+        self._commanded = Commanded(settings.latency_ns, Answer(settings.latency_ns))
+
+    @property
+    def action(self) -> Action:
+        """The command of the last step."""
+        return self.cell.action
 
     @property
     def operates(self) -> bool:
         """Operation was commanded in the last step."""
-        return self.phase is _FOLLOW and self._enabling
+        return self.phase is _FOLLOW and self._commanded.enabling
 
     @property
     def released(self) -> bool:
         """The drive follows the PLC: an OFF only stops."""
         return self.phase is _FOLLOW or self.phase is _PASS
 
+    def notice_plc(self) -> None:
+        """There is a PLC, with or without control."""
+        self.plc_was_there = True
+
     def restarted(self) -> None:
         """The drive booted or was configured again: a constant ON may not start it, a constant acknowledge is not an edge."""
         self.phase = CELLS[(self.phase * DRIVES + Drive.RESTARTED) * WISHES + PowerWish.OFF].phase
-        self._acknowledge_armed = self._steady = False
-        self._shown = None
+        self._request.acknowledge_armed = False
+        self._steady = -1
+        self._commanded.shown = None
 
     def distrust(self) -> None:
         """Quick Stop replaced the last Controlword: stop until the drive shows that it is off, locked until an OFF."""
         self.phase = Phase.UNCONFIRMED
-        self._enabling = self._steady = False
-        self._shown = None
+        self._steady = -1
+        self._commanded.enabling = False
+        self._commanded.shown = None
 
     def step(
         self,
@@ -131,122 +251,25 @@ class Interlock:
         NO_REFERENCES, which go before what the Statusword shows. ``standstill``: the actual speed is inside the standstill
         window. ``now``: monotonic nanoseconds.
         """
-        if (
-            wish is _ENABLE
-            and self._steady
-            and statusword & STATE_MASK == self._steady_status
-            and condition is None
-            and not acknowledge
-        ):
+        status = statusword & STATE_MASK
+        if wish is _ENABLE and status == self._steady and condition is None and not acknowledge:
             return
-        if wish is None:
-            wish = self._no_plc
-        connected = wish not in _WITHOUT_PLC
-        if connected is not self._connected:
-            self._connected = connected
-            self._off_seen = self._acknowledge_armed = False
-            if connected:
-                self.plc_was_there = True
-        phase = self.phase
-        if not connected:
-            wish = max(wish, self._no_plc)
-            armed = enables = False
-        else:
-            enables = wish in _ENABLED
-            if wish in _WITHOUT_DISABLE and not self._disable_armed:
-                # A stop that starts with STW1.3 = 0 brakes.
-                wish = _WITHOUT_DISABLE[wish]
-            if wish in _OFF1S:
-                self._off_seen = self._resume
-            elif wish is _STOP:
-                self._off_seen = False  # without control an OFF does not count, and an earlier one no longer counts
-            elif phase is _RAMP_STOP and wish is _ENABLE and self._off_seen:
-                # After a loss, an ON that is already active in the new connection does not resume: it needs its own OFF
-                # first.
-                wish = PowerWish.RESUME
-            armed = self._acknowledge_armed
+        request, commanded, phase = self._request, self._commanded, self.phase
         seen: Drive | None = None
         if condition is not None:
             drive = condition
-            self._acknowledge_armed = armed = False
         else:
-            drive = seen = _DRIVE_OF_STATUS[statusword & STATE_MASK]
-            shown = self._shown
-            if shown is not None and drive is not shown:
-                drive = self._changed(drive, shown, now)
-            if drive is _OPERATING:
-                self._standing_since = -1
-                if not self._enabling:
-                    drive = _LEAVING
-                elif standstill:
-                    drive = _STANDING
-            elif drive is _SWITCHED_ON:
-                if self._enabling:
-                    drive = Drive.ENTERING
-            elif drive in _BELOW_READY:
-                if 0 <= self._shutdown_since <= now - self._latency:
-                    drive = Drive.INHIBITED
-            elif phase is _QUICK_STOP and drive is Drive.QUICK_STOPPING:
-                drive = self._quick_stopping(standstill, now)
-            if connected and not acknowledge:
-                self._acknowledge_armed = True
-        cell = CELLS[(phase * DRIVES + drive) * WISHES + wish]
-        self.cell = cell
-        after = cell.phase
-        if after is not phase:
-            self.phase = after
-            self._standing_since = -1
-        self._shown = seen if after is _FOLLOW or after is _PASS else None
-        self._disable_armed = after in _STOPPING and (enables or (self._disable_armed and after is phase))
-        self.action = action = cell.action
-        if action is not Action.SHUTDOWN:
-            self._shutdown_since = -1
-        elif self._shutdown_since < 0:
-            self._shutdown_since = now
-        enabling = cell.controlword == _ENABLING or (action is _PASSES and wish is _ENABLE)
-        if enabling is not self._enabling:
-            self._enabling = enabling
-            self._late_until = 0
-            if enabling:
-                self._enable.command(now)
-            else:
-                if not self._enable.given:
-                    self._late_until = now + self._latency
-                self._enable.withdraw()
-        elif self._late_until and now >= self._late_until:
-            self._late_until = 0
-        if enabling and not self._enable.given:
-            self._enable.read(seen is _OPERATING, now)
-        self._steady = False
-        reason = cell.reason
-        if reason is _PLC_LOST and not self.plc_was_there:
-            reason = Reason.NO_PLC
-        self.reason = reason
-        if enabling and wish is _ENABLE and drive in _IN_OPERATION and action in _OPERATES and not acknowledge:
-            # Operation continues; the next equal cycle has the same result.
-            self._steady = True
-            self._steady_status = statusword & STATE_MASK
-        resets = acknowledge and armed and after in _ACKNOWLEDGES
+            seen = _DRIVE_OF_STATUS[status]
+            drive = commanded.drive(seen, phase, standstill, now)
+        column = request.step(wish, acknowledge, seen, phase)
+        self.cell = cell = CELLS[(phase * DRIVES + drive) * WISHES + column]
+        self.phase = cell.phase
+        request.done(wish, phase, cell.phase)
+        commanded.done(cell, column, seen, phase, now)
+        if request.connected:
+            self.plc_was_there = True
+        self.reason = Reason.NO_PLC if cell.reason is _PLC_LOST and not self.plc_was_there else cell.reason
+        # Operation continues: the next equal cycle has the same result.
+        self._steady = status if cell.operating and column is _ENABLE and not acknowledge else -1
+        resets = acknowledge and request.acknowledge_armed and cell.phase in _ACKNOWLEDGES
         self.controlword = cell.controlword | ControlBit.FAULT_RESET if resets else cell.controlword
-
-    def _changed(self, drive: Drive, shown: Drive | None, now: int) -> Drive:
-        """The drive shows another state while it follows the PLC: by itself, or as the answer to a command?"""
-        if drive is Drive.OPERATING:
-            # The command of the previous step counts, at any cycle time.
-            commanded = self._enabling or now < self._late_until
-            return drive if commanded or self.phase is _PASS else Drive.UNKNOWN
-        if drive is Drive.DISABLED:
-            return Drive.FELL_OFF if shown in _ABOVE_DISABLED else drive
-        if self._enabling and shown is _SWITCHED_ON and drive in _FELL:
-            return Drive.FELL_BACK  # instead of reaching operation
-        operated = self._enabling and (self._enable.given or self._enable.due(now))
-        return Drive.FELL_BACK if operated and shown is Drive.OPERATING and drive in _FELL else drive
-
-    def _quick_stopping(self, standstill: bool, now: int) -> Drive:
-        if not standstill:
-            self._standing_since = -1
-        elif self._standing_since < 0:
-            self._standing_since = now
-        elif now - self._standing_since >= QUICK_STOP_STANDING_NS:
-            return Drive.QUICK_STOPPED
-        return Drive.QUICK_STOPPING

@@ -346,7 +346,7 @@ class AxisMachine:
     def _without_control(self) -> None:
         """STW1.10 = 0: if control is removed in operation, stop the axis and report it."""
         demand, interlock = self.demand, self.interlock
-        interlock.plc_was_there = True
+        interlock.notice_plc()
         if interlock.operates and demand.connected and demand.power is not _HOLD and not self._control_lost:
             self._control_lost = True
             self.outputs.found.append((FaultNumber.CONTROL_LOST, "STW1.10 = 0"))

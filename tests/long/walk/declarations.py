@@ -34,7 +34,7 @@ from pdgw.gateway.axis.executors.positions.positioner import PositionerExecutor
 from pdgw.gateway.axis.executors.positions.stall import Stall
 from pdgw.gateway.axis.executors.raw import RawExecutor
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
-from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Interlock
+from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Commanded, Interlock
 from pdgw.gateway.axis.supervision.drive_events import Acknowledgement, DriveWatch, NodeWatch, Repetitions
 from pdgw.gateway.axis.supervision.stop_supervision import HaltWatch, OperationWatch, StopWatch
 from pdgw.gateway.axis.supervision.velocity_check import _COMPARE_NS, _OVERSPEED_NS, SAMPLE_NS, VelocityCheck
@@ -88,11 +88,13 @@ OF: Final[dict[type, dict[str, Any]]] = {
     RawExecutor: {"ASIDE": frozenset({"_last"})},
     SpeedExecutor: {"ASIDE": frozenset({"_wire", "_value", "_limited"})},
     Interlock: {
-        "ASIDE": frozenset({"_steady", "_steady_status", "action", "cell", "controlword", "reason"}),
+        "ASIDE": frozenset({"_steady", "cell", "controlword", "reason"}),
+    },
+    Commanded: {
         "INSTANTS": lambda item: {
-            "_late_until": 0,
-            "_shutdown_since": item._latency,
-            "_standing_since": QUICK_STOP_STANDING_NS,
+            "late_until": 0,
+            "shutdown_since": item.latency,
+            "standing_since": QUICK_STOP_STANDING_NS,
         },
     },
     Repetitions: {"ASIDE": frozenset({"_reported", "_repeated"})},
