@@ -35,7 +35,7 @@ from pdgw.gateway.axis.executors.sensor import DriveSensor, EncoderReferences, S
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.executors.torque import TorqueExecutor
 from pdgw.gateway.axis.interlock import Interlock
-from pdgw.gateway.axis.power_states import CONTROLWORDS, Action, Drive, Limit, Phase
+from pdgw.gateway.axis.power_states import CONTROLWORDS, Action, Drive, Limit
 from pdgw.gateway.axis.required_scaling import Missing, missing, needed_quantities
 from pdgw.gateway.axis.settings import AxisSettings, SecondSensor
 from pdgw.gateway.axis.supervision.drive_events import (
@@ -78,8 +78,7 @@ _WITHOUT_CONTROL: Final = warning_bits(FaultNumber.CONTROL_LOST)
 _INTERNAL_LIMIT: Final = StatusBit.INTERNAL_LIMIT
 _HALT: Final = ControlBit.HALT
 _ENABLE_OPERATION: Final = Action.ENABLE_OPERATION
-_FOLLOW: Final = Phase.FOLLOW
-_PASS: Final = Phase.PASS
+_PASS: Final = Action.PASS
 _LOST: Final = Drive.LOST
 _POWERED_UNREAD: Final = Drive.POWERED_UNREAD
 _NO_REFERENCES: Final = Drive.NO_REFERENCES
@@ -192,21 +191,31 @@ class AxisMachine:
 
     def step(self) -> Outputs:
         """One cycle; the object returned is the same each time."""
-        inputs, outputs, demand, report = self.inputs, self.outputs, self.demand, self.report
-        interlock, executor = self.interlock, self.executor
-        now, feedback, drive_ok = inputs.now, inputs.feedback, inputs.drive_ok
+        outputs = self.outputs
         if outputs.eventful:
             outputs.forget()
-        if inputs.news:
+        if self.inputs.news:
             self._process_news()
         commanded = outputs.command.controlword
-        statusword = feedback.statusword
+        known = self._usable and not self.check.locked
+        wish = self._step_power(known, commanded)
+        reason = self._step_motion(known, wish)
+        if self.sensor is not None:
+            self._step_sensors(self.sensor)
+        self._write_report()
+        self._supervise(known, commanded, reason)
+        self._write_notes(reason)
+        return outputs
+
+    def _step_power(self, known: bool, commanded: int) -> PowerWish | None:
+        """The request of the PLC, which the interlock makes a command. ``known``: the drive's units are."""
+        inputs, demand = self.inputs, self.demand
         demand.fresh = inputs.fresh
         setpoints, life = None if inputs.gateway_stops else inputs.setpoints, self.life
         if life is not None:
-            if life.step(setpoints, outputs.actuals):
+            if life.step(setpoints, self.outputs.actuals):
                 detail = f"more than {life.counters.tolerated} frames (P925) in succession without the next counter"
-                outputs.fault(gateway_fault(FaultNumber.SIGN_OF_LIFE, detail, now))
+                self.outputs.fault(gateway_fault(FaultNumber.SIGN_OF_LIFE, detail, inputs.now))
             if life.lost:
                 setpoints = None
         self.adapter.read(setpoints, demand)
@@ -215,121 +224,134 @@ class AxisMachine:
             self._without_control()
         elif self._control_lost:
             self._control_lost = False
-        if self._usable and not self.check.locked:
-            velocity, window = feedback.velocity_actual, self._window
-            inputs.standstill = standstill = -window <= velocity <= window
-            condition = None if drive_ok else _LOST
-            interlock.step(wish, demand.acknowledge, condition, statusword, standstill, now)
-            reason = executor.step()
-            self._check_velocity(interlock.action, now)
-            if drive_ok:
-                cell = interlock.cell
-                shown = (SHOWN_STATE if cell.operating else SHOWN_UNCOMMANDED)[statusword & STATE_MASK]
-                flags = report.flags | shown | statusword & cell.visible
-                report.flags = flags | _WARNING if outputs.warned or self._control_lost else flags
-            else:
-                executor.lost()
-                report.flags = statusword & interlock.cell.visible | SHOWN_FAULT
+        feedback = inputs.feedback
+        statusword, standstill = feedback.statusword, False
+        if known:
+            window = self._window
+            inputs.standstill = standstill = -window <= feedback.velocity_actual <= window
+            condition = None if inputs.drive_ok else _LOST
         else:
             off = STATE_OF_STATUS[statusword & STATE_MASK] in UNPOWERED
             powered = not off or enables(commanded)  # which the Statusword may not show yet
             condition = _POWERED_UNREAD if powered else _NO_REFERENCES
-            interlock.step(wish, demand.acknowledge, condition, statusword, False, now)
-            drive_reason = _UNITS_CONTRADICTED if self.check.locked else interlock.reason
-            reason = drive_reason if drive_ok else _DRIVE_OFFLINE
+        self.interlock.step(wish, demand.acknowledge, condition, statusword, standstill, inputs.now)
+        return wish
+
+    def _step_motion(self, known: bool, wish: PowerWish | None) -> Reason | None:
+        """The command to the drive and what it shows. Returns why the axis does not do what the PLC requests."""
+        inputs, outputs, demand, report = self.inputs, self.outputs, self.demand, self.report
+        interlock, executor, statusword = self.interlock, self.executor, inputs.feedback.statusword
+        cell = interlock.cell
+        if known:
+            reason = executor.step()
+        else:
             executor.refuse()
-            report.flags = statusword & interlock.cell.visible | SHOWN_FAULT
-            if not drive_ok:
+            reason = _UNITS_CONTRADICTED if self.check.locked else interlock.reason
+        flags = statusword & cell.visible
+        if known and inputs.drive_ok:
+            flags |= report.flags | (SHOWN_STATE if cell.operating else SHOWN_UNCOMMANDED)[statusword & STATE_MASK]
+            report.flags = flags | _WARNING if outputs.warned or self._control_lost else flags
+        else:
+            report.flags = flags | SHOWN_FAULT
+            if not inputs.drive_ok:
                 executor.lost()
+                reason = reason if known else _DRIVE_OFFLINE
         if not demand.in_control:
             reason = _CONTROL_HELD if demand.power is _HOLD and interlock.operates else _NO_CONTROL
         if not self._guard.step(wish, outputs.command.controlword):
-            reason = self._stop_unasked(now)
-        if self.sensor is not None:
-            self._step_sensors(self.sensor)
+            reason = self._stop_unasked(inputs.now)
+        return reason
+
+    def _write_report(self) -> None:
+        """The actual values of the telegram."""
+        inputs, outputs = self.inputs, self.outputs
         if self.shows_codes:
-            report.fault_code, report.warning_code = inputs.fault_code, inputs.warning_code
-        self.adapter.write(report, outputs.actuals)
-        outputs.good = drive_ok
-        shown = statusword & WATCHED if drive_ok else 0
-        if shown != self._drive.shown:
-            self._drive.changed(shown, statusword, commanded, reason, now)
-            if drive_ok:
+            self.report.fault_code, self.report.warning_code = inputs.fault_code, inputs.warning_code
+        self.adapter.write(self.report, outputs.actuals)
+        outputs.good = inputs.drive_ok
+        outputs.released = self.interlock.released
+
+    def _supervise(self, known: bool, commanded: int, reason: Reason | None) -> None:
+        """Speed and state of the drive, its stops in time, the end of a fault. ``commanded``: the Controlword that it has."""
+        inputs, outputs, drive, cell = self.inputs, self.outputs, self._drive, self.interlock.cell
+        now, feedback, command = inputs.now, inputs.feedback, outputs.command
+        statusword, velocity, action = feedback.statusword, feedback.velocity_actual, cell.action
+        if known:
+            operating = action is _ENABLE_OPERATION or action is _PASS
+            target = command.target_velocity if self._follows_speed else None
+            found = self.check.step(operating, target, velocity, feedback.position_actual, inputs.position_ns, now)
+            if found is not None:
+                outputs.found.append(found)
+        shown = statusword & WATCHED if inputs.drive_ok else 0
+        if shown != drive.shown:
+            drive.changed(shown, statusword, commanded, reason, now)
+            if inputs.drive_ok:
                 outputs.known_off = STATE_OF_STATUS[statusword & STATE_MASK] in UNPOWERED
             elif enables(commanded):
                 outputs.known_off = False  # it may have received Enable Operation and not shown it
-        if self._drive.fault_since:
-            self._drive.step(self._node, now)
-        phase = interlock.phase
-        outputs.released = phase is _FOLLOW or phase is _PASS
-        limit = interlock.cell.limit
+        if drive.fault_since:
+            drive.step(self._node, now)
+        halts = action is _ENABLE_OPERATION and command.controlword & _HALT != 0
+        if cell.limit or halts or self._operation.limit or self._halt.began >= 0 or self._stop.runs:
+            self._watch_stops(cell.limit, halts)
+        if self.demand.acknowledge or self.acknowledgement.waits:
+            self._acknowledge()
+
+    def _acknowledge(self) -> None:
+        """The fault buffer moves on when the PLC acknowledged, and the drive has left its fault."""
+        inputs, outputs, demand = self.inputs, self.outputs, self.demand
+        state = STATE_OF_STATUS[inputs.feedback.statusword & STATE_MASK]
+        faulty = state in FAULTY or (self.check.locked and state in POWERED)
+        if self.acknowledgement.step(demand.connected and demand.acknowledge, inputs.drive_ok, faulty, inputs.now):
+            outputs.acknowledged = outputs.eventful = True
+            outputs.no_drive_error()
+            self._node.acknowledged()
+            self.check.locked = False
+
+    def _watch_stops(self, limit: Limit, halts: bool) -> None:
+        """The drive must leave the state that it shows, and must brake; after a stop it must not turn without power."""
+        inputs, outputs, stop, window = self.inputs, self.outputs, self._stop, self._window
+        feedback, now = inputs.feedback, inputs.now
+        velocity = feedback.velocity_actual
         if self._operation.step(limit, now):
-            interlock.distrust()
+            self.interlock.distrust()
             self._report_stop(FaultNumber.NOT_ENTERED)
-        halts = interlock.action is _ENABLE_OPERATION and outputs.command.controlword & _HALT != 0
-        if self._halt.step(halts, feedback.velocity_actual, self._window, now):
-            interlock.distrust()
+        if self._halt.step(halts, velocity, window, now):
+            self.interlock.distrust()
             self._report_stop(FaultNumber.STOP_IGNORED)
         if limit not in _WITHOUT_BRAKE and not outputs.known_off:
-            self._watch_stop(limit)
-        elif self._stop.runs:
-            self._watch_coasting()
-        outputs.brake = self._stop.brake
-        acknowledgement = self.acknowledgement
-        if demand.acknowledge or acknowledgement.waits:
-            state = STATE_OF_STATUS[statusword & STATE_MASK]
-            faulty = state in FAULTY or (self.check.locked and state in POWERED)
-            if acknowledgement.step(demand.connected and demand.acknowledge, drive_ok, faulty, now):
-                outputs.acknowledged = outputs.eventful = True
-                outputs.no_drive_error()
-                self._node.acknowledged()
-                self.check.locked = False
-        limited, refused = shown & _INTERNAL_LIMIT != 0, inputs.set_point_refused
-        if reason is None and (limited or refused):
-            reason = Reason.SET_POINT_REFUSED if refused else Reason.INTERNAL_LIMIT
-        outputs.reason = reason
-        outputs.warning = outputs.warned
-        if limited:
-            outputs.warning |= _AT_LIMIT
-        if refused:
-            outputs.warning |= _SET_POINT
+            state = STATE_OF_STATUS[feedback.statusword & STATE_MASK]
+            if stop.step(limit, state, inputs.drive_ok, inputs.node_stopped, velocity, window, now):
+                self._report_stop(FaultNumber.STOP_IGNORED)
+        elif stop.runs:
+            if not outputs.known_off or not inputs.drive_ok:
+                stop.over()
+            elif stop.coast(velocity, window, now):
+                outputs.found.append((FaultNumber.TURNS_OFF, f"speed {velocity}"))
+        outputs.brake = stop.brake
+
+    def _write_notes(self, reason: Reason | None) -> None:
+        """Reason and warnings, and what this step has found."""
+        outputs = self.outputs
+        warning = outputs.warned
+        if self.inputs.set_point_refused:
+            warning |= _SET_POINT
+            reason = Reason.SET_POINT_REFUSED if reason is None else reason
+        if self._drive.shown & _INTERNAL_LIMIT:
+            warning |= _AT_LIMIT
+            reason = Reason.INTERNAL_LIMIT if reason is None else reason
         if self._control_lost:
-            outputs.warning |= _WITHOUT_CONTROL
+            warning |= _WITHOUT_CONTROL
+        outputs.reason, outputs.warning = reason, warning
         if outputs.found:
-            self._report_found()
-        return outputs
-
-    def _check_velocity(self, action: Action, now: int) -> None:
-        """Units that prove wrong are units that are not known: the next step stops the drive (``VelocityCheck.locked``)."""
-        feedback = self.inputs.feedback
-        operating = action is Action.ENABLE_OPERATION or action is Action.PASS
-        target = self.outputs.command.target_velocity if self._follows_speed else None
-        found = self.check.step(
-            operating, target, feedback.velocity_actual, feedback.position_actual, self.inputs.position_ns, now
-        )
-        if found is not None:
-            self.outputs.found.append(found)
-
-    def _watch_stop(self, limit: Limit) -> None:
-        """The drive must leave the state that it shows."""
-        inputs = self.inputs
-        feedback = inputs.feedback
-        state, velocity = STATE_OF_STATUS[feedback.statusword & STATE_MASK], feedback.velocity_actual
-        if self._stop.step(limit, state, inputs.drive_ok, inputs.node_stopped, velocity, self._window, inputs.now):
-            self._report_stop(FaultNumber.STOP_IGNORED)
+            for number, detail in outputs.found:
+                outputs.fault(gateway_fault(number, detail, self.inputs.now))
+            outputs.found.clear()
 
     def _report_stop(self, number: FaultNumber) -> None:
         feedback = self.inputs.feedback
         detail = f"Controlword {self.outputs.command.controlword:04X}h, Statusword {feedback.statusword:04X}h, "
         self.outputs.found.append((number, detail + f"speed {feedback.velocity_actual}"))
-
-    def _watch_coasting(self) -> None:
-        """The drive shows power off after a stop, or follows the PLC again."""
-        inputs, stop, velocity = self.inputs, self._stop, self.inputs.feedback.velocity_actual
-        if not self.outputs.known_off or not inputs.drive_ok:
-            stop.over()
-        elif stop.coast(velocity, self._window, inputs.now):
-            self.outputs.found.append((FaultNumber.TURNS_OFF, f"speed {velocity}"))
 
     def _stop_unasked(self, now: int) -> Reason:
         """The last line: an Enable Operation that the PLC did not ask for is not sent."""
@@ -356,12 +378,6 @@ class AxisMachine:
         the gateway stops."""
         setpoints = self.inputs.setpoints
         return None if setpoints is None else _STOPS_WITHOUT_PLC.get(WISHES[setpoints[0] & POWER_BITS])
-
-    def _report_found(self) -> None:
-        outputs = self.outputs
-        for number, detail in outputs.found:
-            outputs.fault(gateway_fault(number, detail, self.inputs.now))
-        outputs.found.clear()
 
     def _step_sensors(self, sensor: SensorWords) -> None:
         demand, report = self.demand, self.report

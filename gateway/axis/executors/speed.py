@@ -98,8 +98,8 @@ class SpeedExecutor(Executor):
 
     def step(self) -> Reason | None:
         interlock, demand, feedback = self.interlock, self.demand, self.feedback
-        action, controlword, reason = interlock.action, interlock.controlword, interlock.reason
-        if not interlock.cell.operating:
+        cell, controlword, reason = interlock.cell, interlock.controlword, interlock.reason
+        if not cell.operating:
             # Also after Enable Operation, until the drive shows that it is in operation.
             self._target = 0
             self._jogging = None
@@ -133,7 +133,7 @@ class SpeedExecutor(Executor):
                 reason = Reason.STOPPED_AT_LIMIT
         else:
             self._limit.reset()
-        if action is _ENABLE_OPERATION or action is _RAMP:
+        if cell.action is _ENABLE_OPERATION or cell.action is _RAMP:
             controlword |= self._mode_bits
         command = self.command
         command.controlword = controlword | demand.device_bits if demand.connected else controlword
@@ -164,7 +164,7 @@ class SpeedExecutor(Executor):
         near = -self._tolerance <= velocity - target <= self._tolerance
         said = near if self._unreported else statusword & _REACHED != 0
         answered = self._arrival.read(said, now)
-        if not said or not (answered or near) or self.interlock.action is not _ENABLE_OPERATION:
+        if not said or not (answered or near) or self.interlock.cell.action is not _ENABLE_OPERATION:
             return False
         own = not self._frozen and not (self._limited and self.demand.speed_wish is _FOLLOW)
         return own and target == self._target

@@ -143,14 +143,15 @@ class OperationWatch:
     def __init__(self, enter_ns: int, reaction_ns: int, stop_time_ns: int) -> None:
         self._enter = enter_ns
         self._leave = _longest_stop(reaction_ns, stop_time_ns)
-        self._limit: Limit = Limit.NONE
+        self.limit: Limit = Limit.NONE
+        """The limit in force."""
         self._since = 0
         """When the limit began, monotonic ns."""
 
     def step(self, limit: Limit, now: int) -> bool:
         """One cycle; True if the drive does not keep the limit."""
-        if limit is not self._limit:
-            self._limit = limit
+        if limit is not self.limit:
+            self.limit = limit
             self._since = now if limit in QUICK_STOPS else 0
         if limit is Limit.ENTER:
             return now - self._since > self._enter
@@ -166,7 +167,7 @@ class HaltWatch:
     def __init__(self, reaction_ns: int, stop_time_ns: int, shortest_ns: int) -> None:
         self._time = max(_longest_stop(reaction_ns, stop_time_ns), shortest_ns)
         """``shortest_ns``: in less time, noise may hide a slow ramp."""
-        self._began = self._since = -1
+        self.began = self._since = -1
         """When Halt was commanded and when the speed fell last, monotonic ns; -1 while nothing must stop."""
         self._speed = 0
         """The speed that it must fall below."""
@@ -175,11 +176,11 @@ class HaltWatch:
         """One cycle; True if the drive ignores Halt."""
         speed = abs(velocity)
         if not halts or speed <= window:
-            self._began, self._since, self._speed = -1, -1, 0
+            self.began, self._since, self._speed = -1, -1, 0
             return False
-        if self._began < 0:
-            self._began = now
-        if now - self._began <= self._time:
+        if self.began < 0:
+            self.began = now
+        if now - self.began <= self._time:
             self._speed, self._since = max(speed, self._speed), now
         elif speed < self._speed:
             self._speed, self._since = speed, now

@@ -111,7 +111,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
             "_braked": item._reaction,
         },
     },
-    HaltWatch: {"INSTANTS": lambda item: {"_began": item._time + 1, "_since": item._time + 1}},
+    HaltWatch: {"INSTANTS": lambda item: {"began": item._time + 1, "_since": item._time + 1}},
     OperationWatch: {"INSTANTS": lambda item: {"_since": max(item._enter, item._leave) + 1}},
     VelocityCheck: {
         "INSTANTS": {
