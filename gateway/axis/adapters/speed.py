@@ -19,6 +19,7 @@ _STW1: Final = signal("STW1")
 DEVICE_BITS: Final = sum(_STW1.bit(f"DEVICE_{number}").mask for number in (12, 13, 14, 15))
 _RUN: Final = _STW1.bit("ENABLE_RAMP_GENERATOR").mask | _STW1.bit("ENABLE_SETPOINT").mask
 _FOLLOW: Final = _RUN | _STW1.bit("UNFREEZE_RAMP_GENERATOR").mask
+_FOLLOW_SPEED: Final = SpeedWish.FOLLOW
 _JOG_1, _JOG_2 = _STW1.bit("JOG_1_ON").mask, _STW1.bit("JOG_2_ON").mask
 _JOGS: Final = {_JOG_1: SpeedWish.JOG_1, _JOG_2: SpeedWish.JOG_2}
 """With STW1.4 to .6 = 0; both bits are speed 0."""
@@ -34,8 +35,6 @@ class SpeedAdapter(ControlWordAdapter):
         setpoint, self._setpoint_factor = _speed_signal(telegram.setpoints)
         actual, self._actual_factor = _speed_signal(telegram.actuals)
         self._setpoint, self._actual = self.setpoint(setpoint), self.actual(actual)
-        self._follows = False
-        """The speed setpoint is in force."""
         self._profidrive = settings.setpoint_enable is SetpointEnable.PROFIDRIVE
         self._jogs = self._profidrive and settings.jog_speeds_rpm is not None
 
@@ -43,19 +42,18 @@ class SpeedAdapter(ControlWordAdapter):
         word = None if setpoints is None else setpoints[self.stw1]
         if word != self.word:
             self._evaluate(word, demand)
-        if self._follows and setpoints is not None:
-            demand.speed = setpoints[self._setpoint] * self._setpoint_factor
-        if self.g1_stw >= 0 and setpoints is not None and demand.in_control:
-            demand.sensor = setpoints[self.g1_stw]
+        if setpoints is not None and demand.in_control:
+            if demand.speed_wish is _FOLLOW_SPEED:
+                demand.speed = setpoints[self._setpoint] * self._setpoint_factor
+            if self.g1_stw >= 0:
+                demand.sensor = setpoints[self.g1_stw]
 
     def _evaluate(self, word: int | None, demand: Demand) -> None:
-        self._follows = False
         if not self.take(word, demand) or word is None:
             return
         demand.device_bits = word & DEVICE_BITS
         if word & _FOLLOW == _FOLLOW:
-            demand.speed_wish = SpeedWish.FOLLOW
-            self._follows = True
+            demand.speed_wish = _FOLLOW_SPEED
         elif self._jogs and not word & _FOLLOW:
             demand.speed_wish = _JOGS.get(word & (_JOG_1 | _JOG_2), SpeedWish.ZERO)
         elif self._profidrive and word & _RUN != _RUN:

@@ -51,10 +51,8 @@ class SpeedExecutor(Executor):
         self._mode_bits = 0
         """Controlword bits that let the setpoint through in operation."""
         self._jog_speeds = (0, 0)
-        self._jogging: SpeedWish | None = None
-        """The jog that was begun at standstill."""
-        self._frozen = False
-        """The ramp is frozen since the edge of the command, with the target of that time."""
+        self._begun: SpeedWish | None = None
+        """The jog that was begun at standstill, or FREEZE: the ramp is frozen, with the target of its first cycle."""
         self._range = (0, 0)
         """Range of Target Velocity."""
         self._tolerance = 0
@@ -101,30 +99,18 @@ class SpeedExecutor(Executor):
         cell, controlword, reason = interlock.cell, interlock.controlword, interlock.reason
         if not cell.operating:
             # Also after Enable Operation, until the drive shows that it is in operation.
-            self._target = 0
-            self._jogging = None
-            self._frozen = False
+            self._target, self._begun = 0, None
+        elif demand.speed_wish is _FOLLOW:
+            self._begun = None
+            wire = demand.speed
+            if wire != self._wire and self._setpoint is not None:
+                self._wire = wire
+                before = self.outputs.saturations
+                self._value = self.limited(self._setpoint, wire)
+                self._limited = self.outputs.saturations != before
+            self._target = self._value
         else:
-            wish = demand.speed_wish
-            if wish is _FOLLOW:
-                self._jogging = None
-                self._frozen = False
-                wire = demand.speed
-                if wire != self._wire and self._setpoint is not None:
-                    self._wire = wire
-                    before = self.outputs.saturations
-                    self._value = self.limited(self._setpoint, wire)
-                    self._limited = self.outputs.saturations != before
-                self._target = self._value
-            else:
-                reason = Reason.SETPOINT_DISABLED
-                if wish is _FREEZE:
-                    self._freeze()
-                elif wish is not _HOLD:
-                    self._frozen = False
-                    self._target = self._jog(wish, self.inputs.standstill)
-                    if self._target:
-                        reason = None
+            reason = self._replace_setpoint(demand.speed_wish)
         target = self._target
         statusword = feedback.statusword
         if self._stopped or statusword & _INTERNAL_LIMIT:
@@ -147,13 +133,19 @@ class SpeedExecutor(Executor):
             report.speed = self._actual.to_wire(feedback.velocity_actual)
         return reason
 
-    def _freeze(self) -> None:
-        """The target is the frozen ramp value. An axis stopped at a limit stays stopped."""
-        self._jogging = None
-        if not self._frozen and not self._stopped:
+    def _replace_setpoint(self, wish: SpeedWish) -> Reason | None:
+        """The target without the PLC's setpoint."""
+        if wish is _HOLD:
+            return Reason.SETPOINT_DISABLED
+        if wish is not _FREEZE:
+            self._target = self._jog(wish, self.inputs.standstill)
+            return None if self._target else Reason.SETPOINT_DISABLED
+        if self._begun is not _FREEZE and not self._stopped:
+            # The frozen value of the ramp. An axis stopped at a limit stays stopped.
             low, high = self._range
             self._target = max(low, min(demanded_speed(self.feedback), high))
-        self._frozen = True
+        self._begun = _FREEZE
+        return Reason.SETPOINT_DISABLED
 
     def _reached(self, target: int, statusword: int, velocity: int) -> bool:
         """Whether the drive follows the setpoint in force, and that is the PLC's own."""
@@ -166,19 +158,15 @@ class SpeedExecutor(Executor):
         answered = self._arrival.read(said, now)
         if not said or not (answered or near) or self.interlock.cell.action is not _ENABLE_OPERATION:
             return False
-        own = not self._frozen and not (self._limited and self.demand.speed_wish is _FOLLOW)
+        own = self._begun is not _FREEZE and not (self._limited and self.demand.speed_wish is _FOLLOW)
         return own and target == self._target
 
     def _jog(self, wish: SpeedWish, standstill: bool) -> int:
         """The speed of a jog; 0 without a jog, or if it does not start at standstill."""
-        if wish is _ZERO:
-            self._jogging = None
+        if wish is _ZERO or (wish is not self._begun and not standstill):
+            self._begun = None
             return 0
-        if wish is not self._jogging:
-            if not standstill:
-                self._jogging = None
-                return 0
-            self._jogging = wish
+        self._begun = wish
         return self._jog_speeds[0 if wish is _JOG_1 else 1]
 
     def _held_at_limit(self, target: int) -> int:
