@@ -291,8 +291,8 @@ class AxisMachine:
                 outputs.known_off = False  # it may have received Enable Operation and not shown it
         if drive.fault_since:
             drive.step(self._node, now)
-        halts = action is _ENABLE_OPERATION and command.controlword & _HALT != 0
-        if cell.limit or halts or self._operation.limit or self._halt.began >= 0 or self._stop.runs:
+        halts = command.controlword & _HALT != 0 and action is _ENABLE_OPERATION
+        if cell.limit or halts or self._operation.limit or self._halt.began >= 0 or self._stop.began >= 0:
             self._watch_stops(cell.limit, halts)
         if self.demand.acknowledge or self.acknowledgement.waits:
             self._acknowledge()
@@ -323,7 +323,7 @@ class AxisMachine:
             state = STATE_OF_STATUS[feedback.statusword & STATE_MASK]
             if stop.step(limit, state, inputs.drive_ok, inputs.node_stopped, velocity, window, now):
                 self._report_stop(FaultNumber.STOP_IGNORED)
-        elif stop.runs:
+        elif stop.began >= 0:
             if not outputs.known_off or not inputs.drive_ok:
                 stop.over()
             elif stop.coast(velocity, window, now):

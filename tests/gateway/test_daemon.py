@@ -105,7 +105,7 @@ def test_a_withheld_heartbeat_stops_the_drives_of_that_bus_and_no_others() -> No
             plc.enable(index)
         left, right = (drive_of(daemon, 5, bus).model for bus in ("l", "r"))
         disobeyed = daemon.axes[0]
-        disobeyed.machine._stop.brake = disobeyed._brake = Brake.WITHHOLD_HEARTBEAT  # the brake before was of no use
+        disobeyed.machine.outputs.brake = disobeyed._brake = Brake.WITHHOLD_HEARTBEAT  # the brake before was of no use
         plc.until(lambda: left.state is not State.OPERATION_ENABLED, "the drive's own stop")
         assert right.state is State.OPERATION_ENABLED
 

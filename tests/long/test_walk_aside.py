@@ -72,7 +72,6 @@ DIFFER: set[Attribute] = {
     ("Interlock", "_steady"),
     ("Outputs", "actuals"),
     ("RawExecutor", "_last"),
-    ("StopWatch", "runs"),
 }
 """Among those in which pairs differ."""
 

@@ -51,20 +51,17 @@ class StopWatch:
         self.reference = 0
         """100 % speed in the drive's units."""
         self.brake: Brake = Brake.NONE
-        self.runs = False
-        """A stop is being watched."""
-        self._began = 0
-        """When the stop was commanded first, or the speed of a drive without power fell last."""
+        self.began = -1
+        """When the stop was commanded first, or the speed of a drive without power fell last; -1 while no stop is watched."""
         self._speed = 0
         """The speed from which the drive brakes."""
         self._ignored: State | None = None
         self._ignored_since = -1
         """Since when the drive shows this state, which must end; -1 while it does not."""
         self._braked = 0
-        self._nmt_stopped = False
-        """The node has reported NMT Stopped. The next bring-up ends this state."""
+        """When the NMT stop was sent; -1: the node has reported NMT Stopped. The next bring-up ends this state."""
         self._nmt_tried = False
-        """That was of no use: the drive was not off when it was there again."""
+        """An NMT stop was of no use: the drive was not off when it was there again."""
 
     def over(self) -> None:
         """The drive is off, or follows the PLC again."""
@@ -72,8 +69,7 @@ class StopWatch:
         self._nmt_tried = False
 
     def _restart(self) -> None:
-        self.runs = False
-        self._ignored_since = -1
+        self.began = self._ignored_since = -1
         self.brake = Brake.NONE
 
     def step(
@@ -86,8 +82,8 @@ class StopWatch:
         """
         if self.brake is Brake.NMT_STOP:
             if node_stopped:
-                self._nmt_stopped = True
-            elif not self._nmt_stopped:
+                self._braked = -1
+            elif self._braked >= 0:
                 if now - self._braked >= self._reaction:
                     self.brake = Brake.WITHHOLD_HEARTBEAT
             elif seen:
@@ -96,11 +92,10 @@ class StopWatch:
         if self.brake is not Brake.NONE or not seen:
             return False
         speed = abs(velocity)
-        if not self.runs:
-            self.runs = True
-            self._began = now
+        if self.began < 0:
+            self.began = now
             self._speed = speed
-        elif now - self._began <= self._reaction:
+        elif now - self.began <= self._reaction:
             self._speed = max(self._speed, speed)  # the drive may still accelerate to an earlier setpoint
         disobeys = limit in _BRAKES and speed > max(window, self._allowed(now))
         if state not in _MUST_END.get(limit, ()):
@@ -112,7 +107,6 @@ class StopWatch:
         if disobeys:
             self.brake = Brake.WITHHOLD_HEARTBEAT if self._nmt_tried else Brake.NMT_STOP
             self._braked = now
-            self._nmt_stopped = False
         return disobeys
 
     def coast(self, velocity: int, window: int, now: int) -> bool:
@@ -123,15 +117,15 @@ class StopWatch:
         if speed <= window:
             self.over()
         elif speed < _SLOWER * self._speed:
-            self._speed, self._began = speed, now
-        elif now - self._began > self._stopped_within:
+            self._speed, self.began = speed, now
+        elif now - self.began > self._stopped_within:
             self.over()
             return True
         return False
 
     def _allowed(self, now: int) -> int:
         """The speed a drive on its ramp is below by now, with margin."""
-        braking = now - self._began - self._reaction
+        braking = now - self.began - self._reaction
         if braking <= 0:
             return self._speed
         return self._speed - self.reference * braking // (RAMP_MARGIN * self._stop_time)

@@ -21,7 +21,6 @@ from pdgw.durations import SECOND
 from pdgw.gateway.axis.adapters.base import Adapter, ControlWordAdapter
 from pdgw.gateway.axis.adapters.positioner import PositionerAdapter
 from pdgw.gateway.axis.adapters.positioning import PositioningAdapter
-from pdgw.gateway.axis.adapters.speed import SpeedAdapter
 from pdgw.gateway.axis.adapters.transparent import TransparentAdapter
 from pdgw.gateway.axis.answer import Answer
 from pdgw.gateway.axis.demand_report import Demand, PowerWish, Report
@@ -53,7 +52,6 @@ OF: Final[dict[type, dict[str, Any]]] = {
     },
     ControlWordAdapter: {"PASSING": frozenset({"_uncontrolled"}), "ASIDE": frozenset({"word", "_visible"})},
     PositionerAdapter: {"ASIDE": frozenset({"_last"})},
-    SpeedAdapter: {"ASIDE": frozenset({"_follows"})},
     Answer: {"INSTANTS": lambda item: {"_since": item._latency}},
     Demand: {"ASIDE": frozenset({"*"})},
     Report: {
@@ -106,7 +104,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
     StopWatch: {
         "SUPERVISION": frozenset({"*"}),
         "INSTANTS": lambda item: {
-            "_began": item._stopped_within,
+            "began": item._stopped_within,
             "_ignored_since": item._reaction + 1,
             "_braked": item._reaction,
         },
