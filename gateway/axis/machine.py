@@ -145,7 +145,9 @@ class AxisMachine:
         self._stop = StopWatch(settings.reaction_ns, settings.stop_time_ns)
         self._operation = OperationWatch(settings.enter_ns, settings.reaction_ns, settings.stop_time_ns)
         self._halt = HaltWatch(settings.reaction_ns, settings.stop_time_ns, settings.enter_ns)
-        self.check = VelocityCheck(settings.stop_time_ns)
+        self._check = VelocityCheck(settings.stop_time_ns)
+        self.units_contradicted = False
+        """Its speed contradicts its units, which count as unknown until an acknowledgement."""
         self._follows_speed = kind is Kind.SPEED or kind is Kind.LOAD
         self._needed = needed_quantities(self.telegram)
         self._converts = kind is Kind.POSITIONER or kind is Kind.DSC
@@ -175,7 +177,7 @@ class AxisMachine:
         """Continue after the machine of another telegram of the same drive; the interlock of the new one is locked."""
         self._node = other._node
         self._node.report_to(self.outputs)
-        self.check.locked = other.check.locked
+        self.units_contradicted = other.units_contradicted
 
     @property
     def usable(self) -> bool:
@@ -197,7 +199,7 @@ class AxisMachine:
         if self.inputs.news:
             self._process_news()
         commanded = outputs.command.controlword
-        known = self._usable and not self.check.locked
+        known = self._usable and not self.units_contradicted
         wish = self._step_power(known, commanded)
         reason = self._step_motion(known, wish)
         if self.sensor is not None:
@@ -246,7 +248,7 @@ class AxisMachine:
             reason = executor.step()
         else:
             executor.refuse()
-            reason = _UNITS_CONTRADICTED if self.check.locked else interlock.reason
+            reason = _UNITS_CONTRADICTED if self.units_contradicted else interlock.reason
         flags = statusword & cell.visible
         if known and inputs.drive_ok:
             flags |= report.flags | (SHOWN_STATE if cell.operating else SHOWN_UNCOMMANDED)[statusword & STATE_MASK]
@@ -279,8 +281,9 @@ class AxisMachine:
         if known:
             operating = action is _ENABLE_OPERATION or action is _PASS
             target = command.target_velocity if self._follows_speed else None
-            found = self.check.step(operating, target, velocity, feedback.position_actual, inputs.position_ns, now)
+            found = self._check.step(operating, target, velocity, feedback.position_actual, inputs.position_ns, now)
             if found is not None:
+                self.units_contradicted = found[0] is FaultNumber.VELOCITY
                 outputs.found.append(found)
         shown = statusword & WATCHED if inputs.drive_ok else 0
         if shown != drive.shown:
@@ -301,12 +304,12 @@ class AxisMachine:
         """The fault buffer moves on when the PLC acknowledged, and the drive has left its fault."""
         inputs, outputs, demand = self.inputs, self.outputs, self.demand
         state = STATE_OF_STATUS[inputs.feedback.statusword & STATE_MASK]
-        faulty = state in FAULTY or (self.check.locked and state in POWERED)
+        faulty = state in FAULTY or (self.units_contradicted and state in POWERED)
         if self.acknowledgement.step(demand.connected and demand.acknowledge, inputs.drive_ok, faulty, inputs.now):
             outputs.acknowledged = outputs.eventful = True
             outputs.no_drive_error()
             self._node.acknowledged()
-            self.check.locked = False
+            self.units_contradicted = False
 
     def _watch_stops(self, limit: Limit, halts: bool) -> None:
         """The drive must leave the state that it shows, and must brake; after a stop it must not turn without power."""
@@ -411,7 +414,7 @@ class AxisMachine:
                 if item.notice is Notice.OFF:
                     outputs.known_off = True
                 elif item.notice is Notice.UNITS_CHANGED:
-                    self.check.locked = True
+                    self.units_contradicted = True
                     outputs.found.append((FaultNumber.VELOCITY, item.text))
                 else:
                     self._node.process(item)
@@ -467,7 +470,7 @@ class AxisMachine:
         speed = drive.scaling.reference(Quantity.SPEED)
         self._window = max(1, int(speed * self.settings.standstill_window))
         self._stop.reference = int(speed)
-        self.check.set_drive(drive.scaling, self._window)
+        self._check.set_drive(drive.scaling, self._window)
         own, span = self._own_sensor, drive.scaling.position_span
         if self.sensor is not None and not self.settings.g1_is_encoder and own.references.total_range != span:
             own.references = replace(own.references, total_range=span)

@@ -251,7 +251,7 @@ def _judge_drive(chain: _Chain, axis: Axis, state: State | None) -> None:
         chain.judge_fault(Reason.DRIVE_FAULT, _acknowledge(axis))
     elif state is None:
         chain.breaks(Reason.DRIVE_UNKNOWN_STATE, f"Statusword {statusword:04X}h is not a state of a CiA 402 drive")
-    elif machine.check.locked:
+    elif machine.units_contradicted:
         chain.breaks(Reason.UNITS_CONTRADICTED)
     elif not machine.usable:
         chain.breaks(Reason.REFERENCE_INVALID)

@@ -43,10 +43,9 @@ _RAMP_MARGIN: Final = 2
 
 
 class VelocityCheck:
-    """One axis. Call ``step`` in each cycle; ``locked``: a contradiction was found and is not acknowledged."""
+    """One axis. Call ``step`` in each cycle."""
 
     def __init__(self, stop_time_ns: int) -> None:
-        self.locked = False
         self._stop_time = stop_time_ns
         self._counts_per_unit = 0.0
         """Position units a second of one velocity unit; 0 where one of them is not known."""
@@ -90,7 +89,7 @@ class VelocityCheck:
     def step(
         self, operating: bool, target: int | None, velocity: int, position: int, position_ns: int, now: int
     ) -> tuple[FaultNumber, str] | None:
-        """One cycle; what does not fit, when it is found.
+        """One cycle; what does not fit, when it is found. After ``FaultNumber.VELOCITY`` the units count as unknown.
 
         ``operating``: the drive follows the PLC. ``target``: the speed it is sent, None where it follows something else.
         ``position``, ``position_ns``: the newest 6064h and when it came, 0 never. Times are monotonic nanoseconds.
@@ -114,7 +113,6 @@ class VelocityCheck:
         speed = abs(velocity)
         text = "" if target is None else self._overspeed(abs(target), speed, elapsed, now)
         if text:
-            self.locked = True
             return FaultNumber.VELOCITY, text
         if self._counts_per_unit and position_ns - self._position_ns >= SAMPLE_NS:
             found = self._compare(position, position_ns)
@@ -175,7 +173,6 @@ class VelocityCheck:
         rpm = SECONDS_PER_MINUTE / self._counts
         text = f"6064h moves at {seen * rpm:.4g} rpm, 606Ch reports {shown * rpm:.4g} rpm: factor {factor:.3g}"
         if not 1 / _FAULT <= factor <= _FAULT:
-            self.locked = True
             return (
                 FaultNumber.VELOCITY,
                 f"{text}, opposite directions: check the polarity 607Eh" if factor < 0 else text,
