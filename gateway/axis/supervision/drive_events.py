@@ -196,22 +196,22 @@ class Acknowledgement:
 
     def __init__(self) -> None:
         self._seen = False
+        """The bit was 1 in the last step."""
         self._until = 0
-        self.waits = False
-        """Whether work is pending although nothing is requested now."""
+        """The drive has until then to leave its fault; 0: no acknowledgement is under way."""
 
     @property
     def pending(self) -> bool:
         """The PLC acknowledged, and the device is still in its fault."""
         return self._until != 0
 
-    def step(self, asked: bool, ok: bool, faulty: bool, now: int) -> bool:
-        """Process one cycle with the level of the bit. A cause that stays needs another edge."""
-        over = self._step(asked, ok, faulty, now)
-        self.waits = self._seen or self._until != 0
-        return over
+    @property
+    def waits(self) -> bool:
+        """The next step counts, although nothing may be requested in it."""
+        return self._seen or self._until != 0
 
-    def _step(self, asked: bool, ok: bool, faulty: bool, now: int) -> bool:
+    def step(self, asked: bool, ok: bool, faulty: bool, now: int) -> bool:
+        """Process one cycle with the level of the bit; True when the fault is left. A cause that stays needs another edge."""
         if asked and not self._seen:
             self._until = now + ACKNOWLEDGE_NS
         self._seen = asked

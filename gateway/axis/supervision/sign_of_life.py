@@ -23,13 +23,15 @@ class SignOfLifeWords:
         self._stw2 = telegram.setpoints.index("STW2")
         self._zsw2 = telegram.actuals.index("ZSW2")
         self.counters = SignOfLife(failures)
-        self.lost = False
+
+    @property
+    def lost(self) -> bool:
         """There is no PLC: more failures in succession than tolerated."""
+        return self.counters.failed
 
     def tolerate(self, failures: int) -> None:
         """P925; the count starts again."""
         self.counters = SignOfLife(failures)
-        self.lost = False
 
     def step(self, setpoints: Sequence[int] | None, actuals: list[int]) -> bool:
         """One cycle: sets ZSW2; True when the sign of life was lost in it."""
@@ -37,12 +39,11 @@ class SignOfLifeWords:
         if setpoints is None:
             counters.reset()
             actuals[self._zsw2] = 0
-            self.lost = False
             return False
         received = setpoints[self._stw2] >> _SHIFT & HIGHEST
         if not received and not counters.due:
             actuals[self._zsw2] = 0
             return False
+        was_lost = counters.failed
         actuals[self._zsw2] = counters.step(received) << _SHIFT
-        was_lost, self.lost = self.lost, counters.failed
-        return self.lost and not was_lost
+        return counters.failed and not was_lost

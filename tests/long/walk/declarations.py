@@ -99,7 +99,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
     NodeWatch: {
         "ASIDE": frozenset({"fault_of_emcy", "faults", "last_emergency", "_refusal", "_absent", "_restart_asked"})
     },
-    Acknowledgement: {"ASIDE": frozenset({"_until", "_seen", "waits"})},
+    Acknowledgement: {"ASIDE": frozenset({"_until", "_seen"})},
     DriveWatch: {"ASIDE": frozenset({"fault_began", "fault_since"}), "SUPERVISION": frozenset({"shown"})},
     StopWatch: {
         "SUPERVISION": frozenset({"*"}),
