@@ -92,8 +92,6 @@ class Demand:
         """Position error of the PLC's controller, with the fine resolution of G1."""
         self.kpc = 0
         """Gain of XERR in 0.001/s; 0: no position control by the drive."""
-        self.fresh = False
-        """The request is from a frame of this cycle; used by telegrams with DSC."""
         self.torque_reduction = 0
         """Reduction of the torque limit, as a fraction (N2); 0 or below: nothing."""
         self.motion: Asked | None = None

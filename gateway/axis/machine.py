@@ -212,7 +212,6 @@ class AxisMachine:
     def _step_power(self, known: bool, commanded: int) -> PowerWish | None:
         """The request of the PLC, which the interlock makes a command. ``known``: the drive's units are."""
         inputs, demand = self.inputs, self.demand
-        demand.fresh = inputs.fresh
         setpoints, life = None if inputs.gateway_stops else inputs.setpoints, self.life
         if life is not None:
             if life.step(setpoints, self.outputs.actuals):
@@ -241,13 +240,12 @@ class AxisMachine:
 
     def _step_motion(self, known: bool, wish: PowerWish | None) -> Reason | None:
         """The command to the drive and what it shows. Returns why the axis does not do what the PLC requests."""
-        inputs, outputs, demand, report = self.inputs, self.outputs, self.demand, self.report
-        interlock, executor, statusword = self.interlock, self.executor, inputs.feedback.statusword
-        cell = interlock.cell
+        inputs, outputs, report, interlock = self.inputs, self.outputs, self.report, self.interlock
+        statusword, cell = inputs.feedback.statusword, interlock.cell
         if known:
-            reason = executor.step()
+            reason = self.executor.step()
         else:
-            executor.refuse()
+            self.executor.refuse()
             reason = _UNITS_CONTRADICTED if self.units_contradicted else interlock.reason
         flags = statusword & cell.visible
         if known and inputs.drive_ok:
@@ -256,10 +254,10 @@ class AxisMachine:
         else:
             report.flags = flags | SHOWN_FAULT
             if not inputs.drive_ok:
-                executor.lost()
+                self.executor.lost()
                 reason = reason if known else _DRIVE_OFFLINE
-        if not demand.in_control:
-            reason = _CONTROL_HELD if demand.power is _HOLD and interlock.operates else _NO_CONTROL
+        if not self.demand.in_control:
+            reason = _CONTROL_HELD if self.demand.power is _HOLD and interlock.operates else _NO_CONTROL
         if not self._guard.step(wish, outputs.command.controlword):
             reason = self._stop_unasked(inputs.now)
         return reason
@@ -276,24 +274,26 @@ class AxisMachine:
     def _supervise(self, known: bool, commanded: int, reason: Reason | None) -> None:
         """Speed and state of the drive, its stops in time, the end of a fault. ``commanded``: the Controlword that it has."""
         inputs, outputs, drive, cell = self.inputs, self.outputs, self._drive, self.interlock.cell
-        now, feedback, command = inputs.now, inputs.feedback, outputs.command
-        statusword, velocity, action = feedback.statusword, feedback.velocity_actual, cell.action
+        feedback, command, action = inputs.feedback, outputs.command, cell.action
+        statusword = feedback.statusword
         if known:
             operating = action is _ENABLE_OPERATION or action is _PASS
             target = command.target_velocity if self._follows_speed else None
-            found = self._check.step(operating, target, velocity, feedback.position_actual, inputs.position_ns, now)
+            found = self._check.step(
+                operating, target, feedback.velocity_actual, feedback.position_actual, inputs.position_ns, inputs.now
+            )
             if found is not None:
                 self.units_contradicted = found[0] is FaultNumber.VELOCITY
                 outputs.found.append(found)
         shown = statusword & WATCHED if inputs.drive_ok else 0
         if shown != drive.shown:
-            drive.changed(shown, statusword, commanded, reason, now)
+            drive.changed(shown, statusword, commanded, reason, inputs.now)
             if inputs.drive_ok:
                 outputs.known_off = STATE_OF_STATUS[statusword & STATE_MASK] in UNPOWERED
             elif enables(commanded):
                 outputs.known_off = False  # it may have received Enable Operation and not shown it
         if drive.fault_since:
-            drive.step(self._node, now)
+            drive.step(self._node, inputs.now)
         halts = command.controlword & _HALT != 0 and action is _ENABLE_OPERATION
         if cell.limit or halts or self._operation.limit or self._halt.began >= 0 or self._stop.began >= 0:
             self._watch_stops(cell.limit, halts)

@@ -134,6 +134,7 @@ class ControlWordAdapter(Adapter):
         if word is None:
             demand.connected = self._armed = False
             demand.in_control = True
+            demand.device_bits = 0
             demand.sensor = demand.second_sensor = None
             return False
         if not word & _CONTROL_BY_PLC:

@@ -121,8 +121,6 @@ class DscAdapter(WideSpeedAdapter):
 
     def read(self, setpoints: Sequence[int] | None, demand: Demand) -> None:
         super().read(setpoints, demand)
-        # Without control the last words may stay; an earlier position error must not count as a present one.
-        demand.fresh = demand.fresh and setpoints is not None and demand.in_control
         if setpoints is not None and demand.in_control:
             demand.speed = setpoints[self._setpoint] * self._setpoint_factor
             demand.xerr = setpoints[self._xerr]

@@ -128,7 +128,9 @@ class DscExecutor(Executor):
 
     def _control(self, dsc: Dsc) -> Reason | None:
         demand, position = self.demand, self.feedback.position_actual
-        if self._is_out_of_date(dsc):
+        # Without control the last words may stay; an earlier position error must not count as a present one.
+        fresh = self.inputs.fresh and demand.connected and demand.in_control
+        if self._is_out_of_date(dsc, fresh=fresh):
             self._ramp()
             self.outputs.warn(FaultNumber.DSC_OUT_OF_DATE, "DSC stops the axis: no new setpoint for too long")
             return Reason.DSC_OUT_OF_DATE
@@ -137,7 +139,7 @@ class DscExecutor(Executor):
             self._freeze(dsc)
             return Reason.SETPOINT_DISABLED
         self._frozen = False
-        result = dsc.step(demand.speed, demand.xerr, demand.kpc, position, fresh=demand.fresh)
+        result = dsc.step(demand.speed, demand.xerr, demand.kpc, position, fresh=fresh)
         command, self._velocity = self.command, result.velocity
         if self.choices.form is _BY_SPEED:
             command.target_velocity = result.velocity
@@ -164,14 +166,14 @@ class DscExecutor(Executor):
             command.velocity_offset = self._velocity
             self._travel(self._velocity)
 
-    def _is_out_of_date(self, dsc: Dsc) -> bool:
+    def _is_out_of_date(self, dsc: Dsc, *, fresh: bool) -> bool:
         """Whether the axis must stop before DSC starts again, independent of the watchdog time."""
         now = self.inputs.now
         if dsc.setpoint.active and now - self._last_frame_ns > dsc.hold_ns:
             self._out_of_date = True
-        elif self._out_of_date and not self._velocity and self.demand.fresh:
+        elif self._out_of_date and not self._velocity and fresh:
             self._out_of_date = False
-        if self.demand.fresh or not dsc.setpoint.active:
+        if fresh or not dsc.setpoint.active:
             self._last_frame_ns = now
         return self._out_of_date
 

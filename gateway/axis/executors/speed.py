@@ -122,7 +122,7 @@ class SpeedExecutor(Executor):
         if cell.action is _ENABLE_OPERATION or cell.action is _RAMP:
             controlword |= self._mode_bits
         command = self.command
-        command.controlword = controlword | demand.device_bits if demand.connected else controlword
+        command.controlword = controlword | demand.device_bits
         command.target_velocity = target
         report = self.report
         report.flags = _REACHED if self._reached(target, statusword, feedback.velocity_actual) else 0
