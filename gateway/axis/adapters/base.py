@@ -115,7 +115,6 @@ class ControlWordAdapter(Adapter):
     def __init__(self, telegram: Telegram, settings: AxisSettings) -> None:
         super().__init__(telegram)
         self._uncontrolled = _UNCONTROLLED[settings.control_lost]
-        self._holds = settings.control_lost is ControlLost.HOLD
         self.stw1 = self.setpoint("STW1")
         self.zsw1 = self.actual("ZSW1")
         self.g1_stw = self.setpoint("G1_STW")

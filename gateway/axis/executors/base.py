@@ -67,9 +67,6 @@ class Executor:
     def lost(self) -> None:
         """The drive is not there; called after the step of such a cycle."""
 
-    def recall(self, *, home_set: bool) -> None:
-        """Restore the knowledge of an earlier machine of this axis (for a recording that starts in the middle)."""
-
     def refuse(self) -> None:
         """Without valid references nothing is converted; the drive gets the Controlword and nothing else."""
         raise NotImplementedError

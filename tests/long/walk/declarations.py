@@ -18,7 +18,7 @@ from typing import Any, Final
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.modes import MODE_CONFIRM_NS
 from pdgw.durations import SECOND
-from pdgw.gateway.axis.adapters.base import Adapter, ControlWordAdapter
+from pdgw.gateway.axis.adapters.base import _UNCONTROLLED, Adapter, ControlWordAdapter
 from pdgw.gateway.axis.adapters.positioner import PositionerAdapter
 from pdgw.gateway.axis.adapters.positioning import PositioningAdapter
 from pdgw.gateway.axis.adapters.transparent import TransparentAdapter
@@ -34,6 +34,7 @@ from pdgw.gateway.axis.executors.positions.stall import Stall
 from pdgw.gateway.axis.executors.raw import RawExecutor
 from pdgw.gateway.axis.executors.speed import SpeedExecutor
 from pdgw.gateway.axis.interlock import QUICK_STOP_STANDING_NS, Commanded, Interlock
+from pdgw.gateway.axis.settings import ControlLost
 from pdgw.gateway.axis.supervision.drive_events import Acknowledgement, DriveWatch, NodeWatch, Repetitions
 from pdgw.gateway.axis.supervision.stop_supervision import HaltWatch, OperationWatch, StopWatch
 from pdgw.gateway.axis.supervision.velocity_check import _COMPARE_NS, _OVERSPEED_NS, SAMPLE_NS, VelocityCheck
@@ -216,7 +217,8 @@ def kept(adapter: Adapter, demand: Demand) -> tuple[object, ...]:
     if not isinstance(adapter, ControlWordAdapter):
         return (demand,)
     found: tuple[object, ...] = (demand.acknowledge, demand.device_bits) if demand.connected else ()
-    if demand.connected and adapter._holds and demand.power in {PowerWish.ENABLE, PowerWish.HOLD}:
+    holds = adapter._uncontrolled is _UNCONTROLLED[ControlLost.HOLD]
+    if demand.connected and holds and demand.power in {PowerWish.ENABLE, PowerWish.HOLD}:
         found = (demand,)
     if isinstance(adapter, PositionerAdapter) and demand in found:
         found = (*found, adapter.asked)

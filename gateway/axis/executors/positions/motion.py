@@ -105,9 +105,6 @@ class MotionExecutor(Executor):
         """The drive has new coordinates."""
         self.positioner.forget_home()
 
-    def recall(self, *, home_set: bool) -> None:
-        self.positioner.outcome.home_set = home_set
-
     def sdo_done(self, error: str | None) -> None:
         self.homing.answered(error)
 
