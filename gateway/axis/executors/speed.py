@@ -24,10 +24,9 @@ _AT_LIMIT: Final = warning_bits(FaultNumber.INTERNAL_LIMIT)
 _ENABLE_OPERATION: Final = Action.ENABLE_OPERATION
 _RAMP: Final = Action.RAMP
 _FOLLOW: Final = SpeedWish.FOLLOW
-_HOLD: Final = SpeedWish.HOLD
 _FREEZE: Final = SpeedWish.FREEZE
 _ZERO: Final = SpeedWish.ZERO
-_JOG_1: Final = SpeedWish.JOG_1
+_JOGS: Final = (SpeedWish.JOG_1, SpeedWish.JOG_2)
 _INTERNAL_LIMIT: Final = StatusBit.INTERNAL_LIMIT
 _REACHED: Final = Flag.REACHED
 _UNREPORTED: Final = (Mode.VL_VELOCITY, Mode.CYCLIC_VELOCITY)
@@ -135,17 +134,18 @@ class SpeedExecutor(Executor):
 
     def _replace_setpoint(self, wish: SpeedWish) -> Reason | None:
         """The target without the PLC's setpoint."""
-        if wish is _HOLD:
-            return Reason.SETPOINT_DISABLED
-        if wish is not _FREEZE:
-            self._target = self._jog(wish, self.inputs.standstill)
-            return None if self._target else Reason.SETPOINT_DISABLED
-        if self._begun is not _FREEZE and not self._stopped:
-            # The frozen value of the ramp. An axis stopped at a limit stays stopped.
-            low, high = self._range
-            self._target = max(low, min(demanded_speed(self.feedback), high))
-        self._begun = _FREEZE
-        return Reason.SETPOINT_DISABLED
+        if wish is _FREEZE:
+            if self._begun is not wish and not self._stopped:
+                # The present value of the ramp. An axis stopped at a limit stays stopped.
+                low, high = self._range
+                self._target = max(low, min(demanded_speed(self.feedback), high))
+            self._begun = wish
+        elif wish is _ZERO or (wish in _JOGS and wish is not self._begun and not self.inputs.standstill):
+            self._target, self._begun = 0, None
+        elif wish in _JOGS:
+            self._begun = wish
+            self._target = self._jog_speeds[_JOGS.index(wish)]
+        return None if wish in _JOGS and self._target else Reason.SETPOINT_DISABLED
 
     def _reached(self, target: int, statusword: int, velocity: int) -> bool:
         """Whether the drive follows the setpoint in force, and that is the PLC's own."""
@@ -160,14 +160,6 @@ class SpeedExecutor(Executor):
             return False
         own = self._begun is not _FREEZE and not (self._limited and self.demand.speed_wish is _FOLLOW)
         return own and target == self._target
-
-    def _jog(self, wish: SpeedWish, standstill: bool) -> int:
-        """The speed of a jog; 0 without a jog, or if it does not start at standstill."""
-        if wish is _ZERO or (wish is not self._begun and not standstill):
-            self._begun = None
-            return 0
-        self._begun = wish
-        return self._jog_speeds[0 if wish is _JOG_1 else 1]
 
     def _held_at_limit(self, target: int) -> int:
         """The target, or 0 if an axis stopped at a limit gets a setpoint in the same direction again."""
