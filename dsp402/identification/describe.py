@@ -5,7 +5,7 @@ Source: CiA 402 (6502h, 60E3h, 6098h), CiA 301 (1400h-1BFFh), CiA 306 (access, l
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
@@ -121,7 +121,12 @@ def describe(
         max_torque=answers.get(MAX_TORQUE, 0),
         position_window=None if window == _NO_WINDOW else window,
         position_objects=MappingProxyType({key: value for key, value in answers.items() if key[0] in POSITION_OBJECTS}),
-        ignored_ranges=tuple(_ignored_ranges(dictionary, entries)),
+        ignored_ranges=tuple(
+            f"{entry.index:04X}h: the range {declared.min}..{declared.max} in the data sheet forbids the setpoint 0: ignored, "
+            "the range of the data type is used"
+            for attribute, entry in entries.items()
+            if (declared := variable(dictionary, *entry.address)) is not None and _forbids_stop(declared, attribute)
+        ),
     )
 
 
@@ -206,16 +211,6 @@ def _entries(dictionary: canopen.ObjectDictionary, family: Overlay | None, *, vl
 def _forbids_stop(declared: ODVariable, attribute: str) -> bool:
     """Whether a data sheet forbids the setpoint 0, which stops the axis."""
     return attribute in _STOPS_AT_ZERO and ((declared.min or 0) > 0 or (declared.max or 0) < 0)
-
-
-def _ignored_ranges(dictionary: canopen.ObjectDictionary, entries: Mapping[str, Entry]) -> Iterator[str]:
-    for attribute, entry in entries.items():
-        declared = variable(dictionary, *entry.address)
-        if declared is not None and _forbids_stop(declared, attribute):
-            yield (
-                f"{entry.index:04X}h: the range {declared.min}..{declared.max} in the data sheet forbids the "
-                "setpoint 0: ignored, the range of the data type is used"
-            )
 
 
 def _limits(declared: ODVariable, kind: CanType, attribute: str) -> tuple[int | None, int | None]:

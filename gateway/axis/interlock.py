@@ -30,24 +30,16 @@ _ACKNOWLEDGES: Final = (*LOCKS, Phase.UNCONFIRMED, Phase.COAST, Phase.FOLLOW)
 """Phases in which an acknowledge passes; a stop is not disturbed by it."""
 _FOLLOW: Final = Phase.FOLLOW
 _PASS: Final = Phase.PASS
-_RAMP_STOP: Final = Phase.RAMP_STOP
-_QUICK_STOP: Final = Phase.QUICK_STOP
 _OPERATING: Final = Drive.OPERATING
-_STANDING: Final = Drive.STANDING
 _SWITCHED_ON: Final = Drive.SWITCHED_ON
 _LEAVING: Final = Drive.LEAVING
-_OFF1S: Final = OFF1S
 _WITHOUT_DISABLE: Final = {
     PowerWish.OFF_DISABLED: PowerWish.OFF,
     PowerWish.QUICK_STOP_DISABLED: PowerWish.QUICK_STOP,
 }
 _ENABLED: Final = (PowerWish.ENABLE, PowerWish.OFF, PowerWish.QUICK_STOP)
 """STW1.3 = 1."""
-_STOPPING: Final = STOPPING
 _ENABLE: Final = PowerWish.ENABLE
-_STOP: Final = PowerWish.STOP
-_PLC_LOST: Final = Reason.PLC_LOST
-_WITHOUT_PLC: Final = NO_PLC
 _NO_PLC: Final = {
     PlcLossReaction.RAMP: PowerWish.NO_PLC_RAMP,
     PlcLossReaction.QUICK_STOP: PowerWish.NO_PLC_QUICK_STOP,
@@ -76,7 +68,7 @@ class Request:
         """The column of the power table. ``seen``: what the drive shows, None if it does not count."""
         if wish is None:
             wish = self.no_plc
-        connected = wish not in _WITHOUT_PLC
+        connected = wish not in NO_PLC
         if connected is not self.connected:
             self.connected = connected
             self.off_seen = self.acknowledge_armed = False
@@ -88,18 +80,14 @@ class Request:
             return max(wish, self.no_plc)
         if wish in _WITHOUT_DISABLE and not self.disable_armed:
             wish = _WITHOUT_DISABLE[wish]  # a stop that starts with STW1.3 = 0 brakes
-        if wish in _OFF1S:
+        if wish in OFF1S:
             self.off_seen = self.resume
-        elif wish is _STOP:
+        elif wish is PowerWish.STOP:
             self.off_seen = False  # without control an OFF does not count, and an earlier one no longer counts
-        elif phase is _RAMP_STOP and wish is _ENABLE and self.off_seen:
+        elif phase is Phase.RAMP_STOP and wish is _ENABLE and self.off_seen:
             # After a loss, an ON that is already active in the new connection does not resume: it needs its own OFF first.
             return PowerWish.RESUME
         return wish
-
-    def done(self, wish: PowerWish | None, before: Phase, phase: Phase) -> None:
-        """The table has led from one phase to another."""
-        self.disable_armed = phase in _STOPPING and (wish in _ENABLED or (self.disable_armed and phase is before))
 
 
 @dataclass(slots=True, eq=False)
@@ -128,12 +116,12 @@ class Commanded:
             self.standing_since = -1
             if not self.enabling:
                 return _LEAVING
-            return _STANDING if standstill else _OPERATING
+            return Drive.STANDING if standstill else _OPERATING
         if drive is _SWITCHED_ON and self.enabling:
             return Drive.ENTERING
         if drive in _BELOW_READY and 0 <= self.shutdown_since <= now - self.latency:
             return Drive.INHIBITED
-        if phase is _QUICK_STOP and drive is Drive.QUICK_STOPPING:
+        if phase is Phase.QUICK_STOP and drive is Drive.QUICK_STOPPING:
             return self._quick_stopping(standstill, now)
         return drive
 
@@ -264,11 +252,13 @@ class Interlock:
         column = request.step(wish, acknowledge, seen, phase)
         self.cell = cell = CELLS[(phase * DRIVES + drive) * WISHES + column]
         self.phase = cell.phase
-        request.done(wish, phase, cell.phase)
+        request.disable_armed = cell.phase in STOPPING and (
+            wish in _ENABLED or (request.disable_armed and cell.phase is phase)
+        )
         commanded.done(cell, column, seen, phase, now)
         if request.connected:
             self.plc_was_there = True
-        self.reason = Reason.NO_PLC if cell.reason is _PLC_LOST and not self.plc_was_there else cell.reason
+        self.reason = Reason.NO_PLC if cell.reason is Reason.PLC_LOST and not self.plc_was_there else cell.reason
         # Operation continues: the next equal cycle has the same result.
         self._steady = status if cell.operating and column is _ENABLE and not acknowledge else -1
         resets = acknowledge and request.acknowledge_armed and cell.phase in _ACKNOWLEDGES

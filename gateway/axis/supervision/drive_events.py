@@ -45,6 +45,14 @@ POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_
 """The power stage is on."""
 WATCHED: Final = STATE_MASK | StatusBit.INTERNAL_LIMIT
 """Statusword bits whose changes are reported."""
+_FAULTS: Final = {
+    Notice.BOOT: FaultNumber.NODE_RESTARTED,
+    Notice.SET_POINT_REFUSED: FaultNumber.SET_POINT,
+    Notice.LOST: FaultNumber.NODE_LOST,
+    Notice.BUS_LOST: FaultNumber.BUS_LOST,
+}
+"""Notices that are a fault each time."""
+_RESTARTING: Final = (Notice.BOOT, Notice.LOST, Notice.BUS_LOST)
 _DISABLED: Final = (State.SWITCHED_ON, State.READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED)
 _COMMAND: Final = CONTROLWORDS[Action.ENABLE_OPERATION]
 
@@ -122,21 +130,15 @@ class NodeWatch:
         what = notice.notice
         if what is Notice.EMERGENCY:
             self._emergency(notice)
-        elif self._restart_asked and (what is Notice.BOOT or what is Notice.LOST or what is Notice.BUS_LOST):
+        elif self._restart_asked and what in _RESTARTING:
             self._log("restarts, as commanded: " + notice.text)
-        elif what is Notice.BOOT:
-            self._raise(FaultNumber.NODE_RESTARTED, notice)
+        elif what in _FAULTS:
+            self._raise(_FAULTS[what], notice)
         elif what is Notice.REFUSED:
             # Repeated every few seconds: the same rejection is one fault.
             if notice.text != self._refusal:
                 self._refusal = notice.text
                 self._raise(FaultNumber.NODE_REFUSED, notice)
-        elif what is Notice.SET_POINT_REFUSED:
-            self._raise(FaultNumber.SET_POINT, notice)
-        elif what is Notice.LOST:
-            self._raise(FaultNumber.NODE_LOST, notice)
-        elif what is Notice.BUS_LOST:
-            self._raise(FaultNumber.BUS_LOST, notice)
         elif what is Notice.ONLINE:
             self._refusal = ""
             self._restart_asked = self._absent = False
