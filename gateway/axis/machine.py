@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 from pdgw.ds301.errors import CanopenError
@@ -60,6 +61,7 @@ from pdgw.gateway.axis.values import (
     Outputs,
     PresetAnswer,
     ProbeAnswer,
+    RestartAsked,
     SdoAnswer,
     gateway_fault,
 )
@@ -69,7 +71,6 @@ from pdgw.profidrive.encoder import SensorError
 from pdgw.profidrive.errors import ProfidriveError
 from pdgw.profidrive.telegrams import telegram
 
-_OF_THE_DRIVE: Final = Flag.OF_THE_DRIVE
 _WARNING: Final = Flag.WARNING
 _WITHOUT_BRAKE: Final = (Limit.NONE, *QUICK_STOPS)
 _AT_LIMIT: Final = warning_bits(FaultNumber.INTERNAL_LIMIT)
@@ -79,14 +80,7 @@ _INTERNAL_LIMIT: Final = StatusBit.INTERNAL_LIMIT
 _HALT: Final = ControlBit.HALT
 _ENABLE_OPERATION: Final = Action.ENABLE_OPERATION
 _PASS: Final = Action.PASS
-_LOST: Final = Drive.LOST
-_POWERED_UNREAD: Final = Drive.POWERED_UNREAD
-_NO_REFERENCES: Final = Drive.NO_REFERENCES
-_DRIVE_OFFLINE: Final = Reason.DRIVE_OFFLINE
-_NO_CONTROL: Final = Reason.NO_CONTROL
-_CONTROL_HELD: Final = Reason.CONTROL_HELD
 _HOLD: Final = PowerWish.HOLD
-_UNITS_CONTRADICTED: Final = Reason.UNITS_CONTRADICTED
 _STOPS_WITHOUT_PLC: Final = {
     PowerWish.COAST: PowerWish.NO_PLC_COAST,
     PowerWish.QUICK_STOP: PowerWish.NO_PLC_QUICK_STOP,
@@ -99,13 +93,8 @@ _EXECUTORS: dict[Kind, Callable[[AxisRecords], Executor]] = {
     Kind.TORQUE: TorqueExecutor,
     Kind.POSITIONING: PositioningExecutor,
     Kind.POSITIONER: PositionerExecutor,
+    Kind.RAW: partial(RawExecutor, setpoints=SETPOINT_ATTRIBUTES, actuals=ACTUAL_ATTRIBUTES),
 }
-
-
-def _make_executor(kind: Kind, records: AxisRecords) -> Executor:
-    if kind is Kind.RAW:
-        return RawExecutor(records, SETPOINT_ATTRIBUTES, ACTUAL_ATTRIBUTES)
-    return _EXECUTORS[kind](records)
 
 
 class AxisMachine:
@@ -126,17 +115,16 @@ class AxisMachine:
         self.interlock = Interlock(settings)
         self._guard = EnableGuard()
         records = AxisRecords(settings, self.interlock, self.demand, self.inputs, self.report, self.outputs)
-        self.executor = _make_executor(kind, records)
-        self.sensor = SensorWords() if "G1_STW" in self.telegram.setpoints.names else None
+        self.executor = _EXECUTORS[kind](records)
+        has_sensor = "G1_STW" in self.telegram.setpoints.names
+        self.sensor = SensorWords(0, DriveSensor(feedback)) if has_sensor else None
         has_second = settings.second_sensor is not SecondSensor.NONE and number in SECOND_SENSOR_NUMBERS
-        self.second_sensor = SensorWords() if has_second else None
-        self._own_sensor = DriveSensor(feedback)
-        self._own_second = SecondDriveSensor(feedback)
+        self.second_sensor = second = SensorWords(1, SecondDriveSensor(feedback)) if has_second else None
         if self.sensor is not None:
-            self.sensor.channel.set_references(self._own_sensor.references)
+            self.sensor.channel.set_references(self.sensor.own.references)
             self.sensor.measure(possible=not settings.g1_is_encoder)
-        if self.second_sensor is not None and settings.second_sensor is SecondSensor.DRIVE:
-            self.second_sensor.channel.set_references(self._own_second.references)
+        if second is not None and settings.second_sensor is SecondSensor.DRIVE:
+            second.channel.set_references(second.own.references)
         self._node = NodeWatch(self.outputs)
         self._drive = DriveWatch(self.outputs)
         self.acknowledgement = Acknowledgement()
@@ -153,7 +141,8 @@ class AxisMachine:
         self._converts = kind is Kind.POSITIONER or kind is Kind.DSC
         self.shows_codes = "FAULT_CODE" in self.telegram.actuals.names
         """The telegram has numbers of faults and warnings: ``Inputs`` has to have them."""
-        self._usable = False
+        self.usable = False
+        """The drive is known: what 100 % is, and that it has the modes of the telegram."""
         self._window = 0
         self._control_lost = False
         """The PLC removed its control in operation and has not returned it."""
@@ -180,11 +169,6 @@ class AxisMachine:
         self.units_contradicted = other.units_contradicted
 
     @property
-    def usable(self) -> bool:
-        """The drive is known: what 100 % is, and that it has the modes of the telegram."""
-        return self._usable
-
-    @property
     def fault_began(self) -> int:
         """When the drive showed its last fault, monotonic ns."""
         return self._drive.fault_began
@@ -199,7 +183,7 @@ class AxisMachine:
         if self.inputs.news:
             self._process_news()
         commanded = outputs.command.controlword
-        known = self._usable and not self.units_contradicted
+        known = self.usable and not self.units_contradicted
         wish = self._step_power(known, commanded)
         reason = self._step_motion(known, wish)
         if self.sensor is not None:
@@ -230,11 +214,11 @@ class AxisMachine:
         if known:
             window = self._window
             inputs.standstill = standstill = -window <= feedback.velocity_actual <= window
-            condition = None if inputs.drive_ok else _LOST
+            condition = None if inputs.drive_ok else Drive.LOST
         else:
             off = STATE_OF_STATUS[statusword & STATE_MASK] in UNPOWERED
             powered = not off or enables(commanded)  # which the Statusword may not show yet
-            condition = _POWERED_UNREAD if powered else _NO_REFERENCES
+            condition = Drive.POWERED_UNREAD if powered else Drive.NO_REFERENCES
         self.interlock.step(wish, demand.acknowledge, condition, statusword, standstill, inputs.now)
         return wish
 
@@ -246,7 +230,7 @@ class AxisMachine:
             reason = self.executor.step()
         else:
             self.executor.refuse()
-            reason = _UNITS_CONTRADICTED if self.units_contradicted else interlock.reason
+            reason = Reason.UNITS_CONTRADICTED if self.units_contradicted else interlock.reason
         flags = statusword & cell.visible
         if known and inputs.drive_ok:
             flags |= report.flags | (SHOWN_STATE if cell.operating else SHOWN_UNCOMMANDED)[statusword & STATE_MASK]
@@ -255,9 +239,9 @@ class AxisMachine:
             report.flags = flags | SHOWN_FAULT
             if not inputs.drive_ok:
                 self.executor.lost()
-                reason = reason if known else _DRIVE_OFFLINE
+                reason = reason if known else Reason.DRIVE_OFFLINE
         if not self.demand.in_control:
-            reason = _CONTROL_HELD if self.demand.power is _HOLD and interlock.operates else _NO_CONTROL
+            reason = Reason.CONTROL_HELD if self.demand.power is _HOLD and interlock.operates else Reason.NO_CONTROL
         if not self._guard.step(wish, outputs.command.controlword):
             reason = self._stop_unasked(inputs.now)
         return reason
@@ -363,7 +347,7 @@ class AxisMachine:
         command.controlword = CONTROLWORDS[Action.QUICK_STOP]
         command.target_velocity = command.target_torque = 0
         shown = SHOWN_UNCOMMANDED[self.inputs.feedback.statusword & STATE_MASK]
-        self.report.flags = self.inputs.feedback.statusword & _OF_THE_DRIVE | shown
+        self.report.flags = self.inputs.feedback.statusword & Flag.OF_THE_DRIVE | shown
         self.interlock.distrust()
         self.outputs.fault(gateway_fault(FaultNumber.ENABLE_UNASKED, detail, now))
         return Reason.NEEDS_OFF
@@ -383,64 +367,48 @@ class AxisMachine:
         return None if setpoints is None else _STOPS_WITHOUT_PLC.get(WISHES[setpoints[0] & POWER_BITS])
 
     def _step_sensors(self, sensor: SensorWords) -> None:
-        demand, report = self.demand, self.report
+        inputs, outputs, demand, second = self.inputs, self.outputs, self.demand, self.second_sensor
         lost = self.life is not None and self.life.lost
         error = SensorError.CONTROLLER_SIGN_OF_LIFE if lost else None
-        report.sensor = self._sensor_words(sensor, 0, demand.sensor, self._own_sensor, error)
-        self.outputs.probe = sensor.probe
-        second = self.second_sensor
+        self.report.sensor = sensor.step(demand.sensor, inputs, error)
+        outputs.probe, outputs.presets[0] = sensor.probe, sensor.channel.preset_write
         if second is not None:
-            report.second_sensor = self._sensor_words(second, 1, demand.second_sensor, self._own_second, error)
-
-    def _sensor_words(
-        self, sensor: SensorWords, place: int, word: int | None, own: DriveSensor, error: SensorError | None
-    ) -> tuple[int, int, int]:
-        """One cycle of G1 (``place`` 0) or G2 (1); ``own``: the drive's position, without an encoder of its own."""
-        inputs = self.inputs
-        encoder = inputs.encoders[place]
-        if encoder is None:
-            values = sensor.step(word, own, inputs.drive_ok, inputs.now, error)
-        else:
-            values = sensor.step(word, encoder, inputs.encoders_ok[place], inputs.now, error)
-        self.outputs.presets[place] = sensor.preset
-        return values
+            self.report.second_sensor = second.step(demand.second_sensor, inputs, error)
+            outputs.presets[1] = second.channel.preset_write
 
     # -- events since the last cycle ----------------------------------------------------------------------------------
 
     def _process_news(self) -> None:
         inputs, outputs = self.inputs, self.outputs
         for item in inputs.news:
-            if isinstance(item, NodeNotice):
-                if item.notice is Notice.OFF:
+            match item:
+                case NodeNotice(notice=Notice.OFF):
                     outputs.known_off = True
-                elif item.notice is Notice.UNITS_CHANGED:
+                case NodeNotice(notice=Notice.UNITS_CHANGED):
                     self.units_contradicted = True
                     outputs.found.append((FaultNumber.VELOCITY, item.text))
-                else:
+                case NodeNotice():
                     self._node.process(item)
-            elif isinstance(item, Configured):
-                if item.restarted:
-                    self.interlock.restarted()
-                    self.executor.restarted()
-                self._set_drive(item.drive_type, item.homing_method)
-            elif isinstance(item, SdoAnswer):
-                if outputs.writes == item.writes:
-                    outputs.writes = None
-                    self.executor.sdo_done(item.error)
-            elif isinstance(item, PresetAnswer):
-                for sensor in (self.sensor, self.second_sensor):
-                    if sensor is not None:
-                        sensor.answered(item)
-            elif isinstance(item, ProbeAnswer):
-                if self.sensor is not None:
-                    self.sensor.probed(item)
-                else:
-                    self.executor.probed(item)
-            elif isinstance(item, FaultRead):
-                self._drive.fault_read(item, inputs.feedback, self._node.faults, inputs.now)
-                self._node.set_error_code(item.code)
-            else:
-                self._node.restart_asked()
+                case Configured():
+                    if item.restarted:
+                        self.interlock.restarted()
+                        self.executor.restarted()
+                    self._set_drive(item.drive_type, item.homing_method)
+                case SdoAnswer():
+                    if outputs.writes == item.writes:
+                        outputs.writes = None
+                        self.executor.sdo_done(item.error)
+                case PresetAnswer():
+                    for sensor in (self.sensor, self.second_sensor):
+                        if sensor is not None:
+                            sensor.answered(item)
+                case ProbeAnswer():
+                    (self.executor if self.sensor is None else self.sensor).probed(item)
+                case FaultRead():
+                    self._drive.fault_read(item, inputs.feedback, self._node.faults, inputs.now)
+                    self._node.set_error_code(item.code)
+                case RestartAsked():
+                    self._node.restart_asked()
         inputs.news.clear()
 
     def lacking(self, drive: DriveType, homing_method: int) -> str:
@@ -459,7 +427,7 @@ class AxisMachine:
 
     def _set_drive(self, drive: DriveType | None, homing_method: int) -> None:
         """Set the drive. One with unknown 100 % values or without a needed mode blocks operation (fault 104)."""
-        self._usable = False
+        self.usable = False
         if drive is None:
             return
         self._node.faults, self._node.fault_of_emcy = drive.faults, drive.fault_of_code
@@ -471,8 +439,8 @@ class AxisMachine:
         self._window = max(1, int(speed * self.settings.standstill_window))
         self._stop.reference = int(speed)
         self._check.set_drive(drive.scaling, self._window)
-        own, span = self._own_sensor, drive.scaling.position_span
-        if self.sensor is not None and not self.settings.g1_is_encoder and own.references.total_range != span:
-            own.references = replace(own.references, total_range=span)
-            self.sensor.channel.set_references(own.references)
-        self._usable = True
+        sensor, span = self.sensor, drive.scaling.position_span
+        if sensor is not None and not self.settings.g1_is_encoder and sensor.own.references.total_range != span:
+            sensor.own.references = replace(sensor.own.references, total_range=span)
+            sensor.channel.set_references(sensor.own.references)
+        self.usable = True

@@ -17,7 +17,7 @@ from pdgw.dsp406.faults import MEMORY_ERROR
 from pdgw.dsp406.images import EncoderParameters
 from pdgw.dsp406.objects import PRESET, PRESET_MULTI_SENSOR
 from pdgw.durations import MS, SECOND
-from pdgw.gateway.axis.values import EncoderInput, PresetAnswer, ProbeAnswer, ProbeWish, SdoWrite
+from pdgw.gateway.axis.values import EncoderInput, Inputs, PresetAnswer, ProbeAnswer, ProbeWish, SdoWrite
 from pdgw.profidrive.datatypes import DataType
 from pdgw.profidrive.encoder import (
     PRESET_SETTLE_NS,
@@ -195,10 +195,15 @@ class SecondDriveSensor(DriveSensor):
 
 
 class SensorWords:
-    """G1 or G2 in the telegram of a drive, beside its executor; ``preset`` is the value for the encoder."""
+    """G1 (``place`` 0) or G2 (1) in the telegram of a drive, beside its executor.
 
-    def __init__(self) -> None:
+    ``own``: the drive's position, which counts without an encoder of its own.
+    """
+
+    def __init__(self, place: int, own: DriveSensor) -> None:
         self.channel = SensorChannel()
+        self.own = own
+        self._place = place
         self.probe: ProbeWish | None = None
         """Positions that the drive's touch probe must latch; a new object for each request."""
         self._search: Search | None = None
@@ -226,11 +231,6 @@ class SensorWords:
                 edges = tuple(edge for edge in range(FUNCTIONS) if search.functions >> edge & 1)
                 self.probe = ProbeWish(edges, zero_pulse=not search.on_the_fly)
 
-    @property
-    def preset(self) -> SdoWrite | None:
-        """Another object for each preset."""
-        return self.channel.preset_write
-
     def answered(self, answer: PresetAnswer) -> None:
         """An answer to a withdrawn preset is ignored."""
         channel = self.channel
@@ -241,12 +241,11 @@ class SensorWords:
         else:
             channel.sensor.preset_failed()
 
-    def step(
-        self, word: int | None, source: EncoderInput, ok: bool, now: int, error: SensorError | None = None
-    ) -> tuple[int, int, int]:
-        """One cycle; returns G1_ZSW, G1_XIST1, G1_XIST2."""
-        channel = self.channel
-        values = channel.step(word, source, ok, now, error)
+    def step(self, word: int | None, inputs: Inputs, error: SensorError | None) -> tuple[int, int, int]:
+        """One cycle; returns G1_ZSW, G1_XIST1 and G1_XIST2, or those of G2."""
+        channel, encoder = self.channel, inputs.encoders[self._place]
+        ok = inputs.drive_ok if encoder is None else inputs.encoders_ok[self._place]
+        values = channel.step(word, self.own if encoder is None else encoder, ok, inputs.now, error)
         measuring = channel.sensor.measuring
         if measuring is not None:
             self._detect_search(measuring)
