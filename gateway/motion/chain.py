@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pdgw.durations import MS
 from pdgw.gateway.motion.blocks import Block, BlockMode, BlockNext, BlockTable, BlockTask
-from pdgw.gateway.motion.requests import FULL, Seen
+from pdgw.gateway.motion.requests import FULL
 from pdgw.gateway.motion.travel import Course
 from pdgw.gateway.reasons import Reason
 
@@ -89,7 +89,7 @@ class BlockChain:
             return None
         return block.follower
 
-    def done(self, seen: Seen, now: int) -> bool:
+    def done(self, now: int) -> bool:
         """Whether the block that runs is done."""
         block, course = self.block, self._course
         if block is None:
@@ -99,13 +99,13 @@ class BlockChain:
         if not block.task.moves:
             return now >= self._wait_until
         if course.goal is None:
-            return seen.standstill
+            return course.seen.standstill
         if block.task is BlockTask.FIXED_STOP:
             return self._pressed(block)
         if block.next is BlockNext.EXTERNAL:
             return self.external
         if course.queued:
-            return seen.executing >= course.queued
+            return course.seen.executing >= course.queued
         return course.arrived()
 
     def _pressed(self, block: Block) -> bool:

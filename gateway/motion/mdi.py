@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from pdgw.gateway.motion.positioner import HELD, Positioner
-from pdgw.gateway.motion.requests import Asked, HomingResult, MotionKind, Outcome, PositionerSettings, Seen
+from pdgw.gateway.motion.requests import Asked, HomingResult, MotionKind, Outcome, PositionerSettings
 from pdgw.gateway.motion.states import MDI_TRANSITIONS, Action, Event, State
 from pdgw.gateway.motion.travel import Goal
 from pdgw.gateway.reasons import Reason
@@ -65,11 +65,11 @@ class MdiPositioner(Positioner):
         """The drive was not given the goal."""
         return self._course.waits
 
-    def step(self, asked: Asked, seen: Seen, now: int) -> Outcome:
-        self._asked, self._seen, self._now = asked, seen, now
+    def step(self, asked: Asked, now: int) -> Outcome:
+        self.asked, self._now = asked, now
         outcome, course = self.outcome, self._course
         self.before = self._state
-        course.look(seen, False)
+        course.look(False)
         if asked.controls != self._controls or self._edges:
             self._controls = asked.controls
             self._find_edges()
@@ -91,7 +91,7 @@ class MdiPositioner(Positioner):
         state, before = self._state, self.before
         if state is _BRAKING or before is _BRAKING:
             return self._braking_reason
-        idle = before is _IDLE or (before is _HOMING and self._seen.homing is not HomingResult.RUNNING)
+        idle = before is _IDLE or (before is _HOMING and self.seen.homing is not HomingResult.RUNNING)
         warning = self.outcome.warning
         if state is _IDLE and idle and (warning is None or warning in HELD):
             if warning is not None and not asked.do_not_reject:
@@ -105,14 +105,14 @@ class MdiPositioner(Positioner):
     def _events(self) -> dict[Event, Callable[[], bool]]:
         return {
             **super()._events(),
-            Event.DESELECTED: lambda: not self._asked.mdi,
+            Event.DESELECTED: lambda: not self.asked.mdi,
             Event.HOMING: self._take_homing,
-            Event.HOMING_OVER: lambda: not self._asked.homing and not self._homes(),
+            Event.HOMING_OVER: lambda: not self.asked.homing and not self._homes(),
             Event.MDI: self._take_edge,
-            Event.REACHED: lambda: self._asked.no_intermediate_stop and self._course.arrived(),
-            Event.STANDING: lambda: self._seen.stopped,
-            Event.STANDING_HOMING: lambda: self._seen.stopped and self.homing is not None,
-            Event.STANDING_TASK: lambda: self._seen.stopped and self._waiting is not None,
+            Event.REACHED: lambda: self.asked.no_intermediate_stop and self._course.arrived(),
+            Event.STANDING: lambda: self.seen.stopped,
+            Event.STANDING_HOMING: lambda: self.seen.stopped and self.homing is not None,
+            Event.STANDING_TASK: lambda: self.seen.stopped and self._waiting is not None,
             Event.TASK_AFTER_HOMING: self._take_task_after_homing,
         }
 
@@ -123,7 +123,7 @@ class MdiPositioner(Positioner):
 
     def _take_homing(self) -> bool:
         """The edge of a homing that the drive has."""
-        asked, edge = self._asked, self._homing_edge
+        asked, edge = self.asked, self._homing_edge
         if edge and not asked.do_not_reject:
             self._warn(Reason.LOST_HOMING)
         if not self._drive.require_homing(edge=edge and asked.do_not_reject):
@@ -141,14 +141,14 @@ class MdiPositioner(Positioner):
 
     def _take_task_after_homing(self) -> bool:
         """During a homing an edge starts nothing, but in the frame that ends one that is done or that the drive has not begun."""
-        if self._asked.homing or self._homes():
+        if self.asked.homing or self._homes():
             return False
         self._warn(None)
         return self._take_edge()
 
     def _take_task(self) -> None:
         """An edge with everything else given is a task with the data of its frame, in place of one that waits."""
-        asked = self._asked
+        asked = self.asked
         if not self._activated:
             return
         refusal: Reason | None = None
@@ -188,7 +188,7 @@ class MdiPositioner(Positioner):
 
     def _brake(self) -> None:
         self._finish()
-        asked, homes = self._asked, self._state is _HOMING
+        asked, homes = self.asked, self._state is _HOMING
         if homes:
             self._take_while_braking(asked)
         if asked.homing and (homes or self._homing_edge):

@@ -15,7 +15,16 @@ from pdgw.durations import MS
 from pdgw.gateway.motion.blocks import BlockTable
 from pdgw.gateway.motion.chain import BlockChain
 from pdgw.gateway.motion.modulo import Direction
-from pdgw.gateway.motion.requests import FULL, Asked, HomingResult, MotionKind, Outcome, PositionerSettings, Seen
+from pdgw.gateway.motion.requests import (
+    FULL,
+    NOTHING,
+    Asked,
+    HomingResult,
+    MotionKind,
+    Outcome,
+    PositionerSettings,
+    Seen,
+)
 from pdgw.gateway.motion.states import TASK_STATES, TRANSITIONS, Action, Event, State, Transition
 from pdgw.gateway.motion.travel import Course
 from pdgw.gateway.reasons import Reason
@@ -84,10 +93,12 @@ class Positioner:
         self.settings = settings
         self.outcome = Outcome()
         self._state = self.outcome.state = next(iter(transitions))
-        self._course = Course(settings, self.outcome)
+        self.seen = Seen()
+        """State of the axis, read before each step."""
+        self._course = Course(settings, self.outcome, self.seen)
         self._chain = BlockChain(blocks or BlockTable(), self._course)
-        self._asked = Asked()
-        self._seen = Seen()
+        self.asked = NOTHING
+        """The commands of this step."""
         self._now = 0
         self._pending: _Task | None = None
         self._task: _Task | None = None
@@ -121,27 +132,27 @@ class Positioner:
     def _events(self) -> dict[Event, Callable[[], bool]]:
         """The checks of the events."""
         return {
-            Event.NOT_OPERATING: lambda: not self._asked.operating,
-            Event.OPERATING: lambda: self._asked.operating,
-            Event.REJECTED: lambda: not self._asked.do_not_reject,
+            Event.NOT_OPERATING: lambda: not self.asked.operating,
+            Event.OPERATING: lambda: self.asked.operating,
+            Event.REJECTED: lambda: not self.asked.do_not_reject,
             Event.TASK_REFUSED: lambda: self._pending is not None and self._pending.refusal is not None,
             Event.MDI: lambda: self._pending is not None and self._pending.event is Event.MDI,
             Event.SETTING_UP: lambda: self._pending is not None and self._pending.event is Event.SETTING_UP,
             Event.BLOCK: lambda: self._pending is not None and self._pending.event is Event.BLOCK,
             Event.CHANGED: self._changed,
             Event.REACHED: self._finished,
-            Event.BLOCK_DONE: lambda: self._chain.done(self._seen, self._now) and self._chain.follower() is not None,
-            Event.CHAIN_DONE: lambda: self._chain.done(self._seen, self._now) and self._chain.follower() is None,
-            Event.JOG: lambda: not self._asked.jog_incremental and self._jog_asked(),
-            Event.JOG_INCREMENTAL: lambda: self._asked.jog_incremental and self._jog_asked(),
+            Event.BLOCK_DONE: lambda: self._chain.done(self._now) and self._chain.follower() is not None,
+            Event.CHAIN_DONE: lambda: self._chain.done(self._now) and self._chain.follower() is None,
+            Event.JOG: lambda: not self.asked.jog_incremental and self._jog_asked(),
+            Event.JOG_INCREMENTAL: lambda: self.asked.jog_incremental and self._jog_asked(),
             Event.JOG_RELEASED: lambda: self._jog_bit() != self._jog,
             Event.HOMING: lambda: self._homing_waits,
-            Event.HOMING_WITHDRAWN: lambda: not self._asked.homing,
+            Event.HOMING_WITHDRAWN: lambda: not self.asked.homing,
             Event.HOMING_ATTAINED: lambda: self._homing_is(HomingResult.ATTAINED),
             Event.HOMING_FAILED: lambda: self._homing_is(HomingResult.FAILED),
-            Event.TRACKING: lambda: self._asked.tracking,
-            Event.TRACKING_OFF: lambda: not self._asked.tracking,
-            Event.STANDING: lambda: self._seen.standstill,
+            Event.TRACKING: lambda: self.asked.tracking,
+            Event.TRACKING_OFF: lambda: not self.asked.tracking,
+            Event.STANDING: lambda: self.seen.standstill,
         }
 
     def _actions(self) -> dict[Action, Callable[[], None]]:
@@ -182,20 +193,20 @@ class Positioner:
         goal = self._course.goal
         if goal is None:
             return 0
-        return goal.velocity if goal.kind is MotionKind.SPEED else goal.target - self._seen.position
+        return goal.velocity if goal.kind is MotionKind.SPEED else goal.target - self.seen.position
 
     def forget_home(self) -> None:
         """The drive has new coordinates: its home position is unknown."""
         self.outcome.home_set = False
         self._course.offset = 0
 
-    def step(self, asked: Asked, seen: Seen, now: int) -> Outcome:
-        """Run one cycle. ``asked`` and ``seen`` are not stored."""
-        self._asked, self._seen, self._now = asked, seen, now
+    def step(self, asked: Asked, now: int) -> Outcome:
+        """Run one cycle. ``now``: monotonic nanoseconds."""
+        self.asked, self._now = asked, now
         outcome, course = self.outcome, self._course
         if self._owed:
             self._show_acknowledge()
-        course.look(seen, asked.software_limits and outcome.home_set)
+        course.look(asked.software_limits and outcome.home_set)
         if asked.controls != self._controls or asked.operating is not self._operating:
             self._look(asked)
         elif self._edges:
@@ -264,7 +275,7 @@ class Positioner:
 
     def _find_edges(self) -> None:
         """Rising edges of this step; bits that were 1 before operation are not edges."""
-        asked = self._asked
+        asked = self.asked
         before = self._levels
         self._levels = (asked.activate, asked.external_block_change, asked.set_reference_point, asked.homing)
         edges = [is_set and not was_set for is_set, was_set in zip(self._levels, before, strict=True)]
@@ -278,7 +289,7 @@ class Positioner:
 
     def _captured(self) -> _Task:
         """The present request, and why it is impossible."""
-        asked = self._asked
+        asked = self.asked
         target, absolute, velocity = asked.target, asked.absolute, asked.velocity
         positive, negative = asked.positive, asked.negative
         direction = _SHORTEST if positive is negative else _POSITIVE if positive else _NEGATIVE
@@ -306,7 +317,7 @@ class Positioner:
 
     def _changed(self) -> bool:
         """Continuous update: values other than those in force, while STW1.6 = 1."""
-        asked, task = self._asked, self._task
+        asked, task = self.asked, self._task
         if not (asked.continuous_update and asked.activate and asked.mdi and task is not None):
             return False
         if task.is_of(asked) or asked.setting_up is not (self._state is _SETTING_UP):
@@ -318,7 +329,7 @@ class Positioner:
 
     def _jog_bit(self) -> int:
         """1 or 2 if only this jog bit is 1, 0 for none or both."""
-        asked = self._asked
+        asked = self.asked
         return 0 if asked.jog_1 is asked.jog_2 else 1 if asked.jog_1 else 2
 
     def _jog_asked(self) -> bool:
@@ -326,12 +337,12 @@ class Positioner:
         return bit > 0 and self._armed[bit - 1]
 
     def _homing_is(self, result: HomingResult) -> bool:
-        return self._seen.taken >= self.outcome.motion.serial and self._seen.homing is result
+        return self.seen.taken >= self.outcome.motion.serial and self.seen.homing is result
 
     def _finished(self) -> bool:
-        if self._state is _MDI and self._asked.continuous_update and self._asked.activate:
+        if self._state is _MDI and self.asked.continuous_update and self.asked.activate:
             return False
-        return self._course.arrived() or (self._course.goal is None and self._seen.standstill)
+        return self._course.arrived() or (self._course.goal is None and self.seen.standstill)
 
     # -- functions ------------------------------------------------------------------------------------------------------
 
@@ -340,7 +351,7 @@ class Positioner:
 
     def _warn_early(self) -> None:
         """Operation begins: a bit that is 1 already has no edge."""
-        asked = self._asked
+        asked = self.asked
         homing = Reason.LOST_HOMING if asked.homing and not asked.passive_homing else None
         self._warn(Reason.EARLY_EDGE if asked.activate else homing)
 
@@ -373,7 +384,7 @@ class Positioner:
 
     def _brake(self) -> None:
         self._forget()
-        asked = self._asked
+        asked = self.asked
         if not asked.do_not_reject:
             task = Reason.LOST_EDGE if asked.activate and self._state in _KEPT else None
             self._warn(Reason.LOST_HOMING if asked.homing and self._state is _HOMING else task)
@@ -415,7 +426,7 @@ class Positioner:
         if task.event is _SETTING_UP_TASK:
             self._course.go(velocity if task.positive else -velocity, acceleration, deceleration)
         else:
-            torque = self.settings.clamping_torque if self._asked.to_fixed_stop else None
+            torque = self.settings.clamping_torque if self.asked.to_fixed_stop else None
             self._course.go_to(task.target, task.absolute, velocity, acceleration, deceleration, torque, task.direction)
 
     def _start_jog(self) -> None:
@@ -423,7 +434,7 @@ class Positioner:
         self._jog = self._jog_bit()
         place = self._jog - 1
         velocity = self.settings.jog_velocities[place]
-        if self._asked.jog_incremental:
+        if self.asked.jog_incremental:
             self._armed = (self._armed[0] and place != 0, self._armed[1] and place != 1)
             distance = self.settings.jog_distances[place]
             self._course.go_to(distance if velocity > 0 else -distance, False, abs(velocity), FULL, FULL)
@@ -448,13 +459,13 @@ class Positioner:
         self.outcome.home_set = True
 
     def _set_reference_point(self) -> None:
-        if (self._state is _IDLE or self._state is _TRACKING) and self._seen.standstill:
-            self._refer(self._seen.position)
+        if (self._state is _IDLE or self._state is _TRACKING) and self.seen.standstill:
+            self._refer(self.seen.position)
         else:
             self._warn(Reason.REFERENCE_POINT_MOVING)
 
     def _reference_coordinate(self) -> int:
-        asked = self._asked.reference_coordinate
+        asked = self.asked.reference_coordinate
         return self.settings.reference_coordinate if asked is None else asked
 
     def _refer(self, position: int) -> None:
@@ -465,7 +476,7 @@ class Positioner:
 
     def _home_on_the_fly(self) -> None:
         """STW1.11 with POS_STW2.8: the probe gives the offset while anything runs; a task keeps its target in the drive."""
-        asked, seen, outcome = self._asked, self._seen, self.outcome
+        asked, seen, outcome = self.asked, self.seen, self.outcome
         wanted = asked.homing and asked.passive_homing
         before, self._probe_requested = self._probe_requested, wanted
         if not wanted:
@@ -484,7 +495,7 @@ class Positioner:
     # -- outputs --------------------------------------------------------------------------------------------------------
 
     def _show(self) -> None:
-        outcome, asked, seen, course, state = self.outcome, self._asked, self._seen, self._course, self._state
+        outcome, asked, seen, course, state = self.outcome, self.asked, self.seen, self._course, self._state
         position = seen.position + course.offset
         modulo = self.settings.modulo
         outcome.position = position % modulo if modulo else position
@@ -520,10 +531,10 @@ class Positioner:
     def _show_acknowledge(self) -> None:
         """Show the acknowledgement of a task. The drive acknowledges position tasks, the gateway all others."""
         outcome, task = self.outcome, self._task
-        if not self._asked.activate:
+        if not self.asked.activate:
             outcome.acknowledged = self._owed = False
         elif task is not None and not outcome.acknowledged:
             block = self._chain.block
             still = task.event is _BLOCK_TASK and block is not None and not block.task.moves
             speed = self._course.speed is not None
-            outcome.acknowledged = still or speed or 0 < outcome.motion.first <= self._seen.taken
+            outcome.acknowledged = still or speed or 0 < outcome.motion.first <= self.seen.taken

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass, field, fields
+from typing import Final
 
 from pdgw.gateway.motion.blocks import Block
 from pdgw.gateway.motion.states import State
@@ -67,6 +68,10 @@ class Asked:
         """Clear all commands."""
         for item in fields(self):
             setattr(self, item.name, item.default)
+
+
+NOTHING: Final = Asked()
+"""No commands; never changed."""
 
 
 class HomingResult(enum.Enum):

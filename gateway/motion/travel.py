@@ -50,9 +50,10 @@ class Goal:
 class Course:
     """The goal of one axis; ``follow`` once per cycle brings ``outcome.motion`` in line with it."""
 
-    def __init__(self, settings: PositionerSettings, outcome: Outcome) -> None:
+    def __init__(self, settings: PositionerSettings, outcome: Outcome, seen: Seen) -> None:
         self.settings = settings
         self.outcome = outcome
+        self.seen = seen
         self.offset = 0
         """User's coordinate minus the drive's."""
         self.goal: Goal | None = None
@@ -73,19 +74,17 @@ class Course:
         self._limit_since = -1
         self._at_limit = False
         self._stop_since = -1
-        self._seen = Seen()
         self.window: int | None = settings.position_window
         """Largest distance from the target of a task that has ended; None: only the drive knows."""
 
-    def look(self, seen: Seen, limits: bool) -> None:
-        """Take what the axis does, and whether the software limits are watched, before anything is decided."""
-        self._seen = seen
+    def look(self, limits: bool) -> None:
+        """Take whether the software limits are watched, and the begin of a relative task, before anything is decided."""
         watched = self.settings.software_limits if limits else None
         if watched is not self.limits:
             self.limits, self.limits_moved = watched, True
         goal = self.goal
         if goal is not None and goal.distance is not None and self.waits:
-            self._begin_at(goal, seen.position + goal.distance)
+            self._begin_at(goal, self.seen.position + goal.distance)
 
     def _begin_at(self, goal: Goal, target: int) -> None:
         """A relative task begins at the present position: ``target`` is its end, or the software limit before it."""
@@ -113,7 +112,7 @@ class Course:
             target = self._inside(goal.target + self.offset, limits) - self.offset
             if target != goal.target:
                 self.outcome.warning = Reason.SOFTWARE_LIMIT
-                position = self._seen.position
+                position = self.seen.position
                 if (target - position) * (goal.target - position) > 0:
                     self.aim(replace(goal, target=target, distance=None))
                 else:
@@ -137,7 +136,7 @@ class Course:
 
     def _end(self, target: int, absolute: bool, direction: Direction) -> int:
         """End of a task in the user's coordinates; for a modulo axis across its turns."""
-        begin = self._seen.position + self.offset
+        begin = self.seen.position + self.offset
         if not absolute:
             return begin + target
         modulo = self.settings.modulo
@@ -145,7 +144,7 @@ class Course:
 
     def arrived(self) -> bool:
         """The drive has reached the target of the goal in force, and is at standstill."""
-        seen = self._seen
+        seen = self.seen
         if not (seen.reached and seen.standstill and self._executes()):
             return False
         window = self.window
@@ -156,17 +155,17 @@ class Course:
     def _executes(self) -> bool:
         """The drive has taken the setpoint of a position."""
         goal = self.goal
-        return goal is not None and goal.kind is _POSITION and 0 < self.sent <= self._seen.taken and not self.held
+        return goal is not None and goal.kind is _POSITION and 0 < self.sent <= self.seen.taken and not self.held
 
     def expects_end(self) -> bool:
         """The end of a motion to a position is due at standstill. At a fixed stop the axis is meant to press on."""
-        seen, goal = self._seen, self.goal
+        seen, goal = self.seen, self.goal
         return seen.standstill and goal is not None and goal.torque is None and self._executes() and not self.arrived()
 
     @property
     def waits(self) -> bool:
         """There is a goal, and the drive was not given it."""
-        return self.goal is not None and (not self.sent or self._seen.given < self.sent)
+        return self.goal is not None and (not self.sent or self.seen.given < self.sent)
 
     # -- goals ----------------------------------------------------------------------------------------------------------
 
@@ -185,7 +184,7 @@ class Course:
             self.aim(speed)
             return
         target = self.limits[speed.velocity > 0] - self.offset
-        if (target - self._seen.position) * speed.velocity > 0:
+        if (target - self.seen.position) * speed.velocity > 0:
             self.aim(replace(speed, kind=_POSITION, target=target, velocity=abs(speed.velocity)))
         else:
             self.goal = None
@@ -262,13 +261,13 @@ class Course:
         if self.sent:
             if not held and motion.override == override:
                 return
-            if goal.distance is not None and self._seen.given >= self.sent:
+            if goal.distance is not None and self.seen.given >= self.sent:
                 goal = self.goal = replace(goal, distance=None)  # only once
         self._send(motion, goal, override)
 
     def _hold(self, goal: Goal, asked: Asked, now: int) -> Reason | None:
         """Why a task is kept but not executed."""
-        seen = self._seen
+        seen = self.seen
         if not asked.no_intermediate_stop:
             self._at_limit = False
             self._limit_since = -1
@@ -299,7 +298,7 @@ class Course:
     def queue(self, position: int, absolute: bool, velocity: int, acceleration: int, deceleration: int) -> None:
         """Send a position task that waits in the drive for the end of the goal; not beyond a limit, where the axis must stop."""
         goal = self.goal
-        if goal is None or self.held or self.queued or self._seen.taken < self.sent:
+        if goal is None or self.held or self.queued or self.seen.taken < self.sent:
             return
         target = position - self.offset if absolute else goal.target + position
         end = target + self.offset
@@ -324,7 +323,7 @@ class Course:
         self.sent = motion.serial
 
     def _detect_fixed_stop(self, now: int) -> None:
-        seen = self._seen
+        seen = self.seen
         if not (seen.standstill and seen.torque_at_limit):
             self._stop_since = -1
         elif self._stop_since < 0:

@@ -71,7 +71,7 @@ def standing_task_bit_starts(patch: Patch) -> None:
 
     def wrong(self: MdiPositioner) -> None:
         find(self)
-        self._activated = self._edges = self._asked.activate
+        self._activated = self._edges = self.asked.activate
 
     patch.setattr(MdiPositioner, "_find_edges", wrong)
 
@@ -91,7 +91,7 @@ def standing_homing_bit_starts(patch: Patch) -> None:
     asked = MdiPositioner._take_homing
 
     def wrong(self: MdiPositioner) -> bool:
-        self._homing_edge = self._asked.homing
+        self._homing_edge = self.asked.homing
         return asked(self)
 
     patch.setattr(MdiPositioner, "_take_homing", wrong)
@@ -99,7 +99,7 @@ def standing_homing_bit_starts(patch: Patch) -> None:
 
 def standing_homing_bit_of_a_positioner_starts(patch: Patch) -> None:
     events = Positioner._events
-    patch.setattr(Positioner, "_events", lambda self: {**events(self), Event.HOMING: lambda: self._asked.homing})
+    patch.setattr(Positioner, "_events", lambda self: {**events(self), Event.HOMING: lambda: self.asked.homing})
 
 
 def homing_goes_on_without_its_bit(patch: Patch) -> None:

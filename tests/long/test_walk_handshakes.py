@@ -53,7 +53,7 @@ def standing_task_bit_starts(patch: Patch) -> None:
 
     def wrong(self: Positioner) -> None:
         find(self)
-        self._activated = self._asked.activate
+        self._activated = self.asked.activate
 
     patch.setattr(Positioner, "_find_edges", wrong)
 
@@ -62,7 +62,7 @@ def reached_by_the_statusword(patch: Patch) -> None:
     state = PositionerExecutor._read_state
 
     def wrong(self: Course) -> bool:
-        return self.goal is not None and self.sent > 0 and self._seen.reached
+        return self.goal is not None and self.sent > 0 and self.seen.reached
 
     def read(self: PositionerExecutor) -> None:
         state(self)

@@ -163,7 +163,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
     MdiPositioner: {"ASIDE": frozenset({"_calm_rows", "_rows"}), "PASSING": frozenset({"before"})},
     Positioner: {
         "INSTANTS": {"_homing_until": 0},
-        "PASSING": frozenset({"_asked", "_now", "_seen"}),
+        "PASSING": frozenset({"asked", "_now", "seen"}),
         "ASIDE": frozenset(
             {
                 "_activated",
@@ -202,7 +202,7 @@ OF: Final[dict[type, dict[str, Any]]] = {
     },
     Course: {
         "INSTANTS": {"_limit_since": LIMIT_STANDING_NS, "_stop_since": FIXED_STOP_NS},
-        "PASSING": frozenset({"_seen"}),
+        "PASSING": frozenset({"seen"}),
         "SERIALS": frozenset({"sent", "queued"}),
     },
     SignOfLife: {"COUNTERS": frozenset({"received", "due", "_own"})},

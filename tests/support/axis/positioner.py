@@ -64,7 +64,6 @@ class PositionerRig:
     blocks: tuple[Block, ...] = ()
     delay: int = 1
     asked: Asked = field(default_factory=lambda: Asked(True, True, True))
-    seen: Seen = field(default_factory=Seen)
     stop_at: int | None = None
     """A mechanical stop."""
 
@@ -81,6 +80,10 @@ class PositionerRig:
         self.step()
 
     @property
+    def seen(self) -> Seen:
+        return self.positioner.seen
+
+    @property
     def outcome(self) -> Outcome:
         return self.positioner.outcome
 
@@ -94,7 +97,7 @@ class PositionerRig:
         self.asked = replace(self.asked, controls=(self._frames,), **changes)  # type: ignore[arg-type]
         for _ in range(cycles):
             self.now += CYCLE
-            outcome = self.positioner.step(self.asked, self.seen, self.now)
+            outcome = self.positioner.step(self.asked, self.now)
             self._execute(outcome.motion)
             self._move(outcome.motion)
         return self.outcome

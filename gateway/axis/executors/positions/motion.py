@@ -21,7 +21,7 @@ from pdgw.gateway.axis.executors.positions.mode import ModeSwitch
 from pdgw.gateway.axis.executors.positions.stall import Stall
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.motion.positioner import Positioner
-from pdgw.gateway.motion.requests import Asked, HomingResult, Motion, Outcome, Seen
+from pdgw.gateway.motion.requests import Asked, HomingResult, Motion, Outcome
 from pdgw.gateway.motion.states import State
 from pdgw.gateway.reasons import FaultNumber, Reason, warning_bits
 
@@ -53,8 +53,7 @@ class MotionExecutor(Executor):
         self._mode = ModeSwitch(self, base)
         self.homing = Homing(self, self._mode)
         self.command.modes_of_operation = self._mode.mode
-        self._seen = Seen()
-        self._nothing = Asked()
+        self._seen = positioner.seen
         self._shows_stop_reached = self.settings.intermediate_stop_reached
         self._target = CanType.I32.integer_range
         """Range of 607Ah."""
@@ -136,7 +135,8 @@ class MotionExecutor(Executor):
         """Run one cycle: state of the axis, commands, Controlword and mode."""
         interlock, mode = self.interlock, self._mode
         action = interlock.action
-        asked = self.demand.motion or self._nothing
+        asked = self.demand.motion
+        assert asked is not None, "adapters of positioners set it in each step"
         operates = action is Action.ENABLE_OPERATION and OPERATION_ENABLED[self.feedback.statusword & STATE_MASK]
         asked.operating = operates
         if operates:
@@ -145,7 +145,7 @@ class MotionExecutor(Executor):
         taken = self.feedback.statusword & StatusBit.MODE_12 != 0 and mode.shows_base()
         self._taking.read(taken, self.inputs.now)
         self._read_state()
-        outcome = self.positioner.step(asked, self._seen, self.inputs.now)
+        outcome = self.positioner.step(asked, self.inputs.now)
         self._blocked = False
         if operates:
             mode.asked = False

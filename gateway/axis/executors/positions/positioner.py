@@ -30,6 +30,7 @@ from pdgw.gateway.motion.messages import MessageWord
 from pdgw.gateway.motion.modulo import Ring
 from pdgw.gateway.motion.positioner import HELD, Positioner
 from pdgw.gateway.motion.requests import (
+    NOTHING,
     Asked,
     HomingResult,
     Motion,
@@ -168,7 +169,7 @@ class PositionerExecutor(MotionExecutor):
         seen, report = self._seen, self.report
         seen.standstill = seen.reached = False
         report.speed = report.length_speed = report.message = 0
-        self.positioner.step(self._nothing, seen, self.inputs.now)
+        self.positioner.step(NOTHING, self.inputs.now)
 
     def sdo_done(self, error: str | None) -> None:
         if not self._torque.answered(error):
@@ -196,7 +197,7 @@ class PositionerExecutor(MotionExecutor):
         if units is None or speed is None or message is None:
             return reason
         outcome, feedback, outputs = self._cycle(), self.feedback, self.outputs
-        asked = self.demand.motion or self._nothing
+        asked = self.positioner.asked
         if self._continued and not self.stopped:
             outcome.reached = False
         if outcome.probe is (outputs.probe is None):

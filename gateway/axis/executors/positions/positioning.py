@@ -17,7 +17,7 @@ from pdgw.gateway.axis.executors.positions.task_scaling import TaskScaling, base
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.motion.mdi import MdiPositioner
 from pdgw.gateway.motion.modulo import Direction
-from pdgw.gateway.motion.requests import Asked, HomingResult, Motion, MotionKind
+from pdgw.gateway.motion.requests import NOTHING, Asked, HomingResult, Motion, MotionKind
 from pdgw.gateway.motion.states import State
 from pdgw.gateway.motion.travel import Goal
 from pdgw.gateway.reasons import Reason
@@ -57,7 +57,7 @@ class PositioningExecutor(MotionExecutor):
     def refuse(self) -> None:
         self._stop()
         self.command.controlword = self.interlock.controlword
-        self.positioner.step(self._nothing, self._seen, self.inputs.now)
+        self.positioner.step(NOTHING, self.inputs.now)
         report = self.report
         report.position = report.homing_method = 0
         report.tasks_active = False
@@ -67,7 +67,7 @@ class PositioningExecutor(MotionExecutor):
         if scaling is None:
             return reason
         outcome = self._cycle()
-        asked, feedback, report = self.demand.motion or self._nothing, self.feedback, self.report
+        asked, feedback, report = self._mdi.asked, self.feedback, self.report
         homes = outcome.state is _HOMING
         flags = _STANDING if self.inputs.standstill else 0
         if asked.operating:
@@ -93,7 +93,7 @@ class PositioningExecutor(MotionExecutor):
 
     def require_homing(self, *, edge: bool) -> bool:
         """A method that the drive lacks starts nothing and sets the warning until homing is no longer requested."""
-        asked, outputs = self.demand.motion or self._nothing, self.outputs
+        asked, outputs = self._mdi.asked, self.outputs
         if not asked.homing:
             if self.positioner.outcome.state is _IDLE:
                 outputs.end_warnings(TASK_WARNINGS)
@@ -187,7 +187,7 @@ class PositioningExecutor(MotionExecutor):
 
     def _may_fall(self) -> bool:
         """CW.4 stays until the drive has taken the task and STW1.6 falls, or another task waits."""
-        asked = self.demand.motion or self._nothing
+        asked = self._mdi.asked
         return self._seen.taken == self._seen.given and (not asked.activate or self._mdi.waits)
 
     def _shake_hands(self, motion: Motion, goal: Goal | None) -> None:
