@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from pdgw.gateway.motion.positioner import HELD, Positioner
+from pdgw.gateway.motion.positioner import ACTIVATE, HELD, HOME, Positioner
 from pdgw.gateway.motion.requests import Asked, HomingResult, MotionKind, Outcome, PositionerSettings
 from pdgw.gateway.motion.states import MDI_TRANSITIONS, Action, Event, State
 from pdgw.gateway.motion.travel import Goal
@@ -76,7 +76,7 @@ class MdiPositioner(Positioner):
         if self._state is _BRAKING and asked.operating:
             self._take_while_braking(asked)
         calm = asked.operating and asked.do_not_reject and not self._edges
-        self._go_on(self._calm_rows if calm else self._rows)
+        self._go_on(calm)
         if self._state is not _HOMING:
             course.follow(asked, now)
         if not asked.do_not_reject:
@@ -123,7 +123,7 @@ class MdiPositioner(Positioner):
 
     def _take_homing(self) -> bool:
         """The edge of a homing that the drive has."""
-        asked, edge = self.asked, self._homing_edge
+        asked, edge = self.asked, self._edges & HOME != 0
         if edge and not asked.do_not_reject:
             self._warn(Reason.LOST_HOMING)
         if not self._drive.require_homing(edge=edge and asked.do_not_reject):
@@ -149,7 +149,7 @@ class MdiPositioner(Positioner):
     def _take_task(self) -> None:
         """An edge with everything else given is a task with the data of its frame, in place of one that waits."""
         asked = self.asked
-        if not self._activated:
+        if not self._edges & ACTIVATE:
             return
         refusal: Reason | None = None
         if not (asked.mdi and asked.do_not_reject and (asked.no_intermediate_stop or self._state is _MDI)):
@@ -191,7 +191,7 @@ class MdiPositioner(Positioner):
         asked, homes = self.asked, self._state is _HOMING
         if homes:
             self._take_while_braking(asked)
-        if asked.homing and (homes or self._homing_edge):
+        if asked.homing and (homes or self._edges & HOME):
             self._warn(Reason.LOST_HOMING)
         elif asked.activate and not homes:
             self._warn(Reason.LOST_EDGE)

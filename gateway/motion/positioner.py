@@ -32,7 +32,8 @@ from pdgw.gateway.reasons import Reason
 SHOWN_NS: Final = 100 * MS
 """Minimum time of POS_ZSW1.11 = 1 for homing and a set reference point, because masters poll it."""
 _BOTH = (True, True)
-_NO_LEVELS = (False, False, False, False)
+ACTIVATE, EXTERNAL, REFERENCE, HOME = 1, 2, 4, 8
+"""Bits whose rising edges count."""
 _KEPT = frozenset({State.MDI, State.SETTING_UP, State.BLOCK})
 """Functions an intermediate stop keeps, and an edge during it replaces."""
 _DISTURBANCES = frozenset(
@@ -109,12 +110,10 @@ class Positioner:
         self._homing_until = 0
         self._probe_requested = False
         self._controls: tuple[int, ...] | None = None
-        self._operating = False
-        self._edges = False
-        """There was an edge in the last step."""
-        self._levels = _NO_LEVELS
+        self._levels = 0
         """The bits whose edges count, in the last frame; not kept out of operation."""
-        self._activated = self._external_edge = self._reference_edge = self._homing_edge = False
+        self._edges = 0
+        """Those that rose in the last frame."""
         self._homing_waits = False
         """An edge of STW1.11 that came while the axis was braking, or now."""
         events, actions = self._events(), self._actions()
@@ -127,7 +126,6 @@ class Positioner:
             for state, rows in transitions.items()
         }
         """The transitions with what finds an event and what does an action: all rows of a state, and those of a calm step."""
-        self._rows, self._calm_rows = self._table[self._state]
 
     def _events(self) -> dict[Event, Callable[[], bool]]:
         """The checks of the events."""
@@ -207,14 +205,12 @@ class Positioner:
         if self._owed:
             self._show_acknowledge()
         course.look(asked.software_limits and outcome.home_set)
-        if asked.controls != self._controls or asked.operating is not self._operating:
+        if asked.controls != self._controls or asked.operating is (self._state is _OFF):
             self._look(asked)
-        elif self._edges:
-            self._edges = self._activated = self._external_edge = self._reference_edge = self._homing_edge = False
         if (asked.homing or self._probe_requested) and self._state is not _OFF:
             self._home_on_the_fly()
         calm = asked.operating and asked.do_not_reject and self._pending is None
-        self._go_on(self._calm_rows if calm else self._rows)
+        self._go_on(calm)
         if self._chain.block is not None:
             self._chain.look_ahead()
         if self._state is not _HOMING:
@@ -222,24 +218,22 @@ class Positioner:
         self._show()
         return outcome
 
-    def _go_on(self, rows: tuple[_Row, ...]) -> None:
+    def _go_on(self, calm: bool) -> None:
         """Take the first transition whose event is there."""
-        for happened, act, target in rows:
+        for happened, act, target in self._table[self._state][calm]:
             if happened():
                 act()
-                if target is not self._state:
-                    self._state = self.outcome.state = target
-                    self._rows, self._calm_rows = self._table[target]
+                self._state = self.outcome.state = target
                 break
 
     # -- inputs ---------------------------------------------------------------------------------------------------------
 
     def _look(self, asked: Asked) -> None:
         """Evaluate changed bits before the table: edges, and the words they belong to."""
-        self._controls, self._operating = asked.controls, asked.operating
+        self._controls = asked.controls
         self._find_edges()
         if not asked.operating:
-            self._levels = _NO_LEVELS
+            self._levels = 0
         if asked.jog_1 or asked.jog_2:
             allowed = asked.operating and asked.do_not_reject and not (asked.jog_1 and asked.jog_2)
             first, second = self._armed
@@ -252,7 +246,7 @@ class Positioner:
             self._homing_waits = False
         if self._state is _OFF:
             return
-        if self._activated:
+        if self._edges & ACTIVATE:
             if not asked.do_not_reject:
                 self._warn(Reason.LOST_EDGE)
             elif self._state not in TASK_STATES:
@@ -261,26 +255,25 @@ class Positioner:
                 self._pending = self._captured()
             else:
                 self._warn(Reason.LOST_EDGE)
-        if self._homing_edge and not asked.passive_homing:
+        if self._edges & HOME and not asked.passive_homing:
             if not asked.do_not_reject:
                 self._warn(Reason.LOST_HOMING)
             elif self._state is _IDLE or self._state is State.BRAKING:
                 self._homing_waits = True
             else:
                 self._warn(Reason.FUNCTION_RUNS)
-        if self._external_edge:
+        if self._edges & EXTERNAL:
             self._chain.external = True
-        if self._reference_edge:
+        if self._edges & REFERENCE:
             self._set_reference_point()
 
     def _find_edges(self) -> None:
         """Rising edges of this step; bits that were 1 before operation are not edges."""
         asked = self.asked
-        before = self._levels
-        self._levels = (asked.activate, asked.external_block_change, asked.set_reference_point, asked.homing)
-        edges = [is_set and not was_set for is_set, was_set in zip(self._levels, before, strict=True)]
-        self._activated, self._external_edge, self._reference_edge, self._homing_edge = edges
-        self._edges = any(edges)
+        levels = ACTIVATE * asked.activate | EXTERNAL * asked.external_block_change
+        levels |= REFERENCE * asked.set_reference_point | HOME * asked.homing
+        self._edges = levels & ~self._levels
+        self._levels = levels
         warning = self.outcome.warning
         if (warning is Reason.EARLY_EDGE and not asked.activate) or (
             warning is Reason.LOST_HOMING and not asked.homing

@@ -24,7 +24,7 @@ from pdgw.gateway.axis.power_table import (
 from pdgw.gateway.axis.settings import PlcLossReaction
 from pdgw.gateway.axis.supervision.stop_supervision import StopWatch
 from pdgw.gateway.motion.mdi import MdiPositioner
-from pdgw.gateway.motion.positioner import Positioner
+from pdgw.gateway.motion.positioner import ACTIVATE, HOME, Positioner
 from pdgw.gateway.motion.requests import Motion
 from pdgw.gateway.motion.states import Event
 from pdgw.gateway.reasons import Reason
@@ -71,7 +71,7 @@ def standing_task_bit_starts(patch: Patch) -> None:
 
     def wrong(self: MdiPositioner) -> None:
         find(self)
-        self._activated = self._edges = self.asked.activate
+        self._edges |= ACTIVATE * self.asked.activate
 
     patch.setattr(MdiPositioner, "_find_edges", wrong)
 
@@ -91,7 +91,7 @@ def standing_homing_bit_starts(patch: Patch) -> None:
     asked = MdiPositioner._take_homing
 
     def wrong(self: MdiPositioner) -> bool:
-        self._homing_edge = self.asked.homing
+        self._edges |= HOME * self.asked.homing
         return asked(self)
 
     patch.setattr(MdiPositioner, "_take_homing", wrong)

@@ -11,7 +11,7 @@ from pdgw.dsp402.states import StatusBit
 from pdgw.gateway.axis.executors.positions.homing import Homing, Progress
 from pdgw.gateway.axis.executors.positions.motion import MotionExecutor
 from pdgw.gateway.axis.executors.positions.positioner import PositionerExecutor
-from pdgw.gateway.motion.positioner import Positioner
+from pdgw.gateway.motion.positioner import ACTIVATE, Positioner
 from pdgw.gateway.motion.travel import Course
 from tests.long.rules import Rule
 from tests.long.walk.handshakes import Handshakes, Orders, every, short
@@ -53,7 +53,7 @@ def standing_task_bit_starts(patch: Patch) -> None:
 
     def wrong(self: Positioner) -> None:
         find(self)
-        self._activated = self.asked.activate
+        self._edges |= ACTIVATE * self.asked.activate
 
     patch.setattr(Positioner, "_find_edges", wrong)
 

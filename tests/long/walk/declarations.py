@@ -160,23 +160,11 @@ OF: Final[dict[type, dict[str, Any]]] = {
         "SUPERVISION": frozenset({"known_off"}),
     },
     BlockChain: {"INSTANTS": {"_wait_until": 0}},
-    MdiPositioner: {"ASIDE": frozenset({"_calm_rows", "_rows"}), "PASSING": frozenset({"before"})},
+    MdiPositioner: {"PASSING": frozenset({"before"})},
     Positioner: {
         "INSTANTS": {"_homing_until": 0},
         "PASSING": frozenset({"asked", "_now", "seen"}),
-        "ASIDE": frozenset(
-            {
-                "_activated",
-                "_calm_rows",
-                "_controls",
-                "_edges",
-                "_external_edge",
-                "_homing_edge",
-                "_operating",
-                "_reference_edge",
-                "_rows",
-            }
-        ),
+        "ASIDE": frozenset({"_controls", "_edges"}),
     },
     Asked: {"ASIDE": frozenset({"*"})},
     Seen: {
