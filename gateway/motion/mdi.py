@@ -107,6 +107,7 @@ class MdiPositioner(Positioner):
             **super()._events(),
             Event.DESELECTED: lambda: not self.asked.mdi,
             Event.HOMING: self._take_homing,
+            Event.HOMING_LOST: lambda: self._edges & HOME != 0 and not (self.asked.do_not_reject and self.asked.mdi),
             Event.HOMING_OVER: lambda: not self.asked.homing and not self._homes(),
             Event.MDI: self._take_edge,
             Event.REACHED: lambda: self.asked.no_intermediate_stop and self._course.arrived(),
@@ -184,17 +185,13 @@ class MdiPositioner(Positioner):
     def _drop(self) -> None:
         super()._drop()
         self.homing = None
-        self._warn_early()
+        self._warn(None)
 
     def _brake(self) -> None:
         self._finish()
         asked, homes = self.asked, self._state is _HOMING
         if homes:
             self._take_while_braking(asked)
-        if asked.homing and (homes or self._edges & HOME):
-            self._warn(Reason.LOST_HOMING)
-        elif asked.activate and not homes:
-            self._warn(Reason.LOST_EDGE)
         stopped = Reason.HOMING_STOPPED if homes else Reason.MDI_OFF
         self._braking_reason = stopped if asked.do_not_reject else Reason.REJECTED
 

@@ -40,7 +40,7 @@ _DISTURBANCES = frozenset(
     {Event.NOT_OPERATING, Event.REJECTED, Event.TASK_REFUSED, Event.MDI, Event.SETTING_UP, Event.BLOCK}
 )
 """Events that are impossible in a calm step: in operation, not rejected, without the edge of a task."""
-_Row = tuple[Callable[[], bool], Callable[[], None], State]
+_Row = tuple[Callable[[], bool], Callable[[], None], Transition]
 _FUNCTION = {Event.MDI: State.MDI, Event.SETTING_UP: State.SETTING_UP, Event.BLOCK: State.BLOCK}
 
 
@@ -49,8 +49,9 @@ _HOMING, _TRACKING = State.HOMING, State.TRACKING
 _MDI_TASK, _SETTING_UP_TASK, _BLOCK_TASK = Event.MDI, Event.SETTING_UP, Event.BLOCK
 _SHORTEST, _POSITIVE, _NEGATIVE = Direction.SHORTEST, Direction.POSITIVE, Direction.NEGATIVE
 _REJECTED = Reason.REJECTED
-HELD = (Reason.LOST_EDGE, Reason.EARLY_EDGE, Reason.LOST_HOMING)
-"""Warnings of an edge that started nothing: they end with the next task, with operation, or (all but the first) with the bit."""
+HELD = {Reason.LOST_EDGE: ACTIVATE, Reason.EARLY_EDGE: ACTIVATE, Reason.LOST_HOMING: HOME}
+"""Warnings of an edge that started nothing, with its bit. They end with the next task, with operation, or (all but the first)
+with 0 in the bit."""
 
 
 @dataclass(slots=True, unsafe_hash=True)
@@ -119,7 +120,7 @@ class Positioner:
         events, actions = self._events(), self._actions()
 
         def compiled(rows: Iterable[Transition]) -> tuple[_Row, ...]:
-            return tuple((events[row.event], actions[row.action], row.target) for row in rows)
+            return tuple((events[row.event], actions[row.action], row) for row in rows)
 
         self._table = {
             state: (compiled(rows), compiled(row for row in rows if row.event not in _DISTURBANCES))
@@ -220,10 +221,13 @@ class Positioner:
 
     def _go_on(self, calm: bool) -> None:
         """Take the first transition whose event is there."""
-        for happened, act, target in self._table[self._state][calm]:
+        for happened, act, row in self._table[self._state][calm]:
             if happened():
                 act()
-                self._state = self.outcome.state = target
+                if row.lost:
+                    bits = self._levels & ~(HOME * self.asked.passive_homing)
+                    self._warn(next((warning for warning in row.lost if bits & HELD[warning]), self.outcome.warning))
+                self._state = self.outcome.state = row.target
                 break
 
     # -- inputs ---------------------------------------------------------------------------------------------------------
@@ -275,9 +279,7 @@ class Positioner:
         self._edges = levels & ~self._levels
         self._levels = levels
         warning = self.outcome.warning
-        if (warning is Reason.EARLY_EDGE and not asked.activate) or (
-            warning is Reason.LOST_HOMING and not asked.homing
-        ):
+        if warning in HELD and warning is not Reason.LOST_EDGE and not levels & HELD[warning]:
             self._warn(None)
 
     def _captured(self) -> _Task:
@@ -342,17 +344,9 @@ class Positioner:
     def _warn(self, reason: Reason | None) -> None:
         self.outcome.warning = reason
 
-    def _warn_early(self) -> None:
-        """Operation begins: a bit that is 1 already has no edge."""
-        asked = self.asked
-        homing = Reason.LOST_HOMING if asked.homing and not asked.passive_homing else None
-        self._warn(Reason.EARLY_EDGE if asked.activate else homing)
-
     def _clear(self) -> None:
-        """Operation begins, or a reject without a function. An edge that started nothing stays named."""
-        if self._state is _OFF:
-            self._warn_early()
-        elif self.outcome.warning not in HELD:
+        """Operation begins, or a reject without a function. An edge that started nothing stays named until operation."""
+        if self._state is _OFF or self.outcome.warning not in HELD:
             self._warn(None)
 
     def _forget(self) -> None:
@@ -377,10 +371,8 @@ class Positioner:
 
     def _brake(self) -> None:
         self._forget()
-        asked = self.asked
-        if not asked.do_not_reject:
-            task = Reason.LOST_EDGE if asked.activate and self._state in _KEPT else None
-            self._warn(Reason.LOST_HOMING if asked.homing and self._state is _HOMING else task)
+        if not self.asked.do_not_reject:
+            self._warn(None)
         self.outcome.shown = _IDLE
 
     def _refuse(self) -> None:

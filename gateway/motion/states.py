@@ -12,6 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from pdgw.gateway.reasons import Reason
+
 
 class State(enum.Enum):
     """States of the positioner: the active function; ``value`` is its name for people."""
@@ -49,6 +51,7 @@ class Event(enum.Enum):
     JOG_INCREMENTAL = "edge of one of STW1.8 and 9, POS_STW2.5 = 1"
     JOG_RELEASED = "STW1.8 = STW1.9, or the other one alone"
     HOMING = "edge of STW1.11"
+    HOMING_LOST = "edge of STW1.11 with STW1.4 = 0 or SATZANW.15 = 0"
     HOMING_WITHDRAWN = "STW1.11 = 0"
     TASK_AFTER_HOMING = (
         "edge of STW1.6 in the frame with STW1.11 = 0 before the drive homes, or after the end of homing"
@@ -93,23 +96,27 @@ class Transition:
     event: Event
     target: State
     action: Action = Action.NOTHING
+    lost: tuple[Reason, ...] = ()
+    """Warnings of bits that start nothing without another edge: that of the first bit that is 1 becomes active."""
 
 
+_EARLY = (Reason.EARLY_EDGE, Reason.LOST_HOMING)
+_LOST_EDGE, _LOST_HOMING = (Reason.LOST_EDGE,), (Reason.LOST_HOMING,)
 _LOST = Transition(Event.NOT_OPERATING, State.OFF, Action.DROP)
-_REJECTED = Transition(Event.REJECTED, State.BRAKING, Action.BRAKE)
+_REJECTED = Transition(Event.REJECTED, State.BRAKING, Action.BRAKE, _LOST_EDGE)
+_JOG_REJECTED = Transition(Event.REJECTED, State.BRAKING, Action.BRAKE)
+_HOMING_REJECTED = Transition(Event.REJECTED, State.BRAKING, Action.BRAKE, _LOST_HOMING)
 _REFUSED = Transition(Event.TASK_REFUSED, State.BRAKING, Action.REFUSE_AND_BRAKE)
 _REPLACED_BY_MDI = Transition(Event.MDI, State.MDI, Action.REPLACE)
 _REPLACED_BY_SETTING_UP = Transition(Event.SETTING_UP, State.SETTING_UP, Action.REPLACE)
 _REPLACED_BY_BLOCK = Transition(Event.BLOCK, State.BLOCK, Action.REPLACE)
 _JOG_RELEASED = Transition(Event.JOG_RELEASED, State.BRAKING, Action.BRAKE)
-_ENDS = (_LOST, _REJECTED)
-"""Events that end every motion; they are checked first."""
-_TASK = (*_ENDS, _REFUSED, _REPLACED_BY_MDI, _REPLACED_BY_SETTING_UP)
-"""and what every task does."""
+_TASK = (_LOST, _REJECTED, _REFUSED, _REPLACED_BY_MDI, _REPLACED_BY_SETTING_UP)
+"""Rows of every task."""
 
 TRANSITIONS: Mapping[State, tuple[Transition, ...]] = MappingProxyType(
     {
-        State.OFF: (Transition(Event.OPERATING, State.IDLE, Action.CLEAR),),
+        State.OFF: (Transition(Event.OPERATING, State.IDLE, Action.CLEAR, _EARLY),),
         State.IDLE: (
             _LOST,
             Transition(Event.REJECTED, State.IDLE, Action.CLEAR),
@@ -139,10 +146,16 @@ TRANSITIONS: Mapping[State, tuple[Transition, ...]] = MappingProxyType(
             Transition(Event.BLOCK_DONE, State.BLOCK, Action.FOLLOW),
             Transition(Event.CHAIN_DONE, State.IDLE, Action.FINISH),
         ),
-        State.JOG: (*_ENDS, _JOG_RELEASED),
-        State.JOG_INCREMENTAL: (*_ENDS, _JOG_RELEASED, Transition(Event.REACHED, State.IDLE, Action.FINISH)),
+        State.JOG: (_LOST, _JOG_REJECTED, _JOG_RELEASED),
+        State.JOG_INCREMENTAL: (
+            _LOST,
+            _JOG_REJECTED,
+            _JOG_RELEASED,
+            Transition(Event.REACHED, State.IDLE, Action.FINISH),
+        ),
         State.HOMING: (
-            *_ENDS,
+            _LOST,
+            _HOMING_REJECTED,
             Transition(Event.HOMING_ATTAINED, State.IDLE, Action.HOMED),
             Transition(Event.HOMING_FAILED, State.IDLE, Action.HOMING_ERROR),
             Transition(Event.HOMING_WITHDRAWN, State.BRAKING, Action.BRAKE),
@@ -155,9 +168,9 @@ TRANSITIONS: Mapping[State, tuple[Transition, ...]] = MappingProxyType(
         State.BRAKING: (_LOST, Transition(Event.STANDING, State.IDLE)),
     }
 )
-"""Every state with its rows, in the order of their check."""
+"""Every state with its rows, in the order of their check: what ends a motion comes first."""
 
-_DROPPED = Transition(Event.NOT_OPERATING, State.IDLE, Action.DROP)
+_DROPPED = Transition(Event.NOT_OPERATING, State.IDLE, Action.DROP, _EARLY)
 MDI_TRANSITIONS: Mapping[State, tuple[Transition, ...]] = MappingProxyType(
     {
         State.IDLE: (
@@ -167,8 +180,9 @@ MDI_TRANSITIONS: Mapping[State, tuple[Transition, ...]] = MappingProxyType(
         ),
         State.MDI: (
             _DROPPED,
+            Transition(Event.HOMING_LOST, State.BRAKING, Action.BRAKE, _LOST_HOMING),
             _REJECTED,
-            Transition(Event.DESELECTED, State.BRAKING, Action.BRAKE),
+            Transition(Event.DESELECTED, State.BRAKING, Action.BRAKE, _LOST_EDGE),
             Transition(Event.HOMING, State.BRAKING, Action.BRAKE_TO_HOME),
             _REPLACED_BY_MDI,
             Transition(Event.REACHED, State.IDLE, Action.FINISH),
@@ -181,7 +195,7 @@ MDI_TRANSITIONS: Mapping[State, tuple[Transition, ...]] = MappingProxyType(
         ),
         State.HOMING: (
             _DROPPED,
-            _REJECTED,
+            _HOMING_REJECTED,
             Transition(Event.TASK_AFTER_HOMING, State.MDI, Action.START),
             Transition(Event.HOMING_OVER, State.IDLE, Action.FINISH),
             Transition(Event.HOMING_WITHDRAWN, State.BRAKING, Action.BRAKE),

@@ -153,8 +153,16 @@ def _positioner(transitions: Mapping[State, Sequence[Transition]]) -> str:
         for state, row in rows
         if row.event is not Event.NOT_OPERATING and row.target is not state
     ]
-    cells = ((state.value, row.event.value, row.target.value, row.action.value) for state, row in rows)
-    return table(("state", "event", "next state", "what is done"), cells) + "\n" + "\n".join([*lines, "```"]) + "\n"
+    cells = (
+        (state.value, row.event.value, row.target.value, row.action.value, "; or ".join(why.value for why in row.lost))
+        for state, row in rows
+    )
+    return (
+        table(("state", "event", "next state", "what is done", "warning if the bit is 1"), cells)
+        + "\n"
+        + "\n".join([*lines, "```"])
+        + "\n"
+    )
 
 
 def _packages() -> Iterable[Sequence[object]]:
