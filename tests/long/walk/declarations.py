@@ -80,7 +80,6 @@ OF: Final[dict[type, dict[str, Any]]] = {
     MotionExecutor: {
         "INSTANTS": {"_set_at": ACKNOWLEDGE_NS},
         "PASSING": frozenset({"_position_objects"}),
-        "SERIALS": frozenset({"_homing_begun"}),
     },
     PositionerExecutor: {"SERIALS": frozenset({"_anchored"})},
     Stall: {"INSTANTS": lambda item: {"_since": item._time}},

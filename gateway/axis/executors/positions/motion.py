@@ -68,15 +68,12 @@ class MotionExecutor(Executor):
         self._blocked = False
         """A setpoint waits for the drive to clear its last acknowledge."""
         self._stall = Stall(self.settings.stall_ns)
-        self._stalled: Reason | None = None
         self._halted = False
         """Halt has stopped a setpoint, and none came since: the drive may continue it when Halt falls."""
         self._continued = False
         """It turned again, or does not show that it has ended its ramp: Halt stays."""
         self._bits = 0
         """Controlword bits of the setpoint given last, beside CW.4."""
-        self._homing_begun = 0
-        """Serial of the homing that was begun."""
         self._attained = 0
         """Cycles since the drive said that it has its zero."""
 
@@ -134,7 +131,7 @@ class MotionExecutor(Executor):
     def _cycle(self) -> Outcome:
         """Run one cycle: state of the axis, commands, Controlword and mode."""
         interlock, mode = self.interlock, self._mode
-        action = interlock.action
+        action, before = interlock.action, self.positioner.outcome.state
         asked = self.demand.motion
         assert asked is not None, "adapters of positioners set it in each step"
         operates = action is Action.ENABLE_OPERATION and OPERATION_ENABLED[self.feedback.statusword & STATE_MASK]
@@ -142,8 +139,9 @@ class MotionExecutor(Executor):
         if operates:
             self.outputs.reason = None
         mode.read()
-        taken = self.feedback.statusword & StatusBit.MODE_12 != 0 and mode.shows_base()
-        self._taking.read(taken, self.inputs.now)
+        self._taking.read(self._acknowledges, self.inputs.now)
+        self._seen.standstill = self.inputs.standstill
+        self._seen.internal_limit = self.feedback.statusword & StatusBit.INTERNAL_LIMIT != 0
         self._read_state()
         outcome = self.positioner.step(asked, self.inputs.now)
         self._blocked = False
@@ -160,8 +158,8 @@ class MotionExecutor(Executor):
             self._stop()
             mode.halted = self._halted = ramps
             extra = HALT if ramps else 0
-            self._end_stall()
-        if self._homing_begun and outcome.state is not State.HOMING:
+            self.outputs.end_warnings(_STALLED)
+        if before is State.HOMING and outcome.state is not State.HOMING:
             self._forget_homing()
         self.command.controlword = interlock.controlword | extra
         self.command.modes_of_operation = mode.mode
@@ -195,19 +193,14 @@ class MotionExecutor(Executor):
             reached = statusword & StatusBit.TARGET_REACHED
             missing = Reason.FOLLOWING_ERROR if following_error else Reason.NOT_REACHED
             reason = Reason.STANDS_AWAY if reached else missing
-        if not self._stall.step(reason is not None, self.feedback.position_actual, inputs.now) or reason is None:
-            self._end_stall()
+        position = self.feedback.position_actual
+        if not self._stall.step(reason is not None, position, inputs.now) or reason is None:
+            outputs.end_warnings(_STALLED)
             return
-        if self._stalled is None:
-            detail = f"{reason.value}, 6064h = {self.feedback.position_actual}, 607Ah = {self.command.target_position}"
-            outputs.warn(FaultNumber.STALLED, detail)
-        self._stalled = reason
+        detail = f"{reason.value}, 6064h = {position}, 607Ah = {self.command.target_position}"
+        outputs.warn(FaultNumber.STALLED, detail)
         if outputs.reason is None:
             outputs.reason = reason
-
-    def _end_stall(self) -> None:
-        self._stalled = None
-        self.outputs.end_warnings(_STALLED)
 
     def _stand(self) -> int:
         """Without a function: Halt while the axis turns, and until the next function if it turns again when Halt falls."""
@@ -233,7 +226,7 @@ class MotionExecutor(Executor):
 
     def _forget_homing(self) -> None:
         """No homing is running, and none has ended that is still requested."""
-        self._homing_begun = self._attained = 0
+        self._attained = 0
         self._seen.homing = HomingResult.RUNNING
         self.homing.abandon()
 
@@ -254,13 +247,22 @@ class MotionExecutor(Executor):
         self._taking.command(self.inputs.now, level=True)
         self._settle()
 
-    def _acknowledged(self) -> None:
-        """The drive has taken the setpoint."""
+    @property
+    def _acknowledges(self) -> bool:
+        """The drive shows the acknowledge of a setpoint."""
+        return self.feedback.statusword & ACKNOWLEDGED != 0 and self._mode.shows_base()
+
+    def _read_acknowledge(self) -> bool:
+        """Read whether the drive has taken the setpoint."""
+        if not self._acknowledges:
+            self._await_acknowledge()
+            return False
         self._seen.taken = self._seen.given
         outcome = self.positioner.outcome
         if outcome.warning is Reason.NOT_ACKNOWLEDGED:
             outcome.warning = None
             self.outputs.end_warnings(_NOT_ACKNOWLEDGED)
+        return True
 
     def _settle(self) -> None:
         """The drive has no stopped setpoint any more."""
@@ -313,7 +315,7 @@ class MotionExecutor(Executor):
     def _home(self, motion: Motion, method: int, speed: int | None) -> int:
         """Controlword bits of a homing: the drive takes method and speeds, confirms the mode, and homes."""
         seen, homing = self._seen, self.homing
-        if self._homing_begun != motion.serial:
+        if seen.given != motion.serial:
             self._begin_homing(motion)
             homing.begin(method, speed)
             return self._halt_before_homing()
@@ -343,7 +345,7 @@ class MotionExecutor(Executor):
 
     def _begin_homing(self, motion: Motion) -> None:
         self._forget_homing()
-        self._homing_begun = self._seen.given = motion.serial
+        self._seen.given = motion.serial
 
     def _homing_ends(self, result: HomingResult) -> None:
         seen = self._seen

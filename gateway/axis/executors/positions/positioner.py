@@ -50,7 +50,6 @@ _POSITION_MODE, _VELOCITY_MODE, _HOMING_MODE = Mode.POSITION.value, Mode.VELOCIT
 _WITHOUT_FUNCTION = (Function.IDLE, Function.TRACKING, Function.BRAKING)
 _STANDING, _REACHED, _WITHIN_TOLERANCE = Flag.STANDING, Flag.REACHED, Flag.WITHIN_TOLERANCE
 _HOME_SET, _TASK_ACKNOWLEDGED = Flag.HOME_SET, Flag.TASK_ACKNOWLEDGED
-_INTERNAL_LIMIT, _TARGET_REACHED = StatusBit.INTERNAL_LIMIT, StatusBit.TARGET_REACHED
 _FOLLOWING_ERROR = StatusBit.MODE_13
 """Following error bit of mode 1."""
 _ENDLESS = (-(1 << 62), (1 << 62) - 1)
@@ -87,8 +86,6 @@ class PositionerExecutor(MotionExecutor):
         self._anchored = 0
         """Serial number of the motion before which the drive was sent to its actual position."""
         self._warned: Reason | None = None
-        self._inputs = 0
-        """The digital inputs at the last check."""
 
     def set_drive(self, drive: DriveType, homing_method: int) -> None:
         choices, scaling = self.choices, drive.scaling
@@ -245,24 +242,16 @@ class PositionerExecutor(MotionExecutor):
         statusword = feedback.statusword
         position, ring = feedback.position_actual, self._ring
         seen.position = units.to_length(position if ring is None else ring.follow(position))
-        seen.standstill = self.inputs.standstill
-        seen.internal_limit = statusword & _INTERNAL_LIMIT != 0
         torque = self.positioner.outcome.motion.torque
         seen.torque_at_limit = torque is not None and abs(feedback.current_actual) * _AT_LIMIT >= torque * (
             _AT_LIMIT - 1
         )
-        inputs = feedback.digital_inputs
-        if inputs != self._inputs:
-            self._inputs = inputs
-            seen.negative_limit = inputs & NEGATIVE_LIMIT_SWITCH != 0
-            seen.positive_limit = inputs & POSITIVE_LIMIT_SWITCH != 0
+        seen.negative_limit = feedback.digital_inputs & NEGATIVE_LIMIT_SWITCH != 0
+        seen.positive_limit = feedback.digital_inputs & POSITIVE_LIMIT_SWITCH != 0
         executes = False
         if self._set_at >= 0:
-            if statusword & ACKNOWLEDGED and self._mode.shows_base():
-                self._acknowledged()
+            if self._read_acknowledge():
                 self._set_at = -1
-            else:
-                self._await_acknowledge()
         elif not statusword & ACKNOWLEDGED and seen.taken == seen.given:
             # A waiting setpoint keeps the acknowledgement until the drive starts it.
             executes = True
@@ -402,7 +391,7 @@ class PositionerExecutor(MotionExecutor):
         if self._ring is not None:
             self._ring.reset()
         method = self.choices.homing_method
-        if self._homing_begun != motion.serial and not self.homing.require_method(method):
+        if self._seen.given != motion.serial and not self.homing.require_method(method):
             self._begin_homing(motion)
             self._homing_ends(HomingResult.FAILED)
             return 0

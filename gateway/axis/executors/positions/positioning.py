@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from pdgw.dsp402.drive_type import DriveType, Quantity
 from pdgw.dsp402.modes import Mode
-from pdgw.dsp402.states import ControlBit, StatusBit
+from pdgw.dsp402.states import ControlBit
 from pdgw.gateway.axis.demand_report import Flag
 from pdgw.gateway.axis.executors.base import AxisRecords
 from pdgw.gateway.axis.executors.positions.homing import TASK_WARNINGS
-from pdgw.gateway.axis.executors.positions.motion import ACKNOWLEDGED, HALT, NEW_SETPOINT, MotionExecutor
+from pdgw.gateway.axis.executors.positions.motion import HALT, NEW_SETPOINT, MotionExecutor
 from pdgw.gateway.axis.executors.positions.task_scaling import TaskScaling, base_mode
 from pdgw.gateway.axis.power_states import Action
 from pdgw.gateway.motion.mdi import MdiPositioner
@@ -81,7 +81,7 @@ class PositioningExecutor(MotionExecutor):
             flags |= _HOME_SET
         if not homes:
             of_the_task = outcome.motion.first <= self._seen.given
-            if feedback.statusword & ACKNOWLEDGED and self._mode.shows_base() and of_the_task:
+            if self._acknowledges and of_the_task:
                 flags |= _TASK_ACKNOWLEDGED
             report.tasks_active = self.interlock.action in _ENABLED and self.demand.connected and asked.mdi
         report.flags = flags
@@ -130,16 +130,10 @@ class PositioningExecutor(MotionExecutor):
 
     def _read_state(self) -> None:
         seen, feedback = self._seen, self.feedback
-        statusword = feedback.statusword
         seen.position = feedback.position_actual
-        seen.standstill, seen.stopped = self.inputs.standstill, self._rests
-        seen.internal_limit = statusword & StatusBit.INTERNAL_LIMIT != 0
-        if self._set_at >= 0 and seen.taken != seen.given:
-            if statusword & ACKNOWLEDGED and self._mode.shows_base():
-                self._acknowledged()
-                self._executes_next()
-            else:
-                self._await_acknowledge()
+        seen.stopped = self._rests
+        if self._set_at >= 0 and seen.taken != seen.given and self._read_acknowledge():
+            self._executes_next()
         self._read_arrival(executes=seen.taken == seen.given)
 
     def _execute(self, motion: Motion) -> int:
@@ -192,7 +186,6 @@ class PositioningExecutor(MotionExecutor):
 
     def _shake_hands(self, motion: Motion, goal: Goal | None) -> None:
         """CW.4 falls, or rises for a task that waits once the drive took the last one back."""
-        statusword, mode = self.feedback.statusword, self._mode
         if self._set_at >= 0:
             if self._may_fall():
                 self._set_at = -1
@@ -200,9 +193,8 @@ class PositioningExecutor(MotionExecutor):
                 self._set_at = -1
                 self.outputs.end_warnings(TASK_WARNINGS)
         elif goal is not None and self._mdi.waits:
-            acknowledged = statusword & ACKNOWLEDGED and mode.shows_base()
-            self._blocked = acknowledged != 0
-            if not acknowledged and mode.request(mode.base):
+            self._blocked = self._acknowledges
+            if not self._blocked and self._mode.request(self._mode.base):
                 self._send_setpoint(motion, goal)
 
     def _send_setpoint(self, motion: Motion, goal: Goal) -> None:
@@ -235,7 +227,7 @@ class PositioningExecutor(MotionExecutor):
     def _home_as_asked(self, motion: Motion) -> int:
         """Homing with method and velocity of its edge; CW.4 stays after its end until STW1.11 falls."""
         seen, homing, scaling = self._seen, self._mdi.homing, self._scaling
-        if self._homing_begun != motion.serial and homing is not None and scaling is not None:
+        if seen.given != motion.serial and homing is not None and scaling is not None:
             self._end_set_point()
             method, velocity = homing
             return self._home(motion, method, self.limited(scaling.velocity, velocity))
