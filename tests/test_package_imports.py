@@ -22,7 +22,7 @@ _PROFINET = "profinet.ethernet profinet.model profinet.station profinet.wire"
 """Modules of ``profinet`` below its sub-packages."""
 _DS301 = (
     "ds301.aborts ds301.communication ds301.configuration ds301.connection_set ds301.counters ds301.emcy ds301.errors "
-    "ds301.nmt ds301.objects ds301.pdo"
+    "ds301.nmt ds301.objects ds301.pdo ds301.sdo_transfer"
 )
 """Modules of ``ds301`` below its sub-packages."""
 _DSP402 = (

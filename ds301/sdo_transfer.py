@@ -1,0 +1,483 @@
+"""SDO transfers of both sides, sans-I/O: expedited, segmented and block, uploads and downloads.
+
+Source: CiA DS 301 V4.02 chapter 7.2.4. ``Upload`` and ``Download`` are the accesses of a client, ``SdoServer`` is a server. They
+take the frames of the other side and return the frames to send. In both directions a ``Source`` sends the data and a ``Sink``
+receives them.
+"""
+
+from __future__ import annotations
+
+import abc
+from binascii import crc_hqx
+from collections.abc import Callable
+from typing import Final
+
+from pdgw.ds301.aborts import Abort, abort_text
+
+FRAME_SIZE: Final = 8
+SEGMENT_SIZE: Final = 7
+ADDRESS: Final = slice(1, 4)
+"""Index and sub-index in the frames that name an object."""
+COMMAND: Final = 0xE0
+"""The command of a frame; commands of the client and of the server have the same numbers."""
+SEGMENT: Final = 0x00
+"""Either side: data."""
+DOWNLOAD: Final = 0x20
+"""Client: begin of a download. Server: confirmation of a segment."""
+UPLOAD: Final = 0x40
+"""Client: begin of an upload. Server: its answer."""
+CONFIRM: Final = 0x60
+"""Client: request of a segment. Server: answer to the begin of a download."""
+ABORT: Final = 0x80
+BLOCK_SINK: Final = 0xA0
+"""Block transfer, the side that receives the data: begin, end, acknowledgement, start."""
+BLOCK_SOURCE: Final = 0xC0
+"""Block transfer, the side that sends the data: begin, end."""
+BLOCK_STEP: Final = 0x03
+END: Final = 1
+ACKNOWLEDGE: Final = 2
+_START: Final = 3
+EXPEDITED: Final = 0x02
+_SIZE: Final = 0x01
+_BLOCK_SIZE: Final = 0x02
+_CRC: Final = 0x04
+_TOGGLE: Final = 0x10
+_NO_MORE: Final = 0x01
+LAST_SEGMENT: Final = 0x80
+"""In a segment of a block, beside its number."""
+BLOCK_LIMIT: Final = 127
+_UNNAMED: Final = b"\0\0\0"
+"""Address in the aborts of devices that do not name the object."""
+_NEVER: Final = 1 << 62
+_TOO_LONG: Final = " is too long to be read"
+
+
+class SdoAbortedError(Exception):
+    """An access was aborted by the server. ``where``: node and object, if known."""
+
+    def __init__(self, code: int, where: str = "") -> None:
+        super().__init__(code)
+        self.code = code
+        self.where = where
+
+    def __str__(self) -> str:
+        return f"{self.where}: {abort_text(self.code)}" if self.where else abort_text(self.code)
+
+
+class SdoCommunicationError(Exception):
+    """An access without an answer, or with one that breaks the protocol."""
+
+
+def address_of(index: int, subindex: int) -> bytes:
+    """The address of an object in a frame."""
+    return bytes((index & 0xFF, index >> 8, subindex))
+
+
+def _frame(head: int, content: bytes = b"") -> bytes:
+    return bytes((head,)) + content.ljust(SEGMENT_SIZE, b"\0")
+
+
+def _abort(address: bytes, code: int) -> bytes:
+    return _frame(ABORT, address + code.to_bytes(4, "little"))
+
+
+class Source:
+    """The data of a transfer on the side that sends them."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._offset = 0
+        """Bytes that were sent in segments, or that are confirmed in blocks."""
+        self._in_block = 0
+        """Segments of the last block."""
+        self.block_size = 0
+        """Segments of the next block, as the other side requests."""
+        self.toggle = 0
+        self.crc = False
+        """Both sides support the checksum of a block transfer."""
+        self.complete = False
+        """The last segment was sent, or the end of the blocks is confirmed."""
+
+    def first(self, command: int, address: bytes) -> bytes:
+        """The frame that begins a transfer: with the data if they are 1 to 4 bytes."""
+        size = len(self._data)
+        if 1 <= size <= 4:
+            self.complete = True
+            return _frame(command | EXPEDITED | _SIZE | (4 - size) << 2, address + self._data)
+        return _frame(command | _SIZE, address + size.to_bytes(4, "little"))
+
+    def first_of_blocks(self, address: bytes) -> bytes:
+        """The frame that begins a block transfer."""
+        return _frame(BLOCK_SOURCE | _CRC | _BLOCK_SIZE, address + len(self._data).to_bytes(4, "little"))
+
+    def segment(self) -> bytes:
+        """The next segment."""
+        part = self._data[self._offset : self._offset + SEGMENT_SIZE]
+        self._offset += SEGMENT_SIZE
+        self.complete = self._offset >= len(self._data)
+        frame = _frame(SEGMENT | self.toggle | (SEGMENT_SIZE - len(part)) << 1 | self.complete, part)
+        self.toggle ^= _TOGGLE
+        return frame
+
+    def resize(self, block_size: int) -> None:
+        """The other side requests blocks of this number of segments."""
+        if not 1 <= block_size <= BLOCK_LIMIT:
+            raise SdoAbortedError(Abort.INVALID_BLOCK_SIZE)
+        self.block_size = block_size
+
+    def block(self) -> list[bytes]:
+        """The segments of the next block."""
+        rest = self._data[self._offset :]
+        count = max(1, -(-len(rest) // SEGMENT_SIZE))
+        self._in_block = min(self.block_size, count)
+        return [
+            _frame(
+                number | (LAST_SEGMENT if number == count else 0), rest[SEGMENT_SIZE * (number - 1) :][:SEGMENT_SIZE]
+            )
+            for number in range(1, self._in_block + 1)
+        ]
+
+    def confirm(self, frame: bytes) -> list[bytes]:
+        """The frames after one of the side that receives blocks."""
+        step = frame[0] & BLOCK_STEP
+        if step == _START:
+            return self.block()
+        if step == END:
+            self.complete = True
+            return []
+        if step != ACKNOWLEDGE:
+            raise SdoAbortedError(Abort.INVALID_COMMAND)
+        if frame[1] > self._in_block:
+            raise SdoAbortedError(Abort.INVALID_SEQUENCE_NUMBER)
+        self._offset += SEGMENT_SIZE * frame[1]
+        size = len(self._data)
+        if not self._offset or self._offset < size:
+            self.resize(frame[2])
+            return self.block()
+        checksum = crc_hqx(self._data, 0) if self.crc else 0
+        return [_frame(BLOCK_SOURCE | END | (self._offset - size) << 2, checksum.to_bytes(2, "little"))]
+
+
+class Sink:
+    """The data of a transfer on the side that receives them, or for an observer. Of more than ``limit`` bytes the end is lost."""
+
+    def __init__(self, limit: int = _NEVER) -> None:
+        self.data = bytearray()
+        self._limit = limit
+        self.truncated = False
+        """There are more data than the limit."""
+        self.size: int | None = None
+        """Number of bytes that the other side has announced."""
+        self.toggle = 0
+        self.in_blocks = False
+        """A block transfer has begun."""
+        self.crc = False
+        """Both sides support its checksum."""
+        self._block: dict[int, bytes] = {}
+        """Segments of this block by number."""
+        self._last = 0
+        """Number of the segment that is marked as the last one; 0: not received."""
+        self.ending = False
+        """The last block is confirmed: the end follows."""
+        self.complete = False
+
+    def first(self, frame: bytes) -> None:
+        """The frame that begins the transfer, with the data if it is expedited."""
+        head = frame[0]
+        if head & EXPEDITED:
+            self.data += frame[4 : FRAME_SIZE - (head >> 2 & 3 if head & _SIZE else 0)]
+            self.complete = True
+        elif head & _SIZE:
+            self.size = int.from_bytes(frame[4:], "little")
+
+    def first_of_blocks(self, frame: bytes) -> None:
+        """The frame of the source that begins a block transfer."""
+        self.in_blocks = True
+        self.crc = frame[0] & _CRC != 0
+        if frame[0] & _BLOCK_SIZE:
+            self.size = int.from_bytes(frame[4:], "little")
+
+    def segment(self, frame: bytes) -> None:
+        """A segment; SdoAbortedError if its toggle bit has not alternated."""
+        if frame[0] & _TOGGLE != self.toggle:
+            raise SdoAbortedError(Abort.TOGGLE_NOT_ALTERNATED)
+        self.toggle ^= _TOGGLE
+        self._append(frame[1 : FRAME_SIZE - (frame[0] >> 1 & SEGMENT_SIZE)])
+        self.complete = frame[0] & _NO_MORE != 0
+
+    def segment_of_block(self, frame: bytes) -> None:
+        """A segment of a block, in any order."""
+        number = frame[0] & ~LAST_SEGMENT
+        self._block[number] = frame[1:]
+        if frame[0] & LAST_SEGMENT:
+            self._last = number
+
+    def accept(self, count: int) -> None:
+        """The first segments of the block are confirmed. The others are sent again, in the next block."""
+        for number in range(1, count + 1):
+            self._append(self._block.get(number, b""))
+        self.ending = 0 < self._last <= count
+        self._block.clear()
+        self._last = 0
+
+    def end(self, frame: bytes) -> None:
+        """The end of a block transfer; SdoAbortedError if the checksum does not match the data."""
+        if not self.truncated:
+            del self.data[len(self.data) - (frame[0] >> 2 & SEGMENT_SIZE) :]
+            if self.crc and crc_hqx(self.data, 0) != int.from_bytes(frame[1:3], "little"):
+                raise SdoAbortedError(Abort.CRC_ERROR)
+        self.complete = True
+
+    def acknowledge(self) -> bytes:
+        """Confirm the segments of the block without a gap."""
+        count = 0
+        while count + 1 in self._block:
+            count += 1
+        self.accept(count)
+        return _frame(BLOCK_SINK | ACKNOWLEDGE, bytes((count, BLOCK_LIMIT)))
+
+    def confirm(self, frame: bytes) -> list[bytes]:
+        """The answer to a frame of a block transfer."""
+        if not self.ending:
+            self.segment_of_block(frame)
+            is_end = frame[0] & LAST_SEGMENT or frame[0] == BLOCK_LIMIT
+            return [self.acknowledge()] if is_end else []
+        if frame[0] & (COMMAND | END) != BLOCK_SOURCE | END:
+            raise SdoAbortedError(Abort.INVALID_COMMAND)
+        self.end(frame)
+        return [_frame(BLOCK_SINK | END)]
+
+    def _append(self, part: bytes) -> None:
+        if len(self.data) + len(part) > self._limit:
+            self.truncated = True
+        else:
+            self.data += part
+
+
+class Transfer(abc.ABC):
+    """An access of a client to one object. Send ``request`` and call ``begin``, and send what ``take`` and ``check`` return."""
+
+    def __init__(self, index: int, subindex: int, request: bytes, timeout_ns: int) -> None:
+        self.address = address_of(index, subindex)
+        self.request = request
+        self._timeout_ns = timeout_ns
+        """For each answer of the server."""
+        self._end = _NEVER
+        """The transfer must have ended then."""
+        self.due = 0
+        """When ``check`` must be called, in nanoseconds."""
+        self.ended = False
+        """Successfully, unless ``code`` or ``failure`` says otherwise."""
+        self.code: int | None = None
+        """The abort code of the server."""
+        self.failure = ""
+        """Why the client has aborted the transfer."""
+        self.broken = ""
+        """The length of an answer that is not an SDO frame."""
+        self._begun = False
+        """The server has answered."""
+
+    def begin(self, now: int) -> None:
+        """The request is sent."""
+        self.due = now + self._timeout_ns
+
+    def take(self, frame: bytes, now: int) -> list[bytes]:
+        """Process a frame of the server. Answers to other requests are ignored."""
+        if len(frame) != FRAME_SIZE:
+            self.broken = f"{len(frame)} bytes, {FRAME_SIZE} expected"
+            return []
+        if frame[0] == ABORT:
+            if frame[ADDRESS] in (self.address, _UNNAMED):
+                self.code = int.from_bytes(frame[4:], "little")
+                self.ended = True
+            return []
+        if not self._begun and frame[ADDRESS] != self.address:
+            return []
+        try:
+            frames = self._continue(frame)
+        except SdoAbortedError as error:
+            return [self._fail(error.code, f": {error}")]
+        if frames is None:
+            return []
+        self._begun = True
+        self.due = min(now + self._timeout_ns, self._end)
+        return frames
+
+    def check(self, now: int) -> list[bytes]:
+        """Abort the transfer if its time is over."""
+        return [self._fail(Abort.TIMEOUT, ": No SDO response received")] if now >= self.due else []
+
+    @abc.abstractmethod
+    def _continue(self, frame: bytes) -> list[bytes] | None:
+        """The frames after an answer; None: it does not belong to this transfer."""
+
+    def _fail(self, code: int, failure: str) -> bytes:
+        self.failure = failure
+        self.ended = True
+        return _abort(self.address, code)
+
+
+class Upload(Transfer):
+    """Read an object: by blocks, if the server supports them, or by segments."""
+
+    def __init__(
+        self,
+        index: int,
+        subindex: int,
+        timeout_ns: int,
+        *,
+        by_blocks: bool = False,
+        limit: int = _NEVER,
+        limit_ns: int = _NEVER,
+    ) -> None:
+        address = address_of(index, subindex)
+        request = _frame(BLOCK_SINK | _CRC, address + bytes((BLOCK_LIMIT,))) if by_blocks else _frame(UPLOAD, address)
+        super().__init__(index, subindex, request, timeout_ns)
+        self.sink = Sink(limit)
+        self._limit_ns = limit_ns
+        """Time for the whole transfer."""
+        self._repeated = False
+        """The segments that are missing of a block were requested once more."""
+
+    def begin(self, now: int) -> None:
+        super().begin(now)
+        self._end = now + self._limit_ns
+
+    def check(self, now: int) -> list[bytes]:
+        sink = self.sink
+        if self._begun and now >= self._end:
+            return [self._fail(Abort.GENERAL, _TOO_LONG)]
+        if now >= self.due and sink.in_blocks and not sink.ending and not self._repeated:
+            self._repeated = True
+            self.due = now + self._timeout_ns
+            return [sink.acknowledge()]
+        return super().check(now)
+
+    def _continue(self, frame: bytes) -> list[bytes] | None:
+        sink, command = self.sink, frame[0] & COMMAND
+        frames: list[bytes] = []
+        if sink.in_blocks:
+            self._repeated = False
+            frames = sink.confirm(frame)
+        elif command == BLOCK_SOURCE and not self._begun and self.request[0] != UPLOAD:
+            sink.first_of_blocks(frame)
+            return [_frame(BLOCK_SINK | _START)]
+        elif command != (SEGMENT if self._begun else UPLOAD):
+            return None
+        else:
+            (sink.segment if self._begun else sink.first)(frame)
+            if not sink.complete:
+                frames = [_frame(CONFIRM | sink.toggle)]
+        if sink.truncated:
+            return [self._fail(Abort.GENERAL, _TOO_LONG)]
+        self.ended = sink.complete
+        return frames
+
+
+class Download(Transfer):
+    """Write an object: expedited, by segments, or by blocks."""
+
+    def __init__(self, index: int, subindex: int, data: bytes, timeout_ns: int, *, by_blocks: bool = False) -> None:
+        self._source = Source(data)
+        self._by_blocks = by_blocks
+        address = address_of(index, subindex)
+        request = self._source.first_of_blocks(address) if by_blocks else self._source.first(DOWNLOAD, address)
+        super().__init__(index, subindex, request, timeout_ns)
+
+    def _continue(self, frame: bytes) -> list[bytes] | None:
+        source, command = self._source, frame[0] & COMMAND
+        expected = BLOCK_SINK if self._by_blocks else DOWNLOAD if self._begun else CONFIRM
+        if command != expected:
+            return None
+        if self._by_blocks and self._begun:
+            frames = source.confirm(frame)
+            self.ended = source.complete
+            return frames
+        if self._by_blocks:
+            source.crc = frame[0] & _CRC != 0
+            source.resize(frame[4])
+            return source.block()
+        if self._begun and frame[0] & _TOGGLE == source.toggle:
+            raise SdoAbortedError(Abort.TOGGLE_NOT_ALTERNATED)
+        self.ended = source.complete
+        return [] if self.ended else [source.segment()]
+
+
+class SdoServer:
+    """A server. ``read`` returns the data of an object by index and sub-index, ``write`` stores them.
+
+    Both may raise SdoAbortedError.
+    """
+
+    def __init__(self, read: Callable[[int, int], bytes], write: Callable[[int, int, bytes], None]) -> None:
+        self._read = read
+        self._write = write
+        self._address = _UNNAMED
+        """Of the transfer that was begun last."""
+        self._source: Source | None = None
+        """Of an upload,"""
+        self._sink: Sink | None = None
+        """and of a download."""
+
+    def answer(self, frame: bytes) -> list[bytes]:
+        """The answers to a frame of a client, of eight bytes."""
+        try:
+            return self._continue(frame)
+        except SdoAbortedError as error:
+            self._source = self._sink = None
+            return [_abort(self._address, error.code)]
+
+    def _continue(self, frame: bytes) -> list[bytes]:
+        head, command = frame[0], frame[0] & COMMAND
+        source, sink = self._source, self._sink
+        if head == ABORT:
+            self._source = self._sink = None
+            return []
+        if sink is not None and sink.in_blocks:
+            frames = sink.confirm(frame)
+            self._store(sink)
+            return frames
+        if command == UPLOAD or (command == BLOCK_SINK and not head & BLOCK_STEP):
+            return [self._begin_upload(frame)]
+        if command == DOWNLOAD or (command == BLOCK_SOURCE and not head & END):
+            return [self._begin_download(frame)]
+        if source is not None and command == BLOCK_SINK:
+            return source.confirm(frame)
+        if source is not None and command == CONFIRM and not source.complete:
+            if head & _TOGGLE != source.toggle:
+                raise SdoAbortedError(Abort.TOGGLE_NOT_ALTERNATED)
+            return [source.segment()]
+        if sink is not None and command == SEGMENT:
+            sink.segment(frame)
+            self._store(sink)
+            return [_frame(DOWNLOAD | head & _TOGGLE)]
+        raise SdoAbortedError(Abort.INVALID_COMMAND)
+
+    def _begin_upload(self, frame: bytes) -> bytes:
+        self._address = address = frame[ADDRESS]
+        data = self._read(int.from_bytes(address[:2], "little"), address[2])
+        if not data:
+            raise SdoAbortedError(Abort.NO_DATA)
+        source = Source(data)
+        self._source, self._sink = source, None
+        if frame[0] & COMMAND == UPLOAD:
+            return source.first(UPLOAD, address)
+        source.crc = frame[0] & _CRC != 0
+        source.resize(frame[4])
+        return source.first_of_blocks(address)
+
+    def _begin_download(self, frame: bytes) -> bytes:
+        self._address = address = frame[ADDRESS]
+        sink = Sink()
+        self._source, self._sink = None, sink
+        if frame[0] & COMMAND == DOWNLOAD:
+            sink.first(frame)
+            self._store(sink)
+            return _frame(CONFIRM, address)
+        sink.first_of_blocks(frame)
+        return _frame(BLOCK_SINK | _CRC, address + bytes((BLOCK_LIMIT,)))
+
+    def _store(self, sink: Sink) -> None:
+        if sink.complete:
+            self._sink = None
+            self._write(int.from_bytes(self._address[:2], "little"), self._address[2], bytes(sink.data))
