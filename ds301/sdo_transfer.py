@@ -12,6 +12,8 @@ from binascii import crc_hqx
 from collections.abc import Callable
 from typing import Final
 
+import canopen
+
 from pdgw.ds301.aborts import Abort, abort_text
 
 FRAME_SIZE: Final = 8
@@ -52,20 +54,19 @@ _NEVER: Final = 1 << 62
 _TOO_LONG: Final = " is too long to be read"
 
 
-class SdoAbortedError(Exception):
+class SdoAbortedError(canopen.SdoAbortedError):  # type: ignore[misc]
     """An access was aborted by the server. ``where``: node and object, if known."""
 
     def __init__(self, code: int, where: str = "") -> None:
         super().__init__(code)
-        self.code = code
         self.where = where
 
     def __str__(self) -> str:
         return f"{self.where}: {abort_text(self.code)}" if self.where else abort_text(self.code)
 
 
-class SdoCommunicationError(Exception):
-    """An access without an answer, or with one that breaks the protocol."""
+SdoCommunicationError = canopen.SdoCommunicationError
+"""An access without an answer, or with one that breaks the protocol."""
 
 
 def address_of(index: int, subindex: int) -> bytes:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import canopen
-from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import DEVICE_TYPE, ERROR_REGISTER, PRODUCER_HEARTBEAT
@@ -24,6 +23,7 @@ from pdgw.ds301.node.node import NodeEvent, NodeSettings
 from pdgw.ds301.node.plan import PdoPlan, plan_steps, straight_plan
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp406.device import eds_path
 from pdgw.dsp406.errors import Dsp406Error
 from pdgw.dsp406.faults import ENCODER_EMCY

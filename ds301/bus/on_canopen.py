@@ -8,7 +8,6 @@ from collections.abc import Callable
 from typing import Final
 
 import canopen
-from canopen.sdo import SdoAbortedError, SdoCommunicationError
 from canopen.sdo.constants import (
     INITIATE_BLOCK_TRANSFER,
     REQUEST_ABORTED,
@@ -20,9 +19,9 @@ from canopen.sdo.constants import (
     RESPONSE_UPLOAD,
 )
 
-from pdgw.ds301.aborts import abort_text
 from pdgw.ds301.connection_set import ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.loop.loop import Loop, Mailbox
+from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
 from pdgw.durations import SECOND
 
 UNNAMED: Final = b"\0\0\0"
@@ -52,17 +51,6 @@ class AcyclicNetwork(canopen.Network):  # type: ignore[misc]
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         self._send(can_id, bytes(data))
-
-
-class ObjectAbortedError(SdoAbortedError):  # type: ignore[misc]
-    """A node has aborted the access to one of its objects: with node, object and the text of the code."""
-
-    def __init__(self, where: str, code: int) -> None:
-        super().__init__(code)
-        self.where = where
-
-    def __str__(self) -> str:
-        return f"{self.where}: {abort_text(self.code)}"
 
 
 class SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]
@@ -132,9 +120,9 @@ class SdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]
             return True
         return command == self._answer and answer[1:4] == self.asked
 
-    def aborted(self, code: int) -> ObjectAbortedError:
+    def aborted(self, code: int) -> SdoAbortedError:
         """The error of an abort by the node."""
-        return ObjectAbortedError(self.where, code)
+        return SdoAbortedError(code, self.where)
 
     @property
     def where(self) -> str:

@@ -9,7 +9,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import canopen
-from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort, abort_text
 from pdgw.ds301.communication import IDENTITY, profile_of
@@ -20,6 +19,7 @@ from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.node.sdo import SdoAccess
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoDirection, direction_of, is_communication_parameter
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,11 +8,11 @@ from __future__ import annotations
 from typing import Self
 
 import canopen
-from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import NOT_THERE
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.node.sdo import SdoAccess
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 
 
 class Inquiry(SdoAccess):

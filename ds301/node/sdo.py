@@ -12,7 +12,6 @@ from collections.abc import Callable
 from typing import Final, TypeVar
 
 import canopen
-from canopen.sdo import SdoAbortedError, SdoCommunicationError
 from canopen.sdo.constants import (
     EXPEDITED,
     REQUEST_DOWNLOAD,
@@ -30,6 +29,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop.loop import Loop
 from pdgw.ds301.node.doubles import SecondAnswers
 from pdgw.ds301.objects import CanType
+from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
 from pdgw.durations import SECOND
 
 log = logging.getLogger("gateway")

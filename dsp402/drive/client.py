@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Final
 
 import canopen
-from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import NOT_THERE, abort_text
 from pdgw.ds301.bus.network import CanNetwork
@@ -34,6 +33,7 @@ from pdgw.ds301.node.node import NodeEvent, NodeStatus
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.objects import CanType
 from pdgw.ds301.pdo import Pdo, PdoLayout
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.drive.configuration import interpolation_steps
 from pdgw.dsp402.drive.guarding import Guarding, guard
 from pdgw.dsp402.drive.images import DriveCommand, DriveFeedback

@@ -10,13 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from canopen.sdo import SdoAbortedError
-
 from pdgw.ds301.aborts import NOT_THERE, abort_text
 from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR, SYNC_PERIOD
 from pdgw.ds301.configuration import EVENT_TIMER, SdoStep
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.objects import CanType
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.drive.configuration import guard_steps
 
 _REACTIONS = {0: "nothing", 1: "malfunction", 2: "disable voltage", 3: "quick stop"}

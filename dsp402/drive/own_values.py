@@ -11,9 +11,8 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from typing import Final
 
-from canopen import SdoAbortedError
-
 from pdgw.ds301.objects import ObjectAddress
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.indices import HOMING_SPEEDS
 from pdgw.dsp402.objects import MAX_TORQUE

@@ -11,11 +11,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
-from canopen.sdo import SdoAbortedError
-
 from pdgw.ds301.node.node import TpdoSlot
 from pdgw.ds301.node.sdo import SdoAccess
 from pdgw.ds301.objects import Entry
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.pdo.mapping import DriveMapping
 from pdgw.durations import SECOND
 

@@ -8,12 +8,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from canopen.sdo import SdoAbortedError
-
 from pdgw.ds301.aborts import NOT_THERE
 from pdgw.ds301.node.node import TpdoSlot
 from pdgw.ds301.node.sdo import SdoAccess
 from pdgw.ds301.objects import ObjectAddress
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.drive.images import DriveFeedback
 from pdgw.dsp402.identification.describe import signed
 from pdgw.dsp402.indices import POSITION_ACTUAL

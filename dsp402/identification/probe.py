@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import canopen
-from canopen.sdo import SdoCommunicationError
 
 from pdgw.ds301.communication import IDENTITY_PRODUCT, IDENTITY_VENDOR
 from pdgw.ds301.node.inquiry import Inquiry
+from pdgw.ds301.sdo_transfer import SdoCommunicationError
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.errors import Dsp402Error
 from pdgw.dsp402.identification.describe import describe, questions, signed, variable

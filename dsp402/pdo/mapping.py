@@ -7,13 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from canopen.sdo import SdoAbortedError
-
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.configuration import EVENT_TIMER, SdoStep
 from pdgw.ds301.node.plan import PdoPlan
 from pdgw.ds301.objects import ObjectAddress
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection, PdoLayout, is_communication_parameter, pdo_of
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.drive_type import DriveType
 from pdgw.dsp402.pdo.planner import Findings, Key, plan_pdos
 

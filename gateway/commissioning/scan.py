@@ -12,7 +12,6 @@ from pathlib import Path
 
 import can
 import canopen
-from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.bus.network import CanNetwork
@@ -24,6 +23,7 @@ from pdgw.ds301.nmt import NmtState
 from pdgw.ds301.node.inquiry import Inquiry
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.ds301.pdo import PdoDirection
+from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
 from pdgw.dsp402.drive.guarding import guard
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.drive_type import DriveType

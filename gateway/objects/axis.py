@@ -6,14 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar, Final
 
-from canopen.sdo import SdoAbortedError, SdoCommunicationError
-
 from pdgw.ds301.bus.network import CanNetwork
 from pdgw.ds301.communication import GUARD_TIME, LIFE_TIME_FACTOR
 from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.node.node import NodeEvent
+from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus
 from pdgw.dsp402.faults import DriveFault
 from pdgw.dsp402.indices import ABORT_OPTION

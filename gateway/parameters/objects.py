@@ -14,13 +14,13 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import canopen
-from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.communication import RESTORE_PARAMETERS
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.objects import CanType
+from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
 from pdgw.gateway.objects.drive_object import DriveObject
 from pdgw.gateway.parameters.guarded import Check, guard_of
 from pdgw.profidrive.datatypes import DataType

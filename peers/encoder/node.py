@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import can
-from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301 import communication as com
 from pdgw.ds301.aborts import Abort
@@ -13,6 +12,7 @@ from pdgw.ds301.bus.port import CanPort
 from pdgw.ds301.configuration import EVENT_DRIVEN_PROFILE
 from pdgw.ds301.loop.loop import Loop
 from pdgw.ds301.objects import Entry
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp406.device import encoder_objects
 from pdgw.dsp406.errors import Dsp406Error
 from pdgw.dsp406.kinds import ROTARY, EncoderDevice

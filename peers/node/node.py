@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, Final
 
 from canopen.objectdictionary import ObjectDictionary
-from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301 import communication as com
 from pdgw.ds301.aborts import Abort
@@ -21,6 +20,7 @@ from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, SDO_REQUEST, SDO_RESP
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import COMMUNICATION_AREA, Access, CanType, Entry, ObjectSpec
 from pdgw.ds301.pdo import PDO_PARAMETERS, Pdo, is_communication_parameter
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.durations import MS
 from pdgw.peers.node.device import Device, Value
 from pdgw.peers.node.faults import NODE_MISBEHAVIOURS

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from typing import Final
 
-from canopen.sdo import SdoAbortedError
-
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.bus.can_frame import STANDARD_ID
 from pdgw.ds301.configuration import EVENT_DRIVEN, SYNC_TYPES
@@ -26,6 +24,7 @@ from pdgw.ds301.pdo import (
     is_communication_parameter,
     is_mapping_parameter,
 )
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.durations import MS
 from pdgw.peers.node.device import Device
 

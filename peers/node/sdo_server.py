@@ -10,10 +10,11 @@ import struct
 from binascii import crc_hqx
 from typing import Any
 
-from canopen.sdo import SdoAbortedError, SdoServer
+from canopen.sdo import SdoServer
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.node.sdo import SEGMENT_SIZE
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 
 _INITIATE, _END, _ACKNOWLEDGE, _START = range(4)
 _RESPONSE = 0xC0

@@ -9,7 +9,6 @@ from typing import TypeVar
 import can
 import pytest
 from canopen.objectdictionary import ODVariable
-from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.bus.network import CanNetwork
@@ -17,6 +16,7 @@ from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop.jobs import settle
 from pdgw.ds301.node.inquiry import Inquiry
 from pdgw.ds301.objects import CanType
+from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
 from pdgw.durations import MS
 from tests.support.gateways import site
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from random import Random
 
 import pytest
-from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.bus.bus import open_bus
@@ -19,6 +18,7 @@ from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.objects import Entry
 from pdgw.ds301.pdo import COB_ID_INVALID, Pdo, PdoDirection
+from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus, load_eds
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings

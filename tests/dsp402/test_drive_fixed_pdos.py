@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 
 import pytest
-from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.configuration import EVENT_DRIVEN_MANUFACTURER, EVENT_DRIVEN_PROFILE
 from pdgw.ds301.pdo import COB_ID_INVALID, PdoDirection
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import can
 import pytest
-from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import Access, CanType, Entry
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus
 from pdgw.dsp402.drive.images import DriveCommand
 from pdgw.dsp402.drive.settings import DriveSettings

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.node.node import TpdoSlot
 from pdgw.ds301.objects import ObjectAddress
 from pdgw.ds301.pdo import Pdo
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.drive.tpdo_check import CONTRADICTIONS, TpdoCheck
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation
 from pdgw.durations import MS, SECOND

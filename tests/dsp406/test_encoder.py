@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.bus.network import CanNetwork
@@ -16,6 +15,7 @@ from pdgw.ds301.loop.loop import Event
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.node.node import NodeStatus
 from pdgw.ds301.objects import Entry
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp406.device import device_info, eds_path, encoder_objects
 from pdgw.dsp406.encoder import EncoderClient, EncoderEvent, EncoderSettings, load_eds
 from pdgw.dsp406.errors import Dsp406Error

@@ -6,13 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import pytest
-from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.connection_set import ERROR_CONTROL, NMT, SYNC
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.node.node import GATEWAY_NODE_ID
 from pdgw.ds301.objects import Entry
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon

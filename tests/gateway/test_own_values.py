@@ -11,11 +11,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
-from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.communication import LOAD_SIGNATURE
 from pdgw.ds301.connection_set import NMT
 from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.drive.client import DriveClient
 from pdgw.dsp402.drive.own_values import OwnValueKeeper, OwnValues
 from pdgw.dsp402.identification.describe import OPTIONAL_OBJECTS, questions

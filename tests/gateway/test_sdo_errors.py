@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.connection_set import NMT, SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.nmt import NmtCommand
 from pdgw.ds301.node.client import NodeClient
 from pdgw.ds301.objects import Entry
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.objects import CONTROLWORD
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import pytest
-from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.connection_set import SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.objects import Entry
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.states import Command, State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon

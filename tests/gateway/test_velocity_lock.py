@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.states import State
 from pdgw.durations import MS, SECOND
 from pdgw.gateway.daemon import Daemon

@@ -7,10 +7,11 @@ from binascii import crc_hqx
 import canopen
 import pytest
 from canopen.objectdictionary import ODVariable
-from canopen.sdo import SdoAbortedError, SdoServer
+from canopen.sdo import SdoServer
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.objects import CanType, Entry
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.drive.client import DriveClient, DriveStatus
 from pdgw.dsp402.drive.settings import DriveSettings
 from pdgw.dsp402.pdo.layouts import LAYOUTS, Operation

@@ -5,11 +5,11 @@ from __future__ import annotations
 import struct
 
 import pytest
-from canopen.sdo import SdoAbortedError
 
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp402.drive_type import Quantity
 from pdgw.dsp402.states import State
 from pdgw.durations import MS

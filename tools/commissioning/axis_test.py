@@ -11,11 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 
-from canopen.sdo import SdoAbortedError, SdoCommunicationError
-
 from pdgw.ds301.errors import CanopenError
 from pdgw.ds301.loop.loop import Timer
 from pdgw.ds301.node.node import NodeStatus
+from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
 from pdgw.dsp402.drive_type import DriveType, Quantity, Scaling
 from pdgw.dsp402.indices import POSITION_ACTUAL
 from pdgw.durations import MS, SECOND, SECONDS_PER_MINUTE

@@ -8,11 +8,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from pdgw.client.udp import ParameterClient
 from pdgw.ds301.loop.jobs import settle
 from pdgw.ds301.loop.virtual_loop import VirtualLoop
+from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoCommunicationError
 from pdgw.dsp402.units.mechanics import UNIT_OBJECTS
 from pdgw.dsp402.units.velocity import VL_FACTORS
 from pdgw.durations import MS
