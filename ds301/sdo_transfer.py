@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import abc
 from binascii import crc_hqx
-from collections.abc import Callable
-from typing import Final
+from typing import Final, Protocol
 
 import canopen
 
@@ -404,15 +403,21 @@ class Download(Transfer):
         return [] if self.ended else [source.segment()]
 
 
+class Objects(Protocol):
+    """The objects of a server. Both methods may raise SdoAbortedError."""
+
+    def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:
+        """The data of an object."""
+
+    def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
+        """Store the data of an object."""
+
+
 class SdoServer:
-    """A server. ``read`` returns the data of an object by index and sub-index, ``write`` stores them.
+    """A server of ``objects``."""
 
-    Both may raise SdoAbortedError.
-    """
-
-    def __init__(self, read: Callable[[int, int], bytes], write: Callable[[int, int, bytes], None]) -> None:
-        self._read = read
-        self._write = write
+    def __init__(self, objects: Objects) -> None:
+        self._objects = objects
         self._address = _UNNAMED
         """Of the transfer that was begun last."""
         self._source: Source | None = None
@@ -456,7 +461,7 @@ class SdoServer:
 
     def _begin_upload(self, frame: bytes) -> bytes:
         self._address = address = frame[ADDRESS]
-        data = self._read(int.from_bytes(address[:2], "little"), address[2])
+        data = self._objects.get_data(int.from_bytes(address[:2], "little"), address[2], check_readable=True)
         if not data:
             raise SdoAbortedError(Abort.NO_DATA)
         source = Source(data)
@@ -481,4 +486,5 @@ class SdoServer:
     def _store(self, sink: Sink) -> None:
         if sink.complete:
             self._sink = None
-            self._write(int.from_bytes(self._address[:2], "little"), self._address[2], bytes(sink.data))
+            index, subindex = int.from_bytes(self._address[:2], "little"), self._address[2]
+            self._objects.set_data(index, subindex, bytes(sink.data), check_writable=True)

@@ -1,9 +1,8 @@
 """A simulated CANopen node, sans-I/O: frames and times in, frames out.
 
-Source: CiA DS 301 V4.01: NMT slave, heartbeat producer and consumer, EMCY, SDO server (canopen's), PDOs with run-time
+Source: CiA DS 301 V4.01: NMT slave, heartbeat producer and consumer, EMCY, SDO server, PDOs with run-time
 mapping: on SYNC, event-driven, on remote request. A device profile derives from it, passes an ``image`` whose attributes are
-the values of mappable objects, and overrides the ``on_...`` hooks. Not simulated: SDO block download, TIME, LSS, node
-guarding.
+the values of mappable objects, and overrides the ``on_...`` hooks. Not simulated: TIME, LSS, node guarding.
 """
 
 from __future__ import annotations
@@ -12,21 +11,18 @@ import struct
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, Final
 
-from canopen.objectdictionary import ObjectDictionary
-
 from pdgw.ds301 import communication as com
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.connection_set import EMCY, ERROR_CONTROL, SDO_REQUEST, SDO_RESPONSE
 from pdgw.ds301.nmt import NmtCommand, NmtState
 from pdgw.ds301.objects import COMMUNICATION_AREA, Access, CanType, Entry, ObjectSpec
 from pdgw.ds301.pdo import PDO_PARAMETERS, Pdo, is_communication_parameter
-from pdgw.ds301.sdo_transfer import SdoAbortedError
+from pdgw.ds301.sdo_transfer import SdoAbortedError, SdoServer
 from pdgw.durations import MS
 from pdgw.peers.node.device import Device, Value
 from pdgw.peers.node.faults import NODE_MISBEHAVIOURS
 from pdgw.peers.node.misbehaviour import Catalogue, Misbehaviour, make
 from pdgw.peers.node.pdos import NEVER, NodePdos
-from pdgw.peers.node.sdo_server import BlockSdoServer
 
 _HEARTBEAT: Final = (com.PRODUCER_HEARTBEAT, 0)
 _SYNC: Final = (com.SYNC_COB_ID, 0)
@@ -66,11 +62,7 @@ class SimulatedNode(Device):
         self.boot_ns = 0
         """Time without answers after power-on and reset."""
         self._boot_at = -1
-        self.object_dictionary = ObjectDictionary()
-        self._sdo = BlockSdoServer(SDO_REQUEST + node_id, SDO_RESPONSE + node_id, self)
-        self._sdo.network = self
-        # so that a segment before any transfer is aborted and raises no exception
-        self._sdo._index = self._sdo._subindex = 0
+        self._sdo = SdoServer(self)
         self._defaults()
 
     # -- misbehaviour -----------------------------------------------------------------------------------------------
@@ -123,7 +115,8 @@ class SimulatedNode(Device):
         elif can_id == SDO_REQUEST + self.node_id:
             if self.state is not NmtState.STOPPED and self.state is not _BOOT_UP and len(data) == 8:
                 self.on_poll(now)
-                self._sdo.on_request(can_id, bytearray(data), 0.0)
+                for answer in self._sdo.answer(data):
+                    self.transmit(SDO_RESPONSE + self.node_id, answer)
                 self.touch()
         elif can_id == 0:
             if len(data) >= 2 and data[1] in {0, self.node_id} and self.state is not _BOOT_UP:
@@ -229,10 +222,6 @@ class SimulatedNode(Device):
         """Whether a COB-ID is one of the node's valid PDOs."""
         return self.pdos.get(can_id) is not None
 
-    def send_message(self, can_id: int, data: bytes | bytearray) -> None:
-        """Called by canopen's SDO server to send."""
-        self.transmit(can_id, bytes(data))
-
     def send_emergencies(self, waiting: list[tuple[int, int]]) -> None:
         """Send the EMCYs of the device's model, (error code, error register) each, and empty the list."""
         if waiting:
@@ -249,7 +238,7 @@ class SimulatedNode(Device):
         if self.state not in {NmtState.BOOT_UP, NmtState.STOPPED}:
             self.transmit(EMCY + self.node_id, struct.pack("<HB5s", code, register, data))
 
-    # -- object dictionary (the interface canopen's SDO server expects) ---------------------------------------------
+    # -- object dictionary --------------------------------------------------------------------------------------------
 
     def entry(self, index: int, subindex: int) -> Entry:
         """The entry, or the SDO abort of a real node."""
@@ -273,6 +262,7 @@ class SimulatedNode(Device):
         return self.values[index, subindex]
 
     def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:
+        """The data of an SDO upload."""
         entry = self.entry(index, subindex)
         if check_readable and entry.access is Access.WO:
             raise SdoAbortedError(Abort.WRITE_ONLY)
@@ -281,13 +271,14 @@ class SimulatedNode(Device):
             data = fault.reading(entry, data)
         return data
 
-    def set_data(self, index: int, subindex: int, data: bytes | bytearray, check_writable: bool = False) -> None:
+    def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
+        """Store the data of an SDO download."""
         entry = self.entry(index, subindex)
         if check_writable and entry.access not in {Access.RW, Access.WO}:
             raise SdoAbortedError(Abort.READ_ONLY)
         for fault in self.misbehaviours.values():
-            fault.writing(entry, bytes(data))
-        self.write(entry, self._decode(entry, bytes(data)))
+            fault.writing(entry, data)
+        self.write(entry, self._decode(entry, data))
 
     def write(self, entry: Entry, value: Value) -> None:
         """Store a value after the device's checks."""

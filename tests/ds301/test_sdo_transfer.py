@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from binascii import crc_hqx
 from collections.abc import Callable
 from random import Random
 
@@ -45,7 +46,7 @@ class Objects:
 
 
 def server_of(objects: Objects) -> Answer:
-    return SdoServer(objects.get_data, objects.set_data).answer
+    return SdoServer(objects).answer
 
 
 def canopen_server_of(objects: Objects) -> Answer:
@@ -193,6 +194,18 @@ def test_server_aborts_invalid_requests(requests: list[bytes], abort: Abort) -> 
         last = answer(request.ljust(8, b"\0"))
     assert last[-1][0] == 0x80
     assert int.from_bytes(last[-1][4:], "little") == abort
+
+
+def test_frames_of_a_block_upload_are_those_of_the_standard() -> None:
+    data, answer = content(40), server_of(Objects(content(40)))
+    requests = [b"\xa4" + ADDRESS + b"\x04", b"\xa3", b"\xa2\x02\x04", b"\xa2\x04\x04", b"\xa1"]
+    answers = [frame for request in requests for frame in answer(request.ljust(8, b"\0"))]
+    assert answers[0] == b"\xc6" + ADDRESS + b"\x28\0\0\0"
+    assert [frame[0] for frame in answers[1:5]] == [1, 2, 3, 4]
+    # Two of four were confirmed: the third is sent again as the first of the next block.
+    assert [frame[0] for frame in answers[5:9]] == [1, 2, 3, 0x84]
+    assert b"".join(frame[1:] for frame in (*answers[1:3], *answers[5:9]))[:40] == data
+    assert answers[9:] == [b"\xc9" + crc_hqx(data, 0).to_bytes(2, "little") + bytes(5)]
 
 
 def test_server_without_data_aborts() -> None:

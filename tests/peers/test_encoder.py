@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from pdgw.ds301.aborts import Abort
 from pdgw.ds301.communication import LOAD_SIGNATURE, SAVE_SIGNATURE
 from pdgw.ds301.nmt import NmtCommand
+from pdgw.ds301.sdo_transfer import SdoAbortedError
 from pdgw.dsp406.errors import Dsp406Error
 from pdgw.dsp406.faults import ENCODER_FAULTS
 from pdgw.dsp406.kinds import LINEAR, ROTARY, EncoderDevice, multi_sensor
@@ -41,9 +42,9 @@ class Bench(NodeBench[SimulatedEncoderNode]):
         self.nmt(NmtCommand.START)
 
     def abort(self, index: int, value: int, subindex: int = 0) -> Abort:
-        with pytest.raises(Exception, match="Code") as caught:
+        with pytest.raises(SdoAbortedError) as caught:
             self.set(index, value, subindex)
-        return Abort(caught.value.code)  # type: ignore[attr-defined]
+        return Abort(caught.value.code)
 
     def read(self, index: int, subindex: int = 0) -> int:
         entry = self.node.entry(index, subindex)

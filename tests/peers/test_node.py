@@ -62,6 +62,14 @@ def test_segmented_and_expedited_transfers(desk: _Desk) -> None:
     assert desk.node.read(0x2002) == 1.5
 
 
+def test_block_transfers(desk: _Desk) -> None:
+    with desk.sdo.open(0x1008, 0, "rb", buffering=0, block_transfer=True) as stream:
+        assert b"".join(iter(lambda: stream.read(7), b"")) == NAME.encode()
+    with desk.sdo.open(0x2001, 0, "wb", buffering=7, size=2, block_transfer=True) as stream:
+        stream.write(b"\x07\x00")
+    assert desk.node.read(0x2001) == 7
+
+
 @pytest.mark.parametrize(
     ("index", "subindex", "data", "abort"),
     [
